@@ -1,0 +1,51 @@
+"""Every error a user can cause or meet, each saying what is wrong, where, and what to do (layer 0)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class PolishSimError(Exception):
+    """Base of all errors the command line turns into one message and an exit code."""
+
+    exit_code = 2
+
+
+class InputError(PolishSimError):
+    """A file, an argument or a folder that cannot be used as given."""
+
+
+class ConfigError(PolishSimError):
+    """A scenario that cannot be run: an unknown key, a wrong type or a value outside its physical limits."""
+
+
+class MeshError(PolishSimError):
+    """A part's mesh that cannot be read or is not a surface one could polish."""
+
+
+class PlanError(PolishSimError):
+    """A part and a plan request that do not fit each other."""
+
+
+class ReachError(PolishSimError):
+    """A path the robot cannot follow; names the first bad point."""
+
+
+class ProtectiveStop(PolishSimError):
+    """The simulated robot stopped itself; what was recorded up to then is kept."""
+
+    exit_code = 3
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> InputError:
+    """Build the error for a name that is not in a list of known ones.
+
+    Args:
+        kind: What the name stands for, e.g. ``"controller"``.
+        name: What was given.
+        known: The valid names.
+
+    Returns:
+        The error, listing the valid names.
+    """
+    return InputError(f"unknown {kind} '{name}'. Known: {', '.join(sorted(known))}.")
