@@ -1,0 +1,182 @@
+"""The scenario: everything a run depends on, as plain data (layer 1). Lengths in m, angles in rad, forces in N.
+
+Each field carries its meaning and its allowed range, so that the TOML file, its checks and its comments come from one place.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+Pose = tuple[float, float, float, float, float, float]
+
+
+def key(default: Any, text: str, low: float = -math.inf, high: float = math.inf) -> Any:
+    """Declare a field with its meaning (unit in brackets) and allowed range, both ends included."""
+    return field(default=default, metadata={"text": text, "low": low, "high": high})
+
+
+@dataclass(frozen=True)
+class PartConfig:
+    """Which part is in the cell, where, and how it differs from its drawing."""
+
+    file: str = key("freeform", "STL file, or the name of a shipped part")
+    unit: str = key("mm", "unit of the STL: mm, cm, m or inch")
+    up: str = key("auto", "side turned up: auto, x, y, z, -x, -y or -z")
+    pose: tuple[float, ...] = key(
+        (), "pose of the work frame in the base frame: x, y, z [m], rotation vector [rad]; empty = chosen"
+    )
+    displacement_m: float = key(0.001, "how far the real part sits from its nominal place [m]", 0.0, 0.02)
+    rotation_rad: float = key(math.radians(0.5), "how far the real part is turned [rad]", 0.0, 0.2)
+    form_error_m: float = key(0.0003, "form error of the real part, peak to peak [m]", 0.0, 0.005)
+
+
+@dataclass(frozen=True)
+class PlanConfig:
+    """How the tool path covers the region."""
+
+    pattern: str = key("spiral", "spiral or raster")
+    region: str = key("auto", "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1 or faces:FILE (mm)")
+    stepover_m: float = key(0.008, "distance between neighbouring turns [m]", 0.0002, 1.0)
+    clearance_m: float = key(0.03, "height of the first and last point above the part [m]", 0.001, 0.5)
+    lead_in: str = key("normal", "how the tool lands: normal, tangent or arc")
+    lead_angle_rad: float = key(0.0, "lead of the tool axis in the feed direction [rad]", -0.7, 0.7)
+    tilt_angle_rad: float = key(0.0, "tilt of the tool axis across the feed [rad]", -0.7, 0.7)
+
+
+@dataclass(frozen=True)
+class ProcessConfig:
+    """What the tool is asked to do on the part."""
+
+    contact_force_n: float = key(20.0, "force to hold along the tool axis [N]", 0.5, 200.0)
+    feed_m_s: float = key(0.01, "speed along the path [m/s]", 1e-4, 0.5)
+    approach_speed_m_s: float = key(0.005, "speed of the approach [m/s]", 1e-4, 0.1)
+    hold_s: float = key(4.0, "how long `force` holds after first contact [s]", 1.0, 600.0)
+    contact_threshold_n: float = key(3.0, "measured force that counts as contact [N]", 0.1, 50.0)
+    search_depth_m: float = key(0.01, "how far past the nominal surface contact is sought [m]", 0.0, 0.1)
+    max_feed_s: float = key(0.0, "stop the feed after this long, 0 = the whole path [s]", 0.0, 1e6)
+
+
+@dataclass(frozen=True)
+class ControllerConfig:
+    """Gains of the shipped control laws (paper 1, eq. 5-7)."""
+
+    name: str = key("hybrid-pi", "hybrid-pi, hybrid-pi-position, position or FILE.py:CLASS")
+    look_ahead_s: float = key(0.1, "T_a: time in which a position or angle error is taken back [s]", 0.01, 10.0)
+    position_p: float = key(0.2, "kpp of eq. 6, on the velocity error [-]", 0.0, 0.95)
+    position_d_s: float = key(0.0, "kpd of eq. 6, on the velocity error's derivative [s]", 0.0, 0.1)
+    position_rate_p: float = key(10.0, "kpp of eq. 5, on the position error [1/s]", 0.0, 60.0)
+    position_rate_d: float = key(0.1, "kpd of eq. 5, on the error's derivative [-]", 0.0, 0.95)
+    orientation_p: float = key(0.2, "P of eq. 7, on the angular velocity error [-]", 0.0, 0.95)
+    orientation_i_hz: float = key(0.2, "I of eq. 7 [1/s]", 0.0, 5.0)
+    orientation_d_s: float = key(0.0, "D of eq. 7 [s]", 0.0, 0.1)
+    force_p_m_sn: float = key(0.004, "kfp of eq. 5 [m/(s N)]", 0.0, 0.1)
+    force_i_m_s2n: float = key(0.012, "kfi of eq. 5 [m/(s^2 N)]", 0.0, 1.0)
+    moment_p_rad_snm: float = key(0.05, "P of the moment loop about tool y [rad/(s N m)]", 0.0, 10.0)
+    moment_i_rad_s2nm: float = key(0.02, "I of the moment loop about tool y [rad/(s^2 N m)]", 0.0, 10.0)
+    moment_tilt_limit_rad: float = key(
+        math.radians(2.0), "how far the moment loop may tilt the tool from the planned axis [rad]", 0.0, 0.5
+    )
+
+
+@dataclass(frozen=True)
+class RobotConfig:
+    """The velocity interface of the robot and its start."""
+
+    command_latency_s: float = key(0.006, "from command to motion [s]", 0.0, 0.1)
+    linear_acceleration_m_s2: float = key(1.2, "speedl tool acceleration [m/s^2]", 0.05, 20.0)
+    angular_acceleration_rad_s2: float = key(6.0, "speedl tool angular acceleration [rad/s^2]", 0.05, 100.0)
+    command_timeout_s: float = key(0.1, "a speedl command holds for this long, then the robot stops [s]", 0.002, 10.0)
+    joint_speed_limit_rad_s: float = key(math.pi, "limit of every joint's speed [rad/s]", 0.01, 2 * math.pi)
+    payload_error: float = key(0.0, "relative error of the payload mass the robot was told [-]", -0.9, 5.0)
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """The six-axis wrist sensor and what the host does with its reading."""
+
+    force_noise_n: float = key(0.5, "white noise per sample, rms [N]", 0.0, 20.0)
+    torque_noise_nm: float = key(0.02, "white noise per sample, rms [N m]", 0.0, 2.0)
+    force_bias_n: float = key(3.0, "size of the seeded constant bias per axis [N]", 0.0, 100.0)
+    torque_bias_nm: float = key(0.1, "size of the seeded constant bias per axis [N m]", 0.0, 10.0)
+    force_drift_n_s: float = key(0.002, "drift per axis, rms after one second of its random walk [N/sqrt(s)]", 0.0, 1.0)
+    torque_drift_nm_s: float = key(0.0001, "drift per axis [N m/sqrt(s)]", 0.0, 0.1)
+    bandwidth_hz: float = key(80.0, "corner of the first-order low-pass, 0 = none [Hz]", 0.0, 490.0)
+    rate_hz: float = key(1000.0, "sampling rate [Hz]", 10.0, 10000.0)
+    latency_s: float = key(0.002, "from sample to reading [s]", 0.0, 0.1)
+    force_quantum_n: float = key(0.02, "smallest step of the reading, 0 = none [N]", 0.0, 5.0)
+    torque_quantum_nm: float = key(0.0005, "smallest step of the reading, 0 = none [N m]", 0.0, 0.5)
+    force_range_n: float = key(200.0, "the reading saturates here, per axis [N]", 1.0, 1e5)
+    torque_range_nm: float = key(8.0, "the reading saturates here, per axis [N m]", 0.1, 1e4)
+    payload_mass_error: float = key(0.0, "relative error of the compensated tool mass [-]", -1.0, 5.0)
+
+
+@dataclass(frozen=True)
+class HeadConfig:
+    """The compliant head: a slide joint along the tool axis that carries the pad."""
+
+    stiffness_n_m: float = key(20000.0 / 3.0, "spring [N/m]; in series with the pad 5000 N/m", 100.0, 1e6)
+    damping_n_s_m: float = key(60.0, "damper [N s/m]", 0.0, 1e4)
+    mass_kg: float = key(0.3, "sliding mass [kg]", 0.01, 10.0)
+    travel_m: float = key(0.03, "travel to the end stop [m]", 0.001, 0.2)
+
+
+@dataclass(frozen=True)
+class PadConfig:
+    """The elastic pad (elastic foundation) and its friction."""
+
+    radius_m: float = key(0.025, "pad radius [m]", 0.001, 0.2)
+    stiffness_n_m: float = key(20000.0, "stiffness of the whole disc pressed flat [N/m]", 100.0, 1e7)
+    points: int = key(100, "sample points of the disc, equal area each", 7, 2000)
+    damping_s_m: float = key(3.0, "Hunt-Crossley factor a of f = k d (1 + a d_dot) [s/m]", 0.0, 100.0)
+    friction: float = key(0.3, "Coulomb friction coefficient [-]", 0.0, 2.0)
+    friction_smoothing_m_s: float = key(0.005, "sliding speed at which friction is developed to 76% [m/s]", 1e-5, 1.0)
+
+
+@dataclass(frozen=True)
+class SpindleConfig:
+    """The spindle that turns the pad."""
+
+    speed_rpm: float = key(6000.0, "speed, 0 = off [1/min]", 0.0, 60000.0)
+
+
+@dataclass(frozen=True)
+class SafetyConfig:
+    """When the simulated robot stops itself."""
+
+    force_limit_n: float = key(100.0, "measured force at which the robot stops [N]", 1.0, 1e4)
+    torque_limit_nm: float = key(10.0, "measured torque at which the robot stops [N m]", 0.1, 1e3)
+    singular_value_limit: float = key(
+        0.02, "smallest singular value of the Jacobian at which the robot stops [-]", 0.0, 1.0
+    )
+    contact_lost_s: float = key(2.0, "longest time without contact during the process [s]", 0.01, 1e6)
+    sensor_timeout_s: float = key(0.02, "longest time an unchanged sensor reading is believed [s]", 0.002, 10.0)
+
+
+@dataclass(frozen=True)
+class SimulationConfig:
+    """How the cell is stepped and recorded."""
+
+    timestep_s: float = key(0.001, "physics step [s]", 1e-5, 0.01)
+    control_every: int = key(1, "host controller runs every n-th step", 1, 50)
+    log_rate_hz: float = key(250.0, "rows recorded per second, 0 = every step [Hz]", 0.0, 1e5)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One run, complete."""
+
+    experiment: str = key("surface", "arc, force or surface")
+    seed: int = key(0, "seed of everything random in the run", 0, 2**63 - 1)
+    part: PartConfig = field(default_factory=PartConfig)
+    plan: PlanConfig = field(default_factory=PlanConfig)
+    process: ProcessConfig = field(default_factory=ProcessConfig)
+    controller: ControllerConfig = field(default_factory=ControllerConfig)
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+    head: HeadConfig = field(default_factory=HeadConfig)
+    pad: PadConfig = field(default_factory=PadConfig)
+    spindle: SpindleConfig = field(default_factory=SpindleConfig)
+    safety: SafetyConfig = field(default_factory=SafetyConfig)
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
