@@ -1,1 +1,5 @@
-"""TODO."""
+"""From a region of a part's surface to a tool path that covers it (layer 5)."""
+
+from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed
+
+__all__ = ["SEGMENTS", "ToolPath", "pressed"]

@@ -1,0 +1,80 @@
+"""The tool path: what planning hands to motion, as read-only arrays in the work frame (layer 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import PlanError
+
+Array = NDArray[np.float64]
+
+SEGMENTS: Final = ("approach", "lead_in", "process", "link", "lead_out", "retract")
+APPROACH, LEAD_IN, PROCESS, LINK, LEAD_OUT, RETRACT = range(len(SEGMENTS))
+
+
+@dataclass(frozen=True)
+class ToolPath:
+    """The path of the tool point on the nominal surface, with lead-in and lead-out; not pressed into the part."""
+
+    positions_work: Array
+    """Tool point in the work frame [m], shape (n, 3)."""
+    axes_work: Array
+    """Unit tool axis from the part to the tool (the outward normal unless tilted), shape (n, 3)."""
+    s: Array
+    """Arc length from the first point [m], strictly increasing, shape (n,)."""
+    pass_index: NDArray[np.int64]
+    """Turn of the spiral or line of the raster the point belongs to, shape (n,)."""
+    segment: NDArray[np.int8]
+    """Code of the segment, an index into `SEGMENTS`, shape (n,)."""
+    curvature: Array
+    """Normal curvature of the surface along the path [1/m], positive on a convex part, shape (n,)."""
+
+    def __post_init__(self) -> None:
+        n = len(self.positions_work)
+        for field in fields(self):
+            array = getattr(self, field.name)
+            wanted = (n, 3) if field.name.endswith("_work") else (n,)
+            if array.shape != wanted:
+                raise PlanError(f"tool path: {field.name} has shape {array.shape}, expected {wanted}.")
+            array.flags.writeable = False
+
+    @property
+    def process(self) -> NDArray[np.bool_]:
+        """Mask of the points at which the tool is pressed on the part, shape (n,)."""
+        return (self.segment == PROCESS) | (self.segment == LINK)
+
+    @property
+    def length_m(self) -> float:
+        """Length from the first point to the last [m]."""
+        return float(self.s[-1])
+
+
+def arc_length(positions: Array) -> Array:
+    """Sum the chords of a polyline.
+
+    Args:
+        positions: Points [m], shape (n, 3).
+
+    Returns:
+        Length from the first point [m], shape (n,).
+    """
+    chords = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(chords)])
+
+
+def pressed(path: ToolPath, depth: float) -> ToolPath:
+    """Move the process points into the part against the tool axis: D = F / k (paper 1, section 1.5).
+
+    Args:
+        path: A path on the surface.
+        depth: D [m], positive into the part.
+
+    Returns:
+        The nominal path that presses; lead-in and lead-out stay where they are.
+    """
+    moved = path.positions_work - depth * path.axes_work * path.process[:, None]
+    return replace(path, positions_work=moved, s=arc_length(moved))
