@@ -1,6 +1,6 @@
 """The scenario: everything a run depends on, as plain data (layer 1). Lengths in m, angles in rad, forces in N.
 
-Each field carries its meaning and its allowed range, so that the TOML file, its checks and its comments come from one place.
+Each field carries its meaning and its allowed range: the TOML file, its checks and its comments come from here.
 """
 
 from __future__ import annotations
@@ -72,9 +72,11 @@ class ControllerConfig:
     orientation_i_hz: float = key(0.2, "I of eq. 7 [1/s]", 0.0, 5.0)
     orientation_d_s: float = key(0.0, "D of eq. 7 [s]", 0.0, 0.1)
     force_p_m_sn: float = key(0.004, "kfp of eq. 5 [m/(s N)]", 0.0, 0.1)
+    force_limit_m_s: float = key(0.05, "largest speed the force loop may ask for [m/s]", 0.001, 1.0)
     force_i_m_s2n: float = key(0.012, "kfi of eq. 5 [m/(s^2 N)]", 0.0, 1.0)
     moment_p_rad_snm: float = key(0.05, "P of the moment loop about tool y [rad/(s N m)]", 0.0, 10.0)
     moment_i_rad_s2nm: float = key(0.02, "I of the moment loop about tool y [rad/(s^2 N m)]", 0.0, 10.0)
+    moment_limit_rad_s: float = key(0.1, "largest turning rate the moment loop may ask for [rad/s]", 0.001, 3.0)
     moment_tilt_limit_rad: float = key(
         math.radians(2.0), "how far the moment loop may tilt the tool from the planned axis [rad]", 0.0, 0.5
     )
@@ -131,7 +133,7 @@ class PadConfig:
     points: int = key(100, "sample points of the disc, equal area each", 7, 2000)
     damping_s_m: float = key(3.0, "Hunt-Crossley factor a of f = k d (1 + a d_dot) [s/m]", 0.0, 100.0)
     friction: float = key(0.3, "Coulomb friction coefficient [-]", 0.0, 2.0)
-    friction_smoothing_m_s: float = key(0.005, "sliding speed at which friction is developed to 76% [m/s]", 1e-5, 1.0)
+    friction_smoothing_m_s: float = key(0.005, "sliding speed at which friction is developed to 71% [m/s]", 1e-5, 1.0)
 
 
 @dataclass(frozen=True)

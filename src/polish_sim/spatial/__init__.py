@@ -1,1 +1,22 @@
-"""TODO."""
+"""Rigid-body maths: rotations, transforms (layer 2)."""
+
+from polish_sim.spatial.rotations import (
+    quaternion_from_rotation,
+    rotation_angle,
+    rotation_from_quaternion,
+    rotation_to_axis,
+    skew,
+)
+from polish_sim.spatial.transforms import apply, from_pose, inverse, transform
+
+__all__ = [
+    "apply",
+    "from_pose",
+    "inverse",
+    "quaternion_from_rotation",
+    "rotation_angle",
+    "rotation_from_quaternion",
+    "rotation_to_axis",
+    "skew",
+    "transform",
+]

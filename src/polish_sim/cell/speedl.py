@@ -1,0 +1,206 @@
+"""The robot's velocity interface ``speedl(twist, acceleration, time)`` down to the joint servos (layer 8a).
+
+The commanded tool velocity follows the request within linear and angular acceleration limits, acts after a latency
+and decelerates to rest by itself when the time given runs out. Joint speeds come from the damped inverse of the
+Jacobian at the measured joints; they are scaled to their limits together, so that the direction is kept.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class SpeedlModel(NamedTuple):
+    """Limits of the interface."""
+
+    latency: int
+    """Steps from request to action."""
+    acceleration: float
+    """[m/s^2]"""
+    angular_acceleration: float
+    """[rad/s^2]"""
+    timeout: float
+    """A request holds this long [s]."""
+    joint_speed: float
+    """[rad/s]"""
+    lowest: Array
+    """Joint positions [rad], shape (6,)."""
+    highest: Array
+    """Joint positions [rad], shape (6,)."""
+    damping_onset: float
+    """Smallest singular value below which the inverse is damped [-]."""
+
+
+class SpeedlState(NamedTuple):
+    """Memory of the interface."""
+
+    line: Array
+    """Requests under way: twist and its number, shape (latency + 1, 7)."""
+    twist: Array
+    """Tool velocity commanded now, shape (6,)."""
+    request: Array
+    """Request acting now: twist and its number, shape (7,)."""
+    clock: Array
+    """Steps taken, age of the acting request [s], smallest singular value, shape (3,)."""
+    joints: Array
+    """Commanded joint positions [rad], shape (6,)."""
+    speeds: Array
+    """Commanded joint speeds [rad/s], shape (6,)."""
+    probe: Array
+    """Running estimate of the weakest direction, shape (6,)."""
+
+
+def build_speedl_state(model: SpeedlModel, joints: Array) -> SpeedlState:
+    """Fresh memory of a robot at rest at ``joints`` [rad], shape (6,)."""
+    return SpeedlState(
+        np.zeros((model.latency + 1, 7)),
+        np.zeros(6),
+        np.zeros(7),
+        np.array([0.0, 0.0, 1.0]),
+        joints.copy(),
+        np.zeros(6),
+        np.full(6, 1.0 / math.sqrt(6.0)),
+    )
+
+
+@njit(cache=True)
+def pass_request(model: SpeedlModel, state: SpeedlState, requested: Array, number: float, dt: float) -> None:
+    """Send the newest request down the line and let the one that arrives act.
+
+    Args:
+        model: Limits.
+        state: Memory; ``request`` and its age are written.
+        requested: Twist the host asked for last, shape (6,).
+        number: Counts the host's requests; an unchanged number ages.
+        dt: Physics step [s].
+    """
+    state.clock[0] += 1.0
+    slot = int(state.clock[0]) % (model.latency + 1)
+    state.line[slot, 0:6] = requested
+    state.line[slot, 6] = number
+    arriving = state.line[(slot + 1) % (model.latency + 1)]
+    if arriving[6] != state.request[6]:
+        state.request[:] = arriving
+        state.clock[1] = 0.0
+    else:
+        state.clock[1] += dt
+
+
+@njit(cache=True)
+def limit_acceleration(model: SpeedlModel, state: SpeedlState, dt: float) -> None:
+    """Move the commanded twist toward the acting request within the acceleration limits."""
+    alive = 1.0 if state.clock[1] < model.timeout else 0.0
+    for start, limit in ((0, model.acceleration), (3, model.angular_acceleration)):
+        x = alive * state.request[start] - state.twist[start]
+        y = alive * state.request[start + 1] - state.twist[start + 1]
+        z = alive * state.request[start + 2] - state.twist[start + 2]
+        size = math.sqrt(x * x + y * y + z * z)
+        share = 1.0 if size <= limit * dt else limit * dt / size
+        state.twist[start] += share * x
+        state.twist[start + 1] += share * y
+        state.twist[start + 2] += share * z
+
+
+@njit(cache=True)
+def resolve_joints(model: SpeedlModel, state: SpeedlState, jacobian: Array, dt: float) -> bool:
+    """Joint speeds for the commanded twist, and the joint positions they lead to.
+
+    Args:
+        model: Limits.
+        state: Memory; ``speeds``, ``joints`` and the smallest singular value are written.
+        jacobian: Geometric Jacobian at the tool point, base frame, shape (6, 6).
+        dt: Physics step [s].
+
+    Returns:
+        False if a joint would leave its range; it is held there.
+    """
+    A = np.empty((6, 6))
+    _gram(jacobian, 0.0, A)
+    weakest = _weakest_direction(A, state.probe)
+    state.clock[2] = weakest
+    # Damping grows from nothing at the onset, so that the inverse is exact away from singularities.
+    damping = 0.0
+    if weakest < model.damping_onset:
+        damping = (model.damping_onset - weakest) * 0.5
+    _gram(jacobian, damping * damping, A)
+    _cholesky(A)
+    y = np.empty(6)
+    _solve(A, state.twist, y)
+    fastest = 0.0
+    for j in range(6):
+        total = 0.0
+        for i in range(6):
+            total += jacobian[i, j] * y[i]
+        state.speeds[j] = total
+        fastest = max(fastest, abs(total))
+    scale = 1.0 if fastest <= model.joint_speed else model.joint_speed / fastest
+    inside = True
+    for j in range(6):
+        state.speeds[j] *= scale
+        wanted = state.joints[j] + state.speeds[j] * dt
+        if wanted < model.lowest[j] or wanted > model.highest[j]:
+            inside = False
+            state.speeds[j] = 0.0
+        else:
+            state.joints[j] = wanted
+    return inside
+
+
+@njit(cache=True)
+def _gram(jacobian: Array, damping: float, A: Array) -> None:
+    for i in range(6):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(6):
+                total += jacobian[i, k] * jacobian[j, k]
+            A[i, j] = total
+            A[j, i] = total
+        A[i, i] += damping + 1e-12
+
+
+@njit(cache=True)
+def _cholesky(A: Array) -> None:
+    """Factor in place; the lower triangle holds the factor."""
+    for i in range(6):
+        for j in range(i + 1):
+            total = A[i, j]
+            for k in range(j):
+                total -= A[i, k] * A[j, k]
+            A[i, j] = math.sqrt(max(total, 1e-18)) if i == j else total / A[j, j]
+
+
+@njit(cache=True)
+def _solve(L: Array, b: Array, x: Array) -> None:
+    for i in range(6):
+        total = b[i]
+        for k in range(i):
+            total -= L[i, k] * x[k]
+        x[i] = total / L[i, i]
+    for i in range(5, -1, -1):
+        total = x[i]
+        for k in range(i + 1, 6):
+            total -= L[k, i] * x[k]
+        x[i] = total / L[i, i]
+
+
+@njit(cache=True)
+def _weakest_direction(A: Array, probe: Array) -> float:
+    """Smallest singular value of J from J J^T by one inverse iteration a step; ``probe`` remembers the direction."""
+    L = A.copy()
+    _cholesky(L)
+    x = np.empty(6)
+    _solve(L, probe, x)
+    size = 0.0
+    for i in range(6):
+        size += x[i] * x[i]
+    size = math.sqrt(size)
+    for i in range(6):
+        probe[i] = x[i] / size
+    return 1.0 / math.sqrt(size)

@@ -1,0 +1,53 @@
+"""A user's own controller from a Python file, ``FILE.py:CLASS``."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+from polish_sim.config import ControllerConfig
+from polish_sim.control.laws import CONTROLLERS, Controller
+from polish_sim.errors import InputError, unknown_name
+
+
+def build_controller(config: ControllerConfig) -> Controller:
+    """Make the controller a scenario names.
+
+    Args:
+        config: Name and gains; the name is a shipped one or ``FILE.py:CLASS``.
+
+    Returns:
+        The controller, not yet reset.
+
+    Raises:
+        InputError: If the name is unknown, or the file has no such class, or the class lacks a method.
+    """
+    if config.name in CONTROLLERS:
+        return CONTROLLERS[config.name](config)
+    file, separator, class_name = config.name.rpartition(":")
+    if not separator:
+        raise unknown_name("controller", config.name, [*CONTROLLERS, "FILE.py:CLASS"])
+    return _load_class(Path(file), class_name)
+
+
+def _load_class(path: Path, class_name: str) -> Controller:
+    if not path.is_file():
+        raise InputError(f"controller file '{path}' does not exist. Give it as FILE.py:CLASS.")
+    spec = importlib.util.spec_from_file_location(f"_user_controller_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"controller file '{path}' is not a Python file (FILE.py:CLASS).")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        made = getattr(module, class_name)()
+    except AttributeError as error:
+        names = ", ".join(n for n in vars(module) if isinstance(getattr(module, n), type)) or "none"
+        raise InputError(
+            f"no class '{class_name}' could be made from '{path}' ({error}). Classes there: {names}."
+        ) from error
+    except Exception as error:
+        raise InputError(f"'{path}:{class_name}' cannot be loaded: {type(error).__name__}: {error}.") from error
+    for method in ("reset", "step"):
+        if not callable(getattr(made, method, None)):
+            raise InputError(f"class '{class_name}' in '{path}' lacks the method {method}(); see docs/controllers.md.")
+    return made  # type: ignore[no-any-return]

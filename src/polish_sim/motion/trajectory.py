@@ -1,0 +1,143 @@
+"""A tool path as a callable of its arc length: a dense table that compiled loops can sample (layer 6)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+class PathTable(NamedTuple):
+    """Poses along a path at equal steps of arc length, base frame."""
+
+    spacing: float
+    """Arc length between rows [m]."""
+    length: float
+    """Arc length of the whole path [m]; 0 for a single pose."""
+    positions: Array
+    """Tool points [m], shape (n, 3)."""
+    tangents: Array
+    """Derivative of position by arc length [-], shape (n, 3)."""
+    quaternions: Array
+    """R_base_tool as wxyz, without sign jumps, shape (n, 4)."""
+    turning: Array
+    """Rotation per arc length [rad/m], base frame, shape (n, 3)."""
+    curvature: Array
+    """Normal curvature along the path [1/m], shape (n,)."""
+    pass_index: NDArray[np.int32]
+    """Turn of the path, shape (n,)."""
+
+
+def build_path_table(
+    positions: Array,
+    rotations: Array,
+    curvature: Array | None = None,
+    pass_index: NDArray[np.int32] | None = None,
+    spacing: float = 0.0005,
+) -> PathTable:
+    """Resample poses to equal steps of arc length; cubic in position, shortest turn in orientation.
+
+    Args:
+        positions: Tool points [m], shape (n, 3); repeated points are dropped.
+        rotations: R_base_tool, shape (n, 3, 3).
+        curvature: Normal curvature along the path [1/m], shape (n,); zero if not given.
+        pass_index: Turn of each point, shape (n,); zero if not given.
+        spacing: Wanted arc length between rows [m].
+
+    Returns:
+        The table.
+    """
+    chords = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    kept = np.concatenate([[True], chords > 1e-9])
+    points, frames = positions[kept], rotations[kept]
+    bend = np.zeros(len(points)) if curvature is None else curvature[kept]
+    turns = np.zeros(len(points), np.int32) if pass_index is None else pass_index[kept].astype(np.int32)
+    if len(points) == 1:
+        points, frames = np.repeat(points, 2, axis=0), np.repeat(frames, 2, axis=0)
+        bend, turns = np.repeat(bend, 2), np.repeat(turns, 2)
+        nodes = np.array([0.0, spacing])
+        length = 0.0
+        s = nodes
+        sampled, tangents = points, np.zeros((2, 3))
+    else:
+        s = np.concatenate([[0.0], np.cumsum(chords[kept[1:]])])
+        length = float(s[-1])
+        nodes = np.linspace(0.0, length, max(2, math.ceil(length / spacing) + 1))
+        curve = CubicSpline(s, points, axis=0, bc_type="natural") if len(points) > 2 else None
+        sampled = curve(nodes) if curve else np.stack([np.interp(nodes, s, points[:, i]) for i in range(3)], axis=1)
+        tangents = curve(nodes, 1) if curve else np.repeat((points[1:] - points[:1]) / length, len(nodes), axis=0)
+    step = float(nodes[1] - nodes[0])
+    quaternions = _interpolate_quaternions(s, Rotation.from_matrix(frames).as_quat(scalar_first=True), nodes)
+    return PathTable(
+        step,
+        length,
+        np.ascontiguousarray(sampled),
+        np.ascontiguousarray(tangents),
+        quaternions,
+        _turning(quaternions, step) if length > 0.0 else np.zeros((2, 3)),
+        np.interp(nodes, s, bend),
+        turns[np.clip(np.searchsorted(s, nodes, side="right") - 1, 0, len(s) - 1)],
+    )
+
+
+def _interpolate_quaternions(s: Array, quaternions: Array, nodes: Array) -> Array:
+    signs = np.cumprod(np.concatenate([[1.0], np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1, 1)]))
+    continuous = quaternions * signs[:, None]
+    blended = np.stack([np.interp(nodes, s, continuous[:, i]) for i in range(4)], axis=1)
+    return np.ascontiguousarray(blended / np.linalg.norm(blended, axis=1, keepdims=True))
+
+
+def _turning(quaternions: Array, step: float) -> Array:
+    frames = Rotation.from_quat(quaternions, scalar_first=True)
+    between = (frames[1:] * frames[:-1].inv()).as_rotvec() / step
+    at_nodes = np.empty((len(quaternions), 3))
+    at_nodes[0], at_nodes[-1] = between[0], between[-1]
+    at_nodes[1:-1] = 0.5 * (between[1:] + between[:-1])
+    return at_nodes
+
+
+@njit(cache=True)
+def sample_path(table: PathTable, s: float, position: Array, tangent: Array, quaternion: Array, turning: Array) -> int:
+    """Evaluate a path at arc length ``s`` [m] (clamped to its ends).
+
+    Args:
+        table: The path.
+        s: Arc length [m].
+        position: Written: tool point [m], shape (3,).
+        tangent: Written: derivative of the position [-], shape (3,).
+        quaternion: Written: R_base_tool as unit quaternion wxyz, shape (4,).
+        turning: Written: rotation per arc length [rad/m], shape (3,).
+
+    Returns:
+        Row of the table at or before ``s``.
+    """
+    last = table.positions.shape[0] - 2
+    place = min(max(s, 0.0), table.length) / table.spacing
+    row = min(int(place), last)
+    u = place - row
+    h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
+    h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
+    d00, d10 = 6.0 * u * (u - 1.0), (1.0 - u) * (1.0 - 3.0 * u)
+    d11 = u * (3.0 * u - 2.0)
+    h = table.spacing
+    for i in range(3):
+        p0, p1 = table.positions[row, i], table.positions[row + 1, i]
+        t0, t1 = table.tangents[row, i], table.tangents[row + 1, i]
+        position[i] = h00 * p0 + h01 * p1 + h * (h10 * t0 + h11 * t1)
+        tangent[i] = d00 * (p0 - p1) / h + d10 * t0 + d11 * t1
+        turning[i] = (1.0 - u) * table.turning[row, i] + u * table.turning[row + 1, i]
+    size = 0.0
+    for i in range(4):
+        quaternion[i] = (1.0 - u) * table.quaternions[row, i] + u * table.quaternions[row + 1, i]
+        size += quaternion[i] ** 2
+    size = math.sqrt(size)
+    for i in range(4):
+        quaternion[i] /= size
+    return row
