@@ -1,0 +1,170 @@
+"""The figures of a run, from its exact force and pose at every step (layer 8c).
+
+What each figure means is stated once, here; a figure that is not defined for a run (no contact, an empty phase) is NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.analysis.peaks import curvature_peaks, errors_at_peaks
+from polish_sim.analysis.response import CONTACT_N, first_contact, moving_average, rise_time, settling_time
+from polish_sim.planning.toolpath import ToolPath
+from polish_sim.trace import Trace
+
+Array = NDArray[np.float64]
+Figures = dict[str, float | int]
+
+PROCESS, RETRACT = 2, 3
+RAMP_UP_S = 1.0
+STEADY_AFTER_S = 0.5
+SPEED_WINDOW_S = 0.05
+
+
+class Circle(NamedTuple):
+    """A circle in the base frame."""
+
+    center: tuple[float, float, float]
+    """[m]"""
+    normal: tuple[float, float, float]
+    """Unit normal of its plane."""
+    radius: float
+    """[m]"""
+
+
+PAPER_ARC = Circle((0.0, -0.52, 0.0), (math.sqrt(0.5), math.sqrt(0.5), 0.0), 0.1)
+"""The circle of paper 1, section 3, its plane read as normal (1, 1, 0) through the centre."""
+
+
+def measure_arc(trace: Trace, circle: Circle = PAPER_ARC) -> Figures:
+    """Measure how well the tool point follows a circle, from 1 s after the feed's start to the end of the feed.
+
+    Args:
+        trace: The run.
+        circle: The commanded circle.
+
+    Returns:
+        tracking_error_max_m and _rms_m: distance from the tool point to the circle (as a curve, whatever the time);
+        speed_mean_m_s; speed_max_deviation_m_s: largest difference of the 50 ms average of the speed from the
+        commanded feed; orientation_error_max_rad.
+    """
+    part = _steady_feed(trace)
+    time, speed = trace.time_s[part], trace.tcp_speed_m_s[part]
+    distance = distance_to_circle(trace.tcp_position_m[part], circle)
+    deviation = moving_average(time, speed, SPEED_WINDOW_S) - _commanded_feed(time, trace.path_s_m[part])
+    return {
+        "tracking_error_max_m": _reduce(np.max, distance),
+        "tracking_error_rms_m": _rms(distance),
+        "speed_mean_m_s": _reduce(np.mean, speed),
+        "speed_max_deviation_m_s": _reduce(np.max, np.abs(deviation)),
+        "orientation_error_max_rad": _reduce(np.max, trace.orientation_error_rad[part]),
+    }
+
+
+def measure_force(trace: Trace, contact_force: float) -> Figures:
+    """Measure the step response of the contact force, from first contact (force above 0.5 N) to the retract.
+
+    Args:
+        trace: The run.
+        contact_force: The force to hold [N].
+
+    Returns:
+        contact_time_s: moment of first contact; rise_time_s: from 10% to 90% of the set force;
+        settling_time_3n_s, settling_time_1n_s: from first contact to the moment after which the force stays inside
+        the band; overshoot_n: largest excess over the set force, 0 if none; steady_*: from 0.5 s after contact on.
+    """
+    held = trace.phase < RETRACT
+    time, force = trace.time_s[held], trace.normal_force_n[held]
+    contact = first_contact(force)
+    start = len(time) if contact is None else contact
+    time, error = time[start:], force[start:] - contact_force
+    steady = error[time >= time[0] + STEADY_AFTER_S] if len(time) else error
+    return {
+        "contact_time_s": float(time[0]) if len(time) else math.nan,
+        "rise_time_s": rise_time(time, error + contact_force, contact_force),
+        "settling_time_3n_s": settling_time(time, error, 3.0),
+        "settling_time_1n_s": settling_time(time, error, 1.0),
+        "overshoot_n": max(0.0, _reduce(np.max, error)) if len(error) else math.nan,
+        "steady_max_deviation_n": _reduce(np.max, np.abs(steady)),
+        "steady_std_n": _reduce(np.std, steady),
+        "steady_within_3n": _share(steady, 3.0),
+    }
+
+
+def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figures:
+    """Measure force and path while the tool is fed along the part (phase 2 only).
+
+    Args:
+        trace: The run.
+        plan: The path that was run; ``trace.path_s_m`` counts along its ``s``.
+        contact_force: The force to hold [N].
+
+    Returns:
+        force_mean_n, force_rms_error_n, force_max_deviation_n; force_within_4n, force_within_1n: shares of the time;
+        force_error_median_n, force_error_p95_n: of the error's magnitude; contact_lost_s: time below 0.5 N;
+        tracking_error_max_m: across the tool axis; speed_mean_m_s; cycle_time_s: duration of the feed;
+        curvature_peaks: how many, see ``peaks.curvature_peaks``; force_error_at_peaks_n: mean over the peaks of the
+        largest error within 15 mm of the peak; force_error_between_peaks_n: the same for equally long stretches
+        away from them.
+    """
+    part = trace.phase == PROCESS
+    time, force, path_s = trace.time_s[part], trace.normal_force_n[part], trace.path_s_m[part]
+    error = force - contact_force
+    peaks_s = plan.s[curvature_peaks(plan)]
+    passed = peaks_s[peaks_s <= (path_s[-1] if len(path_s) else -math.inf)]
+    peak_errors = errors_at_peaks(path_s, error, passed)
+    return {
+        "force_mean_n": _reduce(np.mean, force),
+        "force_rms_error_n": _rms(error),
+        "force_max_deviation_n": _reduce(np.max, np.abs(error)),
+        "force_within_4n": _share(error, 4.0),
+        "force_within_1n": _share(error, 1.0),
+        "force_error_median_n": _reduce(np.median, np.abs(error)),
+        "force_error_p95_n": float(np.percentile(np.abs(error), 95)) if len(error) else math.nan,
+        "contact_lost_s": float(np.sum(force <= CONTACT_N) * _step(time)),
+        "tracking_error_max_m": _reduce(np.max, trace.tangential_error_m[part]),
+        "speed_mean_m_s": _reduce(np.mean, trace.tcp_speed_m_s[part]),
+        "cycle_time_s": float(time[-1] - time[0]) if len(time) else math.nan,
+        "curvature_peaks": len(passed),
+        "force_error_at_peaks_n": peak_errors.at_peaks_n,
+        "force_error_between_peaks_n": peak_errors.between_peaks_n,
+    }
+
+
+def distance_to_circle(points: Array, circle: Circle) -> Array:
+    """Distance from points to a circle in space [m]; points (n, 3) in the circle's frame, result (n,)."""
+    offset = points - np.asarray(circle.center)
+    height = offset @ np.asarray(circle.normal)
+    in_plane = np.linalg.norm(offset - height[:, None] * np.asarray(circle.normal), axis=1)
+    return np.hypot(height, in_plane - circle.radius)
+
+
+def _steady_feed(trace: Trace) -> NDArray[np.bool_]:
+    fed = trace.phase == PROCESS
+    return fed & (trace.time_s >= trace.time_s[np.argmax(fed)] + RAMP_UP_S) if fed.any() else fed
+
+
+def _commanded_feed(time: Array, path_s: Array) -> float:
+    """Feed of the target [m/s]: the median leaves ramps at the ends out."""
+    return float(np.median(np.diff(path_s) / np.diff(time))) if len(time) > 1 else math.nan
+
+
+def _step(time: Array) -> float:
+    return float(np.median(np.diff(time))) if len(time) > 1 else math.nan
+
+
+def _reduce(function: Callable[[Array], np.floating], values: Array) -> float:
+    return float(function(values)) if len(values) else math.nan
+
+
+def _rms(values: Array) -> float:
+    return math.sqrt(float(np.mean(np.square(values)))) if len(values) else math.nan
+
+
+def _share(error: Array, band: float) -> float:
+    return float(np.mean(np.abs(error) <= band)) if len(error) else math.nan

@@ -1,0 +1,82 @@
+"""Where the path's curvature changes strongly, and what the force does there (paper 1, fig. 15; layer 8c)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+
+from polish_sim.planning.toolpath import ToolPath
+
+Array = NDArray[np.float64]
+
+FLAT_1_M = 1.0 / 0.300
+"""Below this normal curvature the path counts as gentle [1/m]."""
+SHARP_1_M = 1.0 / 0.120
+"""A peak of the normal curvature rises above this [1/m]."""
+WINDOW_M = 0.015
+"""Half-width of a peak's window along the path [m]: the curvature rises within 15 mm."""
+
+
+class PeakErrors(NamedTuple):
+    """Largest force error per window, averaged over the windows at the peaks and over those away from them."""
+
+    at_peaks_n: float
+    between_peaks_n: float
+
+
+def curvature_peaks(path: ToolPath) -> NDArray[np.intp]:
+    """Find the places where the path's normal curvature rises from gentle to sharp.
+
+    A peak is a local maximum of the curvature's magnitude on process points that exceeds ``SHARP_1_M`` and stands out
+    from its surroundings (prominence) by at least ``SHARP_1_M - FLAT_1_M``.
+
+    Args:
+        path: The path; its ``curvature`` is used, in the order of travel.
+
+    Returns:
+        Indices into the path's points, ascending, shape (k,).
+    """
+    process = np.flatnonzero(path.process)
+    magnitude = np.abs(path.curvature[process])
+    # A peak at the very first or last process point has only one flank: the padding gives it the other.
+    padded = np.concatenate([[0.0], magnitude, [0.0]])
+    found, _ = find_peaks(padded, height=SHARP_1_M, prominence=SHARP_1_M - FLAT_1_M)
+    return process[found - 1]
+
+
+def errors_at_peaks(path_s: Array, force_error: Array, peaks_s: Array) -> PeakErrors:
+    """Compare the force error at the peaks with that of stretches of the same length elsewhere.
+
+    The largest of many noisy samples is large anywhere, so the peaks are compared with the same statistic between them.
+
+    Args:
+        path_s: Where on the path each sample is [m], shape (n,), not descending.
+        force_error: Force minus the set force [N], shape (n,).
+        peaks_s: Where the peaks are on the path [m], shape (k,).
+
+    Returns:
+        Both means [N]; NaN where there is no such window.
+    """
+    magnitude = np.abs(force_error)
+    at_peaks = [_largest(path_s, magnitude, s - WINDOW_M, s + WINDOW_M) for s in peaks_s]
+    edges = np.arange(path_s[0], path_s[-1] - 2 * WINDOW_M, 2 * WINDOW_M) if len(path_s) else np.empty(0)
+    between = [
+        _largest(path_s, magnitude, low, low + 2 * WINDOW_M)
+        for low in edges
+        if not np.any((peaks_s > low - WINDOW_M) & (peaks_s < low + 3 * WINDOW_M))
+    ]
+    return PeakErrors(_mean(at_peaks), _mean(between))
+
+
+def _largest(path_s: Array, magnitude: Array, low: float, high: float) -> float:
+    start, stop = np.searchsorted(path_s, [low, high])
+    return float(magnitude[start:stop].max()) if stop > start else math.nan
+
+
+def _mean(values: list[float]) -> float:
+    known = [value for value in values if not math.isnan(value)]
+    return float(np.mean(known)) if known else math.nan

@@ -1,0 +1,90 @@
+"""Runs whose figures are known beforehand: made from formulas, not from the simulator."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.analysis.metrics import PAPER_ARC
+from polish_sim.log import RunLog, from_rows, row_layout, row_width
+from polish_sim.planning.toolpath import APPROACH, LEAD_OUT, PROCESS, ToolPath
+from polish_sim.trace import Trace
+
+Array = NDArray[np.float64]
+DT = 1e-3
+
+
+def trace_of(phase: NDArray[np.int8], **columns: Array) -> Trace:
+    """A trace with the given columns, all others zero."""
+    n = len(phase)
+    zero = {name: np.zeros((n, 3) if name == "tcp_position_m" else n) for name in Trace._fields}
+    return Trace(**(zero | {"time_s": np.arange(n) * DT, "phase": phase} | columns))
+
+
+def force_trace(contact_force: float = 20.0, tau: float = 0.1, approach_s: float = 2.0, hold_s: float = 4.0) -> Trace:
+    """Approach, then a first-order rise to the set force (from contact), then a retract at zero force."""
+    time = np.arange(0.0, approach_s + hold_s + 1.0, DT)
+    phase = np.where(time < approach_s, 0, np.where(time < approach_s + hold_s, 2, 3)).astype(np.int8)
+    force = np.where(phase == 2, contact_force * (1.0 - np.exp(-(time - approach_s) / tau)), 0.0)
+    return trace_of(phase, normal_force_n=force)
+
+
+def arc_trace(radial_error_m: float = 5e-5, feed_m_s: float = 0.01, ripple_m_s: float = 0.0) -> Trace:
+    """Once round the paper's circle with a constant radial error and a slow ripple of the speed."""
+    length = 2 * np.pi * PAPER_ARC.radius
+    time = np.arange(0.0, length / feed_m_s, DT)
+    angle = feed_m_s * time / PAPER_ARC.radius
+    normal = np.asarray(PAPER_ARC.normal)
+    u = np.array([0.0, 0.0, 1.0])
+    v = np.cross(normal, u)
+    radius = PAPER_ARC.radius + radial_error_m
+    points = np.asarray(PAPER_ARC.center) + radius * (np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v)
+    speed = feed_m_s + ripple_m_s * np.sin(2 * np.pi * 0.5 * time)
+    return trace_of(
+        np.full(len(time), 2, np.int8), tcp_position_m=points, tcp_speed_m_s=speed, path_s_m=feed_m_s * time
+    )
+
+
+def bumpy_path(bumps: int = 6, length: float = 1.2, sharpness: float = 1 / 0.06) -> ToolPath:
+    """A straight path whose curvature rises to `sharpness` [1/m] in evenly spaced places, gentle between them."""
+    s = np.linspace(0.0, length, 2401)
+    centres = (np.arange(bumps) + 0.5) * length / bumps
+    curvature = 1.0 + sum(sharpness * np.exp(-0.5 * ((s - c) / 0.008) ** 2) for c in centres)
+    segment = np.full(len(s), PROCESS, np.int8)
+    segment[:20], segment[-20:] = APPROACH, LEAD_OUT
+    positions = np.column_stack([s, np.zeros_like(s), np.zeros_like(s)])
+    axes = np.tile([0.0, 0.0, 1.0], (len(s), 1))
+    return ToolPath(positions, axes, s, np.zeros(len(s), np.int64), segment, np.broadcast_to(curvature, s.shape).copy())
+
+
+def surface_trace(path: ToolPath, dip_n: float = 5.0, contact_force: float = 20.0, feed_m_s: float = 0.01) -> Trace:
+    """Fed along a path with the set force, less a dip of 10 mm half-width at each strong bend."""
+    time = np.arange(0.0, path.length_m / feed_m_s, DT)
+    s = feed_m_s * time
+    centres = path.s[_bends(path)]
+    dips = sum((np.exp(-0.5 * ((s - c) / 0.005) ** 2) for c in centres), np.zeros_like(s))
+    process = (s >= path.s[20]) & (s <= path.s[-21])
+    phase = np.where(process, 2, np.where(s < path.s[20], 0, 3)).astype(np.int8)
+    force = np.where(process, contact_force - dip_n * dips, 0.0)
+    return trace_of(phase, normal_force_n=force, path_s_m=s, tcp_speed_m_s=np.full_like(s, feed_m_s))
+
+
+def log_of(trace: Trace, every: int = 4) -> RunLog:
+    """The log a run with this trace would have written: its rows, the quantities it does not know at zero."""
+    rows = np.zeros((len(trace.time_s[::every]), row_width()))
+    layout = row_layout()
+    for name in ("time_s", "normal_force_n", "tcp_speed_m_s", "path_s_m", "phase"):
+        rows[:, layout[name][0]] = getattr(trace, name)[::every]
+    for name in ("normal_force_min_n", "normal_force_max_n"):
+        rows[:, layout[name][0]] = trace.normal_force_n[::every]
+    for name in ("tcp_position_m", "target_position_m"):
+        rows[:, layout[name][0] : layout[name][0] + 3] = trace.tcp_position_m[::every]
+    for name in ("tcp_quaternion_wxyz", "target_quaternion_wxyz"):
+        rows[:, layout[name][0]] = 1.0
+    return from_rows(rows)
+
+
+def _bends(path: ToolPath) -> NDArray[np.intp]:
+    curvature = path.curvature
+    inner = (curvature[1:-1] > curvature[:-2]) & (curvature[1:-1] > curvature[2:]) & (curvature[1:-1] > 10.0)
+    return np.flatnonzero(inner) + 1

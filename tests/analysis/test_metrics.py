@@ -1,0 +1,127 @@
+"""The figures of runs whose truth is known in closed form."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from polish_sim.analysis.metrics import PAPER_ARC, distance_to_circle, measure_arc, measure_force, measure_surface
+from polish_sim.analysis.peaks import WINDOW_M, curvature_peaks, errors_at_peaks
+from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, surface_trace, trace_of
+
+
+def test_a_first_order_force_response_has_the_textbook_figures() -> None:
+    figures = measure_force(force_trace(tau=0.1), 20.0)
+    # contact is noticed at 0.5 N, that is tau ln(20/19.5) after the touch
+    late = 0.1 * math.log(20.0 / 19.5)
+    assert figures["contact_time_s"] == pytest.approx(2.0 + late, abs=2e-3)
+    assert figures["settling_time_3n_s"] == pytest.approx(0.1 * math.log(20.0 / 3.0) - late, abs=2e-3)
+    assert figures["settling_time_1n_s"] == pytest.approx(0.1 * math.log(20.0) - late, abs=2e-3)
+    assert figures["rise_time_s"] == pytest.approx(0.1 * math.log(9.0), abs=2e-3)
+    assert figures["steady_max_deviation_n"] == pytest.approx(20.0 * math.exp(-(0.5 + late) / 0.1), rel=0.02)
+    assert figures["steady_within_3n"] == 1.0
+
+
+def test_a_response_that_stays_below_the_set_force_overshoots_by_nothing() -> None:
+    assert measure_force(force_trace(), 20.0)["overshoot_n"] == 0.0
+    assert measure_force(force_trace(contact_force=25.0), 20.0)["overshoot_n"] == pytest.approx(5.0, abs=1e-3)
+
+
+def test_the_retract_does_not_count_as_a_loss_of_force() -> None:
+    figures = measure_force(force_trace(), 20.0)
+    assert figures["steady_std_n"] < 0.1
+
+
+def test_a_run_without_contact_has_no_force_figures() -> None:
+    figures = measure_force(trace_of(np.zeros(1000, np.int8)), 20.0)
+    assert all(math.isnan(value) for value in figures.values())
+
+
+def test_a_constant_radial_error_is_the_tracking_error_of_the_arc() -> None:
+    figures = measure_arc(arc_trace(radial_error_m=7e-5))
+    assert figures["tracking_error_max_m"] == pytest.approx(7e-5, abs=1e-12)
+    assert figures["tracking_error_rms_m"] == pytest.approx(7e-5, abs=1e-12)
+    assert figures["speed_mean_m_s"] == pytest.approx(0.01)
+    assert figures["speed_max_deviation_m_s"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_slow_ripple_of_the_speed_is_its_largest_deviation() -> None:
+    figures = measure_arc(arc_trace(ripple_m_s=2e-4))
+    # the 50 ms average of a 0.5 Hz sine keeps sinc(0.025) of it
+    assert figures["speed_max_deviation_m_s"] == pytest.approx(2e-4 * np.sinc(0.025), rel=1e-4)
+
+
+def test_the_first_second_of_the_arc_is_ramp_up_and_does_not_count() -> None:
+    trace = arc_trace()
+    speed = np.where(trace.time_s < 0.99, 0.0, trace.tcp_speed_m_s)
+    assert measure_arc(trace._replace(tcp_speed_m_s=speed))["speed_max_deviation_m_s"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_distance_to_the_circle_is_known_at_its_centre_and_above_its_rim() -> None:
+    centre, normal = np.asarray(PAPER_ARC.center), np.asarray(PAPER_ARC.normal)
+    rim_top = centre + np.array([0.0, 0.0, PAPER_ARC.radius])
+    points = np.array([centre, rim_top, rim_top + 0.03 * normal])
+    assert distance_to_circle(points, PAPER_ARC) == pytest.approx([0.1, 0.0, 0.03], abs=1e-12)
+
+
+def test_every_bump_of_the_path_is_one_curvature_peak_at_its_top() -> None:
+    path = bumpy_path(bumps=6)
+    assert path.s[curvature_peaks(path)] == pytest.approx(np.arange(0.1, 1.2, 0.2), abs=1e-3)
+
+
+def test_hollow_bends_count_like_humps_and_gentle_ones_do_not() -> None:
+    hollow = bumpy_path(bumps=4, sharpness=-1 / 0.06)
+    assert len(curvature_peaks(hollow)) == 4
+    assert len(curvature_peaks(bumpy_path(bumps=4, sharpness=1 / 0.3))) == 0
+
+
+def test_a_ripple_on_a_bend_does_not_make_two_peaks_of_it() -> None:
+    path = bumpy_path(bumps=3)
+    rippled = path.curvature + 1.0 * np.sin(path.s / 0.0005)
+    assert len(curvature_peaks(type(path)(**{**vars(path), "curvature": rippled}))) == 3
+
+
+def test_dips_at_the_bends_show_as_force_error_at_the_peaks() -> None:
+    path = bumpy_path(bumps=6)
+    figures = measure_surface(surface_trace(path, dip_n=5.0), path, 20.0)
+    assert figures["curvature_peaks"] == 6
+    assert figures["force_error_at_peaks_n"] == pytest.approx(5.0, abs=0.01)
+    assert figures["force_error_between_peaks_n"] < 0.1
+    assert figures["force_max_deviation_n"] == pytest.approx(5.0, abs=0.01)
+    # a Gaussian dip of depth 5 N is deeper than 4 N on +-0.668 of its width
+    outside = 6 * 2 * 0.005 * math.sqrt(2 * math.log(5 / 4)) / (path.s[-21] - path.s[20])
+    assert figures["force_within_4n"] == pytest.approx(1.0 - outside, abs=1e-3)
+    assert figures["contact_lost_s"] == 0.0
+    assert figures["speed_mean_m_s"] == pytest.approx(0.01)
+
+
+def test_noise_alone_gives_the_same_error_at_the_peaks_as_between_them() -> None:
+    s = np.linspace(0.0, 2.0, 200_000)
+    noise = np.random.default_rng(1).normal(0.0, 1.0, len(s))
+    errors = errors_at_peaks(s, noise, np.linspace(0.2, 1.8, 8))
+    assert errors.at_peaks_n == pytest.approx(errors.between_peaks_n, rel=0.1)
+
+
+def test_lost_contact_is_counted_in_seconds() -> None:
+    path = bumpy_path()
+    trace = surface_trace(path)
+    force = trace.normal_force_n.copy()
+    force[50_000:50_250] = 0.0
+    assert measure_surface(trace._replace(normal_force_n=force), path, 20.0)["contact_lost_s"] == pytest.approx(0.25)
+
+
+def test_a_run_that_stopped_early_reports_only_the_peaks_it_passed() -> None:
+    path = bumpy_path(bumps=6)
+    trace = surface_trace(path)
+    until = int(np.searchsorted(trace.path_s_m, 0.5 + WINDOW_M))
+    figures = measure_surface(type(trace)(*(column[:until] for column in trace)), path, 20.0)
+    assert figures["curvature_peaks"] == 3
+
+
+def test_a_run_without_process_has_no_surface_figures() -> None:
+    figures = measure_surface(trace_of(np.zeros(500, np.int8)), bumpy_path(), 20.0)
+    assert math.isnan(figures["force_rms_error_n"])
+    assert math.isnan(figures["force_error_at_peaks_n"])
+    assert figures["curvature_peaks"] == 0
