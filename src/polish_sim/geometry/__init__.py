@@ -1,1 +1,18 @@
-"""TODO."""
+"""Geometry: from a part's STL to a smooth surface, the region to polish and its distance field (layer 4)."""
+
+from polish_sim.geometry.fit import fit_surface
+from polish_sim.geometry.mesh import PartMesh, load_part
+from polish_sim.geometry.region import Region, select_region
+from polish_sim.geometry.surface import ClosestPoints, Curvature, Surface, SurfacePoints
+
+__all__ = [
+    "ClosestPoints",
+    "Curvature",
+    "PartMesh",
+    "Region",
+    "Surface",
+    "SurfacePoints",
+    "fit_surface",
+    "load_part",
+    "select_region",
+]

@@ -1,0 +1,165 @@
+"""Cut a surface where a quantity changes sign, along a clean line instead of whole facets (Surface -> Surface).
+
+A triangle inside the parameter domain of a quadratic Bezier triangle is one again, so what is left of a
+patch lies exactly on the patch.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.geometry.surface import Surface, build_surface
+from polish_sim.geometry.topology import find_adjacency
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+_EDGE_PAIRS = np.array([[0, 1], [1, 2], [2, 0]])
+
+
+class Clipped(NamedTuple):
+    """What is left of a surface."""
+
+    surface: Surface
+    parents: Ints
+    """Facet of the original each facet was cut from, shape (k,)."""
+
+
+class _Cut(NamedTuple):
+    """Triangles in the parameter domain of their parents."""
+
+    parents: Ints
+    """Parent facet, shape (k,)."""
+    barycentric: Floats
+    """Corners in the parent, shape (k, 3, 3)."""
+    faces: Ints
+    """Vertex numbers; cut points are numbered after the vertices, shape (k, 3)."""
+
+
+def clip(surface: Surface, values: Floats, on: float = 0.0) -> Clipped:
+    """Keep the part of a surface where a quantity is positive.
+
+    Args:
+        surface: The surface.
+        values: The quantity as a quadratic over each patch, shape (m, 6); equal along shared edges.
+        on: Corners where its magnitude is at most this lie on the cut.
+
+    Returns:
+        The part where it is positive, and the facets it came from.
+    """
+    sign = np.sign(np.where(np.abs(values[:, :3]) <= on, 0.0, values[:, :3])).astype(np.int8)
+    inside = ~(sign < 0).any(axis=1)
+    crossed = (sign > 0).any(axis=1) & ~inside
+    whole = np.flatnonzero(inside).astype(np.int32)
+    if not crossed.any():
+        return Clipped(surface.restrict(whole), whole)
+    cut_at, cut_vertex, count = _edge_cuts(surface, values, sign)
+    pieces = _cut_facets(surface, np.flatnonzero(crossed), sign, cut_at, cut_vertex)
+    corner = np.broadcast_to(np.eye(3), (len(whole), 3, 3))
+    cut = _Cut(
+        np.concatenate([whole, pieces.parents]),
+        np.concatenate([corner, pieces.barycentric]),
+        np.concatenate([surface.faces[whole], pieces.faces]),
+    )
+    return Clipped(_build(surface, cut, len(surface.vertices) + count), cut.parents)
+
+
+def _edge_cuts(surface: Surface, values: Floats, sign: NDArray[np.int8]) -> tuple[Floats, Ints, int]:
+    """Where each edge is cut (from corner e on), the number of the cut point, and how many there are."""
+    first, second = surface.faces, np.roll(surface.faces, -1, axis=1)
+    swap = first > second
+    here, ahead = values[:, :3], np.roll(values[:, :3], -1, axis=1)
+    start, end, middle = np.where(swap, ahead, here), np.where(swap, here, ahead), values[:, 3:]
+    cut = sign * np.roll(sign, -1, axis=1) < 0
+    at = np.full(cut.shape, np.nan)
+    at[cut] = _root(start[cut], middle[cut], end[cut])
+    low, high = np.minimum(first, second)[cut], np.maximum(first, second)[cut]
+    _, number = np.unique(low.astype(np.int64) * (len(surface.vertices) + 1) + high, return_inverse=True)
+    vertex = np.full(cut.shape, -1, dtype=np.int32)
+    vertex[cut] = len(surface.vertices) + number
+    return np.where(swap, 1.0 - at, at), vertex, int(number.max()) + 1
+
+
+def _root(start: Floats, middle: Floats, end: Floats) -> Floats:
+    """Root in (0, 1) of the quadratic Bezier function whose ends differ in sign."""
+    a, b, c = start - 2.0 * middle + end, middle - start, start
+    root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+    # a t^2 + 2 b t + c = 0 in the form that does not cancel; the falling or rising branch by the ends' signs.
+    return np.clip(c / (-b + np.where(start > 0.0, root, -root)), 1e-9, 1.0 - 1e-9)
+
+
+def _cut_facets(
+    surface: Surface, facets: NDArray[np.int64], sign: NDArray[np.int8], cut_at: Floats, cut_vertex: Ints
+) -> _Cut:
+    parents: list[int] = []
+    corners: list[list[Floats]] = []
+    faces: list[list[int]] = []
+    for facet in facets:
+        points: list[Floats] = []
+        numbers: list[int] = []
+        for corner in range(3):
+            if sign[facet, corner] >= 0:
+                points.append(np.eye(3)[corner])
+                numbers.append(int(surface.faces[facet, corner]))
+            if cut_vertex[facet, corner] >= 0:
+                t = cut_at[facet, corner]
+                points.append((1.0 - t) * np.eye(3)[corner] + t * np.eye(3)[(corner + 1) % 3])
+                numbers.append(int(cut_vertex[facet, corner]))
+        for triangle in _fan(surface.vertices[surface.faces[facet]], points):
+            parents.append(int(facet))
+            corners.append([points[i] for i in triangle])
+            faces.append([numbers[i] for i in triangle])
+    return _Cut(np.array(parents, np.int32), np.array(corners), np.array(faces, np.int32))
+
+
+def _fan(triangle: Floats, points: list[Floats]) -> list[tuple[int, int, int]]:
+    """Split a triangle or quadrangle; the quadrangle along its shorter diagonal."""
+    if len(points) == 3:
+        return [(0, 1, 2)]
+    places = np.array(points) @ triangle
+    if np.linalg.norm(places[0] - places[2]) <= np.linalg.norm(places[1] - places[3]):
+        return [(0, 1, 2), (0, 2, 3)]
+    return [(0, 1, 3), (1, 2, 3)]
+
+
+def _build(surface: Surface, cut: _Cut, count: int) -> Surface:
+    """Cut control nets to the pieces' corners and number the vertices anew."""
+    control = sub_patches(surface.control[cut.parents], cut.barycentric)
+    vertices = np.empty((count, 3))
+    vertices[cut.faces] = control[:, :3]
+    used, compact = np.unique(cut.faces, return_inverse=True)
+    faces = compact.reshape(-1, 3).astype(np.int32)
+    adjacency = find_adjacency(faces)
+    return build_surface(
+        vertices=vertices[used],
+        faces=faces,
+        control=control,
+        normal_control=sub_patches(surface.normal_control[cut.parents], cut.barycentric),
+        shape=cut.barycentric @ surface.shape[cut.parents],
+        adjacency=adjacency,
+        smooth=_inherited_smooth(surface, cut) & (adjacency.facets >= 0),
+    )
+
+
+def sub_patches(control: Floats, barycentric: Floats) -> Floats:
+    """Control values, shape (k, 6, d), of the triangles with these corners in their parents, shape (k, 3, 3).
+
+    The control value of two corners a, b is the parent's blossom, sum of P_ij a_i b_j.
+    """
+    net = control[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2]]]
+    pairs = [(0, 0), (1, 1), (2, 2), *map(tuple, _EDGE_PAIRS)]
+    return np.stack([np.einsum("ki,kj,kijd->kd", barycentric[:, a], barycentric[:, b], net) for a, b in pairs], axis=1)
+
+
+def _inherited_smooth(surface: Surface, cut: _Cut) -> NDArray[np.bool_]:
+    """Edges inside a parent are smooth; edges on a parent's edge are as smooth as that."""
+    smooth = np.ones((len(cut.parents), 3), dtype=bool)
+    for edge, (a, b) in enumerate(_EDGE_PAIRS):
+        for parent_edge in range(3):
+            absent = (parent_edge + 2) % 3
+            lies_on = (cut.barycentric[:, a, absent] == 0.0) & (cut.barycentric[:, b, absent] == 0.0)
+            smooth[:, edge] &= ~lies_on | surface.smooth[cut.parents, parent_edge]
+    return smooth

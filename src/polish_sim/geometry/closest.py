@@ -1,0 +1,232 @@
+"""Closest point on quadratic Bezier triangles, exact for each patch (points -> facets and barycentrics)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from polish_sim.geometry.bvh import box_distance2
+
+_STEPS = 24
+_STEP_DONE = 1e-13
+
+
+@njit(cache=True)
+def closest_on_patch(patch, x, y, z):  # type: ignore[no-untyped-def]
+    """Closest point of one patch.
+
+    Newton's method on the whole quadratic first; where it ends outside the triangle, the three edges.
+
+    Args:
+        patch: Control points [m], shape (6, 3).
+        x: Point [m].
+        y: Point [m].
+        z: Point [m].
+
+    Returns:
+        Squared distance [m^2] and barycentric coordinates u, v.
+    """
+    u, v, inside = _newton(patch, x, y, z)
+    if inside:
+        return _distance2(patch, u, v, x, y, z), u, v
+    best, best_u, best_v = np.inf, 0.0, 0.0
+    for edge in range(3):
+        t, distance2 = _closest_on_edge(patch, edge, x, y, z)
+        if distance2 < best:
+            best = distance2
+            if edge == 0:
+                best_u, best_v = 1.0 - t, t
+            elif edge == 1:
+                best_u, best_v = 0.0, 1.0 - t
+            else:
+                best_u, best_v = t, 0.0
+    return best, best_u, best_v
+
+
+@njit(cache=True)
+def _newton(patch, x, y, z):  # type: ignore[no-untyped-def]
+    """Stationary point of the distance to the patch continued beyond its edges; whether it lies in the patch."""
+    guu = guv = gvv = 0.0
+    ru = rv = 0.0
+    for k in range(3):
+        q = x if k == 0 else (y if k == 1 else z)
+        eu, ev = patch[0, k] - patch[2, k], patch[1, k] - patch[2, k]
+        guu += eu * eu
+        guv += eu * ev
+        gvv += ev * ev
+        ru += eu * (q - patch[2, k])
+        rv += ev * (q - patch[2, k])
+    det = guu * gvv - guv * guv
+    if det <= 1e-28 * guu * gvv:
+        return 0.0, 0.0, False
+    # Start from the foot on the flat triangle, kept near it.
+    u = min(max((gvv * ru - guv * rv) / det, -0.2), 1.2)
+    v = min(max((guu * rv - guv * ru) / det, -0.2), 1.2)
+    for _ in range(_STEPS):
+        w = 1.0 - u - v
+        fu = fv = huu = huv = hvv = quu = quv = qvv = 0.0
+        for k in range(3):
+            q = x if k == 0 else (y if k == 1 else z)
+            p0, p1, p2 = patch[0, k], patch[1, k], patch[2, k]
+            p3, p4, p5 = patch[3, k], patch[4, k], patch[5, k]
+            a, b, c = u * p0 + v * p3 + w * p5, u * p3 + v * p1 + w * p4, u * p5 + v * p4 + w * p2
+            r = u * a + v * b + w * c - q
+            du, dv = 2.0 * (a - c), 2.0 * (b - c)
+            fu += r * du
+            fv += r * dv
+            huu += du * du
+            huv += du * dv
+            hvv += dv * dv
+            quu += r * 2.0 * (p0 - 2.0 * p5 + p2)
+            quv += r * 2.0 * (p3 - p5 - p4 + p2)
+            qvv += r * 2.0 * (p1 - 2.0 * p4 + p2)
+        a, b, c = huu + quu, huv + quv, hvv + qvv
+        det = a * c - b * b
+        if a <= 0.0 or det <= 1e-3 * huu * hvv * 1e-3:
+            # Not convex here: the Gauss-Newton step goes downhill.
+            a, b, c = huu, huv, hvv
+            det = a * c - b * b
+            if det <= 1e-28 * huu * hvv:
+                return u, v, False
+        su, sv = (c * fu - b * fv) / det, (a * fv - b * fu) / det
+        size = max(abs(su), abs(sv))
+        if size > 0.5:
+            su, sv = 0.5 * su / size, 0.5 * sv / size
+        u -= su
+        v -= sv
+        if size < _STEP_DONE:
+            break
+        if u < -1.0 or v < -1.0 or u + v > 2.0:
+            return u, v, False
+    return u, v, u >= 0.0 and v >= 0.0 and u + v <= 1.0
+
+
+@njit(cache=True)
+def _distance2(patch, u, v, x, y, z):  # type: ignore[no-untyped-def]
+    w = 1.0 - u - v
+    total = 0.0
+    for k in range(3):
+        q = x if k == 0 else (y if k == 1 else z)
+        r = (
+            u * u * patch[0, k]
+            + v * v * patch[1, k]
+            + w * w * patch[2, k]
+            + 2.0 * (u * v * patch[3, k] + v * w * patch[4, k] + w * u * patch[5, k])
+            - q
+        )
+        total += r * r
+    return total
+
+
+@njit(cache=True)
+def _closest_on_edge(patch, edge, x, y, z):  # type: ignore[no-untyped-def]
+    """Closest point of an edge: its parameter from corner ``edge`` on, and the squared distance."""
+    last = (edge + 1) % 3
+    # |c0 + c1 t + c2 t^2|^2 as a polynomial of degree four in t.
+    q0 = q1 = q2 = q3 = q4 = 0.0
+    for k in range(3):
+        q = x if k == 0 else (y if k == 1 else z)
+        c0 = patch[edge, k] - q
+        c1 = 2.0 * (patch[3 + edge, k] - patch[edge, k])
+        c2 = patch[edge, k] - 2.0 * patch[3 + edge, k] + patch[last, k]
+        q0 += c0 * c0
+        q1 += 2.0 * c0 * c1
+        q2 += c1 * c1 + 2.0 * c0 * c2
+        q3 += 2.0 * c1 * c2
+        q4 += c2 * c2
+    best_t, best = 0.0, np.inf
+    for i in range(5):
+        t = 0.25 * i
+        value = q0 + t * (q1 + t * (q2 + t * (q3 + t * q4)))
+        if value < best:
+            best, best_t = value, t
+    t = best_t
+    low, high = max(t - 0.25, 0.0), min(t + 0.25, 1.0)
+    for _ in range(_STEPS):
+        slope = q1 + t * (2.0 * q2 + t * (3.0 * q3 + t * 4.0 * q4))
+        bend = 2.0 * q2 + t * (6.0 * q3 + t * 12.0 * q4)
+        if slope > 0.0:
+            high = t
+        else:
+            low = t
+        step = t - slope / bend if bend > 0.0 else -1.0
+        moved = step if low < step < high else 0.5 * (low + high)
+        if step <= low and low == 0.0 and slope > 0.0:
+            moved = 0.0
+        if step >= high and high == 1.0 and slope < 0.0:
+            moved = 1.0
+        done = abs(moved - t) < _STEP_DONE
+        t = moved
+        if done:
+            break
+    total = 0.0
+    s = 1.0 - t
+    for k in range(3):
+        q = x if k == 0 else (y if k == 1 else z)
+        r = s * s * patch[edge, k] + 2.0 * s * t * patch[3 + edge, k] + t * t * patch[last, k] - q
+        total += r * r
+    return t, total
+
+
+@njit(cache=True)
+def closest_in_tree(control, tree, x, y, z, hint, limit2):  # type: ignore[no-untyped-def]
+    """Closest point of all patches.
+
+    Args:
+        control: Control points [m], shape (m, 6, 3).
+        tree: Boxes over the patches.
+        x: Point [m].
+        y: Point [m].
+        z: Point [m].
+        hint: A patch that may be close, or -1.
+        limit2: Squared distance beyond which nothing is looked for [m^2].
+
+    Returns:
+        Squared distance [m^2], facet (-1 if none within the limit), u, v.
+    """
+    best, facet, best_u, best_v = limit2, -1, 0.0, 0.0
+    if hint >= 0:
+        distance2, u, v = closest_on_patch(control[hint], x, y, z)
+        if distance2 < best:
+            best, facet, best_u, best_v = distance2, hint, u, v
+    stack = np.empty(64, np.int32)
+    bounds = np.empty(64)
+    stack[0], bounds[0] = 0, box_distance2(tree.low, tree.high, 0, x, y, z)
+    top = 1
+    while top > 0:
+        top -= 1
+        if bounds[top] >= best:
+            continue
+        node = stack[top]
+        if tree.right[node] < 0:
+            for i in range(tree.first[node], tree.first[node] + tree.count[node]):
+                item = tree.items[i]
+                if item == hint:
+                    continue
+                distance2, u, v = closest_on_patch(control[item], x, y, z)
+                if distance2 < best:
+                    best, facet, best_u, best_v = distance2, item, u, v
+            continue
+        left, right = node + 1, tree.right[node]
+        left_bound = box_distance2(tree.low, tree.high, left, x, y, z)
+        right_bound = box_distance2(tree.low, tree.high, right, x, y, z)
+        if left_bound <= right_bound:
+            stack[top], bounds[top] = right, right_bound
+            stack[top + 1], bounds[top + 1] = left, left_bound
+        else:
+            stack[top], bounds[top] = left, left_bound
+            stack[top + 1], bounds[top + 1] = right, right_bound
+        top += 2
+    return best, facet, best_u, best_v
+
+
+@njit(cache=True)
+def closest_points(control, tree, points, hints):  # type: ignore[no-untyped-def]
+    """Closest facet (n,) and barycentric coordinates (n, 3) for points (n, 3); hints (n,) or -1."""
+    facets = np.empty(len(points), np.int32)
+    barycentric = np.empty((len(points), 3))
+    for i in range(len(points)):
+        _, facet, u, v = closest_in_tree(control, tree, points[i, 0], points[i, 1], points[i, 2], hints[i], np.inf)
+        facets[i] = facet
+        barycentric[i, 0], barycentric[i, 1], barycentric[i, 2] = u, v, 1.0 - u - v
+    return facets, barycentric

@@ -1,0 +1,153 @@
+"""Creases, smooth groups and vertex normals of a mesh (faces -> one normal per vertex and smooth group)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.geometry.topology import Adjacency, label_pieces
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Bools = NDArray[np.bool_]
+
+FEATURE_ANGLE = np.radians(30.0)
+"""Edges that bend more than this are creases [rad]."""
+
+FLAT_TOLERANCE = 5e-7
+"""Facets are coplanar when they deviate by less than this share of the part's size (float32 noise)."""
+
+FLAT_DOMINANCE = 4.0
+"""At a vertex a flat face this many times larger than what it blends into keeps its own normal."""
+
+
+class SmoothCorners(NamedTuple):
+    """Corners of facets gathered to smooth vertices: one per vertex and smooth group."""
+
+    index: Ints
+    """Smooth vertex of each facet corner, shape (m, 3)."""
+    normals: Floats
+    """Unit normals of the smooth vertices, shape (k, 3)."""
+
+
+def facet_normals(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
+    """Return unit normals (m, 3) and areas (m,) [m^2] of flat facets."""
+    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
+    cross = np.cross(b - a, c - a)
+    length = np.linalg.norm(cross, axis=1)
+    return cross / np.maximum(length, 1e-300)[:, None], 0.5 * length
+
+
+def smooth_edges(normals: Floats, adjacency: Adjacency, feature_angle: float = FEATURE_ANGLE) -> Bools:
+    """Tell which edges bend less than the feature angle, shape (m, 3); borders do not count as smooth."""
+    cosine = np.einsum("mj,mej->me", normals, normals[adjacency.facets])
+    return (adjacency.facets >= 0) & (cosine > np.cos(feature_angle))
+
+
+def smooth_corners(vertices: Floats, faces: Ints, adjacency: Adjacency, smooth: Bools) -> SmoothCorners:
+    """Gather facet corners across smooth edges and give each gathering one normal.
+
+    Weights sin(angle) / (|e1| |e2|) make the normals exact on a sphere (Max 1999); where a much larger
+    flat face meets a rounding, the flat face's own normal is kept so that it stays flat.
+
+    Args:
+        vertices: Vertices [m], shape (n, 3).
+        faces: Vertex indices, shape (m, 3).
+        adjacency: Neighbours across edges.
+        smooth: Which edges are smooth, shape (m, 3).
+
+    Returns:
+        Smooth vertices with their normals.
+    """
+    count, index = _gather_corners(adjacency, smooth)
+    normals = _sum_over(index, _max_weights(vertices, faces), count)
+    normals = _keep_flat_faces(vertices, faces, adjacency, index, normals)
+    length = np.linalg.norm(normals, axis=1)
+    own, _ = facet_normals(vertices, faces)
+    spare = np.empty((count, 3))
+    spare[index.ravel()] = np.repeat(own, 3, axis=0)
+    lost = length < 1e-12
+    return SmoothCorners(index, np.where(lost[:, None], spare, normals / np.where(lost, 1.0, length)[:, None]))
+
+
+def _gather_corners(adjacency: Adjacency, smooth: Bools) -> tuple[int, Ints]:
+    facet, edge = np.nonzero(smooth)
+    other, other_edge = adjacency.facets[facet, edge], adjacency.edges[facet, edge]
+    starts = np.column_stack([3 * facet + edge, 3 * other + (other_edge + 1) % 3])
+    ends = np.column_stack([3 * facet + (edge + 1) % 3, 3 * other + other_edge])
+    count, labels = label_pieces(np.concatenate([starts, ends]).astype(np.int64), adjacency.facets.size)
+    return count, labels.reshape(-1, 3)
+
+
+def _max_weights(vertices: Floats, faces: Ints) -> Floats:
+    """Weighted facet normals at each corner, n sin(angle) / (|e1| |e2|), shape (m, 3, 3)."""
+    corners = vertices[faces]
+    ahead = np.roll(corners, -1, axis=1) - corners
+    behind = np.roll(corners, 1, axis=1) - corners
+    size = (ahead**2).sum(axis=2) * (behind**2).sum(axis=2)
+    cross = np.cross(ahead[:, 0], behind[:, 0])
+    return cross[:, None, :] / size[:, :, None]
+
+
+def _sum_over(index: Ints, values: Floats, count: int) -> Floats:
+    flat, columns = index.ravel(), values.reshape(-1, values.shape[-1])
+    return np.column_stack([np.bincount(flat, weights=column, minlength=count) for column in columns.T])
+
+
+def _keep_flat_faces(vertices: Floats, faces: Ints, adjacency: Adjacency, index: Ints, normals: Floats) -> Floats:
+    """Replace normals at the rim of flat faces that dominate their vertex by the face's normal."""
+    labels, face_areas, face_normals_ = flat_faces(vertices, faces, adjacency)
+    corner_area = np.repeat(face_areas[labels], 3)
+    largest = np.zeros(len(normals))
+    np.maximum.at(largest, index.ravel(), corner_area)
+    # The largest flat face at each smooth vertex, and the largest among the others.
+    is_largest = corner_area == largest[index.ravel()]
+    owner = np.zeros(len(normals), dtype=np.int64)
+    owner[index.ravel()[is_largest]] = np.repeat(labels, 3)[is_largest]
+    others = np.repeat(labels, 3) != owner[index.ravel()]
+    second = np.zeros(len(normals))
+    np.maximum.at(second, index.ravel()[others], corner_area[others])
+    dominates = largest > FLAT_DOMINANCE * second
+    return np.where(dominates[:, None], face_normals_[owner], normals)
+
+
+def flat_faces(vertices: Floats, faces: Ints, adjacency: Adjacency) -> tuple[Ints, Floats, Floats]:
+    """Gather coplanar neighbouring facets to flat faces.
+
+    Returns:
+        Each facet's face, shape (m,); the faces' areas [m^2], shape (k,), and unit normals, shape (k, 3).
+        A gathering that is bent after all is left apart: each of its facets is a face.
+    """
+    normals, areas = facet_normals(vertices, faces)
+    tolerance = FLAT_TOLERANCE * float(np.ptp(vertices, axis=0).max())
+    opposite = faces[adjacency.facets, (adjacency.edges + 2) % 3]
+    off_plane = np.abs(np.einsum("mej,mj->me", vertices[opposite] - vertices[faces], normals))
+    facing = np.einsum("mj,mej->me", normals, normals[adjacency.facets]) > 0.0
+    coplanar = (adjacency.facets >= 0) & (off_plane < tolerance) & facing
+    facet, edge = np.nonzero(coplanar)
+    links = np.column_stack([facet, adjacency.facets[facet, edge]]).astype(np.int64)
+    count, labels = label_pieces(links, len(faces))
+    total, mean = _face_means(labels, areas, normals, count)
+    bent = _bent_faces(vertices, faces, labels, mean, 4.0 * tolerance, count)
+    if bent.any():
+        alone = bent[labels]
+        labels = np.unique(np.where(alone, count + np.arange(len(faces)), labels), return_inverse=True)[1]
+        total, mean = _face_means(labels, areas, normals, int(labels.max()) + 1)
+    return labels.astype(np.int32), total, mean
+
+
+def _face_means(labels: NDArray[np.integer], areas: Floats, normals: Floats, count: int) -> tuple[Floats, Floats]:
+    total = np.bincount(labels, weights=areas, minlength=count)
+    mean = _sum_over(labels.astype(np.int32), areas[:, None] * normals, count)
+    return total, mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
+
+
+def _bent_faces(vertices: Floats, faces: Ints, labels: Ints, normals: Floats, tolerance: float, count: int) -> Bools:
+    """Tell which gatherings leave their mean plane."""
+    height = np.einsum("mcj,mj->mc", vertices[faces], normals[labels])
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, labels, height.min(axis=1))
+    np.maximum.at(high, labels, height.max(axis=1))
+    return high - low > tolerance

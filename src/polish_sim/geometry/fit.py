@@ -1,0 +1,113 @@
+"""Fit quadratic Bezier triangles to a mesh: creases stay sharp, planes flat, the skin watertight (mesh -> Surface)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.geometry.bezier import (
+    ControlRule,
+    TangentRule,
+    from_corners,
+    hermite_midpoint,
+    through_midpoint,
+    unit_tangents,
+)
+from polish_sim.geometry.crease import CreaseTangents, crease_tangents
+from polish_sim.geometry.features import FEATURE_ANGLE, SmoothCorners, facet_normals, smooth_corners, smooth_edges
+from polish_sim.geometry.mesh import PartMesh
+from polish_sim.geometry.shape import vertex_shape
+from polish_sim.geometry.surface import Surface, build_surface
+from polish_sim.geometry.topology import find_adjacency
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+STEEPEST = np.radians(45.0)
+"""An edge whose end tangents leave the chord by more than this stays straight: its normals mean nothing [rad]."""
+
+
+def fit_surface(
+    mesh: PartMesh,
+    feature_angle: float = FEATURE_ANGLE,
+    tangents: TangentRule = unit_tangents,
+    control_point: ControlRule = through_midpoint,
+) -> Surface:
+    """Fit one quadratic Bezier triangle to each facet (paper 1, eq. 1-4).
+
+    Args:
+        mesh: The part.
+        feature_angle: Edges that bend more stay sharp [rad].
+        tangents: Length of the Hermite curves' end tangents.
+        control_point: What the Hermite curve's mid-point means for the edge's control point.
+
+    Returns:
+        The surface, in the work frame.
+    """
+    return fit_triangles(mesh.vertices, mesh.faces, feature_angle, tangents, control_point)
+
+
+def fit_triangles(
+    vertices: Floats,
+    faces: Ints,
+    feature_angle: float = FEATURE_ANGLE,
+    tangents: TangentRule = unit_tangents,
+    control_point: ControlRule = through_midpoint,
+) -> Surface:
+    """Fit bare triangles, vertices (n, 3) [m] and faces (m, 3); see :func:`fit_surface`."""
+    adjacency = find_adjacency(faces)
+    normals, _ = facet_normals(vertices, faces)
+    smooth = smooth_edges(normals, adjacency, feature_angle)
+    corners = smooth_corners(vertices, faces, adjacency, smooth)
+    creases = crease_tangents(vertices, faces, adjacency.facets, smooth)
+    points = _edge_points(vertices, faces, corners, smooth, creases, tangents, control_point)
+    return build_surface(
+        vertices=vertices,
+        faces=faces,
+        control=np.concatenate([vertices[faces], points], axis=1),
+        normal_control=from_corners(corners.normals[corners.index]),
+        shape=vertex_shape(vertices, faces, corners),
+        adjacency=adjacency,
+        smooth=smooth,
+    )
+
+
+def _edge_points(
+    vertices: Floats,
+    faces: Ints,
+    corners: SmoothCorners,
+    smooth: NDArray[np.bool_],
+    creases: CreaseTangents,
+    tangents: TangentRule,
+    control_point: ControlRule,
+) -> Floats:
+    """Control points of the three edges of each facet, shape (m, 3, 3); the same number from both sides."""
+    first, second = faces, np.roll(faces, -1, axis=1)
+    swap = first > second
+    start, end = vertices[np.where(swap, second, first)], vertices[np.where(swap, first, second)]
+    chord = end - start
+    unit_chord = chord / np.linalg.norm(chord, axis=-1, keepdims=True)
+    normal_here = corners.normals[corners.index]
+    normal_ahead = np.roll(normal_here, -1, axis=1)
+    start_normal = np.where(swap[..., None], normal_ahead, normal_here)
+    end_normal = np.where(swap[..., None], normal_here, normal_ahead)
+    # Along a crease both sides take the crease's own direction; inside, the chord turned into the tangent plane.
+    start_way = np.where(smooth[..., None], unit_chord, creases.start)
+    end_way = np.where(smooth[..., None], unit_chord, creases.end)
+    turned = (smooth | creases.border)[..., None]
+    start_way = _unit(np.where(turned, _into_plane(start_way, start_normal), start_way))
+    end_way = _unit(np.where(turned, _into_plane(end_way, end_normal), end_way))
+    too_steep = np.minimum((start_way * unit_chord).sum(-1), (end_way * unit_chord).sum(-1)) < np.cos(STEEPEST)
+    start_way = np.where(too_steep[..., None], unit_chord, start_way)
+    end_way = np.where(too_steep[..., None], unit_chord, end_way)
+    middle = hermite_midpoint(start, end, tangents(chord, start_way), tangents(chord, end_way))
+    return control_point(start, end, middle)
+
+
+def _into_plane(directions: Floats, normals: Floats) -> Floats:
+    """Component perpendicular to the normals: n x (v x n) (paper 1, eq. 4)."""
+    return directions - (directions * normals).sum(axis=-1, keepdims=True) * normals
+
+
+def _unit(vectors: Floats) -> Floats:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)

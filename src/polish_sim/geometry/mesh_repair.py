@@ -1,0 +1,113 @@
+"""Repairs of a triangle soup that need no guessing: merge corners, drop empty facets, turn facets outward."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from polish_sim.errors import MeshError
+from polish_sim.geometry.topology import find_edge_faults, label_pieces
+from polish_sim.geometry.winding import wind_consistently
+
+WELD = 1e-5
+"""Gaps up to this share of the part's size are closed when exact merging leaves the mesh open."""
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+
+def merge_vertices(triangles: Floats) -> tuple[Floats, Ints, tuple[str, ...]]:
+    """Merge equal corners of a triangle soup; weld tiny gaps if that makes the mesh less open.
+
+    Args:
+        triangles: Corners [m], shape (m, 3, 3).
+
+    Returns:
+        Vertices [m], shape (n, 3); faces, shape (m, 3); notes.
+    """
+    vertices, faces = _merge_equal(triangles)
+    gaps = find_edge_faults(faces).open
+    if gaps == 0:
+        return vertices, faces, ()
+    tolerance = WELD * float(np.ptp(vertices, axis=0).max())
+    welded = _weld(vertices, faces, tolerance)
+    collapsed = (welded == np.roll(welded, 1, axis=1)).any(axis=1)
+    faults = find_edge_faults(welded[~collapsed])
+    if faults.open >= gaps or faults.crowded > 0:
+        return vertices, faces, (f"open surface: {gaps} border edges",)
+    rest = f", {faults.open} border edges remain" if faults.open else ""
+    return vertices, welded, (f"closed gaps up to {tolerance * 1e3:.1g} mm at {gaps} border edges{rest}",)
+
+
+def drop_bad_facets(vertices: Floats, faces: Ints, path: Path) -> tuple[Ints, Ints, tuple[str, ...]]:
+    """Drop facets without area and facets that occur twice.
+
+    Returns:
+        Faces kept, their numbers among those given, notes.
+
+    Raises:
+        MeshError: No facet with an area is left.
+    """
+    doubled_area = np.linalg.norm(_area_vectors(vertices, faces), axis=1)
+    size = float(np.ptp(vertices, axis=0).max())
+    repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    empty = repeated | (doubled_area <= 1e-14 * size * size)
+    if empty.all():
+        raise MeshError(
+            f"{path}: all {len(faces)} facets have zero area (all points on a line or in one place). "
+            "Export the part again."
+        )
+    numbers = np.flatnonzero(~empty)
+    _, first = np.unique(np.sort(faces[numbers], axis=1), axis=0, return_index=True)
+    once = numbers[np.sort(first)]
+    counts = ((int(empty.sum()), "without area"), (len(numbers) - len(once), "that occur twice"))
+    return faces[once], once.astype(np.int32), tuple(f"dropped {count} facets {why}" for count, why in counts if count)
+
+
+def orient_outward(vertices: Floats, faces: Ints, path: Path) -> tuple[Ints, tuple[str, ...]]:
+    """Wind all facets of a piece alike, and outward where the piece is closed.
+
+    Raises:
+        MeshError: The surface has only one side (a Moebius strip), so no winding is right.
+    """
+    wound, flips, two_sided = wind_consistently(faces)
+    if not two_sided:
+        raise MeshError(f"{path}: the surface is one-sided (like a Moebius strip). Repair the part.")
+    notes = [f"turned {flips} facets that were wound the other way"] if flips else []
+    volume = _signed_volume(vertices, wound)
+    if find_edge_faults(wound).open == 0 and volume < 0:
+        wound = np.ascontiguousarray(wound[:, ::-1])
+        notes.append("turned the whole part inside out: its normals pointed inward")
+    return wound, tuple(notes)
+
+
+def _merge_equal(triangles: Floats) -> tuple[Floats, Ints]:
+    corners = np.ascontiguousarray(triangles.reshape(-1, 3)) + 0.0  # -0.0 and 0.0 are the same place
+    order = np.lexsort(corners.T)
+    ordered = corners[order]
+    new = np.concatenate([[True], (ordered[1:] != ordered[:-1]).any(axis=1)])
+    index = np.empty(len(corners), dtype=np.int32)
+    index[order] = np.cumsum(new) - 1
+    return ordered[new], index.reshape(-1, 3)
+
+
+def _weld(vertices: Floats, faces: Ints, tolerance: float) -> Ints:
+    pairs = cKDTree(vertices).query_pairs(tolerance, output_type="ndarray")
+    pieces, labels = label_pieces(pairs.astype(np.int64), len(vertices))
+    representative = np.full(pieces, -1, dtype=np.int32)
+    representative[labels[::-1]] = np.arange(len(vertices) - 1, -1, -1, dtype=np.int32)
+    return representative[labels][faces]
+
+
+def _area_vectors(vertices: Floats, faces: Ints) -> Floats:
+    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
+    return np.cross(b - a, c - a)
+
+
+def _signed_volume(vertices: Floats, faces: Ints) -> float:
+    """Volume enclosed by a closed mesh [m^3], negative when its facets are wound inward."""
+    centred = vertices - vertices.mean(axis=0)
+    return float((centred[faces[:, 0]] * _area_vectors(centred, faces)).sum() / 6.0)

@@ -1,0 +1,194 @@
+"""The smooth surface of a part: closest point, normal, curvature (quadratic Bezier triangles -> answers)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.geometry.bezier import blend, differentiate
+from polish_sim.geometry.bvh import BoxTree, build_box_tree
+from polish_sim.geometry.closest import closest_points
+from polish_sim.geometry.shape import unpack
+from polish_sim.geometry.topology import Adjacency
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Bools = NDArray[np.bool_]
+
+
+class SurfacePoints(NamedTuple):
+    """Points on a surface."""
+
+    positions: Floats
+    """Positions [m], shape (n, 3)."""
+    normals: Floats
+    """Unit normals, outward, continuous across smooth edges, shape (n, 3)."""
+
+
+class ClosestPoints(NamedTuple):
+    """Closest points on a surface."""
+
+    positions: Floats
+    """Positions [m], shape (n, 3)."""
+    normals: Floats
+    """Unit normals, outward, shape (n, 3)."""
+    facets: Ints
+    """Patches they lie on, shape (n,)."""
+    barycentric: Floats
+    """Barycentric coordinates u, v, w, shape (n, 3)."""
+
+
+class Curvature(NamedTuple):
+    """Principal curvatures, positive = convex seen from outside."""
+
+    k1: Floats
+    """Larger one [1/m], shape (n,)."""
+    k2: Floats
+    """Smaller one [1/m], shape (n,)."""
+    directions: Floats
+    """Unit direction of k1, shape (n, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Quadratic Bezier triangles, one per facet, with smooth normals and shape operators."""
+
+    vertices: Floats
+    """Vertices [m], shape (n, 3)."""
+    faces: Ints
+    """Vertex indices, shape (m, 3)."""
+    control: Floats
+    """Control points [m], shape (m, 6, 3); order as in :mod:`bezier`."""
+    normal_control: Floats
+    """Quadratic normal field, not normalised, shape (m, 6, 3)."""
+    shape: Floats
+    """Shape operators at the corners [1/m], packed, shape (m, 3, 6)."""
+    neighbours: Ints
+    """Facet across each edge, -1 at borders, shape (m, 3)."""
+    neighbour_edges: Ints
+    """Which edge of that facet it is, shape (m, 3)."""
+    smooth: Bools
+    """Edges across which the normal is continuous, shape (m, 3)."""
+    tree: BoxTree
+    """Boxes over the patches, for closest points."""
+
+    @cached_property
+    def facet_areas(self) -> Floats:
+        """Areas of the patches [m^2], shape (m,)."""
+        points = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
+        facets = np.arange(len(self.faces), dtype=np.int32)
+        total = np.zeros(len(facets))
+        for point in points:
+            along_u, along_v = differentiate(self.control, facets, np.tile(point, (len(facets), 1)))
+            total += np.linalg.norm(np.cross(along_u, along_v), axis=1) / 6.0
+        return total
+
+    @property
+    def bounds(self) -> Floats:
+        """Corners of the bounding box of the control points [m], shape (2, 3)."""
+        return np.stack([self.control.min(axis=(0, 1)), self.control.max(axis=(0, 1))])
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the surface has a border."""
+        return bool((self.neighbours < 0).any())
+
+    def evaluate(self, facets: Ints, barycentric: Floats) -> SurfacePoints:
+        """Positions and normals at facets (n,) and barycentric coordinates (n, 3)."""
+        facets, barycentric = np.asarray(facets, dtype=np.int32), np.asarray(barycentric, dtype=np.float64)
+        normals = blend(self.normal_control, facets, barycentric)
+        return SurfacePoints(blend(self.control, facets, barycentric), _unit(normals))
+
+    def patch_normals(self, facets: Ints, barycentric: Floats) -> Floats:
+        """Unit normals of the patches themselves, which jump a little between patches, shape (n, 3)."""
+        along_u, along_v = differentiate(self.control, np.asarray(facets, dtype=np.int32), barycentric)
+        return _unit(np.cross(along_u, along_v))
+
+    def closest(self, points: Floats, hint: Ints | None = None) -> ClosestPoints:
+        """Closest point of the surface to each point.
+
+        Args:
+            points: Points in the work frame [m], shape (n, 3).
+            hint: Facets that may be close, shape (n,); they save time, never change the answer.
+
+        Returns:
+            Positions, normals, facets and barycentric coordinates.
+        """
+        points = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+        hints = np.full(len(points), -1, dtype=np.int32) if hint is None else np.asarray(hint, dtype=np.int32)
+        facets, barycentric = closest_points(self.control, self.tree, points, hints)
+        positions, normals = self.evaluate(facets, barycentric)
+        return ClosestPoints(positions, normals, facets, barycentric)
+
+    def shape_operators(self, facets: Ints, barycentric: Floats) -> Floats:
+        """Shape operators S, dn = S dx, in the tangent plane [1/m], shape (n, 3, 3)."""
+        packed = np.einsum("nc,ncs->ns", barycentric, self.shape[facets])
+        normals = self.evaluate(facets, barycentric).normals
+        project = np.eye(3) - normals[:, :, None] * normals[:, None, :]
+        return np.asarray(project @ unpack(packed) @ project)
+
+    def curvature(self, facets: Ints, barycentric: Floats) -> Curvature:
+        """Principal curvatures at facets (n,) and barycentric coordinates (n, 3)."""
+        operators = self.shape_operators(facets, barycentric)
+        normals = self.evaluate(facets, barycentric).normals
+        axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+        first = _unit(np.cross(normals, axis))
+        second = np.cross(normals, first)
+        a = np.einsum("ni,nij,nj->n", first, operators, first)
+        b = np.einsum("ni,nij,nj->n", first, operators, second)
+        c = np.einsum("ni,nij,nj->n", second, operators, second)
+        angle = 0.5 * np.arctan2(2.0 * b, a - c)
+        spread = np.hypot(0.5 * (a - c), b)
+        directions = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+        return Curvature(0.5 * (a + c) + spread, 0.5 * (a + c) - spread, directions)
+
+    def normal_curvature(self, facets: Ints, barycentric: Floats, directions: Floats) -> Floats:
+        """Normal curvature along directions (n, 3) [1/m], shape (n,); positive = convex, sphere +1/R."""
+        operators = self.shape_operators(facets, barycentric)
+        normals = self.evaluate(facets, barycentric).normals
+        tangents = directions - (directions * normals).sum(axis=1, keepdims=True) * normals
+        length2 = np.maximum((tangents**2).sum(axis=1), 1e-300)
+        return np.asarray(np.einsum("ni,nij,nj->n", tangents, operators, tangents) / length2)
+
+    def restrict(self, facets: Ints) -> Surface:
+        """The part of the surface made of these facets (k,); facet i of it is ``facets[i]`` of this one."""
+        facets = np.asarray(facets, dtype=np.int32)
+        number = np.full(len(self.faces) + 1, -1, dtype=np.int32)
+        number[facets] = np.arange(len(facets), dtype=np.int32)
+        neighbours = number[self.neighbours[facets]]
+        used, compact = np.unique(self.faces[facets], return_inverse=True)
+        inside = neighbours >= 0
+        return build_surface(
+            vertices=self.vertices[used],
+            faces=compact.reshape(-1, 3).astype(np.int32),
+            control=self.control[facets],
+            normal_control=self.normal_control[facets],
+            shape=self.shape[facets],
+            adjacency=Adjacency(neighbours, np.where(inside, self.neighbour_edges[facets], -1).astype(np.int32)),
+            smooth=self.smooth[facets] & inside,
+        )
+
+
+def build_surface(
+    vertices: Floats,
+    faces: Ints,
+    control: Floats,
+    normal_control: Floats,
+    shape: Floats,
+    adjacency: Adjacency,
+    smooth: Bools,
+) -> Surface:
+    """Put a surface together: make its arrays read-only and grow the tree of boxes over its patches."""
+    arrays = [vertices, faces, control, normal_control, shape, adjacency.facets, adjacency.edges, smooth]
+    arrays = [np.ascontiguousarray(array) for array in arrays]
+    for array in arrays:
+        array.setflags(write=False)
+    return Surface(*arrays, tree=build_box_tree(arrays[2]))
+
+
+def _unit(vectors: Floats) -> Floats:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))

@@ -1,0 +1,108 @@
+"""How facets hang together: neighbours across edges, borders, connected pieces (faces -> adjacency)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+Ints = NDArray[np.int32]
+
+
+class Adjacency(NamedTuple):
+    """Neighbours across the three edges of each facet; edge e runs from corner e to corner e + 1."""
+
+    facets: Ints
+    """Facet on the other side, -1 at a border, shape (m, 3)."""
+    edges: Ints
+    """Which edge of that facet it is, -1 at a border, shape (m, 3)."""
+
+
+class EdgeFaults(NamedTuple):
+    """Edges at which a mesh is not the skin of a body."""
+
+    open: int
+    """Edges with one facet."""
+    crowded: int
+    """Edges with more than two facets."""
+    twisted: int
+    """Edges whose two facets disagree about which side is outside."""
+    first_crowded: Ints
+    """Vertices of the first crowded edge, shape (2,) or (0,)."""
+
+
+def find_adjacency(faces: Ints) -> Adjacency:
+    """Find the neighbour of each facet across each edge.
+
+    Args:
+        faces: Vertex indices, shape (m, 3), consistently wound. Edges that are not shared by exactly two
+            oppositely running facets count as borders.
+
+    Returns:
+        Neighbouring facets and their edges, each (m, 3).
+    """
+    start, end, order, key = sorted_half_edges(faces)
+    first, second = equal_pairs(key)
+    a, b = order[first], order[second]
+    opposite = start[a] == end[b]
+    a, b = a[opposite], b[opposite]
+    facets = np.full(3 * len(faces), -1, dtype=np.int32)
+    edges = facets.copy()
+    facets[a], facets[b] = b // 3, a // 3
+    edges[a], edges[b] = b % 3, a % 3
+    return Adjacency(facets.reshape(-1, 3), edges.reshape(-1, 3))
+
+
+def find_edge_faults(faces: Ints) -> EdgeFaults:
+    """Count the edges where the mesh is open, crowded or twisted."""
+    start, end, order, key = sorted_half_edges(faces)
+    _, at, counts = np.unique(key, return_index=True, return_counts=True)
+    first, second = equal_pairs(key)
+    twisted = start[order[first]] == start[order[second]]
+    crowded = order[at[counts > 2]]
+    example = np.array([start[crowded[0]], end[crowded[0]]]) if len(crowded) else np.empty(0)
+    return EdgeFaults(int((counts == 1).sum()), len(crowded), int(twisted.sum()), example.astype(np.int32))
+
+
+def label_pieces(links: NDArray[np.int64], count: int) -> tuple[int, Ints]:
+    """Label connected pieces of a graph.
+
+    Args:
+        links: Linked pairs of nodes, shape (k, 2).
+        count: Number of nodes.
+
+    Returns:
+        Number of pieces and each node's label, shape (count,).
+    """
+    graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(count, count))
+    pieces, labels = connected_components(graph, directed=False)
+    return int(pieces), labels.astype(np.int32)
+
+
+def facet_links(adjacency: Adjacency, keep: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+    """List pairs of neighbouring facets, shape (k, 2); ``keep`` (m, 3) tells which edges count."""
+    linked = adjacency.facets >= 0
+    if keep is not None:
+        linked &= keep
+    facet, edge = np.nonzero(linked)
+    return np.column_stack([facet, adjacency.facets[facet, edge]]).astype(np.int64)
+
+
+def sorted_half_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Half-edges in facet order (start, end), and the order and keys that bring equal edges together."""
+    start = faces.astype(np.int64).ravel()
+    end = np.roll(faces, -1, axis=1).astype(np.int64).ravel()
+    key = np.minimum(start, end) * (int(start.max(initial=0)) + 1) + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    return start, end, order, key[order]
+
+
+def equal_pairs(sorted_key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Positions of keys that occur exactly twice."""
+    same = sorted_key[1:] == sorted_key[:-1]
+    padded = np.concatenate([[False], same, [False]])
+    first = np.flatnonzero(same & ~padded[:-2] & ~padded[2:])
+    return first, first + 1
