@@ -53,7 +53,7 @@ class ProcessConfig:
     feed_m_s: float = key(0.01, "speed along the path [m/s]", 1e-4, 0.5)
     approach_speed_m_s: float = key(0.005, "speed of the approach [m/s]", 1e-4, 0.1)
     hold_s: float = key(4.0, "how long `force` holds after first contact [s]", 1.0, 600.0)
-    contact_threshold_n: float = key(3.0, "measured force that counts as contact [N]", 0.1, 50.0)
+    contact_threshold_n: float = key(2.0, "measured force that counts as contact [N]", 0.1, 50.0)
     search_depth_m: float = key(0.01, "how far past the nominal surface contact is sought [m]", 0.0, 0.1)
     max_feed_s: float = key(0.0, "stop the feed after this long, 0 = the whole path [s]", 0.0, 1e6)
 
@@ -147,7 +147,7 @@ class SpindleConfig:
 class SafetyConfig:
     """When the simulated robot stops itself."""
 
-    force_limit_n: float = key(100.0, "measured force at which the robot stops [N]", 1.0, 1e4)
+    force_limit_n: float = key(80.0, "measured force at which the robot stops [N]", 1.0, 1e4)
     torque_limit_nm: float = key(10.0, "measured torque at which the robot stops [N m]", 0.1, 1e3)
     singular_value_limit: float = key(
         0.02, "smallest singular value of the Jacobian at which the robot stops [-]", 0.0, 1.0

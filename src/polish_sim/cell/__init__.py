@@ -1,1 +1,23 @@
-"""TODO."""
+"""The cell: robot, compliant head, wrist sensor, part and the control loop; the only layer that knows MuJoCo (8a)."""
+
+from polish_sim.cell.cell import Cell, CellRun
+from polish_sim.cell.contact import RealPart, build_pad, press_pad
+from polish_sim.cell.observer import Observer, Silent
+from polish_sim.cell.real_part import build_real_part, no_part
+from polish_sim.cell.scene import build_scene, tool_on_flange
+from polish_sim.cell.sequence import Job
+
+__all__ = [
+    "Cell",
+    "CellRun",
+    "Job",
+    "Observer",
+    "RealPart",
+    "Silent",
+    "build_pad",
+    "build_real_part",
+    "build_scene",
+    "no_part",
+    "press_pad",
+    "tool_on_flange",
+]

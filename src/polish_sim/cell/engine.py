@@ -1,6 +1,6 @@
 """The engine's step functions, callable from compiled code (layer 8a).
 
-The Python binding of one step costs little, but the loop around it would cost more than the step itself. Compiled kernels
+One step through the Python binding costs little, but the loop around it would cost more than the step. Compiled kernels
 therefore call ``mj_step1`` and ``mj_step2`` of the very library the binding has loaded, found by symbol name, which
 numba can cache.
 """

@@ -38,8 +38,9 @@ class PathTable(NamedTuple):
 def build_path_table(
     positions: Array,
     rotations: Array,
+    s: Array | None = None,
     curvature: Array | None = None,
-    pass_index: NDArray[np.int32] | None = None,
+    pass_index: NDArray[np.int64] | None = None,
     spacing: float = 0.0005,
 ) -> PathTable:
     """Resample poses to equal steps of arc length; cubic in position, shortest turn in orientation.
@@ -47,6 +48,8 @@ def build_path_table(
     Args:
         positions: Tool points [m], shape (n, 3); repeated points are dropped.
         rotations: R_base_tool, shape (n, 3, 3).
+        s: Arc length to go by [m], strictly increasing, shape (n,): a path pressed into a part keeps that of the surface;
+            the points' own if not given.
         curvature: Normal curvature along the path [1/m], shape (n,); zero if not given.
         pass_index: Turn of each point, shape (n,); zero if not given.
         spacing: Wanted arc length between rows [m].
@@ -54,36 +57,29 @@ def build_path_table(
     Returns:
         The table.
     """
-    chords = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    kept = np.concatenate([[True], chords > 1e-9])
-    points, frames = positions[kept], rotations[kept]
+    own = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    place = own if s is None else s - s[0]
+    kept = np.concatenate([[True], np.diff(place) > 1e-9])
+    place, points, frames = place[kept], positions[kept], rotations[kept]
     bend = np.zeros(len(points)) if curvature is None else curvature[kept]
     turns = np.zeros(len(points), np.int32) if pass_index is None else pass_index[kept].astype(np.int32)
+    length = float(place[-1])
     if len(points) == 1:
-        points, frames = np.repeat(points, 2, axis=0), np.repeat(frames, 2, axis=0)
-        bend, turns = np.repeat(bend, 2), np.repeat(turns, 2)
-        nodes = np.array([0.0, spacing])
-        length = 0.0
-        s = nodes
-        sampled, tangents = points, np.zeros((2, 3))
-    else:
-        s = np.concatenate([[0.0], np.cumsum(chords[kept[1:]])])
-        length = float(s[-1])
-        nodes = np.linspace(0.0, length, max(2, math.ceil(length / spacing) + 1))
-        curve = CubicSpline(s, points, axis=0, bc_type="natural") if len(points) > 2 else None
-        sampled = curve(nodes) if curve else np.stack([np.interp(nodes, s, points[:, i]) for i in range(3)], axis=1)
-        tangents = curve(nodes, 1) if curve else np.repeat((points[1:] - points[:1]) / length, len(nodes), axis=0)
+        place, points = np.array([0.0, spacing]), np.repeat(points, 2, axis=0)
+        frames, bend, turns = np.repeat(frames, 2, axis=0), np.repeat(bend, 2), np.repeat(turns, 2)
+    nodes = np.linspace(0.0, float(place[-1]), max(2, math.ceil(place[-1] / spacing) + 1))
+    curve = CubicSpline(place, points, axis=0, bc_type="natural")
     step = float(nodes[1] - nodes[0])
-    quaternions = _interpolate_quaternions(s, Rotation.from_matrix(frames).as_quat(scalar_first=True), nodes)
+    quaternions = _interpolate_quaternions(place, Rotation.from_matrix(frames).as_quat(scalar_first=True), nodes)
     return PathTable(
         step,
         length,
-        np.ascontiguousarray(sampled),
-        np.ascontiguousarray(tangents),
+        np.ascontiguousarray(curve(nodes)),
+        np.ascontiguousarray(curve(nodes, 1)),
         quaternions,
-        _turning(quaternions, step) if length > 0.0 else np.zeros((2, 3)),
-        np.interp(nodes, s, bend),
-        turns[np.clip(np.searchsorted(s, nodes, side="right") - 1, 0, len(s) - 1)],
+        _turning(quaternions, step),
+        np.interp(nodes, place, bend),
+        turns[np.clip(np.searchsorted(place, nodes, side="right") - 1, 0, len(place) - 1)],
     )
 
 

@@ -1,0 +1,254 @@
+"""The cell: one robot, head, sensor, part and controller, assembled from a scenario and run (layer 8a)."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cell.contact import RealPart, build_pad
+from polish_sim.cell.crash_points import crash_points
+from polish_sim.cell.engine import register_engine
+from polish_sim.cell.guards import CONTROLLER_ERROR, ENGINE_CONTACT, REASONS, Guards
+from polish_sim.cell.limits import check_step_limits
+from polish_sim.cell.loop import ARRIVED, CLOCK, STATUS_SIZE, STOP, CellKernel, EngineViews, advance
+from polish_sim.cell.observer import Observer, Silent
+from polish_sim.cell.python_law import PythonLaw
+from polish_sim.cell.recorder import build_recorder, trace_from
+from polish_sim.cell.sequence import Job, build_sequence_state, expected_duration
+from polish_sim.cell.speedl import SpeedlModel, build_speedl_state
+from polish_sim.cell.wrist_sensor import Payload, build_sensor
+from polish_sim.config import Scenario
+from polish_sim.control.laws import CompiledController, Controller
+from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, TWIST_SIZE
+from polish_sim.log import RunLog, from_rows
+from polish_sim.motion import JOINT_LIMITS
+from polish_sim.trace import Trace
+
+Array = NDArray[np.float64]
+
+
+class CellRun(NamedTuple):
+    """What a run of the cell leaves behind."""
+
+    log: RunLog
+    trace: Trace
+    stop_reason: str | None
+    """Why the robot stopped itself, or None."""
+    interrupted: bool
+    steps: int
+    wall_s: float
+    """Time spent stepping [s]."""
+
+
+class Cell:
+    """A scenario's cell, ready to run.
+
+    Args:
+        scenario: Everything but the geometry.
+        model: The compiled scene.
+        part: What the pad touches; an empty one for motion in free space.
+        job: What is to be done.
+        q_start: Joint positions at the start [rad], shape (6,).
+        controller: The control law.
+        rng: Draws the sensor's bias, drift and noise.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        model: mujoco.MjModel,
+        part: RealPart,
+        job: Job,
+        q_start: Array,
+        controller: Controller,
+        rng: np.random.Generator,
+    ) -> None:
+        register_engine()
+        self.scenario, self.model, self.rng = scenario, model, rng
+        self.data = mujoco.MjData(model)
+        self.data.qpos[:6] = q_start
+        self.data.ctrl[0:12:2] = q_start
+        mujoco.mj_forward(model, self.data)
+        check_step_limits(scenario, self._tangential_mass())
+        self.kernel = self._build_kernel(part, job, q_start)
+        self.controller = controller
+        controller.reset(scenario.simulation.timestep_s * scenario.simulation.control_every)
+        self._law = self._attach(controller)
+        rate = scenario.simulation.log_rate_hz
+        self._every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
+
+    def run(self, observer: Observer | None = None) -> CellRun:
+        """Run the job to its end, to a protective stop, or to an interrupt; what was recorded is returned in any case.
+
+        Args:
+            observer: Told of the progress.
+
+        Returns:
+            The log, the trace and how it ended.
+        """
+        watcher = observer or Silent()
+        kernel, status = self.kernel, self.kernel.status
+        chunk = max(1, round(watcher.frame_every_s / kernel.engine.dt))
+        chunk += -chunk % self._every
+        recorder = build_recorder(chunk, self._every)
+        rows: list[Array] = []
+        traces: list[Array] = []
+        total = expected_duration(kernel.job)
+        interrupted, started = False, time.perf_counter()
+        try:
+            while status[STOP] == 0.0 and status[ARRIVED] == 0.0:
+                draws = self.rng.standard_normal((chunk, 12))
+                advance(kernel, recorder, self._law, draws, chunk)
+                rows.append(recorder.rows[: recorder.filled[0]].copy())
+                traces.append(recorder.trace[: recorder.filled[1]].copy())
+                if self.data.ncon and status[STOP] == 0.0:
+                    status[STOP] = ENGINE_CONTACT
+                watcher.progress(min(status[CLOCK] * kernel.engine.dt, total), total)
+                watcher.frame(self.model, self.data)
+        except KeyboardInterrupt:
+            interrupted = True
+        wall = time.perf_counter() - started
+        return CellRun(
+            from_rows(np.concatenate(rows)),
+            trace_from(np.concatenate(traces)),
+            self._stop_reason() if status[STOP] else None,
+            interrupted or self._was_interrupted(),
+            sum(len(t) for t in traces),
+            wall,
+        )
+
+    def _attach(self, controller: Controller) -> object:
+        """The controller's law for the compiled loop: its own, or a callback into Python."""
+        if isinstance(controller, CompiledController):
+            self.kernel = self.kernel._replace(context=controller.context)
+            return controller.compiled_law()
+        k = self.kernel
+        return PythonLaw(controller, k.measurement, k.target, k.twist, k.status)
+
+    def _was_interrupted(self) -> bool:
+        return isinstance(self._law, PythonLaw) and isinstance(self._law.error, KeyboardInterrupt)
+
+    def _stop_reason(self) -> str | None:
+        code = float(self.kernel.status[STOP])
+        if code == CONTROLLER_ERROR and isinstance(self._law, PythonLaw):
+            if self._was_interrupted():
+                return None
+            return f"{REASONS[code]}: {type(self._law.error).__name__}: {self._law.error}"
+        if code == ENGINE_CONTACT and self.data.ncon:
+            pair = self.data.contact[0].geom
+            return f"{REASONS[code]} ({', '.join(self.model.geom(int(g)).name for g in pair)})"
+        return REASONS[code]
+
+    def _tangential_mass(self) -> float:
+        """Least inertia the tool point shows against a push across the tool axis [kg]."""
+        inertia = np.zeros((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, self.data, inertia)
+        jacobian = np.zeros((3, self.model.nv))
+        mujoco.mj_jacSite(self.model, self.data, jacobian, None, self.model.site("pad").id)
+        across = self.data.site("tool").xmat.reshape(3, 3)[:, :2].T @ jacobian
+        mobility = across @ np.linalg.solve(inertia, across.T)
+        return float(1.0 / np.linalg.eigvalsh(mobility)[-1])
+
+    def _build_kernel(self, part: RealPart, job: Job, q_start: Array) -> CellKernel:
+        scenario = self.scenario
+        sensor, sensor_state = build_sensor(scenario.sensor, self.rng)
+        speedl = build_speedl(scenario)
+        return CellKernel(
+            engine_views(self.model, self.data),
+            build_pad(scenario.pad),
+            part,
+            scenario.spindle.speed_rpm * 2.0 * math.pi / 60.0,
+            sensor,
+            sensor_state,
+            believed_payload(self.model, self.data, scenario.sensor.payload_mass_error),
+            speedl,
+            build_speedl_state(speedl, q_start),
+            job,
+            build_sequence_state(),
+            self._guards(),
+            np.zeros(MEASUREMENT_SIZE),
+            np.zeros(TARGET_SIZE),
+            np.zeros(TWIST_SIZE),
+            np.zeros(1),
+            scenario.simulation.control_every,
+            np.zeros(6),
+            np.zeros((5, 3)),
+            np.zeros(STATUS_SIZE),
+        )
+
+    def _guards(self) -> Guards:
+        safety = self.scenario.safety
+        points, bodies = crash_points(self.model)
+        return Guards(
+            safety.force_limit_n,
+            safety.torque_limit_nm,
+            safety.contact_lost_s,
+            safety.sensor_timeout_s,
+            safety.singular_value_limit,
+            points,
+            bodies,
+            np.zeros(1),
+        )
+
+
+def build_speedl(scenario: Scenario) -> SpeedlModel:
+    """The robot's velocity interface as a scenario wants it."""
+    robot, dt = scenario.robot, scenario.simulation.timestep_s
+    return SpeedlModel(
+        round(robot.command_latency_s / dt),
+        robot.linear_acceleration_m_s2,
+        robot.angular_acceleration_rad_s2,
+        robot.command_timeout_s,
+        robot.joint_speed_limit_rad_s,
+        JOINT_LIMITS[:, 0].copy(),
+        JOINT_LIMITS[:, 1].copy(),
+        2.0 * scenario.safety.singular_value_limit,
+    )
+
+
+def believed_payload(model: mujoco.MjModel, data: mujoco.MjData, mass_error: float) -> Payload:
+    """The payload the host compensates: the true one with a relative error of its mass; ``data`` at rest."""
+    bodies = [model.body("tool_mount").id, model.body("head").id]
+    mass = model.body_mass[bodies]
+    center = (mass @ data.xipos[bodies]) / mass.sum()
+    sensor, tool = data.site("sensor"), data.site("tool")
+    R_sensor_base = sensor.xmat.reshape(3, 3).T
+    return Payload(
+        float(mass.sum()) * (1.0 + mass_error),
+        R_sensor_base @ (center - sensor.xpos),
+        R_sensor_base @ (tool.xpos - sensor.xpos),
+    )
+
+
+def engine_views(model: mujoco.MjModel, data: mujoco.MjData) -> EngineViews:
+    """Take addresses and live views once; they stay valid as long as model and data live."""
+    head = model.body("head").id
+    return EngineViews(
+        model._address,
+        data._address,
+        float(model.opt.timestep),
+        data.qpos,
+        data.qvel,
+        data.ctrl,
+        data.xanchor,
+        data.xaxis,
+        data.xpos,
+        data.xmat,
+        data.xipos,
+        data.cvel,
+        data.subtree_com,
+        data.site_xpos,
+        data.site_xmat,
+        data.xfrc_applied,
+        data.qfrc_actuator,
+        data.sensordata,
+        model.site("tool").id,
+        model.site("pad").id,
+        head,
+        int(model.body_rootid[head]),
+    )

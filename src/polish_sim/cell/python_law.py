@@ -1,0 +1,48 @@
+"""A user's Python controller as a law the compiled loop can call (layer 8a)."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from polish_sim.cell.guards import CONTROLLER_ERROR
+from polish_sim.cell.loop import STOP
+from polish_sim.control.laws import LAW_SIGNATURE, Controller
+from polish_sim.control.signals import TWIST_SIZE, measurement_of, target_of
+
+Array = NDArray[np.float64]
+
+_CALLBACK = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)
+
+
+class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
+    """Calls ``controller.step`` on the loop's own arrays; what it raises stops the run and is kept."""
+
+    def __init__(self, controller: Controller, measurement: Array, target: Array, twist: Array, status: Array) -> None:
+        self.error: BaseException | None = None
+        self._controller, self._twist, self._status = controller, twist, status
+        self._measurement, self._target = measurement_of(measurement), target_of(target)
+        self._callback = _CALLBACK(self._call)
+
+    def __wrapper_address__(self) -> int:
+        """Address of the C function."""
+        return ctypes.cast(self._callback, ctypes.c_void_p).value or 0
+
+    def signature(self) -> Any:
+        """Numba's signature of a law."""
+        return LAW_SIGNATURE
+
+    def _call(self, _context: int, _measurement: int, _target: int, _twist: int) -> None:
+        try:
+            answer = np.asarray(self._controller.step(self._measurement, self._target), dtype=float)
+            if answer.shape != (TWIST_SIZE,):
+                raise ValueError(f"step() returned shape {answer.shape}, expected ({TWIST_SIZE},)")
+            self._twist[:] = answer
+        except BaseException as error:
+            self.error = error
+            self._twist[:] = 0.0
+            self._status[STOP] = CONTROLLER_ERROR

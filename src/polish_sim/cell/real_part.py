@@ -1,0 +1,99 @@
+"""The part as it really is: displaced from its nominal place and bent, seeded (layer 8a).
+
+Plans are made on the drawing; force control earns its keep on the difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell.contact import RealPart
+from polish_sim.config import PartConfig
+from polish_sim.geometry.distance_field import build_distance_field
+from polish_sim.geometry.surface import Surface
+from polish_sim.spatial import transform
+
+Array = NDArray[np.float64]
+
+WAVELENGTHS = (0.04, 0.15)  # of the form error [m]
+NORMAL_SHARE = 0.7  # least share of the displacement along the normal
+_WAVES = 8
+FIELD_SPACING = 0.001  # of the signed distance grid [m]
+FIELD_BAND = 0.006  # half width of the band around the surface [m]
+
+
+def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> Callable[[Array], Array]:
+    """Draw a smooth form error: a sum of plane waves, scaled to its peak-to-peak size on some points.
+
+    Args:
+        config: Size of the form error.
+        points: Points of the region in the work frame [m], shape (n, 3).
+        rng: Draws the waves.
+
+    Returns:
+        Outward shift of the surface [m], (n,), at points (n, 3) of the work frame.
+    """
+    lengths = rng.uniform(*WAVELENGTHS, _WAVES)
+    directions = rng.normal(size=(_WAVES, 3))
+    numbers = 2.0 * np.pi * directions / np.linalg.norm(directions, axis=1, keepdims=True) / lengths[:, None]
+    phases = rng.uniform(0.0, 2.0 * np.pi, _WAVES)
+
+    def waves(at: Array) -> Array:
+        total: Array = np.sin(at @ numbers.T + phases).sum(axis=1)
+        return total
+
+    values = waves(points)
+    span = float(np.ptp(values))
+    scale = config.form_error_m / span if span > 0.0 else 0.0
+    middle = 0.5 * float(values.max() + values.min())
+    return lambda at: scale * (waves(at) - middle)
+
+
+def displacement_of(config: PartConfig, normal: Array, center: Array, rng: np.random.Generator) -> Array:
+    """Draw where the part really sits: pose of the real work frame in the nominal one, shape (4, 4).
+
+    Args:
+        config: Size of the displacement and of the rotation.
+        normal: Mean outward normal of the region, work frame, shape (3,).
+        center: Point about which the part is turned, work frame [m], shape (3,).
+        rng: Draws the directions; at least 0.7 of the displacement is along the normal, up or down.
+    """
+    along = rng.uniform(NORMAL_SHARE, 1.0) * rng.choice([-1.0, 1.0])
+    across = np.cross(normal, rng.normal(size=3))
+    across /= np.linalg.norm(across)
+    shift = config.displacement_m * (along * normal + np.sqrt(1.0 - along**2) * across)
+    axis = rng.normal(size=3)
+    R = Rotation.from_rotvec(config.rotation_rad * axis / np.linalg.norm(axis)).as_matrix()
+    return transform(R, center - R @ center + shift)
+
+
+def build_real_part(
+    surface: Surface,
+    config: PartConfig,
+    T_base_work: Array,
+    region_points: Array,
+    region_normal: Array,
+    rng: np.random.Generator,
+) -> RealPart:
+    """Displace and bend the part.
+
+    Args:
+        surface: The whole nominal surface, work frame.
+        config: Sizes of the errors.
+        T_base_work: Nominal pose of the work frame, shape (4, 4).
+        region_points: Points of the polished region [m], shape (n, 3), work frame.
+        region_normal: Its mean outward normal, shape (3,).
+        rng: Draws the errors.
+
+    Returns:
+        What the pad touches.
+    """
+    bend = bend_of(config, region_points, rng)
+    T_work_real = displacement_of(config, region_normal, region_points.mean(axis=0), rng)
+    field = build_distance_field(surface, FIELD_SPACING, FIELD_BAND, offset=bend)
+    T_base_real = T_base_work @ T_work_real
+    return RealPart(field, np.ascontiguousarray(T_base_real[:3, :3]), np.ascontiguousarray(T_base_real[:3, 3]))

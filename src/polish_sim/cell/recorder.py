@@ -1,0 +1,147 @@
+"""What is kept of a run: packed rows for the log, and the exact quantities of every step for the figures (layer 8a)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.control.signals import Measurement, Target
+from polish_sim.log import row_layout, row_width
+from polish_sim.spatial.rotations import quaternion_from_rotation, rotation_angle
+from polish_sim.trace import Trace
+
+Array = NDArray[np.float64]
+
+ROW_WIDTH = row_width()
+TRACE_WIDTH = 12
+
+_AT = {name: start for name, (start, _width) in row_layout().items()}
+# Constants, because a compiled kernel cannot read a dictionary.
+_TIME, _Q, _QD, _TORQUE = _AT["time_s"], _AT["q_rad"], _AT["qd_rad_s"], _AT["torque_nm"]
+_POSITION, _QUATERNION = _AT["tcp_position_m"], _AT["tcp_quaternion_wxyz"]
+_TARGET_POSITION, _TARGET_QUATERNION = _AT["target_position_m"], _AT["target_quaternion_wxyz"]
+_SPEED, _COMMAND = _AT["tcp_speed_m_s"], _AT["command_twist"]
+_MEASURED, _RAW, _TRUE = _AT["wrench_measured_tool"], _AT["wrench_raw_sensor"], _AT["wrench_true_tool"]
+_FORCE, _FORCE_MIN, _FORCE_MAX = _AT["normal_force_n"], _AT["normal_force_min_n"], _AT["normal_force_max_n"]
+_TRAVEL, _PATH, _PASS, _PHASE = _AT["pad_travel_m"], _AT["path_s_m"], _AT["pass_index"], _AT["phase"]
+
+
+class Recorder(NamedTuple):
+    """Buffers of one chunk of steps."""
+
+    rows: Array
+    """Packed log rows, shape (k, ROW_WIDTH)."""
+    trace: Array
+    """Exact quantities, shape (steps, TRACE_WIDTH)."""
+    every: int
+    """Steps per row."""
+    span: Array
+    """Least and largest force since the last row [N], shape (2,)."""
+    filled: NDArray[np.int64]
+    """Rows and trace rows filled in this chunk, shape (2,)."""
+
+
+def build_recorder(steps: int, every: int) -> Recorder:
+    """Buffers for chunks of at most ``steps`` steps, a row recorded every ``every`` steps."""
+    return Recorder(
+        np.zeros((steps // every + 2, ROW_WIDTH)),
+        np.zeros((steps, TRACE_WIDTH)),
+        every,
+        np.array([np.inf, -np.inf]),
+        np.zeros(2, np.int64),
+    )
+
+
+@njit(cache=True)
+def record_state(
+    recorder: Recorder, count: int, t: float, phase: float, q: Array, qd: Array, m: Measurement, target: Target,
+    true_wrench: Array, command: Array, travel: float, turn: int,
+) -> None:  # fmt: skip
+    """Record this instant, before the engine moves on; the sensor's raw reading follows in ``record_reading``.
+
+    Args:
+        recorder: Buffers.
+        count: Steps taken since the start.
+        t: Time [s].
+        phase: Phase as in ``log.PHASES``.
+        q: Joint positions [rad], shape (>= 6,).
+        qd: Joint speeds [rad/s], shape (>= 6,).
+        m: Measurement (its pose and twist are exact).
+        target: Target.
+        true_wrench: Exact wrench of the tool on the part, tool axes, tool point, shape (6,).
+        command: Twist acting in the robot, shape (6,).
+        travel: Pad travel [m].
+        turn: Turn of the path.
+    """
+    force = true_wrench[2]
+    recorder.span[0] = min(recorder.span[0], force)
+    recorder.span[1] = max(recorder.span[1], force)
+    speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
+    _trace_step(recorder.trace[recorder.filled[1]], t, phase, force, speed, m, target)
+    recorder.filled[1] += 1
+    if count % recorder.every:
+        return
+    row = recorder.rows[recorder.filled[0]]
+    row[_TIME] = t
+    row[_Q : _Q + 6] = q[0:6]
+    row[_QD : _QD + 6] = qd[0:6]
+    row[_POSITION : _POSITION + 3] = m.position
+    quaternion_from_rotation(m.rotation, row[_QUATERNION : _QUATERNION + 4])
+    row[_TARGET_POSITION : _TARGET_POSITION + 3] = target.position
+    quaternion_from_rotation(target.rotation, row[_TARGET_QUATERNION : _TARGET_QUATERNION + 4])
+    row[_SPEED] = speed
+    row[_COMMAND : _COMMAND + 6] = command
+    row[_MEASURED : _MEASURED + 6] = m.wrench
+    row[_TRUE : _TRUE + 6] = true_wrench
+    row[_FORCE], row[_FORCE_MIN], row[_FORCE_MAX] = force, recorder.span[0], recorder.span[1]
+    row[_TRAVEL], row[_PATH], row[_PASS], row[_PHASE] = travel, target.path[0], turn, phase
+    recorder.span[0], recorder.span[1] = math.inf, -math.inf
+    recorder.filled[0] += 1
+
+
+@njit(cache=True)
+def _trace_step(
+    trace: Array, t: float, phase: float, force: float, speed: float, m: Measurement, target: Target
+) -> None:
+    ex, ey, ez = (
+        target.position[0] - m.position[0],
+        target.position[1] - m.position[1],
+        target.position[2] - m.position[2],
+    )
+    along = ex * target.rotation[0, 2] + ey * target.rotation[1, 2] + ez * target.rotation[2, 2]
+    total = ex * ex + ey * ey + ez * ez
+    trace[0], trace[1], trace[2] = t, phase, force
+    trace[3] = math.sqrt(total)
+    trace[4] = math.sqrt(max(total - along * along, 0.0))
+    trace[5] = rotation_angle(m.rotation, target.rotation)
+    trace[6], trace[7], trace[8] = m.position[0], m.position[1], m.position[2]
+    trace[9] = speed
+    trace[10] = target.path[0]
+
+
+@njit(cache=True)
+def record_reading(recorder: Recorder, count: int, raw: Array, joint_torque: Array) -> None:
+    """Add what the engine computes last to the row of this instant: exact sensor wrench and joint torques."""
+    if count % recorder.every == 0:
+        row = recorder.rows[recorder.filled[0] - 1]
+        row[_RAW : _RAW + 6] = raw
+        row[_TORQUE : _TORQUE + 6] = joint_torque[0:6]
+
+
+def trace_from(block: Array) -> Trace:
+    """Name the columns of a trace block, shape (n, TRACE_WIDTH)."""
+    return Trace(
+        block[:, 0],
+        block[:, 1].astype(np.int8),
+        block[:, 2],
+        block[:, 3],
+        block[:, 4],
+        block[:, 5],
+        block[:, 6:9],
+        block[:, 9],
+        block[:, 10],
+    )

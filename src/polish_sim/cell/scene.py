@@ -1,0 +1,115 @@
+"""The scene: the robot of the model file with this scenario's head, the part, its fixture and the table (layer 8a)."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.config import Scenario
+from polish_sim.geometry.mesh import PartMesh
+from polish_sim.models import robot_model_path
+from polish_sim.spatial import apply, inverse, transform
+
+Array = NDArray[np.float64]
+
+TABLE_TOP = 0.0  # z of the table in the base frame [m]
+
+
+def build_scene(scenario: Scenario, part: PartMesh | None, T_base_part: Array | None) -> mujoco.MjModel:
+    """Compile the cell.
+
+    Args:
+        scenario: Head, pad, robot and time step.
+        part: The part to show, or None for motion in free space.
+        T_base_part: Where the part really lies, shape (4, 4).
+
+    Returns:
+        The compiled model. The part's mesh is drawn only; the pad's contact and the crash check are computed on
+        its signed distance, because the engine would take the convex hull.
+    """
+    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
+    spec.option.timestep = scenario.simulation.timestep_s
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    _fit_head(spec, scenario)
+    spec.body("tool_mount").gravcomp = 1.0 + scenario.robot.payload_error
+    _light(spec)
+    if part is not None and T_base_part is not None:
+        _add_table(spec)
+        _add_part(spec, part, T_base_part)
+    return spec.compile()
+
+
+def _fit_head(spec: Any, scenario: Scenario) -> None:
+    head, slide = spec.body("head"), spec.joint("head_slide")
+    scale = scenario.head.mass_kg / head.mass
+    head.mass = scenario.head.mass_kg
+    head.inertia = head.inertia * scale
+    slide.stiffness[0] = scenario.head.stiffness_n_m
+    slide.damping[0] = scenario.head.damping_n_s_m
+    slide.range = [slide.range[0], scenario.head.travel_m]
+    pad = spec.geom("head_pad")
+    pad.size = [scenario.pad.radius_m, *pad.size[1:]]
+
+
+def _light(spec: Any) -> None:
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    spec.visual.headlight.diffuse = [0.45, 0.45, 0.45]
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
+    spec.visual.quality.shadowsize = 4096
+    spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.93, 0.95, 0.97], rgb2=[0.70, 0.76, 0.82], width=256, height=256,
+    )  # fmt: skip
+    spec.worldbody.add_light(
+        name="sun", type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0.5, -1.5, 2.5], dir=[-0.3, 0.6, -1.0],
+        diffuse=[0.6, 0.6, 0.6], castshadow=True,
+    )  # fmt: skip
+
+
+def _add_table(spec: Any) -> None:
+    spec.worldbody.add_geom(
+        name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.55, 0.75, 0.02], pos=[0.0, -0.35, TABLE_TOP - 0.0201],
+        rgba=[0.62, 0.64, 0.66, 1.0],
+    )  # fmt: skip
+
+
+def _add_part(spec: Any, part: PartMesh, T_base_part: Array) -> None:
+    mesh = spec.add_mesh(name="part")
+    mesh.uservert = np.asarray(part.vertices, dtype=np.float32).ravel()
+    mesh.userface = np.asarray(part.faces, dtype=np.int32).ravel()
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    body = spec.worldbody.add_body(
+        name="part", pos=T_base_part[:3, 3], quat=Rotation.from_matrix(T_base_part[:3, :3]).as_quat(scalar_first=True)
+    )
+    body.add_geom(
+        name="part", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="part", contype=0, conaffinity=0, mass=0.0,
+        rgba=[0.72, 0.74, 0.78, 1.0],
+    )  # fmt: skip
+    corners = apply(T_base_part, part.vertices)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    height = low[2] - TABLE_TOP
+    if height > 0.005:
+        spec.worldbody.add_geom(
+            name="fixture", type=mujoco.mjtGeom.mjGEOM_BOX, rgba=[0.35, 0.38, 0.42, 1.0],
+            size=[*(0.42 * (high - low)[:2]), 0.5 * height - 0.0005],
+            pos=[*(0.5 * (low + high)[:2]), TABLE_TOP + 0.5 * height - 0.0005],
+        )  # fmt: skip
+
+
+@cache
+def tool_on_flange() -> Array:
+    """Pose of the tool frame on the flange, read from the compiled robot, shape (4, 4)."""
+    model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    flange, tool = data.site("flange"), data.site("tool")
+    T_base_flange = transform(flange.xmat.reshape(3, 3), flange.xpos)
+    T_base_tool = transform(tool.xmat.reshape(3, 3), tool.xpos)
+    T_flange_tool = inverse(T_base_flange) @ T_base_tool
+    T_flange_tool.setflags(write=False)
+    return T_flange_tool

@@ -1,0 +1,204 @@
+"""What is wanted when: tare, approach, touch-down, process, retract, as a target for the controller (layer 8a).
+
+Transitions use only what the host computer knows: the clock, the path and the *measured* force.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.control.signals import Target
+from polish_sim.motion.trajectory import PathTable, sample_path
+from polish_sim.spatial.rotations import rotation_from_quaternion
+
+Array = NDArray[np.float64]
+
+TARE, APPROACH, SEEK, TOUCH_DOWN, PROCESS, RETRACT, DONE = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
+
+TARE_START = 0.15  # the robot stands still this long before the sensor is zeroed [s]
+TARE_TIME = 0.25  # readings averaged for zeroing [s]
+TOUCH_DOWN_TIME = 0.35  # from measured contact to the start of the feed [s]
+FEED_ACCELERATION = 0.05  # of the target along the path [m/s^2]
+RETRACT_SPEED = 0.02  # [m/s]
+
+
+class Job(NamedTuple):
+    """What the cell is to do; tables in the base frame."""
+
+    lead_in: PathTable
+    """From the start pose down to the first process point on the unpressed surface."""
+    process: PathTable
+    """The process path, pressed in by ``depth``."""
+    depth: float
+    """D = F/k [m]."""
+    force: float
+    """[N]"""
+    contact: float
+    """1 if there is a part to press on, 0 for motion in free space."""
+    approach_speed: float
+    """[m/s]"""
+    feed: float
+    """[m/s]"""
+    threshold: float
+    """Measured force that counts as contact [N]."""
+    search_depth: float
+    """How far past the nominal surface contact is sought [m]."""
+    hold: float
+    """Time at the end of the path before the retract [s]."""
+    feed_time: float
+    """The feed stops after this long [s]; infinite for the whole path."""
+    lift: float
+    """Height of the retract [m]; 0 ends the run without one."""
+    start_s: float
+    """Arc length of the plan at the first process point [m]."""
+
+
+class SequenceState(NamedTuple):
+    """Memory of the sequence."""
+
+    stage: Array
+    """Stage and time in it [s], shape (2,)."""
+    path: Array
+    """Place on the active table [m], its speed [m/s], depth of the target below the surface [m], shape (3,)."""
+    quaternion: Array
+    """Work array, shape (4,)."""
+    tangent: Array
+    """Work array, shape (3,)."""
+    turning: Array
+    """Work array, shape (3,)."""
+    row: NDArray[np.int64]
+    """Row of the process table, shape (1,)."""
+
+
+def build_sequence_state() -> SequenceState:
+    """Fresh memory, at the start of the tare."""
+    return SequenceState(
+        np.zeros(2), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3), np.zeros(1, np.int64)
+    )
+
+
+def expected_duration(job: Job) -> float:
+    """How long the job takes if contact is where it is expected [s]."""
+    approach = job.lead_in.length / job.approach_speed if job.contact else 0.0
+    feed = min(max(job.process.length / job.feed, job.hold), job.feed_time)
+    return TARE_START + TARE_TIME + approach + TOUCH_DOWN_TIME * job.contact + feed + job.lift / RETRACT_SPEED
+
+
+@njit(cache=True)
+def advance_sequence(job: Job, state: SequenceState, measured_force: float, dt: float, target: Target) -> bool:
+    """Move the target on by one step.
+
+    Args:
+        job: What is to be done.
+        state: Memory.
+        measured_force: Force the host believes it presses with [N].
+        dt: Step [s].
+        target: Written.
+
+    Returns:
+        False if contact was sought down to the search depth and not found.
+    """
+    state.stage[1] += dt
+    stage = state.stage[0]
+    touching = measured_force > job.threshold
+    if stage == TARE and state.stage[1] >= TARE_START + TARE_TIME - 0.5 * dt:
+        _enter(state, APPROACH if job.contact > 0.0 else PROCESS)
+    elif stage in (APPROACH, SEEK):
+        if touching:
+            _enter(state, TOUCH_DOWN)
+        elif stage == APPROACH and state.path[0] >= job.lead_in.length:
+            state.path[2] = 0.0
+            _enter(state, SEEK)
+        elif state.path[2] >= job.search_depth:
+            return False
+    elif stage == TOUCH_DOWN and state.stage[1] >= TOUCH_DOWN_TIME:
+        _enter(state, PROCESS)
+        state.path[0], state.path[1] = 0.0, 0.0
+    elif stage == PROCESS:
+        arrived = state.path[0] >= job.process.length and state.stage[1] >= job.hold
+        if arrived or state.stage[1] >= job.feed_time:
+            _enter(state, RETRACT if job.lift > 0.0 else DONE)
+            state.path[2] = 0.0
+    elif stage == RETRACT and state.path[2] >= job.lift + job.depth:
+        _enter(state, DONE)
+    _place_target(job, state, dt, target)
+    return True
+
+
+@njit(cache=True)
+def _enter(state: SequenceState, stage: float) -> None:
+    state.stage[0] = stage
+    state.stage[1] = 0.0
+    if stage == TOUCH_DOWN:
+        # The depth at contact is kept; above the surface it is negative.
+        state.path[1] = 0.0
+
+
+@njit(cache=True)
+def _place_target(job: Job, state: SequenceState, dt: float, target: Target) -> None:
+    stage = state.stage[0]
+    target.contact[0] = 1.0 if job.contact > 0.0 and stage in (TOUCH_DOWN, PROCESS) else 0.0
+    target.force[0], target.force[1] = job.force, 0.0
+    target.path[1] = 0.0
+    if stage <= APPROACH:
+        if stage == APPROACH:
+            _move_on(state, job.lead_in.length, job.approach_speed, dt)
+            state.path[2] = state.path[0] - job.lead_in.length
+        _follow(job.lead_in, state, target)
+        target.path[0] = job.start_s
+    elif stage == SEEK:
+        state.path[2] += job.approach_speed * dt
+        _sink(job.lead_in, job.lead_in.length, state, state.path[2], job.approach_speed, target)
+        target.path[0] = job.start_s
+    elif stage == TOUCH_DOWN:
+        left = max(TOUCH_DOWN_TIME - state.stage[1], dt)
+        speed = (job.depth - state.path[2]) / left
+        state.path[2] += speed * dt
+        _sink(job.process, 0.0, state, state.path[2] - job.depth, speed, target)
+        target.path[0] = job.start_s
+    elif stage == PROCESS:
+        _move_on(state, job.process.length, job.feed, dt)
+        state.row[0] = _follow(job.process, state, target)
+        target.path[1] = job.process.curvature[state.row[0]]
+        target.path[0] = job.start_s + state.path[0]
+    else:
+        speed = RETRACT_SPEED if stage == RETRACT else 0.0
+        state.path[2] += speed * dt
+        _sink(job.process, state.path[0], state, -state.path[2], -speed, target)
+        target.path[0] = job.start_s + state.path[0]
+    target.path[2] = state.path[1]
+
+
+@njit(cache=True)
+def _move_on(state: SequenceState, length: float, speed: float, dt: float) -> None:
+    """Advance along a table: ramp up to ``speed``, ramp down to rest at its end."""
+    left = max(length - state.path[0], 0.0)
+    allowed = min(speed, state.path[1] + FEED_ACCELERATION * dt, math.sqrt(2.0 * FEED_ACCELERATION * left) + 1e-5)
+    state.path[1] = allowed if left > 0.0 else 0.0
+    state.path[0] = min(state.path[0] + state.path[1] * dt, length)
+
+
+@njit(cache=True)
+def _follow(table: PathTable, state: SequenceState, target: Target) -> int:
+    row = sample_path(table, state.path[0], target.position, state.tangent, state.quaternion, state.turning)
+    rotation_from_quaternion(state.quaternion, target.rotation)
+    for i in range(3):
+        target.twist[i] = state.tangent[i] * state.path[1]
+        target.twist[3 + i] = state.turning[i] * state.path[1]
+    return row
+
+
+@njit(cache=True)
+def _sink(table: PathTable, s: float, state: SequenceState, depth: float, speed: float, target: Target) -> None:
+    """Place the target ``depth`` [m] along tool z from a point of a table, moving along it at ``speed`` [m/s]."""
+    sample_path(table, s, target.position, state.tangent, state.quaternion, state.turning)
+    rotation_from_quaternion(state.quaternion, target.rotation)
+    for i in range(3):
+        target.position[i] += depth * target.rotation[i, 2]
+        target.twist[i] = speed * target.rotation[i, 2]
+        target.twist[3 + i] = 0.0

@@ -1,0 +1,74 @@
+"""Experiment ``arc``: the tool point on a circle in free space at constant feed (paper 1, fig. 12; layer 9)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
+from polish_sim.cell import Cell, Job, Observer, Silent, build_scene, no_part, tool_on_flange
+from polish_sim.config import Scenario
+from polish_sim.control import build_controller
+from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
+from polish_sim.experiments.result import RunResult, common_figures
+from polish_sim.motion.trajectory import build_path_table
+from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
+
+TOOL_AXIS = np.array([0.0, 0.0, 1.0])  # the tool points straight down [-]
+
+
+def arc_path(points: int = 1257) -> ToolPath:
+    """The circle of paper 1, once round, in the base frame, starting at its horizontal extreme."""
+    normal, center = np.asarray(PAPER_ARC.normal), np.asarray(PAPER_ARC.center)
+    across = np.array([-normal[1], normal[0], 0.0])
+    angle = np.linspace(0.0, 2.0 * math.pi, points)[:, None]
+    positions = center + PAPER_ARC.radius * (np.cos(angle) * across + np.sin(angle) * np.cross(normal, across))
+    return ToolPath(
+        positions,
+        np.tile(TOOL_AXIS, (points, 1)),
+        arc_length(positions),
+        np.zeros(points, np.int64),
+        np.full(points, PROCESS, np.int8),
+        np.zeros(points),
+    )
+
+
+def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+    """Follow the circle and measure speed and distance from it.
+
+    Args:
+        scenario: The scenario; part, plan, pad and spindle play no role.
+        observer: Told of the progress.
+
+    Returns:
+        Log, trace and figures.
+
+    Raises:
+        ReachError: If the arm cannot do the circle.
+    """
+    observer = observer or Silent()
+    path = arc_path()
+    T_flange_tool = tool_on_flange()
+    reach = find_reach(path.positions_work, path.axes_work, iter([np.eye(4)]), T_flange_tool, above_table=False)
+    check_whole_path(reach, path.positions_work, path.axes_work, T_flange_tool)
+
+    table = build_path_table(path.positions_work, tool_rotations(path.axes_work, reach.spin))
+    start = build_path_table(path.positions_work[:1], tool_rotations(path.axes_work[:1], reach.spin))
+    job = Job(
+        lead_in=start, process=table, depth=0.0, force=0.0, contact=0.0,
+        approach_speed=scenario.process.approach_speed_m_s, feed=scenario.process.feed_m_s,
+        threshold=math.inf, search_depth=0.0, hold=0.0,
+        feed_time=scenario.process.max_feed_s or math.inf, lift=0.0, start_s=0.0,
+    )  # fmt: skip
+    free = replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
+    observer.stage("simulate")
+    cell = Cell(
+        free, build_scene(free, None, None), no_part(), job, reach.q_start,
+        build_controller(scenario.controller), np.random.default_rng(scenario.seed),
+    )  # fmt: skip
+    run = cell.run(observer)
+    done = float(run.trace.path_s_m[-1] / table.length)
+    figures = measure_arc(run.trace) | common_figures(run, scenario, done, None)
+    return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)

@@ -1,0 +1,193 @@
+"""Where the part stands and how the arm reaches it, decided and checked before anything moves (layer 9)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.errors import ReachError
+from polish_sim.motion import JointPath, inverse_all, link_frames, nearest_solution, track
+from polish_sim.spatial import apply, from_pose, rotation_to_axis, transform
+
+Array = NDArray[np.float64]
+
+DISTANCES = (0.5, 0.45, 0.55, 0.4, 0.6, 0.65)  # of the region's middle from the base axis [m]
+HEIGHTS = (0.08, 0.16, 0.03)  # of the part's lowest point above the table [m]
+SPINS = tuple(math.radians(a) for a in range(0, 360, 45))  # of the tool about its axis [rad]
+GOOD_SINGULAR_VALUE = 0.08  # a placement this far from singularities is taken without looking further [-]
+_SAMPLES = 250
+_LARGEST_JUMP = 0.6  # between samples of the path [rad]
+_LOWEST_JOINT = 0.09  # z of elbow and wrist above the table [m]
+
+
+class Reach(NamedTuple):
+    """A way to do a path."""
+
+    T_base_work: Array
+    """Pose of the part's work frame, shape (4, 4)."""
+    spin: float
+    """Turn of the tool about its axis [rad]."""
+    q_start: Array
+    """Joint positions at the first pose [rad], shape (6,)."""
+    smallest_singular_value: float
+    """Over the path [-]."""
+
+
+class _Failure(NamedTuple):
+    """The furthest a tried way got."""
+
+    index: int
+    reason: str
+
+
+def tool_rotations(axes_base: Array, spin: float) -> Array:
+    """Tool frames with z against the given axes and a spin that follows no turn of the path.
+
+    Args:
+        axes_base: Unit axes from the part to the tool, shape (n, 3).
+        spin: Turn of tool x about the tool axis, from the base's x direction [rad].
+
+    Returns:
+        R_base_tool, shape (n, 3, 3). A spin along the feed would wind the last joint up, turn after turn.
+    """
+    main = -axes_base.mean(axis=0)
+    main /= np.linalg.norm(main)
+    start = rotation_to_axis(main[None], np.eye(3)[int(np.argmin(np.abs(main)))])[0]
+    hint = start @ np.array([math.cos(spin), math.sin(spin), 0.0])
+    z_axes = -axes_base
+    if np.min(np.linalg.norm(np.cross(z_axes, hint), axis=1)) < 0.05:
+        raise ReachError("the tool axes of this path turn through more than a right angle: no fixed tool spin fits.")
+    return rotation_to_axis(z_axes, hint)
+
+
+def find_reach(
+    positions: Array, axes: Array, placements: Iterator[Array], T_flange_tool: Array, above_table: bool
+) -> Reach:
+    """Find a placement, tool spin and arm configuration that do a whole path.
+
+    Args:
+        positions: Tool points in the work frame [m], shape (n, 3), everything the tool will visit.
+        axes: Tool axes from the part to the tool, work frame, shape (n, 3).
+        placements: Candidate poses of the work frame in base, each (4, 4), best first.
+        T_flange_tool: The tool on the flange, shape (4, 4).
+        above_table: Whether elbow and wrist must stay above the table.
+
+    Returns:
+        The first way that keeps well away from singularities, else the best there is.
+
+    Raises:
+        ReachError: If no way does the whole path; names the first bad point of the one that came furthest.
+    """
+    best: Reach | None = None
+    furthest = _Failure(-1, "")
+    samples = np.unique(np.linspace(0, len(positions) - 1, _SAMPLES).astype(int))
+    for T_base_work in placements:
+        for spin in SPINS:
+            rotations = tool_rotations(axes[samples] @ T_base_work[:3, :3].T, spin)
+            poses = transform(rotations, apply(T_base_work, positions[samples]))
+            for q in _starts(poses[0] @ np.linalg.inv(T_flange_tool)):
+                joints = track(poses, T_flange_tool, q)
+                failure = _failure(joints, above_table)
+                if failure is None:
+                    value = joints.smallest_singular_value
+                    if best is None or value > best.smallest_singular_value:
+                        best = Reach(T_base_work, spin, np.array(joints.q[0]), value)
+                elif failure.index > furthest.index:
+                    furthest = failure
+        if best is not None and best.smallest_singular_value > GOOD_SINGULAR_VALUE:
+            break
+    if best is None:
+        point = positions[samples[max(furthest.index, 0)]] * 1e3
+        raise ReachError(
+            f"the robot cannot do this path: at ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the part "
+            f"{furthest.reason or 'the pose is out of reach'}. Move the part with --part-pose X,Y,Z,RX,RY,RZ (mm, deg) "
+            "or polish a smaller --region."
+        )
+    return best
+
+
+def check_whole_path(reach: Reach, positions: Array, axes: Array, T_flange_tool: Array) -> JointPath:
+    """Follow every point of the path with the joints.
+
+    Raises:
+        ReachError: If a point between the samples of ``find_reach`` is out of reach or beyond a joint's range.
+    """
+    rotations = tool_rotations(axes @ reach.T_base_work[:3, :3].T, reach.spin)
+    joints = track(transform(rotations, apply(reach.T_base_work, positions)), T_flange_tool, reach.q_start)
+    failure = _failure(joints, False)
+    if failure is not None:
+        point = positions[failure.index] * 1e3
+        raise ReachError(
+            f"point {failure.index} of the path, ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the part: "
+            f"{failure.reason}. Move the part with --part-pose."
+        )
+    return joints
+
+
+def default_placements(positions: Array, up: Array, lowest: float) -> Iterator[Array]:
+    """Candidate poses of a part in front of the robot: its side ``up`` turned up, on a fixture on the table.
+
+    Args:
+        positions: Path in the work frame [m], shape (n, 3); its middle is put in front of the robot.
+        up: Side turned up, work frame, shape (3,).
+        lowest: Extent of the part along ``up`` at its lowest [m].
+
+    Yields:
+        T_base_work, shape (4, 4).
+    """
+    R = _upright(up)
+    middle = R @ (0.5 * (positions.min(axis=0) + positions.max(axis=0)))
+    for height in HEIGHTS:
+        for distance in DISTANCES:
+            yield transform(R, np.array([-middle[0], -distance - middle[1], height - lowest]))
+
+
+def given_placement(pose: tuple[float, ...]) -> Iterator[Array]:
+    """The one pose a user asked for."""
+    yield from_pose(pose)
+
+
+def _upright(up: Array) -> Array:
+    """Least rotation that turns ``up`` to base z."""
+    axis = np.cross(up, [0.0, 0.0, 1.0])
+    size = float(np.linalg.norm(axis))
+    if size < 1e-9:
+        return np.eye(3) if up[2] > 0.0 else np.diag([1.0, -1.0, -1.0])
+    return Rotation.from_rotvec(axis / size * math.atan2(size, float(up[2]))).as_matrix()
+
+
+def _starts(T_base_flange: Array) -> Array:
+    """All configurations of a pose, turned near the middle of the joints' ranges, shape (k, 6)."""
+    found = inverse_all(np.ascontiguousarray(T_base_flange))
+    found = found[~np.isnan(found).any(axis=1)]
+    return (found + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def _failure(joints: JointPath, above_table: bool) -> _Failure | None:
+    if joints.first_unreachable is not None:
+        return _Failure(joints.first_unreachable, "the pose is out of reach")
+    if joints.first_beyond_limit is not None:
+        return _Failure(joints.first_beyond_limit, f"joint {(joints.limit_joint or 0) + 1} is beyond its range")
+    if joints.largest_step > _LARGEST_JUMP:
+        return _Failure(joints.largest_step_index, "the arm would have to jump between configurations")
+    if above_table:
+        heights = np.array([link_frames(q)[1:6, 2, 3].min() for q in joints.q[:: max(1, len(joints.q) // 10)]])
+        if heights.min() < _LOWEST_JOINT:
+            return _Failure(0, "elbow or wrist would touch the table")
+    return None
+
+
+__all__ = [
+    "Reach",
+    "check_whole_path",
+    "default_placements",
+    "find_reach",
+    "given_placement",
+    "nearest_solution",
+    "tool_rotations",
+]

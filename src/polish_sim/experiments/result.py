@@ -1,0 +1,58 @@
+"""What every experiment returns (layer 9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cell.cell import CellRun
+from polish_sim.config import Scenario
+from polish_sim.log import RunLog
+from polish_sim.planning.toolpath import ToolPath
+from polish_sim.trace import Trace
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A finished, stopped or interrupted run."""
+
+    scenario: Scenario
+    log: RunLog
+    trace: Trace
+    figures: dict[str, Any]
+    """The keys of metrics.json for this experiment."""
+    stop_reason: str | None
+    """Why the robot stopped itself, or None."""
+    interrupted: bool
+    path: ToolPath | None = None
+    """The path that was run, work frame."""
+
+
+def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None) -> dict[str, Any]:
+    """Figures every experiment reports.
+
+    Args:
+        run: The run.
+        scenario: Its scenario.
+        path_done: Share of the path (or of the holding time) that was done, 0 to 1.
+        T_base_work: Nominal pose of the part, shape (4, 4), or None without a part.
+
+    Returns:
+        path_done, protective_stop, T_base_work, simulated_s, wall_s, real_time_factor, steps, seed.
+    """
+    simulated = run.steps * scenario.simulation.timestep_s
+    return {
+        "path_done": path_done,
+        "protective_stop": run.stop_reason,
+        "T_base_work": None if T_base_work is None else T_base_work.tolist(),
+        "simulated_s": simulated,
+        "wall_s": run.wall_s,
+        "real_time_factor": simulated / run.wall_s if run.wall_s else 0.0,
+        "steps": run.steps,
+        "seed": scenario.seed,
+    }
