@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import PartConfig
-from polish_sim.geometry.distance_field import build_distance_field
+from polish_sim.geometry.distance_field import NODES, OUTSIDE, DistanceField, build_distance_field
 from polish_sim.geometry.surface import Surface
 from polish_sim.spatial import transform
 
@@ -23,7 +23,7 @@ WAVELENGTHS = (0.04, 0.15)  # of the form error [m]
 NORMAL_SHARE = 0.7  # least share of the displacement along the normal
 _WAVES = 8
 FIELD_SPACING = 0.001  # of the signed distance grid [m]
-FIELD_BAND = 0.006  # half width of the band around the surface [m]
+FIELD_BAND = 0.008  # half width of the band around the surface [m]
 
 
 def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> Callable[[Array], Array]:
@@ -75,8 +75,8 @@ def build_real_part(
     surface: Surface,
     config: PartConfig,
     T_base_work: Array,
-    region_points: Array,
-    region_normal: Array,
+    region: Surface,
+    up: Array,
     rng: np.random.Generator,
 ) -> RealPart:
     """Displace and bend the part.
@@ -85,15 +85,27 @@ def build_real_part(
         surface: The whole nominal surface, work frame.
         config: Sizes of the errors.
         T_base_work: Nominal pose of the work frame, shape (4, 4).
-        region_points: Points of the polished region [m], shape (n, 3), work frame.
-        region_normal: Its mean outward normal, shape (3,).
+        region: The polished part of it; the errors are sized on it.
+        up: Direction of the displacement if the region's normals cancel out, work frame, shape (3,).
         rng: Draws the errors.
 
     Returns:
         What the pad touches.
     """
-    bend = bend_of(config, region_points, rng)
-    T_work_real = displacement_of(config, region_normal, region_points.mean(axis=0), rng)
+    points = region.vertices[region.faces].mean(axis=1)
+    normal = (region.facet_areas[:, None] * region.closest(points).normals).sum(axis=0)
+    size = float(np.linalg.norm(normal)) / float(region.facet_areas.sum())
+    normal = normal / np.linalg.norm(normal) if size > 0.1 else up
+    bend = bend_of(config, points, rng)
+    T_work_real = displacement_of(config, normal, points.mean(axis=0), rng)
     field = build_distance_field(surface, FIELD_SPACING, FIELD_BAND, offset=bend)
     T_base_real = T_base_work @ T_work_real
     return RealPart(field, np.ascontiguousarray(T_base_real[:3, :3]), np.ascontiguousarray(T_base_real[:3, 3]))
+
+
+def no_part() -> RealPart:
+    """Nothing to touch: everywhere is outside."""
+    table = np.full((1, 1, 1), OUTSIDE, np.int32)
+    bricks = np.full((1, NODES, NODES, NODES), FIELD_BAND, np.float32)
+    field = DistanceField(np.zeros(3), FIELD_SPACING, FIELD_BAND, table, bricks)
+    return RealPart(field, np.eye(3), np.zeros(3))

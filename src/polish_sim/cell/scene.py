@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.cell.contact import RealPart
 from polish_sim.config import Scenario
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.models import robot_model_path
@@ -20,13 +21,13 @@ Array = NDArray[np.float64]
 TABLE_TOP = 0.0  # z of the table in the base frame [m]
 
 
-def build_scene(scenario: Scenario, part: PartMesh | None, T_base_part: Array | None) -> mujoco.MjModel:
+def build_scene(scenario: Scenario, mesh: PartMesh | None, part: RealPart | None) -> mujoco.MjModel:
     """Compile the cell.
 
     Args:
         scenario: Head, pad, robot and time step.
-        part: The part to show, or None for motion in free space.
-        T_base_part: Where the part really lies, shape (4, 4).
+        mesh: The part to show, or None for motion in free space.
+        part: Where it really lies.
 
     Returns:
         The compiled model. The part's mesh is drawn only; the pad's contact and the crash check are computed on
@@ -38,9 +39,9 @@ def build_scene(scenario: Scenario, part: PartMesh | None, T_base_part: Array | 
     _fit_head(spec, scenario)
     spec.body("tool_mount").gravcomp = 1.0 + scenario.robot.payload_error
     _light(spec)
-    if part is not None and T_base_part is not None:
+    if mesh is not None and part is not None:
         _add_table(spec)
-        _add_part(spec, part, T_base_part)
+        _add_part(spec, mesh, transform(part.rotation, part.position))
     return spec.compile()
 
 
@@ -78,10 +79,10 @@ def _add_table(spec: Any) -> None:
     )  # fmt: skip
 
 
-def _add_part(spec: Any, part: PartMesh, T_base_part: Array) -> None:
+def _add_part(spec: Any, drawn: PartMesh, T_base_part: Array) -> None:
     mesh = spec.add_mesh(name="part")
-    mesh.uservert = np.asarray(part.vertices, dtype=np.float32).ravel()
-    mesh.userface = np.asarray(part.faces, dtype=np.int32).ravel()
+    mesh.uservert = np.asarray(drawn.vertices, dtype=np.float32).ravel()
+    mesh.userface = np.asarray(drawn.faces, dtype=np.int32).ravel()
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     body = spec.worldbody.add_body(
         name="part", pos=T_base_part[:3, 3], quat=Rotation.from_matrix(T_base_part[:3, :3]).as_quat(scalar_first=True)
@@ -90,7 +91,7 @@ def _add_part(spec: Any, part: PartMesh, T_base_part: Array) -> None:
         name="part", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="part", contype=0, conaffinity=0, mass=0.0,
         rgba=[0.72, 0.74, 0.78, 1.0],
     )  # fmt: skip
-    corners = apply(T_base_part, part.vertices)
+    corners = apply(T_base_part, drawn.vertices)
     low, high = corners.min(axis=0), corners.max(axis=0)
     height = low[2] - TABLE_TOP
     if height > 0.005:

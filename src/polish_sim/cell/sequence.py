@@ -5,7 +5,6 @@ Transitions use only what the host computer knows: the clock, the path and the *
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -176,10 +175,8 @@ def _place_target(job: Job, state: SequenceState, dt: float, target: Target) -> 
 
 @njit(cache=True)
 def _move_on(state: SequenceState, length: float, speed: float, dt: float) -> None:
-    """Advance along a table: ramp up to ``speed``, ramp down to rest at its end."""
-    left = max(length - state.path[0], 0.0)
-    allowed = min(speed, state.path[1] + FEED_ACCELERATION * dt, math.sqrt(2.0 * FEED_ACCELERATION * left) + 1e-5)
-    state.path[1] = allowed if left > 0.0 else 0.0
+    """Advance along a table: ramp up to ``speed`` and keep it to the end; the robot's own limits do the stopping."""
+    state.path[1] = min(speed, state.path[1] + FEED_ACCELERATION * dt) if state.path[0] < length else 0.0
     state.path[0] = min(state.path[0] + state.path[1] * dt, length)
 
 
