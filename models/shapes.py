@@ -245,10 +245,15 @@ def normal_curvature(graph: Graph, directions: Array) -> Array:
 
 def principal_curvatures(graph: Graph) -> Array:
     """Largest and smallest normal curvature [1/m], convex positive, shape (n, 2)."""
-    fx, fy = graph.gradient.T
-    fxx, fxy, fyy = graph.hessian[:, 0, 0], graph.hessian[:, 0, 1], graph.hessian[:, 1, 1]
-    w = 1.0 + fx**2 + fy**2
-    mean = -((1.0 + fy**2) * fxx - 2.0 * fx * fy * fxy + (1.0 + fx**2) * fyy) / (2.0 * w**1.5)
-    gauss = (fxx * fyy - fxy**2) / w**2
-    spread = np.sqrt(np.maximum(mean**2 - gauss, 0.0))
+    steepness = np.linalg.norm(graph.gradient, axis=1)
+    level = steepness < 1e-12
+    uphill = np.where(level[:, None], [1.0, 0.0], graph.gradient / np.where(level, 1.0, steepness)[:, None])
+    across = np.column_stack([-uphill[:, 1], uphill[:, 0]])
+    # Second fundamental form in the orthonormal tangent directions uphill and across.
+    stretch = np.sqrt(1.0 + steepness**2)
+    bend = -graph.hessian / stretch[:, None, None]
+    up_up = np.einsum("ni,nij,nj->n", uphill, bend, uphill) / stretch**2
+    up_across = np.einsum("ni,nij,nj->n", uphill, bend, across) / stretch
+    across_across = np.einsum("ni,nij,nj->n", across, bend, across)
+    mean, spread = 0.5 * (up_up + across_across), np.hypot(0.5 * (up_up - across_across), up_across)
     return np.stack([mean + spread, mean - spread], axis=1)

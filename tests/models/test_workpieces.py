@@ -1,0 +1,153 @@
+"""The shipped STL files are closed, lie on their formulas, and the freeform's curvature is as the paper's part asks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from polish_sim.errors import InputError
+from polish_sim.models import workpiece_names, workpiece_path
+from polish_sim.models.generate_workpieces import write_workpieces
+from polish_sim.models.parts import part, parts
+from polish_sim.models.shapes import normal_curvature, normals, principal_curvatures
+
+NAMES = sorted(parts())
+STL_ROUNDING = 1e-8  # single precision at 100 mm [m]
+
+
+def shipped(name):
+    mesh = trimesh.load(workpiece_path(name))
+    mesh.vertices = mesh.vertices * 1e-3
+    return mesh
+
+
+def circle(radius, n=3600):
+    """Points of a circle [m] and the directions along it."""
+    angle = np.arange(n) * 2 * np.pi / n
+    outwards = np.column_stack([np.cos(angle), np.sin(angle)])
+    return radius * outwards, np.column_stack([-outwards[:, 1], outwards[:, 0]])
+
+
+def curvature_along_circle(radius):
+    xy, along = circle(radius)
+    return normal_curvature(part("freeform").shape.evaluate(xy), along)
+
+
+def test_every_generated_part_ships_and_every_shipped_part_is_generated():
+    assert list(workpiece_names()) == NAMES
+    assert {"plate", "cylinder", "saddle", "freeform", "sphere_300", "wheel_hub_rim"} <= set(NAMES)
+
+
+def test_an_unknown_workpiece_lists_the_known_ones():
+    with pytest.raises(InputError, match=r"unknown workpiece 'teapot'.*freeform.*plate"):
+        workpiece_path("teapot")
+    with pytest.raises(InputError, match="freeform"):
+        part("teapot")
+
+
+def test_generating_again_gives_the_shipped_bytes(tmp_path):
+    for path in write_workpieces(tmp_path):
+        assert path.read_bytes() == workpiece_path(path.stem).read_bytes(), path.stem
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_workpiece_is_one_closed_solid_standing_on_its_flat_bottom(name):
+    mesh = shipped(name)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume > 0
+    assert mesh.body_count == 1
+    assert mesh.bounds[0, 2] == 0.0
+    assert len(mesh.faces) < 40_000
+    assert workpiece_path(name).stat().st_size < 2.5e6
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_largest_smooth_face_looks_up(name):
+    """So that the choice of the side to polish, which goes by size, is not left to chance."""
+    mesh = shipped(name)
+    sizes = [mesh.area_faces[facets].sum() for facets in smooth_patches(mesh)]
+    largest = smooth_patches(mesh)[int(np.argmax(sizes))]
+    assert mesh.face_normals[largest, 2].min() > 0.7
+
+
+def smooth_patches(mesh):
+    """Face numbers of patches that meet under less than 30 deg."""
+    smooth = mesh.face_adjacency[mesh.face_adjacency_angles < np.radians(30)]
+    return trimesh.graph.connected_components(smooth, min_len=1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_top_lies_on_its_formula(name):
+    mesh = shipped(name)
+    sizes = [(mesh.area_faces[facets].sum(), facets) for facets in smooth_patches(mesh)]
+    top = max(sizes, key=lambda item: item[0])[1]
+    corners = mesh.vertices[np.unique(mesh.faces[top])]
+    truth = part(name).shape.evaluate(corners[:, :2])
+    np.testing.assert_allclose(corners[:, 2], truth.height, atol=STL_ROUNDING)
+    middles = part(name).shape.evaluate(mesh.triangles_center[top][:, :2])
+    assert (normals(middles) * mesh.face_normals[top]).sum(axis=1).min() > np.cos(np.radians(1.5))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gradient_and_hessian_are_derivatives_of_the_height(name):
+    shape, h = part(name).shape, 1e-6
+    angle = np.random.default_rng(3).uniform(0, 2 * np.pi, 300)
+    low, high = (0.061, 0.099) if name == "wheel_hub_rim" else (0.0, 0.6 * shipped(name).extents[1] / 2)
+    radius = np.random.default_rng(4).uniform(low, high, 300)
+    xy = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    here = shape.evaluate(xy)
+    for i, step in enumerate(h * np.eye(2)):
+        plus, minus = shape.evaluate(xy + step), shape.evaluate(xy - step)
+        np.testing.assert_allclose((plus.height - minus.height) / (2 * h), here.gradient[:, i], atol=1e-8)
+        np.testing.assert_allclose((plus.gradient - minus.gradient) / (2 * h), here.hessian[:, i], atol=1e-5)
+
+
+@pytest.mark.parametrize(("name", "radius"), [("sphere_300", 0.3), ("sphere_100", 0.1), ("sphere_50", 0.05)])
+def test_a_sphere_is_equally_convex_everywhere_and_at_most_35_deg_steep(name, radius):
+    mesh = shipped(name)
+    graph = part(name).shape.evaluate(mesh.vertices[mesh.vertices[:, 2] > 0.005][:, :2])
+    np.testing.assert_allclose(principal_curvatures(graph), 1 / radius, rtol=1e-9)
+    assert np.linalg.norm(graph.gradient, axis=1).max() < np.tan(np.radians(35))
+
+
+def test_cylinder_saddle_and_rim_have_their_textbook_curvatures():
+    xy = np.array([[0.03, 0.02], [-0.05, 0.01]])
+    cylinder = part("cylinder").shape.evaluate(xy)
+    np.testing.assert_allclose(principal_curvatures(cylinder), [[1 / 0.15, 0.0]] * 2, atol=1e-12)
+    saddle = part("saddle").shape.evaluate(np.zeros((1, 2)))
+    np.testing.assert_allclose(principal_curvatures(saddle), [[5.0, -5.0]])
+    crest = part("wheel_hub_rim").shape.evaluate(np.array([[0.08, 0.0]]))
+    np.testing.assert_allclose(principal_curvatures(crest), [[1 / 0.06, 0.0]], atol=1e-12)
+
+
+def crests(curvature):
+    """Which points of a turn are peaks of more than 1/200 mm."""
+    return (curvature > np.roll(curvature, 1)) & (curvature >= np.roll(curvature, -1)) & (curvature > 1 / 0.2)
+
+
+def test_freeform_rises_to_a_sixtieth_in_six_places_of_every_outer_turn():
+    for radius in np.arange(0.066, 0.0961, 0.005):
+        curvature = curvature_along_circle(radius)
+        assert crests(curvature).sum() == 6
+        np.testing.assert_allclose(curvature[crests(curvature)], 1 / 0.060, rtol=0.035)
+
+
+def test_freeform_bends_less_than_a_three_hundredth_farther_than_15_mm_from_its_crests():
+    for radius in np.arange(0.040, 0.0961, 0.005):
+        curvature = curvature_along_circle(radius)
+        distance = radius * np.arange(len(curvature)) * 2 * np.pi / len(curvature)
+        to_crest = np.abs(distance[:, None] - distance[crests(curvature)])
+        between = np.minimum(to_crest, 2 * np.pi * radius - to_crest).min(axis=1) > 0.015
+        assert between.any()
+        assert np.abs(curvature[between]).max() < 1 / 0.300
+
+
+def test_freeform_is_never_tighter_than_twice_the_pads_radius():
+    n = np.linspace(-0.1, 0.1, 401)
+    xy = np.stack(np.meshgrid(n, n), axis=-1).reshape(-1, 2)
+    graph = part("freeform").shape.evaluate(xy[np.linalg.norm(xy, axis=1) <= 0.1])
+    curvatures = principal_curvatures(graph)
+    assert curvatures.max() < 1 / 0.050
+    assert curvatures.min() > -1 / 0.300
