@@ -1,5 +1,6 @@
 """Geometry: from a part's STL to a smooth surface, the region to polish and its distance field (layer 4)."""
 
+from polish_sim.geometry.distance_field import DistanceField, build_distance_field, field_distance, field_gradient
 from polish_sim.geometry.fit import fit_surface
 from polish_sim.geometry.mesh import PartMesh, load_part
 from polish_sim.geometry.region import Region, select_region
@@ -8,10 +9,14 @@ from polish_sim.geometry.surface import ClosestPoints, Curvature, Surface, Surfa
 __all__ = [
     "ClosestPoints",
     "Curvature",
+    "DistanceField",
     "PartMesh",
     "Region",
     "Surface",
     "SurfacePoints",
+    "build_distance_field",
+    "field_distance",
+    "field_gradient",
     "fit_surface",
     "load_part",
     "select_region",

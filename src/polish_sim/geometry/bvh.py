@@ -22,10 +22,12 @@ class BoxTree(NamedTuple):
     """Right child (the left one is the next node); -1 for a leaf, shape (k,)."""
     first: NDArray[np.int32]
     """First item of a node in ``items``, shape (k,)."""
-    count: NDArray[np.int32]
+    size: NDArray[np.int32]
     """Number of items below a node, shape (k,)."""
     items: NDArray[np.int32]
     """Patch indices, shape (m,)."""
+    bulge: NDArray[np.float64]
+    """How far each patch may be from its flat triangle [m], shape (m,)."""
 
 
 def build_box_tree(control: NDArray[np.float64]) -> BoxTree:
@@ -34,7 +36,11 @@ def build_box_tree(control: NDArray[np.float64]) -> BoxTree:
     Args:
         control: Control points [m], shape (m, 6, 3).
     """
-    return BoxTree(*_build(control.min(axis=1), control.max(axis=1)))
+    # P - flat = sum of 2 u v e with e an edge's control point beside its middle, and u v + v w + w u <= 1/3.
+    middles = 0.5 * (control[:, :3] + np.roll(control[:, :3], -1, axis=1))
+    bulge = 2.0 / 3.0 * np.linalg.norm(control[:, 3:] - middles, axis=2).max(axis=1)
+    low, high, right, first, size, items = _build(control.min(axis=1), control.max(axis=1))
+    return BoxTree(low, high, right, first, size, items, bulge)
 
 
 @njit(cache=True)

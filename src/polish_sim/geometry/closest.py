@@ -9,6 +9,7 @@ from polish_sim.geometry.bvh import box_distance2
 
 _STEPS = 24
 _STEP_DONE = 1e-13
+_NEWTON_DONE = 1e-8  # the next step would be of the order of its square
 
 
 @njit(cache=True)
@@ -26,11 +27,16 @@ def closest_on_patch(patch, x, y, z):  # type: ignore[no-untyped-def]
     Returns:
         Squared distance [m^2] and barycentric coordinates u, v.
     """
-    u, v, inside = _newton(patch, x, y, z)
-    if inside:
+    u, v, settled = _newton(patch, x, y, z)
+    w = 1.0 - u - v
+    if settled and u >= 0.0 and v >= 0.0 and w >= 0.0:
         return _distance2(patch, u, v, x, y, z), u, v
     best, best_u, best_v = np.inf, 0.0, 0.0
     for edge in range(3):
+        # The closest point lies on an edge that the stationary point is beyond.
+        beyond = w if edge == 0 else (u if edge == 1 else v)
+        if settled and beyond > 0.0:
+            continue
         t, distance2 = _closest_on_edge(patch, edge, x, y, z)
         if distance2 < best:
             best = distance2
@@ -45,7 +51,7 @@ def closest_on_patch(patch, x, y, z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _newton(patch, x, y, z):  # type: ignore[no-untyped-def]
-    """Stationary point of the distance to the patch continued beyond its edges; whether it lies in the patch."""
+    """Stationary point u, v of the distance to the patch continued beyond its edges, and whether it is a minimum."""
     guu = guv = gvv = 0.0
     ru = rv = 0.0
     for k in range(3):
@@ -62,6 +68,7 @@ def _newton(patch, x, y, z):  # type: ignore[no-untyped-def]
     # Start from the foot on the flat triangle, kept near it.
     u = min(max((gvv * ru - guv * rv) / det, -0.2), 1.2)
     v = min(max((guu * rv - guv * ru) / det, -0.2), 1.2)
+    settled = False
     for _ in range(_STEPS):
         w = 1.0 - u - v
         fu = fv = huu = huv = hvv = quu = quv = qvv = 0.0
@@ -82,8 +89,9 @@ def _newton(patch, x, y, z):  # type: ignore[no-untyped-def]
             qvv += r * 2.0 * (p1 - 2.0 * p4 + p2)
         a, b, c = huu + quu, huv + quv, hvv + qvv
         det = a * c - b * b
-        if a <= 0.0 or det <= 1e-3 * huu * hvv * 1e-3:
-            # Not convex here: the Gauss-Newton step goes downhill.
+        convex = a > 0.0 and det > 1e-6 * huu * hvv
+        if not convex:
+            # The Gauss-Newton step goes downhill.
             a, b, c = huu, huv, hvv
             det = a * c - b * b
             if det <= 1e-28 * huu * hvv:
@@ -94,11 +102,12 @@ def _newton(patch, x, y, z):  # type: ignore[no-untyped-def]
             su, sv = 0.5 * su / size, 0.5 * sv / size
         u -= su
         v -= sv
-        if size < _STEP_DONE:
+        if size < (_NEWTON_DONE if convex else _STEP_DONE):
+            settled = convex
             break
         if u < -1.0 or v < -1.0 or u + v > 2.0:
-            return u, v, False
-    return u, v, u >= 0.0 and v >= 0.0 and u + v <= 1.0
+            break
+    return u, v, settled
 
 
 @njit(cache=True)
@@ -169,6 +178,30 @@ def _closest_on_edge(patch, edge, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _flat_distance2(patch, x, y, z):  # type: ignore[no-untyped-def]
+    """Squared distance to the flat triangle of a patch's corners [m^2]."""
+    ax, ay, az = patch[0, 0] - patch[2, 0], patch[0, 1] - patch[2, 1], patch[0, 2] - patch[2, 2]
+    bx, by, bz = patch[1, 0] - patch[2, 0], patch[1, 1] - patch[2, 1], patch[1, 2] - patch[2, 2]
+    px, py, pz = x - patch[2, 0], y - patch[2, 1], z - patch[2, 2]
+    aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+    pa, pb = px * ax + py * ay + pz * az, px * bx + py * by + pz * bz
+    pp = px * px + py * py + pz * pz
+    det = aa * bb - ab * ab
+    u, v = bb * pa - ab * pb, aa * pb - ab * pa
+    if u >= 0.0 and v >= 0.0 and u + v <= det and det > 0.0:
+        u, v = u / det, v / det
+        return max(pp - u * pa - v * pb, 0.0)
+    # Beyond an edge: the nearest point of the three edges.
+    t = min(max(pa / aa, 0.0), 1.0)
+    best = pp + t * (t * aa - 2.0 * pa)
+    t = min(max(pb / bb, 0.0), 1.0)
+    best = min(best, pp + t * (t * bb - 2.0 * pb))
+    cc, pc = aa - 2.0 * ab + bb, pb - pa + aa - ab
+    t = min(max(pc / cc, 0.0), 1.0)
+    return max(min(best, pp - 2.0 * pa + aa + t * (t * cc - 2.0 * pc)), 0.0)
+
+
+@njit(cache=True)
 def closest_in_tree(control, tree, x, y, z, hint, limit2):  # type: ignore[no-untyped-def]
     """Closest point of all patches.
 
@@ -199,9 +232,12 @@ def closest_in_tree(control, tree, x, y, z, hint, limit2):  # type: ignore[no-un
             continue
         node = stack[top]
         if tree.right[node] < 0:
-            for i in range(tree.first[node], tree.first[node] + tree.count[node]):
+            for i in range(tree.first[node], tree.first[node] + tree.size[node]):
                 item = tree.items[i]
                 if item == hint:
+                    continue
+                reach = np.sqrt(best) + tree.bulge[item]
+                if _flat_distance2(control[item], x, y, z) > reach * reach:
                     continue
                 distance2, u, v = closest_on_patch(control[item], x, y, z)
                 if distance2 < best:

@@ -73,10 +73,8 @@ def _vertex_tangents(vertices: Floats, sharp: Ints) -> tuple[Floats, Bools]:
     size_before, size_after = np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
     before, after = before / size_before[:, None], after / size_after[:, None]
     circle = before / size_before[:, None] + after / size_after[:, None]
-    long_before, long_after = (
-        size_before > STRAIGHT_DOMINANCE * size_after,
-        size_after > STRAIGHT_DOMINANCE * size_before,
-    )
+    long_before = size_before > STRAIGHT_DOMINANCE * size_after
+    long_after = size_after > STRAIGHT_DOMINANCE * size_before
     direction = np.where(long_before[:, None], before, np.where(long_after[:, None], after, circle))
     tangent = np.zeros((count, 3))
     tangent[two] = direction / np.maximum(np.linalg.norm(direction, axis=1), 1e-300)[:, None]

@@ -26,7 +26,7 @@ FLAT_DOMINANCE = 4.0
 class SmoothCorners(NamedTuple):
     """Corners of facets gathered to smooth vertices: one per vertex and smooth group."""
 
-    index: Ints
+    ids: Ints
     """Smooth vertex of each facet corner, shape (m, 3)."""
     normals: Floats
     """Unit normals of the smooth vertices, shape (k, 3)."""
@@ -133,14 +133,15 @@ def flat_faces(vertices: Floats, faces: Ints, adjacency: Adjacency) -> tuple[Int
     bent = _bent_faces(vertices, faces, labels, mean, 4.0 * tolerance, count)
     if bent.any():
         alone = bent[labels]
-        labels = np.unique(np.where(alone, count + np.arange(len(faces)), labels), return_inverse=True)[1]
+        _, renumbered = np.unique(np.where(alone, count + np.arange(len(faces)), labels), return_inverse=True)
+        labels = renumbered.astype(np.int32)
         total, mean = _face_means(labels, areas, normals, int(labels.max()) + 1)
-    return labels.astype(np.int32), total, mean
+    return labels, total, mean
 
 
-def _face_means(labels: NDArray[np.integer], areas: Floats, normals: Floats, count: int) -> tuple[Floats, Floats]:
-    total = np.bincount(labels, weights=areas, minlength=count)
-    mean = _sum_over(labels.astype(np.int32), areas[:, None] * normals, count)
+def _face_means(labels: Ints, areas: Floats, normals: Floats, count: int) -> tuple[Floats, Floats]:
+    total: Floats = np.bincount(labels, weights=areas, minlength=count).astype(np.float64)
+    mean = _sum_over(labels, areas[:, None] * normals, count)
     return total, mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
 
 

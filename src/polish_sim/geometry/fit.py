@@ -65,7 +65,7 @@ def fit_triangles(
         vertices=vertices,
         faces=faces,
         control=np.concatenate([vertices[faces], points], axis=1),
-        normal_control=from_corners(corners.normals[corners.index]),
+        normal_control=from_corners(corners.normals[corners.ids]),
         shape=vertex_shape(vertices, faces, corners),
         adjacency=adjacency,
         smooth=smooth,
@@ -87,7 +87,7 @@ def _edge_points(
     start, end = vertices[np.where(swap, second, first)], vertices[np.where(swap, first, second)]
     chord = end - start
     unit_chord = chord / np.linalg.norm(chord, axis=-1, keepdims=True)
-    normal_here = corners.normals[corners.index]
+    normal_here = corners.normals[corners.ids]
     normal_ahead = np.roll(normal_here, -1, axis=1)
     start_normal = np.where(swap[..., None], normal_ahead, normal_here)
     end_normal = np.where(swap[..., None], normal_here, normal_ahead)

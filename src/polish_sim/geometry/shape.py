@@ -31,16 +31,16 @@ def vertex_shape(vertices: Floats, faces: Ints, corners: SmoothCorners) -> Float
         Shape operators at the facets' corners [1/m], packed xx, yy, zz, xy, yz, zx, shape (m, 3, 6);
         zero on flat facets.
     """
-    size = _mean_edge(vertices, faces, corners.index, len(corners.normals))
+    size = _mean_edge(vertices, faces, corners.ids, len(corners.normals))
     frames = _tangent_frames(corners.normals)
-    normal_equations = _accumulate(vertices, faces, corners.index, corners.normals, frames, size)
+    normal_equations = _accumulate(vertices, faces, corners.ids, corners.normals, frames, size)
     matrix, right = normal_equations[:, :, :7], normal_equations[:, :, 7:]
     trace = np.maximum(np.trace(matrix, axis1=1, axis2=2), 1e-300)
     ridge = np.array([_RIDGE] * 3 + [_CUBIC_RIDGE] * 4)
     fitted = np.linalg.solve(matrix + trace[:, None, None] * np.diag(ridge), right)[:, :3, 0] / size[:, None]
-    packed = _pack(frames, fitted)[corners.index]
+    packed = _pack(frames, fitted)[corners.ids]
     own, _ = facet_normals(vertices, faces)
-    tilt = np.abs(corners.normals[corners.index] - own[:, None, :]).max(axis=(1, 2))
+    tilt = np.abs(corners.normals[corners.ids] - own[:, None, :]).max(axis=(1, 2))
     packed[tilt < _FLAT] = 0.0
     return packed
 

@@ -49,7 +49,7 @@ def _read_bytes(path: Path) -> bytes:
 
 
 def _is_ascii(content: bytes) -> bool:
-    """Binary files may start with "solid" too; only a text has "facet" or "endsolid" and no zero byte near the start."""
+    """Tell text from binary; binary files may start with "solid" too, but soon hold a zero byte."""
     head = content[:2048]
     return head.lstrip().lower().startswith(b"solid") and b"\0" not in head
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,11 +183,24 @@ def build_surface(
     smooth: Bools,
 ) -> Surface:
     """Put a surface together: make its arrays read-only and grow the tree of boxes over its patches."""
-    arrays = [vertices, faces, control, normal_control, shape, adjacency.facets, adjacency.edges, smooth]
-    arrays = [np.ascontiguousarray(array) for array in arrays]
-    for array in arrays:
-        array.setflags(write=False)
-    return Surface(*arrays, tree=build_box_tree(arrays[2]))
+    control = _frozen(control)
+    return Surface(
+        vertices=_frozen(vertices),
+        faces=_frozen(faces),
+        control=control,
+        normal_control=_frozen(normal_control),
+        shape=_frozen(shape),
+        neighbours=_frozen(adjacency.facets),
+        neighbour_edges=_frozen(adjacency.edges),
+        smooth=_frozen(smooth),
+        tree=build_box_tree(control),
+    )
+
+
+def _frozen(array: NDArray[Any]) -> NDArray[Any]:
+    array = np.ascontiguousarray(array)
+    array.setflags(write=False)
+    return array
 
 
 def _unit(vectors: Floats) -> Floats:
