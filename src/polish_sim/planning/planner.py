@@ -1,0 +1,117 @@
+"""From a region and a plan request to the tool path (Region, PlanConfig -> ToolPath)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.config import PlanConfig
+from polish_sim.errors import PlanError, unknown_name
+from polish_sim.geometry import Region
+from polish_sim.planning.approach import LEADS, Move, concatenate, process_move, travel, with_leads
+from polish_sim.planning.curve import unit
+from polish_sim.planning.patterns import PATTERNS
+from polish_sim.planning.run import SurfaceRun
+from polish_sim.planning.toolpath import ToolPath, arc_length
+from polish_sim.planning.triangulation import Triangulation, triangulate
+
+Array = NDArray[np.float64]
+
+EDGES_PER_STEPOVER = 3.0
+
+
+def plan_path(region: Region, plan: PlanConfig, on_progress: Callable[[float], None] | None = None) -> ToolPath:
+    """Cover a region with a tool path.
+
+    Args:
+        region: What is to be polished.
+        plan: Pattern, step-over, how the tool lands.
+        on_progress: Called with the share of the region covered so far.
+
+    Returns:
+        The path on the surface, with approach, lead-in, lead-out and retract.
+
+    Raises:
+        InputError: Unknown pattern or lead-in.
+        PlanError: The step-over does not fit the region.
+    """
+    mesh = fine_mesh(region, plan.stepover_m)
+    return path_on(region, mesh, plan, on_progress)
+
+
+def fine_mesh(region: Region, stepover: float) -> Triangulation:
+    """The region's triangulation, fine enough to tell turns apart.
+
+    Raises:
+        PlanError: The step-over is not positive, or larger than the region.
+    """
+    size = float(np.linalg.norm(np.diff(region.surface.bounds, axis=0)))
+    if not 0.0 < stepover < size:
+        raise PlanError(
+            f"a step-over of {stepover * 1e3:.4g} mm does not fit: it must be positive and smaller than the "
+            f"region, which measures {size * 1e3:.4g} mm across. Set another step-over."
+        )
+    return triangulate(region.surface, stepover / EDGES_PER_STEPOVER)
+
+
+def path_on(
+    region: Region, mesh: Triangulation, plan: PlanConfig, on_progress: Callable[[float], None] | None = None
+) -> ToolPath:
+    """As `plan_path`, on a triangulation made before."""
+    if plan.pattern not in PATTERNS:
+        raise unknown_name("pattern", plan.pattern, PATTERNS)
+    if plan.lead_in not in LEADS:
+        raise unknown_name("lead-in", plan.lead_in, LEADS)
+    runs = PATTERNS[plan.pattern](region, mesh, plan.stepover_m, on_progress or _silent)
+    if not runs:
+        raise PlanError(
+            f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half of it "
+            "inside the border. Set a smaller step-over or a larger region."
+        )
+    return assemble(region, runs, plan)
+
+
+def assemble(region: Region, runs: Sequence[SurfaceRun], plan: PlanConfig) -> ToolPath:
+    """Give runs their tool axes and leads and put them in a row."""
+    top = float((region.surface.vertices @ region.up).max()) + plan.clearance_m
+    moves: list[Move] = []
+    curvature: list[Array] = []
+    passes = 0
+    for run in runs:
+        tangents = unit(np.gradient(run.positions, axis=0))
+        axes = tool_axes(run.points.normals, tangents, plan.lead_angle_rad, plan.tilt_angle_rad)
+        process = process_move(run.positions, axes, run.pass_index + passes)
+        passes = int(process.pass_index.max()) + 1
+        parts = with_leads(process, LEADS[plan.lead_in], plan.clearance_m)
+        if moves:
+            parts = [travel(moves[-1], parts[0], region.up, top), *parts]
+        bend = region.surface.normal_curvature(run.points.facets, run.points.barycentric, tangents)
+        before = sum(len(part.positions) for part in parts[:-3])
+        after = sum(len(part.positions) for part in parts[-2:])
+        curvature.append(np.pad(bend, (before, after), mode="edge"))
+        moves += parts
+    positions, axes, segment, pass_index = concatenate(moves)
+    return ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
+
+
+def tool_axes(normals: Array, tangents: Array, lead: float, tilt: float) -> Array:
+    """Turn the normals by a lead angle towards the feed and a tilt angle to its left.
+
+    Args:
+        normals: Unit outward normals, shape (n, 3).
+        tangents: Unit feed directions, shape (n, 3).
+        lead: Angle [rad].
+        tilt: Angle [rad].
+
+    Returns:
+        Unit tool axes from the part to the tool, shape (n, 3).
+    """
+    along = unit(tangents - normals * (tangents * normals).sum(axis=1, keepdims=True))
+    across = np.cross(normals, along)
+    return unit(normals + np.tan(lead) * along + np.tan(tilt) * across)
+
+
+def _silent(share: float) -> None:
+    """Progress nobody asked for."""

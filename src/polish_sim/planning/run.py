@@ -1,0 +1,99 @@
+"""What a pattern yields: lines the tool follows in contact, one lift after each (pattern -> tool path)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import uniform_filter1d
+
+from polish_sim.geometry import ClosestPoints, Surface
+from polish_sim.planning.toolpath import arc_length
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ROUNDING = 0.5
+"""Length over which corners are rounded, as a share of the step-over."""
+FINE = 1.0 / 40.0
+"""Spacing of the points that are smoothed, as a share of the step-over."""
+CHORD_ERROR_M = 5e-7
+CLOSEST_M, FURTHEST_M = 2.5e-4, 1e-3
+"""Spacing of the finished path's points: equal chord error between these limits [m]."""
+
+
+class Run(NamedTuple):
+    """A line on or very near the surface, followed without a lift."""
+
+    positions: Array
+    """Points [m], shape (n, 3)."""
+    pass_index: Ints
+    """Turn or line each belongs to, shape (n,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceRun:
+    """A run finished: smooth, dense, its points on the surface."""
+
+    points: ClosestPoints
+    pass_index: Ints
+
+    @property
+    def positions(self) -> Array:
+        """Points on the surface [m], shape (n, 3)."""
+        return self.points.positions
+
+
+def join(first: Run, second: Run) -> Run:
+    """Two runs one after the other, without a lift."""
+    return Run(
+        np.concatenate([first.positions, second.positions]), np.concatenate([first.pass_index, second.pass_index])
+    )
+
+
+def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
+    """Round the corners, space the points for equal chord error and put them on the surface.
+
+    Args:
+        surface: The region's surface.
+        run: The line.
+        stepover: Step-over [m]; corners are rounded over half of it.
+
+    Returns:
+        The finished run.
+    """
+    knots = arc_length(run.positions)
+    distinct = np.concatenate([[True], np.diff(knots) > 1e-9])
+    knots, positions, passes = knots[distinct], run.positions[distinct], run.pass_index[distinct]
+    count = max(int(np.ceil(knots[-1] / (FINE * stepover))), 8)
+    s = np.linspace(0.0, knots[-1], count + 1)
+    even = np.stack([np.interp(s, knots, positions[:, k]) for k in range(3)], axis=1)
+    window = min(round(ROUNDING / FINE), count // 3)
+    smooth = _moving_average(_moving_average(even, window), window)
+    spline = CubicSpline(s, smooth)
+    where = _stations(s, np.linalg.norm(spline(s, 2), axis=1))
+    found = surface.closest(spline(where))
+    index = passes[np.searchsorted(knots, where, side="right") - 1]
+    return SurfaceRun(found, index)
+
+
+def _moving_average(points: Array, window: int) -> Array:
+    """Mean over a window; the ends stay, because the line is continued by its point reflection."""
+    size = window | 1
+    pad = min(size, len(points) - 1)
+    head = 2.0 * points[0] - points[pad:0:-1]
+    tail = 2.0 * points[-1] - points[-2 : -pad - 2 : -1]
+    averaged = uniform_filter1d(np.concatenate([head, points, tail]), size, axis=0, mode="nearest")
+    return np.asarray(averaged[pad : pad + len(points)])
+
+
+def _stations(s: Array, curvature: Array) -> Array:
+    """Arc lengths with equal chord error e, spacing sqrt(8 e / curvature) within limits."""
+    spacing = np.clip(np.sqrt(8.0 * CHORD_ERROR_M / np.maximum(curvature, 1e-9)), CLOSEST_M, FURTHEST_M)
+    rate = 1.0 / spacing
+    progress = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))])
+    count = max(int(np.ceil(progress[-1])), 8)
+    return np.interp(np.linspace(0.0, progress[-1], count + 1), progress, s)

@@ -1,0 +1,133 @@
+"""The turns that cover a region, from its border inwards, and how they nest (Region -> tree of offset curves)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.planning.curve import Curve
+from polish_sim.planning.level_set import LevelLine, level_lines
+from polish_sim.planning.offset_curve import nearest_of, offset_curve
+from polish_sim.planning.stepping import SurfaceQuery
+from polish_sim.planning.triangulation import Triangulation
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+THIN = 1.1
+"""What is left inside a turn needs another one if its middle is further away than this many step-overs."""
+
+Report = Callable[[float], None]
+
+
+@dataclass(eq=False)
+class Turn:
+    """One offset curve and the turns directly inside it."""
+
+    curve: Curve
+    inside: Mask
+    """Vertices of the triangulation in the piece this turn bounds, shape (n,)."""
+    children: list[Turn] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A connected part of the region not yet covered, and the turns around it."""
+
+    turns: tuple[Turn, ...]
+    inside: Mask
+
+
+def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
+    """Border of the triangulation as closed curves with the inside on their left, the longest first."""
+    follower = dict(mesh.border.tolist())
+    curves = []
+    while follower:
+        here = next(iter(follower))
+        loop = []
+        while here in follower:
+            loop.append(here)
+            here = follower.pop(here)
+        if len(loop) >= 3:
+            curves.append(Curve(mesh.vertices[loop], mesh.normals[loop], True))
+    return tuple(sorted(curves, key=lambda curve: -curve.length))
+
+
+def distance_to(mesh: Triangulation, inside: Mask, curves: Sequence[Curve], limit: float) -> Array:
+    """Distance from the vertices inside to the nearest curve on the same side of the part.
+
+    Args:
+        mesh: The triangulation.
+        inside: Vertices to look at, shape (n,).
+        curves: The curves.
+        limit: Distances beyond it are inf [m].
+
+    Returns:
+        Distances [m], zero outside, shape (n,).
+    """
+    values = np.zeros(len(mesh.vertices))
+    feet = nearest_of(curves, mesh.vertices[inside], limit)
+    same_side = (feet.normals * mesh.normals[inside]).sum(axis=1) > 0.0
+    values[inside] = np.where(same_side, feet.distances, np.inf)
+    return values
+
+
+def grow_turns(
+    surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Curve], first: float, stepover: float, report: Report
+) -> list[Turn]:
+    """Offset the borders inwards, turn after turn, until nothing is left.
+
+    Args:
+        surface: The region's surface.
+        mesh: Its fine triangulation.
+        borders: Closed curves to start from.
+        first: Distance of the first turn from the border [m].
+        stepover: Distance from turn to turn [m].
+        report: Called with the share of the area done.
+
+    Returns:
+        The outermost turns; the others hang below them.
+    """
+    everything = np.ones(len(mesh.vertices), dtype=bool)
+    roots = [Turn(curve, everything) for curve in borders]
+    pieces = [Piece(tuple(roots), everything)]
+    step = first
+    while pieces:
+        pieces = [inner for piece in pieces for inner in _shrink(surface, mesh, piece, step)]
+        step = stepover
+        report(1.0 - sum(float(mesh.vertex_areas[p.inside].sum()) for p in pieces) / float(mesh.areas.sum()))
+    return [turn for root in roots for turn in root.children]
+
+
+def _shrink(surface: SurfaceQuery, mesh: Triangulation, piece: Piece, step: float) -> list[Piece]:
+    """One step inwards: the pieces left, each with its new turns, hung below the turns they come from."""
+    curves = [turn.curve for turn in piece.turns]
+    values = distance_to(mesh, piece.inside, curves, 1.6 * step)
+    inner = piece.inside & (values > step)
+    if not inner.any():
+        return []
+    count, labels = mesh.components(inner)
+    lines = level_lines(mesh, np.minimum(values, 1.6 * step), step)
+    pieces = []
+    for label in range(count):
+        inside = labels == label
+        if values[inside].max() <= THIN * step:
+            continue
+        own = [line for line in lines if line.closed and labels[line.vertices[0]] == label]
+        turns = tuple(_new_turn(surface, piece, curves, line, step, inside) for line in own)
+        if turns:
+            pieces.append(Piece(turns, inside))
+    return pieces
+
+
+def _new_turn(
+    surface: SurfaceQuery, piece: Piece, curves: Sequence[Curve], line: LevelLine, step: float, inside: Mask
+) -> Turn:
+    curve = offset_curve(surface, curves, line, step)
+    turn = Turn(curve, inside)
+    parent = np.bincount(nearest_of(curves, curve.positions).curve).argmax()
+    piece.turns[int(parent)].children.append(turn)
+    return turn
