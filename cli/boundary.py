@@ -1,0 +1,61 @@
+"""The one place where errors become a message and an exit code; no command catches them itself."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Sequence
+
+import typer
+
+from polish_sim.cli import console
+from polish_sim.errors import PolishSimError
+
+DONE, SHORT, USAGE, STOPPED, BUG, INTERRUPTED = 0, 1, 2, 3, 70, 130
+
+
+def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
+    """Run one command line.
+
+    Args:
+        commands: The app.
+        arguments: What stands behind `polish-sim`.
+
+    Returns:
+        The exit code: 0 done, 1 a figure falls short, 2 bad input or usage, 3 protective stop, 130 interrupted,
+        70 an error of ours.
+    """
+    try:
+        outcome = typer.main.get_command(commands).main(list(arguments), "polish-sim", standalone_mode=False)
+    except PolishSimError as error:
+        return console.fail(str(error), error.exit_code)
+    except typer.TyperException as error:
+        return console.fail(_usage_message(error), USAGE)
+    except (KeyboardInterrupt, typer.Abort):
+        return console.fail("interrupted; nothing was recorded yet.", INTERRUPTED)
+    except BrokenPipeError:
+        return console.close_broken_pipe()
+    except Exception as error:
+        return console.fail(_bug_message(error, "--debug" in arguments), BUG)
+    return outcome if isinstance(outcome, int) else DONE
+
+
+def _usage_message(error: typer.TyperException) -> str:
+    """One line: what is wrong, the names that would be right, where to read on."""
+    message = error.format_message().rstrip(".")
+    context = getattr(error, "ctx", None)
+    if context is None:
+        return f"{message}. See 'polish-sim --help'."
+    known = getattr(context.command, "commands", None)
+    names = f" Known: {', '.join(sorted(known))}." if known else ""
+    return f"{message}.{names} See '{context.command_path} --help'."
+
+
+def _bug_message(error: Exception, debug: bool) -> str:
+    if debug:
+        return "".join(traceback.format_exception(error))
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    return (
+        f"this is a bug in polish-sim: {type(error).__name__}: {error} "
+        f"({where.filename.rsplit('/', 1)[-1]}:{where.lineno}). "
+        "Run 'polish-sim --debug ...' to see where it comes from, and please report it."
+    )

@@ -1,0 +1,77 @@
+"""The only module that talks: results on stdout, progress and errors on stderr."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from polish_sim.cli.frames import FrameSink
+    from polish_sim.cli.progress import ProgressObserver
+
+PLAIN_WIDTH = 160
+"""Width of tables when the output is not a terminal: wide enough not to wrap."""
+
+
+def say(text: str = "") -> None:
+    """Print a line of results on stdout, as it is."""
+    print(text, flush=True)
+
+
+def note(text: str) -> None:
+    """Print a line about the work (what was assumed, a stage, a warning) on stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def fail(message: str, exit_code: int) -> int:
+    """Print one error message on stderr and return the exit code to end with."""
+    print(f"error: {message}", file=sys.stderr, flush=True)
+    return exit_code
+
+
+def close_broken_pipe() -> int:
+    """Let go of a stdout nobody reads any more (`polish-sim list | head -1`), without noise at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 1
+
+
+def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table on stdout; the first column is left-aligned, the others right."""
+    from rich import box
+    from rich.table import Table
+
+    grid = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold", pad_edge=False)
+    for index, heading in enumerate(headings):
+        grid.add_column(heading, justify="left" if index == 0 else "right", no_wrap=True)
+    for row in rows:
+        grid.add_row(*row)
+    _console().print(grid)
+
+
+@contextmanager
+def progress(sinks: Sequence[FrameSink] = ()) -> Iterator[ProgressObserver]:
+    """Show the stages of a run and a bar on stderr while the block runs; plain lines when it is not a terminal.
+
+    Args:
+        sinks: Who gets the frames of the run.
+
+    Yields:
+        The observer to hand to the run.
+    """
+    from polish_sim.cli.progress import ProgressObserver
+
+    with ProgressObserver.shown(note, sinks) as observer:
+        yield observer
+
+
+@cache
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console(markup=False, highlight=False, emoji=False, width=None if sys.stdout.isatty() else PLAIN_WIDTH)

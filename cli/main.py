@@ -1,0 +1,59 @@
+"""The `polish-sim` command: one Typer app, its commands gathered from one small file each.
+
+Heavy libraries are imported inside the commands that need them, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from polish_sim import __version__
+from polish_sim.cli import console
+from polish_sim.cli.boundary import execute
+from polish_sim.cli.config import config
+from polish_sim.cli.demo import demo
+from polish_sim.cli.listing import list_names
+from polish_sim.cli.report import report
+from polish_sim.cli.run import run
+
+commands = typer.Typer(
+    name="polish-sim",
+    help="Force-controlled robotic polishing in MuJoCo: from a part's STL to a scored run. "
+    "Lengths are in mm, angles in deg, forces in N, speeds in mm/s.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        console.say(f"polish-sim {__version__}")
+        raise typer.Exit
+
+
+@commands.callback()
+def _every_command(
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version.", callback=_show_version, is_eager=True)
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")] = False,
+) -> None:
+    """Take the options that stand before the command; the boundary reads --debug itself."""
+
+
+commands.command("demo")(demo)
+commands.command("run")(run)
+commands.command("report")(report)
+commands.command("config")(config)
+commands.command("list")(list_names)
+
+
+def app() -> None:
+    """Run the command line of this process and end it with the exit code of the contract."""
+    sys.exit(execute(commands, sys.argv[1:]))

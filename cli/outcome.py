@@ -1,0 +1,65 @@
+"""How a run ended: its figures beside the paper's, and the exit code of the contract."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from polish_sim.analysis.bounds import CLAIMS, Claim, bound_text, shortfalls, value_text
+from polish_sim.cli import console
+from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One run, or several seeds of one: the figures that count."""
+
+    experiment: str
+    title: str
+    columns: Mapping[str, Mapping[str, Any]]
+    """Columns of figures to show by heading; the last one is the one that is checked."""
+    stops: tuple[str, ...] = ()
+    """Protective stops, each with its reason."""
+    interrupted: bool = False
+
+    def show(self) -> None:
+        """Print why the run ended early, if it did, and the table of figures."""
+        if self.interrupted:
+            console.note("interrupted: what was recorded up to now is kept.")
+        for reason in self.stops:
+            console.note(f"error: protective stop: {reason}. The log up to then is kept.")
+        show_figures(self.experiment, self.title, self.columns, self._checked)
+
+    def exit_code(self, check: bool) -> int:
+        """The code to end with; falling short counts only when it was asked to ``check``."""
+        if self.interrupted:
+            return INTERRUPTED
+        if self.stops:
+            return STOPPED
+        return SHORT if check and shortfalls(self.experiment, self._checked) else DONE
+
+    @property
+    def _checked(self) -> Mapping[str, Any]:
+        return list(self.columns.values())[-1]
+
+
+def show_figures(
+    experiment: str,
+    title: str,
+    columns: Mapping[str, Mapping[str, Any]],
+    checked: Mapping[str, Any] | None = None,
+) -> None:
+    """Print figures beside the paper's and what is asked of them; ``checked`` says whose verdict stands at the end."""
+    headings = ["figure", "unit", *columns, "paper", "asked"] + (["met"] if checked is not None else [])
+    rows = [_row(claim, list(columns.values()), checked) for claim in CLAIMS[experiment]]
+    console.table(title, headings, rows)
+
+
+def _row(claim: Claim, columns: Sequence[Mapping[str, Any]], checked: Mapping[str, Any] | None) -> list[str]:
+    values = [value_text(claim, metrics.get(claim.figure)) for metrics in columns]
+    row = [claim.label, claim.unit, *values, claim.paper, bound_text(claim)]
+    if checked is None:
+        return row
+    verdict = "yes" if claim.met_by(checked.get(claim.figure)) else "NO"
+    return [*row, verdict if claim.bounded else ""]

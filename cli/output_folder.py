@@ -1,0 +1,112 @@
+"""Where results go: a folder claimed before any work, filled under a temporary name, renamed when whole."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from polish_sim.errors import InputError
+
+RESULTS = Path("results")
+
+
+@dataclass(frozen=True)
+class OutputFolder:
+    """A claimed folder: write into ``draft``; its files appear at ``final`` when the claim ends well."""
+
+    draft: Path
+    final: Path
+
+
+@contextmanager
+def claimed(out: Path | None, kind: str, overwrite: bool = False) -> Iterator[OutputFolder]:
+    """Claim an output folder for a block of work.
+
+    Args:
+        out: The folder asked for; None means a new ``results/<kind>/<yyyymmdd-hhmmss>``.
+        kind: Command and experiment, e.g. ``run-surface``.
+        overwrite: Whether files of the same names in an existing folder may be replaced. Other files stay.
+
+    Yields:
+        The folder to fill. When the block raises, nothing is left behind.
+
+    Raises:
+        InputError: At once, if the folder exists (without ``overwrite``) or cannot be written.
+    """
+    final = _unused(RESULTS / kind / datetime.now().strftime("%Y%m%d-%H%M%S")) if out is None else out
+    if final.exists() and not (overwrite and final.is_dir()):
+        raise InputError(_taken(final))
+    created = _create_parents(final)
+    draft = final.parent / f".{final.name}.part"
+    try:
+        shutil.rmtree(draft, ignore_errors=True)
+        draft.mkdir()
+    except OSError as error:
+        _remove_empty(created)
+        raise InputError(
+            f"cannot write in '{final.parent}': {error.strerror}. Choose another folder with --out."
+        ) from error
+    try:
+        yield OutputFolder(draft, final)
+        _publish(draft, final)
+    except BaseException:
+        shutil.rmtree(draft, ignore_errors=True)
+        _remove_empty(created)
+        raise
+
+
+def _publish(draft: Path, final: Path) -> None:
+    if not final.exists():
+        draft.rename(final)
+        return
+    for entry in sorted(draft.iterdir()):
+        target = final / entry.name
+        if target.is_dir():
+            shutil.rmtree(target)
+        entry.replace(target)
+    draft.rmdir()
+
+
+def _unused(folder: Path) -> Path:
+    """The folder itself, or with -2, -3, ... when runs started in the same second took the name."""
+    candidate, count = folder, 1
+    while candidate.exists() or (candidate.parent / f".{candidate.name}.part").exists():
+        count += 1
+        candidate = folder.with_name(f"{folder.name}-{count}")
+    return candidate
+
+
+def _taken(folder: Path) -> str:
+    if folder.is_dir():
+        return (
+            f"the output folder '{folder}' exists. Choose another with --out, or add --overwrite to replace its files."
+        )
+    return f"'{folder}' exists and is not a folder. Choose another with --out."
+
+
+def _create_parents(folder: Path) -> list[Path]:
+    """Create the missing folders above, outermost first; return those that were created."""
+    missing = [parent for parent in reversed(folder.absolute().parents) if not parent.exists()]
+    created: list[Path] = []
+    try:
+        for parent in missing:
+            parent.mkdir()
+            created.append(parent)
+    except OSError as error:
+        _remove_empty(created)
+        raise InputError(
+            f"cannot create the output folder '{folder}': {error.strerror}. Choose another with --out."
+        ) from error
+    return created
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in reversed(folders):
+        try:
+            folder.rmdir()
+        except OSError:
+            return

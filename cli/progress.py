@@ -1,0 +1,57 @@
+"""The observer that turns a run's stages into a progress bar; it satisfies the protocol of the experiments."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Final
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from polish_sim.cli.frames import FrameSink
+
+IDLE_FRAME_S: Final = 0.1
+"""Simulated time between looks at the run when nobody asked for frames [s]."""
+
+
+class ProgressObserver:
+    """Shows the current stage and how far it is; each stage leaves one line behind."""
+
+    def __init__(self, bar: Progress, say: Callable[[str], None], sinks: Sequence[FrameSink]) -> None:
+        self._bar = bar
+        self._say = say
+        self._sinks = sinks
+        self.frame_every_s = min([IDLE_FRAME_S, *(sink.every_s for sink in sinks)])
+        self._task = bar.add_task("starting", total=None)
+
+    @classmethod
+    @contextmanager
+    def shown(cls, say: Callable[[str], None], sinks: Sequence[FrameSink]) -> Iterator[ProgressObserver]:
+        """Show a bar while the block runs; on a pipe or in a file each stage is one plain line instead."""
+        console = Console(stderr=True)
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=32),
+            TaskProgressColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        terminal = sys.stderr.isatty()
+        with Progress(*columns, console=console, transient=True, disable=not terminal) as bar:
+            yield cls(bar, bar.console.print if terminal else say, sinks)
+
+    def stage(self, text: str) -> None:
+        """Begin a stage: its bar starts anew."""
+        self._say(text)
+        self._bar.reset(self._task, total=None, description=text)
+
+    def progress(self, done: float, total: float) -> None:
+        """Say how far the stage is, in any unit."""
+        self._bar.update(self._task, completed=done, total=total)
+
+    def frame(self, model: Any, data: Any) -> None:
+        """Hand a moment of the simulation on to those who want to see it."""
+        for sink in self._sinks:
+            sink.take(model, data)

@@ -1,0 +1,57 @@
+"""Pictures of the cell without a display; a machine without OpenGL gets one message instead."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cli import console
+
+WIDTH, HEIGHT = 960, 720
+LOOK_AT: Final = (0.0, -0.32, 0.28)
+DISTANCE: Final = 1.65
+AZIMUTH, ELEVATION = 125.0, -22.0
+
+
+def prepare_headless() -> None:
+    """Ask MuJoCo for rendering without a window; has to happen before it is imported."""
+    if sys.platform == "linux" and "MUJOCO_GL" not in os.environ and not os.environ.get("DISPLAY"):
+        os.environ["MUJOCO_GL"] = "egl"
+
+
+class Picture:
+    """Renders a model's moments from one camera."""
+
+    def __init__(self, renderer: Any, camera: Any) -> None:
+        self._renderer = renderer
+        self._camera = camera
+
+    @classmethod
+    def opened(cls, model: Any) -> Picture | None:
+        """Open a renderer, or say in one message why there is none and return None."""
+        import mujoco
+
+        try:
+            model.vis.global_.offwidth = max(model.vis.global_.offwidth, WIDTH)
+            model.vis.global_.offheight = max(model.vis.global_.offheight, HEIGHT)
+            renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
+        except Exception as error:  # what a missing OpenGL raises depends on the platform
+            console.note(f"no OpenGL on this machine ({type(error).__name__}: {error}): no rendered picture or video.")
+            return None
+        camera = mujoco.MjvCamera()
+        camera.lookat[:] = LOOK_AT
+        camera.distance, camera.azimuth, camera.elevation = DISTANCE, AZIMUTH, ELEVATION
+        return cls(renderer, camera)
+
+    def render(self, data: Any) -> NDArray[np.uint8]:
+        """Render one moment, shape (HEIGHT, WIDTH, 3)."""
+        self._renderer.update_scene(data, self._camera)
+        return np.array(self._renderer.render(), dtype=np.uint8)
+
+    def close(self) -> None:
+        """Give the renderer's memory back."""
+        self._renderer.close()

@@ -1,0 +1,107 @@
+"""`polish-sim run`: simulate an experiment, once or over many seeds, and show its figures beside the paper's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from polish_sim.cli import console
+from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.scenario_options import build_scenario
+from polish_sim.errors import InputError, unknown_name
+
+Experiment = Annotated[str, typer.Argument(help="arc, force or surface.", show_default=False)]
+Part = Annotated[str | None, typer.Option("--part", help="STL file, or the name of a shipped part.")]
+PlanFile = Annotated[Path | None, typer.Option("--path", help="Plan to run: a plan folder or its path.json.")]
+PartPose = Annotated[
+    str | None, typer.Option("--part-pose", help="X,Y,Z,RX,RY,RZ of the part in the robot base (mm, deg).")
+]
+Controller = Annotated[str | None, typer.Option("--controller", help="A shipped controller, or FILE.py:CLASS.")]
+ContactForce = Annotated[float | None, typer.Option("--contact-force", help="Force to hold (N).")]
+Feed = Annotated[float | None, typer.Option("--feed", help="Speed along the path (mm/s).")]
+PadDiameter = Annotated[float | None, typer.Option("--pad-diameter", help="Diameter of the pad (mm).")]
+SpindleSpeed = Annotated[float | None, typer.Option("--spindle-rpm", help="Speed of the spindle, 0 = off (1/min).")]
+Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random.")]
+Seeds = Annotated[int | None, typer.Option("--seeds", min=1, help="Run this many seeds, counting up from --seed.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Plan and check the reach, do not simulate.")]
+Config = Annotated[Path | None, typer.Option("--config", help="TOML file; see 'polish-sim config'.")]
+Set = Annotated[list[str] | None, typer.Option("--set", help="KEY=VALUE of the config; may be repeated.")]
+Check = Annotated[bool, typer.Option("--check", help="Exit with 1 when a figure falls short of what is asked.")]
+View = Annotated[bool, typer.Option("--view", help="Look on in the MuJoCo viewer.")]
+Video = Annotated[bool, typer.Option("--video", help="Write a video of the run (mp4, or GIF without ffmpeg).")]
+LogRate = Annotated[str | None, typer.Option("--log-rate", help="Rows of the log per second (Hz), or 'full'.")]
+Out = Annotated[Path | None, typer.Option("--out", help="Output folder; default results/<command>/<date-time>.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files in an existing output folder.")]
+Units = Annotated[str | None, typer.Option("--units", help="Unit of the STL: mm, cm, m or inch.")]
+Up = Annotated[str | None, typer.Option("--up", help="Side turned up: auto, x, y, z, -x, -y or -z.")]
+Region = Annotated[str | None, typer.Option("--region", help="auto, top, all, point:.., box:.. or faces:FILE (mm).")]
+Stepover = Annotated[float | None, typer.Option("--stepover", help="Distance between neighbouring turns (mm).")]
+Pattern = Annotated[str | None, typer.Option("--pattern", help="spiral or raster.")]
+
+
+def run(
+    experiment: Experiment,
+    part: Part = None,
+    path: PlanFile = None,
+    part_pose: PartPose = None,
+    controller: Controller = None,
+    contact_force: ContactForce = None,
+    feed: Feed = None,
+    pad_diameter: PadDiameter = None,
+    spindle_rpm: SpindleSpeed = None,
+    seed: Seed = None,
+    seeds: Seeds = None,
+    dry_run: DryRun = False,
+    config: Config = None,
+    set_: Set = None,
+    check: Check = False,
+    view: View = False,
+    video: Video = False,
+    log_rate: LogRate = None,
+    out: Out = None,
+    overwrite: Overwrite = False,
+    units: Units = None,
+    up: Up = None,
+    region: Region = None,
+    stepover: Stepover = None,
+    pattern: Pattern = None,
+) -> int:
+    """Simulate an experiment of the paper: arc, force or surface."""
+    if seeds is not None and (view or video):
+        raise InputError("--view and --video show one run: leave --seeds out.")
+    given = {
+        "--part": part,
+        "--part-pose": part_pose,
+        "--controller": controller,
+        "--contact-force": contact_force,
+        "--feed": feed,
+        "--pad-diameter": pad_diameter,
+        "--spindle-rpm": spindle_rpm,
+        "--seed": seed,
+        "--log-rate": log_rate,
+        "--units": units,
+        "--up": up,
+        "--region": region,
+        "--stepover": stepover,
+        "--pattern": pattern,
+    }
+    # Lazy: the simulator takes a second to load, --help must not wait for it.
+    from polish_sim.cli.seeds import run_seeds
+    from polish_sim.cli.simulation import check_reach, run_once
+    from polish_sim.experiments import EXPERIMENTS, default_scenario
+
+    if experiment not in EXPERIMENTS:
+        raise unknown_name("experiment", experiment, EXPERIMENTS)
+    scenario = build_scenario(default_scenario(experiment), given, config, set_ or [])
+    if dry_run:
+        return check_reach(scenario, path)
+    with claimed(out, f"run-{experiment}", overwrite) as folder:
+        if seeds is None:
+            outcome = run_once(scenario, path, folder.draft, view=view, video=video)
+        else:
+            outcome = run_seeds(scenario, path, range(scenario.seed, scenario.seed + seeds), folder.draft)
+    outcome.show()
+    console.say(f"folder: {folder.final}")
+    return outcome.exit_code(check)

@@ -1,0 +1,102 @@
+"""Many seeds of one scenario, on all cores, each with its own run folder; imported only inside commands."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from polish_sim.analysis.bounds import CLAIMS
+from polish_sim.analysis.report import draw_seeds, save_plots
+from polish_sim.analysis.run_record import package_versions, read_record, write_json
+from polish_sim.cli import console
+from polish_sim.cli.outcome import Outcome
+from polish_sim.cli.simulation import simulate
+from polish_sim.config import Scenario
+from polish_sim.planning import ToolPath
+
+Figures = Mapping[str, Any]
+
+
+def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], draft: Path) -> Outcome:
+    """Run a scenario with each seed and write the run folders, the aggregated figures and a plot of all.
+
+    Args:
+        scenario: What to run.
+        plan: The path to run, or None to plan one.
+        seeds: The seeds.
+        draft: Existing folder to fill.
+
+    Returns:
+        How it ended; what is checked is the worst seed of each figure.
+    """
+    runs, interrupted = _run_all(scenario, plan, seeds, draft)
+    mean, worst = aggregate(scenario.experiment, list(runs.values()))
+    table = {"experiment": scenario.experiment, "seeds": list(runs), "mean": mean, "worst": worst}
+    write_json(draft / "metrics.json", table | {"runs": runs, "versions": package_versions()})
+    records = [read_record(draft / _name(seed)) for seed in runs]
+    if records:
+        save_plots(draft, draw_seeds(records))
+    stops = [
+        f"seed {seed}: {figures['protective_stop']}" for seed, figures in runs.items() if figures["protective_stop"]
+    ]
+    title = f"{scenario.experiment}, {scenario.controller.name}, {len(runs)} seeds"
+    return Outcome(scenario.experiment, title, {"mean": mean, "worst seed": worst}, tuple(stops), interrupted)
+
+
+def aggregate(experiment: str, runs: Sequence[Figures]) -> tuple[dict[str, float], dict[str, float]]:
+    """Mean and worst value of each figure of an experiment over its runs."""
+    mean, worst = {}, {}
+    for claim in CLAIMS[experiment]:
+        values = [run.get(claim.figure) for run in runs]
+        known = [float(value) for value in values if value is not None]
+        mean[claim.figure] = float(np.mean(known)) if known else float("nan")
+        worst[claim.figure] = claim.worst_of(values)
+    return mean, worst
+
+
+def _run_all(
+    scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], draft: Path
+) -> tuple[dict[int, Figures], bool]:
+    """Figures by seed of all runs that ended, in the order of the seeds, and whether the user broke off."""
+    workers = min(len(seeds), os.cpu_count() or 1)
+    done: dict[int, Figures] = {}
+    with console.progress() as observer, _pool(workers) as pool:
+        observer.stage(f"simulate {len(seeds)} seeds on {workers} cores")
+        jobs: dict[Future[Figures], int] = {}
+        for seed in seeds:
+            job = pool.submit(_run_one, replace(scenario, seed=seed), plan, draft / _name(seed))
+            jobs[job] = seed
+        try:
+            for job in as_completed(jobs):
+                done[jobs[job]] = job.result()
+                observer.progress(len(done), len(seeds))
+            interrupted = False
+        except KeyboardInterrupt:
+            interrupted = True
+            pool.shutdown(wait=False, cancel_futures=True)
+    return {seed: done[seed] for seed in seeds if seed in done}, interrupted
+
+
+def _pool(workers: int) -> ProcessPoolExecutor:
+    # The parent alone hears Ctrl-C; it lets the runs under way end and drops the waiting ones.
+    return ProcessPoolExecutor(
+        workers, multiprocessing.get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
+    )
+
+
+def _run_one(scenario: Scenario, plan: ToolPath | None, folder: Path) -> Figures:
+    folder.mkdir()
+    record, _ = simulate(scenario, plan, folder)
+    return record.metrics
+
+
+def _name(seed: int) -> str:
+    return f"seed-{seed:04d}"

@@ -1,0 +1,92 @@
+"""The arc as the paper's figure 12 shows it: speed and tracking error over time, and the circle itself (layer 8c)."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from polish_sim.analysis.metrics import PAPER_ARC, Circle, distance_to_circle
+from polish_sim.analysis.response import moving_average
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.style import BLUE, GREY, ORANGE, head, new_figure, shade_band, styled
+
+Array = NDArray[np.float64]
+
+EXAGGERATION = 200.0
+"""Factor on the distance from the circle in the view of its plane."""
+
+
+@styled
+def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
+    """Draw speed, tracking error and the tool point's way round the circle.
+
+    Args:
+        record: A run of ``arc``.
+        circle: The commanded circle.
+
+    Returns:
+        The figure.
+    """
+    figure = new_figure(10.0, 5.0)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
+    speed, error = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
+    fed = record.log["phase"] == 2
+    time = record.log["time_s"][fed].astype(np.float64)
+    positions = record.log["tcp_position_m"][fed].astype(np.float64)
+    start = time[0] if len(time) else 0.0
+
+    _draw_speed(speed, time - start, record)
+    error.plot(time - start, distance_to_circle(positions, circle) * 1e3, color=BLUE)
+    error.axhline(0.3, color=ORANGE, ls="--", lw=1.0, label="paper: < 0.3 mm")
+    error.set(xlabel="time since the start of the feed [s]", ylabel="distance from the circle [mm]", ylim=(0.0, None))
+    error.legend(loc="center right")
+    speed.sharex(error)
+    speed.tick_params(labelbottom=False)
+    _draw_plane(figure.add_subplot(grid[:, 1]), positions, circle)
+
+    m = record.metrics
+    facts = (
+        f"error max {_mm(m, 'tracking_error_max_m')} mm, rms {_mm(m, 'tracking_error_rms_m')} mm",
+        f"speed {_mm(m, 'speed_mean_m_s')} ± {_mm(m, 'speed_max_deviation_m_s')} mm/s",
+    )
+    head(figure, speed, f"Circle at constant feed, {record.scenario.controller.name}", facts)
+    return figure
+
+
+def _draw_speed(axes: Axes, time: Array, record: RunRecord) -> None:
+    fed = record.log["phase"] == 2
+    feed = record.scenario.process.feed_m_s * 1e3
+    value = record.log["tcp_speed_m_s"][fed].astype(np.float64) * 1e3
+    smooth = moving_average(time, value, 0.05)
+    offset = len(value) - len(smooth)
+    axes.plot(time, value, color=GREY, lw=0.5, alpha=0.5, label="every sample")
+    if len(smooth):
+        axes.plot(time[offset // 2 : offset // 2 + len(smooth)], smooth, color=BLUE, label="50 ms average")
+    shade_band(axes, feed, 0.01 * feed, "±1%")
+    axes.set(ylabel="tool speed [mm/s]", ylim=(0.9 * feed, 1.1 * feed))
+    axes.legend(loc="upper right", ncols=3)
+
+
+def _draw_plane(axes: Axes, positions: Array, circle: Circle) -> None:
+    """The circle's plane seen along its normal, the distance from the circle exaggerated."""
+    normal = np.asarray(circle.normal)
+    across = np.cross([0.0, 0.0, 1.0], normal)
+    offset = positions - np.asarray(circle.center)
+    u, v = offset @ (across / np.linalg.norm(across)), offset @ np.cross(normal, across / np.linalg.norm(across))
+    angle, radius = np.arctan2(v, u), np.hypot(u, v)
+    shown = circle.radius + EXAGGERATION * (radius - circle.radius)
+    ideal = np.linspace(0.0, 2.0 * np.pi, 361)
+    axes.plot(circle.radius * np.cos(ideal) * 1e3, circle.radius * np.sin(ideal) * 1e3, color=GREY, lw=1.0, ls="--")
+    axes.plot(shown * np.cos(angle) * 1e3, shown * np.sin(angle) * 1e3, color=BLUE)
+    if len(positions):
+        axes.plot(shown[0] * np.cos(angle[0]) * 1e3, shown[0] * np.sin(angle[0]) * 1e3, "o", color=ORANGE, ms=5)
+    axes.set_aspect("equal")
+    axes.set(xlabel="across [mm]", ylabel="up [mm]")
+    axes.set_title(f"in its plane, error x {EXAGGERATION:g}", fontweight="normal", fontsize=9.0)
+
+
+def _mm(metrics: object, key: str) -> str:
+    value = metrics.get(key) if isinstance(metrics, dict) else None
+    return "-" if value is None else f"{value * 1e3:.3g}"

@@ -1,0 +1,101 @@
+"""What the paper reports and what we ask of a run: the figures shown at the end and checked by --check (layer 8c)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+
+class Claim(NamedTuple):
+    """One figure of an experiment, how it is shown, what the paper says, and the range asked of it."""
+
+    figure: str
+    """Its name in metrics.json."""
+    label: str
+    unit: str
+    """Unit in which it is shown."""
+    scale: float
+    """Shown value = SI value x scale."""
+    paper: str = "-"
+    low: float = -math.inf
+    """Least value that passes [SI]."""
+    high: float = math.inf
+    """Largest value that passes [SI]."""
+
+    @property
+    def bounded(self) -> bool:
+        """Whether anything is asked of the figure."""
+        return math.isfinite(self.low) or math.isfinite(self.high)
+
+    def met_by(self, value: float | None) -> bool:
+        """Whether a value [SI] passes; an undefined one (None or NaN) never does where a range is asked."""
+        return not self.bounded or (value is not None and self.low <= value <= self.high)
+
+    def worst_of(self, values: Sequence[float | None]) -> float:
+        """The value nearest to failing, or NaN if one is undefined; the largest where nothing is asked."""
+        known = [value for value in values if value is not None and not math.isnan(value)]
+        if len(known) < len(values) or not known:
+            return math.nan
+        return min(known) if math.isfinite(self.low) and not math.isfinite(self.high) else max(known)
+
+
+_PATH_DONE: Final = Claim("path_done", "path done", "%", 100.0, "100", low=1.0)
+
+CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
+    {
+        "arc": (
+            Claim("tracking_error_max_m", "tracking error, max", "mm", 1e3, "< 0.3", high=1e-4),
+            Claim("tracking_error_rms_m", "tracking error, rms", "mm", 1e3),
+            Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "10"),
+            Claim("speed_max_deviation_m_s", "speed deviation, max", "mm/s", 1e3, "held", high=1e-4),
+            Claim("orientation_error_max_rad", "orientation error, max", "mrad", 1e3),
+            _PATH_DONE,
+        ),
+        "force": (
+            Claim("settling_time_3n_s", "settling to ±3 N", "s", 1.0, "< 0.5", high=0.4),
+            Claim("settling_time_1n_s", "settling to ±1 N", "s", 1.0),
+            Claim("steady_within_3n", "in ±3 N after 0.5 s", "%", 100.0, "most", low=1.0),
+            Claim("overshoot_n", "overshoot", "N", 1.0),
+            Claim("rise_time_s", "rise 10-90%", "s", 1.0),
+            Claim("steady_std_n", "steady force, std", "N", 1.0),
+            _PATH_DONE,
+        ),
+        "surface": (
+            Claim("force_within_4n", "force in ±4 N", "%", 100.0, "100, six dips", low=0.995),
+            Claim("force_within_1n", "force in ±1 N", "%", 100.0),
+            Claim("force_mean_n", "force, mean", "N", 1.0, "20"),
+            Claim("force_rms_error_n", "force error, rms", "N", 1.0),
+            Claim("force_max_deviation_n", "force error, max", "N", 1.0, "4"),
+            Claim("force_error_at_peaks_n", "force error at the peaks", "N", 1.0),
+            Claim("force_error_median_n", "force error, median", "N", 1.0),
+            Claim("curvature_peaks", "curvature peaks", "", 1.0, "6"),
+            Claim("contact_lost_s", "contact lost", "s", 1.0, "0"),
+            Claim("tracking_error_max_m", "tangential error, max", "mm", 1e3, "-", high=3e-4),
+            Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "constant"),
+            _PATH_DONE,
+        ),
+    }
+)
+
+
+def shortfalls(experiment: str, metrics: Mapping[str, Any]) -> list[Claim]:
+    """The claims of an experiment that its figures do not meet."""
+    return [claim for claim in CLAIMS[experiment] if not claim.met_by(metrics.get(claim.figure))]
+
+
+def bound_text(claim: Claim) -> str:
+    """The range asked of a figure, as it is shown, e.g. ``<= 0.1``."""
+    if math.isfinite(claim.low) and math.isfinite(claim.high):
+        return f"{claim.low * claim.scale:g} to {claim.high * claim.scale:g}"
+    if math.isfinite(claim.low):
+        return f">= {claim.low * claim.scale:g}"
+    return f"<= {claim.high * claim.scale:g}" if claim.bounded else "-"
+
+
+def value_text(claim: Claim, value: float | None) -> str:
+    """A figure in its shown unit with three or four significant digits; an undefined one is a dash."""
+    if value is None or math.isnan(value):
+        return "-"
+    return f"{value * claim.scale:.4g}"

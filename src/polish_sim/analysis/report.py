@@ -1,0 +1,65 @@
+"""Which figures belong to which experiment, drawn and saved (layer 8c)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from matplotlib.figure import Figure
+
+from polish_sim.analysis.arc_plot import plot_arc
+from polish_sim.analysis.force_plot import plot_force, plot_force_runs
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.seeds_plot import plot_seeds
+from polish_sim.analysis.surface_plot import plot_surface_force, plot_surface_runs
+from polish_sim.errors import InputError
+
+PLOTS: Final[Mapping[str, Mapping[str, Callable[[RunRecord], Figure]]]] = {
+    "arc": {"arc.png": plot_arc},
+    "force": {"force.png": plot_force},
+    "surface": {"force.png": plot_surface_force},
+}
+"""The figures of one run, by experiment and file name."""
+
+COMPARISONS: Final[Mapping[str, Mapping[str, Callable[[Sequence[RunRecord]], Figure]]]] = {
+    "arc": {},
+    "force": {"force.png": plot_force_runs},
+    "surface": {"force.png": plot_surface_runs},
+}
+"""The figures of several runs of one experiment."""
+
+
+def draw_plots(record: RunRecord) -> dict[str, Figure]:
+    """Draw the figures of a run, by file name; a run without a row has none."""
+    plots = PLOTS[record.scenario.experiment]
+    return {name: plot(record) for name, plot in plots.items()} if len(record.log) else {}
+
+
+def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
+    """Draw the figures that put several runs side by side, by file name.
+
+    Raises:
+        InputError: If the runs are of different experiments.
+    """
+    experiments = {record.scenario.experiment for record in records}
+    if len(experiments) > 1:
+        raise InputError(
+            f"runs of different experiments ({', '.join(sorted(experiments))}) cannot be put side by side: "
+            "give runs of one experiment."
+        )
+    return {name: plot(records) for name, plot in COMPARISONS[experiments.pop()].items()}
+
+
+def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:
+    """Draw the figures of many seeds of one scenario, by file name."""
+    seeds = {"seeds.png": plot_seeds(records)}
+    if records[0].scenario.experiment == "force":
+        return seeds | {"force.png": plot_force_runs(records)}
+    return seeds
+
+
+def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
+    """Save figures under their file names."""
+    for name, figure in plots.items():
+        figure.savefig(folder / name)
