@@ -25,7 +25,8 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
         70 an error of ours.
     """
     try:
-        outcome = typer.main.get_command(commands).main(list(arguments), "polish-sim", standalone_mode=False)
+        command = typer.main.get_command(commands)
+        outcome = command.main(list(arguments) or ["--help"], "polish-sim", standalone_mode=False)
     except PolishSimError as error:
         return console.fail(str(error), error.exit_code)
     except typer.TyperException as error:
@@ -41,13 +42,14 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
 
 def _usage_message(error: typer.TyperException) -> str:
     """One line: what is wrong, the names that would be right, where to read on."""
-    message = error.format_message().rstrip(".")
+    message = error.format_message().rstrip(".").replace("\n", " ")
     context = getattr(error, "ctx", None)
     if context is None:
         return f"{message}. See 'polish-sim --help'."
+    message += "" if message.endswith("?") else "."
     known = getattr(context.command, "commands", None)
     names = f" Known: {', '.join(sorted(known))}." if known else ""
-    return f"{message}.{names} See '{context.command_path} --help'."
+    return f"{message}{names} See '{context.command_path} --help'."
 
 
 def _bug_message(error: Exception, debug: bool) -> str:

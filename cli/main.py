@@ -23,7 +23,6 @@ commands = typer.Typer(
     name="polish-sim",
     help="Force-controlled robotic polishing in MuJoCo: from a part's STL to a scored run. "
     "Lengths are in mm, angles in deg, forces in N, speeds in mm/s.",
-    no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -47,11 +46,11 @@ def _every_command(
     """Take the options that stand before the command; the boundary reads --debug itself."""
 
 
-commands.command("demo")(demo)
-commands.command("run")(run)
-commands.command("report")(report)
-commands.command("config")(config)
-commands.command("list")(list_names)
+commands.command("demo", short_help="The whole main job on a shipped part.")(demo)
+commands.command("run", short_help="Simulate arc, force or surface.")(run)
+commands.command("report", short_help="Plots and tables again from saved runs.")(report)
+commands.command("config", short_help="The full default config as TOML.")(config)
+commands.command("list", short_help="What ships with the package.")(list_names)
 
 
 def app() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -55,3 +56,10 @@ class Picture:
     def close(self) -> None:
         """Give the renderer's memory back."""
         self._renderer.close()
+
+
+def save_image(file: Path, image: NDArray[np.uint8]) -> None:
+    """Write an image, shape (height, width, 3), as PNG."""
+    from PIL import Image
+
+    Image.fromarray(image).save(file)

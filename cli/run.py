@@ -9,36 +9,59 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.scenario_options import build_scenario
+from polish_sim.cli.sinks import open_sinks
 from polish_sim.errors import InputError, unknown_name
 
 Experiment = Annotated[str, typer.Argument(help="arc, force or surface.", show_default=False)]
-Part = Annotated[str | None, typer.Option("--part", help="STL file, or the name of a shipped part.")]
-PlanFile = Annotated[Path | None, typer.Option("--path", help="Plan to run: a plan folder or its path.json.")]
-PartPose = Annotated[
-    str | None, typer.Option("--part-pose", help="X,Y,Z,RX,RY,RZ of the part in the robot base (mm, deg).")
+Part = Annotated[str | None, typer.Option("--part", metavar="PART", help="STL file, or the name of a shipped part.")]
+PlanFile = Annotated[
+    Path | None, typer.Option("--path", metavar="PLAN", help="Plan to run: a plan folder or its path.json.")
 ]
-Controller = Annotated[str | None, typer.Option("--controller", help="A shipped controller, or FILE.py:CLASS.")]
-ContactForce = Annotated[float | None, typer.Option("--contact-force", help="Force to hold (N).")]
-Feed = Annotated[float | None, typer.Option("--feed", help="Speed along the path (mm/s).")]
-PadDiameter = Annotated[float | None, typer.Option("--pad-diameter", help="Diameter of the pad (mm).")]
-SpindleSpeed = Annotated[float | None, typer.Option("--spindle-rpm", help="Speed of the spindle, 0 = off (1/min).")]
-Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random.")]
-Seeds = Annotated[int | None, typer.Option("--seeds", min=1, help="Run this many seeds, counting up from --seed.")]
+PartPose = Annotated[
+    str | None,
+    typer.Option("--part-pose", metavar="POSE", help="X,Y,Z,RX,RY,RZ of the part in the robot base (mm, deg)."),
+]
+Controller = Annotated[
+    str | None, typer.Option("--controller", metavar="NAME", help="A shipped controller, or FILE.py:CLASS.")
+]
+ContactForce = Annotated[float | None, typer.Option("--contact-force", metavar="N", help="Force to hold (N).")]
+Feed = Annotated[float | None, typer.Option("--feed", metavar="MM_S", help="Speed along the path (mm/s).")]
+PadDiameter = Annotated[float | None, typer.Option("--pad-diameter", metavar="MM", help="Diameter of the pad (mm).")]
+SpindleSpeed = Annotated[
+    float | None, typer.Option("--spindle-rpm", metavar="RPM", help="Speed of the spindle, 0 = off (1/min).")
+]
+Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of everything random.")]
+Seeds = Annotated[
+    int | None, typer.Option("--seeds", metavar="N", min=1, help="Run this many seeds, counting up from --seed.")
+]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Plan and check the reach, do not simulate.")]
-Config = Annotated[Path | None, typer.Option("--config", help="TOML file; see 'polish-sim config'.")]
-Set = Annotated[list[str] | None, typer.Option("--set", help="KEY=VALUE of the config; may be repeated.")]
+Config = Annotated[
+    Path | None, typer.Option("--config", metavar="FILE.toml", help="TOML file; see 'polish-sim config'.")
+]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="KEY=VALUE of the config; may be repeated.")
+]
 Check = Annotated[bool, typer.Option("--check", help="Exit with 1 when a figure falls short of what is asked.")]
 View = Annotated[bool, typer.Option("--view", help="Look on in the MuJoCo viewer.")]
 Video = Annotated[bool, typer.Option("--video", help="Write a video of the run (mp4, or GIF without ffmpeg).")]
-LogRate = Annotated[str | None, typer.Option("--log-rate", help="Rows of the log per second (Hz), or 'full'.")]
-Out = Annotated[Path | None, typer.Option("--out", help="Output folder; default results/<command>/<date-time>.")]
+LogRate = Annotated[
+    str | None, typer.Option("--log-rate", metavar="HZ|full", help="Rows of the log per second (Hz), or 'full'.")
+]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Output folder; default results/<command>/<date-time>.")
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files in an existing output folder.")]
-Units = Annotated[str | None, typer.Option("--units", help="Unit of the STL: mm, cm, m or inch.")]
-Up = Annotated[str | None, typer.Option("--up", help="Side turned up: auto, x, y, z, -x, -y or -z.")]
-Region = Annotated[str | None, typer.Option("--region", help="auto, top, all, point:.., box:.. or faces:FILE (mm).")]
-Stepover = Annotated[float | None, typer.Option("--stepover", help="Distance between neighbouring turns (mm).")]
-Pattern = Annotated[str | None, typer.Option("--pattern", help="spiral or raster.")]
+Units = Annotated[str | None, typer.Option("--units", metavar="UNIT", help="Unit of the STL: mm, cm, m or inch.")]
+Up = Annotated[str | None, typer.Option("--up", metavar="SIDE", help="Side turned up: auto, x, y, z, -x, -y or -z.")]
+Region = Annotated[
+    str | None, typer.Option("--region", metavar="REGION", help="auto, top, all, point:.., box:.. or faces:FILE (mm).")
+]
+Stepover = Annotated[
+    float | None, typer.Option("--stepover", metavar="MM", help="Distance between neighbouring turns (mm).")
+]
+Pattern = Annotated[str | None, typer.Option("--pattern", metavar="NAME", help="spiral or raster.")]
 
 
 def run(
@@ -87,21 +110,20 @@ def run(
         "--stepover": stepover,
         "--pattern": pattern,
     }
+    prepare_headless()
     # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.cli.seeds import run_seeds
-    from polish_sim.cli.simulation import check_reach, run_once
+    from polish_sim.cli.simulation import run_once
     from polish_sim.experiments import EXPERIMENTS, default_scenario
 
     if experiment not in EXPERIMENTS:
         raise unknown_name("experiment", experiment, EXPERIMENTS)
     scenario = build_scenario(default_scenario(experiment), given, config, set_ or [])
-    if dry_run:
-        return check_reach(scenario, path)
     with claimed(out, f"run-{experiment}", overwrite) as folder:
         if seeds is None:
-            outcome = run_once(scenario, path, folder.draft, view=view, video=video)
+            outcome = run_once(scenario, None, folder.draft, open_sinks(folder.draft, view, video))
         else:
-            outcome = run_seeds(scenario, path, range(scenario.seed, scenario.seed + seeds), folder.draft)
+            outcome = run_seeds(scenario, None, range(scenario.seed, scenario.seed + seeds), folder.draft)
     outcome.show()
     console.say(f"folder: {folder.final}")
     return outcome.exit_code(check)

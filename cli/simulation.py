@@ -23,7 +23,7 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
         scenario: What to run.
         plan: The path to run, or None to plan one.
         draft: Existing folder to fill.
-        sinks: Who gets the frames: viewer, video.
+        sinks: Who gets the frames: viewer, video, picture.
 
     Returns:
         How it ended.

@@ -1,0 +1,32 @@
+"""`polish-sim report`: plots and tables again from saved runs, two or more side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from polish_sim.cli import console
+from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.run import Out, Overwrite
+
+Runs = Annotated[list[Path], typer.Argument(help="Run folders made by 'run'.", show_default=False)]
+
+
+def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
+    """Draw plots and tables again from saved runs; two or more are put side by side."""
+    # Lazy: --help must not wait for matplotlib.
+    from polish_sim.analysis.report import draw_comparison, draw_plots, save_plots
+    from polish_sim.analysis.run_record import read_record, write_json
+    from polish_sim.cli.outcome import show_figures
+
+    records = [read_record(folder) for folder in runs]
+    experiment = records[0].scenario.experiment
+    with claimed(out, f"report-{experiment}", overwrite) as folder:
+        plots = draw_plots(records[0]) if len(records) == 1 else draw_comparison(records)
+        save_plots(folder.draft, plots)
+        write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
+    columns = {f"{record.name} ({record.scenario.controller.name})": record.metrics for record in records}
+    show_figures(experiment, f"{experiment}: {len(records)} run{'s' if len(records) > 1 else ''}", columns)
+    console.say(f"folder: {folder.final}")
