@@ -1,0 +1,225 @@
+"""The compiled UR5e model against the manufacturer's figures, an independent dynamics library and closed forms."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from polish_sim.models import robot_model_path
+from polish_sim.motion import JOINT_LIMITS, forward
+from tests.models.ur5e_figures import TORQUE_LIMITS, build_model
+
+ARM = slice(0, 6)
+HEAD = 6
+
+
+@pytest.fixture(scope="module")
+def model():
+    return mujoco.MjModel.from_xml_path(str(robot_model_path()))
+
+
+@pytest.fixture
+def weighed(model):
+    """A copy without weight compensation and without motor inertia: the bare mechanism."""
+    bare = mujoco.MjModel.from_xml_path(str(robot_model_path()))
+    bare.body_gravcomp[:] = 0.0
+    bare.dof_armature[:] = 0.0
+    return bare
+
+
+def at_home(model):
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def random_states(n, seed=0):
+    """Joint positions and speeds of arm and head, each shape (n, 7)."""
+    rng = np.random.default_rng(seed)
+    q = np.column_stack([rng.uniform(-np.pi, np.pi, (n, 6)), rng.uniform(0.0, 0.03, n)])
+    return q, np.column_stack([rng.uniform(-np.pi, np.pi, (n, 6)), rng.uniform(-0.1, 0.1, n)])
+
+
+def site_pose(data, name):
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = data.site(name).xmat.reshape(3, 3), data.site(name).xpos
+    return T
+
+
+def test_flange_and_tool_are_where_the_dh_table_puts_them(model):
+    data = mujoco.MjData(model)
+    T_flange_tool = np.eye(4)
+    T_flange_tool[2, 3] = 0.22
+    for q in random_states(200)[0]:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(site_pose(data, "flange"), forward(q[ARM]), atol=1e-9)
+        np.testing.assert_allclose(site_pose(data, "tool"), forward(q[ARM]) @ T_flange_tool, atol=1e-9)
+
+
+def test_the_link_bodies_are_the_dh_frames_and_the_sensor_is_the_flange(model):
+    data = at_home(model)
+    np.testing.assert_allclose(site_pose(data, "sensor"), site_pose(data, "flange"), atol=1e-15)
+    np.testing.assert_allclose(data.body("link_6").xpos, data.site("flange").xpos, atol=1e-15)
+    np.testing.assert_allclose(data.body("base").xpos, 0.0)
+
+
+def test_the_pad_moves_into_the_housing_along_minus_z_of_the_tool(model):
+    data = at_home(model)
+    np.testing.assert_allclose(site_pose(data, "pad"), site_pose(data, "tool"), atol=1e-15)
+    data.qpos[HEAD] = 0.01
+    mujoco.mj_kinematics(model, data)
+    moved = data.site("pad").xpos - data.site("tool").xpos
+    np.testing.assert_allclose(moved, -0.01 * data.site("tool").xmat.reshape(3, 3)[:, 2], atol=1e-15)
+
+
+def test_home_is_elbow_up_with_the_tool_straight_down_over_the_table(model):
+    data = at_home(model)
+    np.testing.assert_allclose(data.site("tool").xpos, [0.0, -0.5, 0.3], atol=1e-9)
+    np.testing.assert_allclose(data.site("tool").xmat.reshape(3, 3)[:, 2], [0.0, 0.0, -1.0], atol=1e-9)
+    assert data.body("link_2").xpos[2] > 0.5
+    assert data.ncon == 0
+
+
+def test_weight_and_velocity_torques_agree_with_pinocchio(weighed):
+    data, reference = mujoco.MjData(weighed), build_model()
+    reference_data = reference.createData()
+    for q, qd in zip(*random_states(100), strict=True):
+        for speed in (np.zeros(7), qd):
+            data.qpos[:], data.qvel[:] = q, speed
+            mujoco.mj_forward(weighed, data)
+            expected = pin.nonLinearEffects(reference, reference_data, q, speed)
+            np.testing.assert_allclose(data.qfrc_bias, expected, atol=1e-9)
+
+
+def test_mass_matrix_agrees_with_pinocchio_and_adds_the_motors(weighed, model):
+    reference = build_model()
+    reference_data = reference.createData()
+    for q in random_states(100)[0]:
+        expected = pin.crba(reference, reference_data, q)
+        expected = np.triu(expected) + np.triu(expected, 1).T
+        np.testing.assert_allclose(mass_matrix(weighed, q), expected, atol=1e-9)
+        np.testing.assert_allclose(mass_matrix(model, q) - expected, np.diag(model.dof_armature), atol=1e-9)
+
+
+def mass_matrix(model, q):
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    M = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    return M
+
+
+def test_the_robot_carries_its_own_weight_but_not_the_tools(model):
+    data = at_home(model)
+    left_to_carry = data.qfrc_bias - data.qfrc_gravcomp
+    J = np.zeros((3, model.nv))
+    mount = model.body("tool_mount").id
+    mujoco.mj_jac(model, data, J, None, data.xipos[mount], mount)
+    np.testing.assert_allclose(left_to_carry, J.T @ [0, 0, 1.7 * 9.81], atol=1e-9)
+
+
+def test_the_sensor_still_reads_the_whole_weight_behind_it(model):
+    data = at_home(model)
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.sensor("wrist_force").data, [0, 0, -2.0 * 9.81], atol=5e-3)
+
+
+def test_limits_are_the_robots(model):
+    np.testing.assert_allclose(model.jnt_range[ARM], JOINT_LIMITS)
+    np.testing.assert_allclose(model.actuator_forcerange[:, 1], TORQUE_LIMITS)
+    np.testing.assert_allclose(model.actuator_forcerange[:, 0], -np.array(TORQUE_LIMITS))
+
+
+def test_head_and_pad_in_series_are_the_papers_5000_newton_per_metre(model):
+    k_pad = 20_000.0
+    k_head = model.jnt_stiffness[model.joint("head_slide").id]
+    assert 1.0 / (1.0 / k_head + 1.0 / k_pad) == pytest.approx(5000.0)
+
+
+def test_twenty_newton_push_the_head_in_by_three_millimetres(model):
+    data = at_home(model)
+    push_along_base_z(data, model, 20.0)
+    settle(model, data, 1.0)
+    assert data.qpos[HEAD] == pytest.approx(20.0 / model.jnt_stiffness[HEAD], abs=1e-6)
+
+
+def test_the_heads_end_stops_hold_both_ways(model):
+    for force, stop in ((220.0, 0.030), (-220.0, -0.001)):
+        data = at_home(model)
+        push_along_base_z(data, model, force)
+        settle(model, data, 0.5)
+        assert data.qpos[HEAD] == pytest.approx(stop, abs=1e-3)
+
+
+def push_along_base_z(data, model, force):
+    data.xfrc_applied[model.body("head").id, 2] = force
+
+
+def settle(model, data, seconds):
+    for _ in range(round(seconds / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+
+
+def test_the_model_stands_at_home_for_a_second_without_a_warning(model):
+    data = at_home(model)
+    start = data.qpos.copy()
+    settle(model, data, 1.0)
+    assert not any(warning.number for warning in data.warning)
+    assert np.abs(data.qpos[HEAD]) < 1e-9
+    assert np.abs(data.qpos - start)[ARM].max() < 1e-4  # sag of the servos under the tool's weight
+
+
+def follow(model, joint, amplitude, frequency, seconds=2.0):
+    """Swing one joint sinusoidally as commanded; returns how far the tool strays about its mean offset [m], (n,)."""
+    data, home = at_home(model), at_home(model).qpos[ARM].copy()
+    errors = []
+    for i in range(round(seconds / model.opt.timestep)):
+        phase = 2 * np.pi * frequency * i * model.opt.timestep
+        q, qd = home.copy(), np.zeros(6)
+        q[joint] += amplitude * (1.0 - np.cos(phase))
+        qd[joint] = amplitude * 2 * np.pi * frequency * np.sin(phase)
+        data.ctrl[0::2], data.ctrl[1::2] = q, qd
+        mujoco.mj_step1(model, data)
+        errors.append(data.site("tool").xpos - (forward(q) @ [0, 0, 0.22, 1])[:3])
+        mujoco.mj_step2(model, data)
+    errors = np.array(errors)[500:]
+    return np.linalg.norm(errors - errors.mean(axis=0), axis=1)
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_friction_at_reversals_costs_less_than_a_twentieth_of_a_millimetre(model, joint):
+    assert follow(model, joint, amplitude=0.05, frequency=0.5).max() < 0.05e-3
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_step_dies_out_without_ringing(model, joint):
+    data, home = at_home(model), at_home(model).qpos[ARM].copy()
+    data.ctrl[2 * joint] = home[joint] + 1e-4
+    speeds = []
+    for _ in range(400):
+        mujoco.mj_step(model, data)
+        speeds.append(data.qvel[joint])
+    late = np.abs(speeds[200:])
+    assert late.max() < 0.02 * np.abs(speeds).max()
+
+
+def test_links_that_touch_in_the_drawing_do_not_collide_and_a_folded_arm_does(model):
+    data = mujoco.MjData(model)
+    data.qpos[ARM] = [0, -1.2, 0, 0.3, 1.5, 0.2]
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 0
+    data.qpos[ARM] = [0, -1.57, 2.9, 0.0, 1.57, 0.0]
+    mujoco.mj_forward(model, data)
+    assert data.ncon > 0
+
+
+def test_the_pad_has_no_engine_contact(model):
+    head = model.body("head").id
+    touching = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    assert not np.any(model.geom_bodyid[touching] == head)
