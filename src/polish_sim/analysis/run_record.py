@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import platform
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from importlib.metadata import version
@@ -86,7 +87,7 @@ def _read_path(file: Path) -> ToolPath:
     try:
         with np.load(file, allow_pickle=False) as archive:
             return ToolPath(**{f.name: archive[f.name] for f in fields(ToolPath)})
-    except (OSError, ValueError, KeyError, EOFError) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"cannot read the path '{file}': {error}.") from error
 
 

@@ -1,0 +1,55 @@
+"""What is asked of a run, and when it counts as met."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from polish_sim.analysis.bounds import CLAIMS, Claim, bound_text, shortfalls, value_text
+from polish_sim.analysis.metrics import measure_arc, measure_force, measure_surface
+from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, surface_trace
+
+
+def test_every_claim_names_a_figure_that_is_measured() -> None:
+    path = bumpy_path()
+    measured = {
+        "arc": measure_arc(arc_trace()),
+        "force": measure_force(force_trace(), 20.0),
+        "surface": measure_surface(surface_trace(path), path, 20.0),
+    }
+    for experiment, claims in CLAIMS.items():
+        assert {claim.figure for claim in claims} <= {*measured[experiment], "path_done"}
+
+
+def test_a_good_arc_meets_all_claims_and_a_wide_one_misses_the_tracking_error() -> None:
+    good = measure_arc(arc_trace(radial_error_m=5e-5)) | {"path_done": 1.0}
+    wide = measure_arc(arc_trace(radial_error_m=2e-4)) | {"path_done": 1.0}
+    assert shortfalls("arc", good) == []
+    assert [claim.figure for claim in shortfalls("arc", wide)] == ["tracking_error_max_m"]
+
+
+def test_a_run_that_stopped_early_falls_short() -> None:
+    figures = measure_arc(arc_trace()) | {"path_done": 0.5}
+    assert [claim.figure for claim in shortfalls("arc", figures)] == ["path_done"]
+
+
+@pytest.mark.parametrize("value", [None, math.nan])
+def test_an_undefined_figure_meets_no_bound(value: float | None) -> None:
+    assert not Claim("x", "x", "N", 1.0, high=1.0).met_by(value)
+    assert Claim("x", "x", "N", 1.0).met_by(value)
+
+
+def test_the_worst_of_several_seeds_is_the_one_nearest_to_failing() -> None:
+    assert Claim("x", "x", "N", 1.0, low=0.5).worst_of([0.9, 0.7, 0.8]) == 0.7
+    assert Claim("x", "x", "N", 1.0, high=0.5).worst_of([0.1, 0.4, 0.2]) == 0.4
+    assert math.isnan(Claim("x", "x", "N", 1.0, high=0.5).worst_of([0.1, None]))
+    assert math.isnan(Claim("x", "x", "N", 1.0, high=0.5).worst_of([]))
+
+
+def test_bounds_and_values_are_shown_in_the_units_of_the_table() -> None:
+    claim = Claim("x", "x", "mm", 1e3, high=1e-4)
+    assert bound_text(claim) == "<= 0.1"
+    assert bound_text(claim._replace(low=5e-5)) == "0.05 to 0.1"
+    assert value_text(claim, 1.23456e-4) == "0.1235"
+    assert value_text(claim, math.nan) == "-"

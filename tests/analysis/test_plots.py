@@ -1,0 +1,105 @@
+"""Every plot draws, labels its axes, and leaves matplotlib as it was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from polish_sim.analysis.metrics import measure_arc, measure_force, measure_surface
+from polish_sim.analysis.report import draw_comparison, draw_plots, draw_seeds, save_plots
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.config import Scenario
+from polish_sim.errors import InputError
+from polish_sim.trace import Trace
+from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, log_of, surface_trace, trace_of
+
+
+def arc_record(trace: Trace | None = None) -> RunRecord:
+    run = arc_trace(feed_m_s=0.05) if trace is None else trace
+    return RunRecord("arc", Scenario(experiment="arc"), measure_arc(run), log_of(run), None)
+
+
+def force_record(trace: Trace | None = None, seed: int = 0) -> RunRecord:
+    run = force_trace() if trace is None else trace
+    return RunRecord("f", Scenario(experiment="force", seed=seed), measure_force(run, 20.0), log_of(run), None)
+
+
+def surface_record(trace: Trace | None = None, controller: str = "hybrid-pi") -> RunRecord:
+    path = bumpy_path(bumps=3, length=0.3)
+    run = surface_trace(path) if trace is None else trace
+    scenario = Scenario()
+    scenario = replace(scenario, controller=replace(scenario.controller, name=controller))
+    return RunRecord("s", scenario, measure_surface(run, path, 20.0), log_of(run), path)
+
+
+RECORDS = [arc_record, force_record, surface_record]
+
+
+@pytest.mark.parametrize("make", RECORDS)
+def test_every_experiment_has_a_plot_with_labelled_axes(make: Callable[[], RunRecord], tmp_path: Path) -> None:
+    plots = draw_plots(make())
+    assert plots
+    for figure in plots.values():
+        assert_labelled(figure)
+    save_plots(tmp_path, plots)
+    assert {file.name for file in tmp_path.iterdir()} == set(plots)
+
+
+@pytest.mark.parametrize("make", RECORDS)
+def test_a_run_stopped_before_contact_still_draws(make: Callable[[Trace], RunRecord], tmp_path: Path) -> None:
+    save_plots(tmp_path, draw_plots(make(trace_of(np.zeros(400, np.int8)))))
+
+
+def test_the_drawn_force_is_the_logged_one() -> None:
+    record = surface_record()
+    figure = draw_plots(record)["force.png"]
+    drawn = next(line for line in figure.axes[0].lines if line.get_label() == "exact contact force")
+    fed = record.log["phase"] == 2
+    np.testing.assert_array_equal(drawn.get_ydata(), record.log["normal_force_n"][fed])
+
+
+def test_each_curvature_peak_is_numbered() -> None:
+    figure = draw_plots(surface_record())["force.png"]
+    assert [text.get_text() for text in figure.axes[0].texts] == ["1", "2", "3"]
+
+
+def test_two_runs_stand_side_by_side_under_their_controllers() -> None:
+    figure = draw_comparison([surface_record(), surface_record(controller="position")])["force.png"]
+    titles = [axes.get_title() + axes.get_title(loc="left") for axes in figure.axes]
+    assert any("hybrid-pi" in title for title in titles)
+    assert any("position" in title for title in titles)
+
+
+def test_force_responses_of_several_runs_share_one_axis() -> None:
+    figure = draw_comparison([force_record(), force_record(seed=1)])["force.png"]
+    assert len(figure.axes) == 1
+    assert_labelled(figure)
+
+
+def test_runs_of_different_experiments_are_not_put_side_by_side() -> None:
+    with pytest.raises(InputError, match="arc, force"):
+        draw_comparison([arc_record(), force_record()])
+
+
+def test_the_seeds_plot_counts_those_that_meet_what_is_asked() -> None:
+    slow = force_record(force_trace(tau=0.3), seed=1)
+    figure = draw_seeds([force_record(), slow])["seeds.png"]
+    assert "met by 1 of 2" in figure.axes[0].get_title(loc="left")
+
+
+def test_drawing_leaves_matplotlibs_settings_alone() -> None:
+    before = dict(matplotlib.rcParams)
+    draw_plots(force_record())
+    assert dict(matplotlib.rcParams) == before
+
+
+def assert_labelled(figure: Figure) -> None:
+    for axes in figure.axes:
+        assert "[" in axes.get_ylabel()
+        assert axes.get_xlabel() or not axes.xaxis.get_tick_params()["labelbottom"]

@@ -1,0 +1,35 @@
+"""The command line as a user calls it, in an empty folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from polish_sim.cli.boundary import execute
+from polish_sim.cli.main import commands
+
+
+class Call(NamedTuple):
+    """What a command line left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def polish_sim(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., Call]:
+    """Run `polish-sim` with the given words; the current folder is empty before the first call."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: object) -> Call:
+        capfd.readouterr()
+        code = execute(commands, [str(word) for word in words])
+        return Call(code, *capfd.readouterr())
+
+    return call

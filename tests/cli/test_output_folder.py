@@ -1,0 +1,88 @@
+"""The output folder: claimed before the work, whole or not there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from polish_sim.cli.output_folder import claimed
+from polish_sim.errors import InputError
+
+
+def files(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
+def test_a_run_without_out_gets_a_new_dated_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    finals = []
+    for _ in range(3):
+        with claimed(None, "run-force") as folder:
+            (folder.draft / "log.npz").touch()
+        finals.append(folder.final)
+    assert len(set(finals)) == 3
+    for final in finals:
+        assert final.parent == Path("results/run-force")
+        assert (final / "log.npz").exists()
+
+
+def test_nothing_appears_under_the_final_name_before_the_end(tmp_path: Path) -> None:
+    with claimed(tmp_path / "out", "run-force") as folder:
+        (folder.draft / "log.npz").touch()
+        assert not (tmp_path / "out").exists()
+    assert files(tmp_path) == {"out", "out/log.npz"}
+
+
+def test_an_existing_folder_is_refused_before_the_block_runs(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    with pytest.raises(InputError, match="--overwrite"), claimed(tmp_path / "out", "run-force"):
+        pytest.fail("the work must not start")
+    assert files(tmp_path) == {"out"}
+
+
+def test_overwrite_replaces_files_of_the_same_name_and_keeps_the_others(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "metrics.json").write_text("old")
+    (out / "notes.txt").write_text("mine")
+    with claimed(out, "run-force", overwrite=True) as folder:
+        (folder.draft / "metrics.json").write_text("new")
+    assert (out / "metrics.json").read_text() == "new"
+    assert (out / "notes.txt").read_text() == "mine"
+    assert files(tmp_path) == {"out", "out/metrics.json", "out/notes.txt"}
+
+
+def fail_halfway(out: Path, error: type[BaseException]) -> None:
+    with claimed(out, "run-force", overwrite=True) as folder:
+        (folder.draft / "metrics.json").write_text("new")
+        raise error
+
+
+def test_a_failure_leaves_nothing_behind_not_even_parent_folders(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError):
+        fail_halfway(tmp_path / "a" / "b" / "out", RuntimeError)
+    assert files(tmp_path) == set()
+
+
+def test_a_failure_leaves_an_existing_folder_as_it_was(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "metrics.json").write_text("old")
+    with pytest.raises(KeyboardInterrupt):
+        fail_halfway(out, KeyboardInterrupt)
+    assert (out / "metrics.json").read_text() == "old"
+    assert files(tmp_path) == {"out", "out/metrics.json"}
+
+
+def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
+    (tmp_path / "taken").touch()
+    for out in (tmp_path / "taken", tmp_path / "taken" / "out"):
+        with pytest.raises(InputError, match="taken"), claimed(out, "run-force", overwrite=True):
+            pytest.fail("the work must not start")
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_the_block_runs() -> None:
+    # /proc takes no folders, whoever asks; a read-only folder would stop everybody but root.
+    with pytest.raises(InputError, match="--out"), claimed(Path("/proc/polish/out"), "run-force"):
+        pytest.fail("the work must not start")
