@@ -143,9 +143,10 @@ def write_meshes(folder: Path) -> list[Path]:
     paths = []
     for name, bodies in MESHES.items():
         solids = [turned_solid(body) for body in bodies]
-        mesh = trimesh.util.concatenate([trimesh.Trimesh(*solid, process=False) for solid in solids])
+        starts = np.cumsum([0] + [len(solid.vertices) for solid in solids[:-1]])
+        faces = [solid.faces + start for solid, start in zip(solids, starts, strict=True)]
         path = folder / f"{name}.stl"
-        mesh.export(path)
+        trimesh.Trimesh(np.vstack([s.vertices for s in solids]), np.vstack(faces), process=False).export(path)
         paths.append(path)
     return paths
 
