@@ -6,7 +6,9 @@ from typing import Final
 
 from polish_sim.cli import console
 from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.run import Out, Overwrite
+from polish_sim.cli.sinks import open_sinks
 from polish_sim.scenario_file import merge
 
 # Small enough that the spiral is done within 60 s of feed.
@@ -15,6 +17,7 @@ DEMO: Final = {"part": {"file": "sphere_100"}, "process": {"feed_m_s": 0.02}, "p
 
 def demo(out: Out = None, overwrite: Overwrite = False) -> int:
     """Plan a path on a shipped part and polish it under force control, with a short report."""
+    prepare_headless()
     # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.cli.simulation import run_once
     from polish_sim.experiments import default_scenario
@@ -22,7 +25,7 @@ def demo(out: Out = None, overwrite: Overwrite = False) -> int:
     scenario = merge(default_scenario("surface"), DEMO, "")
     console.note(f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N")
     with claimed(out, "demo", overwrite) as folder:
-        outcome = run_once(scenario, None, folder.draft)
+        outcome = run_once(scenario, None, folder.draft, open_sinks(folder.draft, view=False, video=False))
     outcome.show()
     console.say("pictures and figures are in the folder; for more: polish-sim run --help")
     console.say(f"folder: {folder.final}")

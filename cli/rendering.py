@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,7 +40,9 @@ class Picture:
         try:
             model.vis.global_.offwidth = max(model.vis.global_.offwidth, WIDTH)
             model.vis.global_.offheight = max(model.vis.global_.offheight, HEIGHT)
-            renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # a missing display is told once, below
+                renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
         except Exception as error:  # what a missing OpenGL raises depends on the platform
             console.note(f"no OpenGL on this machine ({type(error).__name__}: {error}): no rendered picture or video.")
             return None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -14,8 +16,9 @@ from polish_sim.analysis.style import BLUE, GREY, ORANGE, head, new_figure, shad
 
 Array = NDArray[np.float64]
 
-EXAGGERATION = 200.0
-"""Factor on the distance from the circle in the view of its plane."""
+PAPER_LIMIT_M = 3e-4
+SHOWN_SHARE = 0.15
+"""In the view of its plane the largest distance from the circle is drawn at most this share of the radius."""
 
 
 @styled
@@ -38,10 +41,7 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
     start = time[0] if len(time) else 0.0
 
     _draw_speed(speed, time - start, record)
-    error.plot(time - start, distance_to_circle(positions, circle) * 1e3, color=BLUE)
-    error.axhline(0.3, color=ORANGE, ls="--", lw=1.0, label="paper: < 0.3 mm")
-    error.set(xlabel="time since the start of the feed [s]", ylabel="distance from the circle [mm]", ylim=(0.0, None))
-    error.legend(loc="center right")
+    _draw_error(error, time - start, distance_to_circle(positions, circle))
     speed.sharex(error)
     speed.tick_params(labelbottom=False)
     _draw_plane(figure.add_subplot(grid[:, 1]), positions, circle)
@@ -69,6 +69,16 @@ def _draw_speed(axes: Axes, time: Array, record: RunRecord) -> None:
     axes.legend(loc="upper right", ncols=3)
 
 
+def _draw_error(axes: Axes, time: Array, distance: Array) -> None:
+    axes.plot(time, distance * 1e6, color=BLUE)
+    top = 1.25 * float(distance.max(initial=0.0))
+    if top > 0.5 * PAPER_LIMIT_M:
+        axes.axhline(PAPER_LIMIT_M * 1e6, color=ORANGE, ls="--", lw=1.0, label="paper: < 0.3 mm")
+        axes.legend(loc="upper right")
+    axes.set(xlabel="time since the start of the feed [s]", ylabel="distance from the circle [µm]")
+    axes.set_ylim(0.0, max(top * 1e6, 1.0))
+
+
 def _draw_plane(axes: Axes, positions: Array, circle: Circle) -> None:
     """The circle's plane seen along its normal, the distance from the circle exaggerated."""
     normal = np.asarray(circle.normal)
@@ -76,7 +86,8 @@ def _draw_plane(axes: Axes, positions: Array, circle: Circle) -> None:
     offset = positions - np.asarray(circle.center)
     u, v = offset @ (across / np.linalg.norm(across)), offset @ np.cross(normal, across / np.linalg.norm(across))
     angle, radius = np.arctan2(v, u), np.hypot(u, v)
-    shown = circle.radius + EXAGGERATION * (radius - circle.radius)
+    exaggeration = _exaggeration(float(np.abs(radius - circle.radius).max(initial=0.0)), circle.radius)
+    shown = circle.radius + exaggeration * (radius - circle.radius)
     ideal = np.linspace(0.0, 2.0 * np.pi, 361)
     axes.plot(circle.radius * np.cos(ideal) * 1e3, circle.radius * np.sin(ideal) * 1e3, color=GREY, lw=1.0, ls="--")
     axes.plot(shown * np.cos(angle) * 1e3, shown * np.sin(angle) * 1e3, color=BLUE)
@@ -84,7 +95,12 @@ def _draw_plane(axes: Axes, positions: Array, circle: Circle) -> None:
         axes.plot(shown[0] * np.cos(angle[0]) * 1e3, shown[0] * np.sin(angle[0]) * 1e3, "o", color=ORANGE, ms=5)
     axes.set_aspect("equal")
     axes.set(xlabel="across [mm]", ylabel="up [mm]")
-    axes.set_title(f"in its plane, error x {EXAGGERATION:g}", fontweight="normal", fontsize=9.0)
+    axes.set_title(f"in its plane, error × {exaggeration:g}", fontweight="normal", fontsize=9.0)
+
+
+def _exaggeration(largest: float, radius: float) -> float:
+    """The power of ten that makes the largest error visible without spoiling the circle."""
+    return 10.0 ** math.floor(math.log10(SHOWN_SHARE * radius / largest)) if largest > 0.0 else 1.0
 
 
 def _mm(metrics: object, key: str) -> str:
