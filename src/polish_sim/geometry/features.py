@@ -30,6 +30,8 @@ class SmoothCorners(NamedTuple):
     """Smooth vertex of each facet corner, shape (m, 3)."""
     normals: Floats
     """Unit normals of the smooth vertices, shape (k, 3)."""
+    flat: Bools
+    """Smooth vertices whose normal is that of a flat face, shape (k,)."""
 
 
 def facet_normals(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
@@ -63,13 +65,14 @@ def smooth_corners(vertices: Floats, faces: Ints, adjacency: Adjacency, smooth: 
     """
     count, index = _gather_corners(adjacency, smooth)
     normals = _sum_over(index, _max_weights(vertices, faces), count)
-    normals = _keep_flat_faces(vertices, faces, adjacency, index, normals)
+    normals, flat = _keep_flat_faces(vertices, faces, adjacency, index, normals)
     length = np.linalg.norm(normals, axis=1)
     own, _ = facet_normals(vertices, faces)
     spare = np.empty((count, 3))
     spare[index.ravel()] = np.repeat(own, 3, axis=0)
     lost = length < 1e-12
-    return SmoothCorners(index, np.where(lost[:, None], spare, normals / np.where(lost, 1.0, length)[:, None]))
+    unit = np.where(lost[:, None], spare, normals / np.where(lost, 1.0, length)[:, None])
+    return SmoothCorners(index, unit, flat)
 
 
 def _gather_corners(adjacency: Adjacency, smooth: Bools) -> tuple[int, Ints]:
@@ -96,7 +99,9 @@ def _sum_over(index: Ints, values: Floats, count: int) -> Floats:
     return np.column_stack([np.bincount(flat, weights=column, minlength=count) for column in columns.T])
 
 
-def _keep_flat_faces(vertices: Floats, faces: Ints, adjacency: Adjacency, index: Ints, normals: Floats) -> Floats:
+def _keep_flat_faces(
+    vertices: Floats, faces: Ints, adjacency: Adjacency, index: Ints, normals: Floats
+) -> tuple[Floats, Bools]:
     """Replace normals at the rim of flat faces that dominate their vertex by the face's normal."""
     labels, face_areas, face_normals_ = flat_faces(vertices, faces, adjacency)
     corner_area = np.repeat(face_areas[labels], 3)
@@ -110,7 +115,7 @@ def _keep_flat_faces(vertices: Floats, faces: Ints, adjacency: Adjacency, index:
     second = np.zeros(len(normals))
     np.maximum.at(second, index.ravel()[others], corner_area[others])
     dominates = largest > FLAT_DOMINANCE * second
-    return np.where(dominates[:, None], face_normals_[owner], normals)
+    return np.where(dominates[:, None], face_normals_[owner], normals), dominates
 
 
 def flat_faces(vertices: Floats, faces: Ints, adjacency: Adjacency) -> tuple[Ints, Floats, Floats]:

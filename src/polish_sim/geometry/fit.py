@@ -8,20 +8,29 @@ from numpy.typing import NDArray
 from polish_sim.geometry.bezier import (
     ControlRule,
     TangentRule,
-    from_corners,
+    differentiate,
     hermite_midpoint,
+    quadratic_normals,
     through_midpoint,
     unit_tangents,
 )
 from polish_sim.geometry.crease import CreaseTangents, crease_tangents
-from polish_sim.geometry.features import FEATURE_ANGLE, SmoothCorners, facet_normals, smooth_corners, smooth_edges
+from polish_sim.geometry.features import FEATURE_ANGLE, facet_normals, smooth_corners, smooth_edges
+from polish_sim.geometry.jets import fit_vertex_jets
 from polish_sim.geometry.mesh import PartMesh
-from polish_sim.geometry.shape import vertex_shape
 from polish_sim.geometry.surface import Surface, build_surface
-from polish_sim.geometry.topology import find_adjacency
+from polish_sim.geometry.topology import Adjacency, find_adjacency
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
+
+FLAT_TILT = 1e-7
+"""A facet is flat when its corners' normals differ from its own by less than this [rad]."""
+
+FOLDED = 0.1
+"""A patch folds where less than this share of its flat triangle's area is left, seen along its normal."""
+
+UNFOLD_ROUNDS = 4
 
 STEEPEST = np.radians(45.0)
 """An edge whose end tangents leave the chord by more than this stays straight: its normals mean nothing [rad]."""
@@ -59,23 +68,58 @@ def fit_triangles(
     normals, _ = facet_normals(vertices, faces)
     smooth = smooth_edges(normals, adjacency, feature_angle)
     corners = smooth_corners(vertices, faces, adjacency, smooth)
+    jets = fit_vertex_jets(vertices, faces, corners, smooth)
+    corner_normals = jets.normals[corners.ids]
     creases = crease_tangents(vertices, faces, adjacency.facets, smooth)
-    points = _edge_points(vertices, faces, corners, smooth, creases, tangents, control_point)
+    points = _edge_points(vertices, faces, corner_normals, smooth, creases, tangents, control_point)
     return build_surface(
         vertices=vertices,
         faces=faces,
-        control=np.concatenate([vertices[faces], points], axis=1),
-        normal_control=from_corners(corners.normals[corners.ids]),
-        shape=vertex_shape(vertices, faces, corners),
+        control=_unfold(np.concatenate([vertices[faces], points], axis=1), normals, adjacency),
+        normal_control=quadratic_normals(vertices[faces], corner_normals),
+        shape=_corner_shape(jets.shape[corners.ids], corner_normals, normals),
         adjacency=adjacency,
         smooth=smooth,
     )
 
 
+def _corner_shape(shape: Floats, corner_normals: Floats, own_normals: Floats) -> Floats:
+    """Shape operators at the corners, shape (m, 3, 6); zero on facets that are flat."""
+    tilt = np.abs(corner_normals - own_normals[:, None, :]).max(axis=(1, 2))
+    return np.where((tilt < FLAT_TILT)[:, None, None], 0.0, shape)
+
+
+def _unfold(control: Floats, normals: Floats, adjacency: Adjacency) -> Floats:
+    """Straighten the edges of patches that would fold over: slivers beside a strongly curved crease."""
+    control = control.copy()
+    for _ in range(UNFOLD_ROUNDS):
+        folded = _folds(control, normals)
+        if not folded.any():
+            break
+        straight = np.repeat(folded[:, None], 3, axis=1)
+        facet, edge = np.nonzero(straight & (adjacency.facets >= 0))
+        straight[adjacency.facets[facet, edge], adjacency.edges[facet, edge]] = True
+        middles = 0.5 * (control[:, :3] + np.roll(control[:, :3], -1, axis=1))
+        control[:, 3:] = np.where(straight[..., None], middles, control[:, 3:])
+    return control
+
+
+def _folds(control: Floats, normals: Floats) -> NDArray[np.bool_]:
+    """Patches whose normal nearly turns over at a corner or in the middle of an edge, shape (m,)."""
+    corners, points = control[:, :3], control[:, 3:]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    folded = np.zeros(len(control), dtype=bool)
+    facets = np.arange(len(control), dtype=np.int32)
+    for place in np.concatenate([np.eye(3), 0.5 * (1.0 - np.eye(3))]):
+        along_u, along_v = differentiate(control, facets, np.tile(place, (len(points), 1)))
+        folded |= (np.cross(along_u, along_v) * normals).sum(axis=1) < FOLDED * area
+    return folded
+
+
 def _edge_points(
     vertices: Floats,
     faces: Ints,
-    corners: SmoothCorners,
+    corner_normals: Floats,
     smooth: NDArray[np.bool_],
     creases: CreaseTangents,
     tangents: TangentRule,
@@ -87,10 +131,9 @@ def _edge_points(
     start, end = vertices[np.where(swap, second, first)], vertices[np.where(swap, first, second)]
     chord = end - start
     unit_chord = chord / np.linalg.norm(chord, axis=-1, keepdims=True)
-    normal_here = corners.normals[corners.ids]
-    normal_ahead = np.roll(normal_here, -1, axis=1)
-    start_normal = np.where(swap[..., None], normal_ahead, normal_here)
-    end_normal = np.where(swap[..., None], normal_here, normal_ahead)
+    normal_ahead = np.roll(corner_normals, -1, axis=1)
+    start_normal = np.where(swap[..., None], normal_ahead, corner_normals)
+    end_normal = np.where(swap[..., None], corner_normals, normal_ahead)
     # Along a crease both sides take the crease's own direction; inside, the chord turned into the tangent plane.
     start_way = np.where(smooth[..., None], unit_chord, creases.start)
     end_way = np.where(smooth[..., None], unit_chord, creases.end)

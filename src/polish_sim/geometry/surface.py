@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from polish_sim.geometry.bezier import blend, differentiate
 from polish_sim.geometry.bvh import BoxTree, build_box_tree
 from polish_sim.geometry.closest import closest_points
-from polish_sim.geometry.shape import unpack
+from polish_sim.geometry.jets import unpack
 from polish_sim.geometry.topology import Adjacency
 
 Floats = NDArray[np.float64]

@@ -1,0 +1,208 @@
+"""Normals and shape operators from cubic heights fitted around each vertex (neighbours -> second-order surface data).
+
+Facet normals averaged at a vertex are exact on a sphere but only of first order on uneven meshes and along
+borders. Here every vertex fits a cubic height function to its neighbours' positions *and* normals, after
+Goldfeather and Interrante (2004), with its own slope free as well, and all vertices repeat this a few times.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.geometry.features import SmoothCorners, facet_normals
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Bools = NDArray[np.bool_]
+
+SWEEPS = 4
+"""Repetitions; the error left over shrinks about threefold with each."""
+
+_HEIGHT_WEIGHT = 9.0  # of a height against a slope, squared
+_QUADRATIC_RIDGE = 1e-6
+_CUBIC_RIDGE = 1e-3  # keeps the cubic terms small where there are too few neighbours
+_TRUSTED_NEEDED = 2
+
+
+class VertexJets(NamedTuple):
+    """Second-order data of the surface at its smooth vertices."""
+
+    normals: Floats
+    """Unit normals, shape (k, 3)."""
+    shape: Floats
+    """Shape operators S, dn = S dx (+1/R on a sphere) [1/m], packed xx, yy, zz, xy, yz, zx, shape (k, 6)."""
+
+
+class _Links(NamedTuple):
+    """Directed links between neighbouring smooth vertices."""
+
+    here: Ints
+    """Vertex that fits, shape (p,)."""
+    there: Ints
+    """Its neighbour, shape (p,)."""
+    steps: Floats
+    """Way from here to there in units of the mean edge at ``here``, shape (p, 3)."""
+
+
+def fit_vertex_jets(vertices: Floats, faces: Ints, corners: SmoothCorners, smooth: Bools) -> VertexJets:
+    """Refine the normals of smooth vertices and find how the surface bends there.
+
+    A vertex at a crease or border starts from a one-sided average; its normal is not used by others before it
+    has been fitted to at least two trusted neighbours itself. Normals of flat faces stay as they are.
+
+    Args:
+        vertices: Vertices [m], shape (n, 3).
+        faces: Vertex indices, shape (m, 3).
+        corners: Smooth vertices with their first normals.
+        smooth: Edges that are neither crease nor border, shape (m, 3).
+
+    Returns:
+        Normals and shape operators.
+    """
+    links, size = _find_links(vertices, faces, corners, smooth)
+    everyone = np.ones(len(size), dtype=bool)
+    trusted = corners.flat | ~_at_rim(corners.ids, smooth, len(size))
+    room = _widest_tilt(vertices, faces, corners)
+    normals = corners.normals
+    for _ in range(SWEEPS):
+        frames = _tangent_frames(normals)
+        fitted, seen = _fit_heights(*links, normals, frames, trusted)
+        able = (seen >= _TRUSTED_NEEDED) & ~corners.flat
+        tilted = normals - np.einsum("kf,kfj->kj", fitted[:, :2], frames)
+        tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
+        able &= np.linalg.norm(tilted - corners.normals, axis=1) <= room
+        normals = np.where(able[:, None], tilted, normals)
+        trusted = trusted | able
+    frames = _tangent_frames(normals)
+    fitted, _ = _fit_heights(*links, normals, frames, everyone)
+    return VertexJets(normals, _pack(frames, -fitted[:, 2:5] / size[:, None]))
+
+
+def unpack(shape: Floats) -> Floats:
+    """Symmetric matrices (n, 3, 3) from packed ones (n, 6)."""
+    return shape[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2]]]
+
+
+def _pack(frames: Floats, fitted: Floats) -> Floats:
+    first, second = frames[:, 0], frames[:, 1]
+    a, b, c = fitted.T
+
+    def entry(i: int, j: int) -> Floats:
+        mixed = first[:, i] * second[:, j] + second[:, i] * first[:, j]
+        return a * first[:, i] * first[:, j] + b * mixed + c * second[:, i] * second[:, j]
+
+    return np.stack([entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(1, 2), entry(2, 0)], axis=1)
+
+
+def _find_links(vertices: Floats, faces: Ints, corners: SmoothCorners, smooth: Bools) -> tuple[_Links, Floats]:
+    """Links along all edges, each once in either direction, and the mean edge length at each vertex [m]."""
+    ahead_ids, way = np.roll(corners.ids, -1, axis=1), np.roll(vertices[faces], -1, axis=1) - vertices[faces]
+    here = np.concatenate([corners.ids.ravel(), ahead_ids[~smooth]])
+    there = np.concatenate([ahead_ids.ravel(), corners.ids[~smooth]])
+    steps = np.concatenate([way.reshape(-1, 3), -way[~smooth]])
+    count = np.maximum(np.bincount(here, minlength=len(corners.normals)), 1)
+    size = np.bincount(here, weights=np.linalg.norm(steps, axis=1), minlength=len(count)) / count
+    return _Links(here, there, steps / size[here][:, None]), size
+
+
+def _at_rim(ids: Ints, smooth: Bools, count: int) -> Bools:
+    """Smooth vertices that touch a crease or border."""
+    rim = np.zeros(count, dtype=bool)
+    rim[ids[~smooth]] = True
+    rim[np.roll(ids, -1, axis=1)[~smooth]] = True
+    return rim
+
+
+def _widest_tilt(vertices: Floats, faces: Ints, corners: SmoothCorners) -> Floats:
+    """How far the first normal is from the normals of the facets around it, shape (k,)."""
+    own, _ = facet_normals(vertices, faces)
+    tilt = np.linalg.norm(corners.normals[corners.ids] - own[:, None, :], axis=2)
+    widest = np.zeros(len(corners.normals))
+    np.maximum.at(widest, corners.ids.ravel(), tilt.ravel())
+    return widest
+
+
+def _tangent_frames(normals: Floats) -> Floats:
+    """Two unit tangents for each normal, shape (k, 2, 3)."""
+    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = np.cross(normals, axis)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normals, first)], axis=1)
+
+
+@njit(cache=True)
+def _fit_heights(here, there, steps, normals, frames, trusted):  # type: ignore[no-untyped-def]
+    """Fit z = p x + q y + A x^2/2 + B x y + C y^2/2 + cubic terms around each vertex, lengths in mean edges.
+
+    Returns:
+        Coefficients, shape (k, 9), and how many trusted neighbours each vertex has, shape (k,).
+    """
+    sums = np.zeros((len(normals), 9, 10))
+    seen = np.zeros(len(normals), np.int64)
+    rows = np.zeros((3, 10))
+    for link in range(len(here)):
+        at, other = here[link], there[link]
+        x = y = z = a = b = c = 0.0
+        for k in range(3):
+            first, second, normal = frames[at, 0, k], frames[at, 1, k], normals[at, k]
+            x += steps[link, k] * first
+            y += steps[link, k] * second
+            z += steps[link, k] * normal
+            a += normals[other, k] * first
+            b += normals[other, k] * second
+            c += normals[other, k] * normal
+        if c < 0.2:
+            continue
+        rows[0] = x, y, 0.5 * x * x, x * y, 0.5 * y * y, x**3, x * x * y, x * y * y, y**3, z
+        rows[1] = 1.0, 0.0, x, y, 0.0, 3.0 * x * x, 2.0 * x * y, y * y, 0.0, -a / c
+        rows[2] = 0.0, 1.0, 0.0, x, y, 0.0, x * x, 2.0 * x * y, 3.0 * y * y, -b / c
+        far2 = x * x + y * y + z * z
+        _add_row(sums[at], rows[0], _HEIGHT_WEIGHT / (far2 * far2))
+        if trusted[other]:
+            seen[at] += 1
+            _add_row(sums[at], rows[1], 1.0 / far2)
+            _add_row(sums[at], rows[2], 1.0 / far2)
+    fitted = np.zeros((len(normals), 9))
+    for at in range(len(normals)):
+        trace = 1e-300
+        for i in range(9):
+            trace += sums[at, i, i]
+        for i in range(9):
+            sums[at, i, i] += trace * (_QUADRATIC_RIDGE if i < 5 else _CUBIC_RIDGE)
+        _solve(sums[at], fitted[at])
+    return fitted, seen
+
+
+@njit(cache=True, inline="always")
+def _add_row(sums, row, weight):  # type: ignore[no-untyped-def]
+    """Add an equation to normal equations, lower triangle and right side."""
+    for i in range(9):
+        scaled = weight * row[i]
+        for j in range(i + 1):
+            sums[i, j] += scaled * row[j]
+        sums[i, 9] += scaled * row[9]
+
+
+@njit(cache=True)
+def _solve(system, out):  # type: ignore[no-untyped-def]
+    """Solve symmetric normal equations, shape (9, 10), in place by Cholesky's method."""
+    for i in range(9):
+        for j in range(i + 1):
+            total = system[i, j]
+            for k in range(j):
+                total -= system[i, k] * system[j, k]
+            system[i, j] = np.sqrt(max(total, 1e-300)) if i == j else total / system[j, j]
+    for i in range(9):
+        total = system[i, 9]
+        for k in range(i):
+            total -= system[i, k] * out[k]
+        out[i] = total / system[i, i]
+    for i in range(8, -1, -1):
+        total = out[i]
+        for k in range(i + 1, 9):
+            total -= system[k, i] * out[k]
+        out[i] = total / system[i, i]

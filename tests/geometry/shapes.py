@@ -1,0 +1,140 @@
+"""Meshes whose truth is known in closed form: points on them, normals and curvatures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A mesh with its closed form."""
+
+    vertices: Floats
+    faces: NDArray[np.int32]
+    foot: Callable[[Floats], Floats]
+    """Closest point of the true surface to points near it, (n, 3) -> (n, 3)."""
+    normal: Callable[[Floats], Floats]
+    """Outward unit normal at points on it, (n, 3) -> (n, 3)."""
+    curvatures: Callable[[Floats], Floats]
+    """Principal curvatures at points on it, larger first, positive = convex, (n, 3) -> (n, 2)."""
+
+
+def sphere(subdivisions: int, radius: float = 1.0) -> Shape:
+    mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
+
+    def normal(points: Floats) -> Floats:
+        return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+    return Shape(
+        np.array(mesh.vertices),
+        np.array(mesh.faces, dtype=np.int32),
+        foot=lambda points: radius * normal(points),
+        normal=normal,
+        curvatures=lambda points: np.full((len(points), 2), 1.0 / radius),
+    )
+
+
+def torus(around: int, major: float = 1.0, minor: float = 0.4, jitter: float = 0.0) -> Shape:
+    """Torus about z with facets of about equal sides; jitter moves the vertices on the true surface."""
+    along = max(int(round(around * major / minor)), 3)
+    i, j = np.meshgrid(np.arange(along), np.arange(around), indexing="ij")
+    rng = np.random.default_rng(1)
+    a = 2.0 * np.pi * (i + jitter * rng.uniform(-0.5, 0.5, i.shape)) / along
+    b = 2.0 * np.pi * (j + jitter * rng.uniform(-0.5, 0.5, i.shape)) / around
+    ring = major + minor * np.cos(b)
+    vertices = np.stack([ring * np.cos(a), ring * np.sin(a), minor * np.sin(b)], axis=-1).reshape(-1, 3)
+    number = np.arange(along * around).reshape(along, around)
+    here, ahead = number, np.roll(number, -1, axis=0)
+    up, both = np.roll(number, -1, axis=1), np.roll(np.roll(number, -1, axis=0), -1, axis=1)
+    faces = np.concatenate([np.stack([here, ahead, both], -1), np.stack([here, both, up], -1)]).reshape(-1, 3)
+
+    def center(points: Floats) -> Floats:
+        flat = points * [1.0, 1.0, 0.0]
+        return major * flat / np.linalg.norm(flat, axis=1, keepdims=True)
+
+    def normal(points: Floats) -> Floats:
+        away = points - center(points)
+        return away / np.linalg.norm(away, axis=1, keepdims=True)
+
+    def curvatures(points: Floats) -> Floats:
+        ring = np.hypot(points[:, 0], points[:, 1])
+        return np.column_stack([np.full(len(points), 1.0 / minor), (ring - major) / (minor * ring)])
+
+    return Shape(
+        vertices,
+        faces.astype(np.int32),
+        foot=lambda points: center(points) + minor * normal(points),
+        normal=normal,
+        curvatures=curvatures,
+    )
+
+
+def cylinder(around: int, radius: float = 1.0, height: float = 2.0) -> Shape:
+    """Open cylinder about z with one long strip of two facets per division, as CAD writes it."""
+    angle = 2.0 * np.pi * np.arange(around) / around
+    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(around)], axis=-1)
+    vertices = np.concatenate([ring, ring + [0.0, 0.0, height]])
+    i, j = np.arange(around), (np.arange(around) + 1) % around
+    faces = np.concatenate([np.stack([i, j, j + around], -1), np.stack([i, j + around, i + around], -1)])
+
+    def normal(points: Floats) -> Floats:
+        flat = points * [1.0, 1.0, 0.0]
+        return flat / np.linalg.norm(flat, axis=1, keepdims=True)
+
+    return Shape(
+        vertices,
+        faces.astype(np.int32),
+        foot=lambda points: radius * normal(points) + points * [0.0, 0.0, 1.0],
+        normal=normal,
+        curvatures=lambda points: np.tile([1.0 / radius, 0.0], (len(points), 1)),
+    )
+
+
+def saddle(sides: int, radius: float = 1.0, half_width: float = 0.5, jitter: float = 0.0) -> Shape:
+    """z = (x^2 - y^2) / (2 R) over a square."""
+    steps = np.linspace(-half_width, half_width, sides + 1)
+    x, y = np.meshgrid(steps, steps, indexing="ij")
+    rng = np.random.default_rng(2)
+    cell = steps[1] - steps[0]
+    x[1:-1] += jitter * cell * rng.uniform(-0.5, 0.5, x[1:-1].shape)
+    y[:, 1:-1] += jitter * cell * rng.uniform(-0.5, 0.5, y[:, 1:-1].shape)
+    vertices = np.stack([x, y, (x**2 - y**2) / (2.0 * radius)], axis=-1).reshape(-1, 3)
+    number = np.arange((sides + 1) ** 2).reshape(sides + 1, sides + 1)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
+
+    def normal(points: Floats) -> Floats:
+        n = np.column_stack([-points[:, 0] / radius, points[:, 1] / radius, np.ones(len(points))])
+        return n / np.linalg.norm(n, axis=1, keepdims=True)
+
+    def foot(points: Floats) -> Floats:
+        """Newton on the two conditions that the connection is along the normal."""
+        x, y = points[:, 0].copy(), points[:, 1].copy()
+        for _ in range(50):
+            height = (x**2 - y**2) / (2.0 * radius) - points[:, 2]
+            fx = x - points[:, 0] + height * x / radius
+            fy = y - points[:, 1] - height * y / radius
+            fxx = 1.0 + height / radius + (x / radius) ** 2
+            fyy = 1.0 - height / radius + (y / radius) ** 2
+            fxy = -x * y / radius**2
+            det = fxx * fyy - fxy**2
+            x, y = x - (fyy * fx - fxy * fy) / det, y - (fxx * fy - fxy * fx) / det
+        return np.column_stack([x, y, (x**2 - y**2) / (2.0 * radius)])
+
+    def curvatures(points: Floats) -> Floats:
+        p, q = points[:, 0] / radius, -points[:, 1] / radius
+        r, t = -1.0 / radius, 1.0 / radius  # signs: positive = convex seen from above
+        size = 1.0 + p**2 + q**2
+        gauss = r * t / size**2
+        mean = ((1.0 + q**2) * r + (1.0 + p**2) * t) / (2.0 * size**1.5)
+        spread = np.sqrt(mean**2 - gauss)
+        return np.column_stack([mean + spread, mean - spread])
+
+    return Shape(vertices, faces.astype(np.int32), foot, normal, curvatures)
