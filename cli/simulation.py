@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from polish_sim.analysis.cell_plot import plot_cell
 from polish_sim.analysis.report import draw_plots, save_plots
 from polish_sim.analysis.run_record import RunRecord, package_versions, write_record
 from polish_sim.cli import console
 from polish_sim.cli.frames import FrameSink
 from polish_sim.cli.outcome import Outcome
+from polish_sim.cli.sinks import CELL_PICTURE
 from polish_sim.config import Scenario
 from polish_sim.experiments import Observer, RunResult, run_experiment
 from polish_sim.planning import ToolPath
@@ -35,6 +37,8 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
         record, result = simulate(scenario, plan, draft, observer)
         observer.stage("draw")
         save_plots(draft, draw_plots(record))
+    if not (draft / CELL_PICTURE).exists() and len(record.log):
+        save_plots(draft, {CELL_PICTURE: plot_cell(record)})
     return Outcome(
         scenario.experiment,
         f"{scenario.experiment}, {scenario.controller.name}, seed {scenario.seed}",

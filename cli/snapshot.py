@@ -24,7 +24,6 @@ class Snapshot:
         self._file = file
         self._model: Any = None
         self._positions: list[Any] = []
-        self.written = False
 
     def __enter__(self) -> Snapshot:
         return self
@@ -47,4 +46,3 @@ class Snapshot:
         mujoco.mj_forward(self._model, data)
         save_image(self._file, picture.render(data))
         picture.close()
-        self.written = True
