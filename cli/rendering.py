@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 import warnings
@@ -20,9 +21,19 @@ AZIMUTH, ELEVATION = 125.0, -22.0
 
 
 def prepare_headless() -> None:
-    """Ask MuJoCo for rendering without a window; has to happen before it is imported."""
-    if sys.platform == "linux" and "MUJOCO_GL" not in os.environ and not os.environ.get("DISPLAY"):
+    """Ask MuJoCo for rendering without a window, where it can; has to happen before it is imported."""
+    chosen = "MUJOCO_GL" in os.environ or bool(os.environ.get("DISPLAY"))
+    if sys.platform == "linux" and not chosen and _egl_exists():
         os.environ["MUJOCO_GL"] = "egl"
+
+
+def _egl_exists() -> bool:
+    """Whether the library loads: MuJoCo cannot be imported at all when it is asked for one that does not."""
+    try:
+        ctypes.CDLL("libEGL.so.1")
+    except OSError:
+        return False
+    return True
 
 
 class Picture:
