@@ -1,0 +1,148 @@
+"""Runs as a user starts them: files, figures, exit codes, interrupts."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polish_sim.log import COLUMNS, read_log
+
+Polish = Callable[..., tuple[int, str, str]]
+
+PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
+SHORT = ["--part", "plate", "--set", "process.hold_s=1.5"]
+DEAF = ["--set", "controller.force_p_m_sn=0.0001", "--set", "controller.force_i_m_s2n=0.0001"]
+
+
+def metrics_of(folder: Path) -> dict[str, object]:
+    loaded = json.loads((folder / "metrics.json").read_text())
+    assert isinstance(loaded, dict)
+    return loaded
+
+
+def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(polish_sim: Polish, tmp_path: Path) -> None:
+    code, out, err = polish_sim("run", "force", *SHORT)
+    assert code == 0, err
+    (folder,) = (tmp_path / "results" / "run-force").iterdir()
+    assert {"config.toml", "metrics.json", "log.npz", "force.png", "cell.png"} <= {f.name for f in folder.iterdir()}
+    assert out.splitlines()[-1] == f"folder: {folder.relative_to(tmp_path)}"
+    assert "settling to" in out
+    assert set(read_log(folder / "log.npz").names) == set(COLUMNS)
+    figures = metrics_of(folder)
+    assert figures["protective_stop"] is None
+    assert {"seed", "simulated_s", "wall_s", "real_time_factor", "steps", "T_base_work", "versions"} <= set(figures)
+
+
+def test_the_folder_s_config_runs_again_to_the_same_log(polish_sim: Polish, tmp_path: Path) -> None:
+    assert polish_sim("run", "force", *SHORT, "--seed", "3", "--out", "first")[0] == 0
+    assert polish_sim("run", "force", "--config", "first/config.toml", "--out", "again")[0] == 0
+    assert (tmp_path / "first/config.toml").read_text() == (tmp_path / "again/config.toml").read_text()
+    first, again = read_log(tmp_path / "first/log.npz"), read_log(tmp_path / "again/log.npz")
+    for name in COLUMNS:
+        np.testing.assert_array_equal(first[name], again[name])
+
+
+def test_the_default_config_is_what_a_bare_run_uses(polish_sim: Polish, tmp_path: Path) -> None:
+    _, toml, _ = polish_sim("config", "force")
+    (tmp_path / "mine.toml").write_text(toml)
+    assert polish_sim("run", "force", "--config", "mine.toml", "--out", "run")[0] == 0
+    assert (tmp_path / "run/config.toml").read_text() == toml
+
+
+def test_check_is_1_when_a_figure_falls_short_and_0_when_all_are_met(polish_sim: Polish) -> None:
+    assert polish_sim("run", "force", *SHORT, "--check", "--out", "good")[0] == 0
+    code, out, _ = polish_sim("run", "force", *SHORT, *DEAF, "--check", "--out", "deaf")
+    assert code == 1
+    assert " NO" in out
+    assert polish_sim("run", "force", *SHORT, *DEAF, "--out", "unchecked")[0] == 0
+
+
+def test_a_protective_stop_is_3_with_its_reason_and_the_log_kept(polish_sim: Polish, tmp_path: Path) -> None:
+    code, _, err = polish_sim("run", "force", *SHORT, "--set", "safety.force_limit_n=8", "--out", "stopped")
+    assert code == 3
+    reason = metrics_of(tmp_path / "stopped")["protective_stop"]
+    assert isinstance(reason, str)
+    assert reason in err
+    assert len(read_log(tmp_path / "stopped/log.npz")) > 10
+
+
+@pytest.mark.parametrize("out", ["taken", "file", "/proc/polish"])
+def test_an_output_folder_that_cannot_be_used_is_told_before_the_work(
+    polish_sim: Polish, tmp_path: Path, out: str
+) -> None:
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "file").touch()
+    code, shown, err = polish_sim("run", "force", *SHORT, "--out", out)
+    assert (code, shown) == (2, "")
+    assert "--out" in err
+    assert err.count("\n") == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "taken"]
+
+
+def test_overwrite_replaces_a_run(polish_sim: Polish, tmp_path: Path) -> None:
+    assert polish_sim("run", "force", *SHORT, "--out", "run")[0] == 0
+    assert polish_sim("run", "force", *SHORT, "--seed", "9", "--out", "run", "--overwrite")[0] == 0
+    assert metrics_of(tmp_path / "run")["seed"] == 9
+
+
+def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Polish, tmp_path: Path) -> None:
+    assert polish_sim("run", "force", *SHORT, "--log-rate", "full", "--out", "full")[0] == 0
+    assert polish_sim("run", "force", *SHORT, "--log-rate", "50", "--out", "coarse")[0] == 0
+    full, coarse = read_log(tmp_path / "full/log.npz"), read_log(tmp_path / "coarse/log.npz")
+    assert np.median(np.diff(full["time_s"].astype(float))) == pytest.approx(0.001)
+    assert np.median(np.diff(coarse["time_s"].astype(float))) == pytest.approx(0.02)
+    same = "settling_time_3n_s"
+    assert metrics_of(tmp_path / "full")[same] == metrics_of(tmp_path / "coarse")[same]
+
+
+def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim: Polish, tmp_path: Path) -> None:
+    code, out, err = polish_sim("run", "force", *SHORT, "--seed", "5", "--seeds", "2", "--check", "--out", "two")
+    assert code == 0, err
+    assert "worst seed" in out
+    figures = metrics_of(tmp_path / "two")
+    assert figures["seeds"] == [5, 6]
+    times = [metrics_of(tmp_path / "two" / f"seed-000{seed}")["settling_time_3n_s"] for seed in (5, 6)]
+    assert times[0] != times[1]
+    assert figures["worst"]["settling_time_3n_s"] == max(times)  # type: ignore[index, type-var]
+    assert figures["mean"]["settling_time_3n_s"] == pytest.approx(sum(times) / 2)  # type: ignore[index, arg-type]
+
+
+def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Polish, tmp_path: Path) -> None:
+    for name, controller in (("a", "hybrid-pi"), ("b", "position")):
+        assert polish_sim("run", "force", *SHORT, "--controller", controller, "--out", name)[0] == 0
+    assert polish_sim("report", "a", "--out", "alone")[0] == 0
+    code, out, _ = polish_sim("report", "a", "b", "--out", "both")
+    assert code == 0
+    assert "a (hybrid-pi)" in out
+    assert "b (position)" in out
+    for folder in ("alone", "both"):
+        assert (tmp_path / folder / "force.png").stat().st_size > 10_000
+
+
+def test_an_interrupt_is_130_and_keeps_what_was_recorded(tmp_path: Path) -> None:
+    slow = ["run", "arc", "--feed", "0.5", "--out", "cut"]
+    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen([*PROGRAM, *slow], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) as run:
+        assert run.stderr is not None
+        assert any("simulate" in line for line in iter(run.stderr.readline, ""))
+        time.sleep(1.0)
+        run.send_signal(signal.SIGINT)
+        err = run.stderr.read()
+    assert run.returncode == 130, err
+    assert "Traceback" not in err
+    assert "kept" in err
+    log = read_log(tmp_path / "cut" / "log.npz")
+    assert len(log) > 10
+    done = metrics_of(tmp_path / "cut")["path_done"]
+    assert isinstance(done, float)
+    assert done < 1.0
+    assert [path.name for path in tmp_path.iterdir()] == ["cut"]

@@ -1,0 +1,116 @@
+"""Help, versions and wrong words on the command line."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from polish_sim import __version__
+from polish_sim.cli.main import commands
+
+PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
+COMMANDS = sorted(info.name for info in commands.registered_commands if info.name)
+
+
+def test_help_costs_less_than_half_a_second() -> None:
+    subprocess.run([*PROGRAM, "--help"], check=True, capture_output=True)  # leaves compiled bytecode behind
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([*PROGRAM, "run", "--help"], check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    # processor time: the clock would count what else the machine does
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.5
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_on_stdout(polish_sim: Callable[..., object], command: str) -> None:
+    code, out, err = polish_sim(command, "--help")
+    assert (code, err) == (0, "")
+    assert f"polish-sim {command}" in out
+
+
+def test_without_a_command_the_help_lists_them_all(polish_sim: Callable[..., object]) -> None:
+    code, out, err = polish_sim()
+    assert (code, err) == (0, "")
+    assert all(f"  {command}" in out for command in COMMANDS)
+
+
+def test_the_version_is_the_package_s(polish_sim: Callable[..., object]) -> None:
+    assert polish_sim("--version") == (0, f"polish-sim {__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["runn"], "Known: config, demo"),
+        (["run", "circle"], "unknown experiment 'circle'. Known: arc, force, surface"),
+        (["config", "circle"], "unknown experiment 'circle'. Known: arc, force, surface"),
+        (["run"], "experiment"),
+        (["run", "arc", "--fed", "3"], "--fed"),
+        (["run", "arc", "--feed", "fast"], "--feed"),
+        (["run", "arc", "--seeds", "0"], "--seeds"),
+        (["run", "arc", "--seeds", "2", "--video"], "leave --seeds out"),
+        (["run", "arc", "--controller", "pid"], "unknown controller 'pid'. Known: FILE.py:CLASS, hybrid-pi"),
+        (["run", "arc", "--controller", "gone.py:Mine"], "'gone.py' does not exist"),
+        (["run", "surface", "--part", "gone.stl"], "gone.stl"),
+        (["run", "surface", "--pattern", "zigzag"], "unknown pattern 'zigzag'. Known: raster, spiral"),
+        (["run", "surface", "--stepover", "-3"], "--stepover -3"),
+        (["run", "surface", "--units", "feet"], "feet"),
+        (["run", "surface", "--up", "left"], "left"),
+        (["run", "surface", "--region", "bottom"], "bottom"),
+        (["run", "surface", "--path", "gone"], "gone"),
+        (["run", "surface", "--part-pose", "1,2"], "--part-pose"),
+        (["run", "force", "--set", "sensor.noise=3"], "unknown key 'sensor.noise'. Known here: bandwidth_hz"),
+        (["run", "force", "--set", "sensor.bandwidth_hz=fast"], "'sensor.bandwidth_hz' must be a number"),
+        (["run", "force", "--set", "sensor=3"], "'sensor' is a section"),
+        (["run", "force", "--set", "sensor.bandwidth_hz"], "is not KEY=VALUE"),
+        (["run", "force", "--set", "pad.points=50.5"], "'pad.points' must be a whole number"),
+        (["run", "force", "--contact-force", "-5"], "--contact-force -5"),
+        (["run", "force", "--config", "gone.toml"], "gone.toml"),
+        (["report", "gone"], "'gone' is not a run folder"),
+    ],
+)
+def test_wrong_words_are_one_message_with_code_2_and_nothing_written(
+    polish_sim: Callable[..., object], tmp_path: Path, words: list[str], said: str
+) -> None:
+    code, out, err = polish_sim(*words)
+    errors = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert (code, out) == (2, "")
+    assert len(errors) == 1
+    assert said in errors[0]
+    assert "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[sensor\n", "not valid TOML"),
+        ("[sensor]\nnoise = 1.0\n", "unknown key 'sensor.noise'"),
+        ('[sensor]\nbandwidth_hz = "fast"\n', "'sensor.bandwidth_hz' must be a number"),
+        ("[sensor]\nforce_noise_n = true\n", "'sensor.force_noise_n' must be a number"),
+        ("[sensor]\nforce_noise_n = -1.0\n", "outside 0 to 20"),
+        ("[sensor]\nforce_noise_n = nan\n", "'sensor.force_noise_n' must be a number"),
+        ("sensor = 3\n", "'sensor' is a section"),
+        ("\xff", "mine.toml"),
+    ],
+)
+def test_a_bad_config_names_the_key_and_writes_nothing(
+    polish_sim: Callable[..., object], tmp_path: Path, text: str, said: str
+) -> None:
+    (tmp_path / "mine.toml").write_text(text, encoding="latin-1")
+    code, _, err = polish_sim("run", "force", "--config", "mine.toml")
+    assert code == 2
+    assert said in err
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_list_names_what_ships(polish_sim: Callable[..., object]) -> None:
+    code, out, _ = polish_sim("list")
+    assert code == 0
+    for name in ("freeform", "hybrid-pi", "position", "arc", "force", "surface", "spiral", "raster"):
+        assert name in out
