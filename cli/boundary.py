@@ -26,7 +26,10 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
     """
     try:
         command = typer.main.get_command(commands)
-        outcome = command.main(list(arguments) or ["--help"], "polish-sim", standalone_mode=False)
+        with command.make_context("polish-sim", list(arguments) or ["--help"]) as context:
+            outcome = command.invoke(context)
+    except typer.Exit as end:
+        return end.exit_code
     except PolishSimError as error:
         return console.fail(str(error), error.exit_code)
     except typer.TyperException as error:
