@@ -54,6 +54,13 @@ def join(first: Run, second: Run) -> Run:
     )
 
 
+def dense(positions: Array, spacing: float) -> Array:
+    """Points of a polyline no further apart than a spacing [m], its corners cut by at most half of it, (n, 3)."""
+    s = arc_length(positions)
+    where = np.linspace(0.0, s[-1], int(np.ceil(s[-1] / spacing)) + 1)
+    return np.stack([np.interp(where, s, positions[:, k]) for k in range(3)], axis=1)
+
+
 def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
     """Round the corners, space the points for equal chord error and put them on the surface.
 

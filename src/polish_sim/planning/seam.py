@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,59 +12,91 @@ from polish_sim.planning.curve import Curve
 
 Array = NDArray[np.float64]
 
-BAND = 6.0
-"""Length of a blend in step-overs, where the turn is long enough."""
-BAND_SHARE = 1.0 / 6.0
-"""Longest share of a turn a blend takes."""
+LONGEST, SHORTEST = 8.0, 2.5
+"""Limits of the length of a blend in step-overs."""
+SHARE_OF_PATH = 0.02
+"""A blend takes this share of the whole path, within the limits."""
+SHARE_OF_TURN = 0.25
+"""And at most this share of its turn."""
+ROOM = 0.5
+"""Step-overs kept between a blend and a corner."""
+GROWTH = 0.08
+"""Neighbouring blends differ in length by at most this share, so that turns keep their distance within them."""
+CORNER = np.radians(30.0)
+"""Turning within half a step-over that counts as a corner [rad]."""
 CANDIDATES = 96
 
 
-def band_length(curve: Curve, stepover: float) -> float:
-    """Length of the blend at the end of a turn [m]."""
-    return min(BAND * stepover, BAND_SHARE * curve.length)
+class Seams(NamedTuple):
+    """Where the turns of a spiral begin and how long the blends into the next turns are."""
+
+    s: Array
+    """Arc length of each turn's beginning on its curve [m], shape (k,)."""
+    bands: Array
+    """Length of the blend that ends there [m], shape (k,)."""
 
 
-def place_seams(curves: Sequence[Curve], stepover: float) -> Array:
-    """Where each turn begins: a line across all turns along which their blends avoid corners.
+def place_seams(curves: Sequence[Curve], stepover: float) -> Seams:
+    """Find a line across all turns along which their blends avoid corners.
 
     Lines are traced outwards from points of the innermost turn, nearest point to nearest point; outwards they
-    never run into a corner. The one with the least turning inside its bands wins.
+    never run into a corner. The one with the longest blends wins.
 
     Args:
         curves: Nested turns, outermost first.
         stepover: Distance between them [m].
 
     Returns:
-        Arc length of each turn's beginning on its curve [m], shape (k,).
+        Beginnings and blend lengths.
     """
+    total = sum(curve.length for curve in curves)
+    longest = float(np.clip(SHARE_OF_PATH * total, SHORTEST * stepover, LONGEST * stepover))
     count = min(CANDIDATES, max(int(curves[-1].length / (0.25 * stepover)), 8))
-    s = np.linspace(0.0, curves[-1].length, count, endpoint=False)
-    points = curves[-1].at(s)[0]
-    seams, cost = [s], _bend(curves[-1], s, stepover)
-    for curve in reversed(curves[:-1]):
+    points = curves[-1].at(np.linspace(0.0, curves[-1].length, count, endpoint=False))[0]
+    lines: list[Array] = []
+    cost = np.zeros(count)
+    for curve in reversed(curves):
         nearest = curve.nearest(points)
-        jump = np.abs(nearest.distances / stepover - 1.0)
-        cost += _bend(curve, nearest.s, stepover) + 10.0 * np.maximum(jump - 0.1, 0.0)
+        if lines:
+            cost += 10.0 * np.maximum(np.abs(nearest.distances / stepover - 1.0) - 0.1, 0.0)
         points = nearest.positions
-        seams.append(nearest.s)
+        cost += _crowding(curve, nearest.s, longest, stepover)
+        lines.append(nearest.s)
     best = int(np.argmin(np.round(cost, 6)))
-    return np.array([s[best] for s in reversed(seams)])
+    s = np.array([line[best] for line in reversed(lines)])
+    return Seams(s, _even_bands(curves, s, longest, stepover))
 
 
-def _bend(curve: Curve, s: Array, stepover: float) -> Array:
-    """How much a turn bends in its band [rad], and a little of how much around it."""
-    chords = np.diff(curve.at(np.append(curve.knots, curve.knots[1]))[0], axis=0)
-    cosine = (chords[:-1] * chords[1:]).sum(axis=1) / np.linalg.norm(chords[:-1], axis=1)
-    angle = np.arccos(np.clip(cosine / np.linalg.norm(chords[1:], axis=1), -1.0, 1.0))
-    total = np.concatenate([[0.0], np.cumsum(angle)])
+def _crowding(curve: Curve, s: Array, band: float, stepover: float) -> Array:
+    """How much of a blend that ends at s would run over a corner, and a little for not lying between corners."""
+    corners = _corners(curve, stepover)
+    if len(corners) == 0:
+        return np.zeros(len(s))
+    band = min(band, SHARE_OF_TURN * curve.length)
+    behind = np.mod(s[:, None] - corners, curve.length).min(axis=1)
+    ahead = np.mod(corners - s[:, None], curve.length).min(axis=1)
+    missing = np.maximum(1.0 - behind / (band + ROOM * stepover), 0.0)
+    return np.asarray(missing + 0.2 * (ahead < stepover) + 0.02 * np.abs(behind - ahead - band) / curve.length)
 
-    def within(first: Array, last: Array) -> Array:
-        ends = [
-            np.interp(curve.wrap(x), curve.knots, total) + np.floor(x / curve.length) * total[-1] for x in (first, last)
-        ]
-        return ends[1] - ends[0]
 
-    band = band_length(curve, stepover)
-    near = within(s - 1.2 * band, s + 0.2 * band)
-    far = sum(within(s - (0.5 + k) * band, s - (0.5 - k) * band) / k for k in (1.0, 1.5, 2.0, 2.5))
-    return np.asarray(near + 0.05 * far)
+def _even_bands(curves: Sequence[Curve], s: Array, longest: float, stepover: float) -> Array:
+    """Blends that grow slowly from turn to turn, seen along the seam, and leave room on the innermost turns."""
+    reach = SHORTEST * stepover
+    scale = np.ones(len(curves))
+    for i in range(len(curves) - 1):
+        foot = curves[i + 1].nearest(curves[i].at(np.array([s[i] - reach]))[0]).s[0]
+        shrink = float(np.mod(s[i + 1] - foot, curves[i + 1].length)) / reach
+        scale[i + 1] = scale[i] * (shrink if 0.3 < shrink < 1.3 else 1.0)
+    index = np.arange(len(curves))
+    steps = np.abs(index[:, None] - index)
+    even = (longest / scale * np.exp(GROWTH * steps)).min(axis=1) * scale
+    return np.minimum(even, [SHARE_OF_TURN * curve.length for curve in curves])
+
+
+def _corners(curve: Curve, stepover: float) -> Array:
+    """Arc lengths of the points at which a closed curve turns sharply [m]."""
+    reach = 0.25 * stepover
+    count = max(int(curve.length / (0.25 * reach)), 8)
+    s = np.linspace(0.0, curve.length, count, endpoint=False)
+    ahead, behind = curve.tangents(s + 0.5 * reach, 0.5 * reach), curve.tangents(s - 0.5 * reach, 0.5 * reach)
+    return s[(ahead * behind).sum(axis=1) < np.cos(CORNER)]

@@ -13,17 +13,18 @@ from numpy.typing import NDArray
 
 from polish_sim.geometry import Region
 from polish_sim.planning.curve import Curve
+from polish_sim.planning.leftover import finish_middle
 from polish_sim.planning.run import Run, SurfaceRun, finish_run
-from polish_sim.planning.seam import BAND_SHARE, band_length, place_seams
+from polish_sim.planning.seam import SHARE_OF_TURN, place_seams
 from polish_sim.planning.triangulation import Triangulation
-from polish_sim.planning.turns import Turn, border_curves, grow_turns
+from polish_sim.planning.turns import Turn, border_curves, grow_turns, ring_margin
 
 Array = NDArray[np.float64]
 
 HEAD = 0.3
 """Where in the first blend the path begins, so that it does not touch itself when it comes round."""
-TAIL = 0.5
-"""Where in its last blend band the last turn ends."""
+TAIL = 1.0 - HEAD
+"""Where in its last blend band the last turn ends, for the same reason."""
 
 
 def plan_spiral(
@@ -40,9 +41,19 @@ def plan_spiral(
     Returns:
         The spirals, on the surface.
     """
-    roots = grow_turns(region.surface, mesh, border_curves(mesh), 0.5 * stepover, stepover, report)
+    roots = _nested_turns(region, mesh, stepover, report)
     lines = [spiral([turn.curve for turn in chain], stepover) for chain in chains(roots)]
-    return [finish_run(region.surface, line, stepover) for line in lines]
+    return [finish_run(region.surface, line, stepover) for line in finish_middle(mesh, lines, stepover)]
+
+
+def _nested_turns(region: Region, mesh: Triangulation, stepover: float, report: Callable[[float], None]) -> list[Turn]:
+    """Turns of the region; on a ring of even width from the outer border to the inner one."""
+    borders = border_curves(mesh)
+    if len(borders) == 2:
+        first = ring_margin(region.surface, mesh, borders, stepover)
+        if first is not None:
+            return grow_turns(region.surface, mesh, borders[:1], first, stepover, report)
+    return grow_turns(region.surface, mesh, borders, 0.5 * stepover, stepover, report)
 
 
 def chains(roots: Sequence[Turn]) -> list[list[Turn]]:
@@ -70,16 +81,17 @@ def spiral(curves: Sequence[Curve], stepover: float) -> Run:
         The line, from the outermost turn to the end of the innermost.
     """
     seams = place_seams(curves, stepover)
-    bands = [band_length(curve, stepover) for curve in curves]
     parts = []
     for i, curve in enumerate(curves):
-        last = i == len(curves) - 1
-        begin = seams[i] - (1.0 - HEAD) * bands[i] if i == 0 and not last else seams[i]
-        leave = seams[i] + curve.length - bands[i]
-        line = curve.between(begin, leave + TAIL * bands[i] if last else leave)[0]
-        if not last:
-            line = np.concatenate([line, _blend(curve, leave, bands[i], curves[i + 1], seams[i + 1])])
-        parts.append(line)
+        begin, band = seams.s[i], seams.bands[i]
+        leave = begin + curve.length - band
+        if i == len(curves) - 1:
+            parts.append(curve.between(begin, leave + TAIL * band)[0])
+            continue
+        if i == 0:
+            begin -= (1.0 - HEAD) * band
+        blend = _blend(curve, leave, band, curves[i + 1], seams.s[i + 1])
+        parts.append(np.concatenate([curve.between(begin, leave)[0], blend]))
     index = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     return Run(np.concatenate(parts), index)
 
@@ -89,7 +101,7 @@ def _blend(outer: Curve, leave: float, band: float, inner: Curve, arrive: float)
     foot = inner.nearest(outer.at(np.array([leave]))[0]).s[0]
     inner_band = float(np.mod(arrive - foot, inner.length))
     if not 0.3 * band < inner_band < 2.0 * band:
-        inner_band = min(band, BAND_SHARE * inner.length)
+        inner_band = min(band, SHARE_OF_TURN * inner.length)
     u = np.linspace(0.0, 1.0, 64)[1:-1]
     share = (u**3 * (10.0 - 15.0 * u + 6.0 * u**2))[:, None]
     from_outer = outer.at(leave + u * band)[0]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
@@ -47,7 +48,15 @@ class Triangulation:
     @cached_property
     def vertex_areas(self) -> Array:
         """A third of the area of every triangle around a vertex [m^2], shape (n,)."""
-        return np.bincount(self.triangles.ravel(), weights=np.repeat(self.areas / 3.0, 3), minlength=len(self.vertices))
+        thirds: Array = np.repeat(self.areas / 3.0, 3)
+        sums = np.zeros(len(self.vertices))
+        np.add.at(sums, self.triangles.ravel(), thirds)
+        return sums
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Search tree over the vertices."""
+        return cKDTree(self.vertices)
 
     def components(self, inside: NDArray[np.bool_]) -> tuple[int, Ints]:
         """Connected pieces of a set of vertices: their number and each vertex's piece, -1 outside, (n,)."""

@@ -20,6 +20,9 @@ Mask = NDArray[np.bool_]
 THIN = 1.1
 """What is left inside a turn needs another one if its middle is further away than this many step-overs."""
 
+EVEN = 0.5
+"""A ring's width may vary by this many step-overs for turns to run from border to border."""
+
 Report = Callable[[float], None]
 
 
@@ -100,6 +103,33 @@ def grow_turns(
         step = stepover
         report(1.0 - sum(float(mesh.vertex_areas[p.inside].sum()) for p in pieces) / float(mesh.areas.sum()))
     return [turn for root in roots for turn in root.children]
+
+
+def ring_margin(surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Curve], stepover: float) -> float | None:
+    """Distance of the first turn from the outer border so that turns fill a ring evenly up to its inner border.
+
+    Args:
+        surface: The region's surface.
+        mesh: Its fine triangulation.
+        borders: Outer and inner border.
+        stepover: Distance from turn to turn [m].
+
+    Returns:
+        The distance [m], at most 0.55 step-overs; None if the ring's width varies by more than half a step-over.
+    """
+    outer, inner = borders
+    turns = grow_turns(surface, mesh, [outer], 0.5 * stepover, stepover, lambda share: None)
+    count = 0
+    while len(turns) == 1:
+        count, last, turns = count + 1, turns[0].curve, turns[0].children
+    if turns or count == 0:
+        return None
+    gap = last.nearest(inner.positions).distances
+    if np.ptp(gap) > EVEN * stepover or gap.max() > 2.0 * stepover:
+        return None
+    width = (count - 0.5) * stepover + float(gap.mean())
+    needed = int(np.ceil(width / stepover - 0.1))
+    return 0.5 * (width - (needed - 1) * stepover)
 
 
 def _shrink(surface: SurfaceQuery, mesh: Triangulation, piece: Piece, step: float) -> list[Piece]:
