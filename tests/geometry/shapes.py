@@ -43,7 +43,7 @@ def sphere(subdivisions: int, radius: float = 1.0) -> Shape:
 
 def torus(around: int, major: float = 1.0, minor: float = 0.4, jitter: float = 0.0) -> Shape:
     """Torus about z with facets of about equal sides; jitter moves the vertices on the true surface."""
-    along = max(int(round(around * major / minor)), 3)
+    along = max(round(around * major / minor), 3)
     i, j = np.meshgrid(np.arange(along), np.arange(around), indexing="ij")
     rng = np.random.default_rng(1)
     a = 2.0 * np.pi * (i + jitter * rng.uniform(-0.5, 0.5, i.shape)) / along

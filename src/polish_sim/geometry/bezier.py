@@ -22,6 +22,9 @@ ControlRule = Callable[[Floats, Floats, Floats], Floats]
 """Maps both ends of an edge and the Hermite curve's mid-point M, each (k, 3) [m], to the control point."""
 
 
+_AGREEMENT = np.cos(np.radians(15.0))
+
+
 def unit_tangents(chords: Floats, directions: Floats) -> Floats:
     """End tangents as long as the chord, |P1 - P0| t/|t| (paper 1, eq. 4); mid-point error R phi^4/8 on a circle."""
     return np.linalg.norm(chords, axis=-1, keepdims=True) * directions
@@ -116,4 +119,7 @@ def quadratic_normals(corners: Floats, normals: Floats) -> Floats:
     lean = 2.0 * (edges * both).sum(axis=-1) / (edges**2).sum(axis=-1)
     middle = both - lean[..., None] * edges
     middle /= np.maximum(np.linalg.norm(middle, axis=-1, keepdims=True), 1e-300)
+    # Where the ends' normals disagree wildly the mirror image means nothing.
+    agrees = (middle * both).sum(axis=-1) > _AGREEMENT * np.linalg.norm(both, axis=-1)
+    middle = np.where(agrees[..., None], middle, 0.5 * both)
     return np.concatenate([normals, 2.0 * middle - 0.5 * both], axis=1)

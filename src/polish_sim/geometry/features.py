@@ -65,7 +65,7 @@ def smooth_corners(vertices: Floats, faces: Ints, adjacency: Adjacency, smooth: 
     """
     count, index = _gather_corners(adjacency, smooth)
     normals = _sum_over(index, _max_weights(vertices, faces), count)
-    normals, flat = _keep_flat_faces(vertices, faces, adjacency, index, normals)
+    normals, flat = _keep_flat_faces(vertices, faces, adjacency, smooth, index, normals)
     length = np.linalg.norm(normals, axis=1)
     own, _ = facet_normals(vertices, faces)
     spare = np.empty((count, 3))
@@ -100,7 +100,7 @@ def _sum_over(index: Ints, values: Floats, count: int) -> Floats:
 
 
 def _keep_flat_faces(
-    vertices: Floats, faces: Ints, adjacency: Adjacency, index: Ints, normals: Floats
+    vertices: Floats, faces: Ints, adjacency: Adjacency, smooth: Bools, index: Ints, normals: Floats
 ) -> tuple[Floats, Bools]:
     """Replace normals at the rim of flat faces that dominate their vertex by the face's normal."""
     labels, face_areas, face_normals_ = flat_faces(vertices, faces, adjacency)
@@ -114,7 +114,13 @@ def _keep_flat_faces(
     others = np.repeat(labels, 3) != owner[index.ravel()]
     second = np.zeros(len(normals))
     np.maximum.at(second, index.ravel()[others], corner_area[others])
-    dominates = largest > FLAT_DOMINANCE * second
+    # Where a face is alone at a vertex, what it blends into elsewhere.
+    beside = np.zeros(len(face_areas))
+    facet, edge = np.nonzero(smooth)
+    other = labels[adjacency.facets[facet, edge]]
+    differ = other != labels[facet]
+    np.maximum.at(beside, labels[facet][differ], face_areas[other[differ]])
+    dominates = largest > FLAT_DOMINANCE * np.where(second > 0.0, second, beside[owner])
     return np.where(dominates[:, None], face_normals_[owner], normals), dominates
 
 

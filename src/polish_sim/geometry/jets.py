@@ -19,13 +19,15 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Bools = NDArray[np.bool_]
 
-SWEEPS = 4
+SWEEPS = 6
 """Repetitions; the error left over shrinks about threefold with each."""
 
 _HEIGHT_WEIGHT = 9.0  # of a height against a slope, squared
 _QUADRATIC_RIDGE = 1e-6
-_CUBIC_RIDGE = 1e-3  # keeps the cubic terms small where there are too few neighbours
+_CUBIC_RIDGE = 3e-2  # keeps the cubic terms small where there are too few neighbours
 _TRUSTED_NEEDED = 2
+_LINKS_NEEDED = 3
+_ROOM, _ROUGH = 3.0, 0.1  # further off than this times and plus the facets' own tilt [rad] no fit is believed
 
 
 class VertexJets(NamedTuple):
@@ -64,22 +66,45 @@ def fit_vertex_jets(vertices: Floats, faces: Ints, corners: SmoothCorners, smoot
         Normals and shape operators.
     """
     links, size = _find_links(vertices, faces, corners, smooth)
-    everyone = np.ones(len(size), dtype=bool)
-    trusted = corners.flat | ~_at_rim(corners.ids, smooth, len(size))
-    room = _widest_tilt(vertices, faces, corners)
+    lonely = np.bincount(links.here, minlength=len(size)) < _LINKS_NEEDED
+    trusted = corners.flat | ~(_at_rim(corners.ids, smooth, len(size)) | lonely)
+    tilt = _widest_tilt_around(vertices, faces, corners, links)
+    room = np.minimum(_ROOM * tilt, tilt + _ROUGH)
     normals = corners.normals
     for _ in range(SWEEPS):
         frames = _tangent_frames(normals)
         fitted, seen = _fit_heights(*links, normals, frames, trusted)
-        able = (seen >= _TRUSTED_NEEDED) & ~corners.flat
+        able = (seen >= _TRUSTED_NEEDED) & ~corners.flat & ~lonely
         tilted = normals - np.einsum("kf,kfj->kj", fitted[:, :2], frames)
         tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
         able &= np.linalg.norm(tilted - corners.normals, axis=1) <= room
         normals = np.where(able[:, None], tilted, normals)
         trusted = trusted | able
     frames = _tangent_frames(normals)
-    fitted, _ = _fit_heights(*links, normals, frames, everyone)
-    return VertexJets(normals, _pack(frames, -fitted[:, 2:5] / size[:, None]))
+    fitted, _ = _fit_heights(*links, normals, frames, ~lonely)
+    shape = _pack(frames, -fitted[:, 2:5] / size[:, None])
+    return _lend_to_lonely(links, size, VertexJets(normals, shape), frames, fitted, lonely & ~corners.flat)
+
+
+def _lend_to_lonely(
+    links: _Links, size: Floats, jets: VertexJets, frames: Floats, fitted: Floats, lonely: Bools
+) -> VertexJets:
+    """Give corners with too few neighbours the normals and shapes their neighbours' heights continue to."""
+    borrow = lonely[links.here] & ~lonely[links.there]
+    here, lender = links.here[borrow], links.there[borrow]
+    way = -links.steps[borrow] * (size[here] / size[lender])[:, None]
+    x, y = np.einsum("pfj,pj->fp", frames[lender], way)
+    p, q, a, b, c, d, e, f, g = fitted[lender].T
+    slope_x = p + a * x + b * y + 3.0 * d * x**2 + 2.0 * e * x * y + f * y**2
+    slope_y = q + b * x + c * y + e * x**2 + 2.0 * f * x * y + 3.0 * g * y**2
+    continued = jets.normals[lender] - slope_x[:, None] * frames[lender, 0] - slope_y[:, None] * frames[lender, 1]
+    continued /= np.linalg.norm(continued, axis=1, keepdims=True)
+    normals, shape = jets.normals.copy(), np.where(lonely[:, None], 0.0, jets.shape)
+    normals[here] = 0.0
+    np.add.at(normals, here, continued)
+    normals[here] /= np.linalg.norm(normals[here], axis=1, keepdims=True)
+    np.add.at(shape, here, jets.shape[lender] / np.bincount(here, minlength=len(size))[here][:, None])
+    return VertexJets(normals, shape)
 
 
 def unpack(shape: Floats) -> Floats:
@@ -117,13 +142,15 @@ def _at_rim(ids: Ints, smooth: Bools, count: int) -> Bools:
     return rim
 
 
-def _widest_tilt(vertices: Floats, faces: Ints, corners: SmoothCorners) -> Floats:
-    """How far the first normal is from the normals of the facets around it, shape (k,)."""
+def _widest_tilt_around(vertices: Floats, faces: Ints, corners: SmoothCorners, links: _Links) -> Floats:
+    """How far first normals are from the facets' at a vertex and its neighbours, shape (k,)."""
     own, _ = facet_normals(vertices, faces)
     tilt = np.linalg.norm(corners.normals[corners.ids] - own[:, None, :], axis=2)
     widest = np.zeros(len(corners.normals))
     np.maximum.at(widest, corners.ids.ravel(), tilt.ravel())
-    return widest
+    around = widest.copy()
+    np.maximum.at(around, links.here, widest[links.there])
+    return around
 
 
 def _tangent_frames(normals: Floats) -> Floats:
@@ -172,7 +199,8 @@ def _fit_heights(here, there, steps, normals, frames, trusted):  # type: ignore[
         for i in range(9):
             trace += sums[at, i, i]
         for i in range(9):
-            sums[at, i, i] += trace * (_QUADRATIC_RIDGE if i < 5 else _CUBIC_RIDGE)
+            sums[at, i, i] *= 1.0 + (_QUADRATIC_RIDGE if i < 5 else _CUBIC_RIDGE)
+            sums[at, i, i] += 1e-12 * trace
         _solve(sums[at], fitted[at])
     return fitted, seen
 
