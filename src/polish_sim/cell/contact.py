@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.config import PadConfig
-from polish_sim.geometry.distance_field import DistanceField, field_distance, field_gradient
+from polish_sim.geometry.distance_field import DistanceField, look_up
 
 Array = NDArray[np.float64]
 
@@ -23,8 +23,10 @@ Array = NDArray[np.float64]
 class Pad(NamedTuple):
     """The disc, sampled; the pad frame has its origin at the face's centre and z out of the tool."""
 
-    points: Array
-    """Sample points on the face [m], shape (n, 2), equal area each."""
+    x: Array
+    """Sample points on the face, equal area each [m], shape (n,)."""
+    y: Array
+    """[m], shape (n,)"""
     stiffness: float
     """Normal stiffness of one point [N/m]."""
     damping: float
@@ -33,6 +35,12 @@ class Pad(NamedTuple):
     """Coulomb coefficient [-]."""
     smoothing: float
     """Sliding speed v_s of the smoothed Coulomb law v / sqrt(v^2 + v_s^2) [m/s]."""
+    depth: Array
+    """Depth of each point below the part [m], negative above it, shape (n,)."""
+    slope: Array
+    """Gradient of the distance at each point, work frame, shape (3, n)."""
+    motion: Array
+    """Work array: the pad's axes, velocities and the sums in the work frame, shape (7, 3)."""
 
 
 class RealPart(NamedTuple):
@@ -48,12 +56,17 @@ class RealPart(NamedTuple):
 
 def build_pad(config: PadConfig) -> Pad:
     """Sample the disc on rings of equal-area cells, each point at the centroid radius of its cell."""
+    points = _ring_points(config.points) * config.radius_m
     return Pad(
-        _ring_points(config.points) * config.radius_m,
+        points[:, 0].copy(),
+        points[:, 1].copy(),
         config.stiffness_n_m / config.points,
         config.damping_s_m,
         config.friction,
         config.friction_smoothing_m_s,
+        np.zeros(config.points),
+        np.zeros((3, config.points)),
+        np.zeros((7, 3)),
     )
 
 
@@ -72,7 +85,7 @@ def _ring_points(count: int) -> Array:
     return np.concatenate(points)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def press_pad(
     pad: Pad,
     part: RealPart,
@@ -83,11 +96,11 @@ def press_pad(
     pad_turning: Array,
     force: Array,
     torque: Array,
-) -> float:
+) -> None:
     """Contact force and torque of the part on the pad.
 
     Args:
-        pad: The sampled disc.
+        pad: The sampled disc; depth and slope of its points are written.
         part: The real part.
         spin: Spindle speed about pad z [rad/s].
         R_base_pad: Pad frame, shape (3, 3).
@@ -96,67 +109,77 @@ def press_pad(
         pad_turning: Angular velocity of the head without the spindle [rad/s], base, shape (3,).
         force: Written: force on the pad [N], base, shape (3,).
         torque: Written: torque on the pad about its centre [N m], base, shape (3,).
-
-    Returns:
-        Largest depth of a point [m]; negative or zero without contact.
     """
-    force[:] = 0.0
-    torque[:] = 0.0
-    R_part = part.rotation
-    # The pad's frame in the work frame of the real part.
-    ox, oy, oz = pad_center[0] - part.position[0], pad_center[1] - part.position[1], pad_center[2] - part.position[2]
-    cx = R_part[0, 0] * ox + R_part[1, 0] * oy + R_part[2, 0] * oz
-    cy = R_part[0, 1] * ox + R_part[1, 1] * oy + R_part[2, 1] * oz
-    cz = R_part[0, 2] * ox + R_part[1, 2] * oy + R_part[2, 2] * oz
-    xx = R_part[0, 0] * R_base_pad[0, 0] + R_part[1, 0] * R_base_pad[1, 0] + R_part[2, 0] * R_base_pad[2, 0]
-    xy = R_part[0, 1] * R_base_pad[0, 0] + R_part[1, 1] * R_base_pad[1, 0] + R_part[2, 1] * R_base_pad[2, 0]
-    xz = R_part[0, 2] * R_base_pad[0, 0] + R_part[1, 2] * R_base_pad[1, 0] + R_part[2, 2] * R_base_pad[2, 0]
-    yx = R_part[0, 0] * R_base_pad[0, 1] + R_part[1, 0] * R_base_pad[1, 1] + R_part[2, 0] * R_base_pad[2, 1]
-    yy = R_part[0, 1] * R_base_pad[0, 1] + R_part[1, 1] * R_base_pad[1, 1] + R_part[2, 1] * R_base_pad[2, 1]
-    yz = R_part[0, 2] * R_base_pad[0, 1] + R_part[1, 2] * R_base_pad[1, 1] + R_part[2, 2] * R_base_pad[2, 1]
-    wx = pad_turning[0] + spin * R_base_pad[0, 2]
-    wy = pad_turning[1] + spin * R_base_pad[1, 2]
-    wz = pad_turning[2] + spin * R_base_pad[2, 2]
-    deepest = -1.0
-    for i in range(pad.points.shape[0]):
-        a, b = pad.points[i, 0], pad.points[i, 1]
-        px, py, pz = cx + a * xx + b * yx, cy + a * xy + b * yy, cz + a * xz + b * yz
-        depth = -field_distance(part.field, px, py, pz)
-        deepest = max(deepest, depth)
-        if depth <= 0.0:
-            continue
-        _, gx, gy, gz = field_gradient(part.field, px, py, pz)
-        size = math.sqrt(gx * gx + gy * gy + gz * gz)
-        if size == 0.0:
-            continue
-        gx, gy, gz = gx / size, gy / size, gz / size
-        # Outward normal, lever arm and velocity of the point in the base frame.
-        nx = R_part[0, 0] * gx + R_part[0, 1] * gy + R_part[0, 2] * gz
-        ny = R_part[1, 0] * gx + R_part[1, 1] * gy + R_part[1, 2] * gz
-        nz = R_part[2, 0] * gx + R_part[2, 1] * gy + R_part[2, 2] * gz
-        rx = a * R_base_pad[0, 0] + b * R_base_pad[0, 1]
-        ry = a * R_base_pad[1, 0] + b * R_base_pad[1, 1]
-        rz = a * R_base_pad[2, 0] + b * R_base_pad[2, 1]
-        # The spindle's turning moves a point within the face; only the head's motion presses it in.
-        along = (
-            nx * (pad_velocity[0] + pad_turning[1] * rz - pad_turning[2] * ry)
-            + ny * (pad_velocity[1] + pad_turning[2] * rx - pad_turning[0] * rz)
-            + nz * (pad_velocity[2] + pad_turning[0] * ry - pad_turning[1] * rx)
+    R, p, w = part.rotation, part.position, pad.motion
+    center, x_axis, y_axis, velocity, turning = 0, 1, 2, 3, 4
+    # Everything in the work frame of the real part.
+    for j in range(3):
+        w[center, j] = w[x_axis, j] = w[y_axis, j] = w[velocity, j] = w[turning, j] = 0.0
+        for i in range(3):
+            w[center, j] += R[i, j] * (pad_center[i] - p[i])
+            w[x_axis, j] += R[i, j] * R_base_pad[i, 0]
+            w[y_axis, j] += R[i, j] * R_base_pad[i, 1]
+            w[velocity, j] += R[i, j] * pad_velocity[i]
+            w[turning, j] += R[i, j] * pad_turning[i]
+    deepest = _measure_depths(pad, part.field)
+    if deepest <= 0.0:
+        force[:] = 0.0
+        torque[:] = 0.0
+        return
+    _sum_pressure(pad, spin)
+    for i in range(3):
+        force[i] = R[i, 0] * w[5, 0] + R[i, 1] * w[5, 1] + R[i, 2] * w[5, 2]
+        torque[i] = R[i, 0] * w[6, 0] + R[i, 1] * w[6, 1] + R[i, 2] * w[6, 2]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _measure_depths(pad: Pad, field: DistanceField) -> float:
+    """Depth and slope at every point; returns the largest depth [m]."""
+    w = pad.motion
+    nodes, per_metre = field.bricks.reshape(-1), 1.0 / field.spacing
+    cx, cy, cz = w[0, 0], w[0, 1], w[0, 2]
+    xx, xy, xz = w[1, 0], w[1, 1], w[1, 2]
+    yx, yy, yz = w[2, 0], w[2, 1], w[2, 2]
+    deepest = -field.band
+    for i in range(pad.x.shape[0]):
+        a, b = pad.x[i], pad.y[i]
+        distance, gx, gy, gz = look_up(
+            field, nodes, per_metre, cx + a * xx + b * yx, cy + a * xy + b * yy, cz + a * xz + b * yz
         )
-        pressure = pad.stiffness * depth * (1.0 - pad.damping * along)
-        if pressure <= 0.0:
-            continue
-        vx = pad_velocity[0] + wy * rz - wz * ry
-        vy = pad_velocity[1] + wz * rx - wx * rz
-        vz = pad_velocity[2] + wx * ry - wy * rx
-        normal_speed = nx * vx + ny * vy + nz * vz
-        vx, vy, vz = vx - normal_speed * nx, vy - normal_speed * ny, vz - normal_speed * nz
-        drag = pad.friction * pressure / math.sqrt(vx * vx + vy * vy + vz * vz + pad.smoothing**2)
-        fx, fy, fz = pressure * nx - drag * vx, pressure * ny - drag * vy, pressure * nz - drag * vz
-        force[0] += fx
-        force[1] += fy
-        force[2] += fz
-        torque[0] += ry * fz - rz * fy
-        torque[1] += rz * fx - rx * fz
-        torque[2] += rx * fy - ry * fx
+        pad.depth[i] = -distance
+        pad.slope[0, i], pad.slope[1, i], pad.slope[2, i] = gx, gy, gz
+        deepest = max(deepest, -distance)
     return deepest
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+def _sum_pressure(pad: Pad, spin: float) -> None:
+    """Sum pressure and friction over the points; without branches, so that the compiler can vectorise."""
+    w = pad.motion
+    xx, xy, xz = w[1, 0], w[1, 1], w[1, 2]
+    yx, yy, yz = w[2, 0], w[2, 1], w[2, 2]
+    ux, uy, uz = w[3, 0], w[3, 1], w[3, 2]
+    ox, oy, oz = w[4, 0], w[4, 1], w[4, 2]
+    # The spindle turns the points within the face; only the head's motion presses them in.
+    sx, sy, sz = spin * (xy * yz - xz * yy), spin * (xz * yx - xx * yz), spin * (xx * yy - xy * yx)
+    depths, slope_x, slope_y, slope_z = pad.depth, pad.slope[0], pad.slope[1], pad.slope[2]
+    k, hardening, friction, smoothing = pad.stiffness, pad.damping, pad.friction, pad.smoothing**2
+    fx = fy = fz = tx = ty = tz = 0.0
+    for i in range(pad.x.shape[0]):
+        a, b = pad.x[i], pad.y[i]
+        gx, gy, gz = slope_x[i], slope_y[i], slope_z[i]
+        size = 1.0 / math.sqrt(gx * gx + gy * gy + gz * gz + 1e-30)
+        nx, ny, nz = gx * size, gy * size, gz * size
+        rx, ry, rz = a * xx + b * yx, a * xy + b * yy, a * xz + b * yz
+        hx, hy, hz = ux + oy * rz - oz * ry, uy + oz * rx - ox * rz, uz + ox * ry - oy * rx
+        leaving = nx * hx + ny * hy + nz * hz
+        pressure = k * max(depths[i], 0.0) * max(1.0 - hardening * leaving, 0.0)
+        vx, vy, vz = hx + sy * rz - sz * ry, hy + sz * rx - sx * rz, hz + sx * ry - sy * rx
+        along = nx * vx + ny * vy + nz * vz
+        vx, vy, vz = vx - along * nx, vy - along * ny, vz - along * nz
+        drag = friction * pressure / math.sqrt(vx * vx + vy * vy + vz * vz + smoothing)
+        px, py, pz = pressure * nx - drag * vx, pressure * ny - drag * vy, pressure * nz - drag * vz
+        fx, fy, fz = fx + px, fy + py, fz + pz
+        tx, ty, tz = tx + (ry * pz - rz * py), ty + (rz * px - rx * pz), tz + (rx * py - ry * px)
+    w[5, 0], w[5, 1], w[5, 2] = fx, fy, fz
+    w[6, 0], w[6, 1], w[6, 2] = tx, ty, tz

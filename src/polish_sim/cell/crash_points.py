@@ -10,12 +10,11 @@ from scipy.spatial.transform import Rotation
 Array = NDArray[np.float64]
 
 BODIES = ("tool_mount", "link_6", "link_5", "link_4", "link_3")
-_AROUND = 8
-_ALONG = (-1.0, -0.33, 0.33, 1.0)
+_SPACING = 0.03  # one point is kept in each cube of this side [m]
 
 
 def crash_points(model: mujoco.MjModel) -> tuple[Array, NDArray[np.int64]]:
-    """Rings of points on the drawn cylinders of the links behind the pad.
+    """Points spread over the drawn meshes of the links behind the pad.
 
     Args:
         model: The compiled scene.
@@ -23,17 +22,22 @@ def crash_points(model: mujoco.MjModel) -> tuple[Array, NDArray[np.int64]]:
     Returns:
         Points in their bodies' frames [m], shape (k, 3), and the body of each, shape (k,).
     """
-    angles = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
-    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     points, bodies = [], []
     for body in (model.body(name).id for name in BODIES):
-        for geom in np.flatnonzero((model.geom_bodyid == body) & (model.geom_group == 2)):
-            if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_CYLINDER:
-                continue
-            radius, half = model.geom_size[geom, :2]
+        drawn = (model.geom_bodyid == body) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
+        for geom in np.flatnonzero(drawn):
             R = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
-            for height in _ALONG:
-                local = np.column_stack([radius * ring, np.full(_AROUND, half * height)])
-                points.append(R.apply(local) + model.geom_pos[geom])
-                bodies.append(np.full(_AROUND, body))
+            spread = _thinned(R.apply(_vertices(model, int(model.geom_dataid[geom]))) + model.geom_pos[geom])
+            points.append(spread)
+            bodies.append(np.full(len(spread), body))
     return np.concatenate(points), np.concatenate(bodies).astype(np.int64)
+
+
+def _vertices(model: mujoco.MjModel, mesh: int) -> Array:
+    start = model.mesh_vertadr[mesh]
+    return np.asarray(model.mesh_vert[start : start + model.mesh_vertnum[mesh]], dtype=np.float64)
+
+
+def _thinned(points: Array) -> Array:
+    _, kept = np.unique(np.round(points / _SPACING).astype(int), axis=0, return_index=True)
+    return points[kept]

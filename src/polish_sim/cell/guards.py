@@ -61,7 +61,7 @@ class Guards(NamedTuple):
     """Time without contact so far [s], shape (1,)."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def check_guards(
     guards: Guards, m: Measurement, target: Target, sensor: SensorState, weakest: float, field: DistanceField,
     R_base_part: Array, p_base_part: Array, xpos: Array, xmat: Array, t: float, count: int, dt: float,
@@ -85,7 +85,7 @@ def check_guards(
     return 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _crashed(
     guards: Guards, field: DistanceField, R_base_part: Array, p_base_part: Array, xpos: Array, xmat: Array, first: int
 ) -> bool:

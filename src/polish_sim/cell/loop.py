@@ -101,7 +101,7 @@ class CellKernel(NamedTuple):
     """Step count, requests sent, stop code, first contact seen, tare samples, done; shape (8,)."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int) -> None:  # type: ignore[no-untyped-def]
     """Run the cell for at most ``steps`` physics steps; ends early when the job is done or a guard stops it.
 
@@ -153,7 +153,7 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
             return
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _press(cell: CellKernel) -> None:
     """Contact of the pad at this instant, applied to the head; the exact wrench at the tool point."""
     if cell.job.contact == 0.0:
@@ -183,7 +183,7 @@ def _press(cell: CellKernel) -> None:
         )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _moment_at(force: Array, torque: Array, old_point: Array, new_point: Array, out: Array) -> None:
     """Move a torque from one reference point to another."""
     rx, ry, rz = old_point[0] - new_point[0], old_point[1] - new_point[1], old_point[2] - new_point[2]
@@ -192,7 +192,7 @@ def _moment_at(force: Array, torque: Array, old_point: Array, new_point: Array, 
     out[2] = torque[2] + rx * force[1] - ry * force[0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _sense(cell: CellKernel, m: Measurement, jacobian: Array, t: float, draws: Array) -> None:
     """Encoders and wrist sensor; the engine's reading belongs to the step before, one step of the latency."""
     e = cell.engine
@@ -213,7 +213,7 @@ def _sense(cell: CellKernel, m: Measurement, jacobian: Array, t: float, draws: A
     tool_wrench(cell.payload, cell.sensor_state, m.rotation, m.wrench)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _tare(cell: CellKernel, m: Measurement) -> None:
     """Zero the sensor: average the compensated wrench while the robot stands still, then subtract it."""
     stage = cell.sequence.stage
@@ -226,7 +226,7 @@ def _tare(cell: CellKernel, m: Measurement) -> None:
         cell.sensor_state.tare[i] += (uncorrected - cell.sensor_state.tare[i]) / n
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _drive(cell: CellKernel, jacobian: Array) -> bool:
     """The robot's side: latency, acceleration limits, joint speeds, servos."""
     e, state = cell.engine, cell.speedl_state
@@ -239,7 +239,7 @@ def _drive(cell: CellKernel, jacobian: Array) -> bool:
     return inside
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _record(cell: CellKernel, recorder: Recorder, m: Measurement, target: Target, count: int, t: float) -> None:
     e, status = cell.engine, cell.status
     stage = cell.sequence.stage[0]

@@ -24,7 +24,7 @@ class Observer(Protocol):
 class Silent:
     """Looks on and says nothing."""
 
-    frame_every_s = 0.1
+    frame_every_s = 0.2
 
     def stage(self, text: str) -> None:
         """Ignore."""

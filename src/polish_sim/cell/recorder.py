@@ -56,7 +56,7 @@ def build_recorder(steps: int, every: int) -> Recorder:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def record_state(
     recorder: Recorder, count: int, t: float, phase: float, q: Array, qd: Array, m: Measurement, target: Target,
     true_wrench: Array, command: Array, travel: float, turn: int,
@@ -103,7 +103,7 @@ def record_state(
     recorder.filled[0] += 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _trace_step(
     trace: Array, t: float, phase: float, force: float, speed: float, m: Measurement, target: Target
 ) -> None:
@@ -123,13 +123,14 @@ def _trace_step(
     trace[10] = target.path[0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def record_reading(recorder: Recorder, count: int, raw: Array, joint_torque: Array) -> None:
     """Add what the engine computes last to the row of this instant: exact sensor wrench and joint torques."""
     if count % recorder.every == 0:
         row = recorder.rows[recorder.filled[0] - 1]
-        row[_RAW : _RAW + 6] = raw
-        row[_TORQUE : _TORQUE + 6] = joint_torque[0:6]
+        for i in range(6):
+            row[_RAW + i] = raw[i]
+            row[_TORQUE + i] = joint_torque[i]
 
 
 def trace_from(block: Array) -> Trace:

@@ -38,7 +38,6 @@ def build_scene(scenario: Scenario, mesh: PartMesh | None, part: RealPart | None
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     _fit_head(spec, scenario)
     spec.body("tool_mount").gravcomp = 1.0 + scenario.robot.payload_error
-    _light(spec)
     if mesh is not None and part is not None:
         _add_table(spec)
         _add_part(spec, mesh, transform(part.rotation, part.position))
@@ -57,26 +56,17 @@ def _fit_head(spec: Any, scenario: Scenario) -> None:
     pad.size = [scenario.pad.radius_m, *pad.size[1:]]
 
 
-def _light(spec: Any) -> None:
-    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
-    spec.visual.headlight.diffuse = [0.45, 0.45, 0.45]
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
-    spec.visual.quality.shadowsize = 4096
-    spec.add_texture(
-        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.93, 0.95, 0.97], rgb2=[0.70, 0.76, 0.82], width=256, height=256,
-    )  # fmt: skip
-    spec.worldbody.add_light(
-        name="sun", type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0.5, -1.5, 2.5], dir=[-0.3, 0.6, -1.0],
-        diffuse=[0.6, 0.6, 0.6], castshadow=True,
-    )  # fmt: skip
-
-
 def _add_table(spec: Any) -> None:
-    spec.worldbody.add_geom(
-        name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.55, 0.75, 0.02], pos=[0.0, -0.35, TABLE_TOP - 0.0201],
-        rgba=[0.62, 0.64, 0.66, 1.0],
-    )  # fmt: skip
+    """A table in front of the pedestal, its top level with the robot's base."""
+    half, middle = np.array([0.5, 0.42, 0.02]), np.array([0.0, -0.57, TABLE_TOP - 0.02])
+    box = mujoco.mjtGeom.mjGEOM_BOX
+    spec.worldbody.add_geom(name="table", type=box, size=half, pos=middle, rgba=[0.60, 0.62, 0.64, 1.0])
+    for x in (-1.0, 1.0):
+        for y in (-1.0, 1.0):
+            foot = [middle[0] + x * (half[0] - 0.04), middle[1] + y * (half[1] - 0.04), middle[2] - 0.365]
+            spec.worldbody.add_geom(
+                type=box, size=[0.03, 0.03, 0.345], pos=foot, rgba=[0.25, 0.27, 0.30, 1.0], contype=0, conaffinity=0
+            )
 
 
 def _add_part(spec: Any, drawn: PartMesh, T_base_part: Array) -> None:

@@ -88,7 +88,7 @@ def expected_duration(job: Job) -> float:
     return TARE_START + TARE_TIME + approach + TOUCH_DOWN_TIME * job.contact + feed + job.lift / RETRACT_SPEED
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def advance_sequence(job: Job, state: SequenceState, measured_force: float, dt: float, target: Target) -> bool:
     """Move the target on by one step.
 
@@ -129,7 +129,7 @@ def advance_sequence(job: Job, state: SequenceState, measured_force: float, dt: 
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _enter(state: SequenceState, stage: float) -> None:
     state.stage[0] = stage
     state.stage[1] = 0.0
@@ -138,7 +138,7 @@ def _enter(state: SequenceState, stage: float) -> None:
         state.path[1] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _place_target(job: Job, state: SequenceState, dt: float, target: Target) -> None:
     stage = state.stage[0]
     target.contact[0] = 1.0 if job.contact > 0.0 and stage in (TOUCH_DOWN, PROCESS) else 0.0
@@ -173,14 +173,14 @@ def _place_target(job: Job, state: SequenceState, dt: float, target: Target) -> 
     target.path[2] = state.path[1]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _move_on(state: SequenceState, length: float, speed: float, dt: float) -> None:
     """Advance along a table: ramp up to ``speed`` and keep it to the end; the robot's own limits do the stopping."""
     state.path[1] = min(speed, state.path[1] + FEED_ACCELERATION * dt) if state.path[0] < length else 0.0
     state.path[0] = min(state.path[0] + state.path[1] * dt, length)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _follow(table: PathTable, state: SequenceState, target: Target) -> int:
     row = sample_path(table, state.path[0], target.position, state.tangent, state.quaternion, state.turning)
     rotation_from_quaternion(state.quaternion, target.rotation)
@@ -190,7 +190,7 @@ def _follow(table: PathTable, state: SequenceState, target: Target) -> int:
     return row
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _sink(table: PathTable, s: float, state: SequenceState, depth: float, speed: float, target: Target) -> None:
     """Place the target ``depth`` [m] along tool z from a point of a table, moving along it at ``speed`` [m/s]."""
     sample_path(table, s, target.position, state.tangent, state.quaternion, state.turning)

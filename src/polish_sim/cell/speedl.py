@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_PROBE_EVERY = 8  # steps between looks at how near a singularity is
+
 
 class SpeedlModel(NamedTuple):
     """Limits of the interface."""
@@ -55,6 +57,8 @@ class SpeedlState(NamedTuple):
     """Commanded joint speeds [rad/s], shape (6,)."""
     probe: Array
     """Running estimate of the weakest direction, shape (6,)."""
+    work: Array
+    """Work arrays: a 6x6 matrix and two vectors, shape (8, 6)."""
 
 
 def build_speedl_state(model: SpeedlModel, joints: Array) -> SpeedlState:
@@ -67,10 +71,11 @@ def build_speedl_state(model: SpeedlModel, joints: Array) -> SpeedlState:
         joints.copy(),
         np.zeros(6),
         np.full(6, 1.0 / math.sqrt(6.0)),
+        np.zeros((8, 6)),
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def pass_request(model: SpeedlModel, state: SpeedlState, requested: Array, number: float, dt: float) -> None:
     """Send the newest request down the line and let the one that arrives act.
 
@@ -93,7 +98,7 @@ def pass_request(model: SpeedlModel, state: SpeedlState, requested: Array, numbe
         state.clock[1] += dt
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def limit_acceleration(model: SpeedlModel, state: SpeedlState, dt: float) -> None:
     """Move the commanded twist toward the acting request within the acceleration limits."""
     alive = 1.0 if state.clock[1] < model.timeout else 0.0
@@ -108,7 +113,7 @@ def limit_acceleration(model: SpeedlModel, state: SpeedlState, dt: float) -> Non
         state.twist[start + 2] += share * z
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def resolve_joints(model: SpeedlModel, state: SpeedlState, jacobian: Array, dt: float) -> bool:
     """Joint speeds for the commanded twist, and the joint positions they lead to.
 
@@ -121,17 +126,14 @@ def resolve_joints(model: SpeedlModel, state: SpeedlState, jacobian: Array, dt: 
     Returns:
         False if a joint would leave its range; it is held there.
     """
-    A = np.empty((6, 6))
-    _gram(jacobian, 0.0, A)
-    weakest = _weakest_direction(A, state.probe)
-    state.clock[2] = weakest
+    A, y = state.work[0:6], state.work[6]
+    if int(state.clock[0]) % _PROBE_EVERY == 0:
+        _gram(jacobian, 0.0, A)
+        state.clock[2] = _weakest_direction(A, state.probe, y)
     # Damping grows from nothing at the onset, so that the inverse is exact away from singularities.
-    damping = 0.0
-    if weakest < model.damping_onset:
-        damping = (model.damping_onset - weakest) * 0.5
+    damping = 0.5 * max(model.damping_onset - state.clock[2], 0.0)
     _gram(jacobian, damping * damping, A)
     _cholesky(A)
-    y = np.empty(6)
     _solve(A, state.twist, y)
     fastest = 0.0
     for j in range(6):
@@ -153,7 +155,7 @@ def resolve_joints(model: SpeedlModel, state: SpeedlState, jacobian: Array, dt: 
     return inside
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _gram(jacobian: Array, damping: float, A: Array) -> None:
     for i in range(6):
         for j in range(i + 1):
@@ -165,7 +167,7 @@ def _gram(jacobian: Array, damping: float, A: Array) -> None:
         A[i, i] += damping + 1e-12
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _cholesky(A: Array) -> None:
     """Factor in place; the lower triangle holds the factor."""
     for i in range(6):
@@ -176,7 +178,7 @@ def _cholesky(A: Array) -> None:
             A[i, j] = math.sqrt(max(total, 1e-18)) if i == j else total / A[j, j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _solve(L: Array, b: Array, x: Array) -> None:
     for i in range(6):
         total = b[i]
@@ -190,13 +192,17 @@ def _solve(L: Array, b: Array, x: Array) -> None:
         x[i] = total / L[i, i]
 
 
-@njit(cache=True)
-def _weakest_direction(A: Array, probe: Array) -> float:
-    """Smallest singular value of J from J J^T by one inverse iteration a step; ``probe`` remembers the direction."""
-    L = A.copy()
-    _cholesky(L)
-    x = np.empty(6)
-    _solve(L, probe, x)
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _weakest_direction(A: Array, probe: Array, x: Array) -> float:
+    """Smallest singular value of J from J J^T by one inverse iteration; ``probe`` remembers the direction.
+
+    Args:
+        A: J J^T, shape (6, 6); overwritten.
+        probe: Unit vector of the last iteration, shape (6,); overwritten.
+        x: Work array, shape (6,).
+    """
+    _cholesky(A)
+    _solve(A, probe, x)
     size = 0.0
     for i in range(6):
         size += x[i] * x[i]

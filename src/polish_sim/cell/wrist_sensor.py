@@ -99,7 +99,7 @@ def _per_axis(force: float, torque: float) -> Array:
     return np.repeat([force, torque], 3)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def sample_sensor(model: SensorModel, state: SensorState, t: float, exact: Array, draws: Array) -> None:
     """Take a sample if one is due and pass on the one that arrives.
 
@@ -134,7 +134,7 @@ def sample_sensor(model: SensorModel, state: SensorState, t: float, exact: Array
         state.clock[2] = t
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def tool_wrench(payload: Payload, state: SensorState, R_base_tool: Array, out: Array) -> None:
     """Wrench the tool exerts on the part as the host computes it, tool axes, about the tool point.
 

@@ -99,7 +99,7 @@ def _turning(quaternions: Array, step: float) -> Array:
     return at_nodes
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def sample_path(table: PathTable, s: float, position: Array, tangent: Array, quaternion: Array, turning: Array) -> int:
     """Evaluate a path at arc length ``s`` [m] (clamped to its ends).
 
