@@ -7,14 +7,27 @@ import os
 import sys
 import warnings
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.cli import console
 
-WIDTH, HEIGHT = 960, 720
+
+class Quality(NamedTuple):
+    """Size of a picture and what is spent on it; without a graphics card that is most of a film's time."""
+
+    width: int
+    height: int
+    samples: int
+    """Samples per pixel against jagged edges."""
+    shadow: int
+    """Resolution of the shadows."""
+
+
+STILL: Final = Quality(960, 720, 8, 4096)
+FILM: Final = Quality(640, 480, 0, 1024)
 LOOK_AT: Final = (0.0, -0.32, 0.28)
 DISTANCE: Final = 1.65
 AZIMUTH, ELEVATION = 125.0, -22.0
@@ -44,16 +57,17 @@ class Picture:
         self._camera = camera
 
     @classmethod
-    def opened(cls, model: Any) -> Picture | None:
+    def opened(cls, model: Any, quality: Quality) -> Picture | None:
         """Open a renderer, or say in one message why there is none and return None."""
         import mujoco
 
         try:
-            model.vis.global_.offwidth = max(model.vis.global_.offwidth, WIDTH)
-            model.vis.global_.offheight = max(model.vis.global_.offheight, HEIGHT)
+            model.vis.global_.offwidth = max(model.vis.global_.offwidth, quality.width)
+            model.vis.global_.offheight = max(model.vis.global_.offheight, quality.height)
+            model.vis.quality.offsamples, model.vis.quality.shadowsize = quality.samples, quality.shadow
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # a missing display is told once, below
-                renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
+                renderer = mujoco.Renderer(model, quality.height, quality.width)
         except Exception as error:  # what a missing OpenGL raises depends on the platform
             console.note(f"no OpenGL on this machine ({type(error).__name__}: {error}): no rendered picture or video.")
             return None
@@ -63,7 +77,7 @@ class Picture:
         return cls(renderer, camera)
 
     def render(self, data: Any) -> NDArray[np.uint8]:
-        """Render one moment, shape (HEIGHT, WIDTH, 3)."""
+        """Render one moment, shape (height, width, 3)."""
         self._renderer.update_scene(data, self._camera)
         return np.array(self._renderer.render(), dtype=np.uint8)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
-from polish_sim.cli.rendering import Picture, save_image
+from polish_sim.cli.rendering import STILL, Picture, save_image
 
 _EVERY_S: Final = 0.5
 
@@ -36,7 +36,7 @@ class Snapshot:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        picture = Picture.opened(self._model) if self._positions and error is None else None
+        picture = Picture.opened(self._model, STILL) if self._positions and error is None else None
         if picture is None:
             return
         import mujoco

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.cli import console
-from polish_sim.cli.rendering import Picture
+from polish_sim.cli.rendering import FILM, Picture
 
 Image = NDArray[np.uint8]
 
-FRAMES_PER_S: Final = 20
+FRAMES_PER_S: Final = 16
 SPEED_UP: Final = 4.0
 """Simulated seconds per second of film."""
 GIF_FRAMES: Final = 600
@@ -45,7 +45,7 @@ class Video:
             return
         self._next = data.time + self.every_s
         if self._picture is None:
-            self._picture = Picture.opened(model)
+            self._picture = Picture.opened(model, FILM)
             self._failed = self._picture is None
             if self._picture is None:
                 return
@@ -76,7 +76,7 @@ def write_gif(file: Path, frames: list[Image]) -> None:
     from PIL import Image as Pillow
 
     keep = -(-len(frames) // GIF_FRAMES)
-    images = [Pillow.fromarray(frame).quantize(128) for frame in frames[::keep]]
+    images = [Pillow.fromarray(frame).quantize(256, Pillow.Quantize.FASTOCTREE) for frame in frames[::keep]]
     duration = round(1000.0 * keep / FRAMES_PER_S)
     images[0].save(file, save_all=True, append_images=images[1:], duration=duration, loop=0, optimize=True)
 
