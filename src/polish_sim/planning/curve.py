@@ -25,6 +25,17 @@ class Nearest(NamedTuple):
     distances: Array
     """Euclidean distance, inf beyond the limit asked for [m], shape (n,)."""
 
+    def where_nearer(self, other: Nearest) -> Nearest:
+        """The nearer of two answers, point by point."""
+        nearer = self.distances < other.distances
+        wide = nearer[:, None]
+        return Nearest(
+            np.where(nearer, self.s, other.s),
+            np.where(wide, self.positions, other.positions),
+            np.where(wide, self.normals, other.normals),
+            np.where(nearer, self.distances, other.distances),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Curve:
@@ -99,24 +110,27 @@ class Curve:
         """
         distances, index = self._tree.query(points, distance_upper_bound=limit)
         found = np.isfinite(distances)
-        index = np.where(found, index, 0)
+        s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
+        s[found], foot[found], normal[found], distances[found] = self._on_chords(points[found], index[found])
+        return Nearest(s, foot, normal, distances)
+
+    def _on_chords(self, points: Array, index: NDArray[np.int64]) -> Nearest:
+        """Nearest points on the two chords that meet in the curve's nearest points."""
         positions, normals, knots = self._knots
         count = len(self.positions)
-        chords = count if self.closed else count - 1
-        s, foot, normal = knots[index].copy(), positions[index].copy(), normals[index].copy()
+        best: Nearest | None = None
         for before in (1, 0):
-            k = np.mod(index - before, count) if self.closed else np.clip(index - before, 0, chords - 1)
+            k = np.mod(index - before, count) if self.closed else np.clip(index - before, 0, count - 2)
             chord = positions[k + 1] - positions[k]
             share = ((points - positions[k]) * chord).sum(axis=1) / np.maximum((chord**2).sum(axis=1), 1e-300)
-            share = np.clip(share, 0.0, 1.0)[:, None]
-            trial = positions[k] + share * chord
-            gap = np.linalg.norm(points - trial, axis=1)
-            better = found & (gap < distances)
-            distances[better] = gap[better]
-            foot[better] = trial[better]
-            s[better] = (knots[k] + share[:, 0] * (knots[k + 1] - knots[k]))[better]
-            normal[better] = unit(normals[k] + share * (normals[k + 1] - normals[k]))[better]
-        return Nearest(s, foot, normal, distances)
+            share = np.clip(share, 0.0, 1.0)
+            foot = positions[k] + share[:, None] * chord
+            normal = unit(normals[k] + share[:, None] * (normals[k + 1] - normals[k]))
+            gap = np.linalg.norm(points - foot, axis=1)
+            here = Nearest(knots[k] + share * (knots[k + 1] - knots[k]), foot, normal, gap)
+            best = here if best is None else here.where_nearer(best)
+        assert best is not None
+        return best
 
 
 def unit(vectors: Array) -> Array:

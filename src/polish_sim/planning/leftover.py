@@ -17,6 +17,7 @@ from polish_sim.planning.quality import count_self_crossings
 from polish_sim.planning.run import Run, dense, join
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.planning.triangulation import Triangulation
+from polish_sim.planning.turns import Turn, distance_to
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -27,8 +28,10 @@ WORTH_A_LIFT = 1.0
 """Smallest uncovered area the tool is lifted for, in squared step-overs."""
 LONGEST_LINK = 12.0
 """Longest way from a run's end into an uncovered place, in step-overs."""
-CLEAR = 0.35
+CLEAR = 0.2
 """How near a link may pass other turns, in step-overs."""
+DEEP = 0.8
+"""A line through the middle of a place ends where the nearest turn comes this much closer."""
 MOST_LINES = 64
 
 
@@ -48,12 +51,16 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
     for run in runs:
         distance = np.minimum(distance, _distance(mesh, run, stepover))
     tried = np.zeros(len(mesh.vertices), dtype=bool)
+    at_border = np.zeros(len(mesh.vertices), dtype=bool)
+    at_border[mesh.border] = True
     for _ in range(MOST_LINES):
         open_places = (distance > STRICT * stepover) & ~tried
-        place, area = _largest_place(mesh, open_places, stepover)
+        place, area = _largest_place(mesh, open_places)
         if area < WORTH_A_LINK * stepover**2:
             break
         tried |= place
+        if area < WORTH_A_LIFT * stepover**2 and at_border[place].any():
+            continue
         line = _middle_line(mesh, place, distance, stepover)
         owner, added = _lead_into(mesh, out, line, stepover)
         if owner >= 0:
@@ -68,6 +75,15 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
     return out
 
 
+def middle_ends(mesh: Triangulation, turn: Turn, stepover: float) -> Array:
+    """Both ends of what an innermost turn will leave uncovered in its middle [m], shape (2, 3), or (0, 3)."""
+    distance = distance_to(mesh, turn.inside, [turn.curve], 4.0 * stepover)
+    place, area = _largest_place(mesh, distance > STRICT * stepover)
+    if area < WORTH_A_LINK * stepover**2:
+        return np.empty((0, 3))
+    return _middle_line(mesh, place, distance, stepover)[[0, -1]]
+
+
 def _distance(mesh: Triangulation, run: Run, stepover: float) -> Array:
     """Distance of every vertex to a line on its side of the part, inf beyond four step-overs, shape (n,)."""
     points = dense(run.positions, 0.1 * stepover)
@@ -75,7 +91,7 @@ def _distance(mesh: Triangulation, run: Run, stepover: float) -> Array:
     return np.asarray(found)
 
 
-def _largest_place(mesh: Triangulation, open_places: Mask, stepover: float) -> tuple[Mask, float]:
+def _largest_place(mesh: Triangulation, open_places: Mask) -> tuple[Mask, float]:
     """The connected piece of largest area, and that area [m^2]."""
     if not open_places.any():
         return open_places, 0.0
@@ -102,7 +118,9 @@ def _middle_line(mesh: Triangulation, place: Mask, distance: Array, stepover: fl
     while here >= 0:
         line.append(here)
         here = int(before[here])
-    ordered = points[line]
+    # Its ends run into corners, where there is little left to cover.
+    deep = np.flatnonzero(depth[line] > DEEP * depth[line].max())
+    ordered = points[line[deep[0] : deep[-1] + 1]]
     if np.linalg.norm(np.ptp(ordered, axis=0)) < stepover:
         return points[deepest][None]
     even = dense(ordered, 0.1 * stepover)
@@ -129,7 +147,7 @@ def _lead_into(mesh: Triangulation, runs: Sequence[Run], line: Array, stepover: 
     for _, number, way in sorted(offers, key=lambda offer: offer[0]):
         others = [points for k, points in enumerate(everything) if k != number]
         others.append(everything[number][:-15])
-        if _is_clear(cKDTree(np.concatenate(others)), everything[number][-1], way[0], stepover):
+        if _is_clear(cKDTree(np.concatenate(others)), everything[number][-1], way, stepover):
             longer = np.concatenate([everything[number], way])
             if _crossings(mesh, longer) <= _crossings(mesh, everything[number]):
                 return number, way
@@ -150,10 +168,7 @@ def _crossings(mesh: Triangulation, points: Array) -> int:
     return count_self_crossings([Curve(points, normals, False)])
 
 
-def _is_clear(tree: cKDTree, start: Array, end: Array, stepover: float) -> bool:
-    """Whether the straight way keeps clear of all turns, but for its first steps."""
-    length = float(np.linalg.norm(end - start))
-    count = max(int(length / (0.1 * stepover)), 1)
-    along = start + np.linspace(0.0, 1.0, count + 1)[1:, None] * (end - start)
-    begin = min(4, count)
-    return bool((tree.query(along[begin - 1 :])[0] > CLEAR * stepover).all())
+def _is_clear(tree: cKDTree, start: Array, way: Array, stepover: float) -> bool:
+    """Whether the straight way to a line and the line keep clear of all turns, but for the first steps."""
+    along = dense(np.concatenate([start[None], way]), 0.1 * stepover)
+    return bool((tree.query(along[min(4, len(along) - 1) :])[0] > CLEAR * stepover).all())

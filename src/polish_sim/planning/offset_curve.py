@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.planning.curve import Curve, unit
+from polish_sim.planning.curve import Curve, Nearest, unit
 from polish_sim.planning.level_set import LevelLine
 from polish_sim.planning.stepping import SurfaceQuery, step_on_surface
 
@@ -32,25 +32,18 @@ class Feet(NamedTuple):
 
     curve: Ints
     """Which curve, shape (n,)."""
-    s: Array
-    positions: Array
-    normals: Array
-    distances: Array
+    nearest: Nearest
 
 
 def nearest_of(curves: Sequence[Curve], points: Array, limit: float = np.inf) -> Feet:
     """Nearest points of the closest of several curves; distances beyond the limit [m] are inf."""
-    found = [curve.nearest(points, limit) for curve in curves]
-    distances = np.stack([nearest.distances for nearest in found])
-    which = distances.argmin(axis=0)
-    rows = np.arange(len(points))
-    return Feet(
-        which,
-        np.stack([nearest.s for nearest in found])[which, rows],
-        np.stack([nearest.positions for nearest in found])[which, rows],
-        np.stack([nearest.normals for nearest in found])[which, rows],
-        distances[which, rows],
-    )
+    best = curves[0].nearest(points, limit)
+    which = np.zeros(len(points), dtype=np.int64)
+    for number, curve in enumerate(curves[1:], start=1):
+        here = curve.nearest(points, limit)
+        which[here.distances < best.distances] = number
+        best = here.where_nearer(best)
+    return Feet(which, best)
 
 
 def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLine, distance: float) -> Curve:
@@ -107,7 +100,7 @@ def _resample(curve: Curve, chords: Array) -> Curve:
 def _on_offset(surface: SurfaceQuery, curves: Sequence[Curve], trial: Curve, distance: float) -> Curve:
     """Nearest point of the old curve, then the equal-distance step towards the trial."""
     feet = nearest_of(curves, trial.positions)
-    start = surface.closest(feet.positions)
+    start = surface.closest(feet.nearest.positions)
     moved = step_on_surface(surface, start.positions, start.normals, trial.positions - start.positions, distance)
     kept = _forward_only(feet, distance)
     return Curve(moved.positions[kept], moved.normals[kept], trial.closed)
@@ -115,6 +108,6 @@ def _on_offset(surface: SurfaceQuery, curves: Sequence[Curve], trial: Curve, dis
 
 def _forward_only(feet: Feet, distance: float) -> NDArray[np.bool_]:
     """Drop points whose foot falls back behind the foot of the point before (sub-points already passed)."""
-    back = (np.diff(feet.s) < 0.0) & (np.diff(feet.s) > -0.5 * distance) & (np.diff(feet.curve) == 0)
+    back = (np.diff(feet.nearest.s) < 0.0) & (np.diff(feet.nearest.s) > -0.5 * distance) & (np.diff(feet.curve) == 0)
     kept = np.concatenate([[True], ~back])
     return kept if kept.sum() >= 4 else np.ones(len(kept), dtype=bool)

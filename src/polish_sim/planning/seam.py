@@ -22,6 +22,8 @@ ROOM = 0.5
 """Step-overs kept between a blend and a corner."""
 GROWTH = 0.08
 """Neighbouring blends differ in length by at most this share, so that turns keep their distance within them."""
+GOAL_PRICE = 1.0
+"""What a step-over away from where the spiral had better end is worth, in blends over corners."""
 CORNER = np.radians(30.0)
 """Turning within half a step-over that counts as a corner [rad]."""
 CANDIDATES = 96
@@ -36,7 +38,7 @@ class Seams(NamedTuple):
     """Length of the blend that ends there [m], shape (k,)."""
 
 
-def place_seams(curves: Sequence[Curve], stepover: float) -> Seams:
+def place_seams(curves: Sequence[Curve], stepover: float, goals: Array) -> Seams:
     """Find a line across all turns along which their blends avoid corners.
 
     Lines are traced outwards from points of the innermost turn, nearest point to nearest point; outwards they
@@ -45,6 +47,7 @@ def place_seams(curves: Sequence[Curve], stepover: float) -> Seams:
     Args:
         curves: Nested turns, outermost first.
         stepover: Distance between them [m].
+        goals: Places near which the innermost turn had better end [m], shape (g, 3); none is fine.
 
     Returns:
         Beginnings and blend lengths.
@@ -55,6 +58,9 @@ def place_seams(curves: Sequence[Curve], stepover: float) -> Seams:
     points = curves[-1].at(np.linspace(0.0, curves[-1].length, count, endpoint=False))[0]
     lines: list[Array] = []
     cost = np.zeros(count)
+    if len(goals):
+        away = np.linalg.norm(points[:, None] - goals, axis=2).min(axis=1)
+        cost += GOAL_PRICE * away / stepover
     for curve in reversed(curves):
         nearest = curve.nearest(points)
         if lines:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polish_sim.geometry import Region
 from polish_sim.planning.curve import Curve
-from polish_sim.planning.leftover import finish_middle
+from polish_sim.planning.leftover import finish_middle, middle_ends
 from polish_sim.planning.run import Run, SurfaceRun, finish_run
 from polish_sim.planning.seam import SHARE_OF_TURN, place_seams
 from polish_sim.planning.triangulation import Triangulation
@@ -42,7 +42,10 @@ def plan_spiral(
         The spirals, on the surface.
     """
     roots = _nested_turns(region, mesh, stepover, report)
-    lines = [spiral([turn.curve for turn in chain], stepover) for chain in chains(roots)]
+    lines = []
+    for chain in chains(roots):
+        goals = middle_ends(mesh, chain[-1], stepover)
+        lines.append(spiral([turn.curve for turn in chain], stepover, goals))
     return [finish_run(region.surface, line, stepover) for line in finish_middle(mesh, lines, stepover)]
 
 
@@ -70,17 +73,18 @@ def chains(roots: Sequence[Turn]) -> list[list[Turn]]:
     return out
 
 
-def spiral(curves: Sequence[Curve], stepover: float) -> Run:
+def spiral(curves: Sequence[Curve], stepover: float, goals: Array) -> Run:
     """Join nested closed curves, outermost first, to one open line.
 
     Args:
         curves: Turns one step-over apart, inside on their left.
         stepover: That distance [m].
+        goals: Places near which the innermost turn had better end [m], shape (g, 3); none is fine.
 
     Returns:
         The line, from the outermost turn to the end of the innermost.
     """
-    seams = place_seams(curves, stepover)
+    seams = place_seams(curves, stepover, goals)
     parts = []
     for i, curve in enumerate(curves):
         begin, band = seams.s[i], seams.bands[i]

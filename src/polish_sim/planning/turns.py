@@ -72,7 +72,7 @@ def distance_to(mesh: Triangulation, inside: Mask, curves: Sequence[Curve], limi
         Distances [m], zero outside, shape (n,).
     """
     values = np.zeros(len(mesh.vertices))
-    feet = nearest_of(curves, mesh.vertices[inside], limit)
+    feet = nearest_of(curves, mesh.vertices[inside], limit).nearest
     same_side = (feet.normals * mesh.normals[inside]).sum(axis=1) > 0.0
     values[inside] = np.where(same_side, feet.distances, np.inf)
     return values
