@@ -181,6 +181,11 @@ class Cell:
             np.zeros(STATUS_SIZE),
         )
 
+    def _sensor_is_restless(self) -> bool:
+        """Whether the reading must change: without noise a robot at rest is no fault."""
+        sensor = self.scenario.sensor
+        return min(sensor.force_noise_n - sensor.force_quantum_n, sensor.torque_noise_nm) > 0.0
+
     def _guards(self) -> Guards:
         safety = self.scenario.safety
         points, bodies = crash_points(self.model)
@@ -188,7 +193,7 @@ class Cell:
             safety.force_limit_n,
             safety.torque_limit_nm,
             safety.contact_lost_s,
-            safety.sensor_timeout_s,
+            safety.sensor_timeout_s if self._sensor_is_restless() else math.inf,
             safety.singular_value_limit,
             points,
             bodies,
