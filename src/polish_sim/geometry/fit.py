@@ -27,8 +27,8 @@ Ints = NDArray[np.int32]
 FLAT_TILT = 1e-7
 """A facet is flat when its corners' normals differ from its own by less than this [rad]."""
 
-FOLDED = 0.1
-"""A patch folds where less than this share of its flat triangle's area is left, seen along its normal."""
+FOLDED = -1e-3
+"""A patch folds where its area element, seen along the facet's normal, turns negative by this share."""
 
 UNFOLD_ROUNDS = 4
 
@@ -105,7 +105,7 @@ def _unfold(control: Floats, normals: Floats, adjacency: Adjacency) -> Floats:
 
 
 def _folds(control: Floats, normals: Floats) -> NDArray[np.bool_]:
-    """Patches whose normal nearly turns over at a corner or in the middle of an edge, shape (m,)."""
+    """Patches whose normal turns over at a corner or in the middle of an edge, shape (m,)."""
     corners, points = control[:, :3], control[:, 3:]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     folded = np.zeros(len(control), dtype=bool)

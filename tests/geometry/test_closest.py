@@ -1,0 +1,112 @@
+"""Closest points: exact on the patches, equal to the closed form on known shapes."""
+
+import numpy as np
+import pytest
+
+from polish_sim.geometry.fit import fit_triangles
+from polish_sim.geometry.surface import Surface
+from tests.geometry.shapes import Shape, cylinder, saddle, sphere, torus
+
+SHAPES = {
+    "sphere": sphere(4),
+    "cylinder": cylinder(128),
+    "torus": torus(48, jitter=0.3),
+    "saddle": saddle(32, jitter=0.3),
+}
+
+
+def points_beside(shape: Shape, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points up to 0.1 to either side, their true feet away from borders, and heights."""
+    rng = np.random.default_rng(11)
+    rim = np.ptp(shape.vertices, axis=0).max() / 20.0
+    low, high = shape.vertices.min(axis=0) + rim, shape.vertices.max(axis=0) - rim
+    places = rng.choice(len(shape.faces), 4 * count)
+    on_facets = np.einsum("nc,ncj->nj", rng.dirichlet([1, 1, 1], 4 * count), shape.vertices[shape.faces[places]])
+    feet = shape.foot(on_facets)
+    axis = int(np.ptp(shape.vertices, axis=0).argmax())
+    inner = (feet[:, axis] > low[axis]) & (feet[:, axis] < high[axis])
+    if shape is SHAPES["saddle"]:
+        inner &= np.abs(feet[:, :2]).max(axis=1) < 0.4
+    feet = feet[inner][:count]
+    heights = rng.uniform(-0.1, 0.1, len(feet))
+    return feet + heights[:, None] * shape.normal(feet), feet, heights
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_closest_point_and_normal_are_those_of_the_closed_form(name):
+    shape = SHAPES[name]
+    surface = fit_triangles(shape.vertices, shape.faces)
+    points, feet, heights = points_beside(shape, 2000)
+    found = surface.closest(points)
+    distances = np.linalg.norm(found.positions - points, axis=1)
+    assert len(points) > 1000
+    assert np.abs(distances - np.abs(heights)).max() < 2e-5
+    assert np.linalg.norm(found.positions - feet, axis=1).max() < 2e-3 * np.abs(heights).max() + 2e-5
+    assert np.linalg.norm(found.normals - shape.normal(feet), axis=1).max() < 2e-3
+
+
+def search_patch(surface: Surface, facet: int, point: np.ndarray) -> float:
+    """Distance to one patch by brute force: a grid of parameters that closes in on the best place."""
+    center, size = np.array([1.0, 1.0]) / 3.0, 1.0
+    for _ in range(40):
+        steps = size * np.linspace(-1.0, 1.0, 21)
+        u, v = (center[:, None] + steps).reshape(2, -1)
+        u, v = np.meshgrid(u, v)
+        u, v = np.clip(u.ravel(), 0.0, 1.0), np.clip(v.ravel(), 0.0, 1.0)
+        over = np.maximum(u + v - 1.0, 0.0)
+        u, v = np.maximum(u - 0.5 * over, 0.0), np.maximum(v - 0.5 * over, 0.0)
+        v = np.minimum(v, 1.0 - u)
+        barycentric = np.column_stack([u, v, 1.0 - u - v])
+        places = surface.evaluate(np.full(len(u), facet, dtype=np.int32), barycentric).positions
+        distances = np.linalg.norm(places - point, axis=1)
+        center, size = barycentric[distances.argmin(), :2], 0.6 * size
+    return float(distances.min())
+
+
+def test_distances_agree_with_brute_force_over_all_patches_to_1e_10_m():
+    shape = torus(8, major=0.05, minor=0.02, jitter=0.3)
+    surface = fit_triangles(shape.vertices, shape.faces)
+    rng = np.random.default_rng(7)
+    points = rng.uniform(-1.0, 1.0, (12, 3)) * [0.08, 0.08, 0.03]
+    found = surface.closest(points)
+    for point, position in zip(points, found.positions, strict=True):
+        coarse = np.linalg.norm(surface.control - point, axis=2).min(axis=1)
+        near = np.argsort(coarse)[:25]
+        brute = min(search_patch(surface, int(facet), point) for facet in near)
+        assert np.linalg.norm(position - point) == pytest.approx(brute, abs=1e-10)
+
+
+def test_a_hint_never_changes_the_distance():
+    shape = SHAPES["torus"]
+    surface = fit_triangles(shape.vertices, shape.faces)
+    points, _, _ = points_beside(shape, 500)
+    plain = surface.closest(points)
+    wild = np.random.default_rng(1).integers(0, len(shape.faces), len(points)).astype(np.int32)
+    hinted = surface.closest(points, hint=wild)
+    assert np.abs(plain.positions - hinted.positions).max() < 1e-9
+
+
+def test_on_a_restricted_surface_only_that_part_is_found():
+    shape = sphere(3)
+    surface = fit_triangles(shape.vertices, shape.faces)
+    upper = np.flatnonzero(shape.vertices[shape.faces][:, :, 2].min(axis=1) > 0.2).astype(np.int32)
+    cap = surface.restrict(upper)
+    points = np.random.default_rng(2).normal(size=(500, 3))
+    found = cap.closest(points)
+    assert found.positions[:, 2].min() > 0.199
+    assert cap.is_open
+    assert not surface.is_open
+    # The same patches: what lies over the cap is found where it was before.
+    over = surface.closest(points)
+    both = np.isin(over.facets, upper)
+    assert both.sum() > 100
+    assert np.abs(over.positions[both] - found.positions[both]).max() < 1e-12
+
+
+def test_points_on_the_surface_are_their_own_closest_points():
+    shape = SHAPES["saddle"]
+    surface = fit_triangles(shape.vertices, shape.faces)
+    rng = np.random.default_rng(4)
+    facets = rng.integers(0, len(shape.faces), 1000).astype(np.int32)
+    places = surface.evaluate(facets, rng.dirichlet([1.0, 1.0, 1.0], 1000)).positions
+    assert np.linalg.norm(surface.closest(places).positions - places, axis=1).max() < 1e-10
