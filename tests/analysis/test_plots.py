@@ -76,8 +76,9 @@ def test_two_runs_stand_side_by_side_under_their_controllers() -> None:
     assert any("position" in title for title in titles)
 
 
-def test_force_responses_of_several_runs_share_one_axis() -> None:
-    figure = draw_comparison([force_record(), force_record(seed=1)])["force.png"]
+@pytest.mark.parametrize("make", [arc_record, force_record])
+def test_several_runs_share_one_axis(make: Callable[[], RunRecord]) -> None:
+    (figure,) = draw_comparison([make(), make()]).values()
     assert len(figure.axes) == 1
     assert_labelled(figure)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from polish_sim.analysis.metrics import PAPER_ARC, Circle, distance_to_circle
 from polish_sim.analysis.response import moving_average
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.analysis.style import BLUE, GREY, ORANGE, head, new_figure, shade_band, styled
+from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
 
 Array = NDArray[np.float64]
 
@@ -52,6 +53,31 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
         f"speed {_mm(m, 'speed_mean_m_s')} ± {_mm(m, 'speed_max_deviation_m_s')} mm/s",
     )
     head(figure, speed, f"Circle at constant feed, {record.scenario.controller.name}", facts)
+    return figure
+
+
+@styled
+def plot_arc_runs(records: Sequence[RunRecord], circle: Circle = PAPER_ARC) -> Figure:
+    """Draw the tracking error of several runs over the way round the circle.
+
+    Args:
+        records: Runs of ``arc``.
+        circle: The commanded circle.
+
+    Returns:
+        The figure.
+    """
+    figure = new_figure(9.0, 4.6)
+    axes = figure.add_subplot()
+    for index, record in enumerate(records):
+        fed = record.log["phase"] == 2
+        error = distance_to_circle(record.log["tcp_position_m"][fed].astype(np.float64), circle)
+        label = f"{record.name}: {record.scenario.controller.name}"
+        axes.plot(record.log["path_s_m"][fed], error * 1e6, color=SERIES[index % len(SERIES)], label=label)
+    axes.set(xlabel="way round the circle [m]", ylabel="distance from the circle [µm]", ylim=(0.0, None))
+    axes.legend(loc="upper right")
+    largest = [f"{record.name}: {_mm(record.metrics, 'tracking_error_max_m')} mm" for record in records]
+    head(figure, axes, "Distance from the circle, side by side", largest)
     return figure
 
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.arc_plot import plot_arc
+from polish_sim.analysis.arc_plot import plot_arc, plot_arc_runs
 from polish_sim.analysis.force_plot import plot_force, plot_force_runs
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.seeds_plot import plot_seeds
@@ -23,7 +23,7 @@ PLOTS: Final[Mapping[str, Mapping[str, Callable[[RunRecord], Figure]]]] = {
 """The figures of one run, by experiment and file name."""
 
 COMPARISONS: Final[Mapping[str, Mapping[str, Callable[[Sequence[RunRecord]], Figure]]]] = {
-    "arc": {},
+    "arc": {"arc.png": plot_arc_runs},
     "force": {"force.png": plot_force_runs},
     "surface": {"force.png": plot_surface_runs},
 }
