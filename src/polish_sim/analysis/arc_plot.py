@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import PAPER_ARC, Circle, distance_to_circle
 from polish_sim.analysis.response import moving_average
+from polish_sim.analysis.rows import fed, numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
 
@@ -36,9 +37,9 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
     figure = new_figure(10.0, 5.0)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
     speed, error = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
-    fed = record.log["phase"] == 2
-    time = record.log["time_s"][fed].astype(np.float64)
-    positions = record.log["tcp_position_m"][fed].astype(np.float64)
+    process = fed(record.log)
+    time = numbers(record.log, "time_s")[process]
+    positions = numbers(record.log, "tcp_position_m")[process]
     start = time[0] if len(time) else 0.0
 
     _draw_speed(speed, time - start, record)
@@ -70,10 +71,10 @@ def plot_arc_runs(records: Sequence[RunRecord], circle: Circle = PAPER_ARC) -> F
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
     for index, record in enumerate(records):
-        fed = record.log["phase"] == 2
-        error = distance_to_circle(record.log["tcp_position_m"][fed].astype(np.float64), circle)
+        process = fed(record.log)
+        error = distance_to_circle(numbers(record.log, "tcp_position_m")[process], circle)
         label = f"{record.name}: {record.scenario.controller.name}"
-        axes.plot(record.log["path_s_m"][fed], error * 1e6, color=SERIES[index % len(SERIES)], label=label)
+        axes.plot(numbers(record.log, "path_s_m")[process], error * 1e6, color=SERIES[index % len(SERIES)], label=label)
     axes.set(xlabel="way round the circle [m]", ylabel="distance from the circle [µm]", ylim=(0.0, None))
     axes.legend(loc="upper right")
     largest = [f"{record.name}: {_mm(record.metrics, 'tracking_error_max_m')} mm" for record in records]
@@ -82,9 +83,9 @@ def plot_arc_runs(records: Sequence[RunRecord], circle: Circle = PAPER_ARC) -> F
 
 
 def _draw_speed(axes: Axes, time: Array, record: RunRecord) -> None:
-    fed = record.log["phase"] == 2
+    process = fed(record.log)
     feed = record.scenario.process.feed_m_s * 1e3
-    value = record.log["tcp_speed_m_s"][fed].astype(np.float64) * 1e3
+    value = numbers(record.log, "tcp_speed_m_s")[process] * 1e3
     smooth = moving_average(time, value, 0.05)
     offset = len(value) - len(smooth)
     axes.plot(time, value, color=GREY, lw=0.5, alpha=0.5, label="every sample")

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
+from polish_sim.analysis.rows import numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, new_figure, styled
 from polish_sim.motion import link_frames
@@ -29,9 +30,9 @@ def plot_cell(record: RunRecord) -> Figure:
     figure = new_figure(7.5, 6.0)
     axes = figure.add_subplot(projection="3d")
     assert isinstance(axes, Axes3D)
-    way = record.log["tcp_position_m"].astype(np.float64)
+    way = numbers(record.log, "tcp_position_m")
     middle = len(way) // 2
-    arm = link_frames(record.log["q_rad"][middle].astype(np.float64))[:, :3, 3]
+    arm = link_frames(numbers(record.log, "q_rad")[middle])[:, :3, 3]
     tool = np.array([arm[-1], way[middle]])
     axes.plot(*arm.T, "-o", color=GREY, lw=7.0, ms=9.0, solid_capstyle="round", alpha=0.85, label="arm")
     axes.plot(*tool.T, "-", color="#222222", lw=4.0, label="spindle and head")

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from polish_sim.analysis.response import first_contact
+from polish_sim.analysis.rows import before_retract, numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
 
@@ -34,7 +35,7 @@ def plot_force(record: RunRecord) -> Figure:
     axes = figure.add_subplot()
     target = record.scenario.process.contact_force_n
     time, force = response(record)
-    measured = record.log["wrench_measured_tool"][record.log["phase"] < 3, 2]
+    measured = numbers(record.log, "wrench_measured_tool")[before_retract(record.log), 2]
     shade_band(axes, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
     axes.plot(time, measured, color=GREY, lw=0.6, alpha=0.7, label="as the controller measures it")
     axes.plot(time, force, color=BLUE, lw=1.5, label="exact contact force")
@@ -77,9 +78,9 @@ def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
 
 def response(record: RunRecord) -> tuple[Array, Array]:
     """Time since first contact [s] and exact force [N] of a log up to the retract, each shape (n,)."""
-    held = record.log["phase"] < 3
-    time = record.log["time_s"][held].astype(np.float64)
-    force = record.log["normal_force_n"][held].astype(np.float64)
+    held = before_retract(record.log)
+    time = numbers(record.log, "time_s")[held]
+    force = numbers(record.log, "normal_force_n")[held]
     contact = first_contact(force)
     return time - (time[contact] if contact is not None else time[0]), force
 

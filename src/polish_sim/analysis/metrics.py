@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from polish_sim.analysis.peaks import curvature_peaks, errors_at_peaks
 from polish_sim.analysis.response import CONTACT_N, first_contact, moving_average, rise_time, settling_time
+from polish_sim.analysis.rows import PROCESS, RETRACT
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.trace import Trace
 
 Array = NDArray[np.float64]
 Figures = dict[str, float | int]
 
-PROCESS, RETRACT = 2, 3
 RAMP_UP_S = 1.0
 STEADY_AFTER_S = 0.5
 SPEED_WINDOW_S = 0.05

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from polish_sim.analysis.peaks import FLAT_1_M, SHARP_1_M, curvature_peaks
+from polish_sim.analysis.rows import fed, numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
 from polish_sim.planning.toolpath import ToolPath
@@ -86,14 +87,14 @@ def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
 
 def process_force(record: RunRecord) -> tuple[Array, Array]:
     """Place on the path [m] and exact force [N] of the logged rows of the process, each shape (n,)."""
-    fed = record.log["phase"] == 2
-    return record.log["path_s_m"][fed].astype(np.float64), record.log["normal_force_n"][fed].astype(np.float64)
+    process = fed(record.log)
+    return numbers(record.log, "path_s_m")[process], numbers(record.log, "normal_force_n")[process]
 
 
 def _draw_force(axes: Axes, record: RunRecord, color: str, label: str | None) -> None:
-    fed = record.log["phase"] == 2
+    process = fed(record.log)
     place, force = process_force(record)
-    low, high = record.log["normal_force_min_n"][fed], record.log["normal_force_max_n"][fed]
+    low, high = numbers(record.log, "normal_force_min_n")[process], numbers(record.log, "normal_force_max_n")[process]
     axes.fill_between(place, low, high, color=color, alpha=0.25, lw=0)
     axes.plot(place, force, color=color, lw=0.7, label=label)
 
