@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.geometry.mesh_check import check_bodies, check_edges
-from polish_sim.geometry.mesh_repair import drop_bad_facets, merge_vertices, orient_outward
+from polish_sim.geometry.mesh_repair import drop_bad_facets, flip_slivers, merge_vertices, orient_outward
 from polish_sim.geometry.orientation import choose_up
 from polish_sim.geometry.stl import read_stl
 from polish_sim.geometry.units import check_size, metres_per_unit
@@ -61,6 +61,7 @@ def load_part(path: str | Path, unit: str = "mm", up: str = "auto") -> PartMesh:
     vertices, faces, merge_notes = merge_vertices(triangles * scale)
     faces, stl_facets, drop_notes = drop_bad_facets(vertices, faces, path)
     check_edges(vertices, faces, path)
+    faces, flip_notes = flip_slivers(vertices, faces)
     faces, orient_notes = orient_outward(vertices, faces, path)
     check_bodies(vertices, faces, path)
     direction, up_note = choose_up(vertices, faces, up)
@@ -76,7 +77,7 @@ def load_part(path: str | Path, unit: str = "mm", up: str = "auto") -> PartMesh:
         sha256=hashlib.sha256(content).hexdigest(),
         unit=unit,
         stl_facets=stl_facets,
-        notes=(_size_note(vertices, faces, unit), *merge_notes, *drop_notes, *orient_notes, up_note),
+        notes=(_size_note(vertices, faces, unit), *merge_notes, *drop_notes, *flip_notes, *orient_notes, up_note),
     )
 
 

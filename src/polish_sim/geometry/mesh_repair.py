@@ -9,11 +9,16 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.errors import MeshError
-from polish_sim.geometry.topology import find_edge_faults, label_pieces
+from polish_sim.geometry.topology import find_adjacency, find_edge_faults, label_pieces
 from polish_sim.geometry.winding import wind_consistently
 
 WELD = 1e-5
 """Gaps up to this share of the part's size are closed when exact merging leaves the mesh open."""
+
+SLIVER = 1e-6
+"""Facets lower than this share of the part's size have no meaningful normal."""
+
+_FLIP_ROUNDS = 10
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -43,28 +48,65 @@ def merge_vertices(triangles: Floats) -> tuple[Floats, Ints, tuple[str, ...]]:
 
 
 def drop_bad_facets(vertices: Floats, faces: Ints, path: Path) -> tuple[Ints, Ints, tuple[str, ...]]:
-    """Drop facets without area and facets that occur twice.
+    """Drop facets whose corners coincide and facets that occur twice.
 
     Returns:
         Faces kept, their numbers among those given, notes.
 
     Raises:
-        MeshError: No facet with an area is left.
+        MeshError: No facet has an area.
     """
-    doubled_area = np.linalg.norm(_area_vectors(vertices, faces), axis=1)
-    size = float(np.ptp(vertices, axis=0).max())
-    repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-    empty = repeated | (doubled_area <= 1e-14 * size * size)
-    if empty.all():
+    if (facet_heights(vertices, faces) <= SLIVER * float(np.ptp(vertices, axis=0).max())).all():
         raise MeshError(
             f"{path}: all {len(faces)} facets have zero area (all points on a line or in one place). "
             "Export the part again."
         )
-    numbers = np.flatnonzero(~empty)
+    numbers = np.flatnonzero((faces != np.roll(faces, 1, axis=1)).all(axis=1))
     _, first = np.unique(np.sort(faces[numbers], axis=1), axis=0, return_index=True)
     once = numbers[np.sort(first)]
-    counts = ((int(empty.sum()), "without area"), (len(numbers) - len(once), "that occur twice"))
+    counts = ((len(faces) - len(numbers), "without area"), (len(numbers) - len(once), "that occur twice"))
     return faces[once], once.astype(np.int32), tuple(f"dropped {count} facets {why}" for count, why in counts if count)
+
+
+def flip_slivers(vertices: Floats, faces: Ints) -> tuple[Ints, tuple[str, ...]]:
+    """Turn the long edge of facets without height, so that the skin stays closed without them.
+
+    A corner that lies on its facet's long edge is connected to the facet beyond that edge instead.
+    """
+    limit = SLIVER * float(np.ptp(vertices, axis=0).max())
+    faces, flips = faces.copy(), 0
+    for _ in range(_FLIP_ROUNDS):
+        heights = facet_heights(vertices, faces)
+        slivers = np.flatnonzero(heights <= limit)
+        adjacency = find_adjacency(faces) if len(slivers) else None
+        done: set[int] = set()
+        for facet in slivers:
+            assert adjacency is not None
+            edge = int(_edge_lengths(vertices, faces[facet]).argmax())
+            other = int(adjacency.facets[facet, edge])
+            if other < 0 or done & {int(facet), other}:
+                continue
+            a, c, b = np.roll(faces[facet], -edge)
+            d = faces[other, (adjacency.edges[facet, edge] + 2) % 3]
+            pair = np.array([[b, a, d], [c, b, d]], dtype=np.int32)
+            if b == d or facet_heights(vertices, pair).min() <= heights[facet]:
+                continue
+            faces[facet], faces[other] = pair
+            done |= {int(facet), other}
+        flips += len(done) // 2
+        if not done:
+            break
+    return faces, ((f"flipped the long edge of {flips} facets without height",) if flips else ())
+
+
+def facet_heights(vertices: Floats, faces: Ints) -> Floats:
+    """Smallest height of each facet [m], shape (m,)."""
+    longest = _edge_lengths(vertices, faces).max(axis=-1)
+    return np.linalg.norm(_area_vectors(vertices, faces), axis=1) / np.maximum(longest, 1e-300)
+
+
+def _edge_lengths(vertices: Floats, faces: Ints) -> Floats:
+    return np.linalg.norm(vertices[np.roll(faces, -1, axis=-1)] - vertices[faces], axis=-1)
 
 
 def orient_outward(vertices: Floats, faces: Ints, path: Path) -> tuple[Ints, tuple[str, ...]]:

@@ -1,0 +1,179 @@
+"""Signed distances: exact ones beside edges and corners, and the trilinear field against closed forms."""
+
+import numpy as np
+import pytest
+import trimesh
+from numba import njit
+
+from polish_sim.errors import ConfigError
+from polish_sim.geometry import build_distance_field, field_distance, field_gradient
+from polish_sim.geometry.fit import fit_triangles
+from polish_sim.geometry.signed_distance import signed_distances
+from polish_sim.geometry.surface import Surface
+from tests.geometry.shapes import saddle, sphere, torus
+
+H, BAND = 1e-3, 6e-3
+
+
+@njit
+def look_up(field, points):
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        out[i] = field_distance(field, points[i, 0], points[i, 1], points[i, 2])
+    return out
+
+
+@njit
+def look_up_gradient(field, points):
+    out = np.empty((len(points), 4))
+    for i in range(len(points)):
+        out[i] = field_gradient(field, points[i, 0], points[i, 1], points[i, 2])
+    return out
+
+
+def box(size) -> Surface:
+    mesh = trimesh.creation.box(size)
+    return fit_triangles(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int32))
+
+
+def distance_to_box(points, size):
+    beyond = np.abs(points) - 0.5 * np.asarray(size)
+    return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+
+
+def test_signed_distance_of_a_box_is_exact_beside_faces_edges_and_corners():
+    size = (0.1, 0.06, 0.02)
+    points = np.random.default_rng(0).uniform(-0.08, 0.08, (20000, 3))
+    assert np.abs(signed_distances(box(size), points) - distance_to_box(points, size)).max() < 1e-12
+
+
+def test_sign_is_right_beside_the_sharp_edges_of_a_star():
+    """Closed prism over a star: reflex and sharp edges, where the nearest facet's own normal errs."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
+    radius = np.where(np.arange(10) % 2 == 0, 0.05, 0.015)
+    outline = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    i, j = np.arange(10), (np.arange(10) + 1) % 10
+    lower, upper = np.insert(outline, 2, -0.01, axis=1), np.insert(outline, 2, 0.01, axis=1)
+    vertices = np.concatenate([lower, upper, [[0, 0, -0.01], [0, 0, 0.01]]])
+    wall = np.concatenate([np.stack([i, j, j + 10], -1), np.stack([i, j + 10, i + 10], -1)])
+    caps = np.concatenate([np.stack([j, i, np.full(10, 20)], -1), np.stack([i + 10, j + 10, np.full(10, 21)], -1)])
+    surface = fit_triangles(vertices, np.concatenate([wall, caps]).astype(np.int32))
+    points = np.random.default_rng(1).uniform(-0.06, 0.06, (5000, 3)) * [1.0, 1.0, 0.4]
+    inside = np.zeros(len(points), dtype=bool)
+    for a, b in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        crosses = (a[1] > points[:, 1]) != (b[1] > points[:, 1])
+        with np.errstate(divide="ignore"):
+            x = a[0] + (points[:, 1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1])
+        inside ^= crosses & (points[:, 0] < x)
+    inside &= np.abs(points[:, 2]) < 0.01
+    assert 300 < inside.sum() < 4000
+    assert np.array_equal(signed_distances(surface, points) < 0.0, inside)
+
+
+def sphere_case():
+    shape = sphere(4, radius=0.05)
+    return shape, lambda points: np.linalg.norm(points, axis=1) - 0.05, 2.0 / 0.044
+
+
+def torus_case():
+    shape = torus(64, major=0.05, minor=0.02)
+
+    def distance(points):
+        return np.hypot(np.hypot(points[:, 0], points[:, 1]) - 0.05, points[:, 2]) - 0.02
+
+    return shape, distance, 1.0 / 0.014 + 1.0 / 0.024
+
+
+@pytest.mark.parametrize("case", [sphere_case, torus_case])
+def test_the_field_is_the_closed_form_within_its_trilinear_error(case):
+    """Between nodes the error is at most h^2 (|k1| + |k2|) / 8 with the curvatures of the level sets."""
+    shape, distance, curvature = case()
+    field = build_distance_field(fit_triangles(shape.vertices, shape.faces), H, BAND)
+    rng = np.random.default_rng(2)
+    feet = shape.foot(
+        shape.vertices[rng.integers(0, len(shape.vertices), 20000)] + rng.uniform(-1e-3, 1e-3, (20000, 3))
+    )
+    points = feet + rng.uniform(-5e-3, 5e-3, (20000, 1)) * shape.normal(feet)
+    true = distance(points)
+    fit_error = 2e-6
+    assert np.abs(look_up(field, points) - true).max() < H**2 * curvature / 8.0 + fit_error
+    found = look_up_gradient(field, points)
+    assert np.array_equal(found[:, 0], look_up(field, points))
+    assert np.linalg.norm(found[:, 1:] - shape.normal(feet), axis=1).max() < H * curvature
+
+
+def test_the_gradient_is_the_derivative_of_the_distance():
+    shape, _, _ = sphere_case()
+    field = build_distance_field(fit_triangles(shape.vertices, shape.faces), H, BAND)
+    points = sphere(2, radius=0.0512).vertices + 0.00017
+    step = 1e-6
+    cell = np.floor((points - field.origin) / H)
+    for axis in range(3):
+        ahead, behind = points.copy(), points.copy()
+        ahead[:, axis] += step
+        behind[:, axis] -= step
+        same = (np.floor((ahead - field.origin) / H) == cell).all(axis=1)
+        same &= (np.floor((behind - field.origin) / H) == cell).all(axis=1)
+        slope = (look_up(field, ahead) - look_up(field, behind)) / (2.0 * step)
+        assert same.sum() > 100
+        assert np.abs(slope - look_up_gradient(field, points)[:, 1 + axis])[same].max() < 1e-6
+
+
+def test_far_from_the_surface_the_field_still_knows_inside_from_outside():
+    size = (0.1, 0.08, 0.06)
+    field = build_distance_field(box(size), H, BAND)
+    points = np.random.default_rng(3).uniform(-0.09, 0.09, (50000, 3))
+    true = distance_to_box(points, size)
+    found = look_up(field, points)
+    far = np.abs(true) > BAND + H
+    assert found[far] == pytest.approx(BAND * np.sign(true[far]), rel=1e-6)
+    assert (true[far] < 0.0).sum() > 500
+    # At creases the error is of first order, elsewhere the faces are exact.
+    assert np.abs(found - np.clip(true, -BAND, BAND)).max() < 0.5 * H
+    over_a_face = (np.abs(points[:, 0]) < 0.04) & (np.abs(points[:, 1]) < 0.03) & (np.abs(true) < BAND - H)
+    assert over_a_face.sum() > 500
+    assert np.abs(found - true)[over_a_face].max() < 1e-9
+
+
+def test_beside_a_thin_plate_everything_is_outside():
+    size = (0.1, 0.06, 0.002)
+    field = build_distance_field(box(size), H, BAND)
+    beside = np.random.default_rng(4).uniform([0.0515, -0.03, -0.004], [0.055, 0.03, 0.004], (2000, 3))
+    assert look_up(field, beside).min() > 0.0
+
+
+def test_beyond_the_border_of_an_open_surface_there_is_nothing_to_touch():
+    sheet = saddle(24, radius=0.3, half_width=0.05)
+    surface = fit_triangles(sheet.vertices, sheet.faces)
+    points = np.array([[0.0, 0.0, -0.002], [0.0, 0.0, 0.002], [0.06, 0.0, -0.002], [0.0, 0.056, -0.01]])
+    assert np.sign(signed_distances(surface, points)).tolist() == [-1.0, 1.0, 1.0, 1.0]
+
+
+def test_an_offset_moves_the_surface_outward():
+    shape, _, _ = sphere_case()
+    surface = fit_triangles(shape.vertices, shape.faces)
+
+    def bend(points):
+        return 2e-4 * np.cos(40.0 * points[:, 0])
+
+    plain = build_distance_field(surface, H, BAND)
+    bent = build_distance_field(surface, H, BAND, offset=bend)
+    points = sphere(3, radius=0.05).vertices * 1.01
+    difference = look_up(plain, points) - look_up(bent, points)
+    assert difference == pytest.approx(bend(points), abs=2e-4 * 40.0**2 * H**2)
+
+
+def test_bounds_limit_the_memory_but_not_the_answer():
+    shape, _, _ = sphere_case()
+    surface = fit_triangles(shape.vertices, shape.faces)
+    whole = build_distance_field(surface, H, BAND)
+    cap = build_distance_field(surface, H, BAND, bounds=np.array([[-0.02, -0.02, 0.03], [0.02, 0.02, 0.06]]))
+    assert cap.bricks.size < 0.2 * whole.bricks.size
+    points = np.random.default_rng(6).uniform([-0.02, -0.02, 0.035], [0.02, 0.02, 0.06], (5000, 3))
+    assert np.abs(look_up(cap, points) - look_up(whole, points)).max() < H**2 / 0.044 / 4.0
+    assert look_up(cap, np.array([[0.0, 0.0, -0.05]]))[0] == BAND
+
+
+def test_a_band_that_cannot_hold_the_signs_is_refused():
+    with pytest.raises(ConfigError, match="at least twice the spacing"):
+        build_distance_field(box((0.1, 0.06, 0.02)), 2e-3, 3e-3)
