@@ -39,6 +39,7 @@ class PlanConfig:
     pattern: str = key("spiral", "spiral or raster")
     region: str = key("auto", "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1 or faces:FILE (mm)")
     stepover_m: float = key(0.008, "distance between neighbouring turns [m]", 0.0002, 1.0)
+    bridge_m: float = key(0.02, "holes up to this diameter are run over by the pad [m]", 0.0, 0.5)
     clearance_m: float = key(0.03, "height of the first and last point above the part [m]", 0.001, 0.5)
     lead_in: str = key("normal", "how the tool lands: normal, tangent or arc")
     lead_angle_rad: float = key(0.0, "lead of the tool axis in the feed direction [rad]", -0.7, 0.7)
@@ -72,10 +73,11 @@ class ControllerConfig:
     orientation_i_hz: float = key(0.2, "I of eq. 7 [1/s]", 0.0, 5.0)
     orientation_d_s: float = key(0.0, "D of eq. 7 [s]", 0.0, 0.1)
     force_p_m_sn: float = key(0.004, "kfp of eq. 5 [m/(s N)]", 0.0, 0.1)
+    force_filter_hz: float = key(10.0, "low-pass on the measured force and moment in the loop [Hz]", 0.1, 500.0)
     force_limit_m_s: float = key(0.05, "largest speed the force loop may ask for [m/s]", 0.001, 1.0)
     force_i_m_s2n: float = key(0.012, "kfi of eq. 5 [m/(s^2 N)]", 0.0, 1.0)
-    moment_p_rad_snm: float = key(0.05, "P of the moment loop about tool y [rad/(s N m)]", 0.0, 10.0)
-    moment_i_rad_s2nm: float = key(0.02, "I of the moment loop about tool y [rad/(s^2 N m)]", 0.0, 10.0)
+    moment_p_rad_snm: float = key(0.3, "P of the moment loop about tool y [rad/(s N m)]", 0.0, 10.0)
+    moment_i_rad_s2nm: float = key(0.1, "I of the moment loop about tool y [rad/(s^2 N m)]", 0.0, 10.0)
     moment_limit_rad_s: float = key(0.1, "largest turning rate the moment loop may ask for [rad/s]", 0.001, 3.0)
     moment_tilt_limit_rad: float = key(
         math.radians(2.0), "how far the moment loop may tilt the tool from the planned axis [rad]", 0.0, 0.5

@@ -32,7 +32,7 @@ class HybridState(NamedTuple):
 @njit(cache=True)
 def hybrid_state_of(flat: Array) -> HybridState:
     """Named views of a flat state, shape (32,)."""
-    return HybridState(flat[0:7], flat[7:17], flat[17:18], flat[18:19], flat[19:22], flat[22:25])
+    return HybridState(flat[0:7], flat[7:17], flat[17:20], flat[20:23], flat[23:26], flat[26:29])
 
 
 @njit(cache=True)
@@ -79,7 +79,7 @@ def turn_to_target(
 def press_along_z(m: Measurement, t: Target, gains: PiGains, dt: float, state: HybridState, out: Array) -> None:
     """Replace the twist's part along tool z by the force loop: v' = v_xy + v_Fz z (fig. 10)."""
     z = m.rotation[:, 2]
-    rate = force_pi(t.force[0] - m.wrench[2], gains, dt, state.force)
+    rate = force_pi(t.force[0], m.wrench[2], gains, dt, state.force)
     along = z[0] * out[0] + z[1] * out[1] + z[2] * out[2]
     for i in range(3):
         out[i] += (rate - along) * z[i]
@@ -98,11 +98,12 @@ def level_about_y(
 ) -> None:
     """Replace the twist's part about tool y by the moment loop: f' = f_xz + f_Fy y (fig. 11).
 
-    The tilt away from the planned axis stays within ``tilt_limit`` [rad]: at the border of a part the pad's
+    The loop works about the planned turning rate: from the moment alone the tool would lag behind every bend of the
+    part. The tilt away from the planned axis stays within ``tilt_limit`` [rad]: at the border of a part the pad's
     moment would otherwise roll the tool over the edge.
     """
     y = m.rotation[:, 1]
-    rate = force_pi(t.force[1] - m.wrench[4], gains, dt, state.moment)
+    rate = force_pi(t.force[1], m.wrench[4], gains, dt, state.moment)
     tilt = along = planned = 0.0
     for i in range(3):
         tilt += y[i] * state.error[i]
@@ -110,6 +111,6 @@ def level_about_y(
         planned += y[i] * t.twist[3 + i]
     lowest = planned + (tilt - tilt_limit) / look_ahead
     highest = planned + (tilt + tilt_limit) / look_ahead
-    rate = min(max(rate, lowest), highest)
+    rate = min(max(planned + rate, lowest), highest)
     for i in range(3):
         out[3 + i] += (rate - along) * y[i]

@@ -84,13 +84,13 @@ def step_position(context: Array, m: Measurement, t: Target, twist: Array) -> No
 def _turn_and_press(g, dt, m, t, state, twist):  # type: ignore[no-untyped-def]
     turning = OrientationGains(g[0], g[5], g[6], g[7])
     if t.contact[0] == 0.0:
-        state.force[0] = 0.0
-        state.moment[0] = 0.0
+        state.force[:] = 0.0
+        state.moment[:] = 0.0
         turn_to_target(m, t, turning, dt, np.zeros(3), state, twist)
         return
     turn_to_target(m, t, turning, dt, m.rotation[:, 1].copy(), state, twist)
-    press_along_z(m, t, PiGains(g[8], g[9], g[10]), dt, state, twist)
-    level_about_y(m, t, PiGains(g[11], g[12], g[13]), g[14], g[0], dt, state, twist)
+    press_along_z(m, t, PiGains(g[8], g[9], g[10], g[15]), dt, state, twist)
+    level_about_y(m, t, PiGains(g[11], g[12], g[13], g[15]), g[14], g[0], dt, state, twist)
 
 
 @cache
@@ -156,7 +156,7 @@ class CompiledController:
 
 
 def gains_of(config: ControllerConfig) -> Array:
-    """Gains in the order the compiled laws read them, shape (15,)."""
+    """Gains in the order the compiled laws read them, shape (16,)."""
     return np.array(
         [
             config.look_ahead_s,
@@ -174,6 +174,7 @@ def gains_of(config: ControllerConfig) -> Array:
             config.moment_i_rad_s2nm,
             config.moment_limit_rad_s,
             config.moment_tilt_limit_rad,
+            config.force_filter_hz,
         ]
     )
 

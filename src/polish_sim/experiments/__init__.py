@@ -1,1 +1,76 @@
-"""TODO."""
+"""The experiments: one readable function each, from a scenario to figures (layer 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from polish_sim.cell import Observer
+from polish_sim.config import PartConfig, Scenario, SpindleConfig
+from polish_sim.errors import unknown_name
+from polish_sim.experiments.arc import run_arc
+from polish_sim.experiments.force import run_force
+from polish_sim.experiments.result import RunResult
+from polish_sim.experiments.surface import SurfaceTask, prepare_surface, run_surface
+from polish_sim.planning import ToolPath
+
+_DEFAULTS = {
+    "arc": Scenario(experiment="arc", spindle=SpindleConfig(speed_rpm=0.0)),
+    "force": Scenario(experiment="force", part=PartConfig(file="plate"), spindle=SpindleConfig(speed_rpm=0.0)),
+    "surface": Scenario(experiment="surface"),
+}
+
+EXPERIMENTS: Mapping[str, str] = MappingProxyType(
+    {
+        "arc": "the tool point on a circle in free space at constant feed (paper 1, fig. 12)",
+        "force": "a step of the contact force from first contact, at one point (paper 1, fig. 13)",
+        "surface": "polish a part along a planned path under force control (paper 1, fig. 14, 15)",
+    }
+)
+
+
+def default_scenario(experiment: str) -> Scenario:
+    """The scenario an experiment starts from.
+
+    Raises:
+        InputError: If there is no such experiment; lists the known ones.
+    """
+    if experiment not in _DEFAULTS:
+        raise unknown_name("experiment", experiment, EXPERIMENTS)
+    return _DEFAULTS[experiment]
+
+
+def run_experiment(scenario: Scenario, path: ToolPath | None = None, observer: Observer | None = None) -> RunResult:
+    """Run the experiment a scenario names.
+
+    Args:
+        scenario: The scenario.
+        path: A path made before, for ``surface``; planned if not given.
+        observer: Told of the progress.
+
+    Returns:
+        What the run left behind; a protective stop or an interrupt is noted there, not raised.
+
+    Raises:
+        PolishSimError: If the scenario cannot be run.
+    """
+    if scenario.experiment == "arc":
+        return run_arc(scenario, observer)
+    if scenario.experiment == "force":
+        return run_force(scenario, observer)
+    if scenario.experiment == "surface":
+        return run_surface(scenario, path, observer)
+    raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)
+
+
+__all__ = [
+    "EXPERIMENTS",
+    "RunResult",
+    "SurfaceTask",
+    "default_scenario",
+    "prepare_surface",
+    "run_arc",
+    "run_experiment",
+    "run_force",
+    "run_surface",
+]
