@@ -34,9 +34,9 @@ def strictly_covered(mesh: Triangulation, positions: Array, normals: Array, step
     return np.asarray(near & ((normals[index] * mesh.normals).sum(axis=1) > 0.0))
 
 
-def share_of_area(mesh: Triangulation, covered: Mask) -> float:
-    """Share of the region's area around covered vertices."""
-    return float(mesh.vertex_areas[covered].sum() / mesh.vertex_areas.sum())
+def share_of_area(areas: Array, covered: Mask) -> float:
+    """Share of the area around covered vertices; areas [m^2] and mask (n,)."""
+    return float(areas[covered].sum() / areas.sum())
 
 
 def pad_depths(curvatures: Array, pad: PadConfig, force: float) -> Array:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,8 @@ from polish_sim.errors import PlanError, unknown_name
 from polish_sim.geometry import Region
 from polish_sim.planning.approach import LEADS, Move, concatenate, process_move, travel, with_leads
 from polish_sim.planning.curve import unit
-from polish_sim.planning.patterns import PATTERNS
+from polish_sim.planning.holes import bridge_holes
+from polish_sim.planning.patterns import PATTERNS, Report
 from polish_sim.planning.run import SurfaceRun
 from polish_sim.planning.toolpath import ToolPath, arc_length
 from polish_sim.planning.triangulation import Triangulation, triangulate
@@ -22,7 +24,20 @@ Array = NDArray[np.float64]
 EDGES_PER_STEPOVER = 3.0
 
 
-def plan_path(region: Region, plan: PlanConfig, on_progress: Callable[[float], None] | None = None) -> ToolPath:
+class Ground(NamedTuple):
+    """A region made ready to be planned on."""
+
+    region: Region
+    """The region, its small holes closed."""
+    mesh: Triangulation
+    """Its fine triangulation."""
+    part_facets: int
+    """Number of facets that are the part's; those after them close holes."""
+    holes: int
+    """Number of holes closed."""
+
+
+def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
     """Cover a region with a tool path.
 
     Args:
@@ -37,40 +52,44 @@ def plan_path(region: Region, plan: PlanConfig, on_progress: Callable[[float], N
         InputError: Unknown pattern or lead-in.
         PlanError: The step-over does not fit the region.
     """
-    mesh = fine_mesh(region, plan.stepover_m)
-    return path_on(region, mesh, plan, on_progress)
+    return path_on(prepare_ground(region, plan), plan, on_progress)
 
 
-def fine_mesh(region: Region, stepover: float) -> Triangulation:
-    """The region's triangulation, fine enough to tell turns apart.
+def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
+    """Close small holes and triangulate finely enough to tell turns apart.
 
     Raises:
-        PlanError: The step-over is not positive, or larger than the region.
+        PlanError: The region has no border, or the step-over is not positive or larger than the region.
     """
     size = float(np.linalg.norm(np.diff(region.surface.bounds, axis=0)))
-    if not 0.0 < stepover < size:
+    if not 0.0 < plan.stepover_m < size:
         raise PlanError(
-            f"a step-over of {stepover * 1e3:.4g} mm does not fit: it must be positive and smaller than the "
+            f"a step-over of {plan.stepover_m * 1e3:.4g} mm does not fit: it must be positive and smaller than the "
             f"region, which measures {size * 1e3:.4g} mm across. Set another step-over."
         )
-    return triangulate(region.surface, stepover / EDGES_PER_STEPOVER)
+    if not region.boundary_loops:
+        raise PlanError(
+            "the region is closed all round, a path needs a border to start from. "
+            "Choose a region that looks one way, e.g. 'top', or a box."
+        )
+    bridged = bridge_holes(region, plan.bridge_m)
+    mesh = triangulate(bridged.region.surface, plan.stepover_m / EDGES_PER_STEPOVER)
+    return Ground(bridged.region, mesh, bridged.facets, bridged.holes)
 
 
-def path_on(
-    region: Region, mesh: Triangulation, plan: PlanConfig, on_progress: Callable[[float], None] | None = None
-) -> ToolPath:
-    """As `plan_path`, on a triangulation made before."""
+def path_on(ground: Ground, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
+    """As `plan_path`, on ground prepared before."""
     if plan.pattern not in PATTERNS:
         raise unknown_name("pattern", plan.pattern, PATTERNS)
     if plan.lead_in not in LEADS:
         raise unknown_name("lead-in", plan.lead_in, LEADS)
-    runs = PATTERNS[plan.pattern](region, mesh, plan.stepover_m, on_progress or _silent)
+    runs = PATTERNS[plan.pattern](ground.region, ground.mesh, plan.stepover_m, on_progress or _silent)
     if not runs:
         raise PlanError(
             f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half of it "
             "inside the border. Set a smaller step-over or a larger region."
         )
-    return assemble(region, runs, plan)
+    return assemble(ground.region, runs, plan)
 
 
 def assemble(region: Region, runs: Sequence[SurfaceRun], plan: PlanConfig) -> ToolPath:

@@ -32,6 +32,8 @@ class Triangulation:
     """Vertex indices, counter-clockwise from outside, shape (m, 3)."""
     areas: Array
     """Areas [m^2], shape (m,)."""
+    owners: Ints
+    """Facet of the surface each triangle lies on, shape (m,)."""
 
     @cached_property
     def edges(self) -> Ints:
@@ -48,9 +50,15 @@ class Triangulation:
     @cached_property
     def vertex_areas(self) -> Array:
         """A third of the area of every triangle around a vertex [m^2], shape (n,)."""
-        thirds: Array = np.repeat(self.areas / 3.0, 3)
+        return self._around_vertices(self.areas)
+
+    def part_areas(self, facets: int) -> Array:
+        """The same, counting only triangles on the surface's first facets [m^2], shape (n,)."""
+        return self._around_vertices(np.where(self.owners < facets, self.areas, 0.0))
+
+    def _around_vertices(self, areas: Array) -> Array:
         sums = np.zeros(len(self.vertices))
-        np.add.at(sums, self.triangles.ravel(), thirds)
+        np.add.at(sums, self.triangles.ravel(), np.repeat(areas / 3.0, 3))
         return sums
 
     @cached_property
@@ -185,4 +193,4 @@ def _finish(surface: Surface, vertices: Array, triangles: Ints, corners: Array, 
     found = surface.evaluate(owners[place // 3].astype(np.int32), corners[place // 3, place % 3])
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return Triangulation(found.positions, found.normals, triangles, areas)
+    return Triangulation(found.positions, found.normals, triangles, areas, owners)

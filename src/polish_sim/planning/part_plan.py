@@ -1,0 +1,96 @@
+"""From a part's file to a measured plan in one call: for the command line, for runs and from Python."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
+from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
+from polish_sim.models import workpiece_names, workpiece_path
+from polish_sim.planning.feasibility import check_request, pad_notes
+from polish_sim.planning.figures import locate, measure_plan
+from polish_sim.planning.planner import path_on, prepare_ground
+from polish_sim.planning.toolpath import ToolPath
+
+Array = NDArray[np.float64]
+
+
+class PlanObserver(Protocol):
+    """Who is told how far planning is."""
+
+    def stage(self, text: str) -> None:
+        """A new stage begins."""
+
+    def progress(self, done: float, total: float) -> None:
+        """How far the present stage is."""
+
+
+class _Silent:
+    def stage(self, text: str) -> None:
+        """Ignore."""
+
+    def progress(self, done: float, total: float) -> None:
+        """Ignore."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanResult:
+    """A finished plan."""
+
+    mesh: PartMesh
+    surface: Surface
+    region: Region
+    path: ToolPath
+    figures: dict[str, Any]
+    """The keys of metrics.json of a plan folder."""
+    plan: PlanConfig
+    notes: tuple[str, ...]
+    """What was assumed, and what the user should know about the pad on this part."""
+
+
+def plan_part(
+    part: PartConfig,
+    plan: PlanConfig,
+    process: ProcessConfig | None = None,
+    pad: PadConfig | None = None,
+    observer: PlanObserver | None = None,
+) -> PlanResult:
+    """Load a part, fit its surface, choose the region, plan the path and measure it.
+
+    Args:
+        part: File or shipped name, unit, side turned up.
+        plan: Region, pattern, step-over.
+        process: Force and feed.
+        pad: The pad.
+        observer: Told of the progress.
+
+    Returns:
+        The plan and its figures.
+
+    Raises:
+        PolishSimError: The part or the request cannot be used; says why and what to do.
+    """
+    process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
+    begin = time.perf_counter()
+    observer.stage("fit the surface")
+    name = part.file
+    file = workpiece_path(name) if name in workpiece_names() else Path(name)
+    mesh = load_part(file, part.unit, part.up)
+    surface = fit_surface(mesh)
+    region = select_region(surface, mesh, plan.region)
+    check_request(region, plan, pad)
+    observer.stage("plan the path")
+    ground = prepare_ground(region, plan)
+    path = path_on(ground, plan, lambda share: observer.progress(share, 1.0))
+    planned = time.perf_counter() - begin
+    observer.stage("measure the path")
+    figures = measure_plan(mesh, surface, ground, path, plan, process, pad)
+    figures["plan_time_s"] = planned
+    notes = (*mesh.notes, *pad_notes(ground, locate(ground, path), pad))
+    return PlanResult(mesh, surface, region, path, figures, plan, notes)
