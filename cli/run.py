@@ -8,11 +8,12 @@ from typing import Annotated
 import typer
 
 from polish_sim.cli import console
+from polish_sim.cli.boundary import DONE
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.scenario_options import build_scenario
 from polish_sim.cli.sinks import open_sinks
-from polish_sim.errors import InputError, unknown_name
+from polish_sim.errors import InputError
 
 Experiment = Annotated[str, typer.Argument(help="arc, force or surface.", show_default=False)]
 Part = Annotated[str | None, typer.Option("--part", metavar="PART", help="STL file, or the name of a shipped part.")]
@@ -113,17 +114,19 @@ def run(
     prepare_headless()
     # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.cli.seeds import run_seeds
-    from polish_sim.cli.simulation import run_once
-    from polish_sim.experiments import EXPERIMENTS, default_scenario
+    from polish_sim.cli.simulation import check_reach, run_once
+    from polish_sim.experiments import default_scenario
 
-    if experiment not in EXPERIMENTS:
-        raise unknown_name("experiment", experiment, EXPERIMENTS)
     scenario = build_scenario(default_scenario(experiment), given, config, set_ or [])
+    plan = None
+    if dry_run:
+        check_reach(scenario, plan)
+        return DONE
     with claimed(out, f"run-{experiment}", overwrite) as folder:
         if seeds is None:
-            outcome = run_once(scenario, None, folder.draft, open_sinks(folder.draft, view, video))
+            outcome = run_once(scenario, plan, folder.draft, open_sinks(folder.draft, view, video))
         else:
-            outcome = run_seeds(scenario, None, range(scenario.seed, scenario.seed + seeds), folder.draft)
+            outcome = run_seeds(scenario, plan, range(scenario.seed, scenario.seed + seeds), folder.draft)
     outcome.show()
     console.say(f"folder: {folder.final}")
     return outcome.exit_code(check)

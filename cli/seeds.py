@@ -20,6 +20,7 @@ from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.simulation import simulate
 from polish_sim.config import Scenario
+from polish_sim.experiments import prepare_surface
 from polish_sim.planning import ToolPath
 
 Figures = Mapping[str, Any]
@@ -69,6 +70,8 @@ def _run_all(
     workers = min(len(seeds), os.cpu_count() or 1)
     done: dict[int, Figures] = {}
     with console.progress() as observer, _pool(workers) as pool:
+        if plan is None and scenario.experiment == "surface":
+            plan = prepare_surface(scenario, None, observer).path
         observer.stage(f"simulate {len(seeds)} seeds on {workers} cores")
         jobs: dict[Future[Figures], int] = {}
         for seed in seeds:

@@ -9,12 +9,14 @@ from pathlib import Path
 from polish_sim.analysis.cell_plot import plot_cell
 from polish_sim.analysis.report import draw_plots, save_plots
 from polish_sim.analysis.run_record import RunRecord, package_versions, write_record
+from polish_sim.cell import Observer
 from polish_sim.cli import console
 from polish_sim.cli.frames import FrameSink
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.sinks import CELL_PICTURE
 from polish_sim.config import Scenario
-from polish_sim.experiments import Observer, RunResult, run_experiment
+from polish_sim.errors import InputError
+from polish_sim.experiments import RunResult, prepare_surface, run_experiment
 from polish_sim.planning import ToolPath
 
 
@@ -57,3 +59,21 @@ def simulate(
     record = RunRecord(scenario.experiment, result.scenario, metrics, result.log, result.path)
     write_record(folder, record)
     return record, result
+
+
+def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
+    """Plan and check the reach of a surface run, and say where the part stands; nothing is simulated or written.
+
+    Raises:
+        PolishSimError: If the part cannot be used, planned or reached.
+    """
+    if scenario.experiment != "surface":
+        raise InputError(f"--dry-run plans a path and checks its reach: '{scenario.experiment}' has none to plan.")
+    with console.progress() as observer:
+        task = prepare_surface(scenario, plan, observer)
+    for text in task.mesh.notes:
+        console.say(text)
+    x, y, z = task.reach.T_base_work[:3, 3] * 1e3
+    console.say(f"path: {task.path.length_m:.3f} m, {len(task.path.s)} points, all within reach")
+    console.say(f"part: its origin stands at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the robot base")
+    console.say(f"smallest singular value on the way: {task.reach.smallest_singular_value:.3f}")
