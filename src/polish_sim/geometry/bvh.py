@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 
 LEAF_SIZE = 2
 
+BINS = 12
+"""Places along each axis where a split is tried."""
+
+DEEPEST = 24
+"""Beyond this depth nodes are halved, which bounds the depth of the whole tree to about 45."""
+
 
 class BoxTree(NamedTuple):
     """Binary tree of axis-aligned boxes in depth-first order; node 0 is the root."""
@@ -53,36 +59,95 @@ def _build(lows, highs):  # type: ignore[no-untyped-def]
     right = np.full(capacity, -1, np.int32)
     first, size = np.zeros(capacity, np.int32), np.zeros(capacity, np.int32)
     # Depth first with an explicit stack; a right child tells its parent where it landed.
-    stack = np.empty((128, 3), np.int64)
-    stack[0] = 0, count, -1
+    stack = np.empty((128, 4), np.int64)
+    stack[0] = 0, count, -1, 0
     top, nodes = 1, 0
     while top > 0:
         top -= 1
-        begin, end, parent = stack[top]
+        begin, end, parent, depth = stack[top]
         node = nodes
         nodes += 1
         if parent >= 0:
             right[parent] = node
         first[node], size[node] = begin, end - begin
-        spread_low, spread_high = np.full(3, np.inf), np.full(3, -np.inf)
-        for k in range(3):
-            low[node, k], high[node, k] = np.inf, -np.inf
-        for i in range(begin, end):
-            item = items[i]
-            for k in range(3):
-                low[node, k] = min(low[node, k], lows[item, k])
-                high[node, k] = max(high[node, k], highs[item, k])
-                spread_low[k] = min(spread_low[k], centers[item, k])
-                spread_high[k] = max(spread_high[k], centers[item, k])
+        _enclose(items[begin:end], lows, highs, low[node], high[node])
         if end - begin <= LEAF_SIZE:
             continue
-        axis = np.argmax(spread_high - spread_low)
-        middle = (begin + end) // 2
-        _select(items, centers[:, axis], begin, end - 1, middle)
-        stack[top] = middle, end, node
-        stack[top + 1] = begin, middle, -1
+        middle = _split(items[begin:end], centers, lows, highs) + begin if depth < DEEPEST else begin
+        if middle in (begin, end):
+            middle = (begin + end) // 2
+            axis = np.argmax(high[node] - low[node])
+            _select(items, centers[:, axis], begin, end - 1, middle)
+        stack[top] = middle, end, node, depth + 1
+        stack[top + 1] = begin, middle, -1, depth + 1
         top += 2
     return low[:nodes], high[:nodes], right[:nodes], first[:nodes], size[:nodes], items
+
+
+@njit(cache=True)
+def _enclose(items, lows, highs, low, high):  # type: ignore[no-untyped-def]
+    """Write the box around some items' boxes to low and high."""
+    low[:], high[:] = np.inf, -np.inf
+    for item in items:
+        for k in range(3):
+            low[k] = min(low[k], lows[item, k])
+            high[k] = max(high[k], highs[item, k])
+
+
+@njit(cache=True)
+def _split(items, centers, lows, highs):  # type: ignore[no-untyped-def]
+    """Sort items to two sides such that the boxes' areas, weighted by their items, are smallest.
+
+    Large facets beside small ones (a part's flat bottom under its freeform top) end in boxes of their own.
+
+    Returns:
+        How many are on the first side; 0 if all centers coincide.
+    """
+    low, high = np.empty(3), np.empty(3)
+    _enclose(items, centers, centers, low, high)
+    box_low, box_high = np.empty((BINS, 3)), np.empty((BINS, 3))
+    count, cost_left = np.zeros(BINS, np.int64), np.empty(BINS)
+    best, best_axis, best_bin = np.inf, -1, -1
+    for axis in range(3):
+        if high[axis] <= low[axis]:
+            continue
+        scale = BINS * (1.0 - 1e-9) / (high[axis] - low[axis])
+        box_low[:], box_high[:], count[:] = np.inf, -np.inf, 0
+        for item in items:
+            b = int((centers[item, axis] - low[axis]) * scale)
+            count[b] += 1
+            for k in range(3):
+                box_low[b, k] = min(box_low[b, k], lows[item, k])
+                box_high[b, k] = max(box_high[b, k], highs[item, k])
+        _sweep(box_low, box_high, count, cost_left)
+        box_low[:], box_high[:], count[:] = box_low[::-1].copy(), box_high[::-1].copy(), count[::-1].copy()
+        cost_right = np.empty(BINS)
+        _sweep(box_low, box_high, count, cost_right)
+        for b in range(BINS - 1):
+            cost = cost_left[b] + cost_right[BINS - 2 - b]
+            if cost < best:
+                best, best_axis, best_bin = cost, axis, b
+    if best_axis < 0:
+        return 0
+    scale = BINS * (1.0 - 1e-9) / (high[best_axis] - low[best_axis])
+    middle = 0
+    for i in range(len(items)):
+        if int((centers[items[i], best_axis] - low[best_axis]) * scale) <= best_bin:
+            items[i], items[middle] = items[middle], items[i]
+            middle += 1
+    return middle
+
+
+@njit(cache=True)
+def _sweep(box_low, box_high, count, cost):  # type: ignore[no-untyped-def]
+    """Area times number of items of bins 0 .. b, for every b."""
+    low, high, total = np.full(3, np.inf), np.full(3, -np.inf), 0
+    for b in range(BINS):
+        total += count[b]
+        for k in range(3):
+            low[k], high[k] = min(low[k], box_low[b, k]), max(high[k], box_high[b, k])
+        x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
+        cost[b] = total * (x * y + y * z + z * x) if total > 0 else 0.0
 
 
 @njit(cache=True)

@@ -8,6 +8,7 @@ from numba import njit
 from polish_sim.geometry.bvh import box_distance2
 
 _STEPS = 24
+_CANDIDATES = 32
 _STEP_DONE = 1e-13
 _NEWTON_DONE = 1e-8  # the next step would be of the order of its square
 
@@ -202,8 +203,10 @@ def _flat_distance2(patch, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def closest_in_tree(control, tree, x, y, z, hint, limit2):  # type: ignore[no-untyped-def]
+def closest_in_tree(control, tree, x, y, z, hint, limit):  # type: ignore[no-untyped-def]
     """Closest point of all patches.
+
+    Flat triangles, which bound the patches' distances from both sides, sort out all but a few patches.
 
     Args:
         control: Control points [m], shape (m, 6, 3).
@@ -212,48 +215,83 @@ def closest_in_tree(control, tree, x, y, z, hint, limit2):  # type: ignore[no-un
         y: Point [m].
         z: Point [m].
         hint: A patch that may be close, or -1.
-        limit2: Squared distance beyond which nothing is looked for [m^2].
+        limit: Distance beyond which nothing is looked for [m].
 
     Returns:
         Squared distance [m^2], facet (-1 if none within the limit), u, v.
     """
-    best, facet, best_u, best_v = limit2, -1, 0.0, 0.0
+    best, facet, best_u, best_v = limit * limit, -1, 0.0, 0.0
     if hint >= 0:
         distance2, u, v = closest_on_patch(control[hint], x, y, z)
         if distance2 < best:
             best, facet, best_u, best_v = distance2, hint, u, v
-    stack = np.empty(64, np.int32)
-    bounds = np.empty(64)
-    stack[0], bounds[0] = 0, box_distance2(tree.low, tree.high, 0, x, y, z)
+    upper = np.sqrt(best)
+    nodes, bounds = np.empty(64, np.int32), np.empty(64)
+    items, lowers, found = np.empty(_CANDIDATES, np.int32), np.empty(_CANDIDATES), 0
+    nodes[0], bounds[0] = 0, box_distance2(tree.low, tree.high, 0, x, y, z)
     top = 1
     while top > 0:
         top -= 1
-        if bounds[top] >= best:
+        if bounds[top] >= upper * upper:
             continue
-        node = stack[top]
-        if tree.right[node] < 0:
-            for i in range(tree.first[node], tree.first[node] + tree.size[node]):
-                item = tree.items[i]
-                if item == hint:
-                    continue
-                reach = np.sqrt(best) + tree.bulge[item]
-                if _flat_distance2(control[item], x, y, z) > reach * reach:
-                    continue
-                distance2, u, v = closest_on_patch(control[item], x, y, z)
-                if distance2 < best:
-                    best, facet, best_u, best_v = distance2, item, u, v
+        node = nodes[top]
+        if tree.right[node] >= 0:
+            _push_children(tree, node, x, y, z, nodes, bounds, top)
+            top += 2
             continue
-        left, right = node + 1, tree.right[node]
-        left_bound = box_distance2(tree.low, tree.high, left, x, y, z)
-        right_bound = box_distance2(tree.low, tree.high, right, x, y, z)
-        if left_bound <= right_bound:
-            stack[top], bounds[top] = right, right_bound
-            stack[top + 1], bounds[top + 1] = left, left_bound
-        else:
-            stack[top], bounds[top] = left, left_bound
-            stack[top + 1], bounds[top + 1] = right, right_bound
-        top += 2
+        for i in range(tree.first[node], tree.first[node] + tree.size[node]):
+            item = tree.items[i]
+            flat = np.sqrt(_flat_distance2(control[item], x, y, z))
+            if item == hint or flat - tree.bulge[item] > upper:
+                continue
+            upper = min(upper, flat + tree.bulge[item])
+            items[found], lowers[found] = item, flat - tree.bulge[item]
+            found += 1
+            if found == _CANDIDATES:
+                best, facet, best_u, best_v = _best_of(
+                    control, items, lowers, found, x, y, z, best, facet, best_u, best_v
+                )
+                upper, found = min(upper, np.sqrt(best)), 0
+    return _best_of(control, items, lowers, found, x, y, z, best, facet, best_u, best_v)
+
+
+@njit(cache=True)
+def _best_of(control, items, lowers, found, x, y, z, best, facet, best_u, best_v):  # type: ignore[no-untyped-def]
+    """Closest of the best so far and some candidates, the last found first: it is usually the closest."""
+    for i in range(found - 1, -1, -1):
+        if lowers[i] > 0.0 and lowers[i] * lowers[i] > best:
+            continue
+        distance2, u, v = closest_on_patch(control[items[i]], x, y, z)
+        if distance2 < best:
+            best, facet, best_u, best_v = distance2, items[i], u, v
     return best, facet, best_u, best_v
+
+
+@njit(cache=True, inline="always")
+def _push_children(tree, node, x, y, z, nodes, bounds, top):  # type: ignore[no-untyped-def]
+    """Put both children of a node on the stack, the closer one on top."""
+    left, right = node + 1, tree.right[node]
+    left_bound = box_distance2(tree.low, tree.high, left, x, y, z)
+    right_bound = box_distance2(tree.low, tree.high, right, x, y, z)
+    left_first = left_bound < right_bound
+    if left_bound == right_bound:
+        # Within both boxes: try the one whose middle is nearer.
+        left_first = _to_middle(tree, left, x, y, z) < _to_middle(tree, right, x, y, z)
+    near, far = (1, 0) if left_first else (0, 1)
+    nodes[top + near], bounds[top + near] = left, left_bound
+    nodes[top + far], bounds[top + far] = right, right_bound
+
+
+@njit(cache=True, inline="always")
+def _to_middle(tree, node, x, y, z):  # type: ignore[no-untyped-def]
+    """Squared distance to the middle of a box, in units of half of it along each axis."""
+    total = 0.0
+    for k in range(3):
+        q = x if k == 0 else (y if k == 1 else z)
+        low, high = tree.low[node, k], tree.high[node, k]
+        d = 2.0 * q - low - high
+        total += d * d / max((high - low) ** 2, 1e-300)
+    return total
 
 
 @njit(cache=True)
