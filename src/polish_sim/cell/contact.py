@@ -123,8 +123,8 @@ def press_pad(
             w[turning, j] += R[i, j] * pad_turning[i]
     deepest = _measure_depths(pad, part.field)
     if deepest <= 0.0:
-        force[:] = 0.0
-        torque[:] = 0.0
+        for i in range(3):
+            force[i] = torque[i] = 0.0
         return
     _sum_pressure(pad, spin)
     for i in range(3):

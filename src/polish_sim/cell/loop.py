@@ -18,21 +18,18 @@ from polish_sim.cell.engine import mj_step1, mj_step2
 from polish_sim.cell.guards import CONTROLLER_NAN, JOINT_LIMIT, MISSING, UNSTABLE, Guards, check_guards
 from polish_sim.cell.recorder import Recorder, record_reading, record_state
 from polish_sim.cell.sequence import (
-    APPROACH,
     DONE,
     PROCESS,
     RETRACT,
-    SEEK,
     TARE,
     TARE_START,
-    TOUCH_DOWN,
     Job,
     SequenceState,
     advance_sequence,
 )
 from polish_sim.cell.speedl import SpeedlModel, SpeedlState, limit_acceleration, pass_request, resolve_joints
 from polish_sim.cell.wrist_sensor import Payload, SensorModel, SensorState, sample_sensor, tool_wrench
-from polish_sim.control.signals import Measurement, Target, measurement_of, target_of
+from polish_sim.control.signals import Measurement, measurement_of, target_of
 
 Array = NDArray[np.float64]
 
@@ -120,12 +117,17 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         count = int(status[CLOCK])
         t = count * engine.dt
         mj_step1(engine.model, engine.data)
-        _press(cell)
-        _sense(cell, m, jacobian, t, draws[k])
+        if cell.job.contact > 0.0:
+            _press(engine, cell.pad, cell.part, cell.spin, cell.scratch, cell.wrench)
+        _see(engine, m, jacobian)
+        sample_sensor(cell.sensor, cell.sensor_state, t, engine.sensordata, draws[k])
+        tool_wrench(cell.payload, cell.sensor_state, m.rotation, m.wrench)
         if count % cell.control_every == 0:
             dt = engine.dt * cell.control_every
             m.clock[0], m.clock[1] = t, dt
-            _tare(cell, m)
+            if cell.sequence.stage[0] == TARE and cell.sequence.stage[1] >= TARE_START:
+                status[TARES] += 1.0
+                _tare(cell.sensor_state, m.wrench, status[TARES])
             found = advance_sequence(cell.job, cell.sequence, m.wrench[2], dt, target)
             law(cell.context.ctypes, cell.measurement.ctypes, cell.target.ctypes, cell.twist.ctypes)
             status[REQUESTS] += 1.0
@@ -134,9 +136,20 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
             for i in range(6):
                 if not math.isfinite(cell.twist[i]):
                     status[STOP] = CONTROLLER_NAN
-        if status[STOP] == 0.0 and not _drive(cell, jacobian):
-            status[STOP] = JOINT_LIMIT
-        _record(cell, recorder, m, target, count, t)
+        if status[STOP] == 0.0:
+            pass_request(cell.speedl, cell.speedl_state, cell.twist, status[REQUESTS], engine.dt)
+            limit_acceleration(cell.speedl, cell.speedl_state, engine.dt)
+            if not resolve_joints(cell.speedl, cell.speedl_state, jacobian, engine.dt):
+                status[STOP] = JOINT_LIMIT
+            _drive(cell.speedl_state, engine.ctrl)
+        if cell.wrench[2] > FIRST_CONTACT_N:
+            status[TOUCHED] = 1.0
+        phase = _phase(cell.sequence.stage[0], status[TOUCHED])
+        turn = cell.job.process.pass_index[cell.sequence.row[0]]
+        record_state(
+            recorder, count, t, phase, engine.qpos, engine.qvel, m, target, cell.wrench, cell.speedl_state.twist,
+            engine.qpos[6], turn,
+        )  # fmt: skip
         mj_step2(engine.model, engine.data)
         record_reading(recorder, count, engine.sensordata, engine.qfrc_actuator)
         status[CLOCK] += 1.0
@@ -154,36 +167,29 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _press(cell: CellKernel) -> None:
+def _press(e: EngineViews, pad: Pad, part: RealPart, spin: float, scratch: Array, wrench: Array) -> None:
     """Contact of the pad at this instant, applied to the head; the exact wrench at the tool point."""
-    if cell.job.contact == 0.0:
-        return
-    e = cell.engine
-    center = e.site_xpos[e.pad_site]
+    center, tool, head = e.site_xpos[e.pad_site], e.site_xpos[e.tool_site], e.head_body
     R_base_pad = e.site_xmat[e.pad_site].reshape((3, 3))
-    tool = e.site_xpos[e.tool_site]
-    R_base_tool = e.site_xmat[e.tool_site].reshape((3, 3))
-    velocity, force, torque = cell.scratch[0], cell.scratch[1], cell.scratch[2]
-    turning = e.cvel[e.head_body, 0:3]
-    com = e.subtree_com[e.root_body]
+    velocity, force, torque, moment = scratch[0], scratch[1], scratch[2], scratch[3]
+    turning, com = e.cvel[head, 0:3], e.subtree_com[e.root_body]
     rx, ry, rz = center[0] - com[0], center[1] - com[1], center[2] - com[2]
-    velocity[0] = e.cvel[e.head_body, 3] + turning[1] * rz - turning[2] * ry
-    velocity[1] = e.cvel[e.head_body, 4] + turning[2] * rx - turning[0] * rz
-    velocity[2] = e.cvel[e.head_body, 5] + turning[0] * ry - turning[1] * rx
-    press_pad(cell.pad, cell.part, cell.spin, R_base_pad, center, velocity, turning, force, torque)
-    applied = e.xfrc_applied[e.head_body]
-    applied[0:3] = force
-    _moment_at(force, torque, center, e.xipos[e.head_body], applied[3:6])
-    moment = cell.scratch[3]
-    _moment_at(force, torque, center, tool, moment)
+    velocity[0] = e.cvel[head, 3] + turning[1] * rz - turning[2] * ry
+    velocity[1] = e.cvel[head, 4] + turning[2] * rx - turning[0] * rz
+    velocity[2] = e.cvel[head, 5] + turning[0] * ry - turning[1] * rx
+    press_pad(pad, part, spin, R_base_pad, center, velocity, turning, force, torque)
+    _moment_at(force, torque, center, e.xipos[head], moment)
     for i in range(3):
-        cell.wrench[i] = -(R_base_tool[0, i] * force[0] + R_base_tool[1, i] * force[1] + R_base_tool[2, i] * force[2])
-        cell.wrench[3 + i] = -(
-            R_base_tool[0, i] * moment[0] + R_base_tool[1, i] * moment[1] + R_base_tool[2, i] * moment[2]
-        )
+        e.xfrc_applied[head, i] = force[i]
+        e.xfrc_applied[head, 3 + i] = moment[i]
+    _moment_at(force, torque, center, tool, moment)
+    R = e.site_xmat[e.tool_site]
+    for i in range(3):
+        wrench[i] = -(R[i] * force[0] + R[3 + i] * force[1] + R[6 + i] * force[2])
+        wrench[3 + i] = -(R[i] * moment[0] + R[3 + i] * moment[1] + R[6 + i] * moment[2])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _moment_at(force: Array, torque: Array, old_point: Array, new_point: Array, out: Array) -> None:
     """Move a torque from one reference point to another."""
     rx, ry, rz = old_point[0] - new_point[0], old_point[1] - new_point[1], old_point[2] - new_point[2]
@@ -193,66 +199,44 @@ def _moment_at(force: Array, torque: Array, old_point: Array, new_point: Array, 
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _sense(cell: CellKernel, m: Measurement, jacobian: Array, t: float, draws: Array) -> None:
-    """Encoders and wrist sensor; the engine's reading belongs to the step before, one step of the latency."""
-    e = cell.engine
-    tool = e.site_xpos[e.tool_site]
-    m.position[:] = tool
-    m.rotation[:] = e.site_xmat[e.tool_site].reshape((3, 3))
-    m.twist[:] = 0.0
+def _see(e: EngineViews, m: Measurement, jacobian: Array) -> None:
+    """Tool pose and twist from the encoders, and the Jacobian at the tool point."""
+    tool, R = e.site_xpos[e.tool_site], e.site_xmat[e.tool_site]
+    for i in range(3):
+        m.position[i] = tool[i]
+        for j in range(3):
+            m.rotation[i, j] = R[3 * i + j]
+    for i in range(6):
+        m.twist[i] = 0.0
     for j in range(6):
-        axis, anchor = e.xaxis[j], e.xanchor[j]
-        rx, ry, rz = tool[0] - anchor[0], tool[1] - anchor[1], tool[2] - anchor[2]
-        jacobian[0, j] = axis[1] * rz - axis[2] * ry
-        jacobian[1, j] = axis[2] * rx - axis[0] * rz
-        jacobian[2, j] = axis[0] * ry - axis[1] * rx
-        jacobian[3, j], jacobian[4, j], jacobian[5, j] = axis[0], axis[1], axis[2]
+        ax, ay, az = e.xaxis[j, 0], e.xaxis[j, 1], e.xaxis[j, 2]
+        rx, ry, rz = tool[0] - e.xanchor[j, 0], tool[1] - e.xanchor[j, 1], tool[2] - e.xanchor[j, 2]
+        jacobian[0, j], jacobian[1, j], jacobian[2, j] = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
+        jacobian[3, j], jacobian[4, j], jacobian[5, j] = ax, ay, az
         for i in range(6):
             m.twist[i] += jacobian[i, j] * e.qvel[j]
-    sample_sensor(cell.sensor, cell.sensor_state, t, e.sensordata, draws)
-    tool_wrench(cell.payload, cell.sensor_state, m.rotation, m.wrench)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _tare(cell: CellKernel, m: Measurement) -> None:
-    """Zero the sensor: average the compensated wrench while the robot stands still, then subtract it."""
-    stage = cell.sequence.stage
-    if stage[0] != TARE or stage[1] < TARE_START:
-        return
-    cell.status[TARES] += 1.0
-    n = cell.status[TARES]
+def _tare(sensor: SensorState, wrench: Array, n: float) -> None:
+    """Zero the sensor: running mean of the compensated wrench while the robot stands still."""
     for i in range(6):
-        uncorrected = m.wrench[i] + cell.sensor_state.tare[i]
-        cell.sensor_state.tare[i] += (uncorrected - cell.sensor_state.tare[i]) / n
+        sensor.tare[i] += wrench[i] / n
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _drive(cell: CellKernel, jacobian: Array) -> bool:
-    """The robot's side: latency, acceleration limits, joint speeds, servos."""
-    e, state = cell.engine, cell.speedl_state
-    pass_request(cell.speedl, state, cell.twist, cell.status[REQUESTS], e.dt)
-    limit_acceleration(cell.speedl, state, e.dt)
-    inside = resolve_joints(cell.speedl, state, jacobian, e.dt)
+def _drive(state: SpeedlState, ctrl: Array) -> None:
+    """Position and speed to the joint servos."""
     for j in range(6):
-        e.ctrl[2 * j] = state.joints[j]
-        e.ctrl[2 * j + 1] = state.speeds[j]
-    return inside
+        ctrl[2 * j] = state.joints[j]
+        ctrl[2 * j + 1] = state.speeds[j]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _record(cell: CellKernel, recorder: Recorder, m: Measurement, target: Target, count: int, t: float) -> None:
-    e, status = cell.engine, cell.status
-    stage = cell.sequence.stage[0]
-    if cell.wrench[2] > FIRST_CONTACT_N:
-        status[TOUCHED] = 1.0
-    phase = 0.0
+def _phase(stage: float, touched: float) -> float:
+    """The log's phase: touch-down begins with the exact first contact, everything else with the host's stage."""
     if stage == PROCESS:
-        phase = 2.0
-    elif stage in (RETRACT, DONE):
-        phase = 3.0
-    elif status[TOUCHED] > 0.0 and stage in (APPROACH, SEEK, TOUCH_DOWN):
-        phase = 1.0
-    turn = cell.job.process.pass_index[cell.sequence.row[0]]
-    record_state(
-        recorder, count, t, phase, e.qpos, e.qvel, m, target, cell.wrench, cell.speedl_state.twist, e.qpos[6], turn
-    )  # fmt: skip
+        return 2.0
+    if stage in (RETRACT, DONE):
+        return 3.0
+    return 1.0 if touched > 0.0 and stage != TARE else 0.0

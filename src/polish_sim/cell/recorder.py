@@ -57,6 +57,13 @@ def build_recorder(steps: int, every: int) -> Recorder:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _put(row: Array, start: int, values: Array, count: int) -> None:
+    """Copy by hand: a slice assignment would compile a shape check with its message, seconds of it."""
+    for i in range(count):
+        row[start + i] = values[i]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def record_state(
     recorder: Recorder, count: int, t: float, phase: float, q: Array, qd: Array, m: Measurement, target: Target,
     true_wrench: Array, command: Array, travel: float, turn: int,
@@ -87,16 +94,16 @@ def record_state(
         return
     row = recorder.rows[recorder.filled[0]]
     row[_TIME] = t
-    row[_Q : _Q + 6] = q[0:6]
-    row[_QD : _QD + 6] = qd[0:6]
-    row[_POSITION : _POSITION + 3] = m.position
+    _put(row, _Q, q, 6)
+    _put(row, _QD, qd, 6)
+    _put(row, _POSITION, m.position, 3)
     quaternion_from_rotation(m.rotation, row[_QUATERNION : _QUATERNION + 4])
-    row[_TARGET_POSITION : _TARGET_POSITION + 3] = target.position
+    _put(row, _TARGET_POSITION, target.position, 3)
     quaternion_from_rotation(target.rotation, row[_TARGET_QUATERNION : _TARGET_QUATERNION + 4])
     row[_SPEED] = speed
-    row[_COMMAND : _COMMAND + 6] = command
-    row[_MEASURED : _MEASURED + 6] = m.wrench
-    row[_TRUE : _TRUE + 6] = true_wrench
+    _put(row, _COMMAND, command, 6)
+    _put(row, _MEASURED, m.wrench, 6)
+    _put(row, _TRUE, true_wrench, 6)
     row[_FORCE], row[_FORCE_MIN], row[_FORCE_MAX] = force, recorder.span[0], recorder.span[1]
     row[_TRAVEL], row[_PATH], row[_PASS], row[_PHASE] = travel, target.path[0], turn, phase
     recorder.span[0], recorder.span[1] = math.inf, -math.inf
@@ -128,9 +135,8 @@ def record_reading(recorder: Recorder, count: int, raw: Array, joint_torque: Arr
     """Add what the engine computes last to the row of this instant: exact sensor wrench and joint torques."""
     if count % recorder.every == 0:
         row = recorder.rows[recorder.filled[0] - 1]
-        for i in range(6):
-            row[_RAW + i] = raw[i]
-            row[_TORQUE + i] = joint_torque[i]
+        _put(row, _RAW, raw, 6)
+        _put(row, _TORQUE, joint_torque, 6)
 
 
 def trace_from(block: Array) -> Trace:

@@ -88,11 +88,13 @@ def pass_request(model: SpeedlModel, state: SpeedlState, requested: Array, numbe
     """
     state.clock[0] += 1.0
     slot = int(state.clock[0]) % (model.latency + 1)
-    state.line[slot, 0:6] = requested
+    for i in range(6):
+        state.line[slot, i] = requested[i]
     state.line[slot, 6] = number
-    arriving = state.line[(slot + 1) % (model.latency + 1)]
-    if arriving[6] != state.request[6]:
-        state.request[:] = arriving
+    due = (slot + 1) % (model.latency + 1)
+    if state.line[due, 6] != state.request[6]:
+        for i in range(7):
+            state.request[i] = state.line[due, i]
         state.clock[1] = 0.0
     else:
         state.clock[1] += dt

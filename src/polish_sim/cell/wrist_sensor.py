@@ -125,7 +125,8 @@ def sample_sensor(model: SensorModel, state: SensorState, t: float, exact: Array
             value = model.quantum[i] * math.floor(value / model.quantum[i] + 0.5)
         state.filtered[i] += (1.0 if first else model.blend) * (value - state.filtered[i])
         if first:
-            state.line[:, i] = state.filtered[i]
+            for k in range(model.delay + 1):
+                state.line[k, i] = state.filtered[i]
         state.line[slot, i] = state.filtered[i]
         arriving = state.line[(slot + 1) % (model.delay + 1), i]
         changed = changed or arriving != state.reading[i]

@@ -84,8 +84,8 @@ def step_position(context: Array, m: Measurement, t: Target, twist: Array) -> No
 def _turn_and_press(g, dt, m, t, state, twist):  # type: ignore[no-untyped-def]
     turning = OrientationGains(g[0], g[5], g[6], g[7])
     if t.contact[0] == 0.0:
-        state.force[:] = 0.0
-        state.moment[:] = 0.0
+        for i in range(3):
+            state.force[i] = state.moment[i] = 0.0
         turn_to_target(m, t, turning, dt, np.zeros(3), state, twist)
         return
     turn_to_target(m, t, turning, dt, m.rotation[:, 1].copy(), state, twist)

@@ -56,7 +56,7 @@ def rotation_error(R_actual: Array, R_wanted: Array, out: Array) -> None:
     Summed over the axes a small rotation ``theta a`` counts twice, ``sum theta (a - (a.n_k) n_k) = 2 theta a``;
     exact to third order in the angle, and zero only where the frames agree or are a half turn apart.
     """
-    out[:] = 0.0
+    out[0] = out[1] = out[2] = 0.0
     for k in range(3):
         add_axis_rotation(R_actual[:, k], R_wanted[:, k], R_actual[:, (k + 1) % 3], out)
     for i in range(3):
