@@ -12,6 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_surface
+from polish_sim.analysis.peaks_plot import around_peaks
 from polish_sim.analysis.report import draw_comparison, draw_plots, draw_seeds, save_plots
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.config import Scenario
@@ -104,3 +105,10 @@ def assert_labelled(figure: Figure) -> None:
     for axes in figure.axes:
         assert "[" in axes.get_ylabel()
         assert axes.get_xlabel() or not axes.xaxis.get_tick_params()["labelbottom"]
+
+
+def test_the_dip_at_every_bend_is_the_mean_at_offset_zero() -> None:
+    errors, bends = around_peaks(surface_record(), np.array([-0.03, 0.0, 0.03]))
+    assert errors.shape == (3, 3)
+    assert errors.mean(axis=0) == pytest.approx([0.0, -5.0, 0.0], abs=0.05)
+    assert bends.mean(axis=0) == pytest.approx([1.0, 1.0 + 1 / 0.06, 1.0], rel=0.01)

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.arc_plot import plot_arc, plot_arc_runs
 from polish_sim.analysis.force_plot import plot_force, plot_force_runs
+from polish_sim.analysis.peaks_plot import plot_peaks
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.seeds_plot import plot_seeds
 from polish_sim.analysis.surface_plot import plot_surface_force, plot_surface_runs
@@ -18,7 +19,7 @@ from polish_sim.errors import InputError
 PLOTS: Final[Mapping[str, Mapping[str, Callable[[RunRecord], Figure]]]] = {
     "arc": {"arc.png": plot_arc},
     "force": {"force.png": plot_force},
-    "surface": {"force.png": plot_surface_force},
+    "surface": {"force.png": plot_surface_force, "peaks.png": plot_peaks},
 }
 """The figures of one run, by experiment and file name."""
 

@@ -19,6 +19,8 @@ from polish_sim.planning.toolpath import ToolPath
 Array = NDArray[np.float64]
 
 BAND_N = 4.0
+NUMBERED_PEAKS = 24
+"""More curvature peaks than this are marked without their number."""
 
 
 @styled
@@ -117,9 +119,10 @@ def _mark_peaks(panels: Sequence[Axes], path: ToolPath) -> None:
     force, bend = panels
     peaks = curvature_peaks(path)
     bend.plot(path.s[peaks], path.curvature[peaks], "v", color=ORANGE, ms=5)
+    few = len(peaks) <= NUMBERED_PEAKS
     for number, place in enumerate(path.s[peaks], 1):
-        force.axvline(place, color=ORANGE, lw=0.9, alpha=0.7, zorder=0)
-        if len(peaks) <= 24:
+        force.axvline(place, color=ORANGE, lw=0.9, alpha=0.7 if few else 0.25, zorder=0)
+        if few:
             force.text(
                 place, 1.0, str(number), transform=force.get_xaxis_transform(), color=ORANGE, ha="center", va="top"
             )
@@ -127,8 +130,8 @@ def _mark_peaks(panels: Sequence[Axes], path: ToolPath) -> None:
 
 def _force_limits(records: Sequence[RunRecord], target: float) -> tuple[float, float]:
     forces = np.concatenate([process_force(record)[1] for record in records])
-    low = min(target - 2.2 * BAND_N, float(forces.min(initial=target)) - 1.0)
-    return max(low, -2.0), max(target + 2.2 * BAND_N, float(forces.max(initial=target)) + 1.0)
+    low = min(target - 1.6 * BAND_N, float(forces.min(initial=target)) - 1.0)
+    return max(low, -2.0), max(target + 1.6 * BAND_N, float(forces.max(initial=target)) + 1.0)
 
 
 def _percent(value: float | None) -> str:

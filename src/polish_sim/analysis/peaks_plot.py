@@ -1,0 +1,65 @@
+"""What the force does where the path bends strongly: all bends laid over each other (paper 1, fig. 15; layer 8c)."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from polish_sim.analysis.peaks import curvature_peaks
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.style import BLUE, GREY, ORANGE, head, new_figure, styled
+from polish_sim.analysis.surface_plot import process_force
+
+Array = NDArray[np.float64]
+
+HALF_WIDTH_M = 0.04
+_POINTS = 401
+
+
+@styled
+def plot_peaks(record: RunRecord) -> Figure:
+    """Draw force error and curvature around every curvature peak, and their means over the peaks.
+
+    Args:
+        record: A run of ``surface`` with its path.
+
+    Returns:
+        The figure; without a peak on the way that was run, one that says so.
+    """
+    figure = new_figure(8.0, 5.2)
+    force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
+    offset = np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, _POINTS)
+    errors, bends = around_peaks(record, offset)
+    for rows, axes in ((errors, force), (bends, bend)):
+        axes.plot(offset * 1e3, rows.T, color=GREY, lw=0.5, alpha=0.5)
+        if len(rows):
+            axes.plot(offset * 1e3, rows.mean(axis=0), color=BLUE, lw=2.0, label=f"mean of {len(rows)} peaks")
+        axes.axvline(0.0, color=ORANGE, lw=0.9)
+    force.set(ylabel="force - set force [N]")
+    bend.set(xlabel="along the path, from the curvature peak [mm]", ylabel="curvature [1/m]")
+    fact = f"largest mean error {np.abs(errors.mean(axis=0)).max():.2f} N" if len(errors) else "no peak on the way"
+    if len(errors):
+        force.legend(loc="upper left")
+    head(figure, force, f"Force where the path bends strongly, {record.scenario.controller.name}", (fact,))
+    return figure
+
+
+def around_peaks(record: RunRecord, offset: Array) -> tuple[Array, Array]:
+    """Force error [N] and curvature [1/m] around the peaks whose surroundings were run.
+
+    Args:
+        record: The run.
+        offset: Places relative to a peak [m], shape (k,).
+
+    Returns:
+        Both of shape (peaks, k).
+    """
+    place, force = process_force(record)
+    if record.path is None or len(place) == 0:
+        return np.empty((0, len(offset))), np.empty((0, len(offset)))
+    peaks = record.path.s[curvature_peaks(record.path)]
+    whole = peaks[(peaks + offset[0] >= place[0]) & (peaks + offset[-1] <= place[-1])]
+    at = whole[:, None] + offset
+    error = force - record.scenario.process.contact_force_n
+    return np.interp(at, place, error), np.interp(at, record.path.s, record.path.curvature)
