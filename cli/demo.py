@@ -11,8 +11,8 @@ from polish_sim.cli.run import Out, Overwrite
 from polish_sim.cli.sinks import open_sinks
 from polish_sim.scenario_file import merge
 
-# Small enough that the spiral is done within 60 s of feed.
-DEMO: Final = {"part": {"file": "sphere_100"}, "process": {"feed_m_s": 0.02}, "plan": {"stepover_m": 0.012}}
+# Feed and step-over such that the whole spiral is fed in less than 60 s.
+DEMO: Final = {"part": {"file": "freeform"}, "plan": {"stepover_m": 0.02}, "process": {"feed_m_s": 0.03}}
 
 
 def demo(out: Out = None, overwrite: Overwrite = False) -> int:

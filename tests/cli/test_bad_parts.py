@@ -1,0 +1,88 @@
+"""Parts that cannot be polished: one message that says what, where and what to do, and nothing written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from polish_sim.models import workpiece_path
+
+Polish = Callable[..., tuple[int, str, str]]
+
+
+def spoiled(change: Callable[[bytes], bytes]) -> Callable[[Path], None]:
+    def write(file: Path) -> None:
+        file.write_bytes(change(workpiece_path("plate").read_bytes()))
+
+    return write
+
+
+def exported(mesh: trimesh.Trimesh) -> Callable[[Path], None]:
+    return lambda file: file.write_bytes(mesh.export(file_type="stl"))
+
+
+def with_nan(data: bytes) -> bytes:
+    """The first facet's first vertex is not a number: 80 bytes header, 4 count, 12 normal."""
+    return data[:96] + np.full(3, np.nan, "<f4").tobytes() + data[108:]
+
+
+def box(*extents: float, shift: float = 0.0) -> trimesh.Trimesh:
+    mesh = trimesh.creation.box(extents).subdivide().subdivide()
+    return mesh.apply_translation([shift, 0.0, 0.0])
+
+
+BAD: dict[str, tuple[Callable[[Path], None], str]] = {
+    "missing": (lambda file: None, "bad.stl"),
+    "empty": (lambda file: file.write_bytes(b"") and None, "bad.stl"),
+    "truncated": (spoiled(lambda data: data[: len(data) // 2]), "bad.stl"),
+    "garbage": (lambda file: file.write_text("this is no mesh, but text\n" * 20) and None, "bad.stl"),
+    "nan": (spoiled(with_nan), "bad.stl"),
+    "flat": (exported(trimesh.Trimesh(np.zeros((3, 3)), [[0, 1, 2]], process=False)), "bad.stl"),
+    "two_bodies": (exported(trimesh.util.concatenate([box(80, 80, 20), box(80, 80, 20, shift=200)])), "bod"),
+    "metres": (exported(box(0.15, 0.15, 0.02)), "--units m"),
+    "micrometres": (exported(box(150e3, 150e3, 20e3)), "unit"),
+    "thin": (exported(box(150, 5, 20)), "pad"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_part_is_one_message_with_code_2_and_nothing_written(
+    polish_sim: Polish, tmp_path: Path, name: str
+) -> None:
+    write, said = BAD[name]
+    write(tmp_path / "bad.stl")
+    before = sorted(path.name for path in tmp_path.iterdir())
+    code, out, err = polish_sim("run", "surface", "--part", "bad.stl")
+    errors = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert (code, out) == (2, ""), err
+    assert len(errors) == 1
+    assert said in errors[0]
+    assert "Traceback" not in err
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
+def test_a_part_out_of_reach_names_the_first_bad_point_and_what_to_do(polish_sim: Polish, tmp_path: Path) -> None:
+    code, _, err = polish_sim("run", "surface", "--part", "sphere_50", "--part-pose", "0,-2000,100,0,0,0")
+    assert code == 2
+    assert "mm of the part" in err
+    assert "--part-pose" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("stepover", ["0", "5000"])
+def test_a_stepover_that_fits_no_part_is_refused(polish_sim: Polish, tmp_path: Path, stepover: str) -> None:
+    code, _, err = polish_sim("run", "surface", "--part", "sphere_50", "--stepover", stepover)
+    assert code == 2
+    assert "step" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dry_run_plans_and_checks_the_reach_and_writes_nothing(polish_sim: Polish, tmp_path: Path) -> None:
+    code, out, _ = polish_sim("run", "surface", "--part", "sphere_50", "--dry-run")
+    assert code == 0
+    assert "within reach" in out
+    assert list(tmp_path.iterdir()) == []
