@@ -1,7 +1,20 @@
 """From a region of a part's surface to a tool path that covers it (layer 5)."""
 
+from polish_sim.planning.part_plan import PlanObserver, PlanResult, plan_part
 from polish_sim.planning.patterns import PATTERNS
+from polish_sim.planning.plan_file import read_plan, write_plan
 from polish_sim.planning.planner import plan_path
 from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed
 
-__all__ = ["PATTERNS", "SEGMENTS", "ToolPath", "plan_path", "pressed"]
+__all__ = [
+    "PATTERNS",
+    "SEGMENTS",
+    "PlanObserver",
+    "PlanResult",
+    "ToolPath",
+    "plan_part",
+    "plan_path",
+    "pressed",
+    "read_plan",
+    "write_plan",
+]

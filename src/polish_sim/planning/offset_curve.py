@@ -26,6 +26,9 @@ FINEST = 1.0 / 40.0
 CHORD_ERROR = 1.0 / 4000.0
 """Chord error the spacing is adapted to, as a share of the step-over."""
 
+OFF = 0.02
+"""Feet further than this share of the step-over from the surface are not on it."""
+
 
 class Feet(NamedTuple):
     """Nearest points on the closest of several curves."""
@@ -100,8 +103,12 @@ def _resample(curve: Curve, chords: Array) -> Curve:
 def _on_offset(surface: SurfaceQuery, curves: Sequence[Curve], trial: Curve, distance: float) -> Curve:
     """Nearest point of the old curve, then the equal-distance step towards the trial."""
     feet = nearest_of(curves, trial.positions)
-    start = surface.closest(feet.nearest.positions)
-    moved = step_on_surface(surface, start.positions, start.normals, trial.positions - start.positions, distance)
+    foot = surface.closest(feet.nearest.positions)
+    # A foot off the surface lies on a line thought to go on beyond the border.
+    on = (np.linalg.norm(foot.positions - feet.nearest.positions, axis=1) < OFF * distance)[:, None]
+    start = np.where(on, foot.positions, feet.nearest.positions)
+    normals = np.where(on, foot.normals, feet.nearest.normals)
+    moved = step_on_surface(surface, start, normals, trial.positions - start, distance)
     kept = _forward_only(feet, distance)
     return Curve(moved.positions[kept], moved.normals[kept], trial.closed)
 

@@ -15,7 +15,7 @@ from polish_sim.planning.approach import LEADS, Move, concatenate, process_move,
 from polish_sim.planning.curve import unit
 from polish_sim.planning.holes import bridge_holes
 from polish_sim.planning.patterns import PATTERNS, Report
-from polish_sim.planning.run import SurfaceRun
+from polish_sim.planning.run import SurfaceRun, shortest_way
 from polish_sim.planning.toolpath import ToolPath, arc_length
 from polish_sim.planning.triangulation import Triangulation, triangulate
 
@@ -98,7 +98,7 @@ def assemble(region: Region, runs: Sequence[SurfaceRun], plan: PlanConfig) -> To
     moves: list[Move] = []
     curvature: list[Array] = []
     passes = 0
-    for run in runs:
+    for run in shortest_way(runs):
         tangents = unit(np.gradient(run.positions, axis=0))
         axes = tool_axes(run.points.normals, tangents, plan.lead_angle_rad, plan.tilt_angle_rad)
         process = process_move(run.positions, axes, run.pass_index + passes)

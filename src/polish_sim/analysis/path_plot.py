@@ -1,0 +1,162 @@
+"""A plan as a picture: the part, the path coloured along its length, leads and tool axes, in 3D and from above."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from numpy.typing import NDArray
+
+from polish_sim.analysis.style import GREY, ORANGE, PINK, head, new_figure, styled
+from polish_sim.geometry import PartMesh
+from polish_sim.planning import PlanResult
+from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath
+
+Array = NDArray[np.float64]
+
+MM = 1e3
+COLORS = "viridis"
+LANDING, LEAVING = ORANGE, PINK
+GRID = 90
+"""Vertices are gathered on a grid of this many cells across the part, so that drawing stays quick."""
+AXES_SHOWN = 90
+ELEVATION, AZIMUTH = 38.0, -62.0
+TOWARDS_VIEWER = np.array(
+    [
+        np.cos(np.radians(ELEVATION)) * np.cos(np.radians(AZIMUTH)),
+        np.cos(np.radians(ELEVATION)) * np.sin(np.radians(AZIMUTH)),
+        np.sin(np.radians(ELEVATION)),
+    ]
+)
+LIGHT = np.array([-0.40, -0.50, 0.77])
+TINT = np.array([0.93, 0.95, 1.0])
+
+
+@styled
+def plot_plan(result: PlanResult) -> Figure:
+    """Draw a plan.
+
+    Args:
+        result: The plan.
+
+    Returns:
+        The figure: 3D on the left, from above on the right.
+    """
+    figure = new_figure(12.0, 5.8)
+    solid: Any = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
+    flat = figure.add_subplot(1, 2, 2)
+    frame = _view_frame(result.mesh.up)
+    path, mesh = result.path, result.mesh
+    shown = path.positions_work @ frame.T * MM
+    vertices = mesh.vertices @ frame.T * MM
+    _draw_part(solid, flat, _coarse(mesh, vertices))
+    scale = Normalize(0.0, float(path.s[-1]))
+    for first, last in _stretches(path.process):
+        lines = np.stack([shown[first : last - 1], shown[first + 1 : last]], axis=1)
+        at = path.s[first : last - 1]
+        solid.add_collection3d(Line3DCollection(lines, array=at, cmap=COLORS, norm=scale, lw=1.4, zorder=5))
+        flat.add_collection(LineCollection(list(lines[..., :2]), array=at, cmap=COLORS, norm=scale, lw=1.5))
+    _draw_leads(solid, flat, path, shown)
+    _draw_axes(solid, path, shown, frame)
+    _finish(figure, solid, flat, result, scale, np.concatenate([vertices, shown]))
+    return figure
+
+
+def _view_frame(up: Array) -> Array:
+    """Rows: right, back and up of the picture in the work frame, shape (3, 3)."""
+    right = np.cross([0.0, 1.0, 0.0], up) if abs(up[1]) < 0.9 else np.cross([0.0, 0.0, -1.0], up)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(up, right), up])
+
+
+def _coarse(mesh: PartMesh, vertices: Array) -> Array:
+    """Corners of the part's facets on a coarse grid, (m, 3, 3)."""
+    cell = float(np.ptp(vertices, axis=0).max()) / GRID
+    keys = np.round(vertices / cell).astype(np.int64)
+    _, group = np.unique(keys, axis=0, return_inverse=True)
+    group = group.ravel()
+    count = np.bincount(group)
+    middles = np.stack([np.bincount(group, vertices[:, k]) / count for k in range(3)], axis=1)
+    faces = group[mesh.faces]
+    kept = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    return middles[faces[kept]]
+
+
+def _shaded(corners: Array, towards: Array) -> tuple[Array, Array]:
+    """The facets that face the viewer, far ones first, (m, 3, 3), and their colours, (m, 4)."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    front = np.flatnonzero(normals @ towards > 0.0)
+    front = front[np.argsort(corners[front].mean(axis=1) @ towards)]
+    bright = 0.5 + 0.48 * np.clip(normals[front] @ LIGHT, 0.0, 1.0)
+    colors = np.column_stack([np.clip(bright[:, None] * TINT, 0.0, 1.0), np.ones(len(front))])
+    return corners[front], colors
+
+
+def _draw_part(solid: Any, flat: Axes, corners: Array) -> None:
+    near, colors = _shaded(corners, TOWARDS_VIEWER)
+    solid.add_collection3d(Poly3DCollection(near, facecolors=colors, edgecolors=colors, lw=0.3, zorder=1))
+    near, colors = _shaded(corners, np.array([0.0, 0.0, 1.0]))
+    flat.add_collection(PolyCollection(list(near[..., :2]), facecolors=colors, edgecolors=colors, lw=0.3))
+
+
+def _stretches(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """First and one past the last row of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
+    yield from ((int(a), int(b)) for a, b in edges.reshape(-1, 2))
+
+
+def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array) -> None:
+    """Approach and lead-in in one colour, lead-out and retract in another, with a mark where contact begins, ends."""
+    for codes, color, label, marker, at_end in (
+        ((APPROACH, LEAD_IN), LANDING, "approach, lead-in", "o", True),
+        ((LEAD_OUT, RETRACT), LEAVING, "lead-out, retract", "s", False),
+    ):
+        name: str | None = label
+        for first, last in _stretches(np.isin(path.segment, codes)):
+            rows = np.arange(max(first - (not at_end), 0), min(last + at_end, len(shown)))
+            line = shown[rows]
+            solid.plot(*line.T, color=color, lw=1.8, label=name, zorder=20)
+            place = line[-1] if at_end else line[0]
+            flat.plot(line[:, 0], line[:, 1], color=color, lw=1.4)
+            flat.plot(*place[:2], marker, color=color, mec="white", mew=0.8, ms=7, label=name, zorder=20)
+            name = None
+
+
+def _draw_axes(solid: Any, path: ToolPath, shown: Array, frame: Array) -> None:
+    """Some tool axes as thin lines that stand on the path."""
+    process = np.flatnonzero(path.process)
+    s = path.s[process]
+    rows = process[np.unique(np.searchsorted(s, np.linspace(s[0], s[-1], AXES_SHOWN)).clip(0, len(process) - 1))]
+    height = 0.06 * float(np.ptp(shown[process], axis=0).max())
+    tips = shown[rows] + height * path.axes_work[rows] @ frame.T
+    lines = np.stack([shown[rows], tips], axis=1)
+    solid.add_collection3d(Line3DCollection(lines, colors=GREY, lw=0.6, zorder=4))
+
+
+def _finish(figure: Figure, solid: Any, flat: Axes, result: PlanResult, scale: Normalize, points: Array) -> None:
+    low, high = points.min(axis=0), points.max(axis=0)
+    solid.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    solid.set_box_aspect(high - low, zoom=1.02)
+    solid.view_init(elev=ELEVATION, azim=AZIMUTH)
+    solid.set_axis_off()
+    flat.set_aspect("equal")
+    flat.autoscale_view()
+    flat.set(xlabel="to the right [mm]", ylabel="to the back [mm]")
+    figure.legend(*flat.get_legend_handles_labels(), loc="outside lower left", ncols=2)
+    figure.colorbar(ScalarMappable(scale, COLORS), ax=flat, label="along the path [m]", shrink=0.85, pad=0.02)
+    m = result.figures
+    facts = (
+        f"{m['path_length_m']:.2f} m in {m['retracts']} run{'s' if m['retracts'] != 1 else ''}",
+        f"step-over {MM * result.plan.stepover_m:g} mm, p5-p95 {MM * m['stepover_p5_m']:.2f}-"
+        f"{MM * m['stepover_p95_m']:.2f} mm",
+        f"{100.0 * m['coverage_stepover']:.1f}% covered",
+    )
+    head(figure, flat, f"{result.plan.pattern.capitalize()} on {result.mesh.name}", facts)
