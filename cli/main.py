@@ -18,6 +18,7 @@ from polish_sim.cli.demo import demo
 from polish_sim.cli.listing import list_names
 from polish_sim.cli.report import report
 from polish_sim.cli.run import run
+from polish_sim.kernel_cache import use_kernel_cache
 
 commands = typer.Typer(
     name="polish-sim",
@@ -55,4 +56,5 @@ commands.command("list", short_help="What ships with the package.")(list_names)
 
 def app() -> None:
     """Run the command line of this process and end it with the exit code of the contract."""
+    use_kernel_cache()
     sys.exit(execute(commands, sys.argv[1:]))
