@@ -12,6 +12,7 @@ from polish_sim.errors import ConfigError, InputError
 from polish_sim.scenario_file import load_scenario, merge, override
 
 MM: Final = 1e-3
+DEG: Final = math.pi / 180.0
 
 
 class Target(NamedTuple):
@@ -29,6 +30,9 @@ OPTIONS: Final[Mapping[str, Target]] = {
     "--region": Target("plan", "region"),
     "--pattern": Target("plan", "pattern"),
     "--stepover": Target("plan", "stepover_m", MM),
+    "--lead-in": Target("plan", "lead_in"),
+    "--lead-angle": Target("plan", "lead_angle_rad", DEG),
+    "--tilt-angle": Target("plan", "tilt_angle_rad", DEG),
     "--controller": Target("controller", "name"),
     "--contact-force": Target("process", "contact_force_n", 1.0),
     "--feed": Target("process", "feed_m_s", MM),
