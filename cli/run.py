@@ -113,12 +113,15 @@ def run(
     }
     prepare_headless()
     # Lazy: the simulator takes a second to load, --help must not wait for it.
+    from polish_sim.cli.given_plan import take_plan
     from polish_sim.cli.seeds import run_seeds
     from polish_sim.cli.simulation import check_reach, run_once
     from polish_sim.experiments import default_scenario
 
     scenario = build_scenario(default_scenario(experiment), given, config, set_ or [])
     plan = None
+    if path is not None:
+        plan, scenario = take_plan(path, scenario, given)
     if dry_run:
         check_reach(scenario, plan)
         return DONE

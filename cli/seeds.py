@@ -18,9 +18,9 @@ from polish_sim.analysis.report import draw_seeds, save_plots
 from polish_sim.analysis.run_record import package_versions, read_record, write_json
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
+from polish_sim.cli.planning import PathToRun, path_to_run
 from polish_sim.cli.simulation import simulate
 from polish_sim.config import Scenario
-from polish_sim.experiments import prepare_surface
 from polish_sim.planning import ToolPath
 
 Figures = Mapping[str, Any]
@@ -70,12 +70,11 @@ def _run_all(
     workers = min(len(seeds), os.cpu_count() or 1)
     done: dict[int, Figures] = {}
     with console.progress() as observer, _pool(workers) as pool:
-        if plan is None and scenario.experiment == "surface":
-            plan = prepare_surface(scenario, None, observer).path
+        way = path_to_run(scenario, plan, observer, draft)
         observer.stage(f"simulate {len(seeds)} seeds on {workers} cores")
         jobs: dict[Future[Figures], int] = {}
         for seed in seeds:
-            job = pool.submit(_run_one, replace(scenario, seed=seed), plan, draft / _name(seed))
+            job = pool.submit(_run_one, replace(scenario, seed=seed), way, draft / _name(seed))
             jobs[job] = seed
         try:
             for job in as_completed(jobs):
@@ -95,9 +94,9 @@ def _pool(workers: int) -> ProcessPoolExecutor:
     )
 
 
-def _run_one(scenario: Scenario, plan: ToolPath | None, folder: Path) -> Figures:
+def _run_one(scenario: Scenario, way: PathToRun, folder: Path) -> Figures:
     folder.mkdir()
-    record, _ = simulate(scenario, plan, folder)
+    record, _ = simulate(scenario, way, folder)
     return record.metrics
 
 
