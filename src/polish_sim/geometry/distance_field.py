@@ -1,13 +1,11 @@
-"""Signed distance of a surface in a narrow band, looked up in nanoseconds (Surface -> bricks for the contact).
+"""Sample the signed distance of a surface in a narrow band (Surface -> bricks for the contact).
 
-Cubes of 8 x 8 x 8 cells exist only near the surface; between the nodes the distance is trilinear, so its error
-is about h^2 (|k1| + |k2|) / 8 for spacing h and principal curvatures k1, k2, and of order h at creases.
+Cubes of 8 x 8 x 8 cells exist only near the surface; :mod:`field_lookup` reads them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,40 +13,24 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from polish_sim.errors import ConfigError
+from polish_sim.geometry.field_lookup import (
+    CELLS,
+    INSIDE,
+    NODES,
+    OUTSIDE,
+    DistanceField,
+    field_distance,
+    field_gradient,
+)
 from polish_sim.geometry.signed_distance import Skin, build_skin, signed_distance
 from polish_sim.geometry.surface import Surface
 
+__all__ = ["DistanceField", "build_distance_field", "field_distance", "field_gradient"]
+
 Floats = NDArray[np.float64]
-
-CELLS = 8
-"""Cells of a brick along each axis."""
-
-NODES = CELLS + 1
-"""Nodes of a brick along each axis; neighbouring bricks share their outer ones."""
-
-OUTSIDE, INSIDE = -1, -2
-"""Entries of the table where there is no brick."""
-
-_THREE, _SEVEN, _NODES = np.uint64(3), np.uint64(7), np.uint64(NODES)
-_X, _Y, _Z = np.uint64(NODES * NODES), np.uint64(NODES), np.uint64(1)
 
 _MOST_NODES = 400_000_000
 _BATCH = 256
-
-
-class DistanceField(NamedTuple):
-    """Signed distance near a surface, positive outside; see :func:`field_distance`."""
-
-    origin: Floats
-    """Lowest corner of the grid [m], shape (3,)."""
-    spacing: float
-    """Distance between nodes [m]."""
-    band: float
-    """Distances are clipped to this magnitude [m]."""
-    table: NDArray[np.int32]
-    """Brick at each place of the grid, or OUTSIDE or INSIDE, shape (nx, ny, nz)."""
-    bricks: NDArray[np.float32]
-    """Distances at the nodes [m], shape (k, 9, 9, 9)."""
 
 
 def build_distance_field(
@@ -102,82 +84,6 @@ def build_distance_field(
             distances -= offset(_nodes(corners, spacing).reshape(-1, 3)).reshape(distances.shape)
         bricks[batch] = np.clip(distances, -band, band)
     return DistanceField(origin, float(spacing), float(band), table, bricks)
-
-
-@njit(cache=True)
-def field_distance(field, x, y, z):  # type: ignore[no-untyped-def]
-    """Signed distance at a point [m], clipped to the band; "outside" beyond the grid.
-
-    Args:
-        field: The field.
-        x: Point, in the frame of the surface [m].
-        y: Point [m].
-        z: Point [m].
-    """
-    per_metre = 1.0 / field.spacing
-    fx, fy, fz = (x - field.origin[0]) * per_metre, (y - field.origin[1]) * per_metre, (z - field.origin[2]) * per_metre
-    nx, ny, nz = field.table.shape
-    if not (0.0 <= fx < nx * CELLS and 0.0 <= fy < ny * CELLS and 0.0 <= fz < nz * CELLS):
-        return field.band
-    ix, iy, iz = int(fx), int(fy), int(fz)
-    brick = field.table[ix >> 3, iy >> 3, iz >> 3]
-    if brick < 0:
-        return field.band if brick == OUTSIDE else -field.band
-    fx, fy, fz = fx - ix, fy - iy, fz - iz
-    ix, iy, iz = ix & 7, iy & 7, iz & 7
-    d = field.bricks[brick]
-    d00 = d[ix, iy, iz] + fz * (d[ix, iy, iz + 1] - d[ix, iy, iz])
-    d01 = d[ix, iy + 1, iz] + fz * (d[ix, iy + 1, iz + 1] - d[ix, iy + 1, iz])
-    d10 = d[ix + 1, iy, iz] + fz * (d[ix + 1, iy, iz + 1] - d[ix + 1, iy, iz])
-    d11 = d[ix + 1, iy + 1, iz] + fz * (d[ix + 1, iy + 1, iz + 1] - d[ix + 1, iy + 1, iz])
-    d0, d1 = d00 + fy * (d01 - d00), d10 + fy * (d11 - d10)
-    return d0 + fx * (d1 - d0)
-
-
-@njit(cache=True)
-def field_gradient(field, x, y, z):  # type: ignore[no-untyped-def]
-    """Signed distance [m] and its gradient at a point, as (d, gx, gy, gz).
-
-    The gradient is that of the trilinear interpolant, so its length is one only up to h (|k1| + |k2|) / 2;
-    zero beyond the band.
-    """
-    return look_up(field, field.bricks.reshape(-1), 1.0 / field.spacing, x, y, z)
-
-
-@njit(cache=True, error_model="numpy")
-def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
-    """As ``field_gradient``, for loops over points: the caller flattens the bricks once.
-
-    Args:
-        field: The field.
-        nodes: ``field.bricks`` flattened.
-        per_metre: One over the spacing [1/m].
-        x: Point, in the frame of the surface [m].
-        y: Point [m].
-        z: Point [m].
-    """
-    fx, fy, fz = (x - field.origin[0]) * per_metre, (y - field.origin[1]) * per_metre, (z - field.origin[2]) * per_metre
-    nx, ny, nz = field.table.shape
-    if not (0.0 <= fx < nx * CELLS and 0.0 <= fy < ny * CELLS and 0.0 <= fz < nz * CELLS):
-        return field.band, 0.0, 0.0, 0.0
-    # Unsigned indices spare the compiler's check for negative ones.
-    ix, iy, iz = np.uint64(fx), np.uint64(fy), np.uint64(fz)
-    brick = field.table[ix >> _THREE, iy >> _THREE, iz >> _THREE]
-    if brick < 0:
-        return (field.band if brick == OUTSIDE else -field.band), 0.0, 0.0, 0.0
-    fx, fy, fz = fx - np.int64(ix), fy - np.int64(iy), fz - np.int64(iz)
-    first = (np.uint64(brick) * _NODES + (ix & _SEVEN)) * _NODES + (iy & _SEVEN)
-    node = first * _NODES + (iz & _SEVEN)
-    n00, n01 = nodes[node], nodes[node + _Y]
-    n10, n11 = nodes[node + _X], nodes[node + _X + _Y]
-    s00, s01 = nodes[node + _Z] - n00, nodes[node + _Y + _Z] - n01
-    s10, s11 = nodes[node + _X + _Z] - n10, nodes[node + _X + _Y + _Z] - n11
-    d00, d01 = n00 + fz * s00, n01 + fz * s01
-    d10, d11 = n10 + fz * s10, n11 + fz * s11
-    d0, d1 = d00 + fy * (d01 - d00), d10 + fy * (d11 - d10)
-    s0, s1 = s00 + fy * (s01 - s00), s10 + fy * (s11 - s10)
-    gy = (d01 - d00) + fx * ((d11 - d10) - (d01 - d00))
-    return d0 + fx * (d1 - d0), (d1 - d0) * per_metre, gy * per_metre, (s0 + fx * (s1 - s0)) * per_metre
 
 
 def _find_near_bricks(
