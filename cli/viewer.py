@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from types import TracebackType
 from typing import Any, Final
 
@@ -43,16 +44,25 @@ class Viewer:
             self._window.close()
 
     def _open(self, model: Any, data: Any) -> None:
+        if not _has_display():
+            self._failed = True
+            console.note("no viewer: this machine has no display. The run goes on; --video writes a film without one.")
+            return
         import mujoco.viewer
 
-        try:
-            self._window = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
-        except Exception as error:  # what a missing display raises depends on the platform
-            self._failed = True
-            console.note(f"no viewer on this machine ({error}); the run goes on. --video writes a film without one.")
+        self._window = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
 
     def _wait(self, simulated: float) -> None:
         now = time.monotonic()
         if self._ahead_of is None:
             self._ahead_of = now - simulated
         time.sleep(max(0.0, self._ahead_of + simulated - now))
+
+
+def _has_display() -> bool:
+    """Whether a window can be opened; MuJoCo's viewer ends the whole process where it cannot."""
+    import glfw
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return bool(glfw.init())
