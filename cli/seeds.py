@@ -18,10 +18,10 @@ from polish_sim.analysis.report import draw_seeds, save_plots
 from polish_sim.analysis.run_record import package_versions, read_record, write_json
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
-from polish_sim.cli.planning import PathToRun, path_to_run
+from polish_sim.cli.planning import plan_to_run
 from polish_sim.cli.simulation import simulate
 from polish_sim.config import Scenario
-from polish_sim.planning import ToolPath
+from polish_sim.planning import PlanResult, ToolPath
 
 Figures = Mapping[str, Any]
 
@@ -70,7 +70,7 @@ def _run_all(
     workers = min(len(seeds), os.cpu_count() or 1)
     done: dict[int, Figures] = {}
     with console.progress() as observer, _pool(workers) as pool:
-        way = path_to_run(scenario, plan, observer, draft)
+        way = plan_to_run(scenario, plan, observer, draft)
         observer.stage(f"simulate {len(seeds)} seeds on {workers} cores")
         jobs: dict[Future[Figures], int] = {}
         for seed in seeds:
@@ -94,7 +94,7 @@ def _pool(workers: int) -> ProcessPoolExecutor:
     )
 
 
-def _run_one(scenario: Scenario, way: PathToRun, folder: Path) -> Figures:
+def _run_one(scenario: Scenario, way: PlanResult | None, folder: Path) -> Figures:
     folder.mkdir()
     record, _ = simulate(scenario, way, folder)
     return record.metrics

@@ -13,12 +13,12 @@ from polish_sim.cell import Observer
 from polish_sim.cli import console
 from polish_sim.cli.frames import FrameSink
 from polish_sim.cli.outcome import Outcome
-from polish_sim.cli.planning import PathToRun, path_to_run
+from polish_sim.cli.planning import plan_to_run
 from polish_sim.cli.sinks import CELL_PICTURE
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments import RunResult, prepare_surface, run_experiment
-from polish_sim.planning import ToolPath
+from polish_sim.planning import PlanResult, ToolPath
 
 
 def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequence[FrameSink] = ()) -> Outcome:
@@ -37,7 +37,7 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
         observer = stack.enter_context(console.progress(sinks))
         for sink in sinks:
             stack.enter_context(sink)
-        way = path_to_run(scenario, plan, observer, draft)
+        way = plan_to_run(scenario, plan, observer, draft)
         record, result = simulate(scenario, way, draft, observer)
         observer.stage("draw")
         save_plots(draft, draw_plots(record))
@@ -53,11 +53,11 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
 
 
 def simulate(
-    scenario: Scenario, way: PathToRun, folder: Path, observer: Observer | None = None
+    scenario: Scenario, way: PlanResult | None, folder: Path, observer: Observer | None = None
 ) -> tuple[RunRecord, RunResult]:
     """Run a scenario along its path and write config, figures, log and path into a folder."""
-    result = run_experiment(scenario, way.path, observer)
-    metrics = {**result.figures, **way.figures, "versions": package_versions()}
+    result = run_experiment(scenario, way, observer)
+    metrics = {**result.figures, "versions": package_versions()}
     record = RunRecord(scenario.experiment, result.scenario, metrics, result.log, result.path)
     write_record(folder, record)
     return record, result
@@ -72,9 +72,9 @@ def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
     if scenario.experiment != "surface":
         raise InputError(f"--dry-run plans a path and checks its reach: '{scenario.experiment}' has none to plan.")
     with console.progress() as observer:
-        way = path_to_run(scenario, plan, observer, None)
-        task = prepare_surface(scenario, way.path, observer)
+        way = plan_to_run(scenario, plan, observer, None)
+        task = prepare_surface(scenario, way, observer)
     x, y, z = task.reach.T_base_work[:3, 3] * 1e3
-    console.say(f"path: {task.path.length_m:.3f} m, {len(task.path.s)} points, all within reach")
+    console.say(f"path: {task.plan.path.length_m:.3f} m, {len(task.plan.path.s)} points, all within reach")
     console.say(f"part: its origin stands at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the robot base")
     console.say(f"smallest singular value on the way: {task.reach.smallest_singular_value:.3f}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -19,7 +20,7 @@ from polish_sim.cell.loop import ARRIVED, CLOCK, STATUS_SIZE, STOP, CellKernel, 
 from polish_sim.cell.observer import Observer, Silent
 from polish_sim.cell.python_law import PythonLaw
 from polish_sim.cell.recorder import build_recorder, trace_from
-from polish_sim.cell.sequence import Job, build_sequence_state, expected_duration
+from polish_sim.cell.sequence import Job, begin_next_stroke, build_sequence_state, expected_duration
 from polish_sim.cell.speedl import SpeedlModel, build_speedl_state
 from polish_sim.cell.wrist_sensor import Payload, build_sensor
 from polish_sim.config import Scenario
@@ -52,7 +53,7 @@ class Cell:
         scenario: Everything but the geometry.
         model: The compiled scene.
         part: What the pad touches; an empty one for motion in free space.
-        job: What is to be done.
+        strokes: What is to be done, one job after the other.
         q_start: Joint positions at the start [rad], shape (6,).
         controller: The control law.
         rng: Draws the sensor's bias, drift and noise.
@@ -63,7 +64,7 @@ class Cell:
         scenario: Scenario,
         model: mujoco.MjModel,
         part: RealPart,
-        job: Job,
+        strokes: Sequence[Job],
         q_start: Array,
         controller: Controller,
         rng: np.random.Generator,
@@ -75,7 +76,8 @@ class Cell:
         self.data.ctrl[0:12:2] = q_start
         mujoco.mj_forward(model, self.data)
         check_step_limits(scenario, self._tangential_mass())
-        self.kernel = self._build_kernel(part, job, q_start)
+        self.strokes = tuple(strokes)
+        self.kernel = self._build_kernel(part, self.strokes[0], q_start)
         self.controller = controller
         controller.reset(scenario.simulation.timestep_s * scenario.simulation.control_every)
         self._law = self._attach(controller)
@@ -92,24 +94,28 @@ class Cell:
             The log, the trace and how it ended.
         """
         watcher = observer or Silent()
-        kernel, status = self.kernel, self.kernel.status
-        chunk = max(1, round(watcher.frame_every_s / kernel.engine.dt))
+        status, dt = self.kernel.status, self.kernel.engine.dt
+        chunk = max(1, round(watcher.frame_every_s / dt))
         chunk += -chunk % self._every
         recorder = build_recorder(chunk, self._every)
         rows: list[Array] = []
         traces: list[Array] = []
-        total = expected_duration(kernel.job)
+        total = sum(expected_duration(job) for job in self.strokes)
         interrupted, started = False, time.perf_counter()
         try:
-            while status[STOP] == 0.0 and status[ARRIVED] == 0.0:
-                draws = self.rng.standard_normal((chunk, 12))
-                advance(kernel, recorder, self._law, draws, chunk)
-                rows.append(recorder.rows[: recorder.filled[0]].copy())
-                traces.append(recorder.trace[: recorder.filled[1]].copy())
-                if self.data.ncon and status[STOP] == 0.0:
-                    status[STOP] = ENGINE_CONTACT
-                watcher.progress(min(status[CLOCK] * kernel.engine.dt, total), total)
-                watcher.frame(self.model, self.data)
+            for stroke in self.strokes:
+                kernel = self.kernel._replace(job=stroke)
+                if status[ARRIVED]:
+                    status[ARRIVED] = 0.0
+                    begin_next_stroke(kernel.sequence)
+                while status[STOP] == 0.0 and status[ARRIVED] == 0.0:
+                    advance(kernel, recorder, self._law, self.rng.standard_normal((chunk, 12)), chunk)
+                    rows.append(recorder.rows[: recorder.filled[0]].copy())
+                    traces.append(recorder.trace[: recorder.filled[1]].copy())
+                    if self.data.ncon and status[STOP] == 0.0:
+                        status[STOP] = ENGINE_CONTACT
+                    watcher.progress(min(status[CLOCK] * dt, total), total)
+                    watcher.frame(self.model, self.data)
         except KeyboardInterrupt:
             interrupted = True
         wall = time.perf_counter() - started

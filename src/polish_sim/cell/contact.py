@@ -48,7 +48,9 @@ class RealPart(NamedTuple):
     """The part as it really lies in the cell."""
 
     field: DistanceField
-    """Signed distance in the work frame, form error included."""
+    """Signed distance where the pad can touch, work frame, form error included."""
+    coarse: DistanceField
+    """Coarse signed distance of the whole part, for the crash check."""
     rotation: Array
     """R_base_work of the real part, shape (3, 3)."""
     position: Array

@@ -18,11 +18,15 @@ from polish_sim.cell.engine import mj_step1, mj_step2
 from polish_sim.cell.guards import CONTROLLER_NAN, JOINT_LIMIT, MISSING, UNSTABLE, Guards, check_guards
 from polish_sim.cell.recorder import Recorder, record_reading, record_state
 from polish_sim.cell.sequence import (
+    APPROACH,
     DONE,
     PROCESS,
     RETRACT,
+    SEEK,
     TARE,
     TARE_START,
+    TOUCH_DOWN,
+    TRAVEL,
     Job,
     SequenceState,
     advance_sequence,
@@ -142,7 +146,9 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
             if not resolve_joints(cell.speedl, cell.speedl_state, jacobian, engine.dt):
                 status[STOP] = JOINT_LIMIT
             _drive(cell.speedl_state, engine.ctrl)
-        if cell.wrench[2] > FIRST_CONTACT_N:
+        if cell.sequence.stage[0] == TRAVEL:
+            status[TOUCHED] = 0.0
+        elif cell.wrench[2] > FIRST_CONTACT_N:
             status[TOUCHED] = 1.0
         phase = _phase(cell.sequence.stage[0], status[TOUCHED])
         turn = cell.job.process.pass_index[cell.sequence.row[0]]
@@ -157,7 +163,7 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
             status[STOP] = UNSTABLE
         elif status[STOP] == 0.0:
             status[STOP] = check_guards(
-                cell.guards, m, target, cell.sensor_state, cell.speedl_state.clock[2], cell.part.field,
+                cell.guards, m, target, cell.sensor_state, cell.speedl_state.clock[2], cell.part.coarse,
                 cell.part.rotation, cell.part.position, engine.xpos, engine.xmat, t, count, engine.dt,
             )  # fmt: skip
         if cell.sequence.stage[0] == DONE:
@@ -239,4 +245,4 @@ def _phase(stage: float, touched: float) -> float:
         return 2.0
     if stage in (RETRACT, DONE):
         return 3.0
-    return 1.0 if touched > 0.0 and stage != TARE else 0.0
+    return 1.0 if touched > 0.0 and stage in (APPROACH, SEEK, TOUCH_DOWN) else 0.0

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import PartConfig
-from polish_sim.geometry.distance_field import NODES, OUTSIDE, DistanceField, build_distance_field
+from polish_sim.geometry.distance_field import DistanceField, build_distance_field
+from polish_sim.geometry.field_lookup import NODES, OUTSIDE
 from polish_sim.geometry.surface import Surface
 from polish_sim.spatial import transform
 
@@ -24,6 +25,9 @@ NORMAL_SHARE = 0.7  # least share of the displacement along the normal
 _WAVES = 8
 FIELD_SPACING = 0.001  # of the signed distance grid [m]
 FIELD_BAND = 0.008  # half width of the band around the surface [m]
+COARSE_SPACING = 0.004  # of the whole part's grid, for the crash check [m]
+COARSE_BAND = 0.016  # [m]
+_MARGIN = 0.01  # around what the pad can touch: displacement, pressing, band [m]
 
 
 def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> Callable[[Array], Array]:
@@ -77,6 +81,7 @@ def build_real_part(
     T_base_work: Array,
     region: Surface,
     up: Array,
+    touched: Array,
     rng: np.random.Generator,
 ) -> RealPart:
     """Displace and bend the part.
@@ -87,6 +92,7 @@ def build_real_part(
         T_base_work: Nominal pose of the work frame, shape (4, 4).
         region: The polished part of it; the errors are sized on it.
         up: Direction of the displacement if the region's normals cancel out, work frame, shape (3,).
+        touched: Box of the work frame the pad can touch, corners (2, 3) [m].
         rng: Draws the errors.
 
     Returns:
@@ -98,9 +104,25 @@ def build_real_part(
     normal = normal / np.linalg.norm(normal) if size > 0.1 else up
     bend = bend_of(config, points, rng)
     T_work_real = displacement_of(config, normal, points.mean(axis=0), rng)
-    field = build_distance_field(surface, FIELD_SPACING, FIELD_BAND, offset=bend)
+    field = build_distance_field(surface, FIELD_SPACING, FIELD_BAND, bounds=touched, offset=bend)
+    coarse = build_distance_field(surface, COARSE_SPACING, COARSE_BAND)
     T_base_real = T_base_work @ T_work_real
-    return RealPart(field, np.ascontiguousarray(T_base_real[:3, :3]), np.ascontiguousarray(T_base_real[:3, 3]))
+    return RealPart(field, coarse, np.ascontiguousarray(T_base_real[:3, :3]), np.ascontiguousarray(T_base_real[:3, 3]))
+
+
+def touched_box(positions: Array, axes: Array, pad_radius: float) -> Array:
+    """Box around everything the pad's disc can touch along a path.
+
+    Args:
+        positions: Tool points, work frame [m], shape (n, 3).
+        axes: Unit tool axes, shape (n, 3).
+        pad_radius: [m]
+
+    Returns:
+        Corners, shape (2, 3) [m].
+    """
+    half = pad_radius * np.sqrt(np.clip(1.0 - axes**2, 0.0, 1.0)) + _MARGIN
+    return np.stack([(positions - half).min(axis=0), (positions + half).max(axis=0)])
 
 
 def no_part() -> RealPart:
@@ -108,4 +130,4 @@ def no_part() -> RealPart:
     table = np.full((1, 1, 1), OUTSIDE, np.int32)
     bricks = np.full((1, NODES, NODES, NODES), FIELD_BAND, np.float32)
     field = DistanceField(np.zeros(3), FIELD_SPACING, FIELD_BAND, table, bricks)
-    return RealPart(field, np.eye(3), np.zeros(3))
+    return RealPart(field, field, np.eye(3), np.zeros(3))

@@ -1,4 +1,4 @@
-"""What is wanted when: tare, approach, touch-down, process, retract, as a target for the controller (layer 8a).
+"""What is wanted when: tare, travel, approach, touch-down, process, retract, as a target (layer 8a).
 
 Transitions use only what the host computer knows: the clock, the path and the *measured* force.
 """
@@ -17,20 +17,23 @@ from polish_sim.spatial.rotations import rotation_from_quaternion
 
 Array = NDArray[np.float64]
 
-TARE, APPROACH, SEEK, TOUCH_DOWN, PROCESS, RETRACT, DONE = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
+TARE, TRAVEL, APPROACH, SEEK, TOUCH_DOWN, PROCESS, RETRACT, DONE = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0
 
 TARE_START = 0.15  # the robot stands still this long before the sensor is zeroed [s]
 TARE_TIME = 0.25  # readings averaged for zeroing [s]
 TOUCH_DOWN_TIME = 0.35  # from measured contact to the start of the feed [s]
 FEED_ACCELERATION = 0.05  # of the target along the path [m/s^2]
 RETRACT_SPEED = 0.02  # [m/s]
+TRAVEL_SPEED = 0.05  # between two strokes, in free space [m/s]
 
 
 class Job(NamedTuple):
-    """What the cell is to do; tables in the base frame."""
+    """One stroke, from free space to free space; tables in the base frame."""
 
+    travel: PathTable
+    """From where the last stroke ended to where this one starts, in free space."""
     lead_in: PathTable
-    """From the start pose down to the first process point on the unpressed surface."""
+    """From the start down to the first process point on the unpressed surface."""
     process: PathTable
     """The process path, pressed in by ``depth``."""
     depth: float
@@ -74,6 +77,12 @@ class SequenceState(NamedTuple):
     """Row of the process table, shape (1,)."""
 
 
+def begin_next_stroke(state: SequenceState) -> None:
+    """Go on with the next stroke's travel; its job must be the one given to ``advance_sequence`` from now on."""
+    state.stage[:] = TRAVEL, 0.0
+    state.path[:] = 0.0
+
+
 def build_sequence_state() -> SequenceState:
     """Fresh memory, at the start of the tare."""
     return SequenceState(
@@ -83,7 +92,7 @@ def build_sequence_state() -> SequenceState:
 
 def expected_duration(job: Job) -> float:
     """How long the job takes if contact is where it is expected [s]."""
-    approach = job.lead_in.length / job.approach_speed if job.contact else 0.0
+    approach = job.lead_in.length / job.approach_speed + job.travel.length / TRAVEL_SPEED if job.contact else 0.0
     feed = min(max(job.process.length / job.feed, job.hold), job.feed_time)
     return TARE_START + TARE_TIME + approach + TOUCH_DOWN_TIME * job.contact + feed + job.lift / RETRACT_SPEED
 
@@ -107,6 +116,9 @@ def advance_sequence(job: Job, state: SequenceState, measured_force: float, dt: 
     touching = measured_force > job.threshold
     if stage == TARE and state.stage[1] >= TARE_START + TARE_TIME - 0.5 * dt:
         _enter(state, APPROACH if job.contact > 0.0 else PROCESS)
+    elif stage == TRAVEL and state.path[0] >= job.travel.length:
+        _enter(state, APPROACH)
+        state.path[0], state.path[1] = 0.0, 0.0
     elif stage in (APPROACH, SEEK):
         if touching:
             _enter(state, TOUCH_DOWN)
@@ -144,7 +156,11 @@ def _place_target(job: Job, state: SequenceState, dt: float, target: Target) -> 
     target.contact[0] = 1.0 if job.contact > 0.0 and stage in (TOUCH_DOWN, PROCESS) else 0.0
     target.force[0], target.force[1] = job.force, 0.0
     target.path[1] = 0.0
-    if stage <= APPROACH:
+    if stage == TRAVEL:
+        _move_on(state, job.travel.length, TRAVEL_SPEED, dt)
+        _follow(job.travel, state, target)
+        target.path[0] = job.start_s
+    elif stage <= APPROACH:
         if stage == APPROACH:
             _move_on(state, job.lead_in.length, job.approach_speed, dt)
             state.path[2] = state.path[0] - job.lead_in.length

@@ -12,7 +12,7 @@ from polish_sim.experiments.arc import run_arc
 from polish_sim.experiments.force import run_force
 from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface, run_surface
-from polish_sim.planning import ToolPath
+from polish_sim.planning import PlanResult
 
 _DEFAULTS = {
     "arc": Scenario(experiment="arc", spindle=SpindleConfig(speed_rpm=0.0)),
@@ -40,12 +40,12 @@ def default_scenario(experiment: str) -> Scenario:
     return _DEFAULTS[experiment]
 
 
-def run_experiment(scenario: Scenario, path: ToolPath | None = None, observer: Observer | None = None) -> RunResult:
+def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
     """Run the experiment a scenario names.
 
     Args:
         scenario: The scenario.
-        path: A path made before, for ``surface``; planned if not given.
+        plan: A plan made before, for ``surface``; planned if not given.
         observer: Told of the progress.
 
     Returns:
@@ -59,7 +59,7 @@ def run_experiment(scenario: Scenario, path: ToolPath | None = None, observer: O
     if scenario.experiment == "force":
         return run_force(scenario, observer)
     if scenario.experiment == "surface":
-        return run_surface(scenario, path, observer)
+        return run_surface(scenario, plan, observer)
     raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)
 
 

@@ -57,7 +57,7 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     table = build_path_table(path.positions_work, tool_rotations(path.axes_work, reach.spin))
     start = build_path_table(path.positions_work[:1], tool_rotations(path.axes_work[:1], reach.spin))
     job = Job(
-        lead_in=start, process=table, depth=0.0, force=0.0, contact=0.0,
+        travel=start, lead_in=start, process=table, depth=0.0, force=0.0, contact=0.0,
         approach_speed=scenario.process.approach_speed_m_s, feed=scenario.process.feed_m_s,
         threshold=math.inf, search_depth=0.0, hold=0.0,
         feed_time=scenario.process.max_feed_s or math.inf, lift=0.0, start_s=0.0,
@@ -65,7 +65,7 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     free = replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
     observer.stage("simulate")
     cell = Cell(
-        free, build_scene(free, None, None), no_part(), job, reach.q_start,
+        free, build_scene(free, None, None), no_part(), [job], reach.q_start,
         build_controller(scenario.controller), np.random.default_rng(scenario.seed),
     )  # fmt: skip
     run = cell.run(observer)

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from polish_sim.analysis.metrics import measure_force
-from polish_sim.cell import Cell, Observer, Silent, build_real_part, build_scene
+from polish_sim.cell import Cell, Observer, Silent, build_real_part, build_scene, touched_box
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
     SENSOR_STREAM,
     part_file,
-    polishing_job,
+    polishing_strokes,
     random_streams,
     reach_path,
 )
@@ -65,10 +65,13 @@ def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult
     path = touch_path(region)
     reach = reach_path(scenario, mesh, path)
     observer.stage("prepare the cell")
-    part = build_real_part(surface, scenario.part, reach.T_base_work, region.surface, mesh.up, streams[PART_STREAM])
+    touched = touched_box(path.positions_work[path.process], path.axes_work[path.process], scenario.pad.radius_m)
+    part = build_real_part(
+        surface, scenario.part, reach.T_base_work, region.surface, mesh.up, touched, streams[PART_STREAM]
+    )
     hold = scenario.process.hold_s
     cell = Cell(
-        scenario, build_scene(scenario, mesh, part), part, polishing_job(scenario, path, reach, hold, 0.0),
+        scenario, build_scene(scenario, mesh, part), part, polishing_strokes(scenario, path, reach, hold, 0.0),
         reach.q_start, build_controller(scenario.controller), streams[SENSOR_STREAM],
     )  # fmt: skip
     observer.stage("simulate")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import Job, tool_on_flange
 from polish_sim.config import Scenario
@@ -20,8 +21,8 @@ from polish_sim.experiments.placement import (
 )
 from polish_sim.geometry import PartMesh
 from polish_sim.models import workpiece_names, workpiece_path
-from polish_sim.motion.trajectory import build_path_table
-from polish_sim.planning.toolpath import ToolPath, pressed
+from polish_sim.motion.trajectory import PathTable, build_path_table
+from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed
 from polish_sim.spatial import apply
 
 Array = NDArray[np.float64]
@@ -63,42 +64,90 @@ def reach_path(scenario: Scenario, mesh: PartMesh, path: ToolPath) -> Reach:
     return reach._replace(q_start=np.array(joints.q[0]))
 
 
-def polishing_job(scenario: Scenario, path: ToolPath, reach: Reach, hold: float, lift: float) -> Job:
-    """The job of pressing along a path: lead-in down to the surface, then the process path pressed in.
+def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: float, lift: float) -> list[Job]:
+    """The strokes of a path: for each stretch in contact the way down to it and the stretch itself, pressed in.
 
     Args:
         scenario: Force, feed, approach.
         path: The path, work frame, not pressed.
         reach: Placement and tool spin.
-        hold: Time to stay at the end [s].
+        hold: Time to stay at the end of a stroke [s].
         lift: Height of the retract [m]; 0 for none.
 
     Returns:
-        The job, in the base frame.
+        The jobs in order, in the base frame.
     """
-    depth, process = pressing_depth(scenario), scenario.process
-    R_base_work = reach.T_base_work[:3, :3]
-    rotations = tool_rotations(path.axes_work @ R_base_work.T, reach.spin)
-    first = int(np.argmax(path.process))
-    on_part = np.flatnonzero(path.process)
-    before = slice(0, first + 1)
-    lead_in = build_path_table(apply(reach.T_base_work, path.positions_work[before]), rotations[before])
-    pressed_in = apply(reach.T_base_work, pressed(path, depth).positions_work[on_part])
-    table = build_path_table(
-        pressed_in, rotations[on_part], path.s[on_part], path.curvature[on_part], path.pass_index[on_part]
-    )
-    return Job(
-        lead_in=lead_in,
-        process=table,
-        depth=depth,
-        force=process.contact_force_n,
-        contact=1.0,
-        approach_speed=process.approach_speed_m_s,
-        feed=process.feed_m_s,
-        threshold=process.contact_threshold_n,
-        search_depth=process.search_depth_m,
-        hold=hold,
-        feed_time=process.max_feed_s or math.inf,
-        lift=lift,
-        start_s=float(path.s[first]),
-    )
+    process, depth = scenario.process, pressing_depth(scenario)
+    rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
+    nominal = apply(reach.T_base_work, path.positions_work)
+    pressed_in = apply(reach.T_base_work, pressed(path, depth).positions_work)
+    jobs: list[Job] = []
+    left = process.max_feed_s or math.inf
+    for first, last in stretches_in_contact(path):
+        before = slice(first - _points_before(path, first), first + 1)
+        during = slice(first, last + 1)
+        table = build_path_table(
+            pressed_in[during], rotations[during], path.s[during], path.curvature[during], path.pass_index[during]
+        )
+        jobs.append(
+            Job(
+                travel=_travel(jobs, nominal[before], rotations[before], lift),
+                lead_in=build_path_table(nominal[before], rotations[before]),
+                process=table,
+                depth=depth,
+                force=process.contact_force_n,
+                contact=1.0,
+                approach_speed=process.approach_speed_m_s,
+                feed=process.feed_m_s,
+                threshold=process.contact_threshold_n,
+                search_depth=process.search_depth_m,
+                hold=hold,
+                feed_time=left,
+                lift=lift,
+                start_s=float(path.s[first]),
+            )
+        )
+        left -= table.length / process.feed_m_s
+        if left <= 0.0:
+            break
+    return jobs
+
+
+def stretches_in_contact(path: ToolPath) -> list[tuple[int, int]]:
+    """First and last index of every stretch the tool is pressed on the part."""
+    on = np.concatenate([[0], path.process.astype(int), [0]])
+    starts, ends = np.flatnonzero(np.diff(on) > 0), np.flatnonzero(np.diff(on) < 0) - 1
+    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
+
+
+def path_done(path: ToolPath, fed_s: Array) -> float:
+    """Share of the path in contact that was fed along, 0 to 1.
+
+    Args:
+        path: The path.
+        fed_s: Arc length of the plan at the steps of the process phase [m], shape (n,).
+    """
+    if not len(fed_s):
+        return 0.0
+    stretches = [(path.s[a], path.s[b]) for a, b in stretches_in_contact(path)]
+    total = sum(end - start for start, end in stretches)
+    done = sum(min(max(float(fed_s[-1]) - start, 0.0), end - start) for start, end in stretches)
+    return float(done / total) if total > 0.0 else 1.0
+
+
+def _points_before(path: ToolPath, first: int) -> int:
+    """Number of approach and lead-in points right before a stretch."""
+    count = 0
+    while count < first and path.segment[first - 1 - count] in (APPROACH, LEAD_IN):
+        count += 1
+    return count
+
+
+def _travel(jobs: list[Job], way_down: Array, rotations: Array, lift: float) -> PathTable:
+    """From above the end of the last stroke to the start of the next way down."""
+    if not jobs:
+        return build_path_table(way_down[:1], rotations[:1])
+    last = jobs[-1]
+    R_last = Rotation.from_quat(last.process.quaternions[-1], scalar_first=True).as_matrix()
+    above = last.process.positions[-1] - (lift + last.depth) * R_last[:, 2]
+    return build_path_table(np.stack([above, way_down[0]]), np.stack([R_last, rotations[0]]))

@@ -41,7 +41,7 @@ class Reach(NamedTuple):
 class _Failure(NamedTuple):
     """The furthest a tried way got."""
 
-    index: int
+    point: int
     reason: str
 
 
@@ -97,12 +97,12 @@ def find_reach(
                     value = joints.smallest_singular_value
                     if best is None or value > best.smallest_singular_value:
                         best = Reach(T_base_work, spin, np.array(joints.q[0]), value)
-                elif failure.index > furthest.index:
+                elif failure.point > furthest.point:
                     furthest = failure
         if best is not None and best.smallest_singular_value > GOOD_SINGULAR_VALUE:
             break
     if best is None:
-        point = positions[samples[max(furthest.index, 0)]] * 1e3
+        point = positions[samples[max(furthest.point, 0)]] * 1e3
         raise ReachError(
             f"the robot cannot do this path: at ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the part "
             f"{furthest.reason or 'the pose is out of reach'}. Move the part with --part-pose X,Y,Z,RX,RY,RZ (mm, deg) "
@@ -121,9 +121,9 @@ def check_whole_path(reach: Reach, positions: Array, axes: Array, T_flange_tool:
     joints = track(transform(rotations, apply(reach.T_base_work, positions)), T_flange_tool, reach.q_start)
     failure = _failure(joints, False)
     if failure is not None:
-        point = positions[failure.index] * 1e3
+        point = positions[failure.point] * 1e3
         raise ReachError(
-            f"point {failure.index} of the path, ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the part: "
+            f"point {failure.point} of the path, ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the part: "
             f"{failure.reason}. Move the part with --part-pose."
         )
     return joints

@@ -2,42 +2,40 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from polish_sim.analysis.metrics import measure_surface
-from polish_sim.cell import Cell, Observer, Silent, build_real_part, build_scene
+from polish_sim.cell import Cell, Observer, Silent, build_real_part, build_scene, touched_box
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
     SENSOR_STREAM,
-    part_file,
-    polishing_job,
+    path_done,
+    polishing_strokes,
     random_streams,
     reach_path,
 )
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult, common_figures
-from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
-from polish_sim.planning import ToolPath, plan_path
+from polish_sim.planning import PlanResult, plan_part
 
 
 class SurfaceTask(NamedTuple):
     """A part, the path on it and the way the arm does it, all checked before anything moves."""
 
-    mesh: PartMesh
-    surface: Surface
-    region: Region
-    path: ToolPath
+    plan: PlanResult
     reach: Reach
 
 
-def prepare_surface(scenario: Scenario, path: ToolPath | None = None, observer: Observer | None = None) -> SurfaceTask:
-    """Load the part, plan its path (unless one is given) and check that the arm can do all of it.
+def prepare_surface(
+    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
+) -> SurfaceTask:
+    """Plan the part's path (unless that is done) and check that the arm can do all of it.
 
     Args:
         scenario: The scenario.
-        path: A path made before, work frame.
+        plan: A plan made before, see ``plan_part`` and ``measure_given_path``.
         observer: Told of the progress.
 
     Returns:
@@ -47,23 +45,19 @@ def prepare_surface(scenario: Scenario, path: ToolPath | None = None, observer: 
         PolishSimError: If the part cannot be used, planned or reached.
     """
     observer = observer or Silent()
-    observer.stage("fit the surface")
-    mesh = load_part(part_file(scenario.part.file), scenario.part.unit, scenario.part.up)
-    surface = fit_surface(mesh)
-    region = select_region(surface, mesh, scenario.plan.region)
-    if path is None:
-        observer.stage("plan the path")
-        path = plan_path(region, scenario.plan, lambda share: observer.progress(share, 1.0))
+    build_controller(scenario.controller)
+    if plan is None:
+        plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     observer.stage("check the reach")
-    return SurfaceTask(mesh, surface, region, path, reach_path(scenario, mesh, path))
+    return SurfaceTask(plan, reach_path(scenario, plan.mesh, plan.path))
 
 
-def run_surface(scenario: Scenario, path: ToolPath | None = None, observer: Observer | None = None) -> RunResult:
+def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
     """Polish a part and measure how well the force was held.
 
     Args:
         scenario: The scenario.
-        path: A path made before, work frame; planned if not given.
+        plan: A plan made before, see ``plan_part`` and ``measure_given_path``.
         observer: Told of the progress.
 
     Returns:
@@ -74,18 +68,22 @@ def run_surface(scenario: Scenario, path: ToolPath | None = None, observer: Obse
     """
     observer = observer or Silent()
     streams = random_streams(scenario.seed)
-    mesh, surface, region, path, reach = prepare_surface(scenario, path, observer)
+    plan, reach = prepare_surface(scenario, plan, observer)
+    path, mesh = plan.path, plan.mesh
     observer.stage("prepare the cell")
-    part = build_real_part(surface, scenario.part, reach.T_base_work, region.surface, mesh.up, streams[PART_STREAM])
-    job = polishing_job(scenario, path, reach, hold=0.0, lift=scenario.plan.clearance_m)
+    touched = touched_box(path.positions_work[path.process], path.axes_work[path.process], scenario.pad.radius_m)
+    part = build_real_part(
+        plan.surface, scenario.part, reach.T_base_work, plan.region.surface, mesh.up, touched, streams[PART_STREAM]
+    )
     cell = Cell(
-        scenario, build_scene(scenario, mesh, part), part, job, reach.q_start,
+        scenario, build_scene(scenario, mesh, part), part,
+        polishing_strokes(scenario, path, reach, hold=0.0, lift=scenario.plan.clearance_m), reach.q_start,
         build_controller(scenario.controller), streams[SENSOR_STREAM],
     )  # fmt: skip
     observer.stage("simulate")
     run = cell.run(observer)
     fed = run.trace.path_s_m[run.trace.phase == 2]
-    done = float((fed[-1] - job.start_s) / job.process.length) if len(fed) else 0.0
-    figures = measure_surface(run.trace, path, scenario.process.contact_force_n)
-    figures |= common_figures(run, scenario, min(done, 1.0), reach.T_base_work)
+    figures: dict[str, Any] = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
+    figures["coverage"] = plan.figures["coverage"]
+    figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
     return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)

@@ -48,7 +48,7 @@ def build_path_table(
     Args:
         positions: Tool points [m], shape (n, 3); repeated points are dropped.
         rotations: R_base_tool, shape (n, 3, 3).
-        s: Arc length to go by [m], strictly increasing, shape (n,): a path pressed into a part keeps that of the surface;
+        s: Arc length to go by [m], strictly increasing, shape (n,): a pressed path keeps that of the surface;
             the points' own if not given.
         curvature: Normal curvature along the path [1/m], shape (n,); zero if not given.
         pass_index: Turn of each point, shape (n,); zero if not given.

@@ -78,19 +78,55 @@ def plan_part(
     """
     process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
     begin = time.perf_counter()
-    observer.stage("fit the surface")
-    name = part.file
-    file = workpiece_path(name) if name in workpiece_names() else Path(name)
-    mesh = load_part(file, part.unit, part.up)
-    surface = fit_surface(mesh)
-    region = select_region(surface, mesh, plan.region)
+    mesh, surface, region = _load(part, plan, observer)
     check_request(region, plan, pad)
     observer.stage("plan the path")
     ground = prepare_ground(region, plan)
     path = path_on(ground, plan, lambda share: observer.progress(share, 1.0))
     planned = time.perf_counter() - begin
     observer.stage("measure the path")
-    figures = measure_plan(mesh, surface, ground, path, plan, process, pad)
-    figures["plan_time_s"] = planned
+    figures = measure_plan(mesh, surface, ground, path, plan, process, pad) | {"plan_time_s": planned}
     notes = (*mesh.notes, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
+
+
+def measure_given_path(
+    path: ToolPath,
+    part: PartConfig,
+    plan: PlanConfig,
+    process: ProcessConfig | None = None,
+    pad: PadConfig | None = None,
+    observer: PlanObserver | None = None,
+) -> PlanResult:
+    """Load a part and measure a path that was made before on it.
+
+    Args:
+        path: The path, work frame.
+        part: File or shipped name, unit, side turned up.
+        plan: Region and step-over to measure it by.
+        process: Force and feed.
+        pad: The pad.
+        observer: Told of the progress.
+
+    Returns:
+        The plan and its figures, without a planning time.
+
+    Raises:
+        PolishSimError: The part cannot be used; says why and what to do.
+    """
+    process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
+    mesh, surface, region = _load(part, plan, observer)
+    observer.stage("measure the path")
+    ground = prepare_ground(region, plan)
+    figures = measure_plan(mesh, surface, ground, path, plan, process, pad)
+    notes = (*mesh.notes, *pad_notes(ground, locate(ground, path), pad))
+    return PlanResult(mesh, surface, region, path, figures, plan, notes)
+
+
+def _load(part: PartConfig, plan: PlanConfig, observer: PlanObserver) -> tuple[PartMesh, Surface, Region]:
+    observer.stage("fit the surface")
+    name = part.file
+    file = workpiece_path(name) if name in workpiece_names() else Path(name)
+    mesh = load_part(file, part.unit, part.up)
+    surface = fit_surface(mesh)
+    return mesh, surface, select_region(surface, mesh, plan.region)
