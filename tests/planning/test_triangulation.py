@@ -1,0 +1,101 @@
+"""The fine triangulation: conforming, fine enough, on the surface; its level lines; holes closed smoothly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from polish_sim.errors import PlanError
+from polish_sim.geometry import fit_surface, load_part, select_region
+from polish_sim.geometry.boundary import boundary_loops
+from polish_sim.planning.holes import bridge_holes
+from polish_sim.planning.level_set import level_lines
+from polish_sim.planning.triangulation import triangulate
+from polish_sim.planning.turns import border_curves
+from tests.planning.shapes import prism, region_of
+
+
+def coarse_plate(tmp_path, inside=lambda x, y: np.abs(x) < 1e9, cell=20.0):
+    file = tmp_path / "plate.stl"
+    prism(inside, 160.0, cell).export(file)
+    mesh = load_part(file, "mm", "z")
+    return select_region(fit_surface(mesh), mesh)
+
+
+def test_edges_are_short_areas_are_kept_and_the_border_is_closed(tmp_path):
+    mesh = triangulate(coarse_plate(tmp_path).surface, 0.003)
+    a, b = mesh.vertices[mesh.edges[:, 0]], mesh.vertices[mesh.edges[:, 1]]
+    assert np.linalg.norm(a - b, axis=1).max() <= 0.003
+    assert mesh.areas.sum() == pytest.approx(0.16**2, rel=1e-12)
+    assert mesh.vertex_areas.sum() == pytest.approx(0.16**2, rel=1e-12)
+    # Euler's formula of a disc: no cracks.
+    assert len(mesh.vertices) - len(mesh.edges) + len(mesh.triangles) == 1
+    assert [curve.length for curve in border_curves(mesh)] == pytest.approx([0.64])
+
+
+def test_new_vertices_lie_on_the_curved_surface():
+    region = region_of("sphere_50")
+    mesh = triangulate(region.surface, 0.001)
+    middle = np.array([0.0, 0.0, mesh.vertices[:, 2].max() - 0.05])
+    radius = np.linalg.norm(mesh.vertices - middle, axis=1)
+    assert radius == pytest.approx(np.full(len(radius), 0.05), abs=2e-6)
+    assert (mesh.normals * (mesh.vertices - middle)).sum(axis=1).min() > 0.05 * (1.0 - 1e-4)
+
+
+def test_the_border_has_the_region_on_its_left(tmp_path):
+    (border,) = border_curves(triangulate(coarse_plate(tmp_path).surface, 0.004))
+    p = border.positions
+    enclosed = 0.5 * np.cross(p, np.roll(p, -1, axis=0)).sum(axis=0)
+    assert enclosed[2] == pytest.approx(0.16**2, rel=1e-9)
+
+
+def test_a_level_line_of_the_distance_from_a_point_is_a_circle_with_the_higher_side_on_its_left(tmp_path):
+    mesh = triangulate(coarse_plate(tmp_path).surface, 0.002)
+    (line,) = level_lines(mesh, -np.linalg.norm(mesh.vertices[:, :2], axis=1), -0.05)
+    assert line.closed
+    assert np.linalg.norm(line.positions[:, :2], axis=1) == pytest.approx(np.full(len(line.positions), 0.05), abs=2e-5)
+    p = line.positions
+    assert 0.5 * np.cross(p, np.roll(p, -1, axis=0)).sum(axis=0)[2] == pytest.approx(np.pi * 0.05**2, rel=1e-3)
+
+
+def test_a_level_line_that_meets_the_border_is_open(tmp_path):
+    mesh = triangulate(coarse_plate(tmp_path).surface, 0.004)
+    (line,) = level_lines(mesh, mesh.vertices[:, 1], 0.0123)
+    assert not line.closed
+    assert np.linalg.norm(np.diff(line.positions, axis=0), axis=1).sum() == pytest.approx(0.16, rel=1e-9)
+
+
+def test_a_step_over_too_fine_for_the_part_is_an_error_not_a_flood(tmp_path):
+    with pytest.raises(PlanError, match="too large for so fine a step-over"):
+        triangulate(coarse_plate(tmp_path).surface, 2e-5)
+
+
+def test_a_bridged_hole_in_a_plate_is_flat_and_adds_its_area(tmp_path):
+    region = coarse_plate(tmp_path, lambda x, y: np.maximum(np.abs(x - 40), np.abs(y)) > 6, 5.0)
+    bridged = bridge_holes(region, 0.02)
+    assert bridged.holes == 1
+    assert len(bridged.region.boundary_loops) == 1
+    assert bridged.region.surface.facet_areas.sum() == pytest.approx(0.16**2, rel=1e-9)
+    over = bridged.region.surface.closest(np.array([[0.04, 0.001, 0.02]]))
+    assert over.positions[0] == pytest.approx([0.04, 0.001, 0.01], abs=1e-9)
+    assert over.facets[0] >= bridged.facets
+    assert bridge_holes(region, 0.01).holes == 0
+
+
+def test_a_bridged_hole_in_a_sphere_follows_the_sphere(tmp_path):
+    """A hole of 16 mm in a sphere of 100 mm would be 0.32 mm deep if closed flat."""
+    region = region_of("sphere_100")
+    middles = region.surface.evaluate(
+        np.arange(len(region.surface.faces)), np.full((len(region.surface.faces), 3), 1 / 3)
+    )
+    open_region = region.surface.restrict(np.flatnonzero(np.linalg.norm(middles.positions[:, :2], axis=1) > 0.008))
+
+    holed = replace(region, surface=open_region, boundary_loops=boundary_loops(open_region, region.up))
+    bridged = bridge_holes(holed, 0.03)
+    assert bridged.holes == 1
+    wanted = region.surface.closest(np.array([[0.002, 0.003, 1.0]]) * [1.0, 1.0, 0.04]).positions[0]
+    found = bridged.region.surface.closest(wanted[None])
+    assert found.facets[0] >= bridged.facets
+    assert np.linalg.norm(found.positions[0] - wanted) < 2e-5
