@@ -18,6 +18,7 @@ from polish_sim.cli.sinks import CELL_PICTURE
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments import RunResult, prepare_surface, run_experiment
+from polish_sim.kernel_cache import is_warm, use_kernel_cache
 from polish_sim.planning import PlanResult, ToolPath
 
 
@@ -33,6 +34,8 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
     Returns:
         How it ended.
     """
+    if not is_warm(use_kernel_cache()):
+        console.note("first start: the kernels are compiled once, which takes about a minute")
     with ExitStack() as stack:
         observer = stack.enter_context(console.progress(sinks))
         for sink in sinks:
