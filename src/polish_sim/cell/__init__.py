@@ -3,7 +3,7 @@
 from polish_sim.cell.cell import Cell, CellRun
 from polish_sim.cell.contact import RealPart, build_pad, press_pad
 from polish_sim.cell.observer import Observer, Silent
-from polish_sim.cell.real_part import build_real_part, no_part, touched_box
+from polish_sim.cell.real_part import Touch, build_real_part, no_part
 from polish_sim.cell.scene import build_scene, tool_on_flange
 from polish_sim.cell.sequence import Job
 
@@ -14,11 +14,11 @@ __all__ = [
     "Observer",
     "RealPart",
     "Silent",
+    "Touch",
     "build_pad",
     "build_real_part",
     "build_scene",
     "no_part",
     "press_pad",
     "tool_on_flange",
-    "touched_box",
 ]

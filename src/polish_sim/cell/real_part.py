@@ -6,9 +6,11 @@ Plans are made on the drawing; force control earns its keep on the difference.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell.contact import RealPart
@@ -27,7 +29,19 @@ FIELD_SPACING = 0.001  # of the signed distance grid [m]
 FIELD_BAND = 0.008  # half width of the band around the surface [m]
 COARSE_SPACING = 0.004  # of the whole part's grid, for the crash check [m]
 COARSE_BAND = 0.016  # [m]
+FACING = 0.1  # least cosine between a facet's normal and the tool axis for the pad to press on it [-]
 _MARGIN = 0.01  # around what the pad can touch: displacement, pressing, band [m]
+
+
+class Touch(NamedTuple):
+    """Where the pad goes on the nominal part, work frame."""
+
+    positions: Array
+    """Tool points on the part [m], shape (n, 3)."""
+    axes: Array
+    """Unit tool axes from the part to the tool, shape (n, 3)."""
+    pad_radius: float
+    """[m]"""
 
 
 def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> Callable[[Array], Array]:
@@ -81,7 +95,7 @@ def build_real_part(
     T_base_work: Array,
     region: Surface,
     up: Array,
-    touched: Array,
+    touch: Touch,
     rng: np.random.Generator,
 ) -> RealPart:
     """Displace and bend the part.
@@ -92,7 +106,7 @@ def build_real_part(
         T_base_work: Nominal pose of the work frame, shape (4, 4).
         region: The polished part of it; the errors are sized on it.
         up: Direction of the displacement if the region's normals cancel out, work frame, shape (3,).
-        touched: Box of the work frame the pad can touch, corners (2, 3) [m].
+        touch: Where the pad goes.
         rng: Draws the errors.
 
     Returns:
@@ -104,25 +118,31 @@ def build_real_part(
     normal = normal / np.linalg.norm(normal) if size > 0.1 else up
     bend = bend_of(config, points, rng)
     T_work_real = displacement_of(config, normal, points.mean(axis=0), rng)
-    field = build_distance_field(surface, FIELD_SPACING, FIELD_BAND, bounds=touched, offset=bend)
+    side = pressed_side(surface, touch)
+    field = build_distance_field(side, FIELD_SPACING, FIELD_BAND, bounds=touched_box(touch), offset=bend)
     coarse = build_distance_field(surface, COARSE_SPACING, COARSE_BAND)
     T_base_real = T_base_work @ T_work_real
     return RealPart(field, coarse, np.ascontiguousarray(T_base_real[:3, :3]), np.ascontiguousarray(T_base_real[:3, 3]))
 
 
-def touched_box(positions: Array, axes: Array, pad_radius: float) -> Array:
-    """Box around everything the pad's disc can touch along a path.
+def pressed_side(surface: Surface, touch: Touch) -> Surface:
+    """The facets that face the tool: what lies under the pad.
 
-    Args:
-        positions: Tool points, work frame [m], shape (n, 3).
-        axes: Unit tool axes, shape (n, 3).
-        pad_radius: [m]
-
-    Returns:
-        Corners, shape (2, 3) [m].
+    The pad's depth is counted from this side. From the nearest side, whichever it is, a pad on a thin plate would be
+    pushed out at the bottom once it is half through.
     """
-    half = pad_radius * np.sqrt(np.clip(1.0 - axes**2, 0.0, 1.0)) + _MARGIN
-    return np.stack([(positions - half).min(axis=0), (positions + half).max(axis=0)])
+    corners = surface.vertices[surface.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    _, nearest = cKDTree(touch.positions).query(corners.mean(axis=1))
+    facing = np.sum(normals * touch.axes[nearest], axis=1) > FACING
+    return surface.restrict(np.flatnonzero(facing).astype(np.int32))
+
+
+def touched_box(touch: Touch) -> Array:
+    """Box around everything the pad's disc can touch, corners (2, 3) [m], work frame."""
+    half = touch.pad_radius * np.sqrt(np.clip(1.0 - touch.axes**2, 0.0, 1.0)) + _MARGIN
+    return np.stack([(touch.positions - half).min(axis=0), (touch.positions + half).max(axis=0)])
 
 
 def no_part() -> RealPart:

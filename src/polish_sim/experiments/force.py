@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from polish_sim.analysis.metrics import measure_force
-from polish_sim.cell import Cell, Observer, Silent, build_real_part, build_scene, touched_box
+from polish_sim.cell import Cell, Observer, Silent, Touch, build_real_part, build_scene
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import (
@@ -65,9 +65,9 @@ def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult
     path = touch_path(region)
     reach = reach_path(scenario, mesh, path)
     observer.stage("prepare the cell")
-    touched = touched_box(path.positions_work[path.process], path.axes_work[path.process], scenario.pad.radius_m)
+    touch = Touch(path.positions_work[path.process], path.axes_work[path.process], scenario.pad.radius_m)
     part = build_real_part(
-        surface, scenario.part, reach.T_base_work, region.surface, mesh.up, touched, streams[PART_STREAM]
+        surface, scenario.part, reach.T_base_work, region.surface, mesh.up, touch, streams[PART_STREAM]
     )
     hold = scenario.process.hold_s
     cell = Cell(

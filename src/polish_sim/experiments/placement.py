@@ -57,7 +57,7 @@ def tool_rotations(axes_base: Array, spin: float) -> Array:
     """
     main = -axes_base.mean(axis=0)
     main /= np.linalg.norm(main)
-    start = rotation_to_axis(main[None], np.eye(3)[int(np.argmin(np.abs(main)))])[0]
+    start = rotation_to_axis(main[None], np.eye(3)[0 if abs(main[0]) < 0.8 else 1])[0]
     hint = start @ np.array([math.cos(spin), math.sin(spin), 0.0])
     z_axes = -axes_base
     if np.min(np.linalg.norm(np.cross(z_axes, hint), axis=1)) < 0.05:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from polish_sim.analysis.metrics import measure_surface
-from polish_sim.cell import Cell, Observer, Silent, build_real_part, build_scene, touched_box
+from polish_sim.cell import Cell, Observer, Silent, Touch, build_real_part, build_scene
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import (
@@ -71,9 +71,9 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     plan, reach = prepare_surface(scenario, plan, observer)
     path, mesh = plan.path, plan.mesh
     observer.stage("prepare the cell")
-    touched = touched_box(path.positions_work[path.process], path.axes_work[path.process], scenario.pad.radius_m)
+    touch = Touch(path.positions_work[path.process], path.axes_work[path.process], scenario.pad.radius_m)
     part = build_real_part(
-        plan.surface, scenario.part, reach.T_base_work, plan.region.surface, mesh.up, touched, streams[PART_STREAM]
+        plan.surface, scenario.part, reach.T_base_work, plan.region.surface, mesh.up, touch, streams[PART_STREAM]
     )
     cell = Cell(
         scenario, build_scene(scenario, mesh, part), part,

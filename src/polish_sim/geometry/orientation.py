@@ -19,7 +19,7 @@ SIDES = {
 }
 """Unit vectors of the six sides; earlier ones win ties."""
 
-UP_CONE = np.radians(60.0)
+UP_CONE = np.radians(45.0)
 """A facet looks up when its normal is within this angle of up [rad]."""
 
 _TIE = 1.01
