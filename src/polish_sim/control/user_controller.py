@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from pathlib import Path
+from types import ModuleType
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control.laws import CONTROLLERS, Controller
@@ -33,21 +35,28 @@ def build_controller(config: ControllerConfig) -> Controller:
 def _load_class(path: Path, class_name: str) -> Controller:
     if not path.is_file():
         raise InputError(f"controller file '{path}' does not exist. Give it as FILE.py:CLASS.")
-    spec = importlib.util.spec_from_file_location(f"_user_controller_{path.stem}", path)
-    if spec is None or spec.loader is None:
-        raise InputError(f"controller file '{path}' is not a Python file (FILE.py:CLASS).")
-    module = importlib.util.module_from_spec(spec)
+    module = _run_file(path, class_name)
+    if not callable(getattr(module, class_name, None)):
+        names = ", ".join(n for n, v in vars(module).items() if isinstance(v, type) and v.__module__ == module.__name__)
+        raise InputError(f"no class '{class_name}' in '{path}'. Classes there: {names or 'none'}.")
     try:
-        spec.loader.exec_module(module)
         made = getattr(module, class_name)()
-    except AttributeError as error:
-        names = ", ".join(n for n in vars(module) if isinstance(getattr(module, n), type)) or "none"
-        raise InputError(
-            f"no class '{class_name}' could be made from '{path}' ({error}). Classes there: {names}."
-        ) from error
     except Exception as error:
-        raise InputError(f"'{path}:{class_name}' cannot be loaded: {type(error).__name__}: {error}.") from error
+        raise InputError(f"'{path}:{class_name}' cannot be made: {type(error).__name__}: {error}.") from error
     for method in ("reset", "step"):
         if not callable(getattr(made, method, None)):
             raise InputError(f"class '{class_name}' in '{path}' lacks the method {method}(); see docs/controllers.md.")
     return made  # type: ignore[no-any-return]
+
+
+def _run_file(path: Path, class_name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"_user_controller_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"controller file '{path}' is not a Python file (FILE.py:CLASS).")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up by its name
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise InputError(f"'{path}:{class_name}' cannot be loaded: {type(error).__name__}: {error}.") from error
+    return module

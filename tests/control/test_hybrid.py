@@ -1,0 +1,162 @@
+"""Which axis answers to what: force takes tool z and nothing else, moment takes the turn about tool y."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from polish_sim.config import ControllerConfig
+from polish_sim.control import CONTROLLERS
+from polish_sim.control.laws import CompiledController
+from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, TWIST_SIZE, Measurement, measurement_of, target_of
+from tests.control.signals import Array, measurement_from, target_near
+
+CONFIG = ControllerConfig()
+
+
+def controller(name: str, config: ControllerConfig = CONFIG) -> CompiledController:
+    made = CONTROLLERS[name](config)
+    made.reset(0.001)
+    return made
+
+
+def in_tool(m: Measurement, twist: Array) -> tuple[Array, Array]:
+    """Linear and angular part of a twist in tool axes."""
+    return m.rotation.T @ twist[:3], m.rotation.T @ twist[3:]
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize(("hybrid", "law"), [("hybrid-pi", 6), ("hybrid-pi-position", 5)])
+def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(seed: int, hybrid: str, law: int) -> None:
+    rng = np.random.default_rng(seed)
+    m = measurement_from(rng)
+    t = target_near(m, rng, contact=1.0)
+    linear, _ = in_tool(m, controller(hybrid).step(m, t))
+    error, feed, speed = t.position - m.position, t.twist[:3], m.twist[:3]
+    wanted = feed + error / CONFIG.look_ahead_s
+    by_law = {
+        6: wanted + CONFIG.position_p * (wanted - speed),
+        5: feed + CONFIG.position_rate_p * error + CONFIG.position_rate_d * (feed - speed),
+    }[law]
+    np.testing.assert_allclose(linear[:2], (m.rotation.T @ by_law)[:2], atol=1e-12)
+    force_error = 20.0 - m.wrench[2]
+    rate = CONFIG.force_p_m_sn * force_error + CONFIG.force_i_m_s2n * force_error * 0.001
+    limited = min(max(rate, -CONFIG.force_limit_m_s), CONFIG.force_limit_m_s)
+    if abs(rate) <= CONFIG.force_limit_m_s:
+        assert linear[2] == pytest.approx(rate, abs=1e-12)
+    assert linear[2] == pytest.approx(limited, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_in_contact_the_moment_replaces_the_turn_about_y_and_nothing_else(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    m = measurement_from(rng)
+    t = target_near(m, rng, contact=1.0)
+    t.rotation[:] = Rotation.from_rotvec([0.003, -0.002, 0.004]).as_matrix() @ m.rotation
+    _, angular = in_tool(m, controller("hybrid-pi").step(m, t))
+    _, free = in_tool(m, controller("position").step(m, t))
+    np.testing.assert_allclose(angular[[0, 2]], free[[0, 2]], atol=1e-12)
+    planned = float(m.rotation[:, 1] @ t.twist[3:])
+    rate = -(CONFIG.moment_p_rad_snm + CONFIG.moment_i_rad_s2nm * 0.001) * float(m.wrench[4])
+    limited = min(max(rate, -CONFIG.moment_limit_rad_s), CONFIG.moment_limit_rad_s)
+    assert angular[1] == pytest.approx(planned + limited, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_in_free_space_the_hybrid_is_the_position_law(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    m = measurement_from(rng)
+    t = target_near(m, rng, contact=0.0)
+    np.testing.assert_array_equal(controller("hybrid-pi").step(m, t), controller("position").step(m, t))
+
+
+def test_position_control_does_not_listen_to_the_force() -> None:
+    rng = np.random.default_rng(0)
+    m = measurement_from(rng)
+    t = target_near(m, rng, contact=1.0)
+    quiet = controller("position").step(m, t)
+    m.wrench[:] += 100.0
+    np.testing.assert_array_equal(controller("position").step(m, t), quiet)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_the_moment_loop_levels_a_pad_on_a_rotational_spring(sign: float) -> None:
+    rng, stiffness, dt = np.random.default_rng(0), 3.0, 0.001
+    made = controller("hybrid-pi")
+    m = measurement_from(rng)
+    m.rotation[:], m.twist[:], m.wrench[:] = np.eye(3), 0.0, 0.0
+    t = target_near(m, rng, contact=1.0)
+    t.position[:], t.rotation[:], t.twist[:] = m.position, np.eye(3), 0.0
+    angle, lean = 0.0, sign * 0.01
+    for _ in range(20000):
+        m.rotation[:] = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
+        m.wrench[4] = stiffness * (angle - lean)
+        angle += dt * made.step(m, t)[4]
+    assert angle == pytest.approx(lean, abs=2e-4)
+
+
+def test_the_moment_loop_never_tilts_the_tool_beyond_its_limit() -> None:
+    rng, dt = np.random.default_rng(0), 0.001
+    made = controller("hybrid-pi")
+    m = measurement_from(rng)
+    m.rotation[:], m.twist[:], m.wrench[:] = np.eye(3), 0.0, 0.0
+    t = target_near(m, rng, contact=1.0)
+    t.position[:], t.rotation[:], t.twist[:] = m.position, np.eye(3), 0.0
+    angle = 0.0
+    for _ in range(4000):
+        m.rotation[:] = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
+        m.wrench[4] = -5.0  # a moment no tilt relieves: the pad hangs over an edge
+        angle += dt * made.step(m, t)[4]
+        assert angle < CONFIG.moment_tilt_limit_rad + 1e-6
+    assert angle == pytest.approx(math.radians(2.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+def test_reset_forgets_everything(name: str) -> None:
+    rng = np.random.default_rng(0)
+    readings = [measurement_from(rng) for _ in range(20)]
+    targets = [target_near(m, rng, contact=1.0) for m in readings]
+    made = controller(name)
+    first = [made.step(m, t) for m, t in zip(readings, targets, strict=True)]
+    made.reset(0.001)
+    again = [made.step(m, t) for m, t in zip(readings, targets, strict=True)]
+    np.testing.assert_array_equal(first, again)
+
+
+def test_leaving_contact_forgets_the_force_integral() -> None:
+    rng = np.random.default_rng(0)
+    m = measurement_from(rng)
+    t, free = target_near(m, rng, contact=1.0), target_near(m, rng, contact=0.0)
+    fresh = in_tool(m, controller("hybrid-pi").step(m, t))[0][2]
+    made = controller("hybrid-pi")
+    for target in (t, t, t, free):
+        made.step(m, target)
+    assert in_tool(m, made.step(m, t))[0][2] == pytest.approx(fresh, abs=1e-15)
+
+
+@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+def test_the_compiled_law_is_the_python_step_bit_for_bit(name: str) -> None:
+    rng, flat_m, flat_t, twist = (
+        np.random.default_rng(0),
+        np.zeros(MEASUREMENT_SIZE),
+        np.zeros(TARGET_SIZE),
+        np.zeros(TWIST_SIZE),
+    )
+    python, compiled = controller(name), controller(name)
+    law = compiled.compiled_law().ctypes
+    for _ in range(50):
+        m = measurement_from(rng)
+        t = target_near(m, rng, contact=float(rng.integers(2)))
+        for view, value in zip((*measurement_of(flat_m), *target_of(flat_t)), (*m, *t), strict=True):
+            view[:] = value
+        law(*(pointer(a) for a in (compiled.context, flat_m, flat_t, twist)))
+        np.testing.assert_array_equal(twist, python.step(m, t))
+
+
+def pointer(array: Array) -> Any:
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
