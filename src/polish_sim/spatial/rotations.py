@@ -28,7 +28,10 @@ def rotation_from_quaternion(quaternion: Array, R: Array) -> None:
 
 @njit(cache=True)
 def quaternion_from_rotation(R: Array, quaternion: Array) -> None:
-    """Write the unit quaternion wxyz of a rotation matrix into ``quaternion``; the largest part is positive."""
+    """Write the unit quaternion wxyz of a rotation matrix into ``quaternion``.
+
+    The real part is positive up to a turn of 120 deg, beyond it the largest part: no sign jumps near a half turn.
+    """
     trace = R[0, 0] + R[1, 1] + R[2, 2]
     if trace > 0.0:
         s = 2.0 * math.sqrt(trace + 1.0)

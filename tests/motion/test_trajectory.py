@@ -1,0 +1,126 @@
+"""A path as a callable of arc length, against a helix whose every derivative is known."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from polish_sim.motion.trajectory import PathTable, build_path_table, sample_path
+
+RADIUS, PITCH = 0.1, 0.02  # of the helix [m], [m/rad]
+SPEED = float(np.hypot(RADIUS, PITCH))  # arc length per turn angle [m/rad]
+
+
+class Sample(NamedTuple):
+    """A place on a path."""
+
+    position: np.ndarray
+    tangent: np.ndarray
+    quaternion: np.ndarray
+    turning: np.ndarray
+    row: int
+
+
+def sample(table: PathTable, s: float) -> Sample:
+    position, tangent, quaternion, turning = np.zeros(3), np.zeros(3), np.zeros(4), np.zeros(3)
+    row = sample_path(table, s, position, tangent, quaternion, turning)
+    return Sample(position, tangent, quaternion, turning, row)
+
+
+def helix(angle: np.ndarray) -> np.ndarray:
+    return np.stack([RADIUS * np.cos(angle), RADIUS * np.sin(angle), PITCH * angle], axis=1)
+
+
+@pytest.fixture(scope="module")
+def table() -> PathTable:
+    """One turn of a helix, the tool's frame turning with it about z."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 400)
+    frames = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    return build_path_table(helix(angle), frames, s=SPEED * angle, curvature=10.0 + angle)
+
+
+def test_its_length_is_the_helixs(table: PathTable) -> None:
+    assert table.length == pytest.approx(2.0 * np.pi * SPEED)
+    assert table.spacing <= 0.0005
+
+
+def test_positions_tangents_and_frames_are_the_helixs(table: PathTable) -> None:
+    for angle in np.random.default_rng(0).uniform(0.3, 2.0 * np.pi - 0.3, 100):
+        found = sample(table, SPEED * angle)
+        np.testing.assert_allclose(found.position, helix(np.array([angle]))[0], atol=1e-8)
+        direction = np.array([-RADIUS * np.sin(angle), RADIUS * np.cos(angle), PITCH]) / SPEED
+        np.testing.assert_allclose(found.tangent, direction, atol=1e-5)
+        frame = Rotation.from_quat(found.quaternion, scalar_first=True)
+        assert (frame * Rotation.from_rotvec([0.0, 0.0, -angle])).magnitude() < 1e-6
+        np.testing.assert_allclose(found.turning, [0.0, 0.0, 1.0 / SPEED], rtol=1e-4, atol=1e-9)
+
+
+def test_the_tangent_is_the_derivative_of_the_position(table: PathTable) -> None:
+    h = 1e-6
+    for s in np.random.default_rng(1).uniform(h, table.length - h, 100):
+        slope = (sample(table, s + h).position - sample(table, s - h).position) / (2.0 * h)
+        np.testing.assert_allclose(sample(table, s).tangent, slope, atol=1e-6)
+
+
+def test_position_and_tangent_are_continuous_at_the_rows(table: PathTable) -> None:
+    for row in range(1, 300, 13):
+        before, after = sample(table, row * table.spacing - 1e-12), sample(table, row * table.spacing + 1e-12)
+        np.testing.assert_allclose(before.position, after.position, atol=1e-11)
+        np.testing.assert_allclose(before.tangent, after.tangent, atol=1e-8)
+
+
+def test_beyond_its_ends_it_stays_at_them(table: PathTable) -> None:
+    for outside, inside in ((-1.0, 0.0), (table.length + 1.0, table.length)):
+        for left, right in zip(sample(table, outside), sample(table, inside), strict=True):
+            np.testing.assert_array_equal(left, right)
+    np.testing.assert_allclose(sample(table, table.length).position, helix(np.array([2.0 * np.pi]))[0], atol=1e-12)
+
+
+def test_a_single_pose_is_a_path_of_no_length() -> None:
+    point, frame = np.array([[0.1, 0.2, 0.3]]), Rotation.random(random_state=0).as_matrix()[None]
+    table = build_path_table(point, frame)
+    assert table.length == 0.0
+    found = sample(table, 0.5)
+    np.testing.assert_allclose(found.position, point[0], atol=1e-15)
+    np.testing.assert_allclose(found.turning, 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        Rotation.from_quat(found.quaternion, scalar_first=True).as_matrix(), frame[0], atol=1e-12
+    )
+
+
+def test_repeated_points_are_dropped() -> None:
+    points = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0, 0], [0.2, 0, 0]])
+    frames = np.tile(np.eye(3), (4, 1, 1))
+    table = build_path_table(points, frames)
+    assert table.length == pytest.approx(0.2)
+    np.testing.assert_allclose(sample(table, 0.15).position, [0.15, 0, 0], atol=1e-12)
+
+
+def test_quaternions_that_jump_in_sign_do_not_spin_the_tool() -> None:
+    angle = np.linspace(0.0, 4.0 * np.pi, 200)  # the wxyz of scipy jump from +1/2 to -1/2 on the way
+    frames = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    table = build_path_table(np.column_stack([angle, 0 * angle, 0 * angle]) * 0.01, frames)
+    for s in np.linspace(0.0, table.length, 500):
+        np.testing.assert_allclose(sample(table, s).turning, [0.0, 0.0, 100.0], rtol=1e-3, atol=1e-8)
+
+
+def test_a_pressed_path_is_asked_for_by_the_arc_length_of_the_surface() -> None:
+    """The part bends like a cylinder; pressed in by 4 mm the points move on a shorter radius."""
+    angle = np.linspace(0.0, 1.0, 200)
+    on_part = np.column_stack([np.sin(angle), 0 * angle, np.cos(angle)])
+    table = build_path_table(0.096 * on_part, np.tile(np.eye(3), (200, 1, 1)), s=0.1 * angle)
+    assert table.length == pytest.approx(0.1)
+    np.testing.assert_allclose(np.linalg.norm(sample(table, 0.05).tangent), 0.96, atol=1e-6)
+
+
+def test_turns_and_curvature_belong_to_their_place() -> None:
+    x = np.linspace(0.0, 0.1, 11)
+    points, frames = np.column_stack([x, 0 * x, 0 * x]), np.tile(np.eye(3), (11, 1, 1))
+    table = build_path_table(points, frames, curvature=100.0 * x, pass_index=np.arange(11))
+    row = sample(table, 0.0425).row
+    assert table.pass_index[row] == 4
+    assert table.curvature[row] == pytest.approx(100.0 * row * table.spacing)
+    assert table.pass_index[-1] == 10

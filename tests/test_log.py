@@ -1,0 +1,102 @@
+"""The log's columns, types and file."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polish_sim.errors import InputError
+from polish_sim.log import COLUMNS, RunLog, from_rows, read_log, row_layout, row_width, write_log
+
+CONTRACT = {
+    "time_s": 0, "q_rad": 6, "qd_rad_s": 6, "torque_nm": 6, "tcp_position_m": 3, "tcp_quaternion_wxyz": 4,
+    "target_position_m": 3, "target_quaternion_wxyz": 4, "tcp_speed_m_s": 0, "command_twist": 6,
+    "wrench_measured_tool": 6, "wrench_raw_sensor": 6, "wrench_true_tool": 6, "normal_force_n": 0,
+    "normal_force_min_n": 0, "normal_force_max_n": 0, "pad_travel_m": 0, "path_s_m": 0, "pass_index": 0, "phase": 0,
+}  # fmt: skip
+
+
+@pytest.fixture
+def rows() -> np.ndarray:
+    """Three rows whose every number says where it stands."""
+    return np.arange(3.0)[:, None] * 1000.0 + np.arange(row_width())
+
+
+def test_names_and_widths_are_the_contracts() -> None:
+    assert {name: width for name, (width, _unit) in COLUMNS.items()} == CONTRACT
+
+
+def test_every_number_of_a_row_lands_in_its_column(rows: np.ndarray) -> None:
+    log = from_rows(rows % 100)  # small enough for int8
+    assert len(log) == 3
+    assert log.names == tuple(CONTRACT)
+    for name, (start, width) in row_layout().items():
+        expected = rows[:, start] % 100 if width == 0 else rows[:, start : start + width] % 100
+        np.testing.assert_array_equal(log[name], expected)
+    assert sum(max(width, 1) for width in CONTRACT.values()) == row_width()
+
+
+def test_time_and_positions_are_double_phase_is_a_byte_everything_else_single(rows: np.ndarray) -> None:
+    log = from_rows(rows % 100)
+    double = {"time_s", "tcp_position_m", "target_position_m"}
+    integer = {"pass_index": np.int32, "phase": np.int8}
+    for name in log.names:
+        assert log[name].dtype == integer.get(name, np.float64 if name in double else np.float32), name
+
+
+def test_columns_cannot_be_changed(rows: np.ndarray) -> None:
+    log = from_rows(rows % 100)
+    with pytest.raises(ValueError, match="read-only"):
+        log["time_s"][0] = 1.0
+
+
+def test_a_written_log_reads_back_the_same_without_pickle(rows: np.ndarray, tmp_path: Path) -> None:
+    log, path = from_rows(rows % 100), tmp_path / "log.npz"
+    write_log(path, log)
+    again = read_log(path)
+    for name in log.names:
+        assert again[name].dtype == log[name].dtype
+        np.testing.assert_array_equal(again[name], log[name])
+    assert [p.name for p in tmp_path.iterdir()] == ["log.npz"]
+    with zipfile.ZipFile(path) as archive:
+        assert all(entry.compress_type == zipfile.ZIP_DEFLATED for entry in archive.infolist())
+    with pytest.raises(ValueError, match="read-only"):
+        again["time_s"][0] = 1.0  # type: ignore[index]
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 cut"])
+def test_a_damaged_log_is_named(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "log.npz"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"log\.npz"):
+        read_log(path)
+
+
+def test_a_truncated_log_is_named(rows: np.ndarray, tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    write_log(path, from_rows(rows % 100))
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(InputError, match=r"log\.npz"):
+        read_log(path)
+
+
+def test_a_missing_log_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.npz"):
+        read_log(tmp_path / "none.npz")
+
+
+def test_a_file_of_other_arrays_is_told_what_it_lacks(rows: np.ndarray, tmp_path: Path) -> None:
+    columns = dict(from_rows(rows % 100).columns)
+    del columns["phase"], columns["q_rad"]
+    write_log(tmp_path / "log.npz", RunLog(columns))
+    with pytest.raises(InputError, match="q_rad, phase"):
+        read_log(tmp_path / "log.npz")
+
+
+def test_an_array_of_objects_is_refused_not_run(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", time_s=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(InputError, match=r"log\.npz"):
+        read_log(tmp_path / "log.npz")

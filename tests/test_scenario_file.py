@@ -1,0 +1,148 @@
+"""Scenarios to TOML and back; bad keys and values are named."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from polish_sim.config import ControllerConfig, PartConfig, Scenario
+from polish_sim.errors import ConfigError
+from polish_sim.experiments import EXPERIMENTS, default_scenario
+from polish_sim.scenario_file import load_scenario, override, to_toml
+from tests.test_config import leaves
+
+BASE = Scenario()
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "scenario.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def changed_everywhere() -> Scenario:
+    """A scenario that differs from the default in every number."""
+    assignments = []
+    for key, value, field in leaves(BASE):
+        if isinstance(value, int):
+            assignments.append(f"{key}={value + 1}")
+        elif isinstance(value, float):
+            low, high = field.metadata["low"], field.metadata["high"]
+            other = value * 1.01 if value else 0.01 * min(high, 1.0)
+            assignments.append(f"{key}={min(max(other, low), high)!r}")
+    part = replace(BASE.part, file='my "best" part\\a.stl', pose=(0.1, -0.5, 0.2, 0.0, 1e-7, 3.1))
+    return override(replace(BASE, part=part), assignments)
+
+
+@pytest.mark.parametrize("scenario", [*map(default_scenario, EXPERIMENTS), changed_everywhere()])
+def test_toml_gives_back_the_very_same_scenario(scenario: Scenario, tmp_path: Path) -> None:
+    assert load_scenario(written(tmp_path, to_toml(scenario)), default_scenario("arc")) == scenario
+
+
+def test_the_file_holds_every_key_with_its_meaning() -> None:
+    text = to_toml(BASE)
+    for key, value, field in leaves(BASE):
+        name = key.rpartition(".")[2]
+        assert any(
+            line.startswith(f"{name} = ") and line.endswith(f"# {field.metadata['text']}") for line in text.splitlines()
+        ), key
+        assert value is not None
+
+
+def test_keys_a_file_does_not_name_keep_their_value(tmp_path: Path) -> None:
+    base = override(BASE, ["seed=7", "pad.friction=0.1"])
+    scenario = load_scenario(written(tmp_path, "[pad]\nradius_m = 0.02\n"), base)
+    assert scenario == replace(base, pad=replace(base.pad, radius_m=0.02))
+
+
+BAD_FILES = [
+    ("speed = 3", ["'speed'", "seed"]),
+    ("[pad]\nradios_m = 0.02", ["'pad.radios_m'", "radius_m"]),
+    ("[robot.arm]\nx = 1", ["'robot.arm'", "command_latency_s"]),
+    ("pad = 3", ["'pad'", "[pad]"]),
+    ("[pad]\nradius_m = '2 cm'", ["'pad.radius_m'", "number", "2 cm"]),
+    ("[pad]\nradius_m = true", ["'pad.radius_m'", "number"]),
+    ("[pad]\nradius_m = nan", ["'pad.radius_m'", "number"]),
+    ("[pad]\nradius_m = inf", ["'pad.radius_m'", "number"]),
+    ("[pad]\npoints = 100.0", ["'pad.points'", "whole number"]),
+    ("seed = true", ["'seed'", "whole number"]),
+    ("[part]\nfile = 3", ["'part.file'", "text"]),
+    ("[part]\npose = [1, 2, 3]", ["'part.pose'", "six numbers"]),
+    ("[part]\npose = 'here'", ["'part.pose'", "six numbers"]),
+    ("[part]\npose = [1, 2, 3, 4, 5, 'x']", ["'part.pose'", "six numbers"]),
+    ("[pad]\nradius_m = -0.02", ["'pad.radius_m'", "-0.02", "0.001 to 0.2", "[m]"]),
+    ("[process]\ncontact_force_n = 1e9", ["'process.contact_force_n'", "0.5 to 200"]),
+    ("seed = -1", ["'seed'", "-1"]),
+    ("[pad\nradius_m = 1", ["not valid TOML"]),
+]
+
+
+@pytest.mark.parametrize(("text", "told"), BAD_FILES)
+def test_a_bad_file_names_the_key_and_what_would_do(tmp_path: Path, text: str, told: list[str]) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_scenario(written(tmp_path, text), BASE)
+    for word in told:
+        assert word in str(caught.value)
+
+
+def test_a_missing_file_and_one_that_is_not_text_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"none\.toml"):
+        load_scenario(tmp_path / "none.toml", BASE)
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match=r"binary\.toml"):
+        load_scenario(tmp_path / "binary.toml", BASE)
+
+
+@pytest.mark.parametrize(
+    ("assignment", "key", "value"),
+    [
+        ("seed=5", "seed", 5),
+        ("pad.friction=0.25", "pad.friction", 0.25),
+        ("pad.friction=1", "pad.friction", 1.0),
+        (" pad.friction = 1e-1 ", "pad.friction", 0.1),
+        ("controller.name=./mine.py:Mine", "controller.name", "./mine.py:Mine"),
+        ('controller.name="position"', "controller.name", "position"),
+        ("plan.region=point:1,2,3", "plan.region", "point:1,2,3"),
+        ("part.pose=[0,-0.5,0.1,0,0,0]", "part.pose", (0.0, -0.5, 0.1, 0.0, 0.0, 0.0)),
+        ("part.pose=[]", "part.pose", ()),
+        ("part.file=a=b.stl", "part.file", "a=b.stl"),
+    ],
+)
+def test_set_changes_one_key(assignment: str, key: str, value: Any) -> None:
+    before, after = ({k: v for k, v, _ in leaves(s)} for s in (BASE, override(BASE, [assignment])))
+    assert after[key] == value
+    assert type(after[key]) is type(before[key])
+    assert {k for k in before if before[k] != after[k]} <= {key}
+
+
+def test_a_later_set_wins() -> None:
+    assert override(BASE, ["seed=1", "seed=2"]).seed == 2
+
+
+@pytest.mark.parametrize(
+    ("assignment", "told"),
+    [
+        ("seed", "KEY=VALUE"),
+        ("=3", "KEY=VALUE"),
+        ("sede=3", "'sede'"),
+        ("pad.color=red", "'pad.color'"),
+        ("seed=many", "'seed'"),
+        ("pad=0.02", "'pad'"),
+        ("pad.radius_m.x=1", "'pad.radius_m'"),
+        ("pad.radius_m=", "'pad.radius_m'"),
+    ],
+)
+def test_a_bad_set_is_named(assignment: str, told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        override(BASE, [assignment])
+
+
+def test_the_written_file_is_plain_toml_with_one_table_per_section() -> None:
+    table = tomllib.loads(to_toml(BASE))
+    assert set(table) == {f for f, _ in ((key.split(".")[0], 0) for key, _, _ in leaves(BASE))}
+    assert table["controller"]["name"] == ControllerConfig().name
+    assert table["part"]["pose"] == list(PartConfig().pose)
