@@ -78,11 +78,15 @@ class Cell:
         check_step_limits(scenario, self._tangential_mass())
         self.strokes = tuple(strokes)
         self.kernel = self._build_kernel(part, self.strokes[0], q_start)
-        self.controller = controller
-        controller.reset(scenario.simulation.timestep_s * scenario.simulation.control_every)
-        self._law = self._attach(controller)
+        self.use_controller(controller)
         rate = scenario.simulation.log_rate_hz
         self._every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
+
+    def use_controller(self, controller: Controller) -> None:
+        """Reset a controller and let it drive the cell from now on."""
+        self.controller = controller
+        controller.reset(self.kernel.engine.dt * self.kernel.control_every)
+        self.law = self._attach(controller)
 
     def run(self, observer: Observer | None = None) -> CellRun:
         """Run the job to its end, to a protective stop, or to an interrupt; what was recorded is returned in any case.
@@ -109,7 +113,7 @@ class Cell:
                     status[ARRIVED] = 0.0
                     begin_next_stroke(kernel.sequence)
                 while status[STOP] == 0.0 and status[ARRIVED] == 0.0:
-                    advance(kernel, recorder, self._law, self.rng.standard_normal((chunk, 12)), chunk)
+                    advance(kernel, recorder, self.law, self.rng.standard_normal((chunk, 12)), chunk)
                     rows.append(recorder.rows[: recorder.filled[0]].copy())
                     traces.append(recorder.trace[: recorder.filled[1]].copy())
                     if self.data.ncon and status[STOP] == 0.0:
@@ -137,14 +141,14 @@ class Cell:
         return PythonLaw(controller, k.measurement, k.target, k.twist, k.status)
 
     def _was_interrupted(self) -> bool:
-        return isinstance(self._law, PythonLaw) and isinstance(self._law.error, KeyboardInterrupt)
+        return isinstance(self.law, PythonLaw) and isinstance(self.law.error, KeyboardInterrupt)
 
     def _stop_reason(self) -> str | None:
         code = float(self.kernel.status[STOP])
-        if code == CONTROLLER_ERROR and isinstance(self._law, PythonLaw):
+        if code == CONTROLLER_ERROR and isinstance(self.law, PythonLaw):
             if self._was_interrupted():
                 return None
-            return f"{REASONS[code]}: {type(self._law.error).__name__}: {self._law.error}"
+            return f"{REASONS[code]}: {type(self.law.error).__name__}: {self.law.error}"
         if code == ENGINE_CONTACT and self.data.ncon:
             pair = self.data.contact[0].geom
             return f"{REASONS[code]} ({', '.join(self.model.geom(int(g)).name for g in pair)})"

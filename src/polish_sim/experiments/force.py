@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from polish_sim.experiments.part_setup import (
     random_streams,
     reach_path,
 )
+from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.geometry import Region, fit_surface, load_part, select_region
 from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
@@ -42,22 +43,30 @@ def touch_path(region: Region) -> ToolPath:
     )
 
 
-def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult:
-    """Press on one point, hold, and measure the step response from first contact.
+class ForceTask(NamedTuple):
+    """A cell ready to press on one point."""
+
+    cell: Cell
+    path: ToolPath
+    reach: Reach
+
+
+def prepare_force(scenario: Scenario, observer: Observer | None = None) -> ForceTask:
+    """Load the part, choose the point, check the reach and set the cell up.
 
     Args:
-        scenario: The scenario; the path's pattern and feed play no role, and the spindle stands still.
+        scenario: The scenario.
         observer: Told of the progress.
 
     Returns:
-        Log, trace and figures.
+        The cell, not yet run.
 
     Raises:
         PolishSimError: If the part cannot be used or the point not reached.
     """
     observer = observer or Silent()
-    scenario = replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
     streams = random_streams(scenario.seed)
+    controller = build_controller(scenario.controller)
     observer.stage("fit the surface")
     mesh = load_part(part_file(scenario.part.file), scenario.part.unit, scenario.part.up)
     surface = fit_surface(mesh)
@@ -69,14 +78,31 @@ def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult
     part = build_real_part(
         surface, scenario.part, reach.T_base_work, region.surface, mesh.up, touch, streams[PART_STREAM]
     )
-    hold = scenario.process.hold_s
-    cell = Cell(
-        scenario, build_scene(scenario, mesh, part), part, polishing_strokes(scenario, path, reach, hold, 0.0),
-        reach.q_start, build_controller(scenario.controller), streams[SENSOR_STREAM],
-    )  # fmt: skip
+    strokes = polishing_strokes(scenario, path, reach, scenario.process.hold_s, 0.0)
+    model = build_scene(scenario, mesh, part)
+    cell = Cell(scenario, model, part, strokes, reach.q_start, controller, streams[SENSOR_STREAM])
+    return ForceTask(cell, path, reach)
+
+
+def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+    """Press on one point, hold, and measure the step response from first contact.
+
+    Args:
+        scenario: The scenario; the path's pattern and feed play no role. The default leaves the spindle off.
+        observer: Told of the progress.
+
+    Returns:
+        Log, trace and figures.
+
+    Raises:
+        PolishSimError: If the part cannot be used or the point not reached.
+    """
+    observer = observer or Silent()
+    cell, path, reach = prepare_force(scenario, observer)
     observer.stage("simulate")
     run = cell.run(observer)
     held = float(np.sum(run.trace.phase == 2)) * scenario.simulation.timestep_s
-    figures = measure_force(run.trace, scenario.process.contact_force_n)
-    common = common_figures(run, scenario, min(1.0, (held + 1e-9) / hold), reach.T_base_work)
-    return RunResult(scenario, run.log, run.trace, figures | common, run.stop_reason, run.interrupted, path)
+    done = min(1.0, (held + 1e-9) / scenario.process.hold_s)
+    figures: dict[str, Any] = dict(measure_force(run.trace, scenario.process.contact_force_n))
+    figures |= common_figures(run, scenario, done, reach.T_base_work)
+    return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)

@@ -1,0 +1,20 @@
+"""`make bench`: measure and print the table."""
+
+from __future__ import annotations
+
+from polish_sim.kernel_cache import use_kernel_cache
+
+use_kernel_cache()
+
+from benchmarks import control_loop, planning, start_up  # noqa: E402 - the cache must be chosen before numba loads
+from benchmarks.table import print_rows  # noqa: E402
+
+
+def main() -> None:
+    """Print every benchmark's rows as they come."""
+    print_rows("One 1 ms step of the closed loop, pad touching, log on", control_loop.measure())
+    print_rows("From an STL of 100,000 triangles to the path on disk", planning.measure())
+    print_rows("Starting", start_up.measure())
+
+
+main()

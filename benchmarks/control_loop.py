@@ -1,0 +1,88 @@
+"""Cost of one closed-loop step beside a bare step of the same model in the same state."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+from numba import njit
+
+from benchmarks.table import Row
+from polish_sim.cell import Cell
+from polish_sim.cell.engine import mj_step
+from polish_sim.cell.loop import ARRIVED, STOP, advance
+from polish_sim.cell.recorder import build_recorder
+from polish_sim.experiments import default_scenario
+from polish_sim.experiments.force import prepare_force
+
+STEPS, CHUNK, ROUNDS = 20_000, 200, 7
+
+
+@njit(cache=True)
+def _bare_steps(model: int, data: int, steps: int) -> None:
+    for _ in range(steps):
+        mj_step(model, data)
+
+
+def measure() -> Iterator[Row]:
+    """Median over interleaved rounds of bare and closed-loop steps."""
+    for name, controller in (("hybrid-pi", "hybrid-pi"), ("the same law as a Python class", "wrapped")):
+        cell = _pressing_cell(controller)
+        bare, loop = _interleaved(cell)
+        yield Row(f"{name}: bare mj_step", f"{bare:.2f} us", "")
+        yield Row(f"{name}: closed loop", f"{loop:.2f} us", "")
+        limit = "2.5" if controller == "hybrid-pi" else "-"
+        yield Row(f"{name}: ratio", f"{loop / bare:.2f}", limit)
+        scaled = (loop - bare) * 4.5 / bare
+        yield Row(f"{name}: above bare, scaled to bare = 4.5 us", f"{scaled:.2f} us", "7 us" if limit != "-" else "-")
+
+
+def _pressing_cell(controller: str) -> Cell:
+    """A cell that has come into contact and holds on."""
+    scenario = default_scenario("force")
+    scenario = replace(scenario, process=replace(scenario.process, hold_s=1.0))
+    cell = prepare_force(scenario).cell
+    if controller == "wrapped":
+        cell.use_controller(_Wrapped(cell.controller))
+    cell.run()
+    return cell
+
+
+class _Wrapped:
+    """Hides that a controller is compiled, so that the loop calls back into Python each cycle."""
+
+    def __init__(self, controller: object) -> None:
+        self._step: Callable[..., object] = controller.step  # type: ignore[attr-defined]
+        self._reset: Callable[..., object] = controller.reset  # type: ignore[attr-defined]
+
+    def reset(self, cycle_s: float) -> None:
+        self._reset(cycle_s)
+
+    def step(self, measurement: object, target: object) -> object:
+        return self._step(measurement, target)
+
+
+def _interleaved(cell: Cell) -> tuple[float, float]:
+    """Median cost of a bare and of a closed-loop step [us]."""
+    kernel = cell.kernel._replace(job=cell.strokes[0]._replace(hold=np.inf))
+    kernel.status[STOP] = kernel.status[ARRIVED] = 0.0
+    kernel.sequence.stage[0] = 5.0
+    recorder = build_recorder(CHUNK, 4)
+    bare_data = mujoco.MjData(cell.model)
+    bare_data.qpos[:], bare_data.ctrl[:] = cell.data.qpos, cell.data.ctrl
+    bare_data.xfrc_applied[:] = cell.data.xfrc_applied
+    bare, loop = [], []
+    for _ in range(ROUNDS):
+        begin = time.perf_counter()
+        _bare_steps(kernel.engine.model, bare_data._address, STEPS)
+        bare.append(time.perf_counter() - begin)
+        begin = time.perf_counter()
+        for _ in range(STEPS // CHUNK):
+            advance(kernel, recorder, cell.law, cell.rng.standard_normal((CHUNK, 12)), CHUNK)
+        loop.append(time.perf_counter() - begin)
+    if kernel.status[STOP] or not kernel.wrench[2] > 1.0:
+        raise RuntimeError("the benchmark's cell lost contact: the figure would mean nothing")
+    return 1e6 * float(np.median(bare)) / STEPS, 1e6 * float(np.median(loop)) / STEPS

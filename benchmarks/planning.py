@@ -1,0 +1,43 @@
+"""Time and memory from a large STL to a path on disk, in a process of its own."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from benchmarks.table import Row
+from polish_sim.models import workpiece_path
+
+_PROGRAM = """
+import resource, sys, time
+from polish_sim.kernel_cache import use_kernel_cache
+use_kernel_cache()
+from polish_sim.config import PartConfig, PlanConfig
+from polish_sim.planning import plan_part, write_plan
+from pathlib import Path
+plan_part(PartConfig(file="plate"), PlanConfig())
+begin = time.perf_counter()
+plan = plan_part(PartConfig(file=sys.argv[1]), PlanConfig())
+write_plan(Path(sys.argv[2]), plan)
+print(time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, plan.figures["facets"])
+"""
+
+
+def measure() -> Iterator[Row]:
+    """Plan a finely divided ``freeform`` with warm kernels."""
+    with tempfile.TemporaryDirectory() as folder:
+        part = Path(folder) / "large.stl"
+        trimesh.load_mesh(workpiece_path("freeform")).subdivide().subdivide_to_size(3.0).export(part)
+        facets = len(trimesh.load_mesh(part).faces)
+        run = subprocess.run(
+            [sys.executable, "-c", _PROGRAM, str(part), folder], capture_output=True, text=True, check=True
+        )
+        seconds, gigabytes, used = np.array(run.stdout.split(), dtype=float)
+    yield Row(f"{facets} triangles ({used:.0f} after checks): time", f"{seconds:.1f} s", "10 s")
+    yield Row("peak memory of the process", f"{gigabytes:.2f} GB", "1 GB")

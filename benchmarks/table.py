@@ -1,0 +1,22 @@
+"""Rows of a benchmark, printed alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+
+class Row(NamedTuple):
+    """One figure."""
+
+    name: str
+    measured: str
+    limit: str
+
+
+def print_rows(title: str, rows: Iterable[Row]) -> None:
+    """Print a titled table with columns name, measured, limit."""
+    print(f"\n{title}")
+    print(f"  {'':46s}{'measured':>16s}{'limit':>16s}")
+    for row in rows:
+        print(f"  {row.name:46s}{row.measured:>16s}{row.limit:>16s}", flush=True)
