@@ -68,7 +68,7 @@ def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
         color, label = (SERIES[index], f"{record.name}: {record.scenario.controller.name}") if few else (BLUE, None)
         axes.plot(time, force, color=color, lw=1.2 if few else 0.6, alpha=1.0 if few else 0.5, label=label)
         highest, longest = max(highest, float(force.max(initial=0.0)) + BAND_N), max(longest, time, key=_end)
-    axes.axvline(0.0, color=ORANGE, lw=1.0)
+    axes.axvline(0.0, color=ORANGE, lw=1.0, label="first contact")
     _frame(axes, longest, highest)
     settled = [_number(record.metrics.get("settling_time_3n_s")) for record in records]
     facts = (f"{len(records)} runs", f"slowest settling to ±{BAND_N:g} N: {max(settled, default=math.nan):.3f} s")

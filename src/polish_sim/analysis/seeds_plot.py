@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from polish_sim.analysis.bounds import CLAIMS, Claim, bound_text
 from polish_sim.analysis.run_record import RunRecord
@@ -30,6 +31,7 @@ def plot_seeds(records: Sequence[RunRecord]) -> Figure:
     for axes, claim in zip(panels, claims, strict=True):
         _draw_claim(axes, claim, records)
     panels[-1].set_xlabel("seed")
+    panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     name = records[0].scenario.controller.name
     figure.suptitle(f"{experiment}, {name}: {len(records)} seeds", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     return figure
