@@ -49,7 +49,8 @@ def test_one_line_across_a_plate_covers_a_stripe():
 def test_the_pad_on_a_plate_covers_a_stripe_of_its_diameter():
     mesh = triangulate(region_of("plate").surface, 0.002)
     positions, normals = line()
-    covered = pad_covered(mesh, positions, normals, np.zeros((len(positions), 2)), PAD, F)
+    flat = np.zeros((len(positions), 2))
+    covered = pad_covered(mesh.vertices, mesh.normals, positions, normals, flat, PAD, F)
     assert share_of_area(mesh.vertex_areas, covered) == pytest.approx(2 * R / 0.2, rel=0.03)
 
 

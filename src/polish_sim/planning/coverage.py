@@ -67,12 +67,13 @@ def pad_depths(curvatures: Array, pad: PadConfig, force: float) -> Array:
 
 
 def pad_covered(
-    mesh: Triangulation, positions: Array, axes: Array, curvatures: Array, pad: PadConfig, force: float
+    points: Array, point_normals: Array, positions: Array, axes: Array, curvatures: Array, pad: PadConfig, force: float
 ) -> Mask:
-    """Vertices that lie under the pad's compressed area somewhere along the path.
+    """Points of the region that lie under the pad's compressed area somewhere along the path.
 
     Args:
-        mesh: The region.
+        points: Points of the region [m], shape (k, 3).
+        point_normals: Unit surface normals there, shape (k, 3).
         positions: Path points in contact [m], shape (n, 3), no further apart than a fifth of the pad's radius.
         axes: Unit tool axes, shape (n, 3).
         curvatures: Principal curvatures of the part there [1/m], shape (n, 2).
@@ -80,20 +81,20 @@ def pad_covered(
         force: Contact force [N].
 
     Returns:
-        Mask over the vertices, shape (k,).
+        Mask over the points, shape (k,).
     """
     depths = pad_depths(curvatures, pad, force)
-    covered = np.zeros(len(mesh.vertices), dtype=bool)
-    tree = cKDTree(mesh.vertices)
+    covered = np.zeros(len(points), dtype=bool)
+    tree = cKDTree(points)
     for position, axis, depth in zip(positions, axes, depths, strict=True):
         near = np.array(tree.query_ball_point(position, pad.radius_m * 1.05), dtype=np.int64)
         near = near[~covered[near]]
         if len(near) == 0:
             continue
-        offset = mesh.vertices[near] - position
+        offset = points[near] - position
         height = offset @ axis
         radial2 = (offset**2).sum(axis=1) - height**2
-        touched = (height > -depth) & (radial2 < pad.radius_m**2) & (mesh.normals[near] @ axis > 0.0)
+        touched = (height > -depth) & (radial2 < pad.radius_m**2) & (point_normals[near] @ axis > 0.0)
         covered[near[touched]] = True
     return covered
 

@@ -111,11 +111,11 @@ class Curve:
         distances, index = self._tree.query(points, distance_upper_bound=limit)
         found = np.isfinite(distances)
         s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
-        s[found], foot[found], normal[found], distances[found] = self._on_chords(points[found], index[found])
+        s[found], foot[found], normal[found], distances[found] = self.near_point(points[found], index[found])
         return Nearest(s, foot, normal, distances)
 
-    def _on_chords(self, points: Array, index: NDArray[np.int64]) -> Nearest:
-        """Nearest points on the two chords that meet in the curve's nearest points."""
+    def near_point(self, points: Array, index: NDArray[np.int64]) -> Nearest:
+        """Nearest points on the two chords that meet in the curve's own points of these numbers, (n,)."""
         positions, normals, knots = self._knots
         count = len(self.positions)
         best: Nearest | None = None

@@ -9,6 +9,7 @@ from polish_sim.config import PadConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region
 from polish_sim.planning.figures import PathOnSurface
+from polish_sim.planning.offset_curve import nearest_of
 from polish_sim.planning.planner import Ground
 from polish_sim.planning.turns import border_curves
 
@@ -63,7 +64,7 @@ def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:
     if ground.holes:
         notes.append(f"{ground.holes} small holes are run over by the pad (plan.bridge_m sets up to which size)")
     borders = border_curves(ground.mesh)
-    depth = np.min([border.nearest(ground.mesh.vertices).distances for border in borders], axis=0)
+    depth = nearest_of(borders, ground.mesh.vertices).nearest.distances
     if depth.max() < pad.radius_m:
         notes.append(
             f"the region is at most {2e3 * depth.max():.3g} mm wide between its borders: "

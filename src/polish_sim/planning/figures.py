@@ -99,8 +99,20 @@ def cover(ground: Ground, on: PathOnSurface, stepover: float, pad: PadConfig, fo
     points, normals = (np.concatenate([pair[k] for pair in dense]) for k in (0, 1))
     strict = strictly_covered(ground.mesh, points, normals, stepover)
     every = _every(on, PAD_STEPS * pad.radius_m)
-    pressed = pad_covered(ground.mesh, on.positions[every], on.axes[every], on.curvatures[every], pad, force)
-    return Coverage(share_of_area(areas, pressed), share_of_area(areas, strict))
+    some, weights = _thinned(ground.mesh.vertices, areas, PAD_STEPS * pad.radius_m)
+    points, normals = ground.mesh.vertices[some], ground.mesh.normals[some]
+    pressed = pad_covered(points, normals, on.positions[every], on.axes[every], on.curvatures[every], pad, force)
+    return Coverage(share_of_area(weights, pressed), share_of_area(areas, strict))
+
+
+def _thinned(points: Array, areas: Array, cell: float) -> tuple[NDArray[np.int64], Array]:
+    """One point of each cell of a grid [m], and the area of all points in the cell."""
+    keys = np.floor(points / cell).astype(np.int64)
+    keys -= keys.min(axis=0)
+    size = keys.max(axis=0) + 1
+    flat = (keys[:, 0] * size[1] + keys[:, 1]) * size[2] + keys[:, 2]
+    _, first, which = np.unique(flat, return_index=True, return_inverse=True)
+    return np.asarray(first, dtype=np.int64), np.asarray(np.bincount(which, weights=areas), dtype=np.float64)
 
 
 def _every(on: PathOnSurface, spacing: float) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,17 @@ LONGEST_LINK = 12.0
 """Longest way from a run's end into an uncovered place, in step-overs."""
 CLEAR = 0.2
 """How near a link may pass other turns, in step-overs."""
+OFF = 0.4
+"""How far a link may be from the region's nearest vertex, in step-overs; vertices are a third of one apart."""
 DEEP = 0.8
 """A line through the middle of a place ends where the nearest turn comes this much closer."""
+DEEPEST = 2.5
+"""Distances to turns are told apart up to this many step-overs."""
 MOST_LINES = 64
+TRACE = 0.1
+"""Spacing of the points turns are compared by, in step-overs."""
+TAIL_POINTS = 15
+"""A link may pass this many of them at the end of its own run."""
 
 
 def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> list[Run]:
@@ -46,48 +54,59 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
     Returns:
         The runs, some longer, and new ones at the end.
     """
-    out = list(runs)
+    out, traces = list(runs), [dense(run.positions, TRACE * stepover) for run in runs]
     distance = np.full(len(mesh.vertices), np.inf)
-    for run in runs:
-        distance = np.minimum(distance, _distance(mesh, run, stepover))
+    for trace in traces:
+        distance = np.minimum(distance, _distance(mesh, trace, stepover))
     tried = np.zeros(len(mesh.vertices), dtype=bool)
     at_border = np.zeros(len(mesh.vertices), dtype=bool)
     at_border[mesh.border] = True
-    for _ in range(MOST_LINES):
-        open_places = (distance > STRICT * stepover) & ~tried
-        place, area = _largest_place(mesh, open_places)
-        if area < WORTH_A_LINK * stepover**2:
-            break
-        tried |= place
+    for place, area in _uncovered_places(mesh, distance, tried, stepover):
         if area < WORTH_A_LIFT * stepover**2 and at_border[place].any():
             continue
         line = _middle_line(mesh, place, distance, stepover)
-        owner, added = _lead_into(mesh, out, line, stepover)
+        owner, added = _lead_into(mesh, traces, line, stepover)
         if owner >= 0:
             out[owner] = join(out[owner], Run(added, np.full(len(added), out[owner].pass_index[-1])))
+            traces[owner] = np.concatenate([traces[owner], dense(added, TRACE * stepover)])
         elif area > WORTH_A_LIFT * stepover**2 and len(line) > 1:
             added = line
             out.append(Run(line, np.zeros(len(line), dtype=np.int64)))
+            traces.append(dense(line, TRACE * stepover))
         else:
             continue
-        distance = np.minimum(distance, _distance(mesh, Run(added, np.zeros(len(added), dtype=np.int64)), stepover))
+        distance[:] = np.minimum(distance, _distance(mesh, dense(added, TRACE * stepover), stepover))
+        # What the line did not reach may be tried again.
         tried &= ~place | (distance < STRICT * stepover)
     return out
 
 
+def _uncovered_places(
+    mesh: Triangulation, distance: Array, tried: Mask, stepover: float
+) -> Iterator[tuple[Mask, float]]:
+    """The largest connected place not covered and not tried yet, and its area [m^2], as long as there are any."""
+    for _ in range(MOST_LINES):
+        place, area = _largest_place(mesh, (distance > STRICT * stepover) & ~tried)
+        if area < WORTH_A_LINK * stepover**2:
+            return
+        tried |= place
+        yield place, area
+
+
 def middle_ends(mesh: Triangulation, turn: Turn, stepover: float) -> Array:
     """Both ends of what an innermost turn will leave uncovered in its middle [m], shape (2, 3), or (0, 3)."""
-    distance = distance_to(mesh, turn.inside, [turn.curve], 4.0 * stepover)
+    distance = np.zeros(len(mesh.vertices))
+    rows = np.flatnonzero(turn.inside)
+    distance[rows] = distance_to(mesh, rows, [turn.curve], DEEPEST * stepover)
     place, area = _largest_place(mesh, distance > STRICT * stepover)
     if area < WORTH_A_LINK * stepover**2:
         return np.empty((0, 3))
     return _middle_line(mesh, place, distance, stepover)[[0, -1]]
 
 
-def _distance(mesh: Triangulation, run: Run, stepover: float) -> Array:
-    """Distance of every vertex to a line on its side of the part, inf beyond four step-overs, shape (n,)."""
-    points = dense(run.positions, 0.1 * stepover)
-    found, _ = cKDTree(points).query(mesh.vertices, distance_upper_bound=4.0 * stepover)
+def _distance(mesh: Triangulation, trace: Array, stepover: float) -> Array:
+    """Distance of every vertex to a trace (k, 3), inf beyond 2.5 step-overs [m], shape (n,)."""
+    found, _ = cKDTree(trace).query(mesh.vertices, distance_upper_bound=DEEPEST * stepover)
     return np.asarray(found)
 
 
@@ -106,7 +125,7 @@ def _middle_line(mesh: Triangulation, place: Mask, distance: Array, stepover: fl
     number = np.full(len(place), -1)
     number[rows] = np.arange(len(rows))
     edges = number[mesh.edges[place[mesh.edges].all(axis=1)]]
-    depth = np.minimum(distance[rows], 4.0 * stepover)
+    depth = np.minimum(distance[rows], DEEPEST * stepover)
     points = mesh.vertices[rows]
     length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
     cost = length * (depth.max() / np.minimum(depth[edges[:, 0]], depth[edges[:, 1]])) ** 4
@@ -123,7 +142,7 @@ def _middle_line(mesh: Triangulation, place: Mask, distance: Array, stepover: fl
     ordered = points[line[deep[0] : deep[-1] + 1]]
     if np.linalg.norm(np.ptp(ordered, axis=0)) < stepover:
         return points[deepest][None]
-    even = dense(ordered, 0.1 * stepover)
+    even = dense(ordered, TRACE * stepover)
     window = min(21, len(even) // 2 * 2 - 1)
     return np.asarray(uniform_filter1d(even, window, axis=0, mode="nearest"))
 
@@ -132,25 +151,22 @@ def _finite(values: Array) -> Array:
     return np.where(np.isfinite(values), values, -1.0)
 
 
-def _lead_into(mesh: Triangulation, runs: Sequence[Run], line: Array, stepover: float) -> tuple[int, Array]:
+def _lead_into(mesh: Triangulation, traces: Sequence[Array], line: Array, stepover: float) -> tuple[int, Array]:
     """The run that can go on into a line without crossing anything, and the points it adds; -1 if none can."""
-    everything = [dense(run.positions, 0.1 * stepover) for run in runs]
     offers: list[tuple[float, int, Array]] = []
-    for number, points in enumerate(everything):
-        heading = unit((points[-1] - points[-min(10, len(points))])[None])[0]
-        for way, detour in _ways(line, points[-1]):
-            link = way[0] - points[-1]
+    for number, trace in enumerate(traces):
+        heading = unit((trace[-1] - trace[-min(10, len(trace))])[None])[0]
+        for way, detour in _ways(line, trace[-1]):
+            link = way[0] - trace[-1]
             length = float(np.linalg.norm(link)) + detour
             price = length * (1.5 - 0.5 * float(link @ heading) / max(length, 1e-12))
             if price < LONGEST_LINK * stepover:
                 offers.append((price, number, way))
     for _, number, way in sorted(offers, key=lambda offer: offer[0]):
-        others = [points for k, points in enumerate(everything) if k != number]
-        others.append(everything[number][:-15])
-        if _is_clear(cKDTree(np.concatenate(others)), everything[number][-1], way, stepover):
-            longer = np.concatenate([everything[number], way])
-            if _crossings(mesh, longer) <= _crossings(mesh, everything[number]):
-                return number, way
+        others = [trace for k, trace in enumerate(traces) if k != number]
+        others.append(traces[number][:-TAIL_POINTS])
+        if _is_clear(mesh, others, traces[number][-1], way, stepover) and _turns_clear(mesh, traces[number], way):
+            return number, way
     return -1, line
 
 
@@ -163,12 +179,21 @@ def _ways(line: Array, start: Array) -> list[tuple[Array, float]]:
     return [(line, 0.0), (line[::-1], 0.0), (part, 2.0 * missed)]
 
 
-def _crossings(mesh: Triangulation, points: Array) -> int:
+def _turns_clear(mesh: Triangulation, trace: Array, way: Array) -> bool:
+    """Whether a run that goes on into a way does not cross its own last stretch."""
+    points = np.concatenate([trace[-4 * TAIL_POINTS :], way])
     normals = mesh.normals[mesh.tree.query(points)[1]]
-    return count_self_crossings([Curve(points, normals, False)])
+    return count_self_crossings([Curve(points, normals, False)]) == 0
 
 
-def _is_clear(tree: cKDTree, start: Array, way: Array, stepover: float) -> bool:
-    """Whether the straight way to a line and the line keep clear of all turns, but for the first steps."""
-    along = dense(np.concatenate([start[None], way]), 0.1 * stepover)
-    return bool((tree.query(along[min(4, len(along) - 1) :])[0] > CLEAR * stepover).all())
+def _is_clear(mesh: Triangulation, turns: Sequence[Array], start: Array, way: Array, stepover: float) -> bool:
+    """Whether the straight way to a line, and the line, stay on the region and keep clear of all turns."""
+    along = dense(np.concatenate([start[None], way]), TRACE * stepover)
+    if mesh.tree.query(along)[0].max() > OFF * stepover:
+        return False
+    # The first steps are bound to be near the turn one comes from.
+    along = along[min(4, len(along) - 1) :]
+    low, high = along.min(axis=0) - CLEAR * stepover, along.max(axis=0) + CLEAR * stepover
+    near = [trace[((trace > low) & (trace < high)).all(axis=1)] for trace in turns]
+    points = np.concatenate(near)
+    return len(points) == 0 or bool(cKDTree(points).query(along)[0].min() > CLEAR * stepover)

@@ -37,11 +37,12 @@ def level_lines(mesh: Triangulation, values: Array, level: float) -> list[LevelL
         Closed lines, and open ones that end at the border.
     """
     higher = values > level
-    flags = higher[mesh.triangles]
-    crossed = np.flatnonzero(flags.any(axis=1) & ~flags.all(axis=1))
+    a, b, c = (higher[mesh.triangles[:, k]] for k in range(3))
+    crossed = np.flatnonzero((a != b) | (b != c))
     if len(crossed) == 0:
         return []
-    triangles, flags = mesh.triangles[crossed], flags[crossed]
+    triangles = mesh.triangles[crossed]
+    flags = higher[triangles]
     rising = np.argmax(~flags & np.roll(flags, -1, axis=1), axis=1)
     falling = np.argmax(flags & ~np.roll(flags, -1, axis=1), axis=1)
     rows = np.arange(len(triangles))

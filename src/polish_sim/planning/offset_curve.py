@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from polish_sim.planning.curve import Curve, Nearest, unit
 from polish_sim.planning.level_set import LevelLine
@@ -40,13 +41,18 @@ class Feet(NamedTuple):
 
 def nearest_of(curves: Sequence[Curve], points: Array, limit: float = np.inf) -> Feet:
     """Nearest points of the closest of several curves; distances beyond the limit [m] are inf."""
-    best = curves[0].nearest(points, limit)
-    which = np.zeros(len(points), dtype=np.int64)
-    for number, curve in enumerate(curves[1:], start=1):
-        here = curve.nearest(points, limit)
-        which[here.distances < best.distances] = number
-        best = here.where_nearer(best)
-    return Feet(which, best)
+    counts = [len(curve.positions) for curve in curves]
+    tree = cKDTree(np.concatenate([curve.positions for curve in curves]))
+    distances, found = tree.query(points, distance_upper_bound=limit)
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    which = np.searchsorted(starts, found, side="right") - 1
+    s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
+    for number, curve in enumerate(curves):
+        rows = np.flatnonzero(which == number)
+        s[rows], foot[rows], normal[rows], distances[rows] = curve.near_point(
+            points[rows], found[rows] - starts[number]
+        )
+    return Feet(which, Nearest(s, foot, normal, distances))
 
 
 def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLine, distance: float) -> Curve:

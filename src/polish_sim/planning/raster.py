@@ -100,7 +100,7 @@ def _depth_beyond(mesh: Triangulation, lines: Sequence[Curve], inside: Mask, ste
     """How far the region goes on beyond its last line [m]."""
     if not inside.any():
         return 0.0
-    distance = distance_to(mesh, inside, lines, 2.0 * stepover)[inside]
+    distance = distance_to(mesh, np.flatnonzero(inside), lines, 2.0 * stepover)
     return float(distance[np.isfinite(distance)].max(initial=0.0))
 
 
@@ -127,12 +127,11 @@ def _next_line(
 ) -> tuple[list[Curve], Mask]:
     """The line one step-over further out, and the vertices beyond it."""
     longer = [_extended(line, REACH * stepover) for line in lines]
-    distance = distance_to(mesh, inside, longer, 2.5 * stepover)
-    capped = np.minimum(distance, 2.5 * stepover)
-    # Behind the last line the distance counts down, so that the level line does not run round its ends.
-    behind = ~inside
-    capped[behind] = -1.0
-    found = _open(level_lines(mesh, capped, stepover))
+    # Behind the last line there is no distance, so that the level line does not run round its ends.
+    distance = np.full(len(inside), -1.0)
+    rows = np.flatnonzero(inside)
+    distance[rows] = np.minimum(distance_to(mesh, rows, longer, 2.5 * stepover), 2.5 * stepover)
+    found = _open(level_lines(mesh, distance, stepover))
     return (
         [offset_curve(region.surface, longer, line, stepover) for line in found if len(line.positions) > 3],
         inside & (distance > stepover),

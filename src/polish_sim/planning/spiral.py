@@ -21,7 +21,7 @@ from polish_sim.planning.turns import Turn, border_curves, grow_turns, ring_marg
 
 Array = NDArray[np.float64]
 
-HEAD = 0.3
+HEAD = 0.4
 """Where in the first blend the path begins, so that it does not touch itself when it comes round."""
 TAIL = 1.0 - HEAD
 """Where in its last blend band the last turn ends, for the same reason."""

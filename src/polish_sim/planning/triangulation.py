@@ -68,7 +68,7 @@ class Triangulation:
 
     def components(self, inside: NDArray[np.bool_]) -> tuple[int, Ints]:
         """Connected pieces of a set of vertices: their number and each vertex's piece, -1 outside, (n,)."""
-        kept = self.edges[inside[self.edges].all(axis=1)]
+        kept = self.edges[inside[self.edges[:, 0]] & inside[self.edges[:, 1]]]
         number = np.cumsum(inside) - 1
         size = int(inside.sum())
         graph = coo_array((np.ones(len(kept)), (number[kept[:, 0]], number[kept[:, 1]])), shape=(size, size))

@@ -15,11 +15,14 @@ from polish_sim.planning.stepping import SurfaceQuery
 from polish_sim.planning.triangulation import Triangulation
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 THIN = 1.1
 """What is left inside a turn needs another one if its middle is further away than this many step-overs."""
 
+NEAR, FAR = 1.6, 6.0
+"""Distances are looked up for vertices that may be nearer than the first, as far as the second, in steps."""
 EVEN = 0.5
 """A ring's width may vary by this many step-overs for turns to run from border to border."""
 
@@ -42,6 +45,8 @@ class Piece:
 
     turns: tuple[Turn, ...]
     inside: Mask
+    at_least: Array
+    """The vertices are at least this far from the turns [m], shape (n,); saves asking again each time."""
 
 
 def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
@@ -59,23 +64,21 @@ def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
     return tuple(sorted(curves, key=lambda curve: -curve.length))
 
 
-def distance_to(mesh: Triangulation, inside: Mask, curves: Sequence[Curve], limit: float) -> Array:
-    """Distance from the vertices inside to the nearest curve on the same side of the part.
+def distance_to(mesh: Triangulation, rows: Ints, curves: Sequence[Curve], limit: float) -> Array:
+    """Distance from vertices to the nearest curve on the same side of the part.
 
     Args:
         mesh: The triangulation.
-        inside: Vertices to look at, shape (n,).
+        rows: Vertices to look at, shape (k,).
         curves: The curves.
         limit: Distances beyond it are inf [m].
 
     Returns:
-        Distances [m], zero outside, shape (n,).
+        Distances [m], shape (k,).
     """
-    values = np.zeros(len(mesh.vertices))
-    feet = nearest_of(curves, mesh.vertices[inside], limit).nearest
-    same_side = (feet.normals * mesh.normals[inside]).sum(axis=1) > 0.0
-    values[inside] = np.where(same_side, feet.distances, np.inf)
-    return values
+    feet = nearest_of(curves, mesh.vertices[rows], limit).nearest
+    same_side = (feet.normals * mesh.normals[rows]).sum(axis=1) > 0.0
+    return np.where(same_side, feet.distances, np.inf)
 
 
 def grow_turns(
@@ -96,7 +99,7 @@ def grow_turns(
     """
     everything = np.ones(len(mesh.vertices), dtype=bool)
     roots = [Turn(curve, everything) for curve in borders]
-    pieces = [Piece(tuple(roots), everything)]
+    pieces = [Piece(tuple(roots), everything, np.zeros(len(mesh.vertices)))]
     step = first
     while pieces:
         pieces = [inner for piece in pieces for inner in _shrink(surface, mesh, piece, step)]
@@ -118,6 +121,8 @@ def ring_margin(surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Cu
         The distance [m], at most 0.55 step-overs; None if the ring's width varies by more than half a step-over.
     """
     outer, inner = borders
+    if np.ptp(outer.nearest(inner.positions).distances) > 2.0 * EVEN * stepover:
+        return None
     turns = grow_turns(surface, mesh, [outer], 0.5 * stepover, stepover, lambda share: None)
     count = 0
     while len(turns) == 1:
@@ -135,12 +140,17 @@ def ring_margin(surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Cu
 def _shrink(surface: SurfaceQuery, mesh: Triangulation, piece: Piece, step: float) -> list[Piece]:
     """One step inwards: the pieces left, each with its new turns, hung below the turns they come from."""
     curves = [turn.curve for turn in piece.turns]
-    values = distance_to(mesh, piece.inside, curves, 1.6 * step)
-    inner = piece.inside & (values > step)
+    values = np.where(piece.inside, piece.at_least, 0.0)
+    near = np.flatnonzero(piece.inside & (values < NEAR * step))
+    found = distance_to(mesh, near, curves, FAR * step)
+    values[near] = np.minimum(found, FAR * step)
+    inner = values > step
     if not inner.any():
         return []
-    count, labels = mesh.components(inner)
-    lines = level_lines(mesh, np.minimum(values, 1.6 * step), step)
+    lines = level_lines(mesh, np.minimum(values, NEAR * step), step)
+    count, labels = mesh.components(inner) if len(lines) > 1 else (1, np.where(inner, 0, -1))
+    # The next turns are one step away from these, so nothing comes nearer than that to them.
+    at_least = np.maximum(values - step, 0.0)
     pieces = []
     for label in range(count):
         inside = labels == label
@@ -149,7 +159,7 @@ def _shrink(surface: SurfaceQuery, mesh: Triangulation, piece: Piece, step: floa
         own = [line for line in lines if line.closed and labels[line.vertices[0]] == label]
         turns = tuple(_new_turn(surface, piece, curves, line, step, inside) for line in own)
         if turns:
-            pieces.append(Piece(turns, inside))
+            pieces.append(Piece(turns, inside, at_least))
     return pieces
 
 
