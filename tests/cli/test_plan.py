@@ -1,0 +1,74 @@
+"""`polish-sim plan` as a user calls it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import trimesh
+
+Polish = Callable[..., tuple[int, str, str]]
+FILES = ["metrics.json", "path.csv", "path.json", "path.png"]
+
+
+def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Polish) -> None:
+    code, out, err = polish_sim("plan", "sphere_100", "--out", "plan")
+    assert code == 0
+    assert sorted(file.name for file in Path("plan").iterdir()) == FILES
+    assert out.rstrip().endswith("folder: plan")
+    assert "note: read in mm: 112 x 112 x 35 mm" in err
+    metrics = json.loads(Path("plan/metrics.json").read_text())
+    assert metrics["coverage_stepover"] > 0.98
+    assert metrics["retracts"] == 1
+
+
+def test_options_reach_the_plan(polish_sim: Polish) -> None:
+    words = ("--pattern", "raster", "--stepover", "12", "--lead-in", "arc", "--lead-angle", "10", "--tilt-angle", "5")
+    assert polish_sim("plan", "sphere_100", *words, "--out", "plan")[0] == 0
+    plan = json.loads(Path("plan/path.json").read_text())["plan"]
+    assert plan["pattern"] == "raster"
+    assert plan["lead_in"] == "arc"
+    assert plan["stepover_m"] == pytest.approx(0.012)
+    assert plan["lead_angle_rad"] == pytest.approx(0.17453293)
+    assert plan["tilt_angle_rad"] == pytest.approx(0.08726646)
+
+
+def test_overlap_is_in_percent_of_the_pad(polish_sim: Polish) -> None:
+    assert polish_sim("plan", "sphere_100", "--overlap", "70", "--pad-diameter", "40", "--out", "plan")[0] == 0
+    assert json.loads(Path("plan/path.json").read_text())["stepover_m"] == pytest.approx(0.012)
+
+
+BAD = {
+    "negative step-over": (("plate", "--stepover", "-3"), "--stepover -3"),
+    "step-over beyond the pad": (("plate", "--stepover", "60"), "would leave stripes"),
+    "step-over beyond the part": (("plate", "--stepover", "300"), "300 mm"),
+    "unknown pattern": (("plate", "--pattern", "star"), "Known: raster, spiral"),
+    "unknown lead-in": (("plate", "--lead-in", "jump"), "Known: arc, normal, tangent"),
+    "unknown region": (("plate", "--region", "left"), "auto, top, all"),
+    "overlap twice": (("plate", "--overlap", "70", "--stepover", "8"), "give one of them"),
+    "overlap too large": (("plate", "--overlap", "100"), "percentage"),
+    "closed region": (("plate", "--region", "all"), "closed all round"),
+    "missing part": (("nothing.stl",), "nothing.stl"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim: Polish, case: str) -> None:
+    words, message = BAD[case]
+    code, _, err = polish_sim("plan", *words)
+    assert code == 2
+    errors = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 1
+    assert message in errors[0]
+    assert "Traceback" not in err
+    assert list(Path().iterdir()) == []
+
+
+def test_a_part_narrower_than_the_pad_is_refused_and_a_smaller_pad_helps(polish_sim: Polish) -> None:
+    trimesh.creation.box((100.0, 20.0, 10.0)).export("rod.stl")
+    code, _, err = polish_sim("plan", "rod.stl", "--out", "plan")
+    assert code == 2
+    assert "narrower than the pad: 20 mm across, the pad 50 mm" in err
+    assert polish_sim("plan", "rod.stl", "--pad-diameter", "20", "--stepover", "4", "--out", "plan")[0] == 0
