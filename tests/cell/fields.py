@@ -1,0 +1,55 @@
+"""Signed distance fields of parts with a formula, sampled from it: what the contact touches in these tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cell import RealPart
+from polish_sim.cell.real_part import FIELD_BAND, FIELD_SPACING
+from polish_sim.geometry.distance_field import CELLS, NODES, DistanceField
+
+Array = NDArray[np.float64]
+Distance = Callable[[Array], Array]
+
+
+def sampled(
+    distance: Distance, low: Sequence[float], high: Sequence[float], spacing: float = FIELD_SPACING
+) -> DistanceField:
+    """Field of a distance function, points (..., 3) to distances (...), in a box [m]."""
+    side = CELLS * spacing
+    origin = np.array(low, dtype=float)
+    shape = np.ceil((np.array(high) - origin) / side).astype(int)
+    table = np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
+    corners = origin + side * np.argwhere(table >= 0)
+    steps = spacing * np.arange(NODES)
+    nodes = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1)
+    bricks = np.clip(distance(corners[:, None, None, None, :] + nodes), -FIELD_BAND, FIELD_BAND)
+    return DistanceField(origin, spacing, FIELD_BAND, table, np.ascontiguousarray(bricks, dtype=np.float32))
+
+
+def plane() -> DistanceField:
+    """The plane z = 0, solid below."""
+    return sampled(lambda p: p[..., 2], (-0.06, -0.06, -0.016), (0.06, 0.06, 0.016))
+
+
+def sphere(radius: float, spacing: float = FIELD_SPACING) -> DistanceField:
+    """The top of a ball of this radius [m], its highest point at the origin."""
+    middle = np.array([0.0, 0.0, -radius])
+    low, high = (-0.04, -0.04, -0.032), (0.04, 0.04, 0.008)
+    return sampled(lambda p: np.linalg.norm(p - middle, axis=-1) - radius, low, high, spacing)
+
+
+def wall(x: float) -> DistanceField:
+    """A wall that fills everything beyond x [m], 0.24 m wide and 0.4 m high from z = 0."""
+    return sampled(lambda p: x - p[..., 0], (x - 0.016, -0.12, 0.0), (x + 0.016, 0.12, 0.4))
+
+
+def part_at(
+    field: DistanceField, rotation: Array | None = None, position: Sequence[float] = (0.0, 0.0, 0.0)
+) -> RealPart:
+    """A part of one field, for contact and crash alike, at a pose in the base frame."""
+    R = np.eye(3) if rotation is None else np.ascontiguousarray(rotation)
+    return RealPart(field, field, R, np.array(position, dtype=float))

@@ -1,0 +1,178 @@
+"""The elastic pad against closed forms: plane, tilted plane, spheres; approach speed; any frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell import build_pad, no_part
+from polish_sim.cell.real_part import FIELD_SPACING
+from polish_sim.geometry.distance_field import DistanceField
+from tests.cell.fields import part_at, plane, sphere
+from tests.cell.pressing import DOWN, ELASTIC, PAD, Array, below_sphere, foundation, press
+
+RADII = (0.3, 0.1, 0.05)  # of the shipped sphere caps [m]
+HEAD_STIFFNESS, PRESSED = 20000.0 / 3.0, 0.004  # [N/m], [m]
+
+
+@pytest.fixture(scope="module")
+def flat() -> DistanceField:
+    return plane()
+
+
+@pytest.fixture(scope="module")
+def ball() -> Callable[[float], DistanceField]:
+    balls = {radius: sphere(radius) for radius in RADII}
+    return balls.__getitem__
+
+
+def working_depth(radius: float) -> float:
+    """How deep the pad itself sits in a ball when head and pad together are pressed in by 4 mm [m]."""
+
+    def surplus(depth: float) -> float:
+        force = foundation(below_sphere(radius), np.array([0.0, 0.0, -depth]), DOWN).force[2]
+        return float(force - HEAD_STIFFNESS * (PRESSED - depth))
+
+    return float(brentq(surplus, 1e-4, PRESSED, xtol=1e-9))
+
+
+@pytest.mark.parametrize("points", [8, 48, 100, 1000])
+def test_the_points_stand_for_the_disc_area_centroid_and_second_moments(points: int) -> None:
+    pad = build_pad(replace(PAD, points=points))
+    assert len(pad.x) == points
+    assert np.hypot(pad.x, pad.y).max() < PAD.radius_m
+    np.testing.assert_allclose([pad.x.mean(), pad.y.mean()], 0.0, atol=1e-9)
+    spread = np.cov(pad.x, pad.y, bias=True)
+    np.testing.assert_allclose(spread, np.eye(2) * PAD.radius_m**2 / 4.0, rtol=1e-9, atol=1e-15)
+    assert pad.stiffness * points == pytest.approx(PAD.stiffness_n_m)
+
+
+@pytest.mark.parametrize("depth", [0.0, 1e-5, 0.001, 0.003, 0.006])
+def test_on_a_plane_the_force_is_k_d(flat: DistanceField, depth: float) -> None:
+    found = press(part_at(flat), np.array([0.003, -0.002, -depth]))
+    np.testing.assert_allclose(found.force, [0.0, 0.0, 20000.0 * depth], rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(found.torque, 0.0, atol=1e-4)
+
+
+def test_above_the_part_nothing_is_felt(flat: DistanceField) -> None:
+    for part, height in ((part_at(flat), 1e-5), (part_at(flat), 0.5), (no_part(), -0.01)):
+        found = press(part, np.array([0.0, 0.0, height]), config=PAD, velocity=(0.1, 0.0, -0.1), spin=600.0)
+        np.testing.assert_array_equal(np.concatenate(found), 0.0)
+
+
+@pytest.mark.parametrize("tilt_deg", [1.0, 3.0, 10.0])
+@pytest.mark.parametrize("about", [0, 1])
+def test_on_a_tilted_plane_force_and_moment_are_the_integral_over_the_part_in_contact(
+    flat: DistanceField, tilt_deg: float, about: int
+) -> None:
+    center = np.array([0.0, 0.0, -0.002])
+    R = Rotation.from_rotvec(math.radians(tilt_deg) * np.eye(3)[about]).as_matrix() @ DOWN
+    truth = foundation(lambda p: (-p[:, 2], np.tile([0.0, 0.0, 1.0], (len(p), 1))), center, R)
+    found = press(part_at(flat), center, R)
+    np.testing.assert_allclose(found.force, truth.force, atol=0.005 * np.linalg.norm(truth.force))
+    np.testing.assert_allclose(found.torque, truth.torque, atol=0.005 * np.linalg.norm(truth.torque))
+
+
+def test_a_slightly_tilted_pad_in_full_contact_feels_k_d_and_a_moment_of_k_a_squared_over_four(
+    flat: DistanceField,
+) -> None:
+    tilt, depth = 0.02, 0.002
+    R = Rotation.from_rotvec([tilt, 0.0, 0.0]).as_matrix() @ DOWN
+    found = press(part_at(flat), np.array([0.0, 0.0, -depth]), R)
+    assert found.force[2] == pytest.approx(20000.0 * depth, rel=1e-5)
+    righting = 20000.0 * PAD.radius_m**2 / 4.0 * math.sin(tilt) * math.cos(tilt)
+    np.testing.assert_allclose(found.torque, [-righting, 0.0, 0.0], atol=1e-5)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.004, 0.008])
+@pytest.mark.parametrize("radius", RADII)
+def test_on_spheres_force_and_moment_are_the_integral_over_the_contact_disc(
+    ball: Callable[[float], DistanceField], radius: float, offset: float
+) -> None:
+    center = np.array([offset, 0.0, -working_depth(radius)])
+    truth = foundation(below_sphere(radius), center, DOWN)
+    found = press(part_at(ball(radius)), center)
+    size = float(np.linalg.norm(truth.force))
+    np.testing.assert_allclose(found.force, truth.force, rtol=0.0, atol=0.02 * size)
+    moment = float(np.linalg.norm(truth.torque))
+    np.testing.assert_allclose(found.torque, truth.torque, rtol=0.0, atol=0.02 * moment + 1e-4)
+
+
+@pytest.mark.parametrize("radius", [0.1, 0.05])
+def test_more_points_come_closer_to_the_integral(radius: float) -> None:
+    """Mean over places of the pad, on a field fine enough not to hide what the points do."""
+    depth, part, errors = working_depth(radius), part_at(sphere(radius, spacing=0.0005)), []
+    offsets = np.linspace(0.0, 0.008, 9)
+    truths = [foundation(below_sphere(radius), np.array([x, 0.0, -depth]), DOWN).force[2] for x in offsets]
+    for points in (25, 100, 400):
+        config = replace(ELASTIC, points=points)
+        found = [press(part, np.array([x, 0.0, -depth]), DOWN, config).force[2] for x in offsets]
+        errors.append(float(np.sqrt(np.mean((np.array(found) / truths - 1.0) ** 2))))
+    assert errors[1] < 0.6 * errors[0]
+    assert errors[2] < 0.6 * errors[1]
+    assert errors[2] < 0.002
+
+
+def test_pressing_in_is_harder_and_drawing_out_softer_by_a_times_the_speed(flat: DistanceField) -> None:
+    depth = 0.002
+    for speed in (-0.2, -0.05, 0.0, 0.05, 0.2):
+        found = press(
+            part_at(flat), np.array([0.0, 0.0, -depth]), config=replace(PAD, friction=0.0), velocity=(0, 0, -speed)
+        )
+        assert found.force[2] == pytest.approx(20000.0 * depth * (1.0 + 3.0 * speed), rel=1e-5)
+
+
+def test_the_part_never_pulls(flat: DistanceField) -> None:
+    found = press(part_at(flat), np.array([0.0, 0.0, -0.002]), config=PAD, velocity=(0.0, 0.0, 1.0))
+    np.testing.assert_allclose(np.concatenate(found), 0.0, atol=1e-12)
+
+
+def test_a_pad_that_rolls_in_feels_the_side_that_goes_down(flat: DistanceField) -> None:
+    """Turning at w about x, the point at y moves down at w y: the damped part of the moment is a k d w A a^2 / 4."""
+    depth, rate = 0.002, 2.0
+    found = press(
+        part_at(flat), np.array([0.0, 0.0, -depth]), config=replace(PAD, friction=0.0), turning=(rate, 0.0, 0.0)
+    )
+    assert found.force[2] == pytest.approx(20000.0 * depth, rel=1e-5)
+    expected = -3.0 * 20000.0 * depth * rate * PAD.radius_m**2 / 4.0
+    np.testing.assert_allclose(found.torque, [expected, 0.0, 0.0], rtol=1e-4, atol=1e-7)
+
+
+def test_the_force_turns_with_the_world(ball: Callable[[float], DistanceField]) -> None:
+    center, R = np.array([0.004, -0.003, -0.002]), Rotation.from_rotvec([0.05, -0.03, 0.4]).as_matrix() @ DOWN
+    velocity, turning = np.array([0.03, -0.01, -0.02]), np.array([0.2, 0.1, -0.3])
+    here = press(part_at(ball(0.1)), center, R, PAD, tuple(velocity), tuple(turning), 628.0)
+    for world, shift in zip(Rotation.random(5, random_state=0).as_matrix(), np.eye(5, 3), strict=True):
+        there = press(
+            part_at(ball(0.1), world, shift), world @ center + shift, world @ R, PAD,
+            tuple(world @ velocity), tuple(world @ turning), 628.0,
+        )  # fmt: skip
+        np.testing.assert_allclose(there.force, world @ here.force, atol=1e-8)
+        np.testing.assert_allclose(there.torque, world @ here.torque, atol=1e-9)
+
+
+def test_without_friction_and_damping_the_force_is_minus_the_slope_of_the_stored_energy(
+    ball: Callable[[float], DistanceField],
+) -> None:
+    """The energy of the points, k d^2 / 2 each, drops by force times way wherever the pad goes."""
+    part, pad = part_at(ball(0.05)), build_pad(ELASTIC)
+    depth_and_normal = below_sphere(0.05)
+
+    def energy(center: Array) -> float:
+        points = center + pad.x[:, None] * DOWN[:, 0] + pad.y[:, None] * DOWN[:, 1]
+        return 0.5 * pad.stiffness * float(np.sum(np.maximum(depth_and_normal(points)[0], 0.0) ** 2))
+
+    center, h = np.array([0.006, 0.002, -0.0025]), 1e-6
+    slope = [(energy(center + h * e) - energy(center - h * e)) / (2.0 * h) for e in np.eye(3)]
+    np.testing.assert_allclose(press(part, center).force, -np.array(slope), atol=0.005 * 13.0)
+
+
+def test_the_field_is_fine_enough_for_the_smallest_shipped_sphere() -> None:
+    """Trilinear error h^2 / (4 R) against a depth of millimetres."""
+    assert FIELD_SPACING**2 / (4.0 * RADII[-1]) < 0.005 * 0.0025
