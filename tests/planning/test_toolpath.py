@@ -9,7 +9,8 @@ from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning import SEGMENTS, pressed
 from polish_sim.planning.approach import LEADS, process_move, travel, with_leads
-from polish_sim.planning.planner import plan_path, tool_axes
+from polish_sim.planning.planner import plan_path
+from polish_sim.planning.tool_axes import lean, soften_creases
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT, ToolPath
 from tests.planning.shapes import region_of, shipped_plan
 
@@ -93,7 +94,7 @@ def test_between_runs_the_tool_travels_above_everything():
 
 
 def test_lead_and_tilt_lean_the_tool_forward_and_to_the_left():
-    axes = tool_axes(UP[None], np.array([[1.0, 0.0, 0.0]]), np.radians(10.0), np.radians(5.0))[0]
+    axes = lean(UP[None], np.array([[1.0, 0.0, 0.0]]), np.radians(10.0), np.radians(5.0))[0]
     assert np.degrees(np.arctan2(axes[0], axes[2])) == pytest.approx(10.0)
     assert np.degrees(np.arctan2(axes[1], axes[2])) == pytest.approx(5.0)
 
@@ -103,3 +104,21 @@ def test_a_plan_with_a_lead_angle_leans_everywhere():
     foot = region_of("sphere_100").surface.closest(path.positions_work[path.process])
     cosine = (foot.normals * path.axes_work[path.process]).sum(axis=1)
     assert cosine == pytest.approx(np.full(len(cosine), np.cos(0.2)), abs=1e-9)
+
+
+def test_over_a_crease_the_axis_turns_on_a_stretch_and_is_the_normal_elsewhere():
+    s = np.linspace(0.0, 0.1, 401)
+    angle = np.where(s < 0.05, 0.2, -0.2)
+    normals = np.stack([np.sin(angle), 0.0 * s, np.cos(angle)], axis=1)
+    axes = soften_creases(normals, s, 0.004)
+    turned = np.arcsin(axes[:, 0])
+    crease = 0.049875  # half-way between the points beside it
+    assert turned == pytest.approx(np.interp(s, [crease - 0.004, crease + 0.004], [0.2, -0.2]), abs=3e-3)
+    away = np.abs(s - 0.05) > 0.0081
+    assert axes[away] == pytest.approx(normals[away], abs=1e-12)
+
+
+def test_on_a_smooth_part_nothing_is_softened():
+    s = np.linspace(0.0, 0.1, 101)
+    normals = np.stack([np.sin(s / 0.03), 0.0 * s, np.cos(s / 0.03)], axis=1)
+    assert soften_creases(normals, s, 0.004) is normals

@@ -16,12 +16,15 @@ from polish_sim.planning.curve import unit
 from polish_sim.planning.holes import bridge_holes
 from polish_sim.planning.patterns import PATTERNS, Report
 from polish_sim.planning.run import SurfaceRun, shortest_way
+from polish_sim.planning.tool_axes import lean, soften_creases
 from polish_sim.planning.toolpath import ToolPath, arc_length
 from polish_sim.planning.triangulation import Triangulation, triangulate
 
 Array = NDArray[np.float64]
 
 EDGES_PER_STEPOVER = 3.0
+CREASE_REACH = 0.5
+"""The tool axis turns over a crease within this many step-overs on either side."""
 
 
 class Ground(NamedTuple):
@@ -100,7 +103,8 @@ def assemble(region: Region, runs: Sequence[SurfaceRun], plan: PlanConfig) -> To
     passes = 0
     for run in shortest_way(runs):
         tangents = unit(np.gradient(run.positions, axis=0))
-        axes = tool_axes(run.points.normals, tangents, plan.lead_angle_rad, plan.tilt_angle_rad)
+        normals = soften_creases(run.points.normals, arc_length(run.positions), CREASE_REACH * plan.stepover_m)
+        axes = lean(normals, tangents, plan.lead_angle_rad, plan.tilt_angle_rad)
         process = process_move(run.positions, axes, run.pass_index + passes)
         passes = int(process.pass_index.max()) + 1
         parts = with_leads(process, LEADS[plan.lead_in], plan.clearance_m)
@@ -113,23 +117,6 @@ def assemble(region: Region, runs: Sequence[SurfaceRun], plan: PlanConfig) -> To
         moves += parts
     positions, axes, segment, pass_index = concatenate(moves)
     return ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
-
-
-def tool_axes(normals: Array, tangents: Array, lead: float, tilt: float) -> Array:
-    """Turn the normals by a lead angle towards the feed and a tilt angle to its left.
-
-    Args:
-        normals: Unit outward normals, shape (n, 3).
-        tangents: Unit feed directions, shape (n, 3).
-        lead: Angle [rad].
-        tilt: Angle [rad].
-
-    Returns:
-        Unit tool axes from the part to the tool, shape (n, 3).
-    """
-    along = unit(tangents - normals * (tangents * normals).sum(axis=1, keepdims=True))
-    across = np.cross(normals, along)
-    return unit(normals + np.tan(lead) * along + np.tan(tilt) * across)
 
 
 def _silent(share: float) -> None:
