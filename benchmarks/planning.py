@@ -12,7 +12,10 @@ import numpy as np
 import trimesh
 
 from benchmarks.table import Row
-from polish_sim.models import workpiece_path
+from polish_sim.models.parts import Block, parts
+from polish_sim.models.solids import disc_grid
+
+FACET_SIZE = 0.00078 # [m]
 
 _PROGRAM = """
 import resource, sys, time
@@ -30,11 +33,12 @@ print(time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_m
 
 
 def measure() -> Iterator[Row]:
-    """Plan a finely divided ``freeform`` with warm kernels."""
+    """Plan ``freeform`` sampled finely, with warm kernels."""
     with tempfile.TemporaryDirectory() as folder:
         part = Path(folder) / "large.stl"
-        trimesh.load_mesh(workpiece_path("freeform")).subdivide().subdivide_to_size(3.0).export(part)
-        facets = len(trimesh.load_mesh(part).faces)
+        solid = Block(parts()["freeform"].shape, disc_grid(0.100, FACET_SIZE)).build()
+        trimesh.Trimesh(1e3 * solid.vertices, solid.faces).export(part)
+        facets = len(solid.faces)
         run = subprocess.run(
             [sys.executable, "-c", _PROGRAM, str(part), folder], capture_output=True, text=True, check=True
         )

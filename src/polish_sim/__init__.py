@@ -1,3 +1,47 @@
-"""polish-sim: a MuJoCo testbed for force-controlled robotic polishing."""
+"""polish-sim: a MuJoCo testbed for force-controlled robotic polishing.
+
+The names below can be imported from here; each loads its module at first use, so that ``polish-sim --help`` does not
+wait for the simulator.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
 
 __version__ = "0.1.0"
+
+_HOME = {
+    "Scenario": "config",
+    "load_scenario": "scenario_file",
+    "override": "scenario_file",
+    "to_toml": "scenario_file",
+    "load_part": "geometry",
+    "fit_surface": "geometry",
+    "select_region": "geometry",
+    "plan_part": "planning",
+    "measure_given_path": "planning",
+    "read_plan": "planning",
+    "write_plan": "planning",
+    "default_scenario": "experiments",
+    "run_arc": "experiments",
+    "run_force": "experiments",
+    "run_surface": "experiments",
+    "run_experiment": "experiments",
+    "RunResult": "experiments",
+    "read_log": "log",
+}
+
+__all__ = ["__version__", *_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name's module at first use."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'polish_sim' has no attribute '{name}'; it offers {', '.join(sorted(_HOME))}")
+    return getattr(import_module(f"polish_sim.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)
