@@ -40,11 +40,16 @@ def test_an_undefined_figure_meets_no_bound(value: float | None) -> None:
     assert Claim("x", "x", "N", 1.0).met_by(value)
 
 
-def test_the_worst_of_several_seeds_is_the_one_nearest_to_failing() -> None:
-    assert Claim("x", "x", "N", 1.0, low=0.5).worst_of([0.9, 0.7, 0.8]) == 0.7
+def test_the_worst_of_several_seeds_is_the_least_good() -> None:
+    assert Claim("x", "x", "%", 1.0, more_is_better=True).worst_of([0.9, 0.7, 0.8]) == 0.7
     assert Claim("x", "x", "N", 1.0, high=0.5).worst_of([0.1, 0.4, 0.2]) == 0.4
     assert math.isnan(Claim("x", "x", "N", 1.0, high=0.5).worst_of([0.1, None]))
     assert math.isnan(Claim("x", "x", "N", 1.0, high=0.5).worst_of([]))
+
+
+def test_a_lower_bound_goes_with_more_being_better() -> None:
+    for claim in (claim for claims in CLAIMS.values() for claim in claims):
+        assert claim.more_is_better or math.isinf(claim.low)
 
 
 def test_bounds_and_values_are_shown_in_the_units_of_the_table() -> None:

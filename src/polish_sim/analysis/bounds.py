@@ -23,6 +23,7 @@ class Claim(NamedTuple):
     """Least value that passes [SI]."""
     high: float = math.inf
     """Largest value that passes [SI]."""
+    more_is_better: bool = False
 
     @property
     def bounded(self) -> bool:
@@ -34,14 +35,14 @@ class Claim(NamedTuple):
         return not self.bounded or (value is not None and self.low <= value <= self.high)
 
     def worst_of(self, values: Sequence[float | None]) -> float:
-        """The value nearest to failing, or NaN if one is undefined; the largest where nothing is asked."""
+        """The least good value, or NaN if one is undefined."""
         known = [value for value in values if value is not None and not math.isnan(value)]
         if len(known) < len(values) or not known:
             return math.nan
-        return min(known) if math.isfinite(self.low) and not math.isfinite(self.high) else max(known)
+        return min(known) if self.more_is_better else max(known)
 
 
-_PATH_DONE: Final = Claim("path_done", "path done", "%", 100.0, "100", low=1.0)
+_PATH_DONE: Final = Claim("path_done", "path done", "%", 100.0, "100", low=1.0, more_is_better=True)
 
 CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
     {
@@ -56,15 +57,15 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
         "force": (
             Claim("settling_time_3n_s", "settling to ±3 N", "s", 1.0, "< 0.5", high=0.4),
             Claim("settling_time_1n_s", "settling to ±1 N", "s", 1.0),
-            Claim("steady_within_3n", "in ±3 N after 0.5 s", "%", 100.0, "most", low=1.0),
+            Claim("steady_within_3n", "in ±3 N after 0.5 s", "%", 100.0, "most", low=1.0, more_is_better=True),
             Claim("overshoot_n", "overshoot", "N", 1.0),
             Claim("rise_time_s", "rise 10-90%", "s", 1.0),
             Claim("steady_std_n", "steady force, std", "N", 1.0),
             _PATH_DONE,
         ),
         "surface": (
-            Claim("force_within_4n", "force in ±4 N", "%", 100.0, "100, six dips", low=0.995),
-            Claim("force_within_1n", "force in ±1 N", "%", 100.0),
+            Claim("force_within_4n", "force in ±4 N", "%", 100.0, "100, six dips", low=0.995, more_is_better=True),
+            Claim("force_within_1n", "force in ±1 N", "%", 100.0, more_is_better=True),
             Claim("force_mean_n", "force, mean", "N", 1.0, "20"),
             Claim("force_rms_error_n", "force error, rms", "N", 1.0),
             Claim("force_max_deviation_n", "force error, max", "N", 1.0, "4"),
