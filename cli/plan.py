@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any
@@ -111,12 +112,13 @@ def _with_overlap(scenario: Scenario, stepover: float | None, overlap: float | N
 
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     mm, percent = 1e3, 1e2
+    spread = f"{m['stepover_p5_m'] * mm:.2f} to {m['stepover_p95_m'] * mm:.2f}"
     return [
         ["facets", "", str(m["facets"])],
         ["path length", "m", f"{m['path_length_m']:.3f}"],
         ["cycle time at the feed", "s", f"{m['cycle_time_s']:.0f}"],
-        ["step-over, mean", "mm", f"{m['stepover_mean_m'] * mm:.2f}"],
-        ["step-over, p5 to p95", "mm", f"{m['stepover_p5_m'] * mm:.2f} to {m['stepover_p95_m'] * mm:.2f}"],
+        ["step-over, mean", "mm", _or_dash(m["stepover_mean_m"], f"{m['stepover_mean_m'] * mm:.2f}")],
+        ["step-over, p5 to p95", "mm", _or_dash(m["stepover_mean_m"], spread)],
         ["coverage by the pad", "%", f"{m['coverage'] * percent:.1f}"],
         ["within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
         ["self crossings", "", str(m["self_crossings"])],
@@ -124,3 +126,8 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["largest distance to surface", "mm", f"{m['max_distance_to_surface_m'] * mm:.1g}"],
         ["planned in", "s", f"{m['plan_time_s']:.2f}"],
     ]
+
+
+def _or_dash(value: float, text: str) -> str:
+    """The text, or a dash where there is no value: a path without neighbouring turns has no step-over."""
+    return "-" if math.isnan(value) else text

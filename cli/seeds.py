@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -68,23 +68,20 @@ def _run_all(
 ) -> tuple[dict[int, Figures], bool]:
     """Figures by seed of all runs that ended, in the order of the seeds, and whether the user broke off."""
     workers = min(len(seeds), os.cpu_count() or 1)
-    done: dict[int, Figures] = {}
+    interrupted = False
     with console.progress() as observer, _pool(workers) as pool:
         way = plan_to_run(scenario, plan, observer, draft)
         observer.stage(f"simulate {len(seeds)} seeds on {workers} cores")
-        jobs: dict[Future[Figures], int] = {}
-        for seed in seeds:
-            job = pool.submit(_run_one, replace(scenario, seed=seed), way, draft / _name(seed))
-            jobs[job] = seed
+        jobs = {seed: pool.submit(_run_one, replace(scenario, seed=seed), way, draft / _name(seed)) for seed in seeds}
         try:
-            for job in as_completed(jobs):
-                done[jobs[job]] = job.result()
-                observer.progress(len(done), len(seeds))
-            interrupted = False
+            for count, job in enumerate(as_completed(jobs.values()), 1):
+                job.result()
+                observer.progress(count, len(seeds))
         except KeyboardInterrupt:
             interrupted = True
-            pool.shutdown(wait=False, cancel_futures=True)
-    return {seed: done[seed] for seed in seeds if seed in done}, interrupted
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return {seed: job.result() for seed, job in jobs.items() if not job.cancelled()}, interrupted
 
 
 def _pool(workers: int) -> ProcessPoolExecutor:

@@ -153,3 +153,18 @@ def test_an_interrupt_is_130_and_keeps_what_was_recorded(tmp_path: Path) -> None
     assert isinstance(done, float)
     assert done < 1.0
     assert [path.name for path in tmp_path.iterdir()] == ["cut"]
+
+
+def test_an_interrupt_of_many_seeds_keeps_those_that_ended(tmp_path: Path) -> None:
+    many = ["run", "arc", "--seeds", "40", "--out", "cut"]
+    with subprocess.Popen([*PROGRAM, *many], cwd=tmp_path, stderr=subprocess.PIPE, text=True) as run:
+        while not list(tmp_path.glob(".cut.part/seed-*/metrics.json")):
+            time.sleep(0.05)
+        run.send_signal(signal.SIGINT)
+        _, err = run.communicate()
+    assert run.returncode == 130, err
+    assert "Traceback" not in err
+    kept = metrics_of(tmp_path / "cut")["seeds"]
+    assert isinstance(kept, list)
+    assert 1 <= len(kept) < 40
+    assert sorted(folder.name for folder in (tmp_path / "cut").glob("seed-*")) == [f"seed-{s:04d}" for s in kept]
