@@ -24,8 +24,9 @@ Array = NDArray[np.float64]
 MM = 1e3
 COLORS = "viridis"
 LANDING, LEAVING = ORANGE, PINK
-GRID = 90
-"""Vertices are gathered on a grid of this many cells across the part, so that drawing stays quick."""
+MOST_FACETS = 30_000
+GRID = 120
+"""Beyond so many facets vertices are gathered on a grid of so many cells across, so that drawing stays quick."""
 AXES_SHOWN = 90
 ELEVATION, AZIMUTH = 38.0, -62.0
 TOWARDS_VIEWER = np.array(
@@ -35,7 +36,8 @@ TOWARDS_VIEWER = np.array(
         np.sin(np.radians(ELEVATION)),
     ]
 )
-LIGHT = np.array([-0.40, -0.50, 0.77])
+LIGHT = np.array([-0.57, -0.37, 0.73])
+AMBIENT = 0.42
 TINT = np.array([0.93, 0.95, 1.0])
 
 
@@ -77,7 +79,9 @@ def _view_frame(up: Array) -> Array:
 
 
 def _coarse(mesh: PartMesh, vertices: Array) -> Array:
-    """Corners of the part's facets on a coarse grid, (m, 3, 3)."""
+    """Corners of the facets to draw, (m, 3, 3)."""
+    if len(mesh.faces) <= MOST_FACETS:
+        return np.asarray(vertices[mesh.faces])
     cell = float(np.ptp(vertices, axis=0).max()) / GRID
     keys = np.round(vertices / cell).astype(np.int64)
     _, group = np.unique(keys, axis=0, return_inverse=True)
@@ -95,7 +99,7 @@ def _shaded(corners: Array, towards: Array) -> tuple[Array, Array]:
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     front = np.flatnonzero(normals @ towards > 0.0)
     front = front[np.argsort(corners[front].mean(axis=1) @ towards)]
-    bright = 0.5 + 0.48 * np.clip(normals[front] @ LIGHT, 0.0, 1.0)
+    bright = AMBIENT + (1.0 - AMBIENT) * np.clip(normals[front] @ LIGHT, 0.0, 1.0) ** 1.5
     colors = np.column_stack([np.clip(bright[:, None] * TINT, 0.0, 1.0), np.ones(len(front))])
     return corners[front], colors
 
