@@ -1,0 +1,47 @@
+"""What the README says can be typed can be typed."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import typer
+
+from polish_sim.cli.main import commands
+
+ROOT = Path(__file__).resolve().parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+TYPED = sorted(set(re.findall(r"polish-sim ((?:plan|run|report|config|list|demo|[a-z]+ )[^`#\n]*)", README)))
+PYTHON = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+
+
+@pytest.mark.parametrize("line", TYPED)
+def test_every_command_line_names_existing_commands_and_options(line: str) -> None:
+    name, *words = line.split()
+    group = typer.main.get_command(commands)
+    known = group.commands  # type: ignore[attr-defined]
+    assert name in known
+    options = {option for parameter in known[name].params for option in parameter.opts}
+    assert {word for word in words if word.startswith("--")} <= options | {"--help"}
+
+
+def test_there_are_command_lines_to_check() -> None:
+    assert len(TYPED) >= 8
+
+
+@pytest.mark.parametrize("program", PYTHON)
+def test_the_python_example_runs(program: str, capsys: pytest.CaptureFixture[str]) -> None:
+    exec(compile(program, "README.md", "exec"), {})
+    assert float(capsys.readouterr().out) > 0.0
+
+
+def test_every_linked_file_exists() -> None:
+    links = re.findall(r"\]\((?!http)([^)#]+)\)", README)
+    assert links
+    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+@pytest.mark.parametrize("target", ["demo", "test", "check", "bench", "clean"])
+def test_the_makefile_has_the_promised_targets(target: str) -> None:
+    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
