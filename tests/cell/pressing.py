@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import quad_vec
+from scipy.optimize import brentq
 
 from polish_sim.cell import RealPart, build_pad, press_pad
 from polish_sim.config import PadConfig
@@ -18,6 +19,8 @@ Array = NDArray[np.float64]
 DOWN = np.diag([1.0, -1.0, -1.0])  # R_base_pad of a pad that looks straight down
 PAD = PadConfig()
 ELASTIC = replace(PAD, damping_s_m=0.0, friction=0.0)
+HEAD_STIFFNESS = 20000.0 / 3.0  # [N/m]
+PRESSED = 0.004  # D of 20 N on a flat part [m]
 
 
 class Wrench(NamedTuple):
@@ -81,3 +84,13 @@ def below_sphere(radius: float) -> Callable[[Array], tuple[Array, Array]]:
         return radius - distance, offset / distance[:, None]
 
     return depth_and_normal
+
+
+def working_depth(radius: float) -> float:
+    """How deep the pad itself sits in a ball when head spring and pad together are pressed in by D [m]."""
+
+    def surplus(depth: float) -> float:
+        force = foundation(below_sphere(radius), np.array([0.0, 0.0, -depth]), DOWN).force[2]
+        return float(force - HEAD_STIFFNESS * (PRESSED - depth))
+
+    return float(brentq(surplus, 1e-4, PRESSED, xtol=1e-9))

@@ -8,17 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import build_pad, no_part
 from polish_sim.cell.real_part import FIELD_SPACING
 from polish_sim.geometry.distance_field import DistanceField
 from tests.cell.fields import part_at, plane, sphere
-from tests.cell.pressing import DOWN, ELASTIC, PAD, Array, below_sphere, foundation, press
+from tests.cell.pressing import DOWN, ELASTIC, PAD, Array, below_sphere, foundation, press, working_depth
 
 RADII = (0.3, 0.1, 0.05)  # of the shipped sphere caps [m]
-HEAD_STIFFNESS, PRESSED = 20000.0 / 3.0, 0.004  # [N/m], [m]
 
 
 @pytest.fixture(scope="module")
@@ -30,16 +28,6 @@ def flat() -> DistanceField:
 def ball() -> Callable[[float], DistanceField]:
     balls = {radius: sphere(radius) for radius in RADII}
     return balls.__getitem__
-
-
-def working_depth(radius: float) -> float:
-    """How deep the pad itself sits in a ball when head and pad together are pressed in by 4 mm [m]."""
-
-    def surplus(depth: float) -> float:
-        force = foundation(below_sphere(radius), np.array([0.0, 0.0, -depth]), DOWN).force[2]
-        return float(force - HEAD_STIFFNESS * (PRESSED - depth))
-
-    return float(brentq(surplus, 1e-4, PRESSED, xtol=1e-9))
 
 
 @pytest.mark.parametrize("points", [8, 48, 100, 1000])

@@ -1,0 +1,124 @@
+"""Cells for tests: short jobs in free space or on parts with a formula, a sensor without errors unless asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell import Cell, Job, RealPart, Silent, build_scene, no_part, tool_on_flange
+from polish_sim.config import Scenario
+from polish_sim.control import build_controller
+from polish_sim.control.laws import Controller
+from polish_sim.experiments import default_scenario
+from polish_sim.models import robot_model_path
+from polish_sim.motion import inverse_near
+from polish_sim.motion.trajectory import PathTable, build_path_table
+from polish_sim.scenario_file import override
+from polish_sim.spatial import inverse, transform
+
+Array = NDArray[np.float64]
+
+IDEAL_SENSOR = [
+    "sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_bias_n=0", "sensor.torque_bias_nm=0",
+    "sensor.force_drift_n_s=0", "sensor.torque_drift_nm_s=0", "sensor.force_quantum_n=0", "sensor.torque_quantum_nm=0",
+]  # fmt: skip
+NOMINAL_PART = ["part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0"]
+EVERY_STEP = "simulation.log_rate_hz=0"
+
+
+def ideal(experiment: str, *changes: str) -> Scenario:
+    """An experiment without sensor errors on a part that is as drawn."""
+    return override(default_scenario(experiment), [*IDEAL_SENSOR, *NOMINAL_PART, *changes])
+
+
+def tool_pose(x: float, y: float, z: float, tilt: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+    """T_base_tool of a tool that looks down, then tilted by a rotation vector [rad]."""
+    return transform(Rotation.from_rotvec(tilt).as_matrix() @ np.diag([1.0, -1.0, -1.0]), np.array([x, y, z]))
+
+
+TOUCH = tool_pose(0.0, -0.5, 0.1)
+
+
+def joints_at(T_base_tool: Array) -> Array:
+    """Joint positions of a tool pose, elbow up as at home [rad]."""
+    home = mujoco.MjModel.from_xml_path(str(robot_model_path())).key("home").qpos[:6]
+    return inverse_near(T_base_tool @ inverse(tool_on_flange()), home)
+
+
+def along_tool(T_base_tool: Array, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
+    """A pose moved along its own axes [m]."""
+    return T_base_tool @ transform(np.eye(3), np.array([x, y, z]))
+
+
+def path_through(*poses: Array) -> PathTable:
+    """A straight path through tool poses."""
+    stack = np.stack(poses)
+    return build_path_table(stack[:, :3, 3], stack[:, :3, :3])
+
+
+def free_job(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Job:
+    """Move through poses in free space and stay at the last."""
+    start = path_through(poses[0])
+    return Job(
+        travel=start, lead_in=start, process=path_through(*poses), depth=0.0, force=0.0, contact=0.0,
+        approach_speed=0.005, feed=feed, threshold=math.inf, search_depth=0.0, hold=hold, feed_time=math.inf,
+        lift=0.0, start_s=0.0,
+    )  # fmt: skip
+
+
+def pressing_job(
+    T_base_touch: Array = TOUCH, height: float = 0.005, slide: float = 0.0, hold: float = 1.0, lift: float = 0.0
+) -> Job:
+    """Down from ``height`` [m] onto a nominal surface, pressed in by 4 mm for 20 N, then ``slide`` [m] along tool x."""
+    depth = 0.004
+    pressed = along_tool(T_base_touch, z=depth)
+    return Job(
+        travel=path_through(T_base_touch), lead_in=path_through(along_tool(T_base_touch, z=-height), T_base_touch),
+        process=path_through(pressed, along_tool(pressed, x=slide)), depth=depth, force=20.0, contact=1.0,
+        approach_speed=0.005, feed=0.01, threshold=2.0, search_depth=0.01, hold=hold, feed_time=math.inf,
+        lift=lift, start_s=0.0,
+    )  # fmt: skip
+
+
+def part_under(field: Any, T_base_touch: Array = TOUCH) -> RealPart:
+    """A part of this field whose origin is touched at a tool pose, its z axis against the tool's."""
+    T = T_base_touch @ np.diag([1.0, -1.0, -1.0, 1.0])
+    return RealPart(field, field, np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy())
+
+
+def cell_for(
+    scenario: Scenario,
+    *jobs: Job,
+    part: RealPart | None = None,
+    model: mujoco.MjModel | None = None,
+    controller: Controller | None = None,
+) -> Cell:
+    """A cell at the start of its first job, without table."""
+    first = jobs[0].lead_in if jobs[0].contact else jobs[0].process
+    T_start = transform(Rotation.from_quat(first.quaternions[0], scalar_first=True).as_matrix(), first.positions[0])
+    return Cell(
+        scenario, model if model is not None else build_scene(scenario, None, None), part or no_part(), jobs,
+        joints_at(T_start), controller or build_controller(scenario.controller), np.random.default_rng(scenario.seed),
+    )  # fmt: skip
+
+
+class EachStep(Silent):
+    """Calls a function after every physics step; the scenario must log every step."""
+
+    def __init__(self, look: Callable[[Any, Any], None], dt: float = 0.001) -> None:
+        self.frame_every_s = dt
+        self._look = look
+
+    def frame(self, model: Any, data: Any) -> None:
+        self._look(model, data)
+
+
+def with_controller(scenario: Scenario, name: str) -> Scenario:
+    return replace(scenario, controller=replace(scenario.controller, name=name))

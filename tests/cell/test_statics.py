@@ -1,0 +1,57 @@
+"""Pressing without force control: what a path moved D = F / k into the part gives at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from polish_sim.experiments import RunResult, run_experiment
+from tests.cell.cells import EVERY_STEP, ideal
+from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, working_depth
+
+
+def pressed_on(part: str, *changes: str) -> RunResult:
+    return run_experiment(ideal("force", "controller.name=position", f"part.file={part}", EVERY_STEP, *changes))
+
+
+@pytest.fixture(scope="module")
+def plate() -> RunResult:
+    return pressed_on("plate")
+
+
+def test_position_control_alone_gives_20_newton_on_the_plate(plate: RunResult) -> None:
+    settled = plate.trace.normal_force_n[-1000:]
+    assert np.abs(settled - 20.0).max() < 0.1
+
+
+def test_the_head_and_the_pad_share_the_way_as_their_stiffnesses_say(plate: RunResult) -> None:
+    travel = float(plate.log["pad_travel_m"][-1])
+    assert travel == pytest.approx(20.0 / HEAD_STIFFNESS, rel=0.005)
+    tool, target = plate.log["tcp_position_m"][-1], plate.log["target_position_m"][-1]
+    np.testing.assert_allclose(tool, target, atol=2e-5)
+
+
+def test_the_sensor_at_rest_reads_what_the_pad_presses(plate: RunResult) -> None:
+    measured, true = plate.log["wrench_measured_tool"][-200:], plate.log["wrench_true_tool"][-200:]
+    np.testing.assert_allclose(measured, true, atol=0.01)
+
+
+def test_twice_the_force_takes_twice_the_way() -> None:
+    doubled = pressed_on("plate", "process.contact_force_n=40")
+    assert doubled.trace.normal_force_n[-1] == pytest.approx(40.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("radius", "about"), [(0.3, 17.4), (0.1, 13.1), (0.05, 9.8)])
+def test_on_a_sphere_the_pad_touches_in_part_and_presses_as_softly_as_the_closed_form_says(
+    radius: float, about: float
+) -> None:
+    result = pressed_on(f"sphere_{round(1000 * radius)}")
+    expected = HEAD_STIFFNESS * (PRESSED - working_depth(radius))
+    assert expected == pytest.approx(about, abs=0.1)
+    assert result.trace.normal_force_n[-1] == pytest.approx(expected, rel=0.02)
+
+
+def test_position_control_does_not_notice_a_part_a_millimetre_off() -> None:
+    result = pressed_on("plate", "part.displacement_m=0.001")
+    off = abs(float(result.trace.normal_force_n[-1]) - 20.0)
+    assert 0.7 * 5.0 - 0.1 < off < 5.0 + 0.1
