@@ -11,7 +11,7 @@ import pytest
 from polish_sim.cell import RealPart, build_pad, press_pad
 from polish_sim.config import PadConfig
 from tests.cell.fields import part_at, plane
-from tests.cell.pressing import DOWN, ELASTIC, PAD, Array
+from tests.cell.pressing import ELASTIC, PAD, Array
 
 WEIGHT = """
 <mujoco>

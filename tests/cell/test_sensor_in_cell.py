@@ -1,0 +1,147 @@
+"""The exact wrist wrench inside a run, at every instant, against Newton and Euler written out here; tare, latency."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from polish_sim.cell import CellRun
+from tests.cell.cells import (
+    EVERY_STEP,
+    TOUCH,
+    EachStep,
+    along_tool,
+    cell_for,
+    free_job,
+    ideal,
+    part_under,
+    path_through,
+    pressing_job,
+    tool_pose,
+)
+from tests.cell.fields import plane, sphere
+from tests.cell.pressing import Array
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+class NewtonEuler:
+    """Collects the difference between sensor and Newton-Euler at every instant.
+
+    After a step the engine's poses and accelerations still belong to the instant before it, as do its sensors; only
+    positions and speeds have moved on, so the speeds are kept from one look to the next.
+    """
+
+    def __init__(self, speeds: Array) -> None:
+        self.worst: list[Array] = []
+        self.loads: list[Array] = []
+        self._speeds = speeds.copy()
+
+    def __call__(self, model: Any, data: Any) -> None:
+        origin, R = data.site("sensor").xpos, data.site("sensor").xmat.reshape(3, 3)
+        force, torque = np.zeros(3), np.zeros(3)
+        for name in ("tool_mount", "head"):
+            body = model.body(name).id
+            linear, angular, turning = self._motion(model, data, body)
+            R_inertia = data.ximat[body].reshape(3, 3)
+            inertia = R_inertia @ np.diag(model.body_inertia[body]) @ R_inertia.T
+            pull = model.body_mass[body] * (linear - GRAVITY) - data.xfrc_applied[body, :3]
+            force += pull
+            torque += inertia @ angular + np.cross(turning, inertia @ turning) - data.xfrc_applied[body, 3:]
+            torque += np.cross(data.xipos[body] - origin, pull)
+        expected = np.concatenate([R.T @ force, R.T @ torque])
+        self.worst.append(np.abs(data.sensordata - expected))
+        self.loads.append(data.xfrc_applied[model.body("head").id].copy())
+        self._speeds = data.qvel.copy()
+
+    def _motion(self, model: Any, data: Any, body: int) -> tuple[Array, Array, Array]:
+        """Linear and angular acceleration and angular velocity of a body at its centre of mass."""
+        shape = (3, model.nv)
+        J, J_turn, J_dot, J_turn_dot = (np.zeros(shape) for _ in range(4))
+        mujoco.mj_jacBodyCom(model, data, J, J_turn, body)
+        mujoco.mj_jacDot(model, data, J_dot, J_turn_dot, data.xipos[body], body)
+        qd, qdd = self._speeds, data.qacc
+        return J @ qdd + J_dot @ qd, J_turn @ qdd + J_turn_dot @ qd, J_turn @ qd
+
+
+def watched(cell: Any) -> tuple[NewtonEuler, CellRun]:
+    look = NewtonEuler(cell.data.qvel)
+    return look, cell.run(EachStep(look))
+
+
+def test_moving_in_free_space_the_sensor_reads_m_a_minus_g_at_every_instant() -> None:
+    poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.06, -0.45, 0.25, (0.3, -0.2, 0.4)), tool_pose(0.1, -0.5, 0.2)
+    look, run = watched(cell_for(ideal("arc", EVERY_STEP), free_job(*poses, feed=0.2)))
+    assert run.trace.tcp_speed_m_s.max() > 0.15
+    assert np.max(look.worst) < 1e-9
+
+
+@pytest.mark.parametrize("rpm", [0, 6000])
+def test_pressing_and_sliding_it_reads_that_minus_the_contact_at_every_instant(rpm: int) -> None:
+    scenario = ideal("force", EVERY_STEP, f"spindle.speed_rpm={rpm}", "sensor.force_noise_n=0.5")
+    look, run = watched(cell_for(scenario, pressing_job(slide=0.005, lift=0.01), part=part_under(sphere(0.1))))
+    assert run.stop_reason is None
+    loads = np.array(look.loads)
+    assert loads[:, 2].max() > 10.0
+    assert np.max(look.worst) < 1e-9
+
+
+@pytest.fixture(scope="module")
+def pressed() -> CellRun:
+    """A biased but noiseless sensor while pressing on a plane."""
+    scenario = ideal("force", EVERY_STEP, "sensor.force_bias_n=5", "sensor.torque_bias_nm=0.2")
+    return cell_for(scenario, pressing_job(hold=1.5, lift=0.01), part=part_under(plane())).run()
+
+
+def test_the_log_keeps_the_exact_wrench_not_the_biased_reading(pressed: CellRun) -> None:
+    at_rest = pressed.log["wrench_raw_sensor"][300]
+    np.testing.assert_allclose(at_rest[:3], [0.0, 0.0, -2.0 * 9.81], atol=0.01)
+
+
+def test_the_tare_takes_the_bias_out(pressed: CellRun) -> None:
+    time, measured = pressed.log["time_s"], pressed.log["wrench_measured_tool"]
+    untared, tared = measured[time < 0.1], measured[(time > 0.7) & (time < 1.0)]
+    assert np.abs(untared[:, :3]).max() > 1.0
+    assert np.abs(tared[:, :3]).max() < 0.05
+    assert np.abs(tared[:, 3:]).max() < 0.02
+
+
+def test_with_the_bias_tared_the_force_comes_to_20_newton_and_is_measured_so(pressed: CellRun) -> None:
+    process = pressed.log["phase"] == 2
+    true = pressed.log["normal_force_n"][process][-200:]
+    measured = pressed.log["wrench_measured_tool"][process][-200:, 2]
+    np.testing.assert_allclose(true, 20.0, atol=0.1)
+    np.testing.assert_allclose(measured, true, atol=0.05)
+
+
+@pytest.mark.parametrize("latency_ms", [2, 5, 10])
+def test_the_host_sees_the_wrench_as_late_as_the_sensor_says(latency_ms: int) -> None:
+    """Without filter and bias the measured force is the exact sensor wrench of so many milliseconds ago."""
+    scenario = ideal("force", EVERY_STEP, "sensor.bandwidth_hz=0", f"sensor.latency_s={latency_ms * 1e-3}")
+    run = cell_for(scenario, pressing_job(hold=1.0), part=part_under(plane())).run()
+    late = latency_ms
+    raw, measured = run.log["wrench_raw_sensor"][:, 2], run.log["wrench_measured_tool"][:, 2]
+    offset = measured[500] - raw[500 - late]  # weight and tare
+    np.testing.assert_allclose(measured[500:], raw[500 - late : len(raw) - late] + offset, atol=2e-4)
+    assert np.abs(measured[500:] - raw[500:] - offset).max() > 0.05
+
+
+def test_a_wrongly_believed_tool_mass_shows_by_how_far_the_tool_has_turned_since_the_tare() -> None:
+    """The force loop holds 20 N of what it believes; the rest is the surplus mass times the change of its share."""
+    lean, surplus = 0.6, 0.2 * 2.0 * 9.81
+    for start, expected in (
+        (TOUCH, 20.0),
+        (tool_pose(0.0, -0.5, 0.1, (lean, 0, 0)), 20.0 - surplus * (1 - np.cos(lean))),
+    ):
+        job = pressing_job(hold=1.5)
+        job = job._replace(lead_in=path_through(along_tool(start, z=-0.02), TOUCH))
+        run = cell_for(ideal("force", "sensor.payload_mass_error=0.2"), job, part=part_under(plane())).run()
+        assert run.trace.normal_force_n[-1] == pytest.approx(expected, abs=0.1)
+
+
+def test_a_wrong_payload_in_the_robot_makes_the_arm_sag_not_the_force_err() -> None:
+    run = cell_for(ideal("force", "robot.payload_error=-0.5"), pressing_job(hold=1.5), part=part_under(plane())).run()
+    assert run.trace.normal_force_n[-1] == pytest.approx(20.0, abs=0.15)

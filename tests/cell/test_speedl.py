@@ -1,0 +1,188 @@
+"""The robot's velocity interface: acceleration, latency, timeout, joint limits, singularities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from polish_sim.cell.cell import build_speedl
+from polish_sim.cell.speedl import (
+    SpeedlModel,
+    SpeedlState,
+    build_speedl_state,
+    limit_acceleration,
+    pass_request,
+    resolve_joints,
+)
+from polish_sim.config import RobotConfig, Scenario
+from polish_sim.motion import JOINT_LIMITS, jacobian
+from tests.cell.cells import EVERY_STEP, cell_for, free_job, ideal, joints_at, tool_pose
+from tests.cell.pressing import Array
+
+DT = 0.001
+TIP = np.array([0.0, 0.0, 0.22])
+DEFAULT = build_speedl(Scenario())
+ROBOT = RobotConfig()
+AT_WORK = joints_at(tool_pose(0.0, -0.5, 0.1))
+
+
+def commanded(
+    request: Callable[[int], Array], steps: int, model: SpeedlModel = DEFAULT, stops_at: int = 10**9
+) -> Array:
+    """Twist the interface commands at every step, shape (steps, 6); from ``stops_at`` on the host is silent."""
+    state, found = build_speedl_state(model, AT_WORK), []
+    for n in range(steps):
+        heard = min(n, stops_at)
+        pass_request(model, state, request(heard), float(heard + 1), DT)
+        limit_acceleration(model, state, DT)
+        found.append(state.twist.copy())
+    return np.array(found)
+
+
+def test_no_request_however_wild_makes_it_accelerate_faster_than_its_limits() -> None:
+    wild = np.random.default_rng(0).normal(scale=[0.5, 0.5, 0.5, 3.0, 3.0, 3.0], size=(2000, 6))
+    steps = np.diff(np.concatenate([np.zeros((1, 6)), commanded(lambda n: wild[n], 2000)]), axis=0) / DT
+    linear, angular = np.linalg.norm(steps[:, :3], axis=1), np.linalg.norm(steps[:, 3:], axis=1)
+    assert linear.max() == pytest.approx(ROBOT.linear_acceleration_m_s2, rel=1e-9)
+    assert angular.max() == pytest.approx(ROBOT.angular_acceleration_rad_s2, rel=1e-9)
+
+
+def test_it_goes_straight_to_the_request_in_the_least_time_and_stays() -> None:
+    wanted = np.array([0.03, -0.04, 0.0, 0.0, 0.3, 0.0])
+    found = commanded(lambda _n: wanted, 200)
+    started = found[DEFAULT.latency :]
+    needed = int(np.ceil(0.05 / (ROBOT.linear_acceleration_m_s2 * DT)))
+    np.testing.assert_allclose(
+        started[needed - 1 :, :3], np.tile(wanted[:3], (len(started) - needed + 1, 1)), atol=1e-15
+    )
+    ramp = started[: needed - 1, :3]
+    np.testing.assert_allclose(np.cross(ramp, wanted[:3]), 0.0, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(ramp, axis=1), ROBOT.linear_acceleration_m_s2 * DT * np.arange(1, needed))
+
+
+@pytest.mark.parametrize("latency_ms", [0, 1, 6, 25])
+def test_a_request_acts_after_the_latency_to_the_step(latency_ms: int) -> None:
+    model = DEFAULT._replace(latency=latency_ms)
+    found = commanded(lambda _n: np.array([1e-4, 0, 0, 0, 0, 0]), 60, model)
+    assert np.flatnonzero(found[:, 0])[0] == latency_ms
+
+
+def test_a_silent_host_is_believed_for_the_timeout_then_the_robot_comes_to_rest_by_itself() -> None:
+    speed, silent = 0.06, 100
+    found = commanded(lambda _n: np.array([speed, 0, 0, 0, 0, 0.3]), 400, stops_at=silent)
+    braking = np.flatnonzero(found[:, 0] < speed * (1 - 1e-9))
+    begins = int(braking[braking > silent][0])
+    assert begins == pytest.approx(silent + DEFAULT.latency + ROBOT.command_timeout_s / DT, abs=1.5)
+    needed = round(speed / (ROBOT.linear_acceleration_m_s2 * DT))
+    assert found[begins + needed - 2, 0] > 0.0
+    np.testing.assert_allclose(found[begins + needed :], 0.0, atol=1e-15)
+
+
+def test_after_the_timeout_a_new_request_moves_it_again() -> None:
+    state, speeds = build_speedl_state(DEFAULT, AT_WORK), []
+    for n in range(400):
+        pass_request(DEFAULT, state, np.array([0.01, 0, 0, 0, 0, 0]), 1.0 if n < 300 else 2.0, DT)
+        limit_acceleration(DEFAULT, state, DT)
+        speeds.append(state.twist[0])
+    assert speeds[299] == 0.0
+    assert speeds[350] == pytest.approx(0.01)
+
+
+def resolved(q: Array, twist: Array, model: SpeedlModel = DEFAULT) -> tuple[SpeedlState, bool]:
+    """Joint speeds for a twist at a configuration, the smallest singular value known."""
+    state = build_speedl_state(model, q)
+    J = jacobian(q, TIP)
+    inside = True
+    for _ in range(400):
+        pass_request(model, state, twist, 1.0, DT)
+        state.twist[:] = twist
+        state.joints[:] = q
+        inside = resolve_joints(model, state, J, DT)
+    return state, inside
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_away_from_singularities_the_joints_give_exactly_the_twist(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    q = AT_WORK + 0.3 * rng.normal(size=6)
+    twist = 0.02 * rng.normal(size=6)
+    state, inside = resolved(q, twist)
+    assert inside
+    np.testing.assert_allclose(jacobian(q, TIP) @ state.speeds, twist, atol=1e-8)
+    np.testing.assert_allclose(state.joints, q + state.speeds * DT, atol=1e-15)
+
+
+def test_too_fast_a_twist_is_slowed_down_not_bent() -> None:
+    twist = np.array([2.0, -3.0, 1.0, 1.0, 0.0, 2.0])
+    state, _ = resolved(AT_WORK, twist)
+    assert np.abs(state.speeds).max() == pytest.approx(ROBOT.joint_speed_limit_rad_s, rel=1e-12)
+    reached = jacobian(AT_WORK, TIP) @ state.speeds
+    share = reached @ twist / (twist @ twist)
+    assert 0.0 < share < 1.0
+    np.testing.assert_allclose(reached, share * twist, atol=1e-7)
+
+
+@pytest.mark.parametrize("joint", range(6))
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_a_joint_is_held_at_the_end_of_its_range_and_says_so(joint: int, way: float) -> None:
+    model = DEFAULT._replace(lowest=AT_WORK - 1e-4, highest=AT_WORK + 1e-4)
+    for speed, stays in ((0.05, True), (0.5, False)):  # 1e-4 rad are left, a step is 1 ms
+        outward = way * speed * np.eye(6)[joint]
+        state, inside = resolved(AT_WORK, jacobian(AT_WORK, TIP) @ outward, model)
+        assert inside == stays
+        assert state.speeds[joint] == pytest.approx(way * speed if stays else 0.0, abs=1e-6)
+        assert state.joints[joint] == pytest.approx(AT_WORK[joint] + (way * speed * DT if stays else 0.0), abs=1e-9)
+
+
+def test_the_ranges_are_the_robots() -> None:
+    np.testing.assert_array_equal(DEFAULT.lowest, JOINT_LIMITS[:, 0])
+    np.testing.assert_array_equal(DEFAULT.highest, JOINT_LIMITS[:, 1])
+
+
+def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_most() -> None:
+    state, exact = build_speedl_state(DEFAULT, AT_WORK), []
+    for n in range(4000):
+        J = jacobian(AT_WORK + np.array([0.2, 0.3, -0.4, 0.3, 1.5, 0.5]) * n / 4000, TIP)
+        pass_request(DEFAULT, state, np.zeros(6), 1.0, DT)
+        resolve_joints(DEFAULT, state, J, DT)
+        exact.append(np.linalg.svd(J, compute_uv=False)[-1])
+        if n > 200:
+            assert 0.99 * min(exact[-9:]) < state.clock[2] < 1.01 * max(exact[-9:])
+    assert min(exact) < 0.2 * max(exact)
+
+
+def test_near_a_singularity_joint_speeds_stay_bounded() -> None:
+    """Damped by half the lack of singular value, an inverse never exceeds 41 times the twist."""
+    fastest = []
+    for q5 in np.linspace(0.3, -0.3, 121):
+        q = AT_WORK.copy()
+        q[4] = q5
+        U, S, _ = np.linalg.svd(jacobian(q, TIP))
+        state, _ = resolved(q, 0.01 * U[:, 5])
+        fastest.append(np.linalg.norm(state.speeds) / 0.01)
+        if S[5] > DEFAULT.damping_onset:
+            assert fastest[-1] == pytest.approx(1.0 / S[5], rel=1e-4)
+    assert max(fastest) < 41.0
+    assert fastest[60] < 1.0
+
+
+def test_in_a_run_the_commanded_twist_keeps_the_limits_at_every_step() -> None:
+    scenario = ideal("arc", EVERY_STEP, "robot.linear_acceleration_m_s2=0.1", "robot.angular_acceleration_rad_s2=0.2")
+    poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.05, -0.5, 0.2, (0.0, 0.4, 0.0)), tool_pose(0.05, -0.45, 0.2)
+    run = cell_for(scenario, free_job(*poses, feed=0.1, hold=1.0)).run()
+    twist = run.log["command_twist"].astype(float)
+    steps = np.diff(twist, axis=0) / DT
+    assert np.linalg.norm(steps[:, :3], axis=1).max() == pytest.approx(0.1, rel=1e-3)
+    assert np.linalg.norm(steps[:, 3:], axis=1).max() == pytest.approx(0.2, rel=1e-3)
+
+
+def test_in_a_run_the_joints_follow_the_integrated_speeds_and_the_tool_its_target() -> None:
+    scenario = ideal("arc", EVERY_STEP)
+    poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.08, -0.45, 0.15, (0.2, 0.1, 0.0))
+    run = cell_for(scenario, free_job(*poses, feed=0.02, hold=1.0)).run()
+    assert run.stop_reason is None
+    assert run.trace.position_error_m[-1] < 5e-5
+    assert run.trace.orientation_error_rad[-1] < 5e-4
+    assert run.trace.position_error_m[1500:].max() < 5e-4

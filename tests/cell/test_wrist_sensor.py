@@ -1,0 +1,171 @@
+"""The sensor's errors one by one, each against its formula; and what the host makes of the reading."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell.wrist_sensor import GRAVITY, Payload, build_sensor, sample_sensor, tool_wrench
+from polish_sim.config import SensorConfig
+from tests.cell.pressing import Array
+
+DT = 0.001
+PERFECT = SensorConfig(
+    force_noise_n=0.0, torque_noise_nm=0.0, force_bias_n=0.0, torque_bias_nm=0.0, force_drift_n_s=0.0,
+    torque_drift_nm_s=0.0, bandwidth_hz=0.0, latency_s=0.001, force_quantum_n=0.0, torque_quantum_nm=0.0,
+)  # fmt: skip
+LOAD = np.array([3.0, -4.0, 25.0, 0.1, -0.2, 0.03])
+
+
+def readings(config: SensorConfig, exact: Callable[[float], Array], seconds: float, seed: int = 0) -> Array:
+    """What the host reads at every physics step, shape (n, 6)."""
+    rng = np.random.default_rng(seed)
+    model, state = build_sensor(config, rng)
+    found = []
+    for n in range(round(seconds / DT)):
+        sample_sensor(model, state, n * DT, exact(n * DT), rng.standard_normal(12))
+        found.append(state.reading.copy())
+    return np.array(found)
+
+
+def steady(_t: float) -> Array:
+    return LOAD
+
+
+def moving(t: float) -> Array:
+    return LOAD + 0.1 * math.sin(40.0 * t)
+
+
+def test_with_every_error_off_the_reading_is_the_exact_wrench() -> None:
+    found = readings(PERFECT, moving, 0.5)
+    np.testing.assert_array_equal(found, [moving(n * DT) for n in range(len(found))])
+
+
+@pytest.mark.parametrize("latency_ms", [1, 2, 3, 8, 20])
+def test_the_latency_is_a_whole_number_of_samples(latency_ms: int) -> None:
+    """One of them is the engine's: the wrench handed in is that of the step before."""
+    found = readings(replace(PERFECT, latency_s=latency_ms * 1e-3), moving, 0.2)
+    late = latency_ms - 1
+    np.testing.assert_array_equal(found[late:], [moving(n * DT) for n in range(len(found) - late)])
+
+
+def test_the_bias_is_constant_seeded_and_within_its_size() -> None:
+    config = replace(PERFECT, force_bias_n=3.0, torque_bias_nm=0.1)
+    biases = []
+    for seed in range(40):
+        found = readings(config, steady, 0.01, seed) - LOAD
+        np.testing.assert_allclose(found, np.tile(found[0], (len(found), 1)), rtol=1e-12)
+        biases.append(found[0])
+    forces, torques = np.array(biases)[:, :3], np.array(biases)[:, 3:]
+    assert 2.8 < np.abs(forces).max() <= 3.0
+    assert 0.093 < np.abs(torques).max() <= 0.1
+    assert forces.std() == pytest.approx(3.0 / math.sqrt(3.0), rel=0.15)
+    np.testing.assert_allclose(readings(config, steady, 0.01, 5), readings(config, steady, 0.01, 5), atol=0.0)
+
+
+def test_the_noise_is_white_with_the_given_rms_before_the_filter() -> None:
+    noise = readings(replace(PERFECT, force_noise_n=0.5, torque_noise_nm=0.02), steady, 10.0) - LOAD
+    np.testing.assert_allclose(noise.std(axis=0), np.repeat([0.5, 0.02], 3), rtol=0.03)
+    np.testing.assert_allclose(noise.mean(axis=0) / noise.std(axis=0), 0.0, atol=0.05)
+    neighbours = [np.corrcoef(axis[1:], axis[:-1])[0, 1] for axis in noise.T]
+    np.testing.assert_allclose(neighbours, 0.0, atol=0.04)
+    np.testing.assert_allclose(np.corrcoef(noise.T), np.eye(6), atol=0.04)
+
+
+def test_the_filter_leaves_of_the_noise_what_a_first_order_low_pass_leaves() -> None:
+    noise = readings(replace(PERFECT, force_noise_n=0.5, bandwidth_hz=80.0), steady, 20.0) - LOAD
+    blend = 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
+    np.testing.assert_allclose(noise[100:, :3].std(axis=0), 0.5 * math.sqrt(blend / (2.0 - blend)), rtol=0.03)
+
+
+@pytest.mark.parametrize("frequency", [5.0, 20.0, 80.0])
+def test_a_sine_is_attenuated_as_by_a_first_order_low_pass(frequency: float) -> None:
+    def sine(t: float) -> Array:
+        return np.full(6, math.sin(2.0 * math.pi * frequency * t))
+
+    found = readings(replace(PERFECT, bandwidth_hz=80.0), sine, 1.2)[200:, 0]
+    amplitude = math.sqrt(2.0) * found.std()
+    assert amplitude == pytest.approx(1.0 / math.hypot(1.0, frequency / 80.0), rel=0.02)
+
+
+def test_the_filter_starts_at_the_first_sample_not_at_zero() -> None:
+    found = readings(replace(PERFECT, bandwidth_hz=80.0, latency_s=0.008), steady, 0.05)
+    np.testing.assert_allclose(found, np.tile(LOAD, (len(found), 1)), rtol=1e-12)
+
+
+def test_the_drift_walks_at_random_its_variance_growing_with_time() -> None:
+    config = replace(PERFECT, force_drift_n_s=0.2, torque_drift_nm_s=0.01, rate_hz=100.0, latency_s=0.01)
+    at_1s, at_4s = [], []
+    for seed in range(50):
+        walk = readings(config, steady, 4.0, seed) - LOAD
+        at_1s.append(walk[999])
+        at_4s.append(walk[3999])
+    for axes, size in ((slice(0, 3), 0.2), (slice(3, 6), 0.01)):
+        assert np.std(np.array(at_1s)[:, axes]) == pytest.approx(size, rel=0.2)
+        assert np.std(np.array(at_4s)[:, axes]) == pytest.approx(2.0 * size, rel=0.2)
+
+
+@pytest.mark.parametrize("rate", [20.0, 100.0, 500.0])
+def test_a_slow_sensor_holds_its_reading_between_samples(rate: float) -> None:
+    found = readings(replace(PERFECT, rate_hz=rate, latency_s=0.001), moving, 1.0)
+    changes = np.flatnonzero(np.any(np.diff(found, axis=0) != 0.0, axis=1)) + 1
+    np.testing.assert_array_equal(np.diff(changes), round(1000.0 / rate))
+    assert len(changes) == pytest.approx(rate, abs=2)
+
+
+def test_readings_are_whole_multiples_of_the_quantum_the_nearest_ones() -> None:
+    found = readings(replace(PERFECT, force_quantum_n=0.05, torque_quantum_nm=0.002), moving, 0.5)
+    exact = np.array([moving(n * DT) for n in range(len(found))])
+    quanta = np.repeat([0.05, 0.002], 3)
+    np.testing.assert_allclose(found / quanta, np.round(found / quanta), atol=1e-9)
+    assert np.all(np.abs(found - exact) <= 0.5 * quanta + 1e-12)
+
+
+def test_beyond_its_range_the_reading_saturates_both_ways() -> None:
+    config = replace(PERFECT, force_range_n=20.0, torque_range_nm=0.15)
+    np.testing.assert_allclose(readings(config, steady, 0.01)[-1], [3.0, -4.0, 20.0, 0.1, -0.15, 0.03])
+    np.testing.assert_allclose(readings(config, lambda _t: -LOAD, 0.01)[-1], [-3.0, 4.0, -20.0, -0.1, 0.15, -0.03])
+
+
+MASS, CENTER, LEVER = 2.0, np.array([0.002, -0.001, 0.097]), np.array([0.0, 0.0, 0.22])
+
+
+def reading_at_rest(R_base_tool: Array, force: Array, moment: Array) -> Array:
+    """Newton at rest: weight, and a tool that presses with force and moment at the tool point (tool axes)."""
+    up = R_base_tool.T @ [0.0, 0.0, MASS * GRAVITY]
+    return np.concatenate([up + force, np.cross(CENTER, up) + np.cross(LEVER, force) + moment])
+
+
+def host_wrench(R_base_tool: Array, reading: Array, mass: float = MASS, tare: Array | None = None) -> Array:
+    _, state = build_sensor(PERFECT, np.random.default_rng(0))
+    state.reading[:] = reading
+    state.tare[:] = 0.0 if tare is None else tare
+    out = np.zeros(6)
+    tool_wrench(Payload(mass, CENTER, LEVER), state, np.ascontiguousarray(R_base_tool), out)
+    return out
+
+
+@pytest.mark.parametrize("R", Rotation.random(10, random_state=0).as_matrix())
+def test_the_payload_is_compensated_in_any_pose_and_the_moment_is_about_the_tool_point(R: Array) -> None:
+    np.testing.assert_allclose(host_wrench(R, reading_at_rest(R, np.zeros(3), np.zeros(3))), 0.0, atol=1e-12)
+    force, moment = np.array([1.0, -2.0, 20.0]), np.array([0.1, 0.3, -0.2])
+    found = host_wrench(R, reading_at_rest(R, force, moment))
+    np.testing.assert_allclose(found, np.concatenate([force, moment]), atol=1e-12)
+
+
+def test_a_wrong_mass_is_hidden_by_the_tare_where_it_was_taken_and_shows_when_the_tool_turns() -> None:
+    down = np.diag([1.0, -1.0, -1.0])
+    level = Rotation.from_rotvec([math.pi / 2.0, 0.0, 0.0]).as_matrix() @ down
+    guessed = 1.1 * MASS
+    idle = host_wrench(down, reading_at_rest(down, np.zeros(3), np.zeros(3)), guessed)
+    np.testing.assert_allclose(idle[:3], [0.0, 0.0, 0.1 * MASS * GRAVITY], atol=1e-9)
+    tared = host_wrench(down, reading_at_rest(down, np.zeros(3), np.zeros(3)), guessed, idle)
+    np.testing.assert_allclose(tared, 0.0, atol=1e-12)
+    turned = host_wrench(level, reading_at_rest(level, np.zeros(3), np.zeros(3)), guessed, idle)
+    expected = -0.1 * MASS * GRAVITY * (level.T - down.T) @ [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(turned[:3], expected, atol=1e-9)
