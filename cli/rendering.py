@@ -26,7 +26,7 @@ class Quality(NamedTuple):
     """Resolution of the shadows."""
 
 
-STILL: Final = Quality(960, 720, 8, 4096)
+STILL: Final = Quality(960, 720, 4, 2048)
 FILM: Final = Quality(640, 480, 0, 1024)
 LOOK_AT: Final = (0.0, -0.32, 0.28)
 DISTANCE: Final = 1.65

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 from polish_sim.planning.toolpath import ToolPath
 
@@ -31,8 +30,8 @@ class PeakErrors(NamedTuple):
 def curvature_peaks(path: ToolPath) -> NDArray[np.intp]:
     """Find the places where the path's normal curvature rises from gentle to sharp.
 
-    A peak is a local maximum of the curvature's magnitude on process points that exceeds ``SHARP_1_M`` and stands out
-    from its surroundings (prominence) by at least ``SHARP_1_M - FLAT_1_M``.
+    A bend is a stretch of process points whose curvature's magnitude stays at ``FLAT_1_M`` or above; its largest value
+    is a peak if it exceeds ``SHARP_1_M``. Ripples on a bend are one peak, and humps and hollows count alike.
 
     Args:
         path: The path; its ``curvature`` is used, in the order of travel.
@@ -42,10 +41,10 @@ def curvature_peaks(path: ToolPath) -> NDArray[np.intp]:
     """
     process = np.flatnonzero(path.process)
     magnitude = np.abs(path.curvature[process])
-    # A peak at the very first or last process point has only one flank: the padding gives it the other.
-    padded = np.concatenate([[0.0], magnitude, [0.0]])
-    found, _ = find_peaks(padded, height=SHARP_1_M, prominence=SHARP_1_M - FLAT_1_M)
-    return process[found - 1]
+    bent = np.concatenate([[False], magnitude >= FLAT_1_M, [False]])
+    edges = np.flatnonzero(np.diff(bent))
+    tops = [first + int(np.argmax(magnitude[first:last])) for first, last in edges.reshape(-1, 2)]
+    return process[[top for top in tops if magnitude[top] > SHARP_1_M]]
 
 
 def errors_at_peaks(path_s: Array, force_error: Array, peaks_s: Array) -> PeakErrors:
