@@ -15,7 +15,7 @@ from polish_sim.cell.contact import RealPart, build_pad
 from polish_sim.cell.crash_points import crash_points
 from polish_sim.cell.engine import register_engine
 from polish_sim.cell.guards import CONTROLLER_ERROR, ENGINE_CONTACT, REASONS, Guards
-from polish_sim.cell.limits import check_step_limits
+from polish_sim.cell.limits import check_rates, check_step_limits
 from polish_sim.cell.loop import ARRIVED, CLOCK, STATUS_SIZE, STOP, CellKernel, EngineViews, advance
 from polish_sim.cell.observer import Observer, Silent
 from polish_sim.cell.python_law import PythonLaw
@@ -26,11 +26,14 @@ from polish_sim.cell.wrist_sensor import Payload, build_sensor
 from polish_sim.config import Scenario
 from polish_sim.control.laws import CompiledController, Controller
 from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, TWIST_SIZE
+from polish_sim.errors import InputError, ReachError
 from polish_sim.log import RunLog, from_rows
 from polish_sim.motion import JOINT_LIMITS
 from polish_sim.trace import Trace
 
 Array = NDArray[np.float64]
+
+DRAWS = 12  # standard normal numbers a step takes: noise and drift of six axes
 
 
 class CellRun(NamedTuple):
@@ -75,7 +78,12 @@ class Cell:
         self.data.qpos[:6] = q_start
         self.data.ctrl[0:12:2] = q_start
         mujoco.mj_forward(model, self.data)
+        if self.data.ncon:
+            raise ReachError(
+                f"the robot cannot start here: {self._touching()} touch. Move the part with --part-pose X,Y,Z,RX,RY,RZ."
+            )
         check_step_limits(scenario, self._tangential_mass())
+        check_rates(scenario)
         self.strokes = tuple(strokes)
         self.kernel = self._build_kernel(part, self.strokes[0], q_start)
         self.use_controller(controller)
@@ -85,7 +93,10 @@ class Cell:
     def use_controller(self, controller: Controller) -> None:
         """Reset a controller and let it drive the cell from now on."""
         self.controller = controller
-        controller.reset(self.kernel.engine.dt * self.kernel.control_every)
+        try:
+            controller.reset(self.kernel.engine.dt * self.kernel.control_every)
+        except Exception as error:
+            raise InputError(f"the controller's reset() failed: {type(error).__name__}: {error}.") from error
         self.law = self._attach(controller)
 
     def run(self, observer: Observer | None = None) -> CellRun:
@@ -106,6 +117,7 @@ class Cell:
         traces: list[Array] = []
         total = sum(expected_duration(job) for job in self.strokes)
         interrupted, started = False, time.perf_counter()
+        draws = np.empty((0, DRAWS))
         try:
             for stroke in self.strokes:
                 kernel = self.kernel._replace(job=stroke)
@@ -113,7 +125,10 @@ class Cell:
                     status[ARRIVED] = 0.0
                     begin_next_stroke(kernel.sequence)
                 while status[STOP] == 0.0 and status[ARRIVED] == 0.0:
-                    advance(kernel, recorder, self.law, self.rng.standard_normal((chunk, 12)), chunk)
+                    # What a stroke left over goes on to the next: the noise must not depend on the chunks.
+                    draws = np.concatenate([draws, self.rng.standard_normal((chunk - len(draws), DRAWS))])
+                    advance(kernel, recorder, self.law, draws, chunk)
+                    draws = draws[recorder.filled[1] :]
                     rows.append(recorder.rows[: recorder.filled[0]].copy())
                     traces.append(recorder.trace[: recorder.filled[1]].copy())
                     if self.data.ncon and status[STOP] == 0.0:
@@ -121,6 +136,8 @@ class Cell:
                     watcher.progress(min(status[CLOCK] * dt, total), total)
                     watcher.frame(self.model, self.data)
         except KeyboardInterrupt:
+            if not rows:
+                raise
             interrupted = True
         wall = time.perf_counter() - started
         return CellRun(
@@ -149,10 +166,11 @@ class Cell:
             if self._was_interrupted():
                 return None
             return f"{REASONS[code]}: {type(self.law.error).__name__}: {self.law.error}"
-        if code == ENGINE_CONTACT and self.data.ncon:
-            pair = self.data.contact[0].geom
-            return f"{REASONS[code]} ({', '.join(self.model.geom(int(g)).name for g in pair)})"
-        return REASONS[code]
+        return f"{REASONS[code]} ({self._touching()} touch)" if self.data.ncon else REASONS[code]
+
+    def _touching(self) -> str:
+        """The first two bodies the engine sees in contact, by their geoms' names."""
+        return " and ".join(self.model.geom(int(g)).name for g in self.data.contact[0].geom)
 
     def _tangential_mass(self) -> float:
         """Least inertia the tool point shows against a push across the tool axis [kg]."""

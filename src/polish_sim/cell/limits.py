@@ -1,9 +1,10 @@
-"""What the explicit contact needs to be stable at this step; a scenario that breaks it is refused (layer 8a)."""
+"""What contact, sensor and robot need to work at this step; a scenario that breaks it is refused (layer 8a)."""
 
 from __future__ import annotations
 
 import math
 
+from polish_sim.cell.real_part import FIELD_BAND
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError
 
@@ -38,4 +39,39 @@ def check_step_limits(scenario: Scenario, tangential_mass: float) -> None:
             f"pad.friction_smoothing_m_s = {pad.friction_smoothing_m_s:g} is too sharp for this step: "
             f"mu F dt / (v_s m) = {drag:.2f}, must be below 1 (m = {tangential_mass:.1f} kg). "
             "Raise it, or lower pad.friction or simulation.timestep_s."
+        )
+    depth = 2.0 * force / pad.stiffness_n_m
+    if depth > FIELD_BAND:
+        raise ConfigError(
+            f"pad.stiffness_n_m = {pad.stiffness_n_m:g} is too soft for {force:g} N: twice that force would press it "
+            f"in by {1e3 * depth:.1f} mm, and the part is modelled {1e3 * FIELD_BAND:g} mm deep. Raise it or lower "
+            "process.contact_force_n."
+        )
+
+
+def check_rates(scenario: Scenario) -> None:
+    """Refuse a sensor faster than the physics, and timeouts shorter than the cycles they watch.
+
+    Args:
+        scenario: The scenario.
+
+    Raises:
+        ConfigError: Naming the keys that do not fit each other.
+    """
+    dt, sensor, robot = scenario.simulation.timestep_s, scenario.sensor, scenario.robot
+    if sensor.rate_hz * dt > 1.0 + 1e-9:
+        raise ConfigError(
+            f"sensor.rate_hz = {sensor.rate_hz:g} is faster than the physics: one sample per step is all there is. "
+            f"Lower it to {1.0 / dt:g}, or lower simulation.timestep_s."
+        )
+    if scenario.safety.sensor_timeout_s < 1.0 / sensor.rate_hz:
+        raise ConfigError(
+            f"safety.sensor_timeout_s = {scenario.safety.sensor_timeout_s:g} would take a sensor of sensor.rate_hz = "
+            f"{sensor.rate_hz:g} for frozen. Raise it to {2.0 / sensor.rate_hz:g}."
+        )
+    cycle = dt * scenario.simulation.control_every
+    if robot.command_timeout_s < 2.0 * cycle:
+        raise ConfigError(
+            f"robot.command_timeout_s = {robot.command_timeout_s:g} would stop the robot between two commands, which "
+            f"come every {cycle:g} s (simulation.control_every). Raise it to {2.0 * cycle:g} or more."
         )
