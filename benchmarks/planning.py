@@ -15,7 +15,7 @@ from benchmarks.table import Row
 from polish_sim.models.parts import Block, parts
 from polish_sim.models.solids import disc_grid
 
-FACET_SIZE = 0.00078 # [m]
+FACET_SIZE = 0.00078  # [m]
 
 _PROGRAM = """
 import resource, sys, time

@@ -16,8 +16,7 @@ from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.planning import plan_to_run
 from polish_sim.cli.sinks import CELL_PICTURE
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError
-from polish_sim.experiments import RunResult, prepare_surface, run_experiment
+from polish_sim.experiments import RunResult, check_experiment, run_experiment
 from polish_sim.kernel_cache import is_warm, use_kernel_cache
 from polish_sim.planning import PlanResult, ToolPath
 
@@ -67,17 +66,15 @@ def simulate(
 
 
 def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
-    """Plan and check the reach of a surface run, and say where the part stands; nothing is simulated or written.
+    """Plan and check the reach of a run, and say where the part stands; nothing is simulated or written.
 
     Raises:
         PolishSimError: If the part cannot be used, planned or reached.
     """
-    if scenario.experiment != "surface":
-        raise InputError(f"--dry-run plans a path and checks its reach: '{scenario.experiment}' has none to plan.")
     with console.progress() as observer:
-        way = plan_to_run(scenario, plan, observer, None)
-        task = prepare_surface(scenario, way, observer)
-    x, y, z = task.reach.T_base_work[:3, 3] * 1e3
-    console.say(f"path: {task.plan.path.length_m:.3f} m, {len(task.plan.path.s)} points, all within reach")
-    console.say(f"part: its origin stands at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the robot base")
-    console.say(f"smallest singular value on the way: {task.reach.smallest_singular_value:.3f}")
+        path, reach = check_experiment(scenario, plan_to_run(scenario, plan, observer, None), observer)
+    console.say(f"path: {path.length_m:.3f} m, {len(path.s)} points, all within reach")
+    if scenario.experiment != "arc":
+        x, y, z = reach.T_base_work[:3, 3] * 1e3
+        console.say(f"part: its origin stands at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the robot base")
+    console.say(f"smallest singular value on the way: {reach.smallest_singular_value:.3f}")

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import NamedTuple
 
 from polish_sim.cell import Observer
 from polish_sim.config import PartConfig, Scenario, SpindleConfig
 from polish_sim.errors import unknown_name
-from polish_sim.experiments.arc import run_arc
-from polish_sim.experiments.force import run_force
+from polish_sim.experiments.arc import prepare_arc, run_arc
+from polish_sim.experiments.force import prepare_force, run_force
+from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface, run_surface
-from polish_sim.planning import PlanResult
+from polish_sim.planning import PlanResult, ToolPath
 
 _DEFAULTS = {
     "arc": Scenario(experiment="arc", spindle=SpindleConfig(speed_rpm=0.0)),
@@ -40,6 +42,40 @@ def default_scenario(experiment: str) -> Scenario:
     return _DEFAULTS[experiment]
 
 
+class CheckedPath(NamedTuple):
+    """A path and the way the arm does all of it."""
+
+    path: ToolPath
+    reach: Reach
+
+
+def check_experiment(
+    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
+) -> CheckedPath:
+    """Plan the path of an experiment and check that the arm can do it, without simulating anything.
+
+    Args:
+        scenario: The scenario.
+        plan: A plan made before, for ``surface``; planned if not given.
+        observer: Told of the progress.
+
+    Returns:
+        The path (of ``arc`` in the base frame, else in the work frame) and its reach.
+
+    Raises:
+        PolishSimError: If the scenario cannot be run.
+    """
+    if scenario.experiment == "arc":
+        return CheckedPath(*prepare_arc())
+    if scenario.experiment == "force":
+        task = prepare_force(scenario, observer)
+        return CheckedPath(task.path, task.reach)
+    if scenario.experiment == "surface":
+        prepared = prepare_surface(scenario, plan, observer)
+        return CheckedPath(prepared.plan.path, prepared.reach)
+    raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)
+
+
 def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
     """Run the experiment a scenario names.
 
@@ -65,8 +101,10 @@ def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer:
 
 __all__ = [
     "EXPERIMENTS",
+    "CheckedPath",
     "RunResult",
     "SurfaceTask",
+    "check_experiment",
     "default_scenario",
     "prepare_surface",
     "run_arc",

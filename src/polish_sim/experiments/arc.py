@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.cell import Cell, Job, Observer, Silent, build_scene, no_part, tool_on_flange
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
+from polish_sim.experiments.placement import Reach, check_whole_path, find_reach, tool_rotations
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.motion.trajectory import build_path_table
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
@@ -35,6 +36,25 @@ def arc_path(points: int = 1257) -> ToolPath:
     )
 
 
+class ArcTask(NamedTuple):
+    """The circle and the way the arm does it."""
+
+    path: ToolPath
+    reach: Reach
+
+
+def prepare_arc() -> ArcTask:
+    """Check that the arm can do the circle.
+
+    Raises:
+        ReachError: If it cannot; names the first bad point.
+    """
+    path, T_flange_tool = arc_path(), tool_on_flange()
+    reach = find_reach(path.positions_work, path.axes_work, iter([np.eye(4)]), T_flange_tool, above_table=False)
+    check_whole_path(reach, path.positions_work, path.axes_work, T_flange_tool)
+    return ArcTask(path, reach)
+
+
 def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     """Follow the circle and measure speed and distance from it.
 
@@ -49,11 +69,7 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
         ReachError: If the arm cannot do the circle.
     """
     observer = observer or Silent()
-    path = arc_path()
-    T_flange_tool = tool_on_flange()
-    reach = find_reach(path.positions_work, path.axes_work, iter([np.eye(4)]), T_flange_tool, above_table=False)
-    check_whole_path(reach, path.positions_work, path.axes_work, T_flange_tool)
-
+    path, reach = prepare_arc()
     table = build_path_table(path.positions_work, tool_rotations(path.axes_work, reach.spin))
     start = build_path_table(path.positions_work[:1], tool_rotations(path.axes_work[:1], reach.spin))
     job = Job(
