@@ -1,0 +1,124 @@
+"""Tare, approach, touch-down, process, retract: in order, at their speeds, from what the host can know."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from polish_sim.cell import CellRun
+from tests.cell.cells import (
+    EVERY_STEP,
+    TOUCH,
+    along_tool,
+    cell_for,
+    ideal,
+    part_under,
+    path_through,
+    pressing_job,
+    tool_pose,
+)
+from tests.cell.fields import plane
+
+HEIGHT, SLIDE, LIFT = 0.02, 0.015, 0.01  # [m]
+
+
+@pytest.fixture(scope="module")
+def run() -> CellRun:
+    job = pressing_job(height=HEIGHT, slide=SLIDE, hold=0.5, lift=LIFT)
+    return cell_for(ideal("force", EVERY_STEP), job, part=part_under(plane())).run()
+
+
+def column(run: CellRun, name: str) -> np.ndarray:
+    return np.asarray(run.log[name], dtype=float)
+
+
+def span(run: CellRun, phase: int) -> float:
+    time = run.trace.time_s[run.trace.phase == phase]
+    return float(time[-1] - time[0])
+
+
+def test_the_phases_come_in_order_each_once(run: CellRun) -> None:
+    assert run.stop_reason is None
+    changes = run.trace.phase[np.concatenate([[True], np.diff(run.trace.phase) != 0])]
+    np.testing.assert_array_equal(changes, [0, 1, 2, 3])
+
+
+def test_the_robot_stands_still_while_the_sensor_is_tared(run: CellRun) -> None:
+    tared = run.trace.time_s < 0.39
+    moved = np.linalg.norm(run.trace.tcp_position_m[tared] - run.trace.tcp_position_m[0], axis=1)
+    assert moved.max() < 2e-5
+    np.testing.assert_array_equal(run.log["command_twist"][run.trace.time_s < 0.15][0], 0.0)
+
+
+def test_it_approaches_at_5_mm_per_second(run: CellRun) -> None:
+    steady = (run.trace.phase == 0) & (run.trace.time_s > 1.0)
+    np.testing.assert_allclose(run.trace.tcp_speed_m_s[steady], 0.005, atol=1e-4)
+
+
+def test_touch_down_begins_at_half_a_newton_and_lasts_less_than_half_a_second(run: CellRun) -> None:
+    force, phase = run.trace.normal_force_n, run.trace.phase
+    assert force[phase == 0].max() <= 0.5
+    assert force[phase == 1][0] > 0.5
+    assert span(run, 1) < 0.5
+
+
+def test_contact_is_found_where_the_part_is(run: CellRun) -> None:
+    first = int(np.argmax(run.trace.phase == 1))
+    depth = TOUCH[2, 3] - run.trace.tcp_position_m[first, 2]
+    assert 0.0 < depth < 2e-4  # half a newton is 0.1 mm
+
+
+def test_the_feed_goes_from_the_first_process_point_to_the_last_at_its_speed(run: CellRun) -> None:
+    fed = run.trace.phase == 2
+    path_s = run.trace.path_s_m[fed]
+    assert path_s[0] < 1e-6
+    assert path_s[-1] == pytest.approx(SLIDE, abs=1e-9)
+    assert np.all(np.diff(path_s) >= 0.0)
+    assert np.diff(path_s).max() == pytest.approx(0.01 * 0.001, rel=1e-6)
+    slid = run.trace.tcp_position_m[fed][-1] - run.trace.tcp_position_m[fed][0]
+    assert TOUCH[:3, 0] @ slid == pytest.approx(SLIDE, abs=2e-4)
+
+
+def test_the_retract_lifts_straight_off_to_its_height(run: CellRun) -> None:
+    lifted = run.trace.tcp_position_m[run.trace.phase == 3]
+    assert lifted[-1, 2] - TOUCH[2, 3] == pytest.approx(LIFT, abs=1.5e-3)  # the run ends as the target arrives
+    assert np.linalg.norm(lifted[:, :2] - lifted[0, :2], axis=1).max() < 2e-4
+    assert run.trace.normal_force_n[-1] == 0.0
+
+
+def test_the_target_never_jumps(run: CellRun) -> None:
+    steps = np.linalg.norm(np.diff(column(run, "target_position_m"), axis=0), axis=1)
+    assert steps.max() < 0.021 * 0.001  # the retract at 20 mm/s is the fastest
+
+
+def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought() -> None:
+    for offset in (0.004, -0.004):
+        part = part_under(plane(), along_tool(TOUCH, z=-offset))
+        run = cell_for(ideal("force"), pressing_job(height=HEIGHT, hold=1.5), part=part).run()
+        assert run.stop_reason is None
+        first = int(np.argmax(run.trace.phase == 1))
+        assert run.trace.tcp_position_m[first, 2] - TOUCH[2, 3] == pytest.approx(offset, abs=2e-4)
+        assert run.trace.normal_force_n[-1] == pytest.approx(20.0, abs=0.3)
+
+
+def test_the_feed_time_ends_the_feed_early() -> None:
+    job = pressing_job(slide=0.03)._replace(feed_time=1.0)
+    run = cell_for(ideal("force", EVERY_STEP), job, part=part_under(plane())).run()
+    assert span(run, 2) == pytest.approx(1.0, abs=0.002)
+    assert run.trace.path_s_m[-1] == pytest.approx(0.01 * (1.0 - 0.1), abs=1e-4)  # 0.2 s of ramp
+
+
+def test_two_strokes_follow_each_other_through_free_space() -> None:
+    second_touch = tool_pose(0.03, -0.48, 0.1)
+    first, second = pressing_job(hold=0.5, lift=LIFT), pressing_job(second_touch, hold=0.5, lift=LIFT)
+    above = along_tool(TOUCH, z=-LIFT)
+    second = second._replace(travel=path_through(above, along_tool(second_touch, z=-0.005)), start_s=0.1)
+    run = cell_for(ideal("force", EVERY_STEP), first, second, part=part_under(plane())).run()
+    assert run.stop_reason is None
+    changes = run.trace.phase[np.concatenate([[True], np.diff(run.trace.phase) != 0])]
+    np.testing.assert_array_equal(changes, [0, 1, 2, 3, 0, 1, 2, 3])
+    crossing = (run.trace.phase == 0) & (run.trace.time_s > 3.0)
+    assert run.trace.normal_force_n[crossing].max() <= 0.5
+    fed = run.trace.phase == 2
+    assert {0.0, 0.1} == set(np.round(run.trace.path_s_m[fed], 6))
+    np.testing.assert_allclose(run.trace.tcp_position_m[fed][-1, :2], second_touch[:2, 3], atol=1e-4)
