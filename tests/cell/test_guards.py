@@ -1,0 +1,185 @@
+"""Protective stops: each with its reason, at its moment, the log kept up to it."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from polish_sim.cell import CellRun, RealPart, Silent, build_scene, no_part
+from polish_sim.cell.guards import CRASH, REASONS
+from polish_sim.experiments.part_setup import part_file
+from polish_sim.geometry import load_part
+from polish_sim.motion import JOINT_LIMITS, JOINT_SPEED_LIMIT
+from tests.cell.cells import (
+    EVERY_STEP,
+    EachStep,
+    along_tool,
+    cell_for,
+    free_job,
+    ideal,
+    part_under,
+    pressing_job,
+    tool_pose,
+)
+from tests.cell.fields import plane, wall
+
+NOISY = ["sensor.force_noise_n=0.5", "sensor.torque_noise_nm=0.02", EVERY_STEP]
+
+
+def keeps_its_log(run: CellRun) -> None:
+    """Every step up to the stop is there, in log and trace."""
+    assert len(run.log) == run.steps == len(run.trace.time_s)
+    assert run.log["time_s"][-1] == pytest.approx((run.steps - 1) * 0.001)
+
+
+@pytest.fixture(scope="module")
+def flat() -> RealPart:
+    return part_under(plane())
+
+
+def test_a_missing_part_is_sought_to_the_search_depth_and_no_further(flat: RealPart) -> None:
+    moved = flat._replace(position=flat.position - [0.0, 0.0, 0.03])
+    run = cell_for(ideal("force", EVERY_STEP), pressing_job(height=0.005), part=moved).run()
+    assert run.stop_reason is not None
+    assert "no contact" in run.stop_reason
+    assert "process.search_depth_m" in run.stop_reason
+    sought = run.trace.tcp_position_m[0, 2] - run.trace.tcp_position_m[-1, 2]
+    assert sought == pytest.approx(0.005 + 0.010, abs=2e-4)
+    assert set(run.trace.phase) == {0}
+    keeps_its_log(run)
+
+
+def test_too_much_force_stops_at_the_measured_limit(flat: RealPart) -> None:
+    run = cell_for(ideal("force", EVERY_STEP, "safety.force_limit_n=12"), pressing_job(), part=flat).run()
+    assert run.stop_reason == "measured force above safety.force_limit_n"
+    measured = np.linalg.norm(run.log["wrench_measured_tool"][:, :3], axis=1)
+    assert measured[-1] > 12.0
+    assert measured[:-1].max() <= 12.0
+    keeps_its_log(run)
+
+
+def test_too_much_torque_stops_at_the_measured_limit(flat: RealPart) -> None:
+    """A tool that leans by 2 deg feels k a^2 / 4 times the angle about its point."""
+    leaning = part_under(plane(), tool_pose(0.0, -0.5, 0.1, (0.03, 0.0, 0.0)))
+    scenario = ideal("force", EVERY_STEP, "safety.torque_limit_nm=0.1", "controller.name=position")
+    run = cell_for(scenario, pressing_job(), part=leaning).run()
+    assert run.stop_reason == "measured torque above safety.torque_limit_nm"
+    measured = np.linalg.norm(run.log["wrench_measured_tool"][:, 3:], axis=1)
+    assert measured[-1] > 0.1
+    assert measured[:-1].max() <= 0.1
+
+
+def test_a_sensor_that_no_longer_changes_is_a_fault(flat: RealPart) -> None:
+    class Unplug(Silent):
+        frame_every_s = 0.001
+
+        def frame(self, model: object, data: object) -> None:
+            if cell.kernel.status[0] == 700:
+                cell.kernel.sensor_state.clock[1] = math.inf
+
+    cell = cell_for(ideal("force", *NOISY), pressing_job(), part=flat)
+    run = cell.run(Unplug())
+    assert run.stop_reason == "wrist sensor reading frozen"
+    assert run.steps == pytest.approx(700 + 20, abs=3)
+    keeps_its_log(run)
+
+
+def test_a_noiseless_sensor_at_rest_is_no_fault() -> None:
+    pose = tool_pose(0.0, -0.5, 0.2)
+    run = cell_for(ideal("arc"), free_job(pose, along_tool(pose, x=0.002), hold=1.0)).run()
+    assert run.stop_reason is None
+
+
+def test_contact_lost_over_an_edge_stops_after_its_time(flat: RealPart) -> None:
+    scenario = ideal("force", EVERY_STEP, "safety.contact_lost_s=0.3", "controller.name=position")
+    run = cell_for(scenario, pressing_job(slide=0.12), part=flat).run()
+    assert run.stop_reason == "contact lost for longer than safety.contact_lost_s"
+    touching = np.flatnonzero(run.log["wrench_measured_tool"][:, 2] >= 2.0)  # a tenth of 20 N
+    assert run.steps - 1 - touching[-1] == pytest.approx(300, abs=2)
+    assert run.trace.tcp_position_m[-1, 0] > 0.06  # the plane's edge
+    keeps_its_log(run)
+
+
+def housing_vertices(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Every vertex of the drawn housing and sensor, base frame [m], shape (n, 3)."""
+    mount, found = model.body("tool_mount").id, []
+    for geom in np.flatnonzero((model.geom_bodyid == mount) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)):
+        start, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
+        R = data.geom_xmat[geom].reshape(3, 3)
+        found.append(model.mesh_vert[start : start + count] @ R.T + data.geom_xpos[geom])
+    return np.concatenate(found)
+
+
+def test_a_housing_driven_into_a_wall_stops_within_a_few_millimetres() -> None:
+    """The wall begins at x = 80 mm; the tool moves toward it, lower than its top, touching nothing with the pad."""
+    part = RealPart(wall(0.08), wall(0.08), np.eye(3), np.array([0.0, -0.5, 0.0]))
+    poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2)
+    cell = cell_for(ideal("arc", EVERY_STEP), free_job(*poses, feed=0.02), part=part)
+    run = cell.run()
+    assert run.stop_reason == REASONS[CRASH]
+    mujoco.mj_kinematics(cell.model, cell.data)
+    deepest = housing_vertices(cell.model, cell.data)[:, 0].max() - 0.08
+    assert 0.0 < deepest < 0.005
+    keeps_its_log(run)
+
+
+def test_beside_the_wall_it_passes() -> None:
+    part = RealPart(wall(0.08), wall(0.08), np.eye(3), np.array([0.0, -0.2, 0.0]))
+    poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2)
+    assert cell_for(ideal("arc"), free_job(*poses, feed=0.05), part=part).run().stop_reason is None
+
+
+def test_a_joint_at_the_end_of_its_range_stops_the_robot() -> None:
+    """The tool turns about its axis, on the spot but for 1 mm per 7 deg, through more than the last joint has left."""
+    turns = [tool_pose(0.001 * i, -0.5, 0.2, (0.0, 0.0, 0.127 * i)) for i in range(60)]
+    run = cell_for(ideal("arc", EVERY_STEP), free_job(*turns, feed=0.005)).run()
+    assert run.stop_reason == "a joint reached the end of its range"
+    assert run.log["q_rad"][-1, 5] == pytest.approx(JOINT_LIMITS[5, 0], abs=0.01)
+    keeps_its_log(run)
+
+
+def test_a_stretched_arm_stops_before_it_is_singular() -> None:
+    scenario = ideal("arc", EVERY_STEP)
+    run = cell_for(scenario, free_job(tool_pose(0.0, -0.6, 0.3), tool_pose(0.0, -1.0, 0.3), feed=0.1)).run()
+    assert run.stop_reason == "near a singularity of the arm"
+    assert np.abs(run.log["qd_rad_s"]).max() < JOINT_SPEED_LIMIT
+    keeps_its_log(run)
+
+
+def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named() -> None:
+    mesh, scenario = load_part(part_file("plate")), ideal("arc")
+    model = build_scene(scenario, mesh, no_part()._replace(position=np.array([-0.3, -0.6, 0.1])))
+    poses = tool_pose(0.2, -0.5, 0.05), tool_pose(0.2, -0.5, -0.2)
+    run = cell_for(scenario, free_job(*poses, feed=0.05), model=model).run()
+    assert run.stop_reason is not None
+    assert "table" in run.stop_reason
+    assert "tool_collision" in run.stop_reason
+
+
+def test_a_simulation_that_blows_up_is_stopped_as_unstable() -> None:
+    def poison(_model: object, data: mujoco.MjData) -> None:
+        if data.time > 0.3:
+            data.qvel[0] = math.inf
+
+    run = cell_for(ideal("arc", EVERY_STEP), free_job(tool_pose(0.0, -0.5, 0.2))).run(EachStep(poison))
+    assert run.stop_reason == "the simulation became unstable"
+    assert run.steps < 310
+
+
+def test_an_interrupt_keeps_what_was_recorded() -> None:
+    class Hand(Silent):
+        def frame(self, model: object, data: mujoco.MjData) -> None:
+            if data.time > 0.5:
+                raise KeyboardInterrupt
+
+    run = cell_for(ideal("arc"), free_job(tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2))).run(Hand())
+    assert run.interrupted
+    assert run.stop_reason is None
+    assert run.steps * 0.001 == pytest.approx(0.6, abs=0.2)
+
+
+def test_every_reason_is_a_sentence_of_its_own() -> None:
+    assert len(set(REASONS.values())) == len(REASONS)

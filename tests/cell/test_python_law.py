@@ -1,0 +1,142 @@
+"""A user's Python controller in the compiled loop: the same as the shipped law, and stopped when it fails."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polish_sim.cell import CellRun, RealPart
+from polish_sim.log import RunLog
+from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_job
+from tests.cell.fields import plane
+
+WRAPS = """
+from polish_sim.config import ControllerConfig
+from polish_sim.control import CONTROLLERS
+
+class Mine:
+    def __init__(self):
+        self.inner = CONTROLLERS["{name}"](ControllerConfig())
+
+    def reset(self, cycle_s):
+        self.inner.reset(cycle_s)
+
+    def step(self, measurement, target):
+        return self.inner.step(measurement, target)
+"""
+
+FAILS = """
+import numpy as np
+
+class Mine:
+    def reset(self, cycle_s):
+        self.cycle_s, self.calls = cycle_s, 0
+
+    def step(self, measurement, target):
+        self.calls += 1
+        return {answer} if measurement.clock[0] >= 0.9 else np.zeros(6)
+"""
+
+
+@pytest.fixture(scope="module")
+def flat() -> RealPart:
+    return part_under(plane())
+
+
+def run_with(flat: RealPart, folder: Path, source: str, *changes: str) -> CellRun:
+    path = folder / "mine.py"
+    path.write_text(source, encoding="utf-8")
+    noisy = ["sensor.force_noise_n=0.5", "sensor.force_bias_n=2"]
+    scenario = ideal("force", EVERY_STEP, *noisy, f"controller.name={path}:Mine", *changes)
+    return cell_for(scenario, pressing_job(slide=0.004, lift=0.005), part=flat).run()
+
+
+def same(one: RunLog, other: RunLog) -> bool:
+    return all(np.array_equal(one[name], other[name]) for name in one.names)
+
+
+@pytest.mark.parametrize("name", ["hybrid-pi", "position"])
+@pytest.mark.parametrize("every", [1, 2])
+def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(
+    flat: RealPart, tmp_path: Path, name: str, every: int
+) -> None:
+    cycle = f"simulation.control_every={every}"
+    mine = run_with(flat, tmp_path, WRAPS.format(name=name), cycle)
+    scenario = ideal(
+        "force", EVERY_STEP, "sensor.force_noise_n=0.5", "sensor.force_bias_n=2", f"controller.name={name}", cycle
+    )
+    shipped = cell_for(scenario, pressing_job(slide=0.004, lift=0.005), part=flat).run()
+    assert mine.stop_reason is None
+    assert same(mine.log, shipped.log)
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        ("np.full(6, np.nan)", "not finite"),
+        ("np.full(6, np.inf)", "not finite"),
+        ("np.zeros(3)", "shape (3,), expected (6,)"),
+        ("np.zeros((6, 1))", "shape (6, 1), expected (6,)"),
+        ("None", "shape (), expected (6,)"),
+        ("'fast'", "ValueError"),
+        ("{}['gain']", "KeyError: 'gain'"),
+        ("target.speed", "AttributeError"),
+    ],
+)
+def test_a_failing_step_is_a_protective_stop_with_its_reason_and_the_log_up_to_it(
+    flat: RealPart, tmp_path: Path, answer: str, told: str
+) -> None:
+    run = run_with(flat, tmp_path, FAILS.format(answer=answer))
+    assert run.stop_reason is not None
+    assert run.stop_reason.startswith("the controller ")
+    assert told in run.stop_reason
+    assert run.steps == 901
+    assert len(run.log) == 901
+    assert np.all(np.isfinite(run.log["q_rad"]))
+
+
+def test_a_list_of_numbers_will_do(flat: RealPart, tmp_path: Path) -> None:
+    run = run_with(flat, tmp_path, FAILS.format(answer="[0.0, 0.0, -0.005, 0, 0, 0]"), "process.search_depth_m=0.001")
+    assert run.stop_reason is None or "no contact" in run.stop_reason
+    assert run.log["command_twist"][1000, 2] == pytest.approx(-0.005)
+
+
+def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_told(
+    flat: RealPart, tmp_path: Path
+) -> None:
+    calls: list[tuple[float, float]] = []
+
+    class Watch:
+        def reset(self, cycle_s: float) -> None:
+            self.cycle_s = cycle_s
+
+        def step(self, measurement, target):  # type: ignore[no-untyped-def]
+            calls.append(tuple(measurement.clock))
+            return np.zeros(6)
+
+    watch = Watch()
+    cell = cell_for(ideal("force", "simulation.control_every=4"), pressing_job(), part=flat, controller=watch)
+    run = cell.run()
+    times, cycles = np.array(calls).T
+    assert watch.cycle_s == 0.004
+    np.testing.assert_allclose(cycles, 0.004)
+    np.testing.assert_allclose(times, 0.004 * np.arange(len(times)), atol=1e-12)
+    assert len(times) == -(-run.steps // 4)
+
+
+def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error(flat: RealPart) -> None:
+    class Hand:
+        def reset(self, cycle_s: float) -> None:
+            pass
+
+        def step(self, measurement, target):  # type: ignore[no-untyped-def]
+            if measurement.clock[0] > 0.5:
+                raise KeyboardInterrupt
+            return np.zeros(6)
+
+    run = cell_for(ideal("force"), pressing_job(), part=flat, controller=Hand()).run()
+    assert run.interrupted
+    assert run.stop_reason is None
+    assert run.steps == 502
