@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -120,5 +119,11 @@ class EachStep(Silent):
         self._look(model, data)
 
 
-def with_controller(scenario: Scenario, name: str) -> Scenario:
-    return replace(scenario, controller=replace(scenario.controller, name=name))
+def housing_vertices(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Every vertex of the drawn housing and sensor, base frame [m], shape (n, 3)."""
+    mount, found = model.body("tool_mount").id, []
+    for geom in np.flatnonzero((model.geom_bodyid == mount) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)):
+        start, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
+        R = data.geom_xmat[geom].reshape(3, 3)
+        found.append(model.mesh_vert[start : start + count] @ R.T + data.geom_xpos[geom])
+    return np.concatenate(found)

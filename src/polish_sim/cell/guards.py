@@ -89,6 +89,7 @@ def check_guards(
 def _crashed(
     guards: Guards, field: DistanceField, R_base_part: Array, p_base_part: Array, xpos: Array, xmat: Array, first: int
 ) -> bool:
+    near = 0.5 * field.spacing  # a sheet thinner than the grid is nowhere negative, but never further than this
     for i in range(first, guards.points.shape[0], _CRASH_ROUNDS):
         body, p = guards.bodies[i], guards.points[i]
         R = xmat[body]
@@ -98,6 +99,6 @@ def _crashed(
         wx = R_base_part[0, 0] * x + R_base_part[1, 0] * y + R_base_part[2, 0] * z
         wy = R_base_part[0, 1] * x + R_base_part[1, 1] * y + R_base_part[2, 1] * z
         wz = R_base_part[0, 2] * x + R_base_part[1, 2] * y + R_base_part[2, 2] * z
-        if field_distance(field, wx, wy, wz) < 0.0:
+        if field_distance(field, wx, wy, wz) < near:
             return True
     return False

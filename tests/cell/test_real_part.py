@@ -1,0 +1,130 @@
+"""The part as it really lies: displaced, turned and bent by the amounts asked for, from the seed alone."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell import RealPart, Touch, build_real_part
+from polish_sim.cell.guards import CRASH, REASONS
+from polish_sim.cell.real_part import bend_of, displacement_of
+from polish_sim.config import PartConfig
+from polish_sim.geometry import Surface, field_distance
+from polish_sim.geometry.fit import fit_triangles
+from polish_sim.spatial import apply, transform
+from tests.cell.cells import cell_for, free_job, housing_vertices, ideal, tool_pose
+from tests.cell.pressing import DOWN, PAD, press
+
+UP = np.array([0.0, 0.0, 1.0])
+TRUE = PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0)
+THICKNESS = 0.003
+T_BASE_WORK = transform(Rotation.from_rotvec([0.2, -0.1, 0.7]).as_matrix(), np.array([0.1, -0.5, 0.2]))
+
+
+@pytest.fixture(scope="module")
+def sheet() -> Surface:
+    """A sheet 100 x 100 x 3 mm, its top in the plane z = 0."""
+    mesh = trimesh.creation.box((0.1, 0.1, THICKNESS)).subdivide().subdivide()
+    return fit_triangles(np.array(mesh.vertices) - [0, 0, THICKNESS / 2], np.array(mesh.faces, dtype=np.int32))
+
+
+def top_of(sheet: Surface) -> Surface:
+    return sheet.restrict(np.flatnonzero(np.all(sheet.vertices[sheet.faces][:, :, 2] > -1e-9, axis=1)).astype(np.int32))
+
+
+def real(sheet: Surface, config: PartConfig, seed: int = 0) -> RealPart:
+    touch = Touch(np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0]]), np.array([UP, UP]), PAD.radius_m)
+    return build_real_part(sheet, config, T_BASE_WORK, top_of(sheet), UP, touch, np.random.default_rng(seed))
+
+
+def test_the_displacement_has_its_size_and_at_least_seven_tenths_of_it_along_the_normal() -> None:
+    normal, center, along = np.array([0.6, 0.0, 0.8]), np.array([0.05, -0.02, 0.1]), []
+    for seed in range(200):
+        T = displacement_of(PartConfig(), normal, center, np.random.default_rng(seed))
+        shift = apply(T, center[None])[0] - center
+        assert np.linalg.norm(shift) == pytest.approx(0.001)
+        assert Rotation.from_matrix(T[:3, :3]).magnitude() == pytest.approx(PartConfig().rotation_rad)
+        along.append(shift @ normal / 0.001)
+    assert np.abs(along).min() >= 0.7
+    assert np.abs(along).min() < 0.72
+    assert 60 < np.sum(np.array(along) > 0.0) < 140
+
+
+def test_the_form_error_has_its_size_peak_to_peak_and_bends_no_sharper_than_its_shortest_wave() -> None:
+    rng = np.random.default_rng(1)
+    points = np.column_stack([rng.uniform(-0.1, 0.1, (3000, 2)), np.zeros(3000)])
+    for seed in range(10):
+        bend = bend_of(PartConfig(), points, np.random.default_rng(seed))
+        values = bend(points)
+        assert np.ptp(values) == pytest.approx(0.0003)
+        assert values.max() == pytest.approx(-values.min())
+        h = 1e-4
+        curvature = (bend(points + [h, 0, 0]) - 2.0 * values + bend(points - [h, 0, 0])) / h**2
+        assert np.abs(curvature).max() < 0.00015 * 8 * (2.0 * np.pi / 0.04) ** 2
+
+
+def test_a_part_as_drawn_lies_where_it_is_placed(sheet: Surface) -> None:
+    part = real(sheet, TRUE)
+    np.testing.assert_allclose(part.rotation, T_BASE_WORK[:3, :3], atol=1e-15)
+    np.testing.assert_allclose(part.position, T_BASE_WORK[:3, 3], atol=1e-15)
+    R = T_BASE_WORK[:3, :3] @ DOWN
+    for depth in (-0.0005, 0.001, 0.002):
+        center = apply(T_BASE_WORK, np.array([[0.01, 0.005, -depth]]))[0]
+        expected = 20000.0 * max(depth, 0.0) * T_BASE_WORK[:3, 2]
+        np.testing.assert_allclose(press(part, center, R).force, expected, atol=1e-3)
+
+
+def test_a_pad_deeper_than_half_a_thin_sheet_is_still_pushed_back_out_the_way_it_came(sheet: Surface) -> None:
+    part = real(sheet, TRUE)
+    center = apply(T_BASE_WORK, np.array([[0.0, 0.0, -0.9 * THICKNESS]]))[0]
+    pushed = T_BASE_WORK[:3, :3].T @ press(part, center, T_BASE_WORK[:3, :3] @ DOWN).force
+    np.testing.assert_allclose(pushed, [0.0, 0.0, 20000.0 * 0.9 * THICKNESS], atol=0.01)
+
+
+def test_a_pad_half_over_the_edge_feels_half(sheet: Surface) -> None:
+    part = real(sheet, TRUE)
+    center = apply(T_BASE_WORK, np.array([[0.05, 0.0, -0.001]]))[0]
+    pushed = T_BASE_WORK[:3, :3].T @ press(part, center, T_BASE_WORK[:3, :3] @ DOWN).force
+    assert pushed[2] == pytest.approx(10.0, rel=0.05)
+
+
+def test_the_bent_surface_lies_where_the_form_error_says(sheet: Surface) -> None:
+    config = PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0003)
+    part, top = real(sheet, config, seed=3), top_of(sheet)
+    bend = bend_of(config, top.vertices[top.faces].mean(axis=1), np.random.default_rng(3))
+    points = np.column_stack([np.random.default_rng(0).uniform(-0.03, 0.03, (200, 2)), np.zeros(200)])
+    found = [field_distance(part.field, *point) for point in points]
+    np.testing.assert_allclose(found, -bend(points), atol=1e-6)
+    assert np.ptp(found) > 0.0001
+
+
+def test_the_same_seed_makes_the_same_part_and_another_seed_another(sheet: Surface) -> None:
+    one, again, other = real(sheet, PartConfig(), 5), real(sheet, PartConfig(), 5), real(sheet, PartConfig(), 6)
+    np.testing.assert_array_equal(one.field.bricks, again.field.bricks)
+    np.testing.assert_array_equal(one.position, again.position)
+    assert not np.array_equal(one.field.bricks, other.field.bricks)
+    assert not np.array_equal(one.position, other.position)
+
+
+def test_the_whole_part_is_there_for_the_crash_check_not_just_where_the_pad_goes(sheet: Surface) -> None:
+    """To half a cell of its grid: inside a sheet thinner than a cell no node is negative."""
+    coarse = real(sheet, TRUE).coarse
+    rng = np.random.default_rng(0)
+    inside = np.column_stack([rng.uniform(-0.05, 0.05, (500, 2)), np.full(500, -THICKNESS / 2)])
+    assert max(field_distance(coarse, *point) for point in inside) < 0.5 * coarse.spacing
+    beside = inside + [0.0, 0.0, 0.008]
+    assert min(field_distance(coarse, *point) for point in beside) > 0.5 * coarse.spacing
+
+
+def test_a_housing_driven_into_a_thin_sheet_standing_beside_the_path_is_stopped(sheet: Surface) -> None:
+    upright = Rotation.from_rotvec([0.0, np.pi / 2.0, 0.0]).as_matrix()
+    part = real(sheet, TRUE)._replace(rotation=upright, position=np.array([0.1, -0.5, 0.3]))
+    cell = cell_for(ideal("arc"), free_job(tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)), part=part)
+    assert cell.run().stop_reason == REASONS[CRASH]
+    mujoco.mj_kinematics(cell.model, cell.data)
+    vertices = housing_vertices(cell.model, cell.data)
+    reached = vertices[np.abs(vertices[:, 2] - 0.3) < 0.05, 0].max()
+    assert reached == pytest.approx(0.1 - THICKNESS, abs=0.005)
