@@ -1,0 +1,88 @@
+"""The compiled cell holds what the scenario says."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from polish_sim.cell import build_scene, no_part, tool_on_flange
+from polish_sim.config import Scenario
+from polish_sim.geometry import load_part
+from polish_sim.models import workpiece_names, workpiece_path
+from polish_sim.scenario_file import override
+from polish_sim.spatial import apply, transform
+
+HEAD = ["head.stiffness_n_m=4000", "head.damping_n_s_m=33", "head.mass_kg=0.5", "head.travel_m=0.02"]
+
+
+def standing(name: str, z: float = 0.15) -> mujoco.MjModel:
+    part = no_part()._replace(position=np.array([0.0, -0.5, z]))
+    return build_scene(Scenario(), load_part(workpiece_path(name)), part)
+
+
+def test_head_pad_and_step_are_the_scenarios() -> None:
+    scenario = override(Scenario(), [*HEAD, "pad.radius_m=0.03", "simulation.timestep_s=0.0005"])
+    model = build_scene(scenario, None, None)
+    slide = model.joint("head_slide")
+    assert model.jnt_stiffness[slide.id] == pytest.approx(4000.0)
+    assert model.dof_damping[slide.dofadr[0]] == pytest.approx(33.0)
+    assert slide.range[1] == pytest.approx(0.02)
+    assert model.body("head").mass[0] == pytest.approx(0.5)
+    assert model.geom("head_pad").size[0] == pytest.approx(0.03)
+    assert model.opt.timestep == 0.0005
+
+
+def test_a_heavier_head_is_the_same_shape_of_more_mass() -> None:
+    light, heavy = build_scene(Scenario(), None, None), build_scene(override(Scenario(), HEAD), None, None)
+    ratio = heavy.body("head").inertia / light.body("head").inertia
+    np.testing.assert_allclose(ratio, 0.5 / 0.3, rtol=1e-6)
+
+
+def test_the_default_scene_is_the_model_file() -> None:
+    model = build_scene(Scenario(), None, None)
+    assert model.jnt_stiffness[model.joint("head_slide").id] == pytest.approx(20000.0 / 3.0)
+    assert model.opt.timestep == 0.001
+
+
+@pytest.mark.parametrize("name", workpiece_names())
+def test_every_shipped_part_stands_in_the_cell_where_it_is_put_and_the_cell_steps(name: str) -> None:
+    model = standing(name)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+    mujoco.mj_step(model, data, 200)
+    assert not any(warning.number for warning in data.warning)
+    mesh = load_part(workpiece_path(name))
+    geom, number = model.geom("part").id, model.mesh("part").id
+    start, count = model.mesh_vertadr[number], model.mesh_vertnum[number]
+    vertices = model.mesh_vert[start : start + count]
+    drawn = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+    expected = apply(transform(np.eye(3), np.array([0.0, -0.5, 0.15])), mesh.vertices)
+    np.testing.assert_allclose(drawn.min(axis=0), expected.min(axis=0), atol=1e-6)
+    np.testing.assert_allclose(drawn.max(axis=0), expected.max(axis=0), atol=1e-6)
+
+
+def test_the_drawn_part_does_not_collide_its_table_does() -> None:
+    model = standing("plate")
+    assert model.geom("part").contype == model.geom("part").conaffinity == 0
+    assert model.geom("table").contype == 1
+    top = model.geom("table").pos[2] + model.geom("table").size[2]
+    assert top == pytest.approx(0.0)
+
+
+def test_the_fixture_fills_the_room_between_table_and_part() -> None:
+    model = standing("plate")
+    low = 0.15 + load_part(workpiece_path("plate")).vertices[:, 2].min()
+    fixture = model.geom("fixture")
+    assert fixture.pos[2] - fixture.size[2] == pytest.approx(0.0, abs=0.001)
+    assert low - 0.002 < fixture.pos[2] + fixture.size[2] < low
+
+
+def test_a_part_on_the_table_needs_no_fixture() -> None:
+    low = load_part(workpiece_path("plate")).vertices[:, 2].min()
+    model = standing("plate", z=-float(low))
+    assert not any(model.geom(i).name == "fixture" for i in range(model.ngeom))
+
+
+def test_the_tool_sits_220_mm_out_of_the_flange_along_its_axis() -> None:
+    np.testing.assert_allclose(tool_on_flange(), transform(np.eye(3), np.array([0.0, 0.0, 0.22])), atol=1e-12)
