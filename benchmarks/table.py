@@ -17,6 +17,6 @@ class Row(NamedTuple):
 def print_rows(title: str, rows: Iterable[Row]) -> None:
     """Print a titled table with columns name, measured, limit."""
     print(f"\n{title}")
-    print(f"  {'':46s}{'measured':>16s}{'limit':>16s}")
+    print(f"  {'':58s}{'measured':>16s}{'limit':>16s}")
     for row in rows:
-        print(f"  {row.name:46s}{row.measured:>16s}{row.limit:>16s}", flush=True)
+        print(f"  {row.name:58s}{row.measured:>16s}{row.limit:>16s}", flush=True)
