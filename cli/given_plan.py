@@ -46,15 +46,18 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
         raise InputError(f"--path is a finished plan: leave {', '.join(asked)} out, or leave --path out to plan anew.")
     path = read_plan(source)
     facts = _facts(source)
+    named = {"plan": {"file": str(source.resolve())}}
     if not facts:
-        return GivenPlan(path, scenario)
+        return GivenPlan(path, merge(scenario, named, ""))
     part = facts["part"]
-    if given.get("--part") is None and part["name"] in workpiece_names():
+    chosen = given.get("--part") is not None or scenario.plan.file != ""
+    if not chosen and part["name"] in workpiece_names():
         scenario = merge(scenario, {"part": {"file": part["name"]}}, "")
-    elif given.get("--part") is None:
+    elif not chosen:
         raise InputError(f"the plan '{source}' was made on '{part['file']}': say where it is with --part.")
     _check_part(source, scenario.part.file, part)
-    return GivenPlan(path, merge(scenario, {"plan": facts["plan"], "part": {"unit": part["unit"]}}, ""))
+    scenario = merge(scenario, {"plan": facts["plan"], "part": {"unit": part["unit"]}}, "")
+    return GivenPlan(path, merge(scenario, named, ""))
 
 
 def _facts(source: Path) -> dict[str, Any]:

@@ -120,8 +120,9 @@ def run(
 
     scenario = build_scenario(default_scenario(experiment), given, config, set_ or [])
     plan = None
-    if path is not None:
-        plan, scenario = take_plan(path, scenario, given)
+    source = path or (Path(scenario.plan.file) if scenario.plan.file else None)
+    if source is not None:
+        plan, scenario = take_plan(source, scenario, given)
     if dry_run:
         check_reach(scenario, plan)
         return DONE

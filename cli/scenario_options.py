@@ -63,7 +63,13 @@ def build_scenario(base: Scenario, given: Mapping[str, Any], config: Path | None
     for option, value in given.items():
         if value is not None:
             scenario = _apply(scenario, option, value)
-    return override(scenario, assignments)
+    return _placed(override(scenario, assignments))
+
+
+def _placed(scenario: Scenario) -> Scenario:
+    """Name a part's file from the root, so that the written config runs from any folder."""
+    file = Path(scenario.part.file)
+    return merge(scenario, {"part": {"file": str(file.resolve())}}, "") if file.is_file() else scenario
 
 
 def parse_pose(text: str) -> list[float]:

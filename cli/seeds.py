@@ -79,6 +79,7 @@ def _run_all(
                 observer.progress(count, len(seeds))
         except KeyboardInterrupt:
             interrupted = True
+            console.note("interrupted: the runs under way are finished first, the waiting ones dropped.")
         finally:
             pool.shutdown(cancel_futures=True)
     return {seed: job.result() for seed, job in jobs.items() if not job.cancelled()}, interrupted

@@ -35,22 +35,29 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
     """
     if not is_warm(use_kernel_cache()):
         console.note("first start: the kernels are compiled once, which takes about a minute")
-    with ExitStack() as stack:
-        observer = stack.enter_context(console.progress(sinks))
-        for sink in sinks:
-            stack.enter_context(sink)
-        way = plan_to_run(scenario, plan, observer, draft)
-        record, result = simulate(scenario, way, draft, observer)
-        observer.stage("draw")
-        save_plots(draft, draw_plots(record))
-    if not (draft / CELL_PICTURE).exists() and len(record.log):
-        save_plots(draft, {CELL_PICTURE: plot_cell(record)})
+    record, broken_off = None, False
+    try:
+        with ExitStack() as stack:
+            observer = stack.enter_context(console.progress(sinks))
+            for sink in sinks:
+                stack.enter_context(sink)
+            way = plan_to_run(scenario, plan, observer, draft)
+            record, result = simulate(scenario, way, draft, observer)
+            observer.stage("draw")
+            save_plots(draft, draw_plots(record))
+        if not (draft / CELL_PICTURE).exists() and len(record.log):
+            save_plots(draft, {CELL_PICTURE: plot_cell(record)})
+    except KeyboardInterrupt:
+        if record is None:
+            raise
+        # The run itself is on disk by now and stays; only pictures are missing.
+        broken_off = True
     return Outcome(
         scenario.experiment,
         f"{scenario.experiment}, {scenario.controller.name}, seed {scenario.seed}",
         {"this run": record.metrics},
         (result.stop_reason,) if result.stop_reason else (),
-        result.interrupted,
+        result.interrupted or broken_off,
     )
 
 

@@ -36,6 +36,7 @@ class PartConfig:
 class PlanConfig:
     """How the tool path covers the region."""
 
+    file: str = key("", "a finished plan to run: plan folder, path.json or CSV; empty = plan anew")
     pattern: str = key("spiral", "spiral or raster")
     region: str = key("auto", "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1 or faces:FILE (mm)")
     stepover_m: float = key(0.008, "distance between neighbouring turns [m]", 0.0002, 1.0)
@@ -76,8 +77,10 @@ class ControllerConfig:
     force_filter_hz: float = key(10.0, "low-pass on the measured force and moment in the loop [Hz]", 0.1, 500.0)
     force_limit_m_s: float = key(0.05, "largest speed the force loop may ask for [m/s]", 0.001, 1.0)
     force_i_m_s2n: float = key(0.012, "kfi of eq. 5 [m/(s^2 N)]", 0.0, 1.0)
-    moment_p_rad_snm: float = key(0.3, "P of the moment loop about tool y [rad/(s N m)]", 0.0, 10.0)
-    moment_i_rad_s2nm: float = key(0.1, "I of the moment loop about tool y [rad/(s^2 N m)]", 0.0, 10.0)
+    moment_p_rad_snm: float = key(
+        0.1, "P of the moment loop about tool y; at 0.3 the tool's inertia rings [rad/(s N m)]", 0.0, 10.0
+    )
+    moment_i_rad_s2nm: float = key(0.03, "I of the moment loop about tool y [rad/(s^2 N m)]", 0.0, 10.0)
     moment_limit_rad_s: float = key(0.1, "largest turning rate the moment loop may ask for [rad/s]", 0.001, 3.0)
     moment_tilt_limit_rad: float = key(
         math.radians(2.0), "how far the moment loop may tilt the tool from the planned axis [rad]", 0.0, 0.5

@@ -76,7 +76,8 @@ def measure_force(trace: Trace, contact_force: float) -> Figures:
     Returns:
         contact_time_s: moment of first contact; rise_time_s: from 10% to 90% of the set force;
         settling_time_3n_s, settling_time_1n_s: from first contact to the moment after which the force stays inside
-        the band; overshoot_n: largest excess over the set force, 0 if none; steady_*: from 0.5 s after contact on.
+        the band, undefined if the run ended within 0.5 s of contact; overshoot_n: largest excess over the set force,
+        0 if none; steady_*: from 0.5 s after contact on.
     """
     held = trace.phase < RETRACT
     time, force = trace.time_s[held], trace.normal_force_n[held]
@@ -87,8 +88,8 @@ def measure_force(trace: Trace, contact_force: float) -> Figures:
     return {
         "contact_time_s": float(time[0]) if len(time) else math.nan,
         "rise_time_s": rise_time(time, error + contact_force, contact_force),
-        "settling_time_3n_s": settling_time(time, error, 3.0),
-        "settling_time_1n_s": settling_time(time, error, 1.0),
+        "settling_time_3n_s": settling_time(time, error, 3.0) if len(steady) else math.nan,
+        "settling_time_1n_s": settling_time(time, error, 1.0) if len(steady) else math.nan,
         "overshoot_n": max(0.0, _reduce(np.max, error)) if len(error) else math.nan,
         "steady_max_deviation_n": _reduce(np.max, np.abs(steady)),
         "steady_std_n": _reduce(np.std, steady),
@@ -107,7 +108,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     Returns:
         force_mean_n, force_rms_error_n, force_max_deviation_n; force_within_4n, force_within_1n: shares of the time;
         force_error_median_n, force_error_p95_n: of the error's magnitude; contact_lost_s: time below 0.5 N;
-        tracking_error_max_m: across the tool axis; speed_mean_m_s; cycle_time_s: duration of the feed;
+        tracking_error_max_m: across the tool axis; speed_mean_m_s, speed_std_m_s; cycle_time_s: duration of the feed;
         curvature_peaks: how many, see ``peaks.curvature_peaks``; force_error_at_peaks_n: mean over the peaks of the
         largest error within 15 mm of the peak; force_error_between_peaks_n: the same for equally long stretches
         away from them.
@@ -129,6 +130,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
         "contact_lost_s": float(np.sum(force <= CONTACT_N) * _step(time)),
         "tracking_error_max_m": _reduce(np.max, trace.tangential_error_m[part]),
         "speed_mean_m_s": _reduce(np.mean, trace.tcp_speed_m_s[part]),
+        "speed_std_m_s": _reduce(np.std, trace.tcp_speed_m_s[part]),
         "cycle_time_s": float(time[-1] - time[0]) if len(time) else math.nan,
         "curvature_peaks": len(passed),
         "force_error_at_peaks_n": peak_errors.at_peaks_n,

@@ -15,6 +15,7 @@ from polish_sim.cell.contact import RealPart, build_pad
 from polish_sim.cell.crash_points import crash_points
 from polish_sim.cell.engine import register_engine
 from polish_sim.cell.guards import CONTROLLER_ERROR, ENGINE_CONTACT, REASONS, Guards
+from polish_sim.cell.interrupts import interrupts_noted
 from polish_sim.cell.limits import check_rates, check_step_limits
 from polish_sim.cell.loop import ARRIVED, CLOCK, STATUS_SIZE, STOP, CellKernel, EngineViews, advance
 from polish_sim.cell.observer import Observer, Silent
@@ -116,15 +117,15 @@ class Cell:
         rows: list[Array] = []
         traces: list[Array] = []
         total = sum(expected_duration(job) for job in self.strokes)
-        interrupted, started = False, time.perf_counter()
+        started = time.perf_counter()
         draws = np.empty((0, DRAWS))
-        try:
+        with interrupts_noted() as interrupt:
             for stroke in self.strokes:
                 kernel = self.kernel._replace(job=stroke)
                 if status[ARRIVED]:
                     status[ARRIVED] = 0.0
                     begin_next_stroke(kernel.sequence)
-                while status[STOP] == 0.0 and status[ARRIVED] == 0.0:
+                while status[STOP] == 0.0 and status[ARRIVED] == 0.0 and not interrupt.seen:
                     # What a stroke left over goes on to the next: the noise must not depend on the chunks.
                     draws = np.concatenate([draws, self.rng.standard_normal((chunk - len(draws), DRAWS))])
                     advance(kernel, recorder, self.law, draws, chunk)
@@ -135,16 +136,16 @@ class Cell:
                         status[STOP] = ENGINE_CONTACT
                     watcher.progress(min(status[CLOCK] * dt, total), total)
                     watcher.frame(self.model, self.data)
-        except KeyboardInterrupt:
-            if not rows:
-                raise
-            interrupted = True
+                if interrupt.seen or status[STOP]:
+                    break
+        if not rows:
+            raise KeyboardInterrupt
         wall = time.perf_counter() - started
         return CellRun(
             from_rows(np.concatenate(rows)),
             trace_from(np.concatenate(traces)),
             self._stop_reason() if status[STOP] else None,
-            interrupted or self._was_interrupted(),
+            interrupt.seen or self._was_interrupted(),
             sum(len(t) for t in traces),
             wall,
         )

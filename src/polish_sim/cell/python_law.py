@@ -19,13 +19,20 @@ Array = NDArray[np.float64]
 _CALLBACK = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)
 
 
+def _locked(flat: Array) -> Array:
+    """The same memory, not writable: a controller must not change what the sensor is recorded to have read."""
+    view = flat.view()
+    view.flags.writeable = False
+    return view
+
+
 class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
     """Calls ``controller.step`` on the loop's own arrays; what it raises stops the run and is kept."""
 
     def __init__(self, controller: Controller, measurement: Array, target: Array, twist: Array, status: Array) -> None:
         self.error: BaseException | None = None
         self._controller, self._twist, self._status = controller, twist, status
-        self._measurement, self._target = measurement_of(measurement), target_of(target)
+        self._measurement, self._target = measurement_of(_locked(measurement)), target_of(_locked(target))
         self._callback = _CALLBACK(self._call)
 
     def __wrapper_address__(self) -> int:

@@ -101,8 +101,8 @@ def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult
     cell, path, reach = prepare_force(scenario, observer)
     observer.stage("simulate")
     run = cell.run(observer)
-    held = float(np.sum(run.trace.phase == 2)) * scenario.simulation.timestep_s
-    done = min(1.0, (held + 1e-9) / scenario.process.hold_s)
+    steps = round(scenario.process.hold_s / scenario.simulation.timestep_s)
+    done = min(1.0, float(np.sum(run.trace.phase == 2)) / steps)
     figures: dict[str, Any] = dict(measure_force(run.trace, scenario.process.contact_force_n))
     figures |= common_figures(run, scenario, done, reach.T_base_work)
     return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)

@@ -18,7 +18,7 @@ from polish_sim.experiments.part_setup import (
 )
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult, common_figures
-from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning import PlanResult, coverage_until, plan_part
 
 
 class SurfaceTask(NamedTuple):
@@ -84,6 +84,7 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     run = cell.run(observer)
     fed = run.trace.path_s_m[run.trace.phase == 2]
     figures: dict[str, Any] = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
-    figures["coverage"] = plan.figures["coverage"]
+    reached = float(fed[-1]) if len(fed) else -1.0
+    figures["coverage"] = coverage_until(plan, reached, scenario.process, scenario.pad)
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
     return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)

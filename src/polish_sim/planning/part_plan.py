@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,14 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
+from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import workpiece_names, workpiece_path
 from polish_sim.planning.feasibility import check_request, pad_notes
-from polish_sim.planning.figures import locate, measure_plan
+from polish_sim.planning.figures import cover, locate, measure_plan
 from polish_sim.planning.planner import path_on, prepare_ground
 from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]
+
+OFF_PART_M = 1e-3
+"""A path made before may lie this far off the fitted surface [m]."""
 
 
 class PlanObserver(Protocol):
@@ -119,8 +123,36 @@ def measure_given_path(
     observer.stage("measure the path")
     ground = prepare_ground(region, plan)
     figures = measure_plan(mesh, surface, ground, path, plan, process, pad)
+    off = figures["max_distance_to_surface_m"]
+    if off > OFF_PART_M:
+        raise PlanError(
+            f"the path lies up to {1e3 * off:.2f} mm off the region of this part, more than {1e3 * OFF_PART_M:g} mm. "
+            "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
+        )
     notes = (*mesh.notes, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
+
+
+def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadConfig) -> float:
+    """Share of the region under the pad's contact disc when the path was followed only up to a place.
+
+    Args:
+        plan: The plan.
+        s: Arc length of the plan up to which the tool was fed [m].
+        process: Force.
+        pad: The pad.
+
+    Returns:
+        The share, 0 to 1; the whole plan's if all of it was fed.
+    """
+    done = plan.path.s <= s + 1e-6
+    if done[plan.path.process].all():
+        return float(plan.figures["coverage"])
+    if np.count_nonzero(done & plan.path.process) < 2:
+        return 0.0
+    ground = prepare_ground(plan.region, plan.plan)
+    fed = ToolPath(*(getattr(plan.path, field.name)[done] for field in fields(ToolPath)))
+    return cover(ground, locate(ground, fed), plan.plan.stepover_m, pad, process.contact_force_n).pad
 
 
 def _load(part: PartConfig, plan: PlanConfig, observer: PlanObserver) -> tuple[PartMesh, Surface, Region]:
