@@ -22,7 +22,8 @@ TARE, TRAVEL, APPROACH, SEEK, TOUCH_DOWN, PROCESS, RETRACT, DONE = 0.0, 1.0, 2.0
 TARE_START = 0.15  # the robot stands still this long before the sensor is zeroed [s]
 TARE_TIME = 0.25  # readings averaged for zeroing [s]
 TOUCH_DOWN_TIME = 0.35  # from measured contact to the start of the feed [s]
-FEED_ACCELERATION = 0.05  # of the target along the path [m/s^2]
+FEED_ACCELERATION = 0.05  # of the target along the path, at least [m/s^2]
+LONGEST_RAMP = 0.5  # from rest to full speed along the path [s]
 RETRACT_SPEED = 0.02  # [m/s]
 TRAVEL_SPEED = 0.05  # between two strokes, in free space [m/s]
 
@@ -192,7 +193,8 @@ def _place_target(job: Job, state: SequenceState, dt: float, target: Target) -> 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _move_on(state: SequenceState, length: float, speed: float, dt: float) -> None:
     """Advance along a table: ramp up to ``speed`` and keep it to the end; the robot's own limits do the stopping."""
-    state.path[1] = min(speed, state.path[1] + FEED_ACCELERATION * dt) if state.path[0] < length else 0.0
+    gained = max(FEED_ACCELERATION, speed / LONGEST_RAMP) * dt
+    state.path[1] = min(speed, state.path[1] + gained) if state.path[0] < length else 0.0
     state.path[0] = min(state.path[0] + state.path[1] * dt, length)
 
 

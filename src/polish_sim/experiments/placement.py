@@ -20,6 +20,7 @@ DISTANCES = (0.5, 0.45, 0.55, 0.4, 0.6, 0.65)  # of the region's middle from the
 HEIGHTS = (0.08, 0.16, 0.03)  # of the part's lowest point above the table [m]
 SPINS = tuple(math.radians(a) for a in range(0, 360, 45))  # of the tool about its axis [rad]
 GOOD_SINGULAR_VALUE = 0.08  # a placement this far from singularities is taken without looking further [-]
+_CLEARLY_BETTER = 1e-6  # the tool's spin alone changes nothing: rounding must not choose among the spins [-]
 _SAMPLES = 250
 _LARGEST_JUMP = 0.6  # between samples of the path [rad]
 _LOWEST_JOINT = 0.09  # z of elbow and wrist above the table [m]
@@ -95,7 +96,7 @@ def find_reach(
                 failure = _failure(joints, above_table)
                 if failure is None:
                     value = joints.smallest_singular_value
-                    if best is None or value > best.smallest_singular_value:
+                    if best is None or value > best.smallest_singular_value + _CLEARLY_BETTER:
                         best = Reach(T_base_work, spin, np.array(joints.q[0]), value)
                 elif failure.point > furthest.point:
                     furthest = failure
