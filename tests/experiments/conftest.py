@@ -1,0 +1,38 @@
+"""Runs shared by the tests of the experiments: short feeds, each simulated once."""
+
+from __future__ import annotations
+
+import pytest
+
+from polish_sim.config import Scenario
+from polish_sim.experiments import RunResult, default_scenario, run_experiment
+from polish_sim.planning import PlanResult, plan_part
+from polish_sim.scenario_file import override
+
+
+def plan_of(scenario: Scenario) -> PlanResult:
+    return plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
+
+
+@pytest.fixture(scope="session")
+def short_arc() -> RunResult:
+    """Four seconds of the circle."""
+    return run_experiment(override(default_scenario("arc"), ["process.max_feed_s=4"]))
+
+
+@pytest.fixture(scope="session")
+def freeform() -> RunResult:
+    """Eight seconds of feed on the freeform part, every error on."""
+    return run_experiment(override(default_scenario("surface"), ["process.max_feed_s=8"]))
+
+
+@pytest.fixture(scope="session")
+def cap() -> tuple[Scenario, PlanResult]:
+    """Two seconds of feed on the small sphere cap: a scenario and its plan, quick to run again with changes."""
+    scenario = override(default_scenario("surface"), ["part.file=sphere_100", "process.max_feed_s=2"])
+    return scenario, plan_of(scenario)
+
+
+@pytest.fixture(scope="session")
+def cap_run(cap: tuple[Scenario, PlanResult]) -> RunResult:
+    return run_experiment(*cap)

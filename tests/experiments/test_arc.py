@@ -1,0 +1,56 @@
+"""The circle in free space: the paper's experiment, a few seconds of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from polish_sim.experiments import RunResult, default_scenario, run_experiment
+from polish_sim.experiments.arc import arc_path
+from polish_sim.scenario_file import override
+
+CENTER, RADIUS, NORMAL = np.array([0.0, -0.52, 0.0]), 0.1, np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+
+
+def test_the_path_is_the_papers_circle_once_round() -> None:
+    path = arc_path()
+    offset = path.positions_work - CENTER
+    np.testing.assert_allclose(np.linalg.norm(offset, axis=1), RADIUS, atol=1e-12)
+    np.testing.assert_allclose(offset @ NORMAL, 0.0, atol=1e-12)
+    np.testing.assert_allclose(path.positions_work[0], path.positions_work[-1], atol=1e-12)
+    assert path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=1e-5)
+
+
+def test_the_tool_keeps_to_the_circle_and_to_10_mm_per_second(short_arc: RunResult) -> None:
+    figures = short_arc.figures
+    assert figures["tracking_error_max_m"] < 0.1e-3
+    assert figures["speed_mean_m_s"] == pytest.approx(0.01, abs=0.1e-3)
+    assert figures["speed_max_deviation_m_s"] < 0.1e-3
+    assert figures["orientation_error_max_rad"] < 1e-3
+
+
+def test_a_part_of_the_circle_is_so_much_of_the_path(short_arc: RunResult) -> None:
+    length = 2.0 * np.pi * RADIUS
+    assert short_arc.figures["path_done"] == pytest.approx((4.0 - 0.1) * 0.01 / length, rel=0.01)
+    assert short_arc.figures["T_base_work"] is None
+    assert short_arc.figures["protective_stop"] is None
+
+
+def test_nothing_is_touched_in_free_space(short_arc: RunResult) -> None:
+    np.testing.assert_array_equal(short_arc.trace.normal_force_n, 0.0)
+    assert 1 not in short_arc.trace.phase
+
+
+@pytest.mark.parametrize("controller", ["position", "hybrid-pi-position"])
+def test_the_other_laws_keep_to_it_too(controller: str) -> None:
+    changes = ["process.max_feed_s=3", f"controller.name={controller}"]
+    figures = run_experiment(override(default_scenario("arc"), changes)).figures
+    assert figures["tracking_error_max_m"] < 0.3e-3
+    assert figures["speed_mean_m_s"] == pytest.approx(0.01, abs=0.1e-3)
+
+
+def test_at_ten_times_the_feed_it_still_follows() -> None:
+    changes = ["process.max_feed_s=3.5", "process.feed_m_s=0.1"]
+    figures = run_experiment(override(default_scenario("arc"), changes)).figures
+    assert figures["tracking_error_max_m"] < 0.3e-3
+    assert figures["speed_mean_m_s"] == pytest.approx(0.1, rel=0.01)

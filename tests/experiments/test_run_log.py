@@ -1,0 +1,103 @@
+"""The log of a run holds together: kinematics, wrenches and phases say the same thing in every row."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell import tool_on_flange
+from polish_sim.experiments import RunResult
+from polish_sim.log import COLUMNS
+from polish_sim.motion import forward_many, jacobian_many
+
+
+def column(result: RunResult, name: str) -> np.ndarray:
+    return np.asarray(result.log[name], dtype=float)
+
+
+def test_every_column_of_the_contract_is_there_whole_and_finite(freeform: RunResult) -> None:
+    for name, (width, _unit) in COLUMNS.items():
+        values = freeform.log[name]
+        assert values.shape == ((len(freeform.log), width) if width else (len(freeform.log),)), name
+        assert np.all(np.isfinite(values)), name
+
+
+def test_rows_come_at_250_hz_from_time_zero(freeform: RunResult) -> None:
+    time = column(freeform, "time_s")
+    np.testing.assert_allclose(time, 0.004 * np.arange(len(time)), atol=1e-9)
+
+
+def test_tool_pose_and_speed_are_the_joints_by_forward_kinematics(freeform: RunResult) -> None:
+    q, qd = column(freeform, "q_rad"), column(freeform, "qd_rad_s")
+    T_base_tool = forward_many(q) @ tool_on_flange()
+    np.testing.assert_allclose(T_base_tool[:, :3, 3], column(freeform, "tcp_position_m"), atol=1e-6)
+    frames = Rotation.from_quat(column(freeform, "tcp_quaternion_wxyz"), scalar_first=True)
+    assert (frames.inv() * Rotation.from_matrix(T_base_tool[:, :3, :3])).magnitude().max() < 1e-6
+    twist = np.einsum("nij,nj->ni", jacobian_many(q, tool_on_flange()[:3, 3].copy()), qd)
+    np.testing.assert_allclose(np.linalg.norm(twist[:, :3], axis=1), column(freeform, "tcp_speed_m_s"), atol=1e-6)
+
+
+def test_quaternions_are_unit_and_do_not_jump_in_sign(freeform: RunResult) -> None:
+    for name in ("tcp_quaternion_wxyz", "target_quaternion_wxyz"):
+        quaternions = column(freeform, name)
+        np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1.0, atol=1e-6)
+        assert np.sum(quaternions[1:] * quaternions[:-1], axis=1).min() > 0.9
+
+
+def test_the_normal_force_is_the_true_wrench_along_tool_z(freeform: RunResult) -> None:
+    np.testing.assert_array_equal(freeform.log["normal_force_n"], freeform.log["wrench_true_tool"][:, 2])
+    trace = freeform.trace.normal_force_n[::4].astype(np.float32)
+    np.testing.assert_array_equal(freeform.log["normal_force_n"], trace[: len(freeform.log)])
+
+
+def test_in_steady_pressing_raw_measured_and_true_wrench_differ_by_weight_bias_and_noise_only(
+    freeform: RunResult,
+) -> None:
+    fed = freeform.log["phase"] == 2
+    measured, true = column(freeform, "wrench_measured_tool")[fed], column(freeform, "wrench_true_tool")[fed]
+    np.testing.assert_allclose((measured - true)[:, :3].mean(axis=0), 0.0, atol=0.15)
+    np.testing.assert_allclose((measured - true)[:, 3:].mean(axis=0), 0.0, atol=0.03)
+    R = Rotation.from_quat(column(freeform, "tcp_quaternion_wxyz")[fed], scalar_first=True)
+    weight = R.inv().apply([0.0, 0.0, 2.0 * 9.81])
+    raw = column(freeform, "wrench_raw_sensor")[fed, :3]
+    np.testing.assert_allclose((raw - weight - true[:, :3]).mean(axis=0), 0.0, atol=0.1)
+
+
+def test_the_pads_travel_carries_the_force_through_the_heads_spring(freeform: RunResult) -> None:
+    fed = freeform.log["phase"] == 2
+    travel, force = column(freeform, "pad_travel_m")[fed], column(freeform, "normal_force_n")[fed]
+    assert travel.mean() * 20000.0 / 3.0 == pytest.approx(force.mean(), rel=0.01)
+
+
+def test_phases_are_coded_0_to_3_in_order_and_the_touch_down_takes_less_than_half_a_second(freeform: RunResult) -> None:
+    phase, time = freeform.trace.phase, freeform.trace.time_s
+    changes = phase[np.concatenate([[True], np.diff(phase) != 0])]
+    np.testing.assert_array_equal(changes, [0, 1, 2, 3])
+    assert np.ptp(time[phase == 1]) < 0.5
+    assert freeform.trace.normal_force_n[phase == 0].max() <= 0.5
+    assert freeform.trace.normal_force_n[phase == 1][0] > 0.5
+
+
+def test_the_joint_torques_stay_within_the_robots(freeform: RunResult) -> None:
+    limits = np.array([150.0, 150.0, 150.0, 28.0, 28.0, 28.0])
+    assert np.all(np.abs(column(freeform, "torque_nm")).max(axis=0) < limits)
+    assert np.abs(column(freeform, "torque_nm")).max() > 1.0
+
+
+def test_the_turn_of_the_path_is_counted(freeform: RunResult) -> None:
+    fed = freeform.log["phase"] == 2
+    along = column(freeform, "path_s_m")[fed]
+    path = freeform.path
+    expected = path.pass_index[np.searchsorted(path.s, along + 1e-9, side="right") - 1]
+    agree = np.mean(expected == freeform.log["pass_index"][fed])
+    assert agree > 0.99
+
+
+def test_common_figures_say_what_was_run(freeform: RunResult) -> None:
+    figures = freeform.figures
+    assert figures["steps"] == len(freeform.trace.time_s)
+    assert figures["simulated_s"] == pytest.approx(figures["steps"] * 0.001)
+    assert figures["seed"] == 0
+    assert figures["protective_stop"] is None
+    assert figures["real_time_factor"] == pytest.approx(figures["simulated_s"] / figures["wall_s"])

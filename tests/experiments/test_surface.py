@@ -1,0 +1,112 @@
+"""The main job, its first seconds: polish a part along a planned path under force control."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from polish_sim.config import Scenario
+from polish_sim.experiments import RunResult, prepare_surface, run_experiment
+from polish_sim.planning import PlanResult
+from polish_sim.scenario_file import override
+from polish_sim.spatial import apply
+from tests.cell.cells import IDEAL_SENSOR
+
+Cap = tuple[Scenario, PlanResult]
+
+
+def changed(cap: Cap, *changes: str) -> RunResult:
+    scenario, plan = cap
+    return run_experiment(override(scenario, list(changes)), plan)
+
+
+def test_on_the_freeform_part_the_force_stays_within_four_newton(freeform: RunResult) -> None:
+    assert freeform.stop_reason is None
+    assert freeform.figures["force_max_deviation_n"] < 4.0
+    assert freeform.figures["force_mean_n"] == pytest.approx(20.0, abs=0.3)
+    assert freeform.figures["contact_lost_s"] == 0.0
+
+
+def test_the_tool_strays_less_than_three_tenths_of_a_millimetre_from_its_path(freeform: RunResult) -> None:
+    assert freeform.figures["tracking_error_max_m"] < 0.3e-3
+    assert freeform.figures["speed_mean_m_s"] == pytest.approx(0.01, rel=0.03)
+
+
+def test_a_run_cut_short_says_how_much_it_did(freeform: RunResult) -> None:
+    process = freeform.path.s[freeform.path.process]
+    fed = freeform.trace.path_s_m[freeform.trace.phase == 2]
+    assert fed[0] == pytest.approx(process[0], abs=1e-5)
+    assert freeform.figures["path_done"] == pytest.approx((fed[-1] - process[0]) / (process[-1] - process[0]), rel=1e-6)
+    assert 0.0 < freeform.figures["path_done"] < 0.05
+
+
+def test_the_targets_lie_on_the_planned_path_pressed_in_by_four_millimetres(freeform: RunResult) -> None:
+    T_base_work = np.array(freeform.figures["T_base_work"])
+    fed = freeform.log["phase"] == 2
+    targets, path = freeform.log["target_position_m"][fed], freeform.path
+    nominal = apply(T_base_work, path.positions_work - 0.004 * path.axes_work)
+    along = np.asarray(freeform.log["path_s_m"][fed], dtype=float)
+    expected = np.stack([np.interp(along, path.s, nominal[:, i]) for i in range(3)], axis=1)
+    assert np.linalg.norm(targets - expected, axis=1).max() < 2e-5
+
+
+def test_the_tool_axis_is_the_planned_one_but_for_the_moment_loop(freeform: RunResult) -> None:
+    fed = freeform.trace.phase == 2
+    assert freeform.trace.orientation_error_rad[fed].max() < freeform.scenario.controller.moment_tilt_limit_rad + 0.005
+
+
+def test_the_log_says_where_the_part_stood_and_every_touch_was_on_it(freeform: RunResult) -> None:
+    T_base_work = np.array(freeform.figures["T_base_work"])
+    pressing = freeform.log["normal_force_n"] > 5.0
+    tool = apply(np.linalg.inv(T_base_work), freeform.log["tcp_position_m"][pressing])
+    prepared = prepare_surface(freeform.scenario)
+    np.testing.assert_allclose(prepared.reach.T_base_work, T_base_work, atol=1e-12)
+    assert np.linalg.norm(tool - prepared.plan.surface.closest(tool).positions, axis=1).max() < 0.006
+
+
+def test_without_force_control_the_displaced_part_is_pressed_wrongly(cap: Cap, cap_run: RunResult) -> None:
+    deaf = changed(cap, "controller.name=position")
+    assert deaf.figures["force_rms_error_n"] > 5.0 * cap_run.figures["force_rms_error_n"]
+
+
+def test_with_the_spindle_off_the_force_is_held_as_well(cap: Cap, cap_run: RunResult) -> None:
+    still = changed(cap, "spindle.speed_rpm=0")
+    assert still.figures["force_max_deviation_n"] < 4.0
+    force, moment = {}, {}
+    for name, result in (("on", cap_run), ("off", still)):
+        fed = result.log["phase"] == 2
+        wrench = np.asarray(result.log["wrench_true_tool"][fed][100:], dtype=float).mean(axis=0)
+        force[name], moment[name] = np.linalg.norm(wrench[:2]), wrench[5]
+    # Sliding with the feed alone friction opposes it with mu F; spinning, points slide round faster than along.
+    assert force["off"] == pytest.approx(0.3 * 20.0, rel=0.1)
+    assert force["on"] < 0.7 * force["off"]
+    # The spindle turns about tool z and drags the part along, by no more than mu F a.
+    assert 0.01 < moment["on"] - moment["off"] < 0.3 * 20.0 * 0.025
+
+
+def test_a_host_at_500_hz_holds_the_force_too(cap: Cap) -> None:
+    slow = changed(cap, "simulation.control_every=2")
+    assert slow.stop_reason is None
+    assert slow.figures["force_max_deviation_n"] < 4.0
+
+
+def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(cap: Cap) -> None:
+    """The tool keeps its direction in the base, so it is turned against the part as well: the pad is alike."""
+    scenario, plan = cap
+    quiet = override(scenario, [*IDEAL_SENSOR, "controller.name=position"])
+    x, y, z = np.array(prepare_surface(quiet, plan).reach.T_base_work)[:3, 3]
+    poses = (x, y, z, 0.0, 0.0, 0.0), (-x, -y, z, 0.0, 0.0, np.pi)
+    here, there = (
+        run_experiment(replace(quiet, part=replace(quiet.part, pose=tuple(map(float, pose)))), plan) for pose in poses
+    )
+    for name in (
+        "force_rms_error_n",
+        "force_max_deviation_n",
+        "force_mean_n",
+        "tracking_error_max_m",
+        "speed_mean_m_s",
+    ):
+        assert there.figures[name] == pytest.approx(here.figures[name], rel=1e-4), name
+    assert there.figures["path_done"] == here.figures["path_done"]
