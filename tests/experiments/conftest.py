@@ -29,7 +29,7 @@ def freeform() -> RunResult:
 @pytest.fixture(scope="session")
 def cap() -> tuple[Scenario, PlanResult]:
     """Two seconds of feed on the small sphere cap: a scenario and its plan, quick to run again with changes."""
-    scenario = override(default_scenario("surface"), ["part.file=sphere_100", "process.max_feed_s=2"])
+    scenario = override(default_scenario("surface"), ["part.file=sphere_50", "process.max_feed_s=2"])
     return scenario, plan_of(scenario)
 
 
