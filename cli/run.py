@@ -16,7 +16,14 @@ from polish_sim.cli.sinks import open_sinks
 from polish_sim.errors import InputError
 
 Experiment = Annotated[str, typer.Argument(help="arc, force or surface.", show_default=False)]
-Part = Annotated[str | None, typer.Option("--part", metavar="PART", help="STL file, or the name of a shipped part.")]
+Part = Annotated[
+    str | None,
+    typer.Option(
+        "--part",
+        metavar="PART",
+        help="STL file, or the name of a shipped part; default freeform (surface), plate (force).",
+    ),
+]
 PlanFile = Annotated[
     Path | None, typer.Option("--path", metavar="PLAN", help="Plan to run: a plan folder or its path.json.")
 ]
@@ -25,15 +32,25 @@ PartPose = Annotated[
     typer.Option("--part-pose", metavar="POSE", help="X,Y,Z,RX,RY,RZ of the part in the robot base (mm, deg)."),
 ]
 Controller = Annotated[
-    str | None, typer.Option("--controller", metavar="NAME", help="A shipped controller, or FILE.py:CLASS.")
+    str | None,
+    typer.Option(
+        "--controller", metavar="NAME", help="hybrid-pi (default), hybrid-pi-position, position, or FILE.py:CLASS."
+    ),
 ]
-ContactForce = Annotated[float | None, typer.Option("--contact-force", metavar="N", help="Force to hold (N).")]
-Feed = Annotated[float | None, typer.Option("--feed", metavar="MM_S", help="Speed along the path (mm/s).")]
-PadDiameter = Annotated[float | None, typer.Option("--pad-diameter", metavar="MM", help="Diameter of the pad (mm).")]
+ContactForce = Annotated[
+    float | None, typer.Option("--contact-force", metavar="N", help="Force to hold (N); default 20.")
+]
+Feed = Annotated[float | None, typer.Option("--feed", metavar="MM_S", help="Speed along the path (mm/s); default 10.")]
+PadDiameter = Annotated[
+    float | None, typer.Option("--pad-diameter", metavar="MM", help="Diameter of the pad (mm); default 50.")
+]
 SpindleSpeed = Annotated[
-    float | None, typer.Option("--spindle-rpm", metavar="RPM", help="Speed of the spindle, 0 = off (1/min).")
+    float | None,
+    typer.Option(
+        "--spindle-rpm", metavar="RPM", help="Speed of the spindle, 0 = off (1/min); default 6000 in surface, else off."
+    ),
 ]
-Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of everything random.")]
+Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of everything random; default 0.")]
 Seeds = Annotated[
     int | None, typer.Option("--seeds", metavar="N", min=1, help="Run this many seeds, counting up from --seed.")
 ]
@@ -60,9 +77,10 @@ Region = Annotated[
     str | None, typer.Option("--region", metavar="REGION", help="auto, top, all, point:.., box:.. or faces:FILE (mm).")
 ]
 Stepover = Annotated[
-    float | None, typer.Option("--stepover", metavar="MM", help="Distance between neighbouring turns (mm).")
+    float | None,
+    typer.Option("--stepover", metavar="MM", help="surface: distance between neighbouring turns (mm); default 8."),
 ]
-Pattern = Annotated[str | None, typer.Option("--pattern", metavar="NAME", help="spiral or raster.")]
+Pattern = Annotated[str | None, typer.Option("--pattern", metavar="NAME", help="surface: spiral (default) or raster.")]
 
 
 def run(
@@ -93,6 +111,22 @@ def run(
     pattern: Pattern = None,
 ) -> int:
     """Simulate an experiment of the paper: arc, force or surface."""
+    _refuse_idle_options(
+        experiment,
+        {
+            "--part": part,
+            "--part-pose": part_pose,
+            "--units": units,
+            "--up": up,
+            "--region": region,
+            "--contact-force": contact_force,
+            "--pad-diameter": pad_diameter,
+            "--spindle-rpm": spindle_rpm,
+            "--stepover": stepover,
+            "--pattern": pattern,
+            "--feed": feed,
+        },
+    )
     if seeds is not None and (view or video):
         raise InputError("--view and --video show one run: leave --seeds out.")
     given = {
@@ -134,3 +168,27 @@ def run(
     outcome.show()
     console.say(f"folder: {folder.final}")
     return outcome.exit_code(check)
+
+
+# Options that would change nothing: refused rather than ignored.
+_IDLE = {
+    "arc": {
+        "--part",
+        "--part-pose",
+        "--units",
+        "--up",
+        "--region",
+        "--contact-force",
+        "--pad-diameter",
+        "--spindle-rpm",
+        "--stepover",
+        "--pattern",
+    },
+    "force": {"--stepover", "--pattern", "--feed"},
+}
+
+
+def _refuse_idle_options(experiment: str, given: dict[str, object]) -> None:
+    idle = sorted(option for option in _IDLE.get(experiment, ()) if given[option] is not None)
+    if idle:
+        raise InputError(f"{', '.join(idle)} would change nothing in 'run {experiment}': leave it out.")

@@ -27,6 +27,8 @@ def build_controller(config: ControllerConfig) -> Controller:
     if config.name in CONTROLLERS:
         return CONTROLLERS[config.name](config)
     file, separator, class_name = config.name.rpartition(":")
+    if config.name.endswith(".py"):
+        raise InputError(f"'{config.name}' does not say which class to use. Give it as {config.name}:CLASS.")
     if not separator:
         raise unknown_name("controller", config.name, [*CONTROLLERS, "FILE.py:CLASS"])
     return _load_class(Path(file), class_name)
