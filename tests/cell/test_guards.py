@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 
 import mujoco
 import numpy as np
@@ -140,14 +141,30 @@ def test_a_stretched_arm_stops_before_it_is_singular() -> None:
     keeps_its_log(run)
 
 
-def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named() -> None:
-    mesh, scenario = load_part(part_file("plate")), ideal("arc")
+def onto_the_table(look_every_s: float) -> CellRun:
+    """The tool goes down beside the part, its housing onto the table."""
+
+    class Onlooker(Silent):
+        frame_every_s = look_every_s
+
+    mesh, scenario = load_part(part_file("plate")), ideal("arc", EVERY_STEP)
     model = build_scene(scenario, mesh, no_part()._replace(position=np.array([-0.3, -0.6, 0.1])))
     poses = tool_pose(0.2, -0.5, 0.05), tool_pose(0.2, -0.5, -0.2)
-    run = cell_for(scenario, free_job(*poses, feed=0.05), model=model).run()
+    return cell_for(scenario, free_job(*poses, feed=0.05), model=model).run(Onlooker())
+
+
+def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named() -> None:
+    run = onto_the_table(0.2)
     assert run.stop_reason is not None
     assert "table" in run.stop_reason
     assert "tool_collision" in run.stop_reason
+    housing_end = 0.22 - (0.115 + 0.040)  # of the collision capsule above the tool point [m]
+    assert run.trace.tcp_position_m[-1, 2] == pytest.approx(-housing_end, abs=0.001)
+    keeps_its_log(run)
+
+
+def test_a_collision_stops_at_the_same_step_whoever_looks_on() -> None:
+    assert {onto_the_table(every).steps for every in (0.003, 0.2, 5.0)} == {onto_the_table(0.05).steps}
 
 
 def test_a_simulation_that_blows_up_is_stopped_as_unstable() -> None:
@@ -164,12 +181,13 @@ def test_an_interrupt_keeps_what_was_recorded() -> None:
     class Hand(Silent):
         def frame(self, model: object, data: mujoco.MjData) -> None:
             if data.time > 0.5:
-                raise KeyboardInterrupt
+                signal.raise_signal(signal.SIGINT)
 
-    run = cell_for(ideal("arc"), free_job(tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2))).run(Hand())
+    run = cell_for(ideal("arc", EVERY_STEP), free_job(tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2))).run(Hand())
     assert run.interrupted
     assert run.stop_reason is None
-    assert run.steps * 0.001 == pytest.approx(0.6, abs=0.2)
+    assert run.steps * 0.001 == pytest.approx(0.6, abs=0.001)  # the chunk of 0.2 s it fell into
+    keeps_its_log(run)
 
 
 def test_every_reason_is_a_sentence_of_its_own() -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import cmath
 import ctypes
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -85,19 +87,28 @@ def test_position_control_does_not_listen_to_the_force() -> None:
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_the_moment_loop_levels_a_pad_on_a_rotational_spring(sign: float) -> None:
+@pytest.mark.parametrize(("p", "i"), [(0.3, 0.1), (0.1, 0.0), (0.2, 0.5)])
+def test_the_moment_loop_levels_a_pad_on_a_rotational_spring_as_its_second_order_response(
+    sign: float, p: float, i: float
+) -> None:
+    """With moment k (angle - lean) the error obeys e'' + k p e' + k i e = 0 from e = lean, e' = -k p lean."""
     rng, stiffness, dt = np.random.default_rng(0), 3.0, 0.001
-    made = controller("hybrid-pi")
+    config = replace(CONFIG, moment_p_rad_snm=p, moment_i_rad_s2nm=i, force_filter_hz=1e9)
+    made = controller("hybrid-pi", config)
     m = measurement_from(rng)
     m.rotation[:], m.twist[:], m.wrench[:] = np.eye(3), 0.0, 0.0
     t = target_near(m, rng, contact=1.0)
     t.position[:], t.rotation[:], t.twist[:] = m.position, np.eye(3), 0.0
-    angle, lean = 0.0, sign * 0.01
-    for _ in range(40000):  # forty seconds: the loop is slow, its damping time is 6.7 s
-        m.rotation[:] = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
-        m.wrench[4] = stiffness * (angle - lean)
-        angle += dt * made.step(m, t)[4]
-    assert angle == pytest.approx(lean, abs=2e-4)
+    lean, angles = sign * 0.01, [0.0]
+    for _ in range(5000):
+        m.rotation[:] = Rotation.from_rotvec([0.0, angles[-1], 0.0]).as_matrix()
+        m.wrench[4] = stiffness * (angles[-1] - lean)
+        angles.append(angles[-1] + dt * made.step(m, t)[4])
+    root = cmath.sqrt((stiffness * p) ** 2 - 4.0 * stiffness * i)
+    r1, r2 = 0.5 * (-stiffness * p + root), 0.5 * (-stiffness * p - root)
+    time = dt * np.arange(len(angles))
+    error = lean * ((r1 * np.exp(r1 * time) - r2 * np.exp(r2 * time)) / (r1 - r2)).real
+    np.testing.assert_allclose(angles, lean - error, atol=0.005 * abs(lean))
 
 
 def test_the_moment_loop_never_tilts_the_tool_beyond_its_limit() -> None:

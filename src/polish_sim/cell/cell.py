@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from polish_sim.cell.contact import RealPart, build_pad
 from polish_sim.cell.crash_points import crash_points
 from polish_sim.cell.engine import register_engine
-from polish_sim.cell.guards import CONTROLLER_ERROR, ENGINE_CONTACT, REASONS, Guards
+from polish_sim.cell.guards import CONTROLLER_ERROR, REASONS, Guards
 from polish_sim.cell.interrupts import interrupts_noted
 from polish_sim.cell.limits import check_rates, check_step_limits
 from polish_sim.cell.loop import ARRIVED, CLOCK, STATUS_SIZE, STOP, CellKernel, EngineViews, advance
@@ -132,8 +132,6 @@ class Cell:
                     draws = draws[recorder.filled[1] :]
                     rows.append(recorder.rows[: recorder.filled[0]].copy())
                     traces.append(recorder.trace[: recorder.filled[1]].copy())
-                    if self.data.ncon and status[STOP] == 0.0:
-                        status[STOP] = ENGINE_CONTACT
                     watcher.progress(min(status[CLOCK] * dt, total), total)
                     watcher.frame(self.model, self.data)
                 if interrupt.seen or status[STOP]:
@@ -279,6 +277,7 @@ def engine_views(model: mujoco.MjModel, data: mujoco.MjData) -> EngineViews:
         data.site_xpos,
         data.site_xmat,
         data.xfrc_applied,
+        data.cfrc_ext,
         data.qfrc_actuator,
         data.sensordata,
         model.site("tool").id,

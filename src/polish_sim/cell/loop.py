@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from polish_sim.cell.contact import Pad, RealPart, press_pad
 from polish_sim.cell.engine import mj_step1, mj_step2
-from polish_sim.cell.guards import CONTROLLER_NAN, JOINT_LIMIT, MISSING, UNSTABLE, Guards, check_guards
+from polish_sim.cell.guards import CONTROLLER_NAN, ENGINE_CONTACT, JOINT_LIMIT, MISSING, UNSTABLE, Guards, check_guards
 from polish_sim.cell.recorder import Recorder, record_reading, record_state
 from polish_sim.cell.sequence import (
     APPROACH,
@@ -37,6 +37,7 @@ from polish_sim.control.signals import Measurement, measurement_of, target_of
 
 Array = NDArray[np.float64]
 
+LOOK_EVERY = 4  # steps between looks at the engine's own contacts
 FIRST_CONTACT_N = 0.5  # exact force at which the log's touch-down begins
 
 CLOCK, REQUESTS, STOP, TOUCHED, TARES, ARRIVED = 0, 1, 2, 3, 4, 5
@@ -63,6 +64,7 @@ class EngineViews(NamedTuple):
     site_xpos: Array
     site_xmat: Array
     xfrc_applied: Array
+    cfrc_ext: Array
     qfrc_actuator: Array
     sensordata: Array
     tool_site: int
@@ -161,6 +163,8 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         status[CLOCK] += 1.0
         if not math.isfinite(engine.qvel[0] + engine.qvel[6]):
             status[STOP] = UNSTABLE
+        elif status[STOP] == 0.0 and count % LOOK_EVERY == 0 and _links_touch(engine):
+            status[STOP] = ENGINE_CONTACT
         elif status[STOP] == 0.0:
             status[STOP] = check_guards(
                 cell.guards, m, target, cell.sensor_state, cell.speedl_state.clock[2], cell.part.coarse,
@@ -236,6 +240,16 @@ def _drive(state: SpeedlState, ctrl: Array) -> None:
     for j in range(6):
         ctrl[2 * j] = state.joints[j]
         ctrl[2 * j + 1] = state.speeds[j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _links_touch(e: EngineViews) -> bool:
+    """Whether the engine pushes on any body: on the head only our own contact does."""
+    for body in range(1, e.cfrc_ext.shape[0]):
+        f = e.cfrc_ext[body]
+        if body != e.head_body and (f[3] != 0.0 or f[4] != 0.0 or f[5] != 0.0):
+            return True
+    return False
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
