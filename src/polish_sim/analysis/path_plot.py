@@ -161,6 +161,6 @@ def _finish(figure: Figure, solid: Any, flat: Axes, result: PlanResult, scale: N
         f"{m['path_length_m']:.2f} m in {m['retracts']} run{'s' if m['retracts'] != 1 else ''}",
         f"step-over {MM * result.plan.stepover_m:g} mm, p5-p95 {MM * m['stepover_p5_m']:.2f}-"
         f"{MM * m['stepover_p95_m']:.2f} mm",
-        f"{100.0 * m['coverage_stepover']:.1f}% within 0.55 step-overs",
+        f"{100.0 * m['coverage']:.1f}% covered",
     )
     head(figure, flat, f"{result.plan.pattern.capitalize()} on {result.mesh.name}", facts)
