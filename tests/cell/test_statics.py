@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from polish_sim.experiments import RunResult, run_experiment
-from tests.cell.cells import EVERY_STEP, ideal
-from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, working_depth
+from tests.cell.cells import EVERY_STEP, TOUCH, along_tool, cell_for, ideal, part_under, pressing_job
+from tests.cell.fields import plane, sphere
+from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, below_sphere, foundation, working_depth
 
 
 def pressed_on(part: str, *changes: str) -> RunResult:
@@ -55,3 +57,35 @@ def test_position_control_does_not_notice_a_part_a_millimetre_off() -> None:
     result = pressed_on("plate", "part.displacement_m=0.001")
     off = abs(float(result.trace.normal_force_n[-1]) - 20.0)
     assert 0.7 * 5.0 - 0.1 < off < 5.0 + 0.1
+
+
+def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant() -> None:
+    """Without damping and friction it is k d of the pad's own depth; a step later it would be 0.1 N off on approach."""
+    scenario = ideal("force", EVERY_STEP, "pad.damping_s_m=0", "pad.friction=0")
+    run = cell_for(scenario, pressing_job(hold=0.5, lift=0.01), part=part_under(plane())).run()
+    tool, travel = run.log["tcp_position_m"], np.asarray(run.log["pad_travel_m"], dtype=float)
+    frames = Rotation.from_quat(np.asarray(run.log["tcp_quaternion_wxyz"], dtype=float), scalar_first=True)
+    pad_height = (tool - travel[:, None] * frames.apply([0.0, 0.0, 1.0]))[:, 2] - TOUCH[2, 3]
+    expected = 20000.0 * np.maximum(-pad_height, 0.0)
+    assert np.abs(np.diff(expected)).max() > 0.05
+    np.testing.assert_allclose(run.log["normal_force_n"], expected, atol=0.005)
+
+
+def test_beside_the_top_of_a_ball_arm_spring_and_sensor_agree_with_the_closed_form_in_force_and_moment() -> None:
+    radius, aside = 0.1, [0.006, -0.004]
+    ball = along_tool(TOUCH, x=aside[0], y=aside[1])
+    scenario = ideal("force", EVERY_STEP, "controller.name=position")
+    run = cell_for(scenario, pressing_job(hold=2.0), part=part_under(sphere(radius), ball)).run()
+    tool, frame = (
+        run.log["tcp_position_m"][-1],
+        Rotation.from_quat(run.log["tcp_quaternion_wxyz"][-1], scalar_first=True),
+    )
+    R = frame.as_matrix()
+    pad = tool - float(run.log["pad_travel_m"][-1]) * R[:, 2]
+    truth = foundation(below_sphere(radius), pad - ball[:3, 3], R)
+    moment_at_tool = truth.torque + np.cross(pad - tool, truth.force)
+    on_part = -np.concatenate([R.T @ truth.force, R.T @ moment_at_tool])
+    assert np.linalg.norm(on_part[3:]) > 0.05
+    size = np.repeat([np.linalg.norm(truth.force), np.linalg.norm(moment_at_tool)], 3)
+    for name in ("wrench_true_tool", "wrench_measured_tool"):
+        assert np.abs((run.log[name][-1] - on_part) / size).max() < 0.02, name
