@@ -1,5 +1,11 @@
-"""Keep compiled kernels in the folder of this exact version, before anything imports the compiler."""
+"""Keep compiled kernels in the folder of this exact version, and let Ctrl-C be Ctrl-C wherever the tests run."""
+
+import signal
 
 from polish_sim.kernel_cache import use_kernel_cache
 
+# Before anything imports the compiler.
 use_kernel_cache()
+
+# A shell starts background jobs with SIGINT ignored, and so would every process the tests start: they test Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
