@@ -19,8 +19,8 @@ SIDES = {
 }
 """Unit vectors of the six sides; earlier ones win ties."""
 
-UP_CONE = np.radians(45.0)
-"""A facet looks up when its normal is within this angle of up [rad]."""
+UP_CONE = np.radians(46.0)
+"""A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does, whatever its rounding."""
 
 _TIE = 1.01
 
