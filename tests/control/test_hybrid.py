@@ -150,6 +150,20 @@ def test_leaving_contact_forgets_the_force_integral() -> None:
     assert in_tool(m, made.step(m, t))[0][2] == pytest.approx(fresh, abs=1e-15)
 
 
+def test_an_angle_left_to_the_moment_loop_does_not_wind_the_orientation_loop_up() -> None:
+    rng = np.random.default_rng(0)
+    m = measurement_from(rng)
+    m.twist[:], m.wrench[:] = 0.0, 0.0
+    t, free = target_near(m, rng, contact=1.0), target_near(m, rng, contact=0.0)
+    for target in (t, free):
+        target.position[:], target.twist[:] = m.position, 0.0
+        target.rotation[:] = Rotation.from_rotvec(0.02 * m.rotation[:, 1]).as_matrix() @ m.rotation
+    fresh, made = controller("hybrid-pi").step(m, free), controller("hybrid-pi")
+    for _ in range(5000):
+        made.step(m, t)
+    np.testing.assert_allclose(made.step(m, free), fresh, atol=1e-6)
+
+
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
 def test_the_compiled_law_is_the_python_step_bit_for_bit(name: str) -> None:
     rng, flat_m, flat_t, twist = (

@@ -38,6 +38,23 @@ def test_tool_pose_and_speed_are_the_joints_by_forward_kinematics(freeform: RunR
     np.testing.assert_allclose(np.linalg.norm(twist[:, :3], axis=1), column(freeform, "tcp_speed_m_s"), atol=1e-6)
 
 
+def test_the_traces_errors_are_those_between_the_logs_tool_and_target(freeform: RunResult) -> None:
+    error = column(freeform, "target_position_m") - column(freeform, "tcp_position_m")
+    frames = {
+        name: Rotation.from_quat(column(freeform, f"{name}_quaternion_wxyz"), scalar_first=True)
+        for name in ("tcp", "target")
+    }
+    axis = frames["target"].apply([0.0, 0.0, 1.0])
+    across = error - np.sum(error * axis, axis=1)[:, None] * axis
+    trace, rows = freeform.trace, slice(None, None, 4)
+    np.testing.assert_allclose(trace.position_error_m[rows], np.linalg.norm(error, axis=1), atol=1e-9)
+    np.testing.assert_allclose(trace.tangential_error_m[rows], np.linalg.norm(across, axis=1), atol=1e-8)
+    angle = (frames["tcp"].inv() * frames["target"]).magnitude()
+    np.testing.assert_allclose(trace.orientation_error_rad[rows], angle, atol=1e-6)
+    np.testing.assert_allclose(trace.path_s_m[rows], column(freeform, "path_s_m"), atol=1e-6)
+    np.testing.assert_array_equal(trace.tcp_position_m[rows], freeform.log["tcp_position_m"])
+
+
 def test_quaternions_are_unit_and_do_not_jump_in_sign(freeform: RunResult) -> None:
     for name in ("tcp_quaternion_wxyz", "target_quaternion_wxyz"):
         quaternions = column(freeform, name)
