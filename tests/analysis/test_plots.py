@@ -54,7 +54,10 @@ def test_every_experiment_has_a_plot_with_labelled_axes(make: Callable[[], RunRe
 
 @pytest.mark.parametrize("make", RECORDS)
 def test_a_run_stopped_before_contact_still_draws(make: Callable[[Trace], RunRecord], tmp_path: Path) -> None:
-    save_plots(tmp_path, draw_plots(make(trace_of(np.zeros(400, np.int8)))))
+    plots = draw_plots(make(trace_of(np.zeros(400, np.int8))))
+    save_plots(tmp_path, plots)
+    assert plots
+    assert all((tmp_path / name).stat().st_size > 0 for name in plots)
 
 
 def test_the_drawn_force_is_the_logged_one() -> None:
