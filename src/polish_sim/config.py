@@ -37,14 +37,28 @@ class PlanConfig:
     """How the tool path covers the region."""
 
     file: str = key("", "a finished plan to run: plan folder, path.json or CSV; empty = plan anew")
-    pattern: str = key("spiral", "spiral or raster")
-    region: str = key("auto", "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1 or faces:FILE (mm)")
+    pattern: str = key("spiral", "spiral, raster, contour or fermat")
+    region: str = key(
+        "auto", "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;... or faces:FILE (mm)"
+    )
+    feature_angle_rad: float = key(math.radians(30.0), "edges that bend more than this are creases [rad]", 0.01, 3.1)
+    edge_margin_m: float = key(0.0, "how far the region keeps from its edges [m]", 0.0, 0.5)
     stepover_m: float = key(0.008, "distance between neighbouring turns [m]", 0.0002, 1.0)
     bridge_m: float = key(0.02, "holes up to this diameter are run over by the pad [m]", 0.0, 0.5)
+    order: str = key("inward", "spiral, contour: inward or outward")
+    direction: str = key("conventional", "spiral, contour: conventional (what is not done yet on the left) or climb")
+    start: tuple[float, ...] = key((), "where the path begins, about: x, y, z in the work frame [m]; empty = chosen")
+    raster_direction: tuple[float, ...] = key(
+        (), "direction of the raster's lines: x, y, z in the work frame; empty = along the region's long axis"
+    )
     clearance_m: float = key(0.03, "height of the first and last point above the part [m]", 0.001, 0.5)
     lead_in: str = key("normal", "how the tool lands: normal, tangent or arc")
     lead_angle_rad: float = key(0.0, "lead of the tool axis in the feed direction [rad]", -0.7, 0.7)
     tilt_angle_rad: float = key(0.0, "tilt of the tool axis across the feed [rad]", -0.7, 0.7)
+    axis_smoothing_m: float = key(0.0, "the tool axis is averaged over this length of the path [m]", 0.0, 1.0)
+    axis_deviation_rad: float = key(
+        math.radians(5.0), "averaging turns the tool axis by no more than this [rad]", 0.0, 0.7
+    )
 
 
 @dataclass(frozen=True)

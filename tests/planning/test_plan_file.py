@@ -26,6 +26,9 @@ def test_a_written_path_reads_back_bit_for_bit(folder, name):
     path, back = shipped_plan("sphere_100").path, read_plan(folder / name)
     for field in fields(path):
         wanted, found = getattr(path, field.name), getattr(back, field.name)
+        if wanted is None:
+            assert found is None
+            continue
         assert found.dtype == wanted.dtype
         # The arc length is summed anew, axes are brought to length one anew.
         assert np.abs(found - wanted).max() < 1e-12, field.name

@@ -7,7 +7,7 @@ import math
 import platform
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -44,7 +44,7 @@ def write_record(folder: Path, record: RunRecord) -> None:
     write_json(folder / METRICS, record.metrics)
     write_log(folder / LOG, record.log)
     if record.path is not None:
-        columns = {f.name: getattr(record.path, f.name) for f in fields(record.path)}
+        columns = {name: column for name, column in vars(record.path).items() if column is not None}
         np.savez_compressed(folder / PATH, allow_pickle=False, **columns)
 
 
@@ -86,8 +86,8 @@ def package_versions() -> dict[str, str]:
 def _read_path(file: Path) -> ToolPath:
     try:
         with np.load(file, allow_pickle=False) as archive:
-            return ToolPath(**{f.name: archive[f.name] for f in fields(ToolPath)})
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            return ToolPath(**{name: archive[name] for name in archive.files})
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"cannot read the path '{file}': {error}.") from error
 
 

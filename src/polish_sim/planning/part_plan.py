@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -151,8 +151,7 @@ def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadC
     if np.count_nonzero(done & plan.path.process) < 2:
         return 0.0
     ground = prepare_ground(plan.region, plan.plan)
-    fed = ToolPath(*(getattr(plan.path, field.name)[done] for field in fields(ToolPath)))
-    return cover(ground, locate(ground, fed), plan.plan.stepover_m, pad, process.contact_force_n).pad
+    return cover(ground, locate(ground, plan.path.rows(done)), plan.plan.stepover_m, pad, process.contact_force_n).pad
 
 
 def _load(part: PartConfig, plan: PlanConfig, observer: PlanObserver) -> tuple[PartMesh, Surface, Region]:

@@ -14,7 +14,8 @@ from polish_sim.geometry import Region
 from polish_sim.planning.approach import LEADS, Move, concatenate, process_move, travel, with_leads
 from polish_sim.planning.curve import unit
 from polish_sim.planning.holes import bridge_holes
-from polish_sim.planning.patterns import PATTERNS, Report
+from polish_sim.planning.patterns import PATTERNS
+from polish_sim.planning.request import PatternRequest, Report
 from polish_sim.planning.run import SurfaceRun, shortest_way
 from polish_sim.planning.tool_axes import lean, soften_creases
 from polish_sim.planning.toolpath import ToolPath, arc_length
@@ -86,7 +87,7 @@ def path_on(ground: Ground, plan: PlanConfig, on_progress: Report | None = None)
         raise unknown_name("pattern", plan.pattern, PATTERNS)
     if plan.lead_in not in LEADS:
         raise unknown_name("lead-in", plan.lead_in, LEADS)
-    runs = PATTERNS[plan.pattern](ground.region, ground.mesh, plan.stepover_m, on_progress or _silent)
+    runs = PATTERNS[plan.pattern](PatternRequest(ground.region, ground.mesh, plan, on_progress or _silent))
     if not runs:
         raise PlanError(
             f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half of it "

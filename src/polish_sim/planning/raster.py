@@ -6,7 +6,7 @@ distance on the surface, not in a projection.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,13 +17,13 @@ from polish_sim.geometry import Region, Surface
 from polish_sim.planning.curve import Curve, unit
 from polish_sim.planning.level_set import LevelLine, level_lines
 from polish_sim.planning.offset_curve import nearest_of, offset_curve
+from polish_sim.planning.request import PatternRequest, Report
 from polish_sim.planning.run import Run, SurfaceRun, finish_run
 from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import border_curves, distance_to
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Report = Callable[[float], None]
 
 MARGIN = 0.5
 """Distance of the lines' ends from the border in step-overs."""
@@ -46,18 +46,16 @@ class Stretch(NamedTuple):
     """Points [m], shape (n, 3)."""
 
 
-def plan_raster(region: Region, mesh: Triangulation, stepover: float, report: Report) -> list[SurfaceRun]:
+def plan_raster(request: PatternRequest) -> list[SurfaceRun]:
     """Cover a region with a zig-zag, one where the region allows.
 
     Args:
-        region: What to cover.
-        mesh: Its fine triangulation.
-        stepover: Distance between neighbouring lines [m].
-        report: Called with the share done.
+        request: What to cover and how.
 
     Returns:
         The zig-zags, on the surface.
     """
+    region, mesh, stepover, report = request.region, request.mesh, request.stepover, request.report
     borders = border_curves(mesh)
     lines = _parallel_lines(region, mesh, stepover, report)
     stretches = [_trimmed(number, line, borders, stepover) for number, pieces in enumerate(lines) for line in pieces]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from polish_sim.geometry import Region
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.leftover import finish_middle, middle_ends
+from polish_sim.planning.request import PatternRequest
 from polish_sim.planning.run import Run, SurfaceRun, finish_run
 from polish_sim.planning.seam import SHARE_OF_TURN, place_seams
 from polish_sim.planning.triangulation import Triangulation
@@ -27,20 +28,16 @@ TAIL = 1.0 - HEAD
 """Where in its last blend band the last turn ends, for the same reason."""
 
 
-def plan_spiral(
-    region: Region, mesh: Triangulation, stepover: float, report: Callable[[float], None]
-) -> list[SurfaceRun]:
+def plan_spiral(request: PatternRequest) -> list[SurfaceRun]:
     """Cover a region with spirals from its border inwards, one where the region allows.
 
     Args:
-        region: What to cover.
-        mesh: Its fine triangulation.
-        stepover: Distance between neighbouring turns [m].
-        report: Called with the share done.
+        request: What to cover and how.
 
     Returns:
         The spirals, on the surface.
     """
+    region, mesh, stepover, report = request.region, request.mesh, request.stepover, request.report
     roots = _nested_turns(region, mesh, stepover, report)
     lines = []
     for chain in chains(roots):

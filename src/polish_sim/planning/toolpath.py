@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,15 +32,26 @@ class ToolPath:
     """Code of the segment, an index into `SEGMENTS`, shape (n,)."""
     curvature: Array
     """Normal curvature of the surface along the path [1/m], positive on a convex part, shape (n,)."""
+    force: Array | None = None
+    """Contact force to hold at each point [N], shape (n,); None: as the process says."""
+    feed: Array | None = None
+    """Feed at each point [m/s], shape (n,); None: as the process says."""
 
     def __post_init__(self) -> None:
         n = len(self.positions_work)
         for field in fields(self):
             array = getattr(self, field.name)
+            if array is None:
+                continue
             wanted = (n, 3) if field.name.endswith("_work") else (n,)
             if array.shape != wanted:
                 raise PlanError(f"tool path: {field.name} has shape {array.shape}, expected {wanted}.")
             array.flags.writeable = False
+
+    def rows(self, kept: NDArray[np.bool_]) -> ToolPath:
+        """The path of some of its points only, mask (n,); arc lengths stay."""
+        columns: dict[str, Any] = {name: column[kept] for name, column in vars(self).items() if column is not None}
+        return ToolPath(**columns)
 
     @property
     def process(self) -> NDArray[np.bool_]:
