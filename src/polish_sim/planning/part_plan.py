@@ -80,9 +80,24 @@ def plan_part(
     Raises:
         PolishSimError: The part or the request cannot be used; says why and what to do.
     """
-    process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
+    observer = observer or _Silent()
     begin = time.perf_counter()
-    mesh, surface, region = _load(part, plan, observer)
+    mesh = _load(part, observer)
+    return plan_mesh(mesh, plan, process, pad, observer, time.perf_counter() - begin)
+
+
+def plan_mesh(
+    mesh: PartMesh,
+    plan: PlanConfig,
+    process: ProcessConfig | None = None,
+    pad: PadConfig | None = None,
+    observer: PlanObserver | None = None,
+    spent_s: float = 0.0,
+) -> PlanResult:
+    """As `plan_part`, on a mesh that is there already; spent_s: time its loading took, counted in plan_time_s [s]."""
+    process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
+    begin = time.perf_counter() - spent_s
+    surface, region = _choose(mesh, plan)
     check_request(region, plan, pad)
     observer.stage("plan the path")
     ground = prepare_ground(region, plan)
@@ -119,7 +134,8 @@ def measure_given_path(
         PolishSimError: The part cannot be used; says why and what to do.
     """
     process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
-    mesh, surface, region = _load(part, plan, observer)
+    mesh = _load(part, observer)
+    surface, region = _choose(mesh, plan)
     observer.stage("measure the path")
     ground = prepare_ground(region, plan)
     figures = measure_plan(mesh, surface, ground, path, plan, process, pad)
@@ -154,10 +170,13 @@ def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadC
     return cover(ground, locate(ground, plan.path.rows(done)), plan.plan.stepover_m, pad, process.contact_force_n).pad
 
 
-def _load(part: PartConfig, plan: PlanConfig, observer: PlanObserver) -> tuple[PartMesh, Surface, Region]:
+def _load(part: PartConfig, observer: PlanObserver) -> PartMesh:
     observer.stage("fit the surface")
     name = part.file
     file = workpiece_path(name) if name in workpiece_names() else Path(name)
-    mesh = load_part(file, part.unit, part.up)
+    return load_part(file, part.unit, part.up)
+
+
+def _choose(mesh: PartMesh, plan: PlanConfig) -> tuple[Surface, Region]:
     surface = fit_surface(mesh)
-    return mesh, surface, select_region(surface, mesh, plan.region)
+    return surface, select_region(surface, mesh, plan.region)
