@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from polish_sim.errors import unknown_name
+from polish_sim.models.punched import Hole, punched_grid, punched_solid
 from polish_sim.models.shapes import Cylinder, FoldedDome, Quadric, Shape, SphereCap, TorusRim
 from polish_sim.models.solids import Grid, Solid, disc_grid, extrude, rectangle_grid, revolve
 
@@ -35,6 +36,26 @@ class Block:
     def build(self) -> Solid:
         """See `Part`."""
         return extrude(self.shape, self.grid)
+
+
+@dataclass(frozen=True)
+class PunchedPlate:
+    """A flat plate with round through holes."""
+
+    shape: Quadric
+    """Formula of the top face."""
+    size_x: float
+    """Length along x [m]."""
+    size_y: float
+    """Length along y [m]."""
+    spacing: float
+    """Wanted facet size [m]."""
+    holes: tuple[Hole, ...]
+    """The holes."""
+
+    def build(self) -> Solid:
+        """See `Part`."""
+        return punched_solid(self.shape, punched_grid(self.size_x, self.size_y, self.spacing, self.holes))
 
 
 @dataclass(frozen=True)
@@ -86,8 +107,12 @@ def _blocks() -> dict[str, Part]:
 def parts() -> dict[str, Part]:
     """All shipped workpieces by name."""
     rim = TorusRim(height=0.038, radius=0.060, ring_radius=0.080)
+    holes = (Hole(x=-0.045, y=0.020, radius=0.025, room=0.030), Hole(x=0.050, y=-0.025, radius=0.015, room=0.020))
     return {
         **_blocks(),
+        "plate_two_holes": PunchedPlate(
+            Quadric(height=0.020, kx=0.0, ky=0.0), size_x=0.200, size_y=0.160, spacing=0.0025, holes=holes
+        ),
         "wheel_hub_rim": WheelHub(rim, inner_radius=0.060, outer_radius=0.100, spacing=0.002),
     }
 

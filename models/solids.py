@@ -109,7 +109,7 @@ def extrude(shape: Shape, grid: Grid) -> Solid:
     rows = [grid.border, n + np.arange(k), n + k + np.arange(k)]
     centre = n + 2 * k
     fan = np.stack([np.roll(rows[2], -1), rows[2], np.full(k, centre)], axis=1)
-    faces = np.vstack([grid.triangles, _strip(rows[1], rows[0]), _strip(rows[2], rows[1]), fan])
+    faces = np.vstack([grid.triangles, strip(rows[1], rows[0]), strip(rows[2], rows[1]), fan])
     return Solid(np.vstack([top, wall, foot, np.zeros((1, 3))]), faces)
 
 
@@ -128,11 +128,19 @@ def revolve(profile: Array, segments: int) -> Solid:
     r, z = profile[:, 0], np.broadcast_to(profile[:, 1], (segments, k))
     vertices = np.stack([np.outer(np.cos(angle), r), np.outer(np.sin(angle), r), z], axis=-1).reshape(-1, 3)
     number = np.arange(segments * k).reshape(segments, k)
-    faces = np.vstack([_strip(number[:, (j + 1) % k], number[:, j]) for j in range(k)])
+    faces = np.vstack([strip(number[:, (j + 1) % k], number[:, j]) for j in range(k)])
     return Solid(vertices, faces)
 
 
-def _strip(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> Triangles:
-    """A closed band of triangles between two rings of vertices, outward if they run counter-clockwise."""
+def strip(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> Triangles:
+    """A closed band of triangles between two rings of vertices, outward if they run counter-clockwise.
+
+    Args:
+        lower: Vertex numbers of the lower ring, shape (k,).
+        upper: Those above them, shape (k,).
+
+    Returns:
+        The triangles.
+    """
     lower_next, upper_next = np.roll(lower, -1), np.roll(upper, -1)
     return np.vstack([np.stack([lower, lower_next, upper_next], axis=1), np.stack([lower, upper_next, upper], axis=1)])

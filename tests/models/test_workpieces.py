@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from polish_sim.config import PlanConfig
 from polish_sim.errors import InputError
 from polish_sim.models import workpiece_names, workpiece_path
 from polish_sim.models.generate_workpieces import write_workpieces
@@ -151,3 +152,15 @@ def test_freeform_is_never_tighter_than_twice_the_pads_radius():
     curvatures = principal_curvatures(graph)
     assert curvatures.max() < 1 / 0.050
     assert curvatures.min() > -1 / 0.300
+
+
+def test_the_plates_two_holes_go_through_and_are_wider_than_the_pad_runs_over():
+    mesh, plate = shipped("plate_two_holes"), part("plate_two_holes")
+    assert mesh.euler_number == -2  # a ball with two handles
+    assert min(hole.radius for hole in plate.holes) > PlanConfig().bridge_m / 2
+    openings = sum(np.pi * hole.radius**2 for hole in plate.holes)
+    top = mesh.area_faces[mesh.face_normals[:, 2] > 0.999].sum()
+    assert top == pytest.approx(0.2 * 0.16 - openings, rel=1e-4)
+    for hole in plate.holes:
+        away = np.linalg.norm(mesh.vertices[:, :2] - [hole.x, hole.y], axis=1)
+        assert away.min() == pytest.approx(hole.radius, abs=STL_ROUNDING)
