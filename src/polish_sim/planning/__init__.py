@@ -1,6 +1,13 @@
 """From a region of a part's surface to a tool path that covers it (layer 5)."""
 
-from polish_sim.planning.part_plan import PlanObserver, PlanResult, coverage_until, measure_given_path, plan_mesh, plan_part
+from polish_sim.planning.part_plan import (
+    PlanObserver,
+    PlanResult,
+    coverage_until,
+    measure_given_path,
+    plan_mesh,
+    plan_part,
+)
 from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.plan_file import read_plan, write_plan
 from polish_sim.planning.planner import plan_path
