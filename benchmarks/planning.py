@@ -22,7 +22,8 @@ import resource, sys, time
 from polish_sim.kernel_cache import use_kernel_cache
 use_kernel_cache()
 from polish_sim.config import PartConfig, PlanConfig
-from polish_sim.planning import plan_part, write_plan
+from polish_sim.exchange import write_plan
+from polish_sim.planning import plan_part
 from pathlib import Path
 plan_part(PartConfig(file="plate"), PlanConfig())
 begin = time.perf_counter()

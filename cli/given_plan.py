@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
+from polish_sim.exchange import read_plan
 from polish_sim.experiments.part_setup import part_file
 from polish_sim.models import workpiece_names
-from polish_sim.planning import ToolPath, read_plan
+from polish_sim.planning import ToolPath
 from polish_sim.scenario_file import merge
 
 PLANNING_OPTIONS = ("--region", "--pattern", "--stepover")

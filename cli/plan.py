@@ -85,7 +85,8 @@ def plan(
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.report import save_plots
-    from polish_sim.planning import plan_part, write_plan
+    from polish_sim.exchange import write_plan
+    from polish_sim.planning import plan_part
 
     with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
         result = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)

@@ -8,7 +8,8 @@ from polish_sim.analysis.path_plot import plot_plan
 from polish_sim.analysis.report import save_plots
 from polish_sim.cli import console
 from polish_sim.config import Scenario
-from polish_sim.planning import PlanObserver, PlanResult, ToolPath, measure_given_path, plan_part, write_plan
+from polish_sim.exchange import write_plan
+from polish_sim.planning import PlanObserver, PlanResult, ToolPath, measure_given_path, plan_part
 
 
 def plan_to_run(

@@ -9,7 +9,6 @@ from polish_sim.planning.part_plan import (
     plan_part,
 )
 from polish_sim.planning.patterns import PATTERNS
-from polish_sim.planning.plan_file import read_plan, write_plan
 from polish_sim.planning.planner import plan_path
 from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed
 
@@ -25,6 +24,4 @@ __all__ = [
     "plan_part",
     "plan_path",
     "pressed",
-    "read_plan",
-    "write_plan",
 ]

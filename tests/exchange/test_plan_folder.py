@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import InputError
-from polish_sim.planning import read_plan, write_plan
+from polish_sim.exchange import read_plan, write_plan
 from polish_sim.planning.toolpath import PROCESS
 from tests.planning.shapes import shipped_plan
 

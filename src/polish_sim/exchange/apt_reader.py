@@ -1,0 +1,210 @@
+"""Paths out of CAM systems: APT source and CLDATA text (GOTO points -> ToolPath).
+
+The tool is on the part where it moves at a feed, in the air where it moves RAPID. What `apt_writer` notes in comments
+(segment, pass, force) is taken up, so that our own files come back whole.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import InputError
+from polish_sim.exchange.apt_words import IGNORED, Statement, refusal, statements
+from polish_sim.exchange.checks import checked_length, unit_axes
+from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, SEGMENTS, ToolPath
+
+Array = NDArray[np.float64]
+
+UNITS: Final[Mapping[str, float]] = {"MM": 1e-3, "CM": 1e-2, "M": 1.0, "INCH": 0.0254, "INCHES": 0.0254, "IN": 0.0254}
+FEED_UNITS: Final[Mapping[str, float]] = {"MMPM": 1e-3 / 60.0, "IPM": 0.0254 / 60.0}
+PER_MINUTE: Final = ("PERMIN", "UPM")
+PER_TURN: Final = ("PERREV", "MMPR", "IPR")
+NOTE: Final = "polish-sim:"
+"""Begins a comment that says segment, pass and force of the points to come."""
+
+
+@dataclass
+class _Machine:
+    """What holds while the statements are gone through."""
+
+    file: Path
+    unit: float = 1e-3
+    axis: tuple[float, ...] = (0.0, 0.0, 1.0)
+    feed: float = math.nan
+    rapid: bool = False
+    noted: dict[str, str] = field(default_factory=dict)
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+    segments: list[int] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+
+    def place(self, row: int) -> str:
+        """Where a point stands."""
+        return f"line {self.lines[row]}, point {row + 1}"
+
+
+def read_apt(file: Path, text: str) -> ToolPath:
+    """Read APT source or CLDATA: UNITS, MULTAX, FROM, GOTO, FEDRAT, RAPID, TLAXIS; mm unless the file says another unit.
+
+    Raises:
+        InputError: A statement that is unknown, incomplete or moves other than by points; names the line.
+    """
+    machine = _Machine(file)
+    for statement in statements(file, text):
+        if not statement.word:
+            _take_note(machine, statement)
+            continue
+        action = _ACTIONS.get(statement.word)
+        if action is not None:
+            action(machine, statement)
+        elif statement.word.split(maxsplit=1)[0] not in IGNORED:
+            raise refusal(file, statement)
+    return _path(machine)
+
+
+def _goto(machine: _Machine, statement: Statement) -> None:
+    numbers = _numbers(machine, statement, (3, 6))
+    machine.axis = numbers[3:] or machine.axis
+    noted = machine.noted.get("segment", "")
+    segment = SEGMENTS.index(noted) if noted in SEGMENTS else (APPROACH if machine.rapid else PROCESS)
+    force = _noted_number(machine, "force", statement)
+    turn = _noted_number(machine, "pass", statement)
+    position = tuple(machine.unit * value for value in numbers[:3])
+    machine.rows.append((*position, *machine.axis, machine.feed, force, turn))
+    machine.segments.append(segment)
+    machine.lines.append(statement.line)
+    machine.rapid = False  # RAPID holds for one motion
+
+
+def _from(machine: _Machine, statement: Statement) -> None:
+    """The tool stands here; where it goes next is what counts, but a TLAXIS may come along."""
+    machine.axis = _numbers(machine, statement, (3, 6))[3:] or machine.axis
+
+
+def _rapid(machine: _Machine, statement: Statement) -> None:
+    machine.rapid = True
+
+
+def _feed_rate(machine: _Machine, statement: Statement) -> None:
+    words = [word for word in statement.arguments if not _is_number(word)]
+    values = [float(word) for word in statement.arguments if _is_number(word)]
+    where = f"'{machine.file}', line {statement.line}"
+    if any(word in PER_TURN for word in words):
+        raise InputError(f"{where}: a feed per turn ({words[0]}) means nothing to a polishing pad. Give it per minute.")
+    unknown = [word for word in words if word not in FEED_UNITS and word not in PER_MINUTE]
+    if unknown or len(words) > 1 or len(values) != 1 or not math.isfinite(values[0]) or values[0] <= 0.0:
+        raise InputError(
+            f"{where}: FEDRAT/{','.join(statement.arguments)} is no feed. Wanted: a positive number per minute, "
+            f"with {', '.join((*FEED_UNITS, *PER_MINUTE))} or nothing."
+        )
+    unit = FEED_UNITS[words[0]] if words and words[0] in FEED_UNITS else machine.unit / 60.0
+    machine.feed = values[0] * unit
+
+
+def _units(machine: _Machine, statement: Statement) -> None:
+    name = statement.arguments[0] if len(statement.arguments) == 1 else ",".join(statement.arguments)
+    if name not in UNITS:
+        raise InputError(f"'{machine.file}', line {statement.line}: unknown unit '{name}'. Known: {', '.join(UNITS)}.")
+    machine.unit = UNITS[name]
+
+
+def _multiple_axes(machine: _Machine, statement: Statement) -> None:
+    if statement.arguments not in ((), ("ON",), ("OFF",)):
+        raise InputError(f"'{machine.file}', line {statement.line}: MULTAX is ON or OFF, nothing else.")
+
+
+def _tool_axis(machine: _Machine, statement: Statement) -> None:
+    machine.axis = _numbers(machine, statement, (3,))
+
+
+_ACTIONS: Final[Mapping[str, Callable[[_Machine, Statement], None]]] = {
+    "GOTO": _goto,
+    "FROM": _from,
+    "RAPID": _rapid,
+    "FEDRAT": _feed_rate,
+    "UNITS": _units,
+    "MULTAX": _multiple_axes,
+    "TLAXIS": _tool_axis,
+}
+
+
+def _take_note(machine: _Machine, statement: Statement) -> None:
+    """Take up what our own writer noted; other comments say nothing."""
+    if statement.comment.startswith(NOTE):
+        machine.noted = dict(part.split("=", 1) for part in statement.comment[len(NOTE) :].split() if "=" in part)
+
+
+def _noted_number(machine: _Machine, name: str, statement: Statement) -> float:
+    text = machine.noted.get(name, "nan")
+    if not _is_number(text):
+        raise InputError(f"'{machine.file}', before line {statement.line}: {name} is noted as '{text}', not a number.")
+    return float(text)
+
+
+def _numbers(machine: _Machine, statement: Statement, counts: Sequence[int]) -> tuple[float, ...]:
+    where = f"'{machine.file}', line {statement.line}: {statement.word}"
+    if len(statement.arguments) not in counts:
+        wanted = " or ".join(map(str, counts))
+        raise InputError(
+            f"{where} has {len(statement.arguments)} values, wanted {wanted}: x,y,z and the tool axis i,j,k."
+        )
+    for word in statement.arguments:
+        if not _is_number(word) or not math.isfinite(float(word)):
+            raise InputError(f"{where}: '{word}' is not a number. Correct the line.")
+    return tuple(float(word) for word in statement.arguments)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _path(machine: _Machine) -> ToolPath:
+    if not machine.rows:
+        raise InputError(f"'{machine.file}' holds no points: no GOTO in it. Give APT source or CLDATA as text.")
+    table = np.array(machine.rows, dtype=np.float64)
+    axes = unit_axes(machine.file, ("i", "j", "k"), table[:, 3:6], machine.place)
+    segment = np.array(machine.segments, dtype=np.int8)
+    noted = np.isfinite(table[:, 8]).all()
+    on_part = np.flatnonzero(segment == PROCESS)
+    if not len(on_part):
+        raise InputError(
+            f"'{machine.file}': every GOTO is RAPID, nothing is done at a feed. Give the path with FEDRAT."
+        )
+    if not noted:
+        segment[on_part[-1] + 1 :] = RETRACT
+    return ToolPath(
+        table[:, :3].copy(),
+        axes,
+        checked_length(machine.file, table[:, :3], machine.place),
+        table[:, 8].astype(np.int64) if noted else _strokes(segment),
+        segment,
+        np.zeros(len(table)),
+        table[:, 7].copy() if np.isfinite(table[:, 7]).all() else None,
+        _feeds(table[:, 6]),
+    )
+
+
+def _strokes(segment: NDArray[np.int8]) -> NDArray[np.int64]:
+    """Number the strokes: a new one begins where the tool comes down after it was in the air."""
+    down = (segment[1:] == PROCESS) & (segment[:-1] != PROCESS)
+    begins = np.concatenate([[False], down])
+    begins[int(np.flatnonzero(segment == PROCESS)[0])] = False
+    return np.cumsum(begins).astype(np.int64)
+
+
+def _feeds(feed: Array) -> Array | None:
+    """Feed at every point; before the first FEDRAT that first one holds."""
+    known = np.flatnonzero(np.isfinite(feed))
+    if not len(known):
+        return None
+    return np.where(np.arange(len(feed)) < known[0], feed[known[0]], feed)

@@ -1,0 +1,108 @@
+"""What every path read from a file must satisfy: numbers, unit axes, no point twice (columns -> checked arrays)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import InputError
+from polish_sim.planning.toolpath import arc_length
+
+Array = NDArray[np.float64]
+
+Place = Callable[[int], str]
+"""Says where in the file a row stands, e.g. "line 4, point 3"."""
+
+UNIT_TOLERANCE = 1e-3
+"""A tool axis may differ from length 1 by the rounding of printed digits."""
+LARGEST_M = 100.0
+"""A coordinate beyond this [m] is a wrong unit, not a path a robot could follow."""
+
+
+def finite_column(file: Path, name: str, texts: Sequence[str], place: Place) -> Array:
+    """Numbers of a column of text, shape (n,).
+
+    Raises:
+        InputError: A value is no finite number.
+    """
+    try:
+        values = np.array(texts, dtype=np.float64)
+    except ValueError:
+        values = np.array([_number(text) for text in texts])
+    wrong = np.flatnonzero(~np.isfinite(values))
+    if len(wrong):
+        row = int(wrong[0])
+        raise InputError(
+            f"'{file}', {place(row)}: {name} is '{texts[row]}', not a number. Correct or leave out the line."
+        )
+    return values
+
+
+def positive_column(file: Path, name: str, values: Array, place: Place) -> Array:
+    """The values (n,), none of them zero or negative.
+
+    Raises:
+        InputError: One is.
+    """
+    wrong = np.flatnonzero(values <= 0.0)
+    if len(wrong):
+        row = int(wrong[0])
+        raise InputError(f"'{file}', {place(row)}: {name} is {values[row]:g}, wanted a positive number.")
+    return values
+
+
+def unit_axes(file: Path, names: Sequence[str], axes: Array, place: Place) -> Array:
+    """Tool axes (n, 3) brought to length 1 exactly.
+
+    Raises:
+        InputError: One is no unit vector to printed precision.
+    """
+    length = np.linalg.norm(axes, axis=1)
+    wrong = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)
+    if len(wrong):
+        row = int(wrong[0])
+        raise InputError(
+            f"'{file}', {place(row)}: the tool axis ({', '.join(names)}) has length {length[row]:.4g}, "
+            "wanted 1: a unit vector from the part to the tool."
+        )
+    return np.asarray(axes / length[:, None])
+
+
+def checked_length(file: Path, positions: Array, place: Place) -> Array:
+    """Arc length (n,) of points (n, 3) [m] of which no two in a row are the same.
+
+    Raises:
+        InputError: Fewer than two points, a point twice, or coordinates no robot reaches.
+    """
+    far = np.flatnonzero(np.abs(positions).max(axis=1, initial=0.0) > LARGEST_M)
+    if len(far):
+        raise InputError(
+            f"'{file}', {place(int(far[0]))}: a coordinate beyond {LARGEST_M:g} m. "
+            "Plain CSV is in mm, path.csv in m: correct the unit."
+        )
+    if len(positions) < 2:
+        raise InputError(f"'{file}' is no path: it has {_count(len(positions))}. Two are the least.")
+    s = arc_length(positions)
+    still = np.flatnonzero(np.diff(s) <= 0.0)
+    if len(still):
+        row = int(still[0])
+        raise InputError(
+            f"'{file}' is no path: points {row + 1} and {row + 2} are the same ({place(row + 1)}). "
+            "Leave repeated points out."
+        )
+    return s
+
+
+def _count(points: int) -> str:
+    return "one point" if points == 1 else f"{points} points"
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

@@ -1,0 +1,64 @@
+"""The one reader of tool paths, whatever made them (file -> ToolPath)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+from polish_sim.errors import InputError
+from polish_sim.exchange.apt_reader import read_apt
+from polish_sim.exchange.columns import read_csv, read_json
+from polish_sim.planning import ToolPath
+
+PATH_JSON: Final = "path.json"
+
+READERS: Final[Mapping[str, Callable[[Path, str], ToolPath]]] = {
+    ".csv": read_csv,
+    ".txt": read_csv,
+    ".json": read_json,
+    ".apt": read_apt,
+    ".aptsource": read_apt,
+    ".cls": read_apt,
+    ".cl": read_apt,
+}
+"""Suffix of a file -> its reader; a new format is one file and a line here."""
+
+
+def read_path(source: str | Path) -> ToolPath:
+    """Read a tool path: a plan folder, path.json, path.csv, a plain CSV, or APT/CLDATA.
+
+    A plain CSV has the columns x, y, z (mm, work frame) and i, j, k (unit tool axis from the part to the tool, as
+    CLDATA), and may have force (N) and feed (mm/s); all its points are process points. docs/formats.md has the rest.
+
+    Args:
+        source: Folder or file.
+
+    Returns:
+        The path in the work frame, not pressed in.
+
+    Raises:
+        InputError: The file cannot be read or is no path; says where and what to do.
+    """
+    source = Path(source)
+    file = source / PATH_JSON if source.is_dir() else source
+    if source.is_dir() and not file.is_file():
+        raise InputError(f"'{source}' is not a plan folder: it holds no {PATH_JSON}. Give a folder made by 'plan'.")
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read the path '{file}': {error.strerror}. Check the name and the folder.") from error
+    reader = READERS.get(file.suffix.lower())
+    if reader is None:
+        raise InputError(
+            f"'{file}' is in no format a path is read from ({file.suffix or 'no suffix'}). "
+            f"Give a plan folder or a file ending in {', '.join(sorted(READERS))}."
+        )
+    try:
+        # Windows programs put a byte-order mark before the first column's name.
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(
+            f"'{file}' is not a text file. Give path.json, path.csv, a CSV of x,y,z,i,j,k or APT."
+        ) from None
+    return reader(file, text)

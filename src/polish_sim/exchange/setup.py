@@ -1,0 +1,55 @@
+"""What a writer must know beside the plan: process, robot tool, place of the part (configuration -> writers)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.config import ProcessConfig, SpindleConfig
+from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, ToolPath
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RobotTool:
+    """The tool as a robot's controller wants it told; the defaults are the shipped cell's (models/README.md)."""
+
+    tcp_pose: tuple[float, ...] = (0.0, 0.0, 0.22, 0.0, 0.0, 0.0)
+    """Middle of the pad's face in the flange: x, y, z [m], rotation vector [rad]; z points into the part."""
+    payload_kg: float = 2.0
+    """Mass of everything behind the flange [kg]."""
+    payload_center_m: tuple[float, float, float] = (0.002, 0.0, 0.0974)
+    """Its centre in the flange frame [m]."""
+    spindle_output: int = 0
+    """Standard digital output that switches the spindle."""
+    spindle_wait_s: float = 2.0
+    """Time the spindle takes to come up to speed [s]."""
+
+
+@dataclass(frozen=True)
+class ExportSetup:
+    """What the writers take beside the plan."""
+
+    process: ProcessConfig = field(default_factory=ProcessConfig)
+    spindle: SpindleConfig = field(default_factory=SpindleConfig)
+    tool: RobotTool = field(default_factory=RobotTool)
+    part_pose: tuple[float, ...] = ()
+    """Pose of the work frame in the robot's base: x, y, z [m], rotation vector [rad]; empty = not known yet."""
+    frame_id: str = "work"
+    """Name of the work frame in ROS."""
+
+
+def feeds_of(path: ToolPath, setup: ExportSetup) -> Array:
+    """Feed at every point [m/s], shape (n,): the path's own, else the process's, at leads the approach speed."""
+    if path.feed is not None:
+        return path.feed
+    leads = (path.segment == LEAD_IN) | (path.segment == LEAD_OUT)
+    return np.where(leads, setup.process.approach_speed_m_s, setup.process.feed_m_s)
+
+
+def forces_of(path: ToolPath, setup: ExportSetup) -> Array:
+    """Contact force at every point [N], shape (n,): the path's own, else the process's."""
+    return path.force if path.force is not None else np.full(len(path.s), setup.process.contact_force_n)
