@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 from polish_sim.planning.raster import plan_raster
 from polish_sim.planning.request import PatternRequest
 from polish_sim.planning.run import SurfaceRun
 from polish_sim.planning.spiral import plan_spiral
 
-Pattern = Callable[[PatternRequest], list[SurfaceRun]]
-"""Maps a request to runs on the surface, one lift after each."""
 
-PATTERNS: Final[Mapping[str, Pattern]] = {"spiral": plan_spiral, "raster": plan_raster}
+class Pattern(NamedTuple):
+    """A way to cover a region, and what the planner may do with its runs."""
+
+    plan: Callable[[PatternRequest], list[SurfaceRun]]
+    """Maps a request to runs on the surface, one lift after each."""
+    listens: tuple[str, ...] = ()
+    """The keys of `PlanConfig` it obeys among order, direction, start and raster_direction; others change nothing."""
+    ordered: bool = True
+    """Whether its runs must follow one another as given and be walked the way they are."""
+
+
+PATTERNS: Final[Mapping[str, Pattern]] = {
+    "spiral": Pattern(plan_spiral, listens=("order", "direction", "start")),
+    "raster": Pattern(plan_raster, listens=("start", "raster_direction"), ordered=False),
+}

@@ -87,7 +87,7 @@ def path_on(ground: Ground, plan: PlanConfig, on_progress: Report | None = None)
         raise unknown_name("pattern", plan.pattern, PATTERNS)
     if plan.lead_in not in LEADS:
         raise unknown_name("lead-in", plan.lead_in, LEADS)
-    runs = PATTERNS[plan.pattern](PatternRequest(ground.region, ground.mesh, plan, on_progress or _silent))
+    runs = PATTERNS[plan.pattern].plan(PatternRequest(ground.region, ground.mesh, plan, on_progress or _silent))
     if not runs:
         raise PlanError(
             f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half of it "
