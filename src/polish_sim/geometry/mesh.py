@@ -1,4 +1,4 @@
-"""The part as the user's file gives it: read, put in metres, merged, checked, turned up (STL -> PartMesh)."""
+"""The part as the user gives it: read, put in metres, merged, mended, turned up (file or arrays -> PartMesh)."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from polish_sim.errors import MeshError
+from polish_sim.geometry.file_triangles import FileTriangles
+from polish_sim.geometry.merge import merge_vertices
 from polish_sim.geometry.mesh_check import check_bodies, check_edges
-from polish_sim.geometry.mesh_repair import drop_bad_facets, flip_slivers, merge_vertices, orient_outward
+from polish_sim.geometry.mesh_file import read_mesh_file
+from polish_sim.geometry.mesh_repair import drop_bad_facets, flip_slivers, orient_outward
 from polish_sim.geometry.orientation import choose_up
-from polish_sim.geometry.stl import read_stl
 from polish_sim.geometry.units import check_size, metres_per_unit
 
 
 @dataclass(frozen=True, eq=False)
 class PartMesh:
-    """A part's checked triangle mesh in the work frame (the STL's frame in metres)."""
+    """A part's checked triangle mesh in the work frame (the file's frame in metres)."""
 
     vertices: NDArray[np.float64]
     """Vertices [m], shape (n, 3)."""
@@ -29,7 +32,7 @@ class PartMesh:
     name: str
     path: Path
     sha256: str
-    """Hash of the file."""
+    """Hash of the file (of the arrays, where there was none)."""
     unit: str
     """Unit the file was read in."""
     stl_facets: NDArray[np.int32]
@@ -39,45 +42,89 @@ class PartMesh:
 
 
 def load_part(path: str | Path, unit: str = "mm", up: str = "auto") -> PartMesh:
-    """Load a part from an STL file, check it and repair what can be repaired without guessing.
+    """Load a part from a mesh file, check it and repair what can be repaired without guessing.
 
     Args:
-        path: Binary or ASCII STL file.
+        path: STL or PLY (binary or ASCII) or OBJ file; several bodies and polygons are fine.
         unit: Unit of the file's numbers: mm, cm, m or inch.
         up: Side that looks away from the table: x, y, z, -x, -y, -z, or auto for the side with the
             largest smooth face.
 
     Returns:
-        The mesh in metres, with notes about what was assumed.
+        The mesh in metres, with notes about what was assumed and repaired.
 
     Raises:
         MeshError: The file is no usable part; the message says why and what to do.
         InputError: Unknown unit or side.
     """
     path = Path(path)
+    metres_per_unit(unit)
+    triangles, content = read_mesh_file(path)
+    return _build_part(triangles, path, hashlib.sha256(content).hexdigest(), unit, up)
+
+
+def part_from_arrays(
+    vertices: ArrayLike, faces: ArrayLike, unit: str = "m", up: str = "auto", name: str = "part"
+) -> PartMesh:
+    """Make a part from a mesh in memory, at full precision; checked and repaired as a file's.
+
+    Args:
+        vertices: Vertices in the unit given, shape (n, 3).
+        faces: Vertex indices, shape (m, 3).
+        unit: Unit of the vertices: m, mm, cm or inch.
+        up: As in :func:`load_part`.
+        name: What messages and files call the part.
+
+    Returns:
+        The mesh in metres.
+
+    Raises:
+        MeshError: The arrays are no usable part.
+        InputError: Unknown unit or side.
+    """
+    points = np.array(vertices, dtype=np.float64)
+    corners = np.array(faces)
+    if points.ndim != 2 or points.shape[1:] != (3,) or corners.ndim != 2 or corners.shape[1:] != (3,):
+        raise MeshError(
+            f"{name}: wanted vertices of shape (n, 3) and faces of shape (m, 3), got {points.shape} and "
+            f"{corners.shape}. Pass a triangle mesh."
+        )
+    if len(corners) == 0 or not np.issubdtype(corners.dtype, np.integer):
+        raise MeshError(f"{name}: the faces must be whole numbers, at least one row. Pass a triangle mesh.")
+    if corners.min() < 0 or corners.max() >= len(points):
+        raise MeshError(f"{name}: the faces refer to vertices that do not exist (valid: 0 to {len(points) - 1}).")
+    if not np.isfinite(points).all():
+        raise MeshError(f"{name}: vertices are NaN or infinite. Repair the mesh.")
+    digest = hashlib.sha256(points.tobytes() + corners.astype(np.int64).tobytes()).hexdigest()
+    triangles = FileTriangles(points[corners], np.arange(len(corners), dtype=np.int32))
+    return _build_part(triangles, Path(name), digest, unit, up)
+
+
+def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up: str) -> PartMesh:
     scale = metres_per_unit(unit)
-    triangles, content = read_stl(path)
-    check_size(float(np.ptp(triangles.reshape(-1, 3), axis=0).max()), unit, path)
-    vertices, faces, merge_notes = merge_vertices(triangles * scale)
-    faces, stl_facets, drop_notes = drop_bad_facets(vertices, faces, path)
+    check_size(float(np.ptp(triangles.corners.reshape(-1, 3), axis=0).max()), unit, path)
+    vertices, faces, merge_notes = merge_vertices(triangles.corners * scale)
+    faces, kept, drop_notes = drop_bad_facets(vertices, faces, path)
     check_edges(vertices, faces, path)
     faces, flip_notes = flip_slivers(vertices, faces)
     faces, orient_notes = orient_outward(vertices, faces, path)
     check_bodies(vertices, faces, path)
     direction, up_note = choose_up(vertices, faces, up)
     vertices, faces = _compact(vertices, faces)
+    stl_facets = triangles.numbers[kept]
     for array in (vertices, faces, direction, stl_facets):
         array.setflags(write=False)
+    repairs = (*triangles.notes, *merge_notes, *drop_notes, *flip_notes, *orient_notes)
     return PartMesh(
         vertices=vertices,
         faces=faces,
         up=direction,
         name=path.stem,
         path=path,
-        sha256=hashlib.sha256(content).hexdigest(),
+        sha256=sha256,
         unit=unit,
         stl_facets=stl_facets,
-        notes=(_size_note(vertices, faces, unit), *merge_notes, *drop_notes, *flip_notes, *orient_notes, up_note),
+        notes=(_size_note(vertices, faces, unit), *repairs, up_note),
     )
 
 

@@ -1,4 +1,4 @@
-"""Repairs of a triangle soup that need no guessing: merge corners, drop empty facets, turn facets outward."""
+"""Repairs of a triangle soup that need no guessing: drop empty facets, turn facets outward (faces -> faces)."""
 
 from __future__ import annotations
 
@@ -6,14 +6,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from polish_sim.errors import MeshError
-from polish_sim.geometry.topology import find_adjacency, find_edge_faults, label_pieces
+from polish_sim.geometry.topology import find_adjacency, find_edge_faults
 from polish_sim.geometry.winding import wind_consistently
-
-WELD = 1e-5
-"""Gaps up to this share of the part's size are closed when exact merging leaves the mesh open."""
 
 SLIVER = 1e-6
 """Facets lower than this share of the part's size have no meaningful normal."""
@@ -22,29 +18,6 @@ _FLIP_ROUNDS = 10
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
-
-
-def merge_vertices(triangles: Floats) -> tuple[Floats, Ints, tuple[str, ...]]:
-    """Merge equal corners of a triangle soup; weld tiny gaps if that makes the mesh less open.
-
-    Args:
-        triangles: Corners [m], shape (m, 3, 3).
-
-    Returns:
-        Vertices [m], shape (n, 3); faces, shape (m, 3); notes.
-    """
-    vertices, faces = _merge_equal(triangles)
-    gaps = find_edge_faults(faces).open
-    if gaps == 0:
-        return vertices, faces, ()
-    tolerance = WELD * float(np.ptp(vertices, axis=0).max())
-    welded = _weld(vertices, faces, tolerance)
-    collapsed = (welded == np.roll(welded, 1, axis=1)).any(axis=1)
-    faults = find_edge_faults(welded[~collapsed])
-    if faults.open >= gaps or faults.crowded > 0:
-        return vertices, faces, (f"open surface: {gaps} border edges",)
-    rest = f", {faults.open} border edges remain" if faults.open else ""
-    return vertices, welded, (f"closed gaps up to {tolerance * 1e3:.1g} mm at {gaps} border edges{rest}",)
 
 
 def drop_bad_facets(vertices: Floats, faces: Ints, path: Path) -> tuple[Ints, Ints, tuple[str, ...]]:
@@ -124,24 +97,6 @@ def orient_outward(vertices: Floats, faces: Ints, path: Path) -> tuple[Ints, tup
         wound = np.ascontiguousarray(wound[:, ::-1])
         notes.append("turned the whole part inside out: its normals pointed inward")
     return wound, tuple(notes)
-
-
-def _merge_equal(triangles: Floats) -> tuple[Floats, Ints]:
-    corners = np.ascontiguousarray(triangles.reshape(-1, 3)) + 0.0  # -0.0 and 0.0 are the same place
-    order = np.lexsort(corners.T)
-    ordered = corners[order]
-    new = np.concatenate([[True], (ordered[1:] != ordered[:-1]).any(axis=1)])
-    index = np.empty(len(corners), dtype=np.int32)
-    index[order] = np.cumsum(new) - 1
-    return ordered[new], index.reshape(-1, 3)
-
-
-def _weld(vertices: Floats, faces: Ints, tolerance: float) -> Ints:
-    pairs = cKDTree(vertices).query_pairs(tolerance, output_type="ndarray")
-    pieces, labels = label_pieces(pairs.astype(np.int64), len(vertices))
-    representative = np.full(pieces, -1, dtype=np.int32)
-    representative[labels[::-1]] = np.arange(len(vertices) - 1, -1, -1, dtype=np.int32)
-    return representative[labels][faces]
 
 
 def _area_vectors(vertices: Floats, faces: Ints) -> Floats:

@@ -1,51 +1,45 @@
-"""Read the triangles of an STL file, binary or ASCII, and say clearly why a file cannot be read (file -> triangles)."""
+"""Read STL files, binary or ASCII, and say clearly why one cannot be read (bytes -> triangles)."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import MeshError
+from polish_sim.geometry.file_triangles import FileTriangles
 
 _HEADER_BYTES = 84
 _FACET_BYTES = 50
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_BLOCK_BYTES = 8_000_000
 
 
-def read_stl(path: Path) -> tuple[NDArray[np.float64], bytes]:
+def is_stl(content: bytes) -> bool:
+    """An ASCII STL begins with "solid"; a binary one's length follows from the number of facets in its header."""
+    if _is_ascii(content):
+        return b"facet" in content[:4096].lower()
+    return len(content) >= _HEADER_BYTES and len(content) == _HEADER_BYTES + _FACET_BYTES * _announced(content)
+
+
+def parse_stl(content: bytes, path: Path) -> FileTriangles:
     """Read the facets of an STL file in the file's own unit.
 
     Args:
-        path: An STL file, binary or ASCII.
+        content: The file's bytes.
+        path: Its name, for messages.
 
     Returns:
-        Corners of the facets, shape (m, 3, 3), in the file's unit, and the file's bytes.
+        The triangles; several solids of an ASCII file one after the other.
 
     Raises:
-        MeshError: The file is missing, a folder, empty, cut short, or not an STL.
+        MeshError: The file is cut short, or not an STL.
     """
-    content = _read_bytes(path)
-    triangles = _parse_ascii(content, path) if _is_ascii(content) else _parse_binary(content, path)
-    if len(triangles) == 0:
-        raise MeshError(f"{path}: the STL file holds no facets. Export the part again.")
-    _check_finite(triangles, path)
-    return triangles, content
-
-
-def _read_bytes(path: Path) -> bytes:
-    if path.is_dir():
-        raise MeshError(f"{path} is a folder, not an STL file. Name the file itself.")
-    if not path.exists():
-        raise MeshError(f"{path}: no such file. Check the name and the folder.")
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise MeshError(f"{path} cannot be read ({error.strerror}). Check its permissions.") from None
-    if not content.strip():
-        raise MeshError(f"{path}: the file is empty. Export the part again as STL.")
-    return content
+    corners = _parse_ascii(content, path) if _is_ascii(content) else _parse_binary(content, path)
+    return FileTriangles(corners, np.arange(len(corners), dtype=np.int32))
 
 
 def _is_ascii(content: bytes) -> bool:
@@ -54,13 +48,17 @@ def _is_ascii(content: bytes) -> bool:
     return head.lstrip().lower().startswith(b"solid") and b"\0" not in head
 
 
+def _announced(content: bytes) -> int:
+    return int(np.frombuffer(content, dtype="<u4", count=1, offset=80)[0])
+
+
 def _parse_binary(content: bytes, path: Path) -> NDArray[np.float64]:
     if len(content) < _HEADER_BYTES or _looks_like_text(content):
         raise MeshError(
             f"{path}: not an STL file (neither a binary header nor the word 'solid' of an ASCII STL). "
             "Export the part as STL."
         )
-    count = int(np.frombuffer(content, dtype="<u4", count=1, offset=80)[0])
+    count = _announced(content)
     expected = _HEADER_BYTES + _FACET_BYTES * count
     if len(content) < expected:
         whole = (len(content) - _HEADER_BYTES) // _FACET_BYTES
@@ -69,7 +67,8 @@ def _parse_binary(content: bytes, path: Path) -> NDArray[np.float64]:
             f"but it holds {whole} ({len(content)} bytes). Export or copy it again."
         )
     facets = np.frombuffer(content, dtype=_FACET, count=count, offset=_HEADER_BYTES)
-    return facets["corners"].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # signalling NaNs of broken files
+        return facets["corners"].astype(np.float64)
 
 
 def _looks_like_text(content: bytes) -> bool:
@@ -79,32 +78,49 @@ def _looks_like_text(content: bytes) -> bool:
 
 
 def _parse_ascii(content: bytes, path: Path) -> NDArray[np.float64]:
-    words = content.lower().split()
-    at = [index for index, word in enumerate(words) if word == b"vertex"]
-    if not at and b"facet" in words:
+    text = content.lower()
+    if b"vertex" not in text and b"facet" in text.split():
         raise MeshError(f"{path}: ASCII STL with facets but no vertices. Export the part again.")
-    if not at and b"endsolid" not in words:
+    if b"vertex" not in text and b"endsolid" not in text:
         raise MeshError(f"{path}: begins with 'solid' but is not an STL file. Export the part as STL.")
-    if len(at) % 3 or (at and at[-1] + 3 >= len(words)) or (at and b"endsolid" not in words[at[-1] :]):
+    blocks = [_read_block(block, path) for block in _blocks(text)]
+    vertices = np.concatenate([block for block, _ in blocks])
+    if len(vertices) % 3 or not any(closed for _, closed in blocks[-2:]):
         raise MeshError(
-            f"{path}: the ASCII STL is cut short after {len(at) // 3} whole facets "
+            f"{path}: the ASCII STL is cut short after {len(vertices) // 3} whole facets "
             "(no 'endsolid' at its end). Export or copy it again."
         )
-    return np.array([_vertex(words, index, path) for index in at], dtype=np.float64).reshape(-1, 3, 3)
+    return vertices.reshape(-1, 3, 3)
 
 
-def _vertex(words: list[bytes], index: int, path: Path) -> tuple[float, float, float]:
+def _blocks(text: bytes) -> Iterator[bytes]:
+    """Pieces of the text that end behind a facet, so that the words of few facets are held at a time."""
+    ends = [0]
+    while ends[-1] < len(text):
+        at = text.find(b"endfacet", ends[-1] + _BLOCK_BYTES)
+        ends.append(at + len(b"endfacet") if at >= 0 else len(text))
+    for begin, end in pairwise(ends):
+        yield text[begin:end]
+
+
+def _read_block(text: bytes, path: Path) -> tuple[NDArray[np.float64], bool]:
+    """Vertices of a piece, shape (n, 3), and whether a solid ends behind them."""
+    words = text.split()
+    at = [index for index, word in enumerate(words) if word == b"vertex"]
+    whole = [index for index in at if index + 3 < len(words)]
+    numbers = [words[index + k] for index in whole for k in (1, 2, 3)]
+    closed = b"endsolid" in words[at[-1] if at else 0 :]
     try:
-        return float(words[index + 1]), float(words[index + 2]), float(words[index + 3])
+        return np.array([float(number) for number in numbers]).reshape(-1, 3), closed
     except ValueError:
-        text = b" ".join(words[index : index + 4]).decode("ascii", "replace")
-        raise MeshError(f"{path}: '{text}' is not a vertex (three numbers wanted). Export it again.") from None
+        index = next(index for index in whole if not all(map(_is_number, words[index + 1 : index + 4])))
+        shown = b" ".join(words[index : index + 4]).decode("ascii", "replace")[:80]
+        raise MeshError(f"{path}: '{shown}' is not a vertex (three numbers wanted). Export it again.") from None
 
 
-def _check_finite(triangles: NDArray[np.float64], path: Path) -> None:
-    bad = np.flatnonzero(~np.isfinite(triangles).all(axis=(1, 2)))
-    if len(bad):
-        raise MeshError(
-            f"{path}: {len(bad)} of {len(triangles)} facets have coordinates that are NaN or infinite, "
-            f"the first is facet {bad[0]}. Repair or export the part again."
-        )
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

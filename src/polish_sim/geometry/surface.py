@@ -73,8 +73,11 @@ class Surface:
     """Which edge of that facet it is, shape (m, 3)."""
     smooth: Bools
     """Edges across which the normal is continuous, shape (m, 3)."""
-    tree: BoxTree
-    """Boxes over the patches, for closest points."""
+
+    @cached_property
+    def tree(self) -> BoxTree:
+        """Boxes over the patches, for closest points; grown when first asked for."""
+        return build_box_tree(self.control)
 
     @cached_property
     def facet_areas(self) -> Floats:
@@ -182,18 +185,16 @@ def build_surface(
     adjacency: Adjacency,
     smooth: Bools,
 ) -> Surface:
-    """Put a surface together: make its arrays read-only and grow the tree of boxes over its patches."""
-    control = _frozen(control)
+    """Put a surface together: make its arrays read-only."""
     return Surface(
         vertices=_frozen(vertices),
         faces=_frozen(faces),
-        control=control,
+        control=_frozen(control),
         normal_control=_frozen(normal_control),
         shape=_frozen(shape),
         neighbours=_frozen(adjacency.facets),
         neighbour_edges=_frozen(adjacency.edges),
         smooth=_frozen(smooth),
-        tree=build_box_tree(control),
     )
 
 

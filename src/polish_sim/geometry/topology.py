@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -59,7 +60,8 @@ def find_adjacency(faces: Ints) -> Adjacency:
 def find_edge_faults(faces: Ints) -> EdgeFaults:
     """Count the edges where the mesh is open, crowded or twisted."""
     start, end, order, key = sorted_half_edges(faces)
-    _, at, counts = np.unique(key, return_index=True, return_counts=True)
+    at = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+    counts = np.diff(at, append=len(key))
     first, second = equal_pairs(key)
     twisted = start[order[first]] == start[order[second]]
     crowded = order[at[counts > 2]]
@@ -94,10 +96,35 @@ def facet_links(adjacency: Adjacency, keep: NDArray[np.bool_] | None = None) -> 
 def sorted_half_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Half-edges in facet order (start, end), and the order and keys that bring equal edges together."""
     start = faces.astype(np.int64).ravel()
-    end = np.roll(faces, -1, axis=1).astype(np.int64).ravel()
-    key = np.minimum(start, end) * (int(start.max(initial=0)) + 1) + np.maximum(start, end)
-    order = np.argsort(key, kind="stable")
-    return start, end, order, key[order]
+    end = faces[:, [1, 2, 0]].astype(np.int64).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    count = int(start.max(initial=0)) + 1
+    order = _sort_pairs(low, high, count)
+    return start, end, order, (low * count + high)[order]
+
+
+@njit(cache=True, error_model="numpy")
+def _sort_pairs(low, high, count):  # type: ignore[no-untyped-def]
+    """Order pairs of numbers below ``count``, stable: sorted into boxes by high, then by low; linear in time."""
+    place = np.zeros(count + 1, np.int64)
+    for number in high:
+        place[number + 1] += 1
+    for i in range(count):
+        place[i + 1] += place[i]
+    by_high = np.empty(len(low), np.int64)
+    for i in range(len(low)):
+        by_high[place[high[i]]] = i
+        place[high[i]] += 1
+    place[:] = 0
+    for number in low:
+        place[number + 1] += 1
+    for i in range(count):
+        place[i + 1] += place[i]
+    order = np.empty(len(low), np.int64)
+    for i in by_high:
+        order[place[low[i]]] = i
+        place[low[i]] += 1
+    return order
 
 
 def equal_pairs(sorted_key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -1,0 +1,161 @@
+"""Split polygons, plane or nearly so, into triangles that do not overlap (corners -> triangles)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+MOST_CORNERS = 1000
+"""Hollow polygons with more corners than this are not split."""
+
+LARGEST_CUT = 64
+"""Convex polygons with more corners than this are split as a fan."""
+
+
+class Split(NamedTuple):
+    """Triangles polygons were split into."""
+
+    triangles: NDArray[np.int64]
+    """Vertex numbers, wound as the polygons, shape (m, 3)."""
+    polygons: NDArray[np.int32]
+    """Polygon each belongs to, shape (m,)."""
+    too_many: int
+    """The first polygon that was not split for its number of corners, or -1."""
+
+
+def split_polygons(points: NDArray[np.float64], indices: NDArray[np.int64], sizes: NDArray[np.int64]) -> Split:
+    """Split polygons, each by cutting off its best-shaped corner again and again.
+
+    Args:
+        points: Vertices, shape (n, 3).
+        indices: Vertex numbers of all polygons one after the other, shape (sum of sizes,).
+        sizes: Corners of each polygon, shape (k,); below three gives no triangle.
+
+    Returns:
+        The triangles.
+    """
+    if len(sizes) and (sizes == 3).all():
+        return Split(indices.reshape(-1, 3), np.arange(len(sizes), dtype=np.int32), -1)
+    count = int(np.maximum(sizes - 2, 0).sum())
+    triangles, polygons = np.empty((count, 3), np.int64), np.empty(count, np.int32)
+    too_many = _split(np.ascontiguousarray(points), indices, sizes, triangles, polygons)
+    return Split(triangles, polygons, int(too_many))
+
+
+@njit(cache=True, error_model="numpy")
+def _split(points, indices, sizes, triangles, polygons):  # type: ignore[no-untyped-def]
+    at = done = 0
+    for polygon in range(len(sizes)):
+        size = sizes[polygon]
+        if size >= 3:
+            ring = indices[at : at + size]
+            if size <= LARGEST_CUT or not _is_convex(points, ring):
+                if size > MOST_CORNERS:
+                    return polygon
+                _cut_ears(points, ring.copy(), triangles, done)
+            else:
+                _fan(ring, triangles, done)
+            for i in range(done, done + size - 2):
+                polygons[i] = polygon
+            done += size - 2
+        at += size
+    return -1
+
+
+@njit(cache=True, error_model="numpy")
+def _fan(ring, triangles, done):  # type: ignore[no-untyped-def]
+    """Connect the first corner of a convex polygon with all others."""
+    for i in range(1, len(ring) - 1):
+        triangles[done, 0], triangles[done, 1], triangles[done, 2] = ring[0], ring[i], ring[i + 1]
+        done += 1
+
+
+@njit(cache=True, error_model="numpy")
+def _cut_ears(points, ring, triangles, done):  # type: ignore[no-untyped-def]
+    """Write the triangles of one polygon; ``ring`` is used up."""
+    left = len(ring)
+    normal = _normal(points, ring)
+    while left > 3:
+        best, best_shape = 0, -np.inf
+        for i in range(left):
+            a, b, c = ring[i - 1 if i > 0 else left - 1], ring[i], ring[i + 1 if i + 1 < left else 0]
+            shape = _shape(points, a, b, c, normal)
+            if shape > best_shape and (shape <= 0.0 or _is_empty(points, ring, left, a, b, c, normal)):
+                best, best_shape = i, shape
+        triangles[done, 0] = ring[best - 1 if best > 0 else left - 1]
+        triangles[done, 1] = ring[best]
+        triangles[done, 2] = ring[best + 1 if best + 1 < left else 0]
+        done += 1
+        left -= 1
+        for i in range(best, left):
+            ring[i] = ring[i + 1]
+    for k in range(3):
+        triangles[done, k] = ring[k]
+
+
+@njit(cache=True, error_model="numpy")
+def _normal(points, ring):  # type: ignore[no-untyped-def]
+    """Area vector of a closed polygon."""
+    x = y = z = 0.0
+    o = ring[0]
+    for i in range(1, len(ring) - 1):
+        vx, vy, vz = _cross(points, o, ring[i], ring[i + 1])
+        x, y, z = x + vx, y + vy, z + vz
+    size = max(np.sqrt(x * x + y * y + z * z), 1e-300)
+    return x / size, y / size, z / size
+
+
+@njit(cache=True, error_model="numpy")
+def _cross(points, a, b, c):  # type: ignore[no-untyped-def]
+    """Twice the area vector of a triangle."""
+    ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+    vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
+    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+
+
+@njit(cache=True, error_model="numpy")
+def _area(points, a, b, c, normal):  # type: ignore[no-untyped-def]
+    """Twice the area of a triangle seen along a normal."""
+    x, y, z = _cross(points, a, b, c)
+    return x * normal[0] + y * normal[1] + z * normal[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _shape(points, a, b, c, normal):  # type: ignore[no-untyped-def]
+    """Area over squared longest side: the higher the better a triangle's shape; negative at a hollow corner."""
+    longest = 1e-300
+    for p, q in ((a, b), (b, c), (c, a)):
+        side = 0.0
+        for k in range(3):
+            side += (points[p, k] - points[q, k]) ** 2
+        longest = max(longest, side)
+    return _area(points, a, b, c, normal) / longest
+
+
+@njit(cache=True, error_model="numpy")
+def _is_empty(points, ring, left, a, b, c, normal):  # type: ignore[no-untyped-def]
+    """No other corner of the polygon lies within the triangle."""
+    for i in range(left):
+        p = ring[i]
+        if p in (a, b, c):
+            continue
+        if (
+            _area(points, a, b, p, normal) >= 0.0
+            and _area(points, b, c, p, normal) >= 0.0
+            and _area(points, c, a, p, normal) >= 0.0
+        ):
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _is_convex(points, ring):  # type: ignore[no-untyped-def]
+    normal = _normal(points, ring)
+    count = len(ring)
+    for i in range(count):
+        if _area(points, ring[i - 1 if i > 0 else count - 1], ring[i], ring[(i + 1) % count], normal) < 0.0:
+            return False
+    return True
