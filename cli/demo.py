@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from polish_sim.cli import console
+from polish_sim.cli.option_types import Out, Overwrite
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.rendering import prepare_headless
-from polish_sim.cli.run import Out, Overwrite
 from polish_sim.cli.sinks import open_sinks
 from polish_sim.scenario_file import merge
 

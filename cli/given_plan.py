@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from polish_sim.cli.idle_options import PATH_OPTIONS
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.exchange import read_plan
@@ -15,8 +16,6 @@ from polish_sim.experiments.part_setup import part_file
 from polish_sim.models import workpiece_names
 from polish_sim.planning import ToolPath
 from polish_sim.scenario_file import merge
-
-PLANNING_OPTIONS = ("--region", "--pattern", "--stepover")
 
 
 class GivenPlan(NamedTuple):
@@ -42,7 +41,7 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
     """
     if scenario.experiment != "surface":
         raise InputError(f"--path is for 'run surface': '{scenario.experiment}' has no path to be given.")
-    asked = [option for option in PLANNING_OPTIONS if given.get(option) is not None]
+    asked = [option for option in PATH_OPTIONS if given.get(option) is not None]
     if asked:
         raise InputError(f"--path is a finished plan: leave {', '.join(asked)} out, or leave --path out to plan anew.")
     path = read_plan(source)

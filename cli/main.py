@@ -16,6 +16,7 @@ from polish_sim.cli.boundary import execute
 from polish_sim.cli.config import config
 from polish_sim.cli.demo import demo
 from polish_sim.cli.listing import list_names
+from polish_sim.cli.panels import PanelledCommand
 from polish_sim.cli.plan import plan
 from polish_sim.cli.report import report
 from polish_sim.cli.run import run
@@ -49,8 +50,8 @@ def _every_command(
 
 
 commands.command("demo", short_help="The whole main job on a shipped part.")(demo)
-commands.command("plan", short_help="A tool path on a part's STL.")(plan)
-commands.command("run", short_help="Simulate arc, force or surface.")(run)
+commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part's STL.")(plan)
+commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force or surface.")(run)
 commands.command("report", short_help="Plots and tables again from saved runs.")(report)
 commands.command("config", short_help="The full default config as TOML.")(config)
 commands.command("list", short_help="What ships with the package.")(list_names)

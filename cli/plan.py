@@ -4,90 +4,77 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from polish_sim.cli import console
+from polish_sim.cli import option_types as o
+from polish_sim.cli.idle_options import refuse_idle_on_path
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.rendering import prepare_headless
-from polish_sim.cli.run import (
-    Config,
-    ContactForce,
-    Feed,
-    Out,
-    Overwrite,
-    PadDiameter,
-    Pattern,
-    Region,
-    Set,
-    Stepover,
-    Units,
-    Up,
-)
 from polish_sim.cli.scenario_options import build_scenario
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError
-
-PartFile = Annotated[
-    str, typer.Argument(metavar="PART", help="STL file, or the name of a shipped part.", show_default=False)
-]
-Overlap = Annotated[
-    float | None,
-    typer.Option("--overlap", metavar="PERCENT", help="Overlap of neighbouring turns, percent of the pad diameter."),
-]
-LeadIn = Annotated[str | None, typer.Option("--lead-in", metavar="NAME", help="normal, tangent or arc.")]
-LeadAngle = Annotated[
-    float | None, typer.Option("--lead-angle", metavar="DEG", help="Tool axis leans this far forward (deg).")
-]
-TiltAngle = Annotated[
-    float | None, typer.Option("--tilt-angle", metavar="DEG", help="Tool axis leans this far to the left (deg).")
-]
 
 
 def plan(
-    part: PartFile,
-    pattern: Pattern = None,
-    stepover: Stepover = None,
-    overlap: Overlap = None,
-    pad_diameter: PadDiameter = None,
-    region: Region = None,
-    up: Up = None,
-    units: Units = None,
-    lead_in: LeadIn = None,
-    lead_angle: LeadAngle = None,
-    tilt_angle: TiltAngle = None,
-    contact_force: ContactForce = None,
-    feed: Feed = None,
-    config: Config = None,
-    set_: Set = None,
-    out: Out = None,
-    overwrite: Overwrite = False,
+    part: o.PartFile,
+    units: o.Units = None,
+    up: o.Up = None,
+    region: o.Region = None,
+    feature_angle: o.FeatureAngle = None,
+    edge_margin: o.EdgeMargin = None,
+    pattern: o.Pattern = None,
+    stepover: o.Stepover = None,
+    overlap: o.Overlap = None,
+    order: o.Order = None,
+    direction: o.Direction = None,
+    start: o.Start = None,
+    raster_direction: o.RasterDirection = None,
+    lead_in: o.LeadIn = None,
+    lead_angle: o.LeadAngle = None,
+    tilt_angle: o.TiltAngle = None,
+    axis_smoothing: o.AxisSmoothing = None,
+    axis_deviation: o.AxisDeviation = None,
+    pad_diameter: o.PadDiameter = None,
+    contact_force: o.ContactForce = None,
+    feed: o.Feed = None,
+    config: o.Config = None,
+    set_: o.Set = None,
+    out: o.Out = None,
+    overwrite: o.Overwrite = False,
 ) -> None:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png."""
     given = {
         "--part": part,
+        "--units": units,
+        "--up": up,
+        "--region": region,
+        "--feature-angle": feature_angle,
+        "--edge-margin": edge_margin,
         "--pattern": pattern,
         "--stepover": stepover,
-        "--pad-diameter": pad_diameter,
-        "--region": region,
-        "--up": up,
-        "--units": units,
+        "--overlap": overlap,
+        "--order": order,
+        "--direction": direction,
+        "--start": start,
+        "--raster-direction": raster_direction,
         "--lead-in": lead_in,
         "--lead-angle": lead_angle,
         "--tilt-angle": tilt_angle,
+        "--axis-smoothing": axis_smoothing,
+        "--axis-deviation": axis_deviation,
+        "--pad-diameter": pad_diameter,
         "--contact-force": contact_force,
         "--feed": feed,
     }
-    scenario = _with_overlap(build_scenario(Scenario(), given, config, set_ or []), stepover, overlap)
+    scenario = build_scenario(Scenario(), given, config, set_ or [])
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.report import save_plots
     from polish_sim.exchange import write_plan
-    from polish_sim.planning import plan_part
+    from polish_sim.planning import PATTERNS, plan_part
 
+    refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
     with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
         result = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
         write_plan(folder.draft, result)
@@ -97,18 +84,6 @@ def plan(
         console.note(f"note: {note}")
     console.table(f"plan of {result.mesh.name}", ["figure", "unit", "value"], _rows(result.figures))
     console.say(f"folder: {folder.final}")
-
-
-def _with_overlap(scenario: Scenario, stepover: float | None, overlap: float | None) -> Scenario:
-    """Set the step-over that leaves neighbouring turns the overlap asked for."""
-    if overlap is None:
-        return scenario
-    if stepover is not None:
-        raise InputError("--overlap and --stepover both set the distance between turns: give one of them.")
-    if not 0.0 <= overlap < 100.0:
-        raise InputError(f"--overlap {overlap:g} is not a percentage from 0 to below 100.")
-    distance = 2.0 * scenario.pad.radius_m * (1.0 - 0.01 * overlap)
-    return replace(scenario, plan=replace(scenario.plan, stepover_m=distance))
 
 
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from polish_sim.cli import console
+from polish_sim.cli.option_types import Out, Overwrite
 from polish_sim.cli.output_folder import claimed
-from polish_sim.cli.run import Out, Overwrite
 
 Runs = Annotated[list[Path], typer.Argument(help="Run folders made by 'run'.", show_default=False)]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -11,16 +12,31 @@ from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.scenario_file import load_scenario, merge, override
 
-MM: Final = 1e-3
-DEG: Final = math.pi / 180.0
+
+class Unit(NamedTuple):
+    """A unit of the command line."""
+
+    name: str
+    si: float
+    """What one of it is in SI, or in what the key counts."""
+
+
+MM: Final = Unit("mm", 1e-3)
+DEG: Final = Unit("deg", math.pi / 180.0)
+MM_S: Final = Unit("mm/s", 1e-3)
+NEWTON: Final = Unit("N", 1.0)
+PER_MINUTE: Final = Unit("1/min", 1.0)
+DIAMETER: Final = Unit("mm", 0.5e-3)
+"""A diameter in mm, where the key is a radius."""
+DIRECTION: Final = Unit("", 1.0)
 
 
 class Target(NamedTuple):
-    """The key of the scenario an option sets, and what one of its unit is in SI."""
+    """The key of the scenario an option sets, and the option's unit; None for a name."""
 
     section: str
     key: str
-    unit: float | None = None
+    unit: Unit | None = None
 
 
 OPTIONS: Final[Mapping[str, Target]] = {
@@ -28,17 +44,29 @@ OPTIONS: Final[Mapping[str, Target]] = {
     "--units": Target("part", "unit"),
     "--up": Target("part", "up"),
     "--region": Target("plan", "region"),
+    "--feature-angle": Target("plan", "feature_angle_rad", DEG),
+    "--edge-margin": Target("plan", "edge_margin_m", MM),
     "--pattern": Target("plan", "pattern"),
     "--stepover": Target("plan", "stepover_m", MM),
+    "--order": Target("plan", "order"),
+    "--direction": Target("plan", "direction"),
     "--lead-in": Target("plan", "lead_in"),
     "--lead-angle": Target("plan", "lead_angle_rad", DEG),
     "--tilt-angle": Target("plan", "tilt_angle_rad", DEG),
+    "--axis-smoothing": Target("plan", "axis_smoothing_m", MM),
+    "--axis-deviation": Target("plan", "axis_deviation_rad", DEG),
     "--controller": Target("controller", "name"),
-    "--contact-force": Target("process", "contact_force_n", 1.0),
-    "--feed": Target("process", "feed_m_s", MM),
-    "--pad-diameter": Target("pad", "radius_m", 0.5 * MM),
-    "--spindle-rpm": Target("spindle", "speed_rpm", 1.0),
+    "--contact-force": Target("process", "contact_force_n", NEWTON),
+    "--feed": Target("process", "feed_m_s", MM_S),
+    "--pad-diameter": Target("pad", "radius_m", DIAMETER),
+    "--spindle-rpm": Target("spindle", "speed_rpm", PER_MINUTE),
 }
+
+TRIPLES: Final[Mapping[str, Target]] = {
+    "--start": Target("plan", "start", MM),
+    "--raster-direction": Target("plan", "raster_direction", DIRECTION),
+}
+"""Options of the form X,Y,Z."""
 
 
 def build_scenario(base: Scenario, given: Mapping[str, Any], config: Path | None, assignments: list[str]) -> Scenario:
@@ -46,7 +74,8 @@ def build_scenario(base: Scenario, given: Mapping[str, Any], config: Path | None
 
     Args:
         base: The experiment's defaults.
-        given: Options by name as in ``OPTIONS`` plus ``--part-pose``, ``--log-rate`` and ``--seed``; None = not given.
+        given: Options by name as in ``OPTIONS`` and ``TRIPLES`` plus ``--overlap``, ``--part-pose``, ``--log-rate``
+            and ``--seed``; None = not given.
         config: A TOML file.
         assignments: ``KEY=VALUE`` strings of --set.
 
@@ -54,16 +83,36 @@ def build_scenario(base: Scenario, given: Mapping[str, Any], config: Path | None
         The scenario.
 
     Raises:
-        ConfigError: If a key or value is wrong; the message names the file, option or key.
+        ConfigError: If a key or value is wrong; the message names the file, option or key, in the option's unit.
         InputError: If an option cannot be understood.
     """
     scenario = base if config is None else load_scenario(config, base)
     if scenario.experiment != base.experiment:
         raise ConfigError(f"'{config}' is for the experiment '{scenario.experiment}', not '{base.experiment}'.")
     for option, value in given.items():
-        if value is not None:
-            scenario = _apply(scenario, option, value)
-    return _placed(override(scenario, assignments))
+        if value is not None and option != "--overlap":
+            scenario = merge(scenario, _table(option, value), "")
+    scenario = override(scenario, assignments)
+    # The overlap is a share of the pad, whoever set that.
+    if given.get("--overlap") is not None:
+        scenario = _overlapping(scenario, given.get("--stepover"), given["--overlap"])
+    return _placed(scenario)
+
+
+def _overlapping(scenario: Scenario, stepover: float | None, overlap: float) -> Scenario:
+    """Set the step-over that leaves neighbouring turns the overlap asked for."""
+    if stepover is not None:
+        raise InputError("--overlap and --stepover both set the distance between turns: give one of them.")
+    if not 0.0 <= overlap < 100.0:
+        raise InputError(f"--overlap {overlap:g} is not a percentage from 0 to below 100.")
+    distance = 2.0 * scenario.pad.radius_m * (1.0 - 0.01 * overlap)
+    least = _spec(OPTIONS["--stepover"])["low"]
+    if distance < least:
+        raise InputError(
+            f"--overlap {overlap:g} of a pad of {scenario.pad.radius_m * 2e3:g} mm leaves a step-over of "
+            f"{distance * 1e3:.3g} mm, less than the smallest possible, {least * 1e3:g} mm. Give a smaller overlap."
+        )
+    return merge(scenario, {"plan": {"stepover_m": distance}}, "")
 
 
 def _placed(scenario: Scenario) -> Scenario:
@@ -74,15 +123,26 @@ def _placed(scenario: Scenario) -> Scenario:
 
 def parse_pose(text: str) -> list[float]:
     """Read X,Y,Z,RX,RY,RZ in mm and deg (rotation vector, as the robot shows it) into [m, rad]."""
-    try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != 6 or not all(math.isfinite(number) for number in numbers):
+    numbers = _numbers(text, 6)
+    if not numbers:
         raise InputError(
             f"--part-pose '{text}' is not X,Y,Z,RX,RY,RZ: six numbers in mm and deg, e.g. -100,-500,50,0,0,90."
         )
-    return [number * MM for number in numbers[:3]] + [math.radians(number) for number in numbers[3:]]
+    return [number * MM.si for number in numbers[:3]] + [math.radians(number) for number in numbers[3:]]
+
+
+def parse_triple(option: str, text: str) -> list[float]:
+    """Read X,Y,Z of an option in its unit into SI.
+
+    Raises:
+        InputError: It is not three numbers, or a direction without length.
+    """
+    unit = TRIPLES[option].unit or DIRECTION
+    numbers = _numbers(text, 3)
+    if not numbers or (unit is DIRECTION and not any(numbers)):
+        said = f"three numbers in {unit.name}" if unit.name else "a direction, not all zero, e.g. 1,0,0"
+        raise InputError(f"{option} '{text}' is not X,Y,Z: {said}.")
+    return [number * unit.si for number in numbers]
 
 
 def parse_log_rate(text: str) -> float:
@@ -98,11 +158,13 @@ def parse_log_rate(text: str) -> float:
     return rate
 
 
-def _apply(scenario: Scenario, option: str, value: Any) -> Scenario:
+def _numbers(text: str, count: int) -> list[float]:
+    """So many finite numbers between commas; empty if it is anything else."""
     try:
-        return merge(scenario, _table(option, value), "")
-    except ConfigError as error:
-        raise ConfigError(f"{option} {value}: {error}") from error
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        return []
+    return numbers if len(numbers) == count and all(math.isfinite(number) for number in numbers) else []
 
 
 def _table(option: str, value: Any) -> dict[str, Any]:
@@ -112,5 +174,29 @@ def _table(option: str, value: Any) -> dict[str, Any]:
         return {"part": {"pose": parse_pose(value)}}
     if option == "--log-rate":
         return {"simulation": {"log_rate_hz": parse_log_rate(value)}}
-    section, name, unit = OPTIONS[option]
-    return {section: {name: value if unit is None else value * unit}}
+    if option in TRIPLES:
+        return {TRIPLES[option].section: {TRIPLES[option].key: parse_triple(option, value)}}
+    target = OPTIONS[option]
+    return {target.section: {target.key: value if target.unit is None else _in_si(option, value)}}
+
+
+def _in_si(option: str, value: float) -> float:
+    """The value in SI, within the key's range; the message keeps to the unit the user wrote.
+
+    Raises:
+        ConfigError: It is not a number or out of range.
+    """
+    target = OPTIONS[option]
+    unit, spec = target.unit or DIRECTION, _spec(target)
+    number = value * unit.si
+    if not spec["low"] <= number <= spec["high"]:
+        meaning = str(spec["text"]).rpartition(" [")[0]
+        low, high = spec["low"] / unit.si, spec["high"] / unit.si
+        raise ConfigError(f"{option} {value:g} is outside {low:.4g} to {high:.4g} {unit.name}: {meaning}.")
+    return number
+
+
+def _spec(target: Target) -> Mapping[str, Any]:
+    """Meaning and range of a key."""
+    section = getattr(Scenario(), target.section)
+    return next(field.metadata for field in fields(section) if field.name == target.key)

@@ -12,9 +12,9 @@ from typing import Any
 Pose = tuple[float, float, float, float, float, float]
 
 
-def key(default: Any, text: str, low: float = -math.inf, high: float = math.inf) -> Any:
-    """Declare a field with its meaning (unit in brackets) and allowed range, both ends included."""
-    return field(default=default, metadata={"text": text, "low": low, "high": high})
+def key(default: Any, text: str, low: float = -math.inf, high: float = math.inf, length: int = 0) -> Any:
+    """Declare a field with its meaning (unit in brackets) and allowed range, both ends included; a list's length."""
+    return field(default=default, metadata={"text": text, "low": low, "high": high, "length": length})
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class PartConfig:
     unit: str = key("mm", "unit of the STL: mm, cm, m or inch")
     up: str = key("auto", "side turned up: auto, x, y, z, -x, -y or -z")
     pose: tuple[float, ...] = key(
-        (), "pose of the work frame in the base frame: x, y, z [m], rotation vector [rad]; empty = chosen"
+        (), "pose of the work frame in the base frame: x, y, z [m], rotation vector [rad]; empty = chosen", length=6
     )
     displacement_m: float = key(0.001, "how far the real part sits from its nominal place [m]", 0.0, 0.02)
     rotation_rad: float = key(math.radians(0.5), "how far the real part is turned [rad]", 0.0, 0.2)
@@ -47,9 +47,11 @@ class PlanConfig:
     bridge_m: float = key(0.02, "holes up to this diameter are run over by the pad [m]", 0.0, 0.5)
     order: str = key("inward", "spiral, contour: inward or outward")
     direction: str = key("conventional", "spiral, contour: conventional (what is not done yet on the left) or climb")
-    start: tuple[float, ...] = key((), "where the path begins, about: x, y, z in the work frame [m]; empty = chosen")
+    start: tuple[float, ...] = key(
+        (), "where the path begins, about: x, y, z in the work frame [m]; empty = chosen", length=3
+    )
     raster_direction: tuple[float, ...] = key(
-        (), "direction of the raster's lines: x, y, z in the work frame; empty = along the region's long axis"
+        (), "direction of the raster's lines: x, y, z in the work frame; empty = along the region's long axis", length=3
     )
     clearance_m: float = key(0.03, "height of the first and last point above the part [m]", 0.001, 0.5)
     lead_in: str = key("normal", "how the tool lands: normal, tangent or arc")

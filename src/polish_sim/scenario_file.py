@@ -13,6 +13,8 @@ from polish_sim.errors import ConfigError
 
 T = TypeVar("T")
 
+_COUNTS = {3: "three", 6: "six"}
+
 
 def load_scenario(path: Path, base: Scenario) -> Scenario:
     """Read a TOML file on top of a base scenario.
@@ -110,8 +112,10 @@ def _parse_value(text: str) -> Any:
 
 def _checked(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
     if isinstance(current, tuple):
-        if not isinstance(value, (list, tuple)) or not all(_is_number(v) for v in value) or len(value) not in (0, 6):
-            raise ConfigError(f"'{where}' must be a list of six numbers (or empty), got {value!r}.")
+        length = spec.metadata["length"]
+        listed = isinstance(value, (list, tuple)) and len(value) in (0, length)
+        if not listed or not all(_is_number(v) for v in value):
+            raise ConfigError(f"'{where}' must be a list of {_COUNTS[length]} numbers (or empty), got {value!r}.")
         return tuple(float(v) for v in value)
     if isinstance(current, str):
         if not isinstance(value, str):

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from polish_sim.cli.scenario_options import build_scenario, parse_log_rate, parse_pose
-from polish_sim.config import Scenario
-from polish_sim.errors import ConfigError, PolishSimError
+from polish_sim.cli.idle_options import refuse_idle_in, refuse_idle_on_path
+from polish_sim.cli.scenario_options import OPTIONS, build_scenario, parse_log_rate, parse_pose
+from polish_sim.config import PlanConfig, Scenario
+from polish_sim.errors import ConfigError, InputError, PolishSimError
 
 
 def test_every_option_lands_in_its_key_in_si() -> None:
@@ -22,6 +23,14 @@ def test_every_option_lands_in_its_key_in_si() -> None:
         "--pad-diameter": 30.0,
         "--spindle-rpm": 3000.0,
         "--stepover": 5.0,
+        "--feature-angle": 20.0,
+        "--edge-margin": 4.0,
+        "--order": "outward",
+        "--direction": "climb",
+        "--start": "10,-20,30",
+        "--raster-direction": "0,1,0",
+        "--axis-smoothing": 12.0,
+        "--axis-deviation": 3.0,
         "--seed": 4,
         "--log-rate": "full",
     }
@@ -33,6 +42,13 @@ def test_every_option_lands_in_its_key_in_si() -> None:
     assert scenario.pad.radius_m == pytest.approx(0.015)
     assert scenario.spindle.speed_rpm == 3000.0
     assert scenario.plan.stepover_m == pytest.approx(0.005)
+    assert scenario.plan.feature_angle_rad == pytest.approx(math.radians(20.0))
+    assert scenario.plan.edge_margin_m == pytest.approx(0.004)
+    assert (scenario.plan.order, scenario.plan.direction) == ("outward", "climb")
+    assert scenario.plan.start == pytest.approx((0.01, -0.02, 0.03))
+    assert scenario.plan.raster_direction == (0.0, 1.0, 0.0)
+    assert scenario.plan.axis_smoothing_m == pytest.approx(0.012)
+    assert scenario.plan.axis_deviation_rad == pytest.approx(math.radians(3.0))
     assert scenario.seed == 4
     assert scenario.simulation.log_rate_hz == 0.0
 
@@ -55,9 +71,20 @@ def test_set_beats_options_and_options_beat_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--stepover", -3.0, r"--stepover -3.*plan\.stepover_m"),
-        ("--feed", math.nan, r"--feed nan"),
-        ("--contact-force", -20.0, r"--contact-force -20"),
+        ("--stepover", -8.0, r"^--stepover -8 is outside 0\.2 to 1000 mm: distance between neighbouring turns\.$"),
+        ("--stepover", 1200.0, r"--stepover 1200 is outside 0\.2 to 1000 mm"),
+        ("--feed", math.nan, r"--feed nan is outside 0\.1 to 500 mm/s: speed along the path"),
+        ("--contact-force", -20.0, r"--contact-force -20 is outside 0\.5 to 200 N"),
+        ("--pad-diameter", 500.0, r"--pad-diameter 500 is outside 2 to 400 mm"),
+        ("--spindle-rpm", -1.0, r"--spindle-rpm -1 is outside 0 to 6e\+04 1/min"),
+        ("--lead-angle", 60.0, r"--lead-angle 60 is outside -40\.11 to 40\.11 deg"),
+        ("--edge-margin", -1.0, r"--edge-margin -1 is outside 0 to 500 mm"),
+        ("--axis-smoothing", 2000.0, r"--axis-smoothing 2000 is outside 0 to 1000 mm"),
+        ("--start", "1,2", r"--start '1,2' is not X,Y,Z: three numbers in mm"),
+        ("--start", "1,2,inf", r"--start '1,2,inf' is not X,Y,Z"),
+        ("--raster-direction", "0,0,0", r"a direction, not all zero"),
+        ("--overlap", 100.0, r"--overlap 100 is not a percentage from 0 to below 100"),
+        ("--overlap", 99.9, r"leaves a step-over of 0\.05 mm, less than the smallest possible, 0\.2 mm"),
         ("--part-pose", "1,2,3", r"six numbers in mm and deg"),
         ("--part-pose", "a,b,c,d,e,f", r"six numbers"),
         ("--part-pose", "1,2,3,4,5,nan", r"six numbers"),
@@ -68,6 +95,53 @@ def test_set_beats_options_and_options_beat_the_file(tmp_path: Path) -> None:
 def test_a_bad_value_is_named_with_its_option(option: str, value: Any, said: str) -> None:
     with pytest.raises(PolishSimError, match=said):
         build_scenario(Scenario(), {option: value}, None, [])
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+def test_a_number_out_of_range_is_answered_without_the_key_s_name_or_unit(option: str) -> None:
+    target = OPTIONS[option]
+    if target.unit is None:
+        return
+    with pytest.raises(ConfigError) as raised:
+        build_scenario(Scenario(), {option: 1e9}, None, [])
+    assert f" {target.unit.name}: " in str(raised.value)
+    assert target.key not in str(raised.value)
+    assert "[" not in str(raised.value)
+
+
+def test_overlap_counts_on_the_pad_set_says() -> None:
+    scenario = build_scenario(Scenario(), {"--overlap": 70.0}, None, ["pad.radius_m=0.02"])
+    assert scenario.plan.stepover_m == pytest.approx(0.012)
+
+
+LISTENS = {"spiral": ("order", "direction", "start"), "raster": ("start", "raster_direction")}
+
+
+@pytest.mark.parametrize(
+    ("pattern", "option", "said"),
+    [
+        ("raster", "--order", "--order would change nothing with the pattern 'raster'.* It counts for: spiral"),
+        ("raster", "--direction", "--direction would change nothing"),
+        ("spiral", "--raster-direction", "It counts for: raster"),
+        ("spiral", "--axis-deviation", "give --axis-smoothing MM as well"),
+    ],
+)
+def test_options_a_pattern_takes_no_notice_of_are_refused(pattern: str, option: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        refuse_idle_on_path(PlanConfig(pattern=pattern), LISTENS, {option: "x"})
+
+
+def test_options_a_pattern_obeys_pass() -> None:
+    refuse_idle_on_path(PlanConfig(), LISTENS, {"--order": "inward", "--start": "0,0,0", "--raster-direction": None})
+    refuse_idle_on_path(PlanConfig(axis_smoothing_m=0.01), LISTENS, {"--axis-deviation": 3.0})
+
+
+@pytest.mark.parametrize("experiment", ["arc", "force"])
+@pytest.mark.parametrize("option", ["--stepover", "--overlap", "--order", "--lead-in", "--axis-smoothing", "--start"])
+def test_options_of_a_path_are_refused_where_there_is_none(experiment: str, option: str) -> None:
+    with pytest.raises(InputError, match=f"{option} would change nothing in 'run {experiment}'"):
+        refuse_idle_in(experiment, {option: 1.0})
+    refuse_idle_in("surface", {option: 1.0})
 
 
 def test_a_file_for_another_experiment_is_refused(tmp_path: Path) -> None:

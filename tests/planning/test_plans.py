@@ -140,7 +140,7 @@ def test_a_raster_on_a_plate_has_parallel_lines_one_step_over_apart():
 
 
 BAD = {
-    "an unknown pattern": (PartConfig("plate"), PlanConfig(pattern="star"), InputError, "raster, spiral"),
+    "an unknown pattern": (PartConfig("plate"), PlanConfig(pattern="star"), InputError, "unknown pattern .star.. Known: "),
     "an unknown lead-in": (PartConfig("plate"), PlanConfig(lead_in="jump"), InputError, "arc, normal, tangent"),
     "no step-over": (PartConfig("plate"), PlanConfig(stepover_m=0.0), PlanError, "positive"),
     "a step-over beyond the pad": (PartConfig("plate"), PlanConfig(stepover_m=0.06), PlanError, "stripes"),
