@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
+from polish_sim.planning.fermat import fermat_runs
 from polish_sim.planning.raster import plan_raster
 from polish_sim.planning.request import PatternRequest
 from polish_sim.planning.run import SurfaceRun
@@ -25,4 +26,5 @@ class Pattern(NamedTuple):
 PATTERNS: Final[Mapping[str, Pattern]] = {
     "spiral": Pattern(plan_spiral, listens=("order", "direction", "start")),
     "raster": Pattern(plan_raster, listens=("start", "raster_direction"), ordered=False),
+    "fermat": Pattern(fermat_runs, listens=("start",)),
 }

@@ -1,0 +1,96 @@
+"""All closed turns that cover a region, small loops in its middle included (request -> nested turns)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.planning.coverage import STRICT
+from polish_sim.planning.curve import Curve, unit
+from polish_sim.planning.level_set import LevelLine, level_lines
+from polish_sim.planning.offset_curve import nearest_of
+from polish_sim.planning.request import PatternRequest
+from polish_sim.planning.triangulation import Triangulation
+from polish_sim.planning.turns import Turn, border_curves, distance_to, grow_turns, ring_margin
+
+Array = NDArray[np.float64]
+
+WORTH_A_LOOP = 0.12
+"""Smallest uncovered area that gets a loop, in squared step-overs."""
+EDGE = 0.53
+"""Such a place begins this many step-overs from the turns: just more than the middle between two of them."""
+WIDER = 0.12
+"""Its loop keeps outside it by this many step-overs, so that it does not run back on itself where the place is thin."""
+SHORTEST = 0.5
+"""A loop is no shorter than this many step-overs."""
+FURTHEST = 3.0
+"""Distances are told apart up to this many step-overs."""
+
+
+def nested_turns(request: PatternRequest) -> list[Turn]:
+    """Turns from all borders inwards; on a ring of even width from the outer border to the inner one.
+
+    What the turns leave uncovered in the middle gets a loop of its own, closer to them than a step-over.
+
+    Args:
+        request: What to cover and how.
+
+    Returns:
+        The outermost turns; the others hang below them.
+    """
+    region, mesh, stepover, report = request.region, request.mesh, request.stepover, request.report
+    borders, first = border_curves(mesh), 0.5 * stepover
+    if len(borders) == 2:
+        margin = ring_margin(region.surface, mesh, borders, stepover)
+        if margin is not None:
+            borders, first = borders[:1], margin
+    roots = grow_turns(region.surface, mesh, borders, first, stepover, report)
+    _close_gaps(mesh, roots, stepover)
+    return roots
+
+
+def all_turns(roots: Sequence[Turn]) -> Iterator[Turn]:
+    """Every turn, each before those inside it."""
+    for turn in roots:
+        yield turn
+        yield from all_turns(turn.children)
+
+
+def _close_gaps(mesh: Triangulation, roots: Sequence[Turn], stepover: float) -> None:
+    """Hang a loop round every uncovered place below the turn it lies nearest to."""
+    turns = list(all_turns(roots))
+    if not turns:
+        return
+    curves = [turn.curve for turn in turns]
+    everything = np.arange(len(mesh.vertices))
+    distance = np.minimum(distance_to(mesh, everything, curves, FURTHEST * stepover), FURTHEST * stepover)
+    at_border = np.zeros(len(mesh.vertices), dtype=bool)
+    at_border[mesh.border] = True
+    count, labels = mesh.components(distance > EDGE * stepover)
+    lines = [line for line in level_lines(mesh, distance, EDGE * stepover) if line.closed]
+    open_area = np.bincount(
+        labels[labels >= 0],
+        weights=np.where(distance > STRICT * stepover, mesh.vertex_areas, 0.0)[labels >= 0],
+        minlength=count,
+    )
+    for label in range(count):
+        place = labels == label
+        if open_area[label] < WORTH_A_LOOP * stepover**2 or at_border[place].any():
+            continue
+        for line in lines:
+            curve = _loop(line, stepover)
+            if labels[line.vertices[0]] == label and curve.length > SHORTEST * stepover:
+                nearest = np.bincount(nearest_of(curves, curve.positions).curve).argmax()
+                turns[int(nearest)].children.append(Turn(curve, place))
+
+
+def _loop(line: LevelLine, stepover: float) -> Curve:
+    """A level line, a little wider, as a curve with evenly spaced points."""
+    rough = Curve(line.positions, unit(line.normals), True)
+    outwards = np.cross(rough.tangents(rough.knots[:-1], 0.2 * stepover), rough.normals)
+    rough = Curve(rough.positions + WIDER * stepover * outwards, rough.normals, True)
+    s = np.linspace(0.0, rough.length, max(int(np.ceil(8.0 * rough.length / stepover)), 12), endpoint=False)
+    positions, normals = rough.at(s)
+    return Curve(positions, normals, True)
