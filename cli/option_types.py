@@ -264,6 +264,15 @@ LogRate = Annotated[
         rich_help_panel=OUTPUT,
     ),
 ]
+Export = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--export",
+        metavar="NAME",
+        help="Write the plan in a format more: apt, urscript, ros, ply, glb, html, or all; may be repeated.",
+        rich_help_panel=OUTPUT,
+    ),
+]
 Out = Annotated[
     Path | None,
     typer.Option(

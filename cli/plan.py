@@ -37,6 +37,7 @@ def plan(
     pad_diameter: o.PadDiameter = None,
     contact_force: o.ContactForce = None,
     feed: o.Feed = None,
+    export: o.Export = None,
     config: o.Config = None,
     set_: o.Set = None,
     out: o.Out = None,
@@ -71,13 +72,16 @@ def plan(
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.report import save_plots
-    from polish_sim.exchange import write_plan
+    from polish_sim.exchange import ExportSetup, check_formats, export_plan, write_plan
     from polish_sim.planning import PATTERNS, plan_part
 
     refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
+    formats = check_formats(export or [])
+    setup = ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
     with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
         result = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
         write_plan(folder.draft, result)
+        export_plan(folder.draft, result, formats, setup)
         observer.stage("draw")
         save_plots(folder.draft, {"path.png": plot_plan(result)})
     for note in result.notes:

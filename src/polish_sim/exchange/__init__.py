@@ -1,8 +1,20 @@
 """Paths and plans as files: every format in and out (layer between planning and motion)."""
 
+from polish_sim.exchange.formats import FORMATS, check_formats, export_plan
 from polish_sim.exchange.plan_folder import write_plan
 from polish_sim.exchange.reader import READERS, read_path
+from polish_sim.exchange.setup import ExportSetup, RobotTool
 
 read_plan = read_path
 
-__all__ = ["READERS", "read_path", "read_plan", "write_plan"]
+__all__ = [
+    "FORMATS",
+    "READERS",
+    "ExportSetup",
+    "RobotTool",
+    "check_formats",
+    "export_plan",
+    "read_path",
+    "read_plan",
+    "write_plan",
+]

@@ -50,7 +50,7 @@ class _Machine:
 
 
 def read_apt(file: Path, text: str) -> ToolPath:
-    """Read APT source or CLDATA: UNITS, MULTAX, FROM, GOTO, FEDRAT, RAPID, TLAXIS; mm unless the file says another unit.
+    """Read APT source or CLDATA: UNITS, MULTAX, FROM, GOTO, FEDRAT, RAPID, TLAXIS; mm unless UNITS says otherwise.
 
     Raises:
         InputError: A statement that is unknown, incomplete or moves other than by points; names the line.
