@@ -25,6 +25,7 @@ SWEEPS = 6
 _HEIGHT_WEIGHT = 9.0  # of a height against a slope, squared
 _QUADRATIC_RIDGE = 1e-6
 _CUBIC_RIDGE = 3e-2  # keeps the cubic terms small where there are too few neighbours
+_TENSOR = (1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0 / 3.0, 1.0 / 3.0, 1.0)  # entries of gradient, Hessian, third derivatives
 _TRUSTED_NEEDED = 2
 _LINKS_NEEDED = 3
 _ROOM, _ROUGH = 3.0, 0.1  # further off than this times and plus the facets' own tilt [rad] no fit is believed
@@ -195,12 +196,9 @@ def _fit_heights(here, there, steps, normals, frames, trusted):  # type: ignore[
             _add_row(sums[at], rows[2], 1.0 / far2)
     fitted = np.zeros((len(normals), 9))
     for at in range(len(normals)):
-        trace = 1e-300
-        for i in range(9):
-            trace += sums[at, i, i]
-        for i in range(9):
-            sums[at, i, i] *= 1.0 + (_QUADRATIC_RIDGE if i < 5 else _CUBIC_RIDGE)
-            sums[at, i, i] += 1e-12 * trace
+        _add_ridge(sums[at], 0, 2, 1e-12)
+        _add_ridge(sums[at], 2, 5, _QUADRATIC_RIDGE)
+        _add_ridge(sums[at], 5, 9, _CUBIC_RIDGE)
         _solve(sums[at], fitted[at])
     return fitted, seen
 
@@ -213,6 +211,19 @@ def _add_row(sums, row, weight):  # type: ignore[no-untyped-def]
         for j in range(i + 1):
             sums[i, j] += scaled * row[j]
         sums[i, 9] += scaled * row[9]
+
+
+@njit(cache=True)
+def _add_ridge(sums, first, last, share):  # type: ignore[no-untyped-def]
+    """Pull the terms of one degree towards zero, alike in all directions of the tangent plane.
+
+    The weights are those of the squares of all entries of a symmetric tensor, which turning leaves as they are.
+    """
+    mean = 1e-300
+    for i in range(first, last):
+        mean += sums[i, i] / _TENSOR[i] / (last - first)
+    for i in range(first, last):
+        sums[i, i] += share * mean * _TENSOR[i]
 
 
 @njit(cache=True)
