@@ -49,13 +49,12 @@ def connect(curves: Sequence[Curve], stepover: float) -> list[Run]:
     """
     contacts = find_contacts(curves, stepover)
     ground = Ground(curves, stepover)
-    bands = [ground.band(turn) for turn in range(len(curves))]
     waiting = sorted(range(len(curves)), key=lambda turn: -curves[turn].length)
     runs = []
     while waiting:
         children, reached = grow_tree(len(curves), contacts, waiting[0])
         waiting = [turn for turn in waiting if turn not in reached]
-        seams = [build_seam(curves, bands, p, stepover) for p in split_pockets(ground, children, reached[0])]
+        seams = [build_seam(curves, p, stepover) for p in split_pockets(ground, children, reached[0])]
         links = [link for seam in seams for link in seam.links]
         begin = seams[0].free[0]
         runs.append(_walk(curves, links, begin, seams[0].free[1]))

@@ -9,6 +9,7 @@ pocket hangs on a turn of another one; otherwise the whole path begins and ends 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,9 +26,6 @@ FREE = 0.4
 """Levels a crossing line has sunk where the path begins or ends beside it."""
 TIPS_APART = 0.4
 """Distance of two U-turns' tips that face each other, in step-overs."""
-STEEPEST, GENTLER = 3.2, 1.25
-"""Length of a seam on the outermost and the innermost level in step-overs, and its growth from level to level: where
-a U-turn lies in the wedge between two levels and a crossing line, the wedge had better be short."""
 LINE_POINTS, TURN_POINTS = 64, 24
 
 
@@ -79,19 +77,18 @@ class Levels(NamedTuple):
         return End(self.turns[level], self.s[level] + self.signs[level] * x, right == (self.signs[level] > 0.0))
 
 
-def build_seam(curves: Sequence[Curve], bands: Sequence[float], pocket: Pocket, stepover: float) -> Seam:
+def build_seam(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Seam:
     """Join the turns of a pocket to a double spiral.
 
     Args:
         curves: All turns.
-        bands: Length of a seam on each [m].
         pocket: The row of turns and where the seam crosses them.
         stepover: [m].
 
     Returns:
         The links, and the ends left free.
     """
-    levels = _levels(curves, bands, pocket, stepover)
+    levels = _levels(curves, pocket, stepover)
     last = len(levels.turns) - 1
     if last == 0:
         half = 0.5 * TIPS_APART * stepover
@@ -106,16 +103,13 @@ def build_seam(curves: Sequence[Curve], bands: Sequence[float], pocket: Pocket, 
     return Seam(tuple(links), ())
 
 
-def _levels(curves: Sequence[Curve], bands: Sequence[float], pocket: Pocket, stepover: float) -> Levels:
+def _levels(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Levels:
     """The turns in order, each with the side of its seam on which its arc length grows."""
     row, signs = tuple(curves[turn] for turn in pocket.turns), [1.0]
     headings = [curve.tangents(np.array([s]), 0.25 * stepover)[0] for curve, s in zip(row, pocket.s, strict=True)]
-    for before, here in zip(headings[:-1], headings[1:], strict=True):
+    for before, here in pairwise(headings):
         signs.append(signs[-1] if before @ here > 0.0 else -signs[-1])
-    last = len(row) - 1
-    short = [stepover * STEEPEST * GENTLER ** min(k, last - k) for k in range(last + 1)]
-    lengths = tuple(min(bands[turn], limit) for turn, limit in zip(pocket.turns, short, strict=True))
-    return Levels(row, pocket.turns, pocket.s, tuple(signs), lengths)
+    return Levels(row, pocket.turns, pocket.s, tuple(signs), pocket.bands)
 
 
 def _crossing(levels: Levels, level: int) -> Link:

@@ -26,14 +26,19 @@ BESIDE = 1.3
 """Turns nearer than this many step-overs are neighbours."""
 APART = 2.3
 """Turns further apart than this many step-overs cannot be joined without a lift."""
-BAND = 8.0
-"""Length of a seam along the turns, in step-overs."""
-SHARE_OF_TURN = 0.3
-"""And at most this share of a turn."""
-ROOM = 0.75
+BAND, SHARE_OF_TURN = 8.0, 0.2
+"""Length of a seam along a turn: no more than so many step-overs and this share of the turn."""
+STEEPEST, GENTLER = 3.2, 1.25
+"""Its length on the outermost and the innermost turn in step-overs, and how it grows from turn to turn: where a
+U-turn lies in the wedge between two turns and a line that crosses them, the wedge had better be short."""
+NARROW, SHARE_OF_LOOP = 2.0, 0.5
+"""The same for two turns, which are joined by U-turns alone."""
+ROOM = 0.5
 """Step-overs kept clear beside a seam."""
 SLACK = 0.25
 """By how much turns may miss their distance where a seam crosses them, in step-overs."""
+TOLERABLE = 2.5
+"""A line is not followed where it misses by more than this many times as much."""
 
 
 class Contact(NamedTuple):
@@ -54,6 +59,8 @@ class Pocket(NamedTuple):
     """Numbers of the turns, parent first."""
     s: tuple[float, ...]
     """Arc length at which the seam's middle crosses each [m]."""
+    bands: tuple[float, ...]
+    """Length of the seam on each [m]."""
 
 
 @dataclass(eq=False)
@@ -65,9 +72,13 @@ class Ground:
     taken: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     """Middle and half length of the stretches of each turn seams have used [m]."""
 
-    def band(self, turn: int) -> float:
-        """Length of a seam on a turn [m]."""
-        return min(BAND * self.stepover, SHARE_OF_TURN * self.curves[turn].length)
+    def bands(self, row: Sequence[int]) -> tuple[float, ...]:
+        """Length of a seam on each turn of a row [m]."""
+        lengths, last = [self.curves[turn].length for turn in row], len(row) - 1
+        if last <= 1:
+            return tuple(min(NARROW * self.stepover, SHARE_OF_LOOP * length) for length in lengths)
+        limits = [min(STEEPEST * GENTLER ** min(k, last - k), BAND) * self.stepover for k in range(last + 1)]
+        return tuple(min(limit, SHARE_OF_TURN * length) for limit, length in zip(limits, lengths, strict=True))
 
 
 def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
@@ -146,8 +157,8 @@ def split_pockets(ground: Ground, children: Sequence[Sequence[int]], root: int) 
         parent, first = waiting.pop(0)
         pocket = _follow(ground, children, parent, first)
         pockets.append(pocket)
-        for turn, s in zip(pocket.turns, pocket.s, strict=True):
-            ground.taken.setdefault(turn, []).append((s, 0.5 * ground.band(turn) + ROOM * ground.stepover))
+        for turn, s, band in zip(pocket.turns, pocket.s, pocket.bands, strict=True):
+            ground.taken.setdefault(turn, []).append((s, 0.5 * band + ROOM * ground.stepover))
         for turn in pocket.turns[parent >= 0 :]:
             waiting += [(turn, child) for child in children[turn] if child not in pocket.turns]
     return pockets
@@ -158,64 +169,82 @@ def subtree_length(ground: Ground, children: Sequence[Sequence[int]], turn: int)
     return ground.curves[turn].length + sum(subtree_length(ground, children, child) for child in children[turn])
 
 
+class _Lines(NamedTuple):
+    """Lines across a row of turns, tried side by side."""
+
+    s: Array
+    """Where they cross each turn [m], shape (n, k)."""
+    narrow: Array
+    """What a seam of two turns there would cost, shape (n,); inf where there is no room."""
+    wide: Array
+    """What a seam of more turns would cost, shape (n,)."""
+
+    def best(self, price: Array) -> tuple[float, ...]:
+        """The cheapest line."""
+        return tuple(float(value) for value in self.s[int(np.argmin(np.round(price, 6)))])
+
+
 def _follow(ground: Ground, children: Sequence[Sequence[int]], parent: int, first: int) -> Pocket:
     """The longest row from a turn downwards that one line crosses squarely."""
-    start = parent if parent >= 0 else first
-    curve = ground.curves[start]
-    spacing = ground.stepover / SAMPLES
-    s = np.linspace(0.0, curve.length, max(int(curve.length / spacing), 16), endpoint=False)
-    row, lines, cost = [start], s[:, None], _use(ground, start, s)
+    row = [parent if parent >= 0 else first]
+    curve = ground.curves[row[0]]
+    s = np.linspace(0.0, curve.length, max(int(curve.length * SAMPLES / ground.stepover), 16), endpoint=False)
+    free = _use(ground, row[0], s, NARROW), _use(ground, row[0], s, STEEPEST)
+    lines, best = _Lines(s[:, None], *free), (float(s[int(np.argmin(free[0]))]),)
     following = [first] if parent >= 0 else list(children[first])
     while following:
-        best: tuple[float, int, Array, Array] | None = None
+        offers = []
         for child in following:
-            feet, price = _step(ground, row, child, lines)
-            if parent < 0 or len(row) > 1:
-                alive = price < 1.0
-            else:
-                alive = np.isfinite(price)
-            worth = subtree_length(ground, children, child) if alive.any() else 0.0
-            if alive.any() and (best is None or worth > best[0]):
-                best = (worth, child, feet, price)
-        if best is None:
+            longer = _step(ground, row, child, lines)
+            price = longer.narrow if len(row) == 1 else longer.wide
+            alive = price < TOLERABLE * len(row) if len(row) > 1 else np.isfinite(price)
+            if alive.any():
+                offers.append((subtree_length(ground, children, child), child, longer, alive))
+        if not offers:
             break
-        _, child, feet, price = best
-        kept = np.isfinite(price) if len(row) == 1 and parent >= 0 else price < 1.0
-        lines = np.column_stack([lines, feet])[kept]
-        cost = (cost + price)[kept]
+        _, child, longer, alive = max(offers, key=lambda offer: offer[0])
+        best = longer.best(longer.narrow if len(row) == 1 else longer.wide)
+        lines = _Lines(*(column[alive] for column in longer))
         row.append(child)
         following = list(children[child])
-    line = lines[int(np.argmin(np.round(cost, 6)))]
-    return Pocket(parent, tuple(row), tuple(float(value) for value in line))
+    return Pocket(parent, tuple(row), best, ground.bands(row))
 
 
-def _step(ground: Ground, row: Sequence[int], child: int, lines: Array) -> tuple[Array, Array]:
-    """Where lines cross the next turn, and what a seam there costs; from 1 on it had better not run there."""
+def _step(ground: Ground, row: Sequence[int], child: int, lines: _Lines) -> _Lines:
+    """The lines led on to the next turn, and what they cost then."""
     here, there = ground.curves[row[-1]], ground.curves[child]
-    points = here.at(lines[:, -1])[0]
+    points = here.at(lines.s[:, -1])[0]
     foot = there.nearest(points)
-    price = _misfit(ground, row[-1], child, lines[:, -1]) + _use(ground, child, foot.s)
+    narrow = (
+        lines.narrow + _misfit(ground, row[-1], child, lines.s[:, -1], NARROW) + _use(ground, child, foot.s, NARROW)
+    )
+    wide = lines.wide + _misfit(ground, row[-1], child, lines.s[:, -1], BAND) + _use(ground, child, foot.s, BAND)
     if len(row) > 1:
         # The next turn must lie on the other side than the last.
-        back = ground.curves[row[-2]].at(lines[:, -2])[0] - points
-        price = price + np.where(((foot.positions - points) * back).sum(axis=1) < 0.0, 0.0, np.inf)
-    return foot.s, price
+        back = ground.curves[row[-2]].at(lines.s[:, -2])[0] - points
+        wide = wide + np.where(((foot.positions - points) * back).sum(axis=1) < 0.0, 0.0, np.inf)
+    return _Lines(np.column_stack([lines.s, foot.s]), narrow, wide)
 
 
-def _misfit(ground: Ground, turn: int, other: int, s: Array) -> Array:
-    """How far two turns miss their distance within a seam's band, as a share of what is tolerable."""
-    curve, spacing = ground.curves[turn], ground.stepover / SAMPLES
-    count = max(int(curve.length / spacing), 16)
+def _width(ground: Ground, turn: int, steps: float) -> float:
+    share = SHARE_OF_LOOP if steps == NARROW else SHARE_OF_TURN
+    return min(steps * ground.stepover, share * ground.curves[turn].length)
+
+
+def _misfit(ground: Ground, turn: int, other: int, s: Array, steps: float) -> Array:
+    """How far two turns miss their distance within a seam's length, in units of what is well tolerable."""
+    curve = ground.curves[turn]
+    count = max(int(curve.length * SAMPLES / ground.stepover), 16)
     even = np.arange(count) * (curve.length / count)
     gap = ground.curves[other].nearest(curve.at(even)[0]).distances / ground.stepover
-    width = int(ground.band(turn) / (curve.length / count)) | 1
+    width = int(_width(ground, turn, steps) / (curve.length / count)) | 1
     worst = maximum_filter1d(np.abs(gap - 1.0), width, mode="wrap")
     return np.asarray(worst[np.round(s / curve.length * count).astype(int) % count] / SLACK)
 
 
-def _use(ground: Ground, turn: int, s: Array) -> Array:
+def _use(ground: Ground, turn: int, s: Array, steps: float) -> Array:
     """Infinite where a seam would overlap another one on the same turn."""
-    length, half = ground.curves[turn].length, 0.5 * ground.band(turn)
+    length, half = ground.curves[turn].length, 0.5 * _width(ground, turn, steps)
     price = np.zeros(len(s))
     for middle, other in ground.taken.get(turn, []):
         away = np.abs(np.mod(s - middle + 0.5 * length, length) - 0.5 * length)
