@@ -85,10 +85,16 @@ def test_top_goes_over_creases_where_auto_stops(select):
     assert select(house, "top").area_m2 == pytest.approx((60.0 + 2.0 * slope) * 40.0 * 1e-6)
 
 
-def test_all_is_the_closed_skin_without_border(select):
+def test_all_of_a_block_is_its_six_faces_the_largest_first(select):
     region = select(BLOCK, "all")
     assert region.area_m2 == pytest.approx(2.0 * (6000.0 + 2000.0 + 1200.0) * 1e-6)
-    assert region.boundary_loops == ()
+    faces = region.components()
+    assert [round(face.area_m2 * 1e6) for face in faces] == [6000, 6000, 2000, 2000, 1200, 1200]
+    for face in faces:
+        assert len(face.boundary_loops) == 1
+        # A face is looked at from outside: from above, or along its own normal.
+        assert face.surface.evaluate(np.array([0]), np.full((1, 3), 1 / 3)).normals[0] == pytest.approx(face.up)
+    assert len(region.boundary_loops) == 6
 
 
 def test_a_box_cuts_coarse_facets_along_straight_lines(select):

@@ -92,7 +92,7 @@ def test_a_bridged_hole_in_a_sphere_follows_the_sphere(tmp_path):
     )
     open_region = region.surface.restrict(np.flatnonzero(np.linalg.norm(middles.positions[:, :2], axis=1) > 0.008))
 
-    holed = replace(region, surface=open_region, boundary_loops=boundary_loops(open_region, region.up))
+    holed = replace(region, surface=open_region, boundary_loops=boundary_loops(open_region))
     bridged = bridge_holes(holed, 0.03)
     assert bridged.holes == 1
     wanted = region.surface.closest(np.array([[0.002, 0.003, 1.0]]) * [1.0, 1.0, 0.04]).positions[0]

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.geometry.surface import Surface
+from polish_sim.geometry.topology import Adjacency, facet_links, label_pieces
 
 Floats = NDArray[np.float64]
 
@@ -13,22 +14,47 @@ CHORD_ERROR = 1e-5
 """Curved border edges are divided until the polyline is this close to them [m]."""
 
 
-def boundary_loops(surface: Surface, up: Floats) -> tuple[Floats, ...]:
+def boundary_loops(surface: Surface) -> tuple[Floats, ...]:
     """Trace the border.
 
     Args:
-        surface: An open surface.
-        up: Unit vector; the loop that encloses the largest area seen from there is the outer one, shape (3,).
+        surface: An open surface, in one or several pieces.
 
     Returns:
         Closed polylines [m], each (p, 3) with the first point repeated at the end, the surface to the left
-        seen from outside; the outer loop first. None for a closed surface.
+        seen from outside; piece by piece, of each the outer loop first, the one that encloses the largest area
+        seen from where that looks largest. None for a closed surface.
     """
-    loops = [_sample(surface, loop) for loop in _trace(surface)]
-    loops.sort(key=lambda loop: -abs(_enclosed(loop, up)))
+    traced = _trace(surface)
+    loops = [_sample(surface, loop) for loop in traced]
+    piece = connected_facets(surface)
+    of_piece = [int(piece[loop[0][0]]) for loop in traced]
+    order = sorted(range(len(loops)), key=lambda at: (of_piece[at], -enclosed(loops[at])))
     for loop in loops:
         loop.setflags(write=False)
-    return tuple(loops)
+    return tuple(loops[at] for at in order)
+
+
+def connected_facets(surface: Surface, passable: NDArray[np.bool_] | None = None) -> NDArray[np.int32]:
+    """Number of the connected piece each facet belongs to, shape (m,); the largest piece is 0.
+
+    Args:
+        surface: The surface.
+        passable: Edges across which pieces hang together, shape (m, 3); None for all.
+    """
+    adjacency = Adjacency(surface.neighbours, surface.neighbour_edges)
+    count, labels = label_pieces(facet_links(adjacency, passable), len(surface.faces))
+    areas = np.bincount(labels, weights=surface.facet_areas, minlength=count)
+    # Pieces of one area keep their order, however rounding has it.
+    order = np.argsort(-np.round(areas / areas.max(initial=1e-300), 6), kind="stable")
+    rank = np.empty(count, dtype=np.int32)
+    rank[order] = np.arange(count)
+    return rank[labels]
+
+
+def enclosed(loop: Floats) -> float:
+    """Largest area a closed loop (p, 3) encloses from any side it is seen from [m^2]."""
+    return 0.5 * float(np.linalg.norm(np.cross(loop[:-1] - loop[0], loop[1:] - loop[0]).sum(axis=0)))
 
 
 def _trace(surface: Surface) -> list[list[tuple[int, int]]]:
@@ -66,8 +92,3 @@ def _sample(surface: Surface, loop: list[tuple[int, int]]) -> Floats:
         pieces.append((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end)
     points = np.concatenate(pieces)
     return np.concatenate([points, points[:1]])
-
-
-def _enclosed(loop: Floats, up: Floats) -> float:
-    """Signed area a closed loop encloses seen from above [m^2]."""
-    return 0.5 * float(np.cross(loop[:-1] - loop[0], loop[1:] - loop[0]).sum(axis=0) @ up)

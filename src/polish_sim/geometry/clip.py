@@ -1,5 +1,7 @@
 """Cut a surface where a quantity changes sign, along a clean line instead of whole facets (Surface -> Surface).
 
+`clip` keeps one side, `split` both.
+
 A triangle inside the parameter domain of a quadratic Bezier triangle is one again, so what is left of a
 patch lies exactly on the patch.
 """
@@ -28,7 +30,7 @@ class Clipped(NamedTuple):
     """Facet of the original each facet was cut from, shape (k,)."""
 
 
-class _Cut(NamedTuple):
+class Cut(NamedTuple):
     """Triangles in the parameter domain of their parents."""
 
     parents: Ints
@@ -50,7 +52,7 @@ def clip(surface: Surface, values: Floats, on: float = 0.0) -> Clipped:
     Returns:
         The part where it is positive, and the facets it came from.
     """
-    sign = np.sign(np.where(np.abs(values[:, :3]) <= on, 0.0, values[:, :3])).astype(np.int8)
+    sign = _corner_signs(values, on)
     inside = ~(sign < 0).any(axis=1)
     crossed = (sign > 0).any(axis=1) & ~inside
     whole = np.flatnonzero(inside).astype(np.int32)
@@ -58,13 +60,47 @@ def clip(surface: Surface, values: Floats, on: float = 0.0) -> Clipped:
         return Clipped(surface.restrict(whole), whole)
     cut_at, cut_vertex, count = _edge_cuts(surface, values, sign)
     pieces = _cut_facets(surface, np.flatnonzero(crossed), sign, cut_at, cut_vertex)
-    corner = np.broadcast_to(np.eye(3), (len(whole), 3, 3))
-    cut = _Cut(
-        np.concatenate([whole, pieces.parents]),
-        np.concatenate([corner, pieces.barycentric]),
-        np.concatenate([surface.faces[whole], pieces.faces]),
-    )
-    return Clipped(_build(surface, cut, len(surface.vertices) + count), cut.parents)
+    cut = _concatenate(_untouched(surface, whole), pieces)
+    return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)
+
+
+def split(surface: Surface, values: Floats, on: float = 0.0) -> Clipped:
+    """Cut a surface like `clip`, but keep both sides, still joined.
+
+    Args:
+        surface: The surface.
+        values: The quantity as a quadratic over each patch, shape (m, 6); equal along shared edges.
+        on: Corners where its magnitude is at most this lie on the cut.
+
+    Returns:
+        The same surface, no facet on both sides of the cut, and the facets they came from.
+    """
+    sign = _corner_signs(values, on)
+    crossed = (sign > 0).any(axis=1) & (sign < 0).any(axis=1)
+    if not crossed.any():
+        return Clipped(surface, np.arange(len(surface.faces), dtype=np.int32))
+    cut_at, cut_vertex, count = _edge_cuts(surface, values, sign)
+    facets = np.flatnonzero(crossed)
+    sides = [_cut_facets(surface, facets, side, cut_at, cut_vertex) for side in (sign, -sign)]
+    cut = _concatenate(_untouched(surface, np.flatnonzero(~crossed).astype(np.int32)), *sides)
+    return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)
+
+
+def then(first: Clipped, second: Clipped) -> Clipped:
+    """What is left after a second cut, with the facets of the first one's original."""
+    return Clipped(second.surface, first.parents[second.parents])
+
+
+def _corner_signs(values: Floats, on: float) -> NDArray[np.int8]:
+    return np.sign(np.where(np.abs(values[:, :3]) <= on, 0.0, values[:, :3])).astype(np.int8)
+
+
+def _untouched(surface: Surface, facets: Ints) -> Cut:
+    return Cut(facets, np.broadcast_to(np.eye(3), (len(facets), 3, 3)), surface.faces[facets])
+
+
+def _concatenate(*cuts: Cut) -> Cut:
+    return Cut(*(np.concatenate(arrays) for arrays in zip(*cuts, strict=True)))
 
 
 def _edge_cuts(surface: Surface, values: Floats, sign: NDArray[np.int8]) -> tuple[Floats, Ints, int]:
@@ -93,7 +129,7 @@ def _root(start: Floats, middle: Floats, end: Floats) -> Floats:
 
 def _cut_facets(
     surface: Surface, facets: NDArray[np.int64], sign: NDArray[np.int8], cut_at: Floats, cut_vertex: Ints
-) -> _Cut:
+) -> Cut:
     parents: list[int] = []
     corners: list[list[Floats]] = []
     faces: list[list[int]] = []
@@ -112,7 +148,7 @@ def _cut_facets(
             parents.append(int(facet))
             corners.append([points[i] for i in triangle])
             faces.append([numbers[i] for i in triangle])
-    return _Cut(np.array(parents, np.int32), np.array(corners), np.array(faces, np.int32))
+    return Cut(np.array(parents, np.int32), np.array(corners), np.array(faces, np.int32))
 
 
 def _fan(triangle: Floats, points: list[Floats]) -> list[tuple[int, int, int]]:
@@ -120,13 +156,14 @@ def _fan(triangle: Floats, points: list[Floats]) -> list[tuple[int, int, int]]:
     if len(points) == 3:
         return [(0, 1, 2)]
     places = np.array(points) @ triangle
-    if np.linalg.norm(places[0] - places[2]) <= np.linalg.norm(places[1] - places[3]):
+    # Of two diagonals of one length the first, however rounding has it.
+    if np.linalg.norm(places[0] - places[2]) <= (1.0 + 1e-6) * np.linalg.norm(places[1] - places[3]):
         return [(0, 1, 2), (0, 2, 3)]
     return [(0, 1, 3), (1, 2, 3)]
 
 
-def _build(surface: Surface, cut: _Cut, count: int) -> Surface:
-    """Cut control nets to the pieces' corners and number the vertices anew."""
+def build_cut(surface: Surface, cut: Cut, count: int) -> Surface:
+    """Cut control nets to the pieces' corners and number the vertices, ``count`` at most, anew."""
     control = sub_patches(surface.control[cut.parents], cut.barycentric)
     vertices = np.empty((count, 3))
     vertices[cut.faces] = control[:, :3]
@@ -154,7 +191,7 @@ def sub_patches(control: Floats, barycentric: Floats) -> Floats:
     return np.stack([np.einsum("ki,kj,kijd->kd", barycentric[:, a], barycentric[:, b], net) for a, b in pairs], axis=1)
 
 
-def _inherited_smooth(surface: Surface, cut: _Cut) -> NDArray[np.bool_]:
+def _inherited_smooth(surface: Surface, cut: Cut) -> NDArray[np.bool_]:
     """Edges inside a parent are smooth; edges on a parent's edge are as smooth as that."""
     smooth = np.ones((len(cut.parents), 3), dtype=bool)
     for edge, (a, b) in enumerate(_EDGE_PAIRS):

@@ -2,32 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.errors import InputError, PlanError
-from polish_sim.geometry.bezier import from_corners
+from polish_sim.errors import InputError
 from polish_sim.geometry.boundary import boundary_loops
-from polish_sim.geometry.clip import Clipped, clip
+from polish_sim.geometry.clip import Clipped
+from polish_sim.geometry.features import facet_normals, smooth_edges
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.geometry.orientation import UP_CONE
+from polish_sim.geometry.region_choice import Whole, pick_all, pick_auto, pick_faces, pick_point, pick_top
+from polish_sim.geometry.region_outline import pick_box, pick_polygon
+from polish_sim.geometry.region_patches import connected, facing, join, unpinch
+from polish_sim.geometry.region_trim import trim
+from polish_sim.geometry.region_words import CHOICES
 from polish_sim.geometry.surface import Surface
-from polish_sim.geometry.topology import Adjacency, facet_links, label_pieces
+from polish_sim.geometry.topology import Adjacency
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
+Pick = Callable[[Whole, str], list[Clipped]]
 
-CHOICES = "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, faces:FILE (lengths in mm)"
+PLAIN: Mapping[str, Pick] = {"auto": pick_auto, "top": pick_top, "all": pick_all}
+WITH_ARGUMENT: Mapping[str, Pick] = {
+    "point": pick_point,
+    "box": pick_box,
+    "polygon": pick_polygon,
+    "faces": pick_faces,
+}
 
-_ON_BOX = 1e-7
-"""Vertices this close to a face of the box lie on it [m]."""
-
-_POINT_REACH = 0.1
-"""A chosen point may be off the part by this share of the part's size."""
+SLIVER_SHARE = 1e-3
+"""Patches smaller than this share of the largest one are left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,165 +48,116 @@ class Region:
     facets: Ints
     """Facet of the whole surface each facet of the region belongs to, shape (k,)."""
     boundary_loops: tuple[Floats, ...]
-    """Closed polylines [m], each (p, 3), first point repeated at the end, region on the left; outer first."""
+    """Closed polylines [m], each (p, 3), first point repeated at the end, region on the left; component by
+    component, of each the outer one first."""
     area_m2: float
     up: Floats
-    """Unit vector away from the table, shape (3,)."""
+    """Unit vector from where the region is looked at: away from the table; for a connected region that does not
+    look up, its mean normal. Shape (3,)."""
+    notes: tuple[str, ...] = ()
+    """What was left out or cut, for the user."""
+
+    def components(self) -> tuple[Region, ...]:
+        """Connected components, each with its own border, the largest first; itself if it is connected."""
+        return self._components
+
+    @cached_property
+    def _components(self) -> tuple[Region, ...]:
+        pieces = connected(Clipped(self.surface, self.facets))
+        if len(pieces) == 1:
+            return (self,)
+        return tuple(build_region(piece.surface, piece.parents, self.up) for piece in pieces)
 
 
-def select_region(surface: Surface, mesh: PartMesh, choice: str = "auto") -> Region:
+def select_region(
+    surface: Surface,
+    mesh: PartMesh,
+    choice: str = "auto",
+    feature_angle: float | None = None,
+    edge_margin: float = 0.0,
+) -> Region:
     """Select the region to polish.
 
     Args:
         surface: The whole part's surface.
         mesh: The part it was fitted to.
         choice: ``auto`` the largest smooth face that looks up; ``top`` the largest connected piece that
-            looks up, over creases; ``all``; ``point:X,Y,Z`` the smooth face at a point;
-            ``box:X0,Y0,Z0,X1,Y1,Z1`` the largest smooth face that looks up within a box;
-            ``faces:FILE`` the STL facets whose numbers (from 0) a text file lists. Lengths in mm, work frame.
+            looks up, over creases; ``all`` everything, in patches; ``point:X,Y,Z`` the smooth face at a point;
+            ``box:X0,Y0,Z0,X1,Y1,Z1`` the smooth faces that look up within a box; ``polygon:X,Y,Z;X,Y,Z;...``
+            (or a file with a corner per line) those within a polygon seen from above; ``faces:FILE`` the
+            facets whose numbers (from 0) in the part's file a text file lists. Lengths in mm, work frame.
+        feature_angle: Edges that bend more are creases [rad]; None for the creases of the surface.
+        edge_margin: How far the region keeps from its borders, measured along the surface [m].
 
     Returns:
-        The region, with clean borders.
+        The region, with clean borders; box, polygon, faces, all and a margin may give several components.
 
     Raises:
         InputError: The choice cannot be understood; lists the valid ones.
-        PlanError: Nothing of the part matches.
+        PlanError: Nothing of the part matches, or nothing is left within the margin.
     """
     name, _, argument = choice.partition(":")
-    plain = {"auto": _auto, "top": _top, "all": _all}
-    with_argument: dict[str, Callable[[Surface, PartMesh, str], Clipped]]
-    with_argument = {"point": _around_point, "box": _in_box, "faces": _listed}
-    if name in plain and not argument:
-        clipped = plain[name](surface, mesh)
-    elif name in with_argument and argument:
-        clipped = with_argument[name](surface, mesh, argument)
-    else:
+    pick = (WITH_ARGUMENT if argument else PLAIN).get(name)
+    if pick is None or choice.endswith(":"):
         raise InputError(f"unknown region '{choice}'. Valid: {CHOICES}.")
+    whole = Whole(_with_creases(surface, mesh, feature_angle), mesh.up, mesh.stl_facets)
+    patches, notes = _without_slivers(pick(whole, argument))
+    if edge_margin > 0.0:
+        patches, further = _without_slivers(trim(patches, edge_margin))
+        notes += further
+    kept = join(patches)
+    return build_region(kept.surface, kept.parents, mesh.up, notes)
+
+
+def build_region(surface: Surface, facets: Ints, up: Floats, notes: tuple[str, ...] = ()) -> Region:
+    """Make a region of a surface: part its pinched vertices, trace its border.
+
+    Args:
+        surface: The surface, in one or several pieces.
+        facets: Facet of the whole part each of its facets belongs to, shape (k,).
+        up: Unit vector away from the table, shape (3,).
+        notes: What the user should know.
+
+    Returns:
+        The region.
+    """
+    surface = unpinch(surface)
     return Region(
-        surface=clipped.surface,
-        facets=clipped.parents,
-        boundary_loops=boundary_loops(clipped.surface, mesh.up),
-        area_m2=float(clipped.surface.facet_areas.sum()),
-        up=mesh.up,
+        surface=surface,
+        facets=facets,
+        boundary_loops=boundary_loops(surface),
+        area_m2=float(surface.facet_areas.sum()),
+        up=_seen_from(surface, up),
+        notes=notes,
     )
 
 
-def _all(surface: Surface, mesh: PartMesh) -> Clipped:
-    everything = np.arange(len(surface.faces), dtype=np.int32)
-    return Clipped(surface, everything)
+def _seen_from(surface: Surface, up: Floats) -> Floats:
+    mean = facing(surface)
+    length = float(np.linalg.norm(mean))
+    if length < 0.1 or mean @ up > np.cos(UP_CONE) * length:
+        return up
+    mean = mean / length
+    mean.setflags(write=False)
+    return np.asarray(mean)
 
 
-def _auto(surface: Surface, mesh: PartMesh) -> Clipped:
-    return _largest_piece(_looking(_all(surface, mesh), mesh.up), mesh.up, over_creases=False)
+def _with_creases(surface: Surface, mesh: PartMesh, feature_angle: float | None) -> Surface:
+    """The surface with its creases where the flat facets bend by more than the feature angle."""
+    if feature_angle is None:
+        return surface
+    normals, _ = facet_normals(mesh.vertices, mesh.faces)
+    smooth = smooth_edges(normals, Adjacency(surface.neighbours, surface.neighbour_edges), feature_angle)
+    return surface if np.array_equal(smooth, surface.smooth) else replace(surface, smooth=smooth)
 
 
-def _top(surface: Surface, mesh: PartMesh) -> Clipped:
-    return _largest_piece(_looking(_all(surface, mesh), mesh.up), mesh.up, over_creases=True)
-
-
-def _in_box(surface: Surface, mesh: PartMesh, argument: str) -> Clipped:
-    x0, y0, z0, x1, y1, z1 = _numbers(argument, 6, "box:X0,Y0,Z0,X1,Y1,Z1")
-    low, high = np.minimum([x0, y0, z0], [x1, y1, z1]), np.maximum([x0, y0, z0], [x1, y1, z1])
-    if (low == high).any():
-        raise InputError(f"region 'box:{argument}' has no volume. Give two opposite corners in mm.")
-    kept = _all(surface, mesh)
-    for axis in range(3):
-        for side, limit in ((1.0, low[axis]), (-1.0, high[axis])):
-            values = side * (kept.surface.control[:, :, axis] - limit * 1e-3)
-            kept = _then(kept, clip(kept.surface, values, on=_ON_BOX))
-            if len(kept.parents) == 0:
-                bounds = " .. ".join(_millimetres(corner) for corner in surface.bounds)
-                raise PlanError(f"the region 'box:{argument}' contains nothing of the part ({bounds} mm).")
-    return _largest_piece(_looking(kept, mesh.up), mesh.up, over_creases=False)
-
-
-def _around_point(surface: Surface, mesh: PartMesh, argument: str) -> Clipped:
-    point = np.array(_numbers(argument, 3, "point:X,Y,Z")) * 1e-3
-    found = surface.closest(point[None])
-    distance = float(np.linalg.norm(found.positions[0] - point))
-    if distance > _POINT_REACH * float(np.ptp(surface.bounds, axis=0).max()):
-        raise PlanError(
-            f"the region's point ({argument}) mm is {distance * 1e3:.4g} mm away from the part. "
-            f"The nearest point of the part is ({_millimetres(found.positions[0])}) mm."
-        )
-    normal = found.normals[0]
-    towards = mesh.up if normal @ mesh.up > np.cos(UP_CONE) else normal
-    looking = _looking(_all(surface, mesh), towards)
-    labels = _label(looking.surface, over_creases=False)
-    at = looking.surface.closest(found.positions).facets[0]
-    piece = np.flatnonzero(labels == labels[at]).astype(np.int32)
-    return Clipped(looking.surface.restrict(piece), looking.parents[piece])
-
-
-def _listed(surface: Surface, mesh: PartMesh, argument: str) -> Clipped:
-    numbers = _read_facet_numbers(Path(argument))
-    place = np.full(mesh.stl_facets.max() + 1, -1, dtype=np.int32)
-    place[mesh.stl_facets] = np.arange(len(mesh.stl_facets), dtype=np.int32)
-    known = (numbers >= 0) & (numbers < len(place))
-    if not known.all():
-        raise InputError(
-            f"{argument}: facet {numbers[~known][0]} does not exist; facets of the part run from 0 to {len(place) - 1}."
-        )
-    facets = np.unique(place[numbers])
-    facets = facets[facets >= 0]
-    return Clipped(surface.restrict(facets), facets)
-
-
-def _looking(kept: Clipped, direction: Floats) -> Clipped:
-    """Keep what looks this way, cut along the line where the normal leaves the cone."""
-    corner_normals = kept.surface.normal_control[:, :3]
-    values = from_corners((corner_normals @ direction - np.cos(UP_CONE))[..., None])[..., 0]
-    looking = _then(kept, clip(kept.surface, values, on=1e-6))
-    if len(looking.parents) == 0:
-        raise PlanError(
-            f"nothing of the region looks up (within {np.degrees(UP_CONE):g} deg). "
-            "Set --up to the side to polish, or choose a --region: " + CHOICES + "."
-        )
-    return looking
-
-
-def _largest_piece(kept: Clipped, up: Floats, over_creases: bool) -> Clipped:
-    labels = _label(kept.surface, over_creases)
-    middle = np.full((len(labels), 3), 1.0 / 3.0)
-    height = kept.surface.evaluate(np.arange(len(labels), dtype=np.int32), middle).normals @ up
-    area = np.bincount(labels, weights=kept.surface.facet_areas * np.maximum(height, 0.0))
-    piece = np.flatnonzero(labels == area.argmax()).astype(np.int32)
-    return Clipped(kept.surface.restrict(piece), kept.parents[piece])
-
-
-def _label(surface: Surface, over_creases: bool) -> Ints:
-    adjacency = Adjacency(surface.neighbours, surface.neighbour_edges)
-    passable = np.ones_like(surface.smooth) if over_creases else surface.smooth
-    return label_pieces(facet_links(adjacency, passable), len(surface.faces))[1]
-
-
-def _then(first: Clipped, second: Clipped) -> Clipped:
-    return Clipped(second.surface, first.parents[second.parents])
-
-
-def _numbers(argument: str, count: int, form: str) -> list[float]:
-    try:
-        numbers = [float(word) for word in argument.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        raise InputError(f"region '{argument}' is not {form} ({count} numbers in mm). Valid: {CHOICES}.")
-    return numbers
-
-
-def _read_facet_numbers(path: Path) -> NDArray[np.int64]:
-    try:
-        lines = path.read_text().splitlines()
-        words = [word for line in lines for word in line.partition("#")[0].replace(",", " ").split()]
-        numbers = np.array([int(word) for word in words], dtype=np.int64)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}). Give a text file of facet numbers.") from None
-    except ValueError:
-        raise InputError(f"{path}: not a list of facet numbers (whole numbers from 0, '#' for comments).") from None
-    if len(numbers) == 0:
-        raise InputError(f"{path}: lists no facet numbers (whole numbers from 0, '#' for comments).")
-    return numbers
-
-
-def _millimetres(point: Floats) -> str:
-    return ", ".join(f"{value * 1e3:.4g}" for value in point)
+def _without_slivers(patches: list[Clipped]) -> tuple[list[Clipped], tuple[str, ...]]:
+    """Leave out patches that are tiny beside the whole, and say so."""
+    areas = np.array([patch.surface.facet_areas.sum() for patch in patches])
+    large = areas >= SLIVER_SHARE * areas.max()
+    if large.all():
+        return patches, ()
+    count, lost = int(np.count_nonzero(~large)), float(areas[~large].sum())
+    what = "1 patch" if count == 1 else f"{count} patches"
+    note = f"left out {what} of the region, below {SLIVER_SHARE:.1%} of the largest: {lost * 1e6:.3g} mm^2 in all"
+    return [patch for patch, keep in zip(patches, large, strict=True) if keep], (note,)

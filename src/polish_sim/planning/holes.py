@@ -53,7 +53,7 @@ def bridge_holes(region: Region, widest: float) -> Bridged:
         return Bridged(region, len(surface.faces), 0)
     for rim in rims:
         surface = _close(surface, rim)
-    loops = boundary_loops(surface, region.up)
+    loops = boundary_loops(surface)
     return Bridged(replace(region, surface=surface, boundary_loops=loops), len(region.surface.faces), len(rims))
 
 

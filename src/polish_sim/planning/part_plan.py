@@ -105,7 +105,7 @@ def plan_mesh(
     planned = time.perf_counter() - begin
     observer.stage("measure the path")
     figures = measure_plan(mesh, surface, ground, path, plan, process, pad) | {"plan_time_s": planned}
-    notes = (*mesh.notes, *pad_notes(ground, locate(ground, path), pad))
+    notes = (*mesh.notes, *region.notes, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
 
 
@@ -145,7 +145,7 @@ def measure_given_path(
             f"the path lies up to {1e3 * off:.2f} mm off the region of this part, more than {1e3 * OFF_PART_M:g} mm. "
             "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
         )
-    notes = (*mesh.notes, *pad_notes(ground, locate(ground, path), pad))
+    notes = (*mesh.notes, *region.notes, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
 
 
@@ -178,5 +178,5 @@ def _load(part: PartConfig, observer: PlanObserver) -> PartMesh:
 
 
 def _choose(mesh: PartMesh, plan: PlanConfig) -> tuple[Surface, Region]:
-    surface = fit_surface(mesh)
-    return surface, select_region(surface, mesh, plan.region)
+    surface = fit_surface(mesh, plan.feature_angle_rad)
+    return surface, select_region(surface, mesh, plan.region, plan.feature_angle_rad, plan.edge_margin_m)

@@ -1,0 +1,177 @@
+"""Patches a tool path can cover: connected, and all of it seen from one side (cut surface -> patches)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.geometry.boundary import connected_facets
+from polish_sim.geometry.clip import Clipped, clip, then
+from polish_sim.geometry.surface import Surface, build_surface
+from polish_sim.geometry.topology import Adjacency, label_pieces
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Bools = NDArray[np.bool_]
+
+OPEN_ANGLE = np.radians(80.0)
+"""A patch lies open when its normals are within this angle of their mean [rad]."""
+
+_OPEN_SHARE = 0.995
+"""This share of its area is enough."""
+
+SHARP_ANGLE = np.radians(60.0)
+"""The tool does not go over creases that bend more, unless asked to [rad]."""
+
+
+def facing(surface: Surface) -> Floats:
+    """Mean normal times the share of the area it stands for, shape (3,): length 1 for a plane, 0 for a ball."""
+    areas = surface.facet_areas
+    return np.asarray(areas @ middle_normals(surface) / max(float(areas.sum()), 1e-300))
+
+
+def middle_normals(surface: Surface) -> Floats:
+    """Unit normals in the middle of the patches, shape (m, 3)."""
+    count = len(surface.faces)
+    return surface.evaluate(np.arange(count, dtype=np.int32), np.full((count, 3), 1.0 / 3.0)).normals
+
+
+def lies_open(surface: Surface) -> bool:
+    """Whether all of a surface is seen from one side."""
+    mean = facing(surface)
+    length = float(np.linalg.norm(mean))
+    if length < 1e-6:
+        return False
+    seen = middle_normals(surface) @ (mean / length) > np.cos(OPEN_ANGLE)
+    areas = surface.facet_areas
+    return float(areas[seen].sum()) >= _OPEN_SHARE * float(areas.sum())
+
+
+def connected(kept: Clipped, passable: Bools | None = None) -> list[Clipped]:
+    """Take a surface apart into connected pieces, the largest first; ``passable`` (m, 3) tells which edges join."""
+    piece = connected_facets(kept.surface, passable)
+    order = np.argsort(piece, kind="stable").astype(np.int32)
+    ends = np.cumsum(np.bincount(piece))
+    if len(ends) == 1:
+        return [kept]
+    return [restricted(kept, facets) for facets in np.split(order, ends[:-1])]
+
+
+def restricted(kept: Clipped, facets: Ints) -> Clipped:
+    """Some facets of what was kept."""
+    return Clipped(kept.surface.restrict(facets), kept.parents[facets])
+
+
+def coverable(kept: Clipped, up: Floats) -> list[Clipped]:
+    """Take a surface apart into patches that lie open.
+
+    Pieces that are joined over gentle creases stay whole if they lie open; otherwise they are taken apart at
+    every crease, and what still goes round is cut along lines where it looks as much to one side as to the next.
+
+    Args:
+        kept: The surface.
+        up: One of the six directions the last step sorts by, shape (3,).
+
+    Returns:
+        The patches.
+    """
+    patches: list[Clipped] = []
+    for piece in connected(kept, _gentle_edges(kept.surface)):
+        if lies_open(piece.surface):
+            patches.append(piece)
+            continue
+        for smooth in connected(piece, piece.surface.smooth):
+            patches += [smooth] if lies_open(smooth.surface) else _charts(smooth, up)
+    return patches
+
+
+def join(patches: Sequence[Clipped]) -> Clipped:
+    """Put patches into one surface, unconnected."""
+    if len(patches) == 1:
+        return patches[0]
+    surfaces = [patch.surface for patch in patches]
+    vertex = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
+    facet = np.cumsum([0, *(len(surface.faces) for surface in surfaces)])
+    neighbours = [np.where(s.neighbours >= 0, s.neighbours + n, -1) for s, n in zip(surfaces, facet[:-1], strict=True)]
+    joined = build_surface(
+        vertices=np.concatenate([surface.vertices for surface in surfaces]),
+        faces=np.concatenate([s.faces + n for s, n in zip(surfaces, vertex[:-1], strict=True)]).astype(np.int32),
+        control=np.concatenate([surface.control for surface in surfaces]),
+        normal_control=np.concatenate([surface.normal_control for surface in surfaces]),
+        shape=np.concatenate([surface.shape for surface in surfaces]),
+        adjacency=Adjacency(
+            np.concatenate(neighbours).astype(np.int32), np.concatenate([s.neighbour_edges for s in surfaces])
+        ),
+        smooth=np.concatenate([surface.smooth for surface in surfaces]),
+    )
+    return Clipped(joined, np.concatenate([patch.parents for patch in patches]))
+
+
+def unpinch(surface: Surface) -> Surface:
+    """Give each fan of facets around a vertex its own vertex, so that the border nowhere meets itself."""
+    facet, edge = np.nonzero(surface.neighbours >= 0)
+    other, other_edge = surface.neighbours[facet, edge], surface.neighbour_edges[facet, edge]
+    starts = np.column_stack([3 * facet + edge, 3 * other + (other_edge + 1) % 3])
+    ends = np.column_stack([3 * facet + (edge + 1) % 3, 3 * other + other_edge])
+    links = np.concatenate([starts, ends]).astype(np.int64)
+    count, labels = label_pieces(links, surface.faces.size)
+    if count == len(surface.vertices):
+        return surface
+    # Vertices keep their order; those of further fans follow their first one.
+    _, first = np.unique(labels, return_index=True)
+    rank = np.empty(count, dtype=np.int32)
+    rank[np.argsort(surface.faces.ravel()[first], kind="stable")] = np.arange(count)
+    faces = rank[labels].reshape(-1, 3)
+    vertices = np.empty((count, 3))
+    vertices[faces] = surface.vertices[surface.faces]
+    vertices.setflags(write=False)
+    faces.setflags(write=False)
+    return replace(surface, vertices=vertices, faces=faces)
+
+
+def _gentle_edges(surface: Surface) -> Bools:
+    """Edges that are smooth or bend less than the sharp angle in their middle, shape (m, 3)."""
+    count = len(surface.faces)
+    facets = np.arange(count, dtype=np.int32)
+    halves = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
+    normals = np.stack([surface.evaluate(facets, np.tile(half, (count, 1))).normals for half in halves], axis=1)
+    beyond = normals[surface.neighbours, surface.neighbour_edges]
+    bend = (normals * beyond).sum(axis=2)
+    return (surface.neighbours >= 0) & (surface.smooth | (bend > np.cos(SHARP_ANGLE)))
+
+
+def _charts(kept: Clipped, up: Floats) -> list[Clipped]:
+    """Cut a smooth surface where it looks as much along one of six directions as along another."""
+    axes = _six_directions(kept.surface, up)
+    patches: list[Clipped] = []
+    for axis in axes:
+        chart = kept
+        for other in axes:
+            if abs(float(axis @ other)) < 0.5 and len(chart.parents):
+                chart = then(chart, clip(chart.surface, chart.surface.normal_control @ (axis - other), on=1e-9))
+        if len(chart.parents):
+            # What is left looks along the axis or against it.
+            ahead = np.flatnonzero(middle_normals(chart.surface) @ axis > 0.0).astype(np.int32)
+            patches += connected(restricted(chart, ahead)) if len(ahead) else []
+    return patches
+
+
+def _six_directions(surface: Surface, up: Floats) -> Floats:
+    """Up, down and the four sides most of the surface looks to, turning with the part, shape (6, 3)."""
+    normals, areas = middle_normals(surface), surface.facet_areas
+    level = normals - (normals @ up)[:, None] * up
+    length = np.linalg.norm(level, axis=1)
+    first = int((length > 0.5).argmax())
+    right = level[first] / max(float(length[first]), 1e-300)
+    back = np.cross(up, right)
+    # Four sides look alike under a quarter turn: the mean of the fourfold angle says where they are.
+    weights = areas * length
+    turn = np.arctan2(level @ back, level @ right)
+    four = np.sum(weights * np.exp(4j * turn))
+    angle = float(np.angle(four)) / 4.0 if abs(four) > 1e-3 * float(weights.sum()) else 0.0
+    one = np.cos(angle) * right + np.sin(angle) * back
+    two = np.cross(up, one)
+    return np.array([up, -up, one, -one, two, -two])

@@ -1,0 +1,111 @@
+"""Keeping away from edges: a region cut back from its border by a distance along the surface (patches -> patches)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import PlanError
+from polish_sim.geometry.border_distance import BorderDistance, border_distance
+from polish_sim.geometry.clip import Clipped, Cut, build_cut, clip, then
+from polish_sim.geometry.region_patches import connected
+from polish_sim.geometry.subdivide import Edges, find_edges, halve_edges, spread_to_longest
+from polish_sim.geometry.surface import Surface
+
+Floats = NDArray[np.float64]
+
+_FACETS_PER_MARGIN = 20.0
+"""Facets that the new border crosses are cut down to this share of the margin."""
+
+_FACETS_ALONG = 4000.0
+"""They are no smaller than this share of the border's length, however small the margin."""
+
+_ON_LINE = 1e-4
+"""Corners this close to the new border lie on it, relative to the margin."""
+
+_ROUNDS = 40
+
+
+def trim(patches: Sequence[Clipped], margin: float) -> list[Clipped]:
+    """Cut every patch back from its border.
+
+    Args:
+        patches: Connected patches.
+        margin: Distance kept from the border, along the surface [m].
+
+    Returns:
+        What is left, connected piece by piece.
+
+    Raises:
+        PlanError: Nothing is left.
+    """
+    left: list[Clipped] = []
+    widest = 0.0
+    for patch in patches:
+        if not patch.surface.is_open:
+            left.append(patch)
+            continue
+        distance = border_distance(patch.surface, margin)
+        fine = then(patch, _refined(patch.surface, distance, margin))
+        values = _distance_values(fine.surface, distance)
+        widest = max(widest, float(values[:, :3].max()))
+        inner = then(fine, clip(fine.surface, values - margin, on=_ON_LINE * margin))
+        left += connected(inner) if len(inner.parents) else []
+    if not left:
+        raise PlanError(
+            f"nothing of the region is left {margin * 1e3:.4g} mm inside its border: it is only about "
+            f"{2e3 * widest:.3g} mm wide. Set a smaller --edge-margin or choose another --region."
+        )
+    return left
+
+
+def _refined(surface: Surface, distance: BorderDistance, margin: float) -> Clipped:
+    """The same surface with small facets where the new border runs."""
+    longest = max(margin / _FACETS_PER_MARGIN, distance.length / _FACETS_ALONG)
+    count = len(surface.faces)
+    cut = Cut(
+        np.arange(count, dtype=np.int32), np.broadcast_to(np.eye(3), (count, 3, 3)), surface.faces.astype(np.int32)
+    )
+    places, values = surface.vertices, distance.at(surface.vertices, surface)
+    for _ in range(_ROUNDS):
+        edges = find_edges(cut.faces)
+        lengths = np.linalg.norm(places[edges.ends[:, 0]] - places[edges.ends[:, 1]], axis=1)
+        marked = spread_to_longest(edges, lengths, _crossed(cut, values - margin, edges, lengths, longest))
+        if not marked.any():
+            break
+        cut, middles, places = _halved(surface, cut, places, edges, marked)
+        values = np.concatenate([values, distance.at(middles, surface)])
+    return Clipped(build_cut(surface, cut, len(places)), cut.parents)
+
+
+def _halved(
+    surface: Surface, cut: Cut, places: Floats, edges: Edges, marked: NDArray[np.bool_]
+) -> tuple[Cut, Floats, Floats]:
+    """Triangles after halving edges, the new vertices and all vertices."""
+    finer, found = halve_edges(cut, places, edges, marked)
+    facet, edge = found[:, 0], found[:, 1]
+    barycentric = 0.5 * (cut.barycentric[facet, edge] + cut.barycentric[facet, (edge + 1) % 3])
+    middles = surface.evaluate(cut.parents[facet], barycentric).positions
+    return finer, middles, np.concatenate([places, middles])
+
+
+def _crossed(cut: Cut, values: Floats, edges: Edges, lengths: Floats, longest: float) -> NDArray[np.bool_]:
+    """Edges too long of facets the level line may cross: no value changes faster than the distance, shape (e,)."""
+    size = lengths[edges.of_facet].max(axis=1)
+    near = (np.abs(values[cut.faces]).max(axis=1) <= size) & (size > longest)
+    marked = np.zeros(len(lengths), dtype=bool)
+    marked[edges.of_facet[near]] = True
+    return marked & (lengths > longest)
+
+
+def _distance_values(surface: Surface, distance: BorderDistance) -> Floats:
+    """Distances as a quadratic over each facet, right at corners and in the middle of edges [m], shape (m, 6)."""
+    edges = find_edges(surface.faces)
+    corner = distance.at(surface.vertices, surface)
+    _, first = np.unique(edges.of_facet.ravel(), return_index=True)
+    halves = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
+    middles = surface.evaluate((first // 3).astype(np.int32), halves[first % 3]).positions
+    control = 2.0 * distance.at(middles, surface) - 0.5 * corner[edges.ends].sum(axis=1)
+    return np.concatenate([corner[surface.faces], control[edges.of_facet]], axis=1)
