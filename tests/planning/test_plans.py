@@ -11,7 +11,7 @@ from polish_sim.errors import InputError, PlanError
 from polish_sim.models import workpiece_names, workpiece_path
 from polish_sim.planning import plan_part, plan_path
 from polish_sim.planning.feasibility import pad_notes
-from polish_sim.planning.figures import locate
+from polish_sim.planning.located import locate
 from polish_sim.planning.planner import path_on, prepare_ground
 from polish_sim.planning.toolpath import PROCESS
 from tests.planning.shapes import plan_of, prism, region_of, shipped_plan
@@ -140,7 +140,12 @@ def test_a_raster_on_a_plate_has_parallel_lines_one_step_over_apart():
 
 
 BAD = {
-    "an unknown pattern": (PartConfig("plate"), PlanConfig(pattern="star"), InputError, "unknown pattern .star.. Known: "),
+    "an unknown pattern": (
+        PartConfig("plate"),
+        PlanConfig(pattern="star"),
+        InputError,
+        "unknown pattern .star.. Known: ",
+    ),
     "an unknown lead-in": (PartConfig("plate"), PlanConfig(lead_in="jump"), InputError, "arc, normal, tangent"),
     "no step-over": (PartConfig("plate"), PlanConfig(stepover_m=0.0), PlanError, "positive"),
     "a step-over beyond the pad": (PartConfig("plate"), PlanConfig(stepover_m=0.06), PlanError, "stripes"),

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from polish_sim.config import PadConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region
-from polish_sim.planning.figures import PathOnSurface
+from polish_sim.planning.located import PathOnSurface
 from polish_sim.planning.offset_curve import nearest_of
 from polish_sim.planning.planner import Ground
 from polish_sim.planning.turns import border_curves

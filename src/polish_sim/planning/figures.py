@@ -1,40 +1,45 @@
-"""The figures of a plan, as the contract names them (path on a region -> metrics)."""
+"""The figures of a path on a region, as the contract names them (path on a region -> metrics and maps)."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Surface
-from polish_sim.planning.coverage import pad_covered, share_of_area, strictly_covered
-from polish_sim.planning.curve import Curve
+from polish_sim.planning.coverage import share_of_area, strictly_covered
+from polish_sim.planning.crossings import find_crossings
+from polish_sim.planning.exposure_map import ExposureMap, expose
+from polish_sim.planning.located import PathOnSurface, locate
 from polish_sim.planning.planner import Ground
-from polish_sim.planning.quality import count_self_crossings, measure_stepover
+from polish_sim.planning.reach_of_pad import PadReach, measure_pad_reach
+from polish_sim.planning.sharpness import CORNER_M, AxisRate, measure_axis_rate, sharpest_corner
+from polish_sim.planning.spacing import Stepover, measure_stepover
 from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]
-
-PAD_STEPS = 0.1
-"""The pad is set down at this spacing in pad radii to see what it covers."""
+Mask = NDArray[np.bool_]
 
 
-class PathOnSurface(NamedTuple):
-    """Points in contact beside the surface they belong to."""
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """Everything measured of a path on a region."""
 
-    positions: Array
-    """Tool points [m], shape (n, 3)."""
-    axes: Array
-    normals: Array
-    """Surface normals at the closest points, shape (n, 3)."""
-    curvatures: Array
-    """Principal curvatures there [1/m], shape (n, 2)."""
-    distances: Array
-    """Distance to the part's surface [m], 0 over closed holes, shape (n,)."""
-    runs: tuple[Curve, ...]
-    """The stretches between lifts, with surface normals."""
+    figures: dict[str, Any]
+    """The keys of metrics.json."""
+    exposure: ExposureMap
+    """Time under the pad."""
+    strict: Mask
+    """Vertices of the region within 0.55 step-overs of the path, shape (v,)."""
+    reach: PadReach
+    """Where the pad cannot touch."""
+    spacing: Stepover
+    axis_rate: AxisRate
+    crossings: Array
+    """Places where the path crosses itself [m], shape (k, 3)."""
 
 
 def measure_plan(
@@ -45,7 +50,7 @@ def measure_plan(
     plan: PlanConfig,
     process: ProcessConfig,
     pad: PadConfig,
-) -> dict[str, float | int]:
+) -> dict[str, Any]:
     """Measure how well a path covers its region.
 
     Args:
@@ -61,83 +66,114 @@ def measure_plan(
         Figures by their names in the contract; lengths in m. path_length_m is the length in contact;
         fit_rms_m is how far the smooth surface stands off the middles of the STL's facets, rms.
     """
-    on = locate(ground, path)
-    runs = on.runs
-    stepover = measure_stepover(runs, plan.stepover_m)
-    length = sum(run.length for run in runs)
-    covered = cover(ground, on, plan.stepover_m, pad, process.contact_force_n)
+    part = {"facets": len(mesh.faces), "fit_rms_m": fit_rms(mesh, surface)}
+    return part | measure_quality(ground, path, plan.stepover_m, process, pad).figures
+
+
+def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: ProcessConfig, pad: PadConfig) -> Quality:
+    """Measure a path on a region.
+
+    Args:
+        ground: The region.
+        path: The path.
+        stepover: Planned or expected [m].
+        process: Force and feed where the path has none of its own.
+        pad: The pad.
+
+    Returns:
+        Figures and maps.
+    """
+    on = locate(ground, path, process)
+    quality = Quality(
+        figures={},
+        exposure=expose(ground, on, pad),
+        strict=strictly_covered(ground.mesh, on.runs, stepover),
+        reach=measure_pad_reach(ground.region.surface, ground.part_facets, pad.radius_m),
+        spacing=measure_stepover(on.runs, stepover),
+        axis_rate=measure_axis_rate(on),
+        crossings=find_crossings(on.runs).places,
+    )
+    areas = ground.mesh.part_areas(ground.part_facets)
+    quality.figures.update(
+        path_figures(on, path, process)
+        | _spacing_figures(quality.spacing, pad)
+        | _coverage_figures(quality, areas)
+        | _sharpness_figures(on, quality)
+        | {
+            "length_ratio": sum(run.length for run in on.runs) * stepover / ground.region.area_m2,
+            "area_m2": ground.region.area_m2,
+            "bridged_holes": ground.holes,
+        }
+    )
+    return quality
+
+
+def path_figures(on: PathOnSurface, path: ToolPath, process: ProcessConfig) -> dict[str, Any]:
+    """Length, time and lifts of a path."""
+    length = sum(run.length for run in on.runs)
     return {
-        "facets": len(mesh.faces),
-        "fit_rms_m": fit_rms(mesh, surface),
         "path_length_m": length,
-        "cycle_time_s": length / process.feed_m_s + (path.length_m - length) / process.approach_speed_m_s,
-        "stepover_mean_m": stepover.mean_m,
-        "stepover_p5_m": stepover.p5_m,
-        "stepover_p95_m": stepover.p95_m,
-        "stepover_excluded": stepover.excluded,
-        "coverage": covered.pad,
-        "coverage_stepover": covered.strict,
-        "self_crossings": count_self_crossings(runs),
-        "retracts": len(runs),
+        "cycle_time_s": cycle_time(path, process),
+        "retracts": len(on.runs),
+        "lifts": len(on.runs) - 1,
         "max_distance_to_surface_m": float(on.distances.max()),
-        "area_m2": ground.region.area_m2,
-        "bridged_holes": ground.holes,
     }
 
 
-class Coverage(NamedTuple):
-    """Shares of the region's area, holes left out."""
-
-    pad: float
-    strict: float
-
-
-def cover(ground: Ground, on: PathOnSurface, stepover: float, pad: PadConfig, force: float) -> Coverage:
-    """Measure what the pad reaches at a force, and what lies within 0.55 step-overs of the path."""
-    areas = ground.mesh.part_areas(ground.part_facets)
-    dense = [run.at(np.linspace(0.0, run.length, int(run.length / (0.05 * stepover)) + 2)) for run in on.runs]
-    points, normals = (np.concatenate([pair[k] for pair in dense]) for k in (0, 1))
-    strict = strictly_covered(ground.mesh, points, normals, stepover)
-    every = _every(on, PAD_STEPS * pad.radius_m)
-    some, weights = _thinned(ground.mesh.vertices, areas, PAD_STEPS * pad.radius_m)
-    points, normals = ground.mesh.vertices[some], ground.mesh.normals[some]
-    pressed = pad_covered(points, normals, on.positions[every], on.axes[every], on.curvatures[every], pad, force)
-    return Coverage(share_of_area(weights, pressed), share_of_area(areas, strict))
+def cycle_time(path: ToolPath, process: ProcessConfig) -> float:
+    """Time the path takes: in contact at its own feed or the process', elsewhere at the approach speed [s]."""
+    chords = np.linalg.norm(np.diff(path.positions_work, axis=0), axis=1)
+    pressing = path.process[1:] & path.process[:-1]
+    feed = np.full(len(path.s), process.feed_m_s) if path.feed is None else path.feed
+    slowness = np.where(pressing, 0.5 * (1.0 / feed[1:] + 1.0 / feed[:-1]), 1.0 / process.approach_speed_m_s)
+    return float((chords * slowness).sum())
 
 
-def _thinned(points: Array, areas: Array, cell: float) -> tuple[NDArray[np.int64], Array]:
-    """One point of each cell of a grid [m], and the area of all points in the cell."""
-    keys = np.floor(points / cell).astype(np.int64)
-    keys -= keys.min(axis=0)
-    size = keys.max(axis=0) + 1
-    flat = (keys[:, 0] * size[1] + keys[:, 1]) * size[2] + keys[:, 2]
-    _, first, which = np.unique(flat, return_index=True, return_inverse=True)
-    return np.asarray(first, dtype=np.int64), np.asarray(np.bincount(which, weights=areas), dtype=np.float64)
+def _spacing_figures(spacing: Stepover, pad: PadConfig) -> dict[str, Any]:
+    return {
+        "stepover_min_m": spacing.min_m,
+        "stepover_p5_m": spacing.p5_m,
+        "stepover_mean_m": spacing.mean_m,
+        "stepover_p95_m": spacing.p95_m,
+        "stepover_max_m": spacing.max_m,
+        "stepover_excluded": spacing.excluded,
+        "overlap": 1.0 - spacing.mean_m / (2.0 * pad.radius_m),
+    }
 
 
-def _every(on: PathOnSurface, spacing: float) -> NDArray[np.int64]:
-    """Points about a spacing apart along the path."""
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(on.positions, axis=0), axis=1))])
-    return np.unique(np.searchsorted(s, np.arange(0.0, s[-1], spacing)))
+def _coverage_figures(quality: Quality, areas: Array) -> dict[str, Any]:
+    exposure = quality.exposure
+    return {
+        "coverage": exposure.coverage,
+        "coverage_stepover": share_of_area(areas, quality.strict),
+        "exposure_mean_s": exposure.mean_s,
+        "exposure_median_s": exposure.median_s,
+        "exposure_max_s": float(exposure.times.max()),
+        "exposure_cv": exposure.variation,
+        "over_polished_area_m2": exposure.over_area_m2,
+        "under_polished_area_m2": exposure.under_area_m2,
+        "unreachable_area_m2": quality.reach.area_m2,
+        "unreachable_places": len(quality.reach.places),
+    }
 
 
-def locate(ground: Ground, path: ToolPath) -> PathOnSurface:
-    """Find the surface under the points in contact."""
-    surface = ground.region.surface
-    index = np.flatnonzero(path.process)
-    foot = surface.closest(path.positions_work[index])
-    bend = surface.curvature(foot.facets, foot.barycentric)
-    distance = np.linalg.norm(foot.positions - path.positions_work[index], axis=1)
-    stretches = np.split(np.arange(len(index)), np.flatnonzero(np.diff(index) > 1) + 1)
-    positions = path.positions_work[index]
-    return PathOnSurface(
-        positions=positions,
-        axes=path.axes_work[index],
-        normals=foot.normals,
-        curvatures=np.stack([bend.k1, bend.k2], axis=1),
-        distances=np.where(foot.facets < ground.part_facets, distance, 0.0),
-        runs=tuple(Curve(positions[rows], foot.normals[rows], False) for rows in stretches if len(rows) > 1),
-    )
+def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
+    corner, rate = sharpest_corner(on.runs), quality.axis_rate.peak
+    lean = np.arctan2(np.linalg.norm(np.cross(on.axes, on.normals), axis=1), (on.axes * on.normals).sum(axis=1))
+    return {
+        "self_crossings": len(quality.crossings),
+        "sharpest_corner_rad": corner.value,
+        "sharpest_corner_at_m": corner.position.tolist(),
+        "corner_scale_m": CORNER_M,
+        "max_axis_rate_rad_m": rate.value,
+        "max_axis_rate_at_m": rate.position.tolist(),
+        "max_axis_lean_rad": float(lean.max()),
+    }
+
+
+def pad_coverage(ground: Ground, path: ToolPath, process: ProcessConfig, pad: PadConfig) -> float:
+    """Share of the region's area that comes under the pad's compressed area somewhere along a path."""
+    return expose(ground, locate(ground, path, process), pad).coverage
 
 
 def fit_rms(mesh: PartMesh, surface: Surface) -> float:

@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from polish_sim.planning.coverage import STRICT
+from polish_sim.planning.crossings import count_self_crossings
 from polish_sim.planning.curve import Curve, unit
-from polish_sim.planning.quality import count_self_crossings
 from polish_sim.planning.run import Run, dense, join
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.planning.triangulation import Triangulation

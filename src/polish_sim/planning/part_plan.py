@@ -15,8 +15,10 @@ from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import workpiece_names, workpiece_path
 from polish_sim.planning.feasibility import check_request, pad_notes
-from polish_sim.planning.figures import cover, locate, measure_plan
-from polish_sim.planning.planner import path_on, prepare_ground
+from polish_sim.planning.figures import measure_plan, pad_coverage
+from polish_sim.planning.ground import prepare_ground
+from polish_sim.planning.located import locate
+from polish_sim.planning.planner import plan_on
 from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]
@@ -101,11 +103,13 @@ def plan_mesh(
     check_request(region, plan, pad)
     observer.stage("plan the path")
     ground = prepare_ground(region, plan)
-    path = path_on(ground, plan, lambda share: observer.progress(share, 1.0))
-    planned = time.perf_counter() - begin
+    planned = plan_on(ground, plan, lambda share: observer.progress(share, 1.0), surface, pad.radius_m)
+    path = planned.path
+    planned_s = time.perf_counter() - begin
     observer.stage("measure the path")
-    figures = measure_plan(mesh, surface, ground, path, plan, process, pad) | {"plan_time_s": planned}
-    notes = (*mesh.notes, *region.notes, *pad_notes(ground, locate(ground, path), pad))
+    measured = measure_plan(mesh, surface, ground, path, plan, process, pad)
+    figures = {**measured, **planned.figures, "plan_time_s": planned_s}
+    notes = (*mesh.notes, *region.notes, *planned.notes, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
 
 
@@ -167,7 +171,7 @@ def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadC
     if np.count_nonzero(done & plan.path.process) < 2:
         return 0.0
     ground = prepare_ground(plan.region, plan.plan)
-    return cover(ground, locate(ground, plan.path.rows(done)), plan.plan.stepover_m, pad, process.contact_force_n).pad
+    return pad_coverage(ground, plan.path.rows(done), process, pad)
 
 
 def _load(part: PartConfig, observer: PlanObserver) -> PartMesh:
