@@ -8,7 +8,7 @@ import pytest
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning import SEGMENTS, pressed
-from polish_sim.planning.approach import LEADS, process_move, travel, with_leads
+from polish_sim.planning.approach import LEADS, process_move, with_leads
 from polish_sim.planning.planner import plan_path
 from polish_sim.planning.tool_axes import lean, soften_creases
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT, ToolPath
@@ -79,18 +79,6 @@ def test_the_arc_lands_along_the_path():
     lead_in = with_leads(straight(), LEADS["arc"], CLEARANCE)[1].positions
     landing = straight().positions[0] - lead_in[-1]
     assert np.degrees(np.arctan2(-landing[2], landing[0])) < 4.0
-
-
-def test_between_runs_the_tool_travels_above_everything():
-    first, second = (
-        with_leads(straight(), LEADS["normal"], CLEARANCE),
-        with_leads(straight(), LEADS["normal"], CLEARANCE),
-    )
-    away = second[0]._replace(positions=second[0].positions + [0.3, 0.0, 0.0])
-    way = travel(first[-1], away, UP, 0.08)
-    crossing = (way.positions[:, 0] > 0.06) & (way.positions[:, 0] < 0.29)
-    assert way.positions[crossing, 2].min() >= 0.08 - 1e-12
-    assert np.linalg.norm(np.diff(way.positions, axis=0), axis=1).max() < 1.1e-3
 
 
 def test_lead_and_tilt_lean_the_tool_forward_and_to_the_left():

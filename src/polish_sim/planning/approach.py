@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -37,79 +36,69 @@ class Move(NamedTuple):
 
 def normal_lead(height: float) -> Array:
     """Straight down along the tool axis: the tool never touches the part sideways."""
-    down = _even(height, 0.0, height)
+    down = evenly(height, 0.0, height)
     return np.stack([np.zeros_like(down), down], axis=1)
 
 
 def tangent_lead(height: float) -> Array:
     """A shallow ramp along the path."""
-    down = _even(height, 0.0, height / np.sin(RAMP))
+    down = evenly(height, 0.0, height / np.sin(RAMP))
     return np.stack([down / np.tan(RAMP), down], axis=1)
 
 
 def arc_lead(height: float) -> Array:
     """A quarter circle that ends along the path."""
-    angle = _even(0.5 * np.pi, 0.0, 0.5 * np.pi * height)
+    angle = evenly(0.5 * np.pi, 0.0, 0.5 * np.pi * height)
     return height * np.stack([np.sin(angle), 1.0 - np.cos(angle)], axis=1)
 
 
 LEADS: Final[Mapping[str, LeadShape]] = {"normal": normal_lead, "tangent": tangent_lead, "arc": arc_lead}
 
 
-def with_leads(process: Move, shape: LeadShape, clearance: float) -> list[Move]:
+def with_leads(process: Move, shape: LeadShape, clearance: float, shape_out: LeadShape | None = None) -> list[Move]:
     """Put approach and lead-in before a process move and lead-out and retract after it.
 
     Args:
         process: Points in contact.
-        shape: How the tool lands; it leaves the same way, mirrored.
+        shape: How the tool lands.
         clearance: Height of the first and last point above the part along the tool axis [m].
+        shape_out: How it leaves, mirrored; as it lands if not given.
 
     Returns:
         The five moves in order.
     """
-    height = LEAD_SHARE * clearance
-    profile = shape(height)[:-1]
-    rise = _even(clearance, height, clearance - height)[:-1]
-    above = np.stack([np.full_like(rise, profile[0, 0]), rise], axis=1)
-    moves = [process]
-    for end, outward, codes in ((0, 1, (LEAD_IN, APPROACH)), (-1, -1, (LEAD_OUT, RETRACT))):
-        inner = process.positions[1 if end == 0 else -2]
-        back = unit((process.positions[end] - inner)[None])[0]
-        axis = process.axes[end]
-        back = unit((back - axis * (back @ axis))[None])[0]
-        for points, code in ((profile, codes[0]), (above, codes[1])):
-            line = process.positions[end] + points[:, :1] * back + points[:, 1:] * axis
-            move = Move(
-                line[::outward],
-                np.tile(axis, (len(line), 1)),
-                code,
-                np.full(len(line), process.pass_index[end]),
-            )
-            moves = [move, *moves] if outward == 1 else [*moves, move]
-    return moves
+    lead_in, approach = landing(process, True, shape, clearance)
+    lead_out, retract = landing(process, False, shape_out or shape, clearance)
+    return [approach, lead_in, process, lead_out, retract]
 
 
-def travel(first: Move, second: Move, up: Array, safe_height: float) -> Move:
-    """Carry the lifted tool from one run to the next above everything in between.
+def landing(process: Move, at_start: bool, shape: LeadShape, clearance: float) -> tuple[Move, Move]:
+    """The lead at one end of a process move and the straight way above it, in the order they are walked.
 
     Args:
-        first: The retract that ends the first run.
-        second: The approach that begins the second.
-        up: Unit vector away from the table, shape (3,).
-        safe_height: Height along ``up`` the tool travels at [m].
+        process: Points in contact.
+        at_start: Whether the tool lands there; else it leaves.
+        shape: Shape of the lead.
+        clearance: Height of the furthest point above the part along the tool axis [m].
 
     Returns:
-        The points between, as approach to the second run.
+        The lead, which keeps the tool axis of its end, and the approach or retract.
     """
-    start, end = first.positions[-1], second.positions[0]
-    corners = [start]
-    corners += [p + up * max(safe_height - float(p @ up), 0.0) for p in (start, end)]
-    corners.append(end)
-    legs = [_even_line(a, b) for a, b in pairwise(corners)]
-    line = np.concatenate([leg[1:] for leg in legs])[:-1]
-    share = np.linspace(0.0, 1.0, len(line) + 2)[1:-1, None]
-    axes = unit((1.0 - share) * first.axes[-1] + share * second.axes[0])
-    return Move(line, axes, APPROACH, np.full(len(line), second.pass_index[0]))
+    height = LEAD_SHARE * clearance
+    profile = shape(height)[:-1]
+    rise = evenly(clearance, height, clearance - height)[:-1]
+    above = np.stack([np.full_like(rise, profile[0, 0]), rise], axis=1)
+    end, inner, codes = (0, 1, (LEAD_IN, APPROACH)) if at_start else (-1, -2, (LEAD_OUT, RETRACT))
+    axis = process.axes[end]
+    back = process.positions[end] - process.positions[inner]
+    back = unit((back - axis * (back @ axis))[None])[0]
+    moves = []
+    for points, code in ((profile, codes[0]), (above, codes[1])):
+        line = process.positions[end] + points[:, :1] * back + points[:, 1:] * axis
+        line = line if at_start else line[::-1]
+        turn = np.full(len(line), process.pass_index[end])
+        moves.append(Move(line, np.tile(axis, (len(line), 1)), code, turn))
+    return moves[0], moves[1]
 
 
 def process_move(positions: Array, axes: Array, pass_index: NDArray[np.int64]) -> Move:
@@ -127,13 +116,6 @@ def concatenate(moves: Sequence[Move]) -> tuple[Array, Array, NDArray[np.int8], 
     )
 
 
-def _even(first: float, last: float, length: float) -> Array:
+def evenly(first: float, last: float, length: float) -> Array:
     """Values from first to last, about `SPACING_M` apart over a length."""
     return np.linspace(first, last, max(int(np.ceil(length / SPACING_M)), 2) + 1)
-
-
-def _even_line(first: Array, last: Array) -> Array:
-    length = float(np.linalg.norm(last - first))
-    if length < 1e-9:
-        return first[None]
-    return first + _even(0.0, 1.0, length)[:, None] * (last - first)

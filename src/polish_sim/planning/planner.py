@@ -2,43 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, unknown_name
-from polish_sim.geometry import Region
-from polish_sim.planning.approach import LEADS, Move, concatenate, process_move, travel, with_leads
-from polish_sim.planning.curve import unit
-from polish_sim.planning.holes import bridge_holes
+from polish_sim.geometry import ClosestPoints, Region, Surface
+from polish_sim.planning.approach import LEADS, concatenate, with_leads
+from polish_sim.planning.ground import Ground as Ground
+from polish_sim.planning.ground import Piece
+from polish_sim.planning.ground import prepare_ground as prepare_ground
+from polish_sim.planning.landing import choose_leads
+from polish_sim.planning.order import order_blocks
 from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.request import PatternRequest, Report
-from polish_sim.planning.run import SurfaceRun, shortest_way
-from polish_sim.planning.tool_axes import lean, soften_creases
+from polish_sim.planning.run import SurfaceRun
+from polish_sim.planning.stroke import Stroke, give_axes
 from polish_sim.planning.toolpath import ToolPath, arc_length
-from polish_sim.planning.triangulation import Triangulation, triangulate
+from polish_sim.planning.travel import travel
 
 Array = NDArray[np.float64]
 
-EDGES_PER_STEPOVER = 3.0
-CREASE_REACH = 0.5
-"""The tool axis turns over a crease within this many step-overs on either side."""
+ORDERS: Final = ("inward", "outward")
+DIRECTIONS: Final = ("climb", "conventional")
 
 
-class Ground(NamedTuple):
-    """A region made ready to be planned on."""
+class Planned(NamedTuple):
+    """A path and what there is to say about it."""
 
-    region: Region
-    """The region, its small holes closed."""
-    mesh: Triangulation
-    """Its fine triangulation."""
-    part_facets: int
-    """Number of facets that are the part's; those after them close holes."""
-    holes: int
-    """Number of holes closed."""
+    path: ToolPath
+    axis_deviation_max_rad: float
+    """Largest angle by which smoothing turned a tool axis [rad]."""
+    notes: tuple[str, ...]
+    """What was done differently from what was asked, and where."""
+
+    @property
+    def figures(self) -> Mapping[str, float]:
+        """air_length_m: way of the tool while it does not touch, leads included; axis_deviation_max_rad."""
+        contact = self.path.process[1:] & self.path.process[:-1]
+        air = float(np.diff(self.path.s)[~contact].sum())
+        return {"air_length_m": air, "axis_deviation_max_rad": self.axis_deviation_max_rad}
+
+
+class PieceRun(NamedTuple):
+    """A run and the surface its points belong to."""
+
+    run: SurfaceRun
+    surface: Surface
 
 
 def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
@@ -53,71 +67,134 @@ def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = Non
         The path on the surface, with approach, lead-in, lead-out and retract.
 
     Raises:
-        InputError: Unknown pattern or lead-in.
+        InputError: Unknown pattern, lead-in, order or direction.
         PlanError: The step-over does not fit the region.
     """
     return path_on(prepare_ground(region, plan), plan, on_progress)
 
 
-def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
-    """Close small holes and triangulate finely enough to tell turns apart.
-
-    Raises:
-        PlanError: The region has no border, or the step-over is not positive or larger than the region.
-    """
-    size = float(np.linalg.norm(np.diff(region.surface.bounds, axis=0)))
-    if not 0.0 < plan.stepover_m < size:
-        raise PlanError(
-            f"a step-over of {plan.stepover_m * 1e3:.4g} mm does not fit: it must be positive and smaller than the "
-            f"region, which measures {size * 1e3:.4g} mm across. Set another step-over."
-        )
-    if not region.boundary_loops:
-        raise PlanError(
-            "the region is closed all round, a path needs a border to start from. "
-            "Choose a region that looks one way, e.g. 'top', or a box."
-        )
-    bridged = bridge_holes(region, plan.bridge_m)
-    mesh = triangulate(bridged.region.surface, plan.stepover_m / EDGES_PER_STEPOVER)
-    return Ground(bridged.region, mesh, bridged.facets, bridged.holes)
-
-
 def path_on(ground: Ground, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
     """As `plan_path`, on ground prepared before."""
-    if plan.pattern not in PATTERNS:
-        raise unknown_name("pattern", plan.pattern, PATTERNS)
-    if plan.lead_in not in LEADS:
-        raise unknown_name("lead-in", plan.lead_in, LEADS)
-    runs = PATTERNS[plan.pattern].plan(PatternRequest(ground.region, ground.mesh, plan, on_progress or _silent))
-    if not runs:
+    return plan_on(ground, plan, on_progress).path
+
+
+def plan_on(
+    ground: Ground,
+    plan: PlanConfig,
+    on_progress: Report | None = None,
+    part: Surface | None = None,
+    pad_radius: float = 0.0,
+) -> Planned:
+    """As `path_on`, with notes, and clear of the whole part.
+
+    Args:
+        ground: The region, prepared.
+        plan: What is asked for.
+        on_progress: Called with the share of the region covered so far.
+        part: The whole part the tool must not run into in the air; the region if not given.
+        pad_radius: Radius of the pad that must not [m].
+
+    Returns:
+        The path, its notes and figures.
+
+    Raises:
+        InputError: Unknown pattern, lead-in, order or direction.
+        PlanError: The region is too narrow for the step-over.
+    """
+    for kind, name, known in (
+        ("pattern", plan.pattern, PATTERNS),
+        ("lead-in", plan.lead_in, LEADS),
+        ("order", plan.order, ORDERS),
+        ("direction", plan.direction, DIRECTIONS),
+    ):
+        if name not in known:
+            raise unknown_name(kind, name, known)
+    found = _cover(ground, plan, on_progress or _silent)
+    blocks = [block for block in found if block]
+    if not blocks:
         raise PlanError(
             f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half of it "
             "inside the border. Set a smaller step-over or a larger region."
         )
-    return assemble(ground.region, runs, plan)
+    notes = [_left_out(piece) for piece, block in zip(ground.pieces, found, strict=True) if not block]
+    runs = _in_order(blocks, PATTERNS[plan.pattern].ordered, plan.start)
+    obstacle = ground.region.surface if part is None else part
+    return assemble(runs, plan, ground.region.up, obstacle, pad_radius, notes)
 
 
-def assemble(region: Region, runs: Sequence[SurfaceRun], plan: PlanConfig) -> ToolPath:
+def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[PieceRun]]:
+    """Call the pattern for each piece: the runs of each, none where it is too narrow."""
+    total = sum(piece.region.area_m2 for piece in ground.pieces)
+    done, found = 0.0, []
+    for piece in ground.pieces:
+        share = piece.region.area_m2 / total
+        runs = PATTERNS[plan.pattern].plan(
+            PatternRequest(
+                piece.region,
+                piece.mesh,
+                plan,
+                lambda x, done=done, share=share: report(done + share * x),  # type: ignore[misc]
+            )
+        )
+        found.append([PieceRun(run, piece.region.surface) for run in runs])
+        done += share
+    return found
+
+
+def _left_out(piece: Piece) -> str:
+    place = ", ".join(f"{value * 1e3:.1f}" for value in piece.mesh.vertices.mean(axis=0))
+    return (
+        f"a piece of {piece.region.area_m2 * 1e6:.3g} mm^2 near ({place}) mm is too narrow for a turn half a "
+        "step-over inside its border: left out"
+    )
+
+
+def _in_order(blocks: Sequence[Sequence[PieceRun]], ordered: bool, start: tuple[float, ...]) -> list[PieceRun]:
+    """All runs in an order with short ways through the air; what the pattern put in order stays together as it is."""
+    kept = [list(block) for block in blocks] if ordered else [[run] for block in blocks for run in block]
+    ends = np.array([[block[0].run.positions[0], block[-1].run.positions[-1]] for block in kept])
+    tour = order_blocks(ends, not ordered, np.array(start) if start else None)
+    out: list[PieceRun] = []
+    for index, backwards in zip(tour.order, tour.backwards, strict=True):
+        block = kept[int(index)]
+        out += [item._replace(run=_backwards(item.run)) for item in block] if backwards else block
+    return out
+
+
+def _backwards(run: SurfaceRun) -> SurfaceRun:
+    points = ClosestPoints(*(column[::-1] for column in run.points))
+    return replace(run, points=points, pass_index=run.pass_index.max() - run.pass_index[::-1])
+
+
+def assemble(
+    runs: Sequence[PieceRun], plan: PlanConfig, up: Array, part: Surface, pad_radius: float, notes: Sequence[str] = ()
+) -> Planned:
     """Give runs their tool axes and leads and put them in a row."""
-    top = float((region.surface.vertices @ region.up).max()) + plan.clearance_m
-    moves: list[Move] = []
-    curvature: list[Array] = []
-    passes = 0
-    for run in shortest_way(runs):
-        tangents = unit(np.gradient(run.positions, axis=0))
-        normals = soften_creases(run.points.normals, arc_length(run.positions), CREASE_REACH * plan.stepover_m)
-        axes = lean(normals, tangents, plan.lead_angle_rad, plan.tilt_angle_rad)
-        process = process_move(run.positions, axes, run.pass_index + passes)
-        passes = int(process.pass_index.max()) + 1
-        parts = with_leads(process, LEADS[plan.lead_in], plan.clearance_m)
+    moves, curvature, told = [], [], list(notes)
+    passes, deviation = 0, 0.0
+    for item in runs:
+        stroke: Stroke = give_axes(item.run, item.surface, plan, passes)
+        passes = int(stroke.process.pass_index.max()) + 1
+        deviation = max(deviation, stroke.axis_deviation_rad)
+        chosen = choose_leads(stroke.process, plan.lead_in, plan.clearance_m, part, pad_radius)
+        parts = with_leads(stroke.process, chosen.shape_in, plan.clearance_m, chosen.shape_out)
+        told += chosen.notes
         if moves:
-            parts = [travel(moves[-1], parts[0], region.up, top), *parts]
-        bend = region.surface.normal_curvature(run.points.facets, run.points.barycentric, tangents)
-        before = sum(len(part.positions) for part in parts[:-3])
-        after = sum(len(part.positions) for part in parts[-2:])
-        curvature.append(np.pad(bend, (before, after), mode="edge"))
+            between, clear = travel(moves[-1], parts[0], up, plan.clearance_m, part)
+            parts = [between, *parts]
+            told += [] if clear else [_in_the_way(moves[-1].positions[-1], parts[1].positions[0])]
+        before = sum(len(move.positions) for move in parts[:-3])
+        after = sum(len(move.positions) for move in parts[-2:])
+        curvature.append(np.pad(stroke.curvature, (before, after), mode="edge"))
         moves += parts
     positions, axes, segment, pass_index = concatenate(moves)
-    return ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
+    path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
+    return Planned(path, deviation, tuple(told))
+
+
+def _in_the_way(start: Array, end: Array) -> str:
+    places = (", ".join(f"{value * 1e3:.1f}" for value in point) for point in (start, end))
+    return "no clear way through the air was found from ({}) to ({}) mm: the part is between".format(*places)
 
 
 def _silent(share: float) -> None:

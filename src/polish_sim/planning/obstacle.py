@@ -1,0 +1,55 @@
+"""Whether the tool runs into the part on its way through the air (moves -> depths)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.geometry import Surface
+
+Array = NDArray[np.float64]
+
+RIM_POINTS = 12
+BEHIND = 0.3
+"""Cosine: a point is inside when it lies behind its foot at least this squarely; beside an open border it is not."""
+
+
+def heights(surface: Surface, points: Array) -> Array:
+    """Distance from the part [m], negative inside it.
+
+    Args:
+        surface: The part.
+        points: Points [m], shape (n, 3).
+
+    Returns:
+        Signed distances, shape (n,).
+    """
+    foot = surface.closest(points)
+    offset = points - foot.positions
+    away = np.linalg.norm(offset, axis=1)
+    behind = (offset * foot.normals).sum(axis=1) < -BEHIND * away
+    return np.where(behind, -away, away)
+
+
+def pad_depths(surface: Surface, positions: Array, axes: Array, radius: float) -> Array:
+    """How deep the middle or the rim of the pad's face stands in the part.
+
+    Args:
+        surface: The part.
+        positions: Tool points [m], shape (n, 3).
+        axes: Unit tool axes, shape (n, 3).
+        radius: The pad's [m]; 0 looks at the tool point only.
+
+    Returns:
+        Depths [m], 0 where it is clear, shape (n,).
+    """
+    points = positions[:, None]
+    if radius > 0.0:
+        first = np.cross(axes, np.eye(3)[np.abs(axes).argmin(axis=1)])
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        second = np.cross(axes, first)
+        angle = np.arange(RIM_POINTS) * (2.0 * np.pi / RIM_POINTS)
+        rim = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
+        points = np.concatenate([points, points + radius * rim], axis=1)
+    depth = -heights(surface, points.reshape(-1, 3)).reshape(points.shape[:2])
+    return np.asarray(np.maximum(depth, 0.0).max(axis=1))

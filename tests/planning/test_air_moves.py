@@ -1,0 +1,143 @@
+"""The tool in the air: leads and travels keep clear of the part."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from polish_sim.config import PlanConfig
+from polish_sim.geometry import fit_surface, load_part
+from polish_sim.planning.approach import LEADS, normal_lead, process_move, tangent_lead, with_leads
+from polish_sim.planning.landing import choose_leads
+from polish_sim.planning.obstacle import heights, pad_depths
+from polish_sim.planning.travel import travel
+from tests.planning.shapes import plan_of
+
+UP = np.array([0.0, 0.0, 1.0])
+CLEARANCE = 0.03
+
+
+def solid(mesh, tmp_path):
+    """The surface of a closed mesh given in mm."""
+    mesh.export(tmp_path / "solid.stl")
+    return fit_surface(load_part(tmp_path / "solid.stl", "mm", "z"))
+
+
+def slab_with_wall(tmp_path, height=60.0):
+    """A slab 200 x 100 x 10 mm, its top at z = 0, with a wall across the middle."""
+    slab = trimesh.creation.box((200.0, 100.0, 10.0), trimesh.transformations.translation_matrix([0, 0, -5]))
+    wall = trimesh.creation.box((10.0, 100.0, height), trimesh.transformations.translation_matrix([0, 0, height / 2]))
+    return solid(trimesh.boolean.union([slab, wall], engine="manifold"), tmp_path)
+
+
+def stroke(x0, x1, y=0.0):
+    """A straight stroke over the top of the slab."""
+    x = np.linspace(x0, x1, 60)
+    positions = np.stack([x, 0.0 * x + y, 0.0 * x], axis=1)
+    return process_move(positions, np.tile(UP, (60, 1)), np.zeros(60, dtype=np.int64))
+
+
+def test_heights_are_negative_inside_a_box_and_positive_outside(tmp_path):
+    box = solid(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
+    points = np.array([[0.0, 0.0, 0.06], [0.0, 0.0, 0.045], [0.06, 0.06, 0.0], [-0.048, 0.0, 0.0]])
+    assert heights(box, points) == pytest.approx([0.01, -0.005, np.hypot(0.01, 0.01), -0.002], abs=1e-9)
+
+
+def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
+    box = solid(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
+    beside = np.array([[0.06, 0.0, 0.0]])
+    assert pad_depths(box, beside, UP[None], 0.0) == pytest.approx([0.0])
+    assert pad_depths(box, beside, UP[None], 0.025) == pytest.approx([0.015], abs=1e-4)
+
+
+@pytest.mark.parametrize("height", [20.0, 60.0])
+def test_travels_rise_over_a_wall_and_no_higher_than_it_makes_them(tmp_path, height):
+    part = slab_with_wall(tmp_path, height)
+    first, second = (with_leads(stroke(a, a + 0.02), normal_lead, CLEARANCE) for a in (-0.06, 0.04))
+    way, clear = travel(first[-1], second[0], UP, CLEARANCE, part)
+    assert clear
+    assert heights(part, way.positions).min() >= 0.69 * CLEARANCE
+    assert way.positions[:, 2].max() <= 1e-3 * height + CLEARANCE + 1e-9
+    assert np.linalg.norm(np.diff(way.positions, axis=0), axis=1).max() < 1.1e-3
+
+
+def test_without_anything_between_the_tool_travels_straight(tmp_path):
+    part = slab_with_wall(tmp_path)
+    first, second = (with_leads(stroke(0.03, 0.05, y), normal_lead, CLEARANCE) for y in (-0.03, 0.03))
+    way, clear = travel(first[-1], second[0], UP, CLEARANCE, part)
+    assert clear
+    assert way.positions[:, 2] == pytest.approx(np.full(len(way.positions), CLEARANCE))
+
+
+def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
+    part = solid(trimesh.creation.box((100.0, 100.0, 10.0)), tmp_path)
+    top = stroke(-0.02, 0.02)._replace(positions=stroke(-0.02, 0.02).positions + [0.0, 0.0, 0.005])
+    below = top._replace(positions=top.positions * [1.0, 1.0, -1.0], axes=-top.axes)
+    first, second = (with_leads(move, normal_lead, CLEARANCE) for move in (top, below))
+    way, clear = travel(first[-1], second[0], UP, CLEARANCE, part)
+    assert clear
+    assert heights(part, way.positions).min() >= 0.69 * CLEARANCE
+    assert np.linalg.norm(way.axes, axis=1) == pytest.approx(np.ones(len(way.axes)))
+
+
+def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing_with_a_note(tmp_path):
+    part = slab_with_wall(tmp_path)
+    # Half the pad and a little: next to the wall, heading away from it, the ramp would come through it.
+    leads = choose_leads(stroke(0.032, 0.07), "tangent", CLEARANCE, part, 0.025)
+    assert leads.shape_in is normal_lead
+    assert leads.shape_out is tangent_lead
+    assert len(leads.notes) == 1
+    assert "tangent lead-in at (32.0, 0.0, 0.0) mm would run into the part" in leads.notes[0]
+
+
+@pytest.mark.parametrize("name", LEADS)
+def test_on_a_free_plate_every_lead_is_kept(tmp_path, name):
+    part = solid(trimesh.creation.box((200.0, 200.0, 10.0)), tmp_path)
+    move = stroke(-0.05, 0.05)._replace(positions=stroke(-0.05, 0.05).positions + [0.0, 0.0, 0.005])
+    leads = choose_leads(move, name, CLEARANCE, part, 0.025)
+    assert leads.shape_in is LEADS[name]
+    assert leads.shape_out is LEADS[name]
+    assert leads.notes == ()
+
+
+def bowl(radius_mm):
+    """The inside of a ball's lower part as an open sheet, looking up."""
+    ball = trimesh.creation.icosphere(4, radius_mm)
+    ball.update_faces(ball.triangles_center[:, 2] < -0.3 * radius_mm)
+    ball.remove_unreferenced_vertices()
+    ball.invert()
+    return ball
+
+
+@pytest.mark.parametrize(("radius_mm", "kept"), [(30.0, False), (500.0, True)])
+def test_in_a_tight_bowl_a_tangent_ramp_would_leave_through_the_side(tmp_path, radius_mm, kept):
+    """The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg) long: 20.5 mm for 30 mm radius, the ramp 29 mm."""
+    bowl(radius_mm).export(tmp_path / "bowl.stl")
+    part = fit_surface(load_part(tmp_path / "bowl.stl", "mm", "z"))
+    angle = np.linspace(0.0, 0.2 * 30.0 / radius_mm, 40) - 0.1
+    normal = np.stack([-np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
+    move = process_move(-1e-3 * radius_mm * normal, normal, np.zeros(40, dtype=np.int64))
+    chosen = choose_leads(move, "tangent", CLEARANCE, part, 0.0)
+    assert (chosen.shape_in is tangent_lead) == kept
+
+
+def test_two_islands_get_their_own_passes_and_one_lift_each(tmp_path):
+    """Two pads 60 mm wide on a common base: two components, one spiral each, a travel between."""
+    base = trimesh.creation.box((200.0, 100.0, 10.0), trimesh.transformations.translation_matrix([0, 0, -5]))
+    pads = [
+        trimesh.creation.box((60.0, 60.0, 20.0), trimesh.transformations.translation_matrix([x, 0, 5]))
+        for x in (-60.0, 60.0)
+    ]
+    part = trimesh.boolean.union([base, *pads], engine="manifold")
+    plan = PlanConfig(region="box:-100,-50,14,100,50,16", stepover_m=0.008, bridge_m=0.0)
+    result = plan_of(part, tmp_path / "islands.stl", plan)
+    figures, path = result.figures, result.path
+    assert figures["retracts"] == 2
+    assert figures["self_crossings"] == 0
+    assert figures["coverage_stepover"] > 0.97
+    sides = np.sign(path.positions_work[path.process, 0])
+    assert np.count_nonzero(np.diff(sides)) == 1
+    air = ~path.process
+    assert heights(result.surface, path.positions_work[air]).min() >= 0.0
+    assert figures["air_length_m"] == pytest.approx(np.diff(path.s).sum() - figures["path_length_m"], abs=2e-3)
