@@ -20,8 +20,8 @@ from polish_sim.planning.fermat_tree import Pocket
 
 Array = NDArray[np.float64]
 
-TIP = 1.1
-"""Levels a crossing line has sunk beside the tip of a U-turn that spans one level."""
+TIP, CLEAR = 0.5, 0.5
+"""Width of a U-turn beside a line that crosses, and its distance from that line, in levels."""
 FREE = 0.4
 """Levels a crossing line has sunk where the path begins or ends beside it."""
 TIPS_APART = 0.4
@@ -94,12 +94,12 @@ def build_seam(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Seam
         half = 0.5 * TIPS_APART * stepover
         return Seam((), (levels.end(0, half, True), levels.end(0, -half, False)))
     links = [_crossing(levels, level) for level in range(last - 1)]
-    tip = -0.5 * TIPS_APART * stepover if last == 1 else (0.5 * (2.0 - TIP) - 0.5) * levels.bands[last - 1]
-    links.append(_u_turn(levels, last - 1, tip, right=False))
+    bow = _round(levels, stepover) if last == 1 else _hook(levels.bands[last], stepover)
+    links.append(_u_turn(levels, last, last - 1, bow))
     if pocket.parent < 0:
         return Seam(tuple(links), _free_ends(levels, stepover))
-    tip = 0.5 * TIPS_APART * stepover if last == 1 else (0.5 * TIP - 0.5) * levels.bands[0]
-    links.append(_u_turn(levels, 0, tip, right=True))
+    bow = bow if last == 1 else _hook(levels.bands[0], stepover)
+    links.append(_u_turn(levels, 0, 1, bow))
     return Seam(tuple(links), ())
 
 
@@ -123,16 +123,45 @@ def _crossing(levels: Levels, level: int) -> Link:
     return Link(left, levels.end(level + 2, 0.5 * levels.bands[level + 2], True), line[1:-1])
 
 
-def _u_turn(levels: Levels, level: int, tip: float, right: bool) -> Link:
-    """Half a circle from one level to the next; the turns go on to the right or to the left of its tip."""
-    side = 1.0 if right else -1.0
-    radius = 0.5 * float(np.linalg.norm(levels.at(level, tip) - levels.at(level + 1, tip)))
+class _Bow(NamedTuple):
+    """A U-turn from one level, straight on to its tip and back to the next."""
+
+    u: Array
+    """Places along the seam, 0 at its left and 1 at its right end, shape (n,)."""
+    depth: Array
+    """From 0 at the level it begins on to 1 at the next, shape (n,)."""
+
+
+def _round(levels: Levels, stepover: float) -> _Bow:
+    """Half a circle between two levels that no line crosses."""
+    band = levels.bands[0]
+    reach = 0.5 * float(np.linalg.norm(levels.at(0, 0.0) - levels.at(1, 0.0))) / band
+    tip = 0.5 + min(0.5 * TIPS_APART * stepover / band, 0.2)
+    return _bow(tip, 1.0, reach, tip + reach)
+
+
+def _hook(band: float, stepover: float) -> _Bow:
+    """Beside a line that crosses from (0, 0) to (1, 2): narrow at its tip, so that it reaches far into the wedge."""
+    return _bow(0.5 * (TIP + CLEAR), TIP, 0.5 * TIP * stepover / band, 0.5 * (1.0 + CLEAR))
+
+
+def _bow(tip: float, width: float, reach: float, begin: float) -> _Bow:
+    """Half an ellipse of a width [levels] around a tip, then straight to where the next level begins."""
     angle = np.linspace(0.0, np.pi, TURN_POINTS)
-    x = tip + side * radius * (1.0 - np.sin(angle))
-    depth = 0.5 * (1.0 - np.cos(angle))[:, None]
-    line = (1.0 - depth) * levels.at(level, x) + depth * levels.at(level + 1, x)
-    ends = [levels.end(k, tip + side * radius, right) for k in (level, level + 1)]
-    return Link(ends[0], ends[1], line[1:-1])
+    u, depth = tip + reach * (1.0 - np.sin(angle)), 0.5 * width * (1.0 - np.cos(angle))
+    on = depth < 1.0
+    return _Bow(np.append(u[on], begin), np.append(depth[on], 1.0))
+
+
+def _u_turn(levels: Levels, straight: int, bent: int, bow: _Bow) -> Link:
+    """A U-turn between two levels; on the left of the seam's middle it is turned by half a turn."""
+    right = straight < bent
+    u = bow.u if right else 1.0 - bow.u
+    first, second = ((u - 0.5) * levels.bands[level] for level in (straight, bent))
+    depth = bow.depth[:, None]
+    line = (1.0 - depth) * levels.at(straight, first) + depth * levels.at(bent, second)
+    ends = levels.end(straight, float(first[0]), right), levels.end(bent, float(second[-1]), right)
+    return Link(*ends, line[1:-1])
 
 
 def _free_ends(levels: Levels, stepover: float) -> tuple[End, End]:

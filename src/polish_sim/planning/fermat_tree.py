@@ -26,11 +26,12 @@ BESIDE = 1.3
 """Turns nearer than this many step-overs are neighbours."""
 APART = 2.3
 """Turns further apart than this many step-overs cannot be joined without a lift."""
-BAND, SHARE_OF_TURN = 8.0, 0.2
+BAND, SHARE_OF_TURN = 8.0, 0.35
 """Length of a seam along a turn: no more than so many step-overs and this share of the turn."""
-STEEPEST, GENTLER = 3.2, 1.25
-"""Its length on the outermost and the innermost turn in step-overs, and how it grows from turn to turn: where a
-U-turn lies in the wedge between two turns and a line that crosses them, the wedge had better be short."""
+STEEPEST, GROWTH = 4.0, 1.0
+"""Its length on the innermost turn, and on the outermost of a pocket that hangs on another one, in step-overs: where
+a U-turn lies in the wedge between two turns and a line that crosses them, the wedge had better be short. From turn to
+turn it grows by no more than the second, so that the lines that cross keep their distance."""
 NARROW, SHARE_OF_LOOP = 2.0, 0.5
 """The same for two turns, which are joined by U-turns alone."""
 ROOM = 0.5
@@ -71,14 +72,6 @@ class Ground:
     stepover: float
     taken: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     """Middle and half length of the stretches of each turn seams have used [m]."""
-
-    def bands(self, row: Sequence[int]) -> tuple[float, ...]:
-        """Length of a seam on each turn of a row [m]."""
-        lengths, last = [self.curves[turn].length for turn in row], len(row) - 1
-        if last <= 1:
-            return tuple(min(NARROW * self.stepover, SHARE_OF_LOOP * length) for length in lengths)
-        limits = [min(STEEPEST * GENTLER ** min(k, last - k), BAND) * self.stepover for k in range(last + 1)]
-        return tuple(min(limit, SHARE_OF_TURN * length) for limit, length in zip(limits, lengths, strict=True))
 
 
 def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
@@ -207,7 +200,38 @@ def _follow(ground: Ground, children: Sequence[Sequence[int]], parent: int, firs
         lines = _Lines(*(column[alive] for column in longer))
         row.append(child)
         following = list(children[child])
-    return Pocket(parent, tuple(row), best, ground.bands(row))
+    return Pocket(parent, tuple(row), best, _even_bands(ground, row, best, parent >= 0))
+
+
+def _even_bands(ground: Ground, row: Sequence[int], line: Sequence[float], hanging: bool) -> tuple[float, ...]:
+    """Length of a seam on each turn of a row, much the same from turn to turn as seen along the seam [m]."""
+    step, last = ground.stepover, len(row) - 1
+    if last <= 1:
+        return tuple(_width(ground, turn, NARROW) for turn in row)
+    limits = np.array([_width(ground, turn, BAND) for turn in row])
+    ends = [0, last] if hanging else [last]
+    limits[ends] = np.minimum(limits[ends], STEEPEST * step)
+    scale = np.ones(len(row))
+    for k in range(last):
+        limits[k] = min(limits[k], _clear_width(ground, row[k], row[k + 1], line[k]))
+        here, there = ground.curves[row[k]], ground.curves[row[k + 1]]
+        feet = there.nearest(here.at(line[k] + np.array([-step, step]))[0]).s
+        span = abs(np.mod(feet[1] - feet[0] + 0.5 * there.length, there.length) - 0.5 * there.length)
+        scale[k + 1] = scale[k] * float(np.clip(span / (2.0 * step), 0.5, 1.5))
+    index = np.arange(len(row))
+    steps = np.abs(index[:, None] - index)
+    even = (limits / scale + GROWTH * step * steps).min(axis=1) * scale
+    return tuple(float(band) for band in even)
+
+
+def _clear_width(ground: Ground, turn: int, other: int, s: float) -> float:
+    """Length around a place on a turn along which the next one keeps its distance well [m]."""
+    curve = ground.curves[turn]
+    away = np.arange(1, 4 * SAMPLES * int(BAND)) * 0.25 * ground.stepover / SAMPLES
+    gap = ground.curves[other].nearest(curve.at(s + np.concatenate([-away, away]))[0]).distances
+    bad = (np.abs(gap / ground.stepover - 1.0) > SLACK).reshape(2, -1).any(axis=0)
+    reach = away[int(np.argmax(bad))] if bad.any() else away[-1]
+    return max(2.0 * float(reach), NARROW * ground.stepover)
 
 
 def _step(ground: Ground, row: Sequence[int], child: int, lines: _Lines) -> _Lines:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from polish_sim.planning.coverage import STRICT
 from polish_sim.planning.curve import Curve, unit
@@ -23,6 +24,8 @@ EDGE = 0.53
 """Such a place begins this many step-overs from the turns: just more than the middle between two of them."""
 WIDER = 0.12
 """Its loop keeps outside it by this many step-overs, so that it does not run back on itself where the place is thin."""
+TAIL = 0.3
+"""Where a turn runs back along itself nearer than this many step-overs, its tail is cut off; a loop covers it."""
 SHORTEST = 0.5
 """A loop is no shorter than this many step-overs."""
 FURTHEST = 3.0
@@ -47,6 +50,8 @@ def nested_turns(request: PatternRequest) -> list[Turn]:
         if margin is not None:
             borders, first = borders[:1], margin
     roots = grow_turns(region.surface, mesh, borders, first, stepover, report)
+    for turn in all_turns(roots):
+        turn.curve = without_tails(turn.curve, TAIL * stepover)
     _close_gaps(mesh, roots, stepover)
     return roots
 
@@ -56,6 +61,42 @@ def all_turns(roots: Sequence[Turn]) -> Iterator[Turn]:
     for turn in roots:
         yield turn
         yield from all_turns(turn.children)
+
+
+def without_tails(curve: Curve, width: float) -> Curve:
+    """A closed curve without the parts that run out and back along themselves.
+
+    Args:
+        curve: The curve.
+        width: Both sides of a tail are nearer to each other than this [m].
+
+    Returns:
+        The curve, shorter where it had tails.
+    """
+    while len(curve.positions) > 8:
+        pairs = cKDTree(curve.positions).query_pairs(width, output_type="ndarray")
+        along = np.abs(np.diff(curve.knots[pairs], axis=1)[:, 0])
+        length = np.minimum(along, curve.length - along)
+        tails = np.flatnonzero(length > 4.0 * width)
+        for k in tails[np.argsort(-length[tails], kind="stable")]:
+            first, last = np.sort(pairs[k])
+            inner = np.arange(first, last + 1)
+            if along[k] > 0.5 * curve.length:
+                inner = np.concatenate([np.arange(last, len(curve.positions)), np.arange(first + 1)])
+            if _area(curve.positions[inner]) < 0.5 * width * length[k]:
+                kept = np.ones(len(curve.positions), dtype=bool)
+                kept[inner[1:-1]] = False
+                curve = Curve(curve.positions[kept], curve.normals[kept], True)
+                break
+        else:
+            return curve
+    return curve
+
+
+def _area(ring: Array) -> float:
+    """Area within a closed ring of points (n, 3), seen square on [m^2]."""
+    ring = ring - ring[0]
+    return 0.5 * float(np.linalg.norm(np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)))
 
 
 def _close_gaps(mesh: Triangulation, roots: Sequence[Turn], stepover: float) -> None:
