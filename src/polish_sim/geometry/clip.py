@@ -110,12 +110,14 @@ def _edge_cuts(surface: Surface, values: Floats, sign: NDArray[np.int8]) -> tupl
     here, ahead = values[:, :3], np.roll(values[:, :3], -1, axis=1)
     start, end, middle = np.where(swap, ahead, here), np.where(swap, here, ahead), values[:, 3:]
     cut = sign * np.roll(sign, -1, axis=1) < 0
-    at = np.full(cut.shape, np.nan)
-    at[cut] = _root(start[cut], middle[cut], end[cut])
     low, high = np.minimum(first, second)[cut], np.maximum(first, second)[cut]
     _, number = np.unique(low.astype(np.int64) * (len(surface.vertices) + 1) + high, return_inverse=True)
     vertex = np.full(cut.shape, -1, dtype=np.int32)
     vertex[cut] = len(surface.vertices) + number
+    # At a crease the quantity may differ from side to side; the cut point must not.
+    roots = _root(start[cut], middle[cut], end[cut])
+    at = np.full(cut.shape, np.nan)
+    at[cut] = (np.bincount(number, weights=roots) / np.bincount(number))[number]
     return np.where(swap, 1.0 - at, at), vertex, int(number.max()) + 1
 
 
