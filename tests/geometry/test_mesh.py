@@ -156,9 +156,17 @@ def bad_files(folder):
     write_triangles(folder, infinite, "inf.stl")
     line = np.linspace(0.0, 90.0, 36).reshape(-1, 3)[:, :, None] * np.array([1.0, 2.0, 3.0]) / 4.0
     write_triangles(folder, line, "zero_area.stl")
-    write_triangles(folder, np.concatenate([triangles, triangles + [0.0, 0.0, 90.0]]), "two.stl")
-    write_triangles(folder, np.concatenate([triangles, [[[-50, -30, 10], [50, -30, 10], [0, 0, 60]]]]), "fin.stl")
+    write_triangles(folder, np.concatenate([triangles, pinched(90.0), pinched(150.0)]), "crowded.stl")
     write_triangles(folder, moebius(), "moebius.stl")
+
+
+def pinched(height):
+    """Two hollows that touch along an edge: around it the solid goes on from one to the other."""
+    top, foot = (0, 0, 30), (0, 0, 0)
+    c, b, d, a = ((40 * np.cos(angle), 40 * np.sin(angle), 15) for angle in np.radians([0, 60, 180, 240]))
+    facets = [[foot, top, a], [foot, a, c], [foot, c, top], [top, c, a]]
+    facets += [[foot, top, b], [foot, b, d], [foot, d, top], [top, d, b]]
+    return np.array(facets) + [0.0, 0.0, height]
 
 
 def moebius():
@@ -194,8 +202,7 @@ def moebius():
         ("nan.stl", "NaN or infinite, the first is facet 5"),
         ("inf.stl", "NaN or infinite, the first is facet 7"),
         ("zero_area.stl", "zero area"),
-        ("two.stl", "two bodies in one file, of 100 x 60 x 20; 100 x 60 x 20 mm"),
-        ("fin.stl", "shared by more than two facets, the first at"),
+        ("crowded.stl", "2 edges are shared by more than two facets, the first at"),
         ("moebius.stl", "one-sided"),
     ],
 )

@@ -45,12 +45,13 @@ def build_box_tree(control: NDArray[np.float64]) -> BoxTree:
     # P - flat = sum of 2 u v e with e an edge's control point beside its middle, and u v + v w + w u <= 1/3.
     middles = 0.5 * (control[:, :3] + np.roll(control[:, :3], -1, axis=1))
     bulge = 2.0 / 3.0 * np.linalg.norm(control[:, 3:] - middles, axis=2).max(axis=1)
-    low, high, right, first, size, items = _build(control.min(axis=1), control.max(axis=1))
+    low, high, right, first, size, items = build_boxes(control.min(axis=1), control.max(axis=1))
     return BoxTree(low, high, right, first, size, items, bulge)
 
 
 @njit(cache=True)
-def _build(lows, highs):  # type: ignore[no-untyped-def]
+def build_boxes(lows, highs):  # type: ignore[no-untyped-def]
+    """Build the tree over boxes, corners (m, 3) [m]: the first six fields of :class:`BoxTree`."""
     count = len(lows)
     centers = 0.5 * (lows + highs)
     items = np.arange(count).astype(np.int32)

@@ -34,16 +34,21 @@ def merge_vertices(triangles: Floats) -> tuple[Floats, Ints, tuple[str, ...]]:
     collapsed = (welded == np.roll(welded, 1, axis=1)).any(axis=1)
     faults = find_edge_faults(welded[~collapsed])
     if faults.open >= gaps or faults.crowded > find_edge_faults(faces).crowded:
-        return vertices, faces, (f"open surface: {gaps} border edges",)
+        return vertices, faces, ()
     return vertices, welded, (f"closed gaps up to {tolerance * 1e3:.1g} mm at {gaps - faults.open} border edges",)
 
 
 def merge_equal(triangles: Floats) -> tuple[Floats, Ints]:
     """Number equal corners alike, in the order of their first appearance."""
     corners = np.ascontiguousarray(triangles.reshape(-1, 3)) + 0.0  # -0.0 and 0.0 are the same place
-    index = np.empty(len(corners), np.int32)
-    first = _number(corners.view(np.uint64), index, 1 << int(2 * len(corners)).bit_length())
+    first, index = number_rows(corners.view(np.uint64))
     return corners[first], index.reshape(-1, 3)
+
+
+def number_rows(rows: NDArray[np.uint64]) -> tuple[NDArray[np.int64], Ints]:
+    """Number equal rows alike: where each number first appears (k,), and the number of each row (n,)."""
+    index = np.empty(len(rows), np.int32)
+    return _number(rows, index, 1 << int(2 * len(rows)).bit_length()), index
 
 
 @njit(cache=True, error_model="numpy")

@@ -11,10 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from polish_sim.errors import MeshError
 from polish_sim.geometry.file_triangles import FileTriangles
-from polish_sim.geometry.merge import merge_vertices
-from polish_sim.geometry.mesh_check import check_bodies, check_edges
+from polish_sim.geometry.mend import mend
 from polish_sim.geometry.mesh_file import read_mesh_file
-from polish_sim.geometry.mesh_repair import drop_bad_facets, flip_slivers, orient_outward
 from polish_sim.geometry.orientation import choose_up
 from polish_sim.geometry.units import check_size, metres_per_unit
 
@@ -36,7 +34,7 @@ class PartMesh:
     unit: str
     """Unit the file was read in."""
     stl_facets: NDArray[np.int32]
-    """Number of each facet in the file, shape (m,)."""
+    """Number of each facet in the file, -1 where it closes a hole, shape (m,)."""
     notes: tuple[str, ...]
     """What was assumed or repaired, for the user."""
 
@@ -103,18 +101,12 @@ def part_from_arrays(
 def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up: str) -> PartMesh:
     scale = metres_per_unit(unit)
     check_size(float(np.ptp(triangles.corners.reshape(-1, 3), axis=0).max()), unit, path)
-    vertices, faces, merge_notes = merge_vertices(triangles.corners * scale)
-    faces, kept, drop_notes = drop_bad_facets(vertices, faces, path)
-    check_edges(vertices, faces, path)
-    faces, flip_notes = flip_slivers(vertices, faces)
-    faces, orient_notes = orient_outward(vertices, faces, path)
-    check_bodies(vertices, faces, path)
-    direction, up_note = choose_up(vertices, faces, up)
-    vertices, faces = _compact(vertices, faces)
-    stl_facets = triangles.numbers[kept]
+    skin = mend(triangles.corners * scale, path)
+    direction, up_note = choose_up(skin.vertices, skin.faces, up)
+    vertices, faces = _compact(skin.vertices, skin.faces)
+    stl_facets = np.where(skin.source >= 0, triangles.numbers[skin.source], -1).astype(np.int32)
     for array in (vertices, faces, direction, stl_facets):
         array.setflags(write=False)
-    repairs = (*triangles.notes, *merge_notes, *drop_notes, *flip_notes, *orient_notes)
     return PartMesh(
         vertices=vertices,
         faces=faces,
@@ -124,7 +116,7 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
         sha256=sha256,
         unit=unit,
         stl_facets=stl_facets,
-        notes=(_size_note(vertices, faces, unit), *repairs, up_note),
+        notes=(_size_note(vertices, faces, unit), *triangles.notes, *skin.notes, up_note),
     )
 
 

@@ -1,4 +1,4 @@
-"""Repairs of a triangle soup that need no guessing: drop empty facets, turn facets outward (faces -> faces)."""
+"""Repairs of single facets that need no guessing: drop empty and double ones, flip slivers away (Skin -> Skin)."""
 
 from __future__ import annotations
 
@@ -8,46 +8,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import MeshError
-from polish_sim.geometry.topology import find_adjacency, find_edge_faults
-from polish_sim.geometry.winding import wind_consistently
+from polish_sim.geometry.merge import number_rows
+from polish_sim.geometry.skin import Floats, Ints, Skin, place
+from polish_sim.geometry.topology import facet_links, find_adjacency, label_pieces, sorted_half_edges
 
 SLIVER = 1e-6
 """Facets lower than this share of the part's size have no meaningful normal."""
 
 _FLIP_ROUNDS = 10
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
 
-
-def drop_bad_facets(vertices: Floats, faces: Ints, path: Path) -> tuple[Ints, Ints, tuple[str, ...]]:
+def drop_bad_facets(skin: Skin, path: Path) -> Skin:
     """Drop facets whose corners coincide and facets that occur twice.
 
-    Returns:
-        Faces kept, their numbers among those given, notes.
+    Of a facet that occurs twice one stays; where that leaves a wall inside the part (two solids glued at a
+    face), both go.
 
     Raises:
         MeshError: No facet has an area.
     """
-    if (facet_heights(vertices, faces) <= SLIVER * float(np.ptp(vertices, axis=0).max())).all():
+    if (facet_heights(skin.vertices, skin.faces) <= SLIVER * skin.size).all():
         raise MeshError(
-            f"{path}: all {len(faces)} facets have zero area (all points on a line or in one place). "
+            f"{path}: all {len(skin.faces)} facets have zero area (all points on a line or in one place). "
             "Export the part again."
         )
-    numbers = np.flatnonzero((faces != np.roll(faces, 1, axis=1)).all(axis=1))
-    _, first = np.unique(np.sort(faces[numbers], axis=1), axis=0, return_index=True)
-    once = numbers[np.sort(first)]
-    counts = ((len(faces) - len(numbers), "without area"), (len(numbers) - len(once), "that occur twice"))
-    return faces[once], once.astype(np.int32), tuple(f"dropped {count} facets {why}" for count, why in counts if count)
+    whole = (skin.faces != np.roll(skin.faces, 1, axis=1)).all(axis=1)
+    dropped = int((~whole).sum())
+    if dropped:
+        skin = skin.keep(whole, f"dropped {dropped} facets without area")
+    first, number = number_rows(np.sort(skin.faces, axis=1).astype(np.uint64))
+    if len(first) == len(skin.faces):
+        return skin
+    double = np.bincount(number)[number[first]] > 1
+    twice = len(skin.faces) - len(first)
+    where = place(skin.vertices[skin.faces[first[double][0]]])
+    skin = skin.keep(first.astype(np.int32), f"dropped {twice} facets that occur twice, the first at {where}")
+    return _drop_walls(skin, double)
 
 
-def flip_slivers(vertices: Floats, faces: Ints) -> tuple[Ints, tuple[str, ...]]:
+def _drop_walls(skin: Skin, double: NDArray[np.bool_]) -> Skin:
+    """Drop pieces of double facets whose rim others share, so that inside and outside are defined again."""
+    _, _, order, key = sorted_half_edges(skin.faces)
+    run = np.cumsum(np.concatenate([[True], key[1:] != key[:-1]])) - 1
+    crowded = np.zeros(len(order), dtype=bool)
+    crowded[order] = np.bincount(run)[run] > 2
+    if not crowded.any():
+        return skin
+    adjacency = find_adjacency(skin.faces)
+    both = double[:, None] & double[adjacency.facets]
+    count, labels = label_pieces(facet_links(adjacency, both), len(skin.faces))
+    wall = np.zeros(count, dtype=bool)
+    wall[labels[double & crowded.reshape(-1, 3).any(axis=1)]] = True
+    inner = wall[labels] & double
+    if not inner.any():
+        return skin
+    return skin.keep(~inner, f"dropped {inner.sum()} facets of walls inside the part, where solids meet face to face")
+
+
+def flip_slivers(skin: Skin) -> Skin:
     """Turn the long edge of facets without height, so that the skin stays closed without them.
 
     A corner that lies on its facet's long edge is connected to the facet beyond that edge instead.
     """
-    limit = SLIVER * float(np.ptp(vertices, axis=0).max())
-    faces, flips = faces.copy(), 0
+    vertices, limit = skin.vertices, SLIVER * skin.size
+    faces, flips = skin.faces.copy(), 0
     for _ in range(_FLIP_ROUNDS):
         heights = facet_heights(vertices, faces)
         slivers = np.flatnonzero(heights <= limit)
@@ -69,7 +93,8 @@ def flip_slivers(vertices: Floats, faces: Ints) -> tuple[Ints, tuple[str, ...]]:
         flips += len(done) // 2
         if not done:
             break
-    return faces, ((f"flipped the long edge of {flips} facets without height",) if flips else ())
+    notes = (*skin.notes, f"flipped the long edge of {flips} facets without height") if flips else skin.notes
+    return Skin(vertices, faces, skin.source, notes)
 
 
 def facet_heights(vertices: Floats, faces: Ints) -> Floats:
@@ -82,29 +107,6 @@ def _edge_lengths(vertices: Floats, faces: Ints) -> Floats:
     return np.linalg.norm(vertices[np.roll(faces, -1, axis=-1)] - vertices[faces], axis=-1)
 
 
-def orient_outward(vertices: Floats, faces: Ints, path: Path) -> tuple[Ints, tuple[str, ...]]:
-    """Wind all facets of a piece alike, and outward where the piece is closed.
-
-    Raises:
-        MeshError: The surface has only one side (a Moebius strip), so no winding is right.
-    """
-    wound, flips, two_sided = wind_consistently(faces)
-    if not two_sided:
-        raise MeshError(f"{path}: the surface is one-sided (like a Moebius strip). Repair the part.")
-    notes = [f"turned {flips} facets that were wound the other way"] if flips else []
-    volume = _signed_volume(vertices, wound)
-    if find_edge_faults(wound).open == 0 and volume < 0:
-        wound = np.ascontiguousarray(wound[:, ::-1])
-        notes.append("turned the whole part inside out: its normals pointed inward")
-    return wound, tuple(notes)
-
-
 def _area_vectors(vertices: Floats, faces: Ints) -> Floats:
     a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
     return np.cross(b - a, c - a)
-
-
-def _signed_volume(vertices: Floats, faces: Ints) -> float:
-    """Volume enclosed by a closed mesh [m^3], negative when its facets are wound inward."""
-    centred = vertices - vertices.mean(axis=0)
-    return float((centred[faces[:, 0]] * _area_vectors(centred, faces)).sum() / 6.0)

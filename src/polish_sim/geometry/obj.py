@@ -14,8 +14,9 @@ from polish_sim.errors import MeshError
 from polish_sim.geometry.file_triangles import FileTriangles, gather_triangles
 
 _KEYWORDS = frozenset(
-    b"v vt vn vp f l p o g s mtllib usemtl curv curv2 surf parm trim hole scrv sp end con mg bevel c_interp d_interp lod "
-    b"cstype deg bmat step maplib usemap shadow_obj trace_obj ctech stech call csh bsp bzp cdc cdp res".split()
+    b"v vt vn vp f l p o g s mtllib usemtl curv curv2 surf parm trim hole scrv sp end con mg bevel c_interp "
+    b"d_interp lod cstype deg bmat step maplib usemap shadow_obj trace_obj ctech stech call csh bsp bzp cdc cdp "
+    b"res".split()
 )
 _BEYOND_SLASH = re.compile(rb"/[^ \t\r\n]*")
 

@@ -29,7 +29,7 @@ class Property(NamedTuple):
     """One property of an element's rows."""
 
     name: str
-    count: str
+    length: str
     """Type of a list's length, "" for a single value."""
     item: str
     """Type of the value or the list's items, as numpy names it without byte order."""
@@ -121,12 +121,12 @@ def _read_property(words: list[str], line: str, path: Path) -> Property:
 def _wanted(element: Element, columns: dict[str, int], path: Path) -> tuple[tuple[int, ...], int]:
     """Columns of single values and the column of the list that are needed (-1: none)."""
     if element.name == "vertex":
-        if not {"x", "y", "z"} <= columns.keys() or any(element.properties[columns[k]].count for k in "xyz"):
+        if not {"x", "y", "z"} <= columns.keys() or any(element.properties[columns[k]].length for k in "xyz"):
             _broken(path, "the vertices of the PLY file have no x, y, z")
         return tuple(columns[k] for k in "xyz"), -1
     if element.name == "face":
         listed = [columns[name] for name in _INDEX_NAMES if name in columns]
-        if not listed or not element.properties[listed[0]].count:
+        if not listed or not element.properties[listed[0]].length:
             _broken(path, "the faces of the PLY file have no list vertex_indices")
         return (), listed[0]
     return (), -1
@@ -144,9 +144,9 @@ def _read_rows(
 ) -> _Table:
     """Walk one element's rows and take the wanted columns along."""
     entries = element.properties
-    count_sizes = np.array([np.dtype(e.count).itemsize if e.count else 0 for e in entries], dtype=np.int64)
+    count_sizes = np.array([np.dtype(e.length).itemsize if e.length else 0 for e in entries], dtype=np.int64)
     item_sizes = np.array([np.dtype(e.item).itemsize for e in entries], dtype=np.int64)
-    signed = np.array([e.count.startswith("i") for e in entries], dtype=np.bool_)
+    signed = np.array([e.length.startswith("i") for e in entries], dtype=np.bool_)
     raw = np.frombuffer(data, dtype=np.uint8) if isinstance(data, bytes) else data
     smallest = int(np.where(count_sizes > 0, count_sizes, item_sizes).sum()) if order else len(entries)
     if element.rows * smallest > len(raw) - at or (smallest == 0 and element.rows > 0):

@@ -26,11 +26,8 @@ def walk_bytes(raw, at, rows, count_sizes, item_sizes, signed, big_endian, liste
     """
     kept = rows if listed >= 0 else 0
     starts, sizes = np.empty(kept, np.int64), np.empty(kept, np.int64)
-    fixed = np.int64(0)
-    for p in range(len(count_sizes)):
-        fixed = fixed + item_sizes[p] if count_sizes[p] == 0 else -(1 << 40)
-    if fixed >= 0:
-        end = at + rows * fixed
+    if not count_sizes.any():
+        end = at + rows * item_sizes.sum()
         return starts, sizes, end if end <= len(raw) else -1
     for row in range(rows):
         for p in range(len(count_sizes)):

@@ -116,14 +116,14 @@ def _sort_pairs(low, high, count):  # type: ignore[no-untyped-def]
         by_high[place[high[i]]] = i
         place[high[i]] += 1
     place[:] = 0
-    for number in low:
-        place[number + 1] += 1
+    for lower in low:
+        place[lower + 1] += 1
     for i in range(count):
         place[i + 1] += place[i]
     order = np.empty(len(low), np.int64)
-    for i in by_high:
-        order[place[low[i]]] = i
-        place[low[i]] += 1
+    for pair in by_high:
+        order[place[low[pair]]] = pair
+        place[low[pair]] += 1
     return order
 
 

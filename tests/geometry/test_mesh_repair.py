@@ -1,0 +1,183 @@
+"""Broken meshes: what is mended is mended right and said, with its place; what is left is said too."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+
+from polish_sim.geometry import fit_surface, load_part, part_from_arrays
+from polish_sim.geometry.hole_filling import find_holes
+from polish_sim.geometry.skin import Skin
+from tests.geometry.test_mesh import write_triangles
+
+BALL = trimesh.creation.icosphere(subdivisions=3, radius=40.0)
+BOX = trimesh.creation.box((100.0, 60.0, 20.0))
+
+
+def soup(mesh: trimesh.Trimesh) -> np.ndarray:
+    return np.array(mesh.triangles)
+
+
+def as_trimesh(part) -> trimesh.Trimesh:
+    return trimesh.Trimesh(part.vertices, part.faces, process=False)
+
+
+def said(part, *words: str) -> bool:
+    return any(all(word in note for word in words) for note in part.notes)
+
+
+def from_soup(triangles: np.ndarray):
+    triangles = np.asarray(triangles, dtype=np.float64)
+    return part_from_arrays(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), unit="mm")
+
+
+def test_double_and_flipped_facets_are_dropped_and_the_first_is_named():
+    triangles = soup(BALL)
+    part = from_soup(np.concatenate([triangles, triangles[:40:2], triangles[100:120, ::-1]]))
+    assert len(part.faces) == 1280
+    assert as_trimesh(part).is_watertight
+    assert as_trimesh(part).volume == pytest.approx(1e-9 * BALL.volume)
+    assert said(part, "40 facets that occur twice", "the first at (")
+
+
+def test_a_vertex_on_another_facet_s_edge_splits_it():
+    """Both halves of a plate meet along a seam that is divided more finely on one side."""
+    x = np.linspace(0.0, 60.0, 4)
+    fine = [[(0, y0, 0), (50, 30, 0), (0, y1, 0)] for y0, y1 in pairwise(x)]
+    fine += [[(0, 0, 0), (50, 0, 0), (50, 30, 0)], [(0, 60, 0), (50, 30, 0), (50, 60, 0)]]
+    coarse = [[(0, 0, 0), (0, 60, 0), (-50, 60, 0)], [(0, 0, 0), (-50, 60, 0), (-50, 0, 0)]]
+    part = from_soup(np.array(fine + coarse))
+    assert said(part, "split 1 facets at T-junctions", "the first at (0, 30, 0) mm")
+    assert as_trimesh(part).area == pytest.approx(1e-6 * 100 * 60)
+    assert len(find_holes(Skin(part.vertices, part.faces, part.stl_facets))) == 1
+    # The three triangles the large facet became carry its number.
+    assert np.bincount(part.stl_facets)[5] == 3
+
+
+def test_t_junctions_all_round_a_box_close_it():
+    """Each side of a box is divided into its own number of strips."""
+    rng = np.random.default_rng(4)
+    triangles = []
+    for face in soup(trimesh.creation.box((90.0, 60.0, 40.0))):
+        cuts = np.sort(rng.uniform(0.1, 0.9, 3))
+        line = np.concatenate([[face[0]], face[0] + cuts[:, None] * (face[1] - face[0]), [face[1]]])
+        triangles += [[a, b, face[2]] for a, b in pairwise(line)]
+    part = from_soup(np.array(triangles))
+    assert as_trimesh(part).is_watertight
+    assert as_trimesh(part).volume == pytest.approx(1e-9 * 90 * 60 * 40)
+    assert said(part, "T-junctions")
+
+
+def test_small_holes_are_closed_with_place_and_size_and_a_large_one_is_left():
+    triangles = soup(BALL)
+    middle = triangles.mean(axis=1)
+    top = middle[:, 2] > 34.0
+    one = np.argmin(np.linalg.norm(middle - [40.0, 0.0, 0.0], axis=1))
+    part = from_soup(np.delete(triangles, np.append(np.flatnonzero(top), one), axis=0))
+    assert said(part, "closed 1 small hole", "mm wide at (")
+    assert said(part, "open surface", "in 1 line", "mm wide at (0, 0, 3")
+    assert len(part.faces) == 1280 - top.sum()
+    assert np.count_nonzero(part.stl_facets == -1) == 1
+    assert fit_surface(part).is_open
+
+
+def test_a_ball_with_twenty_facets_missing_is_whole_again():
+    rng = np.random.default_rng(1)
+    gone = rng.choice(1280, 20, replace=False)
+    part = from_soup(np.delete(soup(BALL), gone, axis=0))
+    assert as_trimesh(part).is_watertight
+    assert as_trimesh(part).volume == pytest.approx(1e-9 * BALL.volume, rel=2e-3)
+
+
+def test_several_bodies_are_kept_counted_and_measured(tmp_path):
+    part = load_part(write_triangles(tmp_path, np.concatenate([soup(BOX), soup(BOX) + [0.0, 0.0, 90.0]])))
+    assert len(part.faces) == 24
+    assert said(part, "2 bodies in one file (2 of them closed)", "100 x 60 x 20; 100 x 60 x 20 mm")
+
+
+def test_bodies_look_outward_and_hollows_inward_however_they_were_wound():
+    hollow, other = 0.5 * soup(BOX), soup(BOX) + [150.0, 0.0, 0.0]
+    for outer_way in (1, -1):
+        for inner_way in (1, -1):
+            part = from_soup(np.concatenate([soup(BOX)[:, ::outer_way], hollow[:, ::inner_way], other[:, ::-1]]))
+            assert as_trimesh(part).volume == pytest.approx(1e-9 * (2 - 1 / 8) * 100 * 60 * 20)
+            assert said(part, "hollow inside: 1 closed shell within")
+
+
+def test_solids_glued_at_a_face_become_one():
+    right = (soup(BOX) * [-1.0, 1.0, 1.0])[:, ::-1] + [100.0, 0.0, 0.0]  # the same diagonals where they meet
+    part = from_soup(np.concatenate([soup(BOX), right]))
+    assert as_trimesh(part).is_watertight
+    assert as_trimesh(part).volume == pytest.approx(1e-9 * 200 * 60 * 20)
+    assert said(part, "walls inside the part")
+
+
+def test_solids_that_touch_along_an_edge_are_told_apart():
+    corner = soup(BOX) + [100.0, 60.0, 0.0]
+    for way in (1, -1):
+        part = from_soup(np.concatenate([soup(BOX), corner])[:, ::way])
+        assert as_trimesh(part).is_watertight
+        assert as_trimesh(part).volume == pytest.approx(1e-9 * 2 * 100 * 60 * 20)
+        assert as_trimesh(part).body_count == 2
+        assert said(part, "1 edges of more than two facets", "the first at (50, 30, 0) mm")
+
+
+def test_a_loose_fin_is_dropped_if_small_and_a_sheet_of_its_own_if_large():
+    small = from_soup(np.concatenate([soup(BALL), [[*soup(BALL)[7, :2], 1.05 * soup(BALL)[7, 2]]]]))
+    assert said(small, "dropped 1 facets of 1 loose fins")
+    assert as_trimesh(small).is_watertight
+    large = from_soup(np.concatenate([soup(BOX), [[[-50, -30, 10], [50, -30, 10], [0, 0, 60]]]]))
+    assert said(large, "2 bodies in one file (1 of them closed)")
+
+
+def test_bodies_that_pass_through_each_other_are_reported_with_the_place():
+    part = from_soup(np.concatenate([soup(BOX), soup(trimesh.creation.box((10.0, 10.0, 80.0)))]))
+    assert said(part, "self-intersecting: ", "pass through each other")
+    assert not said(from_soup(soup(BALL)), "self-intersecting")
+    assert not said(from_soup(np.concatenate([soup(BOX), soup(BOX) + [0.0, 0.0, 21.0]])), "self-intersecting")
+
+
+def dome(noise: float, seed: int = 0):
+    """A cap of a 100 mm ball, 1 mm facets, on a 70 mm square: vertices and faces [m]."""
+    x, y = np.meshgrid(np.linspace(-0.035, 0.035, 71), np.linspace(-0.035, 0.035, 71), indexing="ij")
+    number = np.arange(71 * 71).reshape(71, 71)
+    a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+    points = np.stack([x, y, np.sqrt(0.1**2 - x**2 - y**2)], axis=-1).reshape(-1, 3)
+    scatter = np.random.default_rng(seed).normal(scale=noise, size=points.shape) if noise else 0.0
+    return points + scatter, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+@pytest.mark.parametrize("noise", [0.00002, 0.00005, 0.0001])
+def test_scanned_noise_is_measured_smoothed_and_said(noise):
+    part = part_from_arrays(*dome(noise), up="z")
+    note = next(note for note in part.notes if "scanned noise" in note)
+    assert float(note.split()[3]) == pytest.approx(1e3 * noise, rel=0.15)
+    surface = fit_surface(part)
+    inside = np.abs(surface.vertices[:, :2]).max(axis=1) < 0.030
+    radius = np.linalg.norm(surface.vertices[inside], axis=1)
+    assert np.sqrt(np.mean((radius - 0.1) ** 2)) < 0.35 * noise
+    facets = np.flatnonzero(inside[surface.faces].all(axis=1)).astype(np.int32)
+    points, normals = surface.evaluate(facets, np.full((len(facets), 3), 1.0 / 3.0))
+    tilt = np.arccos(np.clip((normals * points).sum(axis=1) / np.linalg.norm(points, axis=1), -1.0, 1.0))
+    assert np.degrees(np.sqrt(np.mean(tilt**2))) < 0.4 * noise / 0.00005
+    assert surface.smooth[facets].all()  # noise makes no creases
+
+
+def test_a_part_without_noise_is_left_as_it_is():
+    points, faces = dome(0.0)
+    part = part_from_arrays(points, faces, up="z")
+    assert not said(part, "noise")
+    assert np.abs(part.vertices[part.faces] - points[faces]).max() == 0.0
+
+
+def test_noise_beside_a_crease_leaves_the_crease_sharp():
+    """Two planes that meet at 60 deg, scattered by 5 % of their edges."""
+    points, faces = dome(0.0)
+    points[:, 2] = -np.abs(points[:, 0]) * np.tan(np.radians(30.0))
+    points += np.random.default_rng(3).normal(scale=0.00005, size=points.shape)
+    part = part_from_arrays(points, faces, up="z")
+    off = np.abs(part.vertices[:, 2] + np.abs(part.vertices[:, 0]) * np.tan(np.radians(30.0)))
+    assert said(part, "scanned noise")
+    assert np.sqrt(np.mean(off**2)) < 0.00005
+    assert off.max() < 0.0003
