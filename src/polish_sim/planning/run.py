@@ -18,9 +18,13 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ROUNDING = 0.5
-"""Length over which corners are rounded, as a share of the step-over."""
+"""A corner is rounded over this much on either side, as a share of the step-over."""
+SHARPENING = 2.0
+"""How often what rounding takes off a corner is put on before; turns cut off less of the corners between them."""
 FINE = 1.0 / 40.0
 """Spacing of the points that are smoothed, as a share of the step-over."""
+WHOLE = 1e-6
+"""Numbers of intervals this little above a whole one are that one, whatever the rounding of the coordinates."""
 CHORD_ERROR_M = 5e-7
 CLOSEST_M, FURTHEST_M = 2.5e-4, 1e-3
 """Spacing of the finished path's points: equal chord error between these limits [m]."""
@@ -69,7 +73,7 @@ def shortest_way(runs: Sequence[SurfaceRun]) -> list[SurfaceRun]:
 def dense(positions: Array, spacing: float) -> Array:
     """Points of a polyline no further apart than a spacing [m], its corners cut by at most half of it, (n, 3)."""
     s = arc_length(positions)
-    where = np.linspace(0.0, s[-1], int(np.ceil(s[-1] / spacing)) + 1)
+    where = np.linspace(0.0, s[-1], int(np.ceil(s[-1] / spacing - WHOLE)) + 1)
     return np.stack([np.interp(where, s, positions[:, k]) for k in range(3)], axis=1)
 
 
@@ -87,16 +91,22 @@ def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
     knots = arc_length(run.positions)
     distinct = np.concatenate([[True], np.diff(knots) > 1e-9])
     knots, positions, passes = knots[distinct], run.positions[distinct], run.pass_index[distinct]
-    count = max(int(np.ceil(knots[-1] / (FINE * stepover))), 8)
+    count = max(int(np.ceil(knots[-1] / (FINE * stepover) - WHOLE)), 8)
     s = np.linspace(0.0, knots[-1], count + 1)
     even = np.stack([np.interp(s, knots, positions[:, k]) for k in range(3)], axis=1)
     window = min(round(ROUNDING / FINE), count // 3)
-    smooth = _moving_average(_moving_average(even, window), window)
+    sharpened = even + SHARPENING * (even - _rounded(even, window))
+    smooth = _rounded(sharpened, window)
     spline = CubicSpline(s, smooth)
     where = _stations(s, np.linalg.norm(spline(s, 2), axis=1))
     found = surface.closest(spline(where))
     index = passes[np.searchsorted(knots, where, side="right") - 1]
     return SurfaceRun(found, index)
+
+
+def _rounded(points: Array, window: int) -> Array:
+    """Mean weighted by a triangle of twice the window."""
+    return _moving_average(_moving_average(points, window), window)
 
 
 def _moving_average(points: Array, window: int) -> Array:
@@ -114,5 +124,5 @@ def _stations(s: Array, curvature: Array) -> Array:
     spacing = np.clip(np.sqrt(8.0 * CHORD_ERROR_M / np.maximum(curvature, 1e-9)), CLOSEST_M, FURTHEST_M)
     rate = 1.0 / spacing
     progress = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))])
-    count = max(int(np.ceil(progress[-1])), 8)
+    count = max(int(np.ceil(progress[-1] - WHOLE)), 8)
     return np.interp(np.linspace(0.0, progress[-1], count + 1), progress, s)
