@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.curve import Curve, unit
 from polish_sim.planning.level_set import LevelLine, level_lines
@@ -59,6 +60,7 @@ def plan_raster(request: PatternRequest) -> list[SurfaceRun]:
     borders = border_curves(mesh)
     lines = _parallel_lines(region, mesh, stepover, report)
     stretches = [_trimmed(number, line, borders, stepover) for number, pieces in enumerate(lines) for line in pieces]
+    stretches = [stretch for stretch in stretches if len(stretch.positions) > 1]
     return [finish_run(region.surface, run, stepover) for run in _zigzags(region.surface, stretches, stepover)]
 
 
@@ -79,6 +81,11 @@ def _both_sides(
 ) -> tuple[list[list[Curve]], float, float]:
     """Offset the section at a height to both sides; how much is left beyond the last lines above and below [m]."""
     middle = [Curve(line.positions, unit(line.normals), False) for line in _open(level_lines(mesh, heights, level))]
+    if not middle:
+        raise PlanError(
+            "lines side by side do not fit this region: none across its middle runs from border to border. "
+            "Choose a region that looks one way, e.g. 'auto', or another pattern."
+        )
     lines, left = [middle], []
     for side in (1.0, -1.0):
         inside, last = side * (heights - level) > 0.0, middle

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MAX_TRIANGLES = 1_500_000
+MOST_ROUNDS = 40
+"""Every round halves the longest edges; patches that do not fit each other end the splitting here."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +103,7 @@ def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
     corners = np.broadcast_to(np.eye(3), (len(owners), 3, 3))
     triangles = surface.faces.astype(np.int64)
     vertices = surface.vertices.copy()
-    while True:
+    for _ in range(MOST_ROUNDS):
         keys, which = np.unique(_edge_keys(triangles, len(vertices)), return_inverse=True)
         edges = _decode(keys, len(vertices))
         length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
