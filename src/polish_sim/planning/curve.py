@@ -69,6 +69,10 @@ class Curve:
         """Arc length of the points, one more on a closed curve [m]."""
         return self._knots[2]
 
+    def backwards(self) -> Curve:
+        """The same curve run through the other way."""
+        return Curve(self.positions[::-1], self.normals[::-1], self.closed)
+
     def wrap(self, s: Array) -> Array:
         """Bring arc lengths into the curve's range: around a closed curve, to the ends of an open one."""
         return np.mod(s, self.length) if self.closed else np.clip(s, 0.0, self.length)

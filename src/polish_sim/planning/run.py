@@ -51,6 +51,11 @@ class SurfaceRun:
         """Points on the surface [m], shape (n, 3)."""
         return self.points.positions
 
+    def backwards(self) -> SurfaceRun:
+        """The same line followed the other way; turns are numbered anew from its new beginning."""
+        points = ClosestPoints(*(column[::-1] for column in self.points))
+        return SurfaceRun(points, self.pass_index.max() - self.pass_index[::-1])
+
 
 def join(first: Run, second: Run) -> Run:
     """Two runs one after the other, without a lift."""

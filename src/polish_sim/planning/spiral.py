@@ -18,40 +18,58 @@ from polish_sim.planning.seam import place_seams
 from polish_sim.planning.turns import Turn, border_curves, grow_turns, ring_margin
 
 
-def plan_spiral(request: PatternRequest) -> list[SurfaceRun]:
-    """Cover a region with spirals from its border inwards, one where the region allows.
+def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
+    """Cover a region with spirals between its border and its middle, one where the region allows.
+
+    Spirals are laid inwards, counter-clockwise seen from outside; then what is not done yet lies on the left.
+    Walked backwards they lead outwards, and what is not done yet still lies on the left. To have it on the right
+    (climb) they are laid clockwise.
 
     Args:
-        request: What to cover and how.
+        request: What to cover and how; its plan says inward or outward, conventional or climb, and where to start.
 
     Returns:
         The spirals, on the surface.
     """
-    region, mesh, stepover, report = request.region, request.mesh, request.stepover, request.report
-    borders = border_curves(mesh)
-    margin = ring_margin(region.surface, mesh, borders, stepover) if len(borders) == 2 else None
-    if margin is None:
-        roots = grow_turns(region.surface, mesh, borders, 0.5 * stepover, stepover, report)
-    else:
-        roots = grow_turns(region.surface, mesh, borders[:1], margin, stepover, report)
-    start = np.reshape(request.plan.start, (-1, 3))
+    plan, mesh, stepover = request.plan, request.mesh, request.stepover
+    roots, to_border = _nested_turns(request)
+    outward, climb = plan.order == "outward", plan.direction == "climb"
+    nested = chains(roots, stepover)
+    start, nowhere = np.reshape(plan.start, (-1, 3)), np.empty((0, 3))
     lines = []
-    for chain in chains(roots):
-        goals = middle_ends(mesh, chain[-1], stepover)
-        curves = [turn.curve for turn in chain]
-        seams = place_seams(curves, stepover, goals, start)
-        lines.append(join_turns(curves, seams, margin is not None, stepover))
-    return [finish_run(region.surface, line, stepover) for line in finish_middle(mesh, lines, stepover)]
+    for number, chain in enumerate(nested):
+        curves = [turn.curve.backwards() if climb else turn.curve for turn in chain]
+        wanted = start if number == (len(nested) - 1 if outward else 0) else nowhere
+        outer, inner = (nowhere, wanted) if outward else (wanted, nowhere)
+        seams = place_seams(curves, stepover, middle_ends(mesh, chain[-1], stepover), outer, inner)
+        lines.append(join_turns(curves, seams, to_border, stepover))
+    runs = [finish_run(request.region.surface, line, stepover) for line in finish_middle(mesh, lines, stepover)]
+    return [run.backwards() for run in runs[::-1]] if outward else runs
 
 
-def chains(roots: Sequence[Turn]) -> list[list[Turn]]:
+def _nested_turns(request: PatternRequest) -> tuple[list[Turn], bool]:
+    """Outermost turns, and whether the innermost one follows a border too, as on a ring of even width."""
+    surface, mesh, stepover = request.region.surface, request.mesh, request.stepover
+    borders = border_curves(mesh)
+    margin = ring_margin(surface, mesh, borders, stepover) if len(borders) == 2 else None
+    if margin is None:
+        return grow_turns(surface, mesh, borders, 0.5 * stepover, stepover, request.report), False
+    return grow_turns(surface, mesh, borders[:1], margin, stepover, request.report), True
+
+
+def chains(roots: Sequence[Turn], stepover: float) -> list[list[Turn]]:
     """Split nested turns into chains that can be walked without a lift, the longest way inwards first."""
-    waiting = sorted(roots, key=lambda turn: -turn.curve.length)
+
+    def shortness(turn: Turn) -> float:
+        """Rounded, so that turns of one length stay in order whatever the rounding of the coordinates."""
+        return -round(turn.curve.length / stepover, 4)
+
+    waiting = sorted(roots, key=shortness)
     out = []
     while waiting:
         chain = [waiting.pop(0)]
         while chain[-1].children:
-            inner = sorted(chain[-1].children, key=lambda turn: -turn.curve.length)
+            inner = sorted(chain[-1].children, key=shortness)
             chain.append(inner[0])
             waiting.extend(inner[1:])
         out.append(chain)
