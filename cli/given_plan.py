@@ -45,7 +45,7 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
     if asked:
         raise InputError(f"--path is a finished plan: leave {', '.join(asked)} out, or leave --path out to plan anew.")
     path = read_plan(source)
-    facts = _facts(source)
+    facts = plan_facts(source)
     named = {"plan": {"file": str(source.resolve())}}
     if not facts:
         return GivenPlan(path, merge(scenario, named, ""))
@@ -55,12 +55,12 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
         scenario = merge(scenario, {"part": {"file": part["name"]}}, "")
     elif not chosen:
         raise InputError(f"the plan '{source}' was made on '{part['file']}': say where it is with --part.")
-    _check_part(source, scenario.part.file, part)
+    check_part(source, scenario.part.file, part)
     scenario = merge(scenario, {"plan": facts["plan"], "part": {"unit": part["unit"]}}, "")
     return GivenPlan(path, merge(scenario, named, ""))
 
 
-def _facts(source: Path) -> dict[str, Any]:
+def plan_facts(source: Path) -> dict[str, Any]:
     """What a path.json says beside its path; empty for a CSV."""
     file = source / "path.json" if source.is_dir() else source
     if file.suffix.lower() != ".json":
@@ -71,7 +71,8 @@ def _facts(source: Path) -> dict[str, Any]:
     return {"part": document["part"], "plan": document["plan"]}
 
 
-def _check_part(source: Path, name: str, part: Mapping[str, str]) -> None:
+def check_part(source: Path, name: str, part: Mapping[str, str]) -> None:
+    """Refuse a part that is another file than a plan was made on."""
     file = part_file(name)
     if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() != part["sha256"]:
         raise InputError(

@@ -15,6 +15,7 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.config import config
 from polish_sim.cli.demo import demo
+from polish_sim.cli.inspect import inspect
 from polish_sim.cli.listing import list_names
 from polish_sim.cli.panels import PanelledCommand
 from polish_sim.cli.plan import plan
@@ -51,6 +52,7 @@ def _every_command(
 
 commands.command("demo", short_help="The whole main job on a shipped part.")(demo)
 commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part's STL.")(plan)
+commands.command("inspect", short_help="The quality of any tool path on a part.")(inspect)
 commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force or surface.")(run)
 commands.command("report", short_help="Plots and tables again from saved runs.")(report)
 commands.command("config", short_help="The full default config as TOML.")(config)

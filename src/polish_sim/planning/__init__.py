@@ -1,5 +1,6 @@
 """From a region of a part's surface to a tool path that covers it (layer 5)."""
 
+from polish_sim.planning.inspection import Inspection, guessed_stepover, inspect_path
 from polish_sim.planning.part_plan import (
     PlanObserver,
     PlanResult,
@@ -15,10 +16,13 @@ from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed
 __all__ = [
     "PATTERNS",
     "SEGMENTS",
+    "Inspection",
     "PlanObserver",
     "PlanResult",
     "ToolPath",
     "coverage_until",
+    "guessed_stepover",
+    "inspect_path",
     "measure_given_path",
     "plan_mesh",
     "plan_part",

@@ -84,7 +84,7 @@ def plan_part(
     """
     observer = observer or _Silent()
     begin = time.perf_counter()
-    mesh = _load(part, observer)
+    mesh = load_mesh(part, observer)
     return plan_mesh(mesh, plan, process, pad, observer, time.perf_counter() - begin)
 
 
@@ -138,7 +138,7 @@ def measure_given_path(
         PolishSimError: The part cannot be used; says why and what to do.
     """
     process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
-    mesh = _load(part, observer)
+    mesh = load_mesh(part, observer)
     surface, region = _choose(mesh, plan)
     observer.stage("measure the path")
     ground = prepare_ground(region, plan)
@@ -174,8 +174,9 @@ def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadC
     return pad_coverage(ground, plan.path.rows(done), process, pad)
 
 
-def _load(part: PartConfig, observer: PlanObserver) -> PartMesh:
-    observer.stage("fit the surface")
+def load_mesh(part: PartConfig, observer: PlanObserver | None = None) -> PartMesh:
+    """Load a part by its file or shipped name."""
+    (observer or _Silent()).stage("fit the surface")
     name = part.file
     file = workpiece_path(name) if name in workpiece_names() else Path(name)
     return load_part(file, part.unit, part.up)

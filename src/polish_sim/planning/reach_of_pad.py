@@ -34,6 +34,8 @@ class PadReach(NamedTuple):
     area_m2: float
     hollow: Array
     """Share of each facet that is too hollow, shape (m,)."""
+    tightness: Array
+    """Pad radius over the smallest radius of curvature of each facet, negative hollow, below -1 out of reach, (m,)."""
     places: tuple[HollowPlace, ...]
     """Connected places, largest first."""
 
@@ -63,7 +65,7 @@ def measure_pad_reach(surface: Surface, facets: int, radius: float) -> PadReach:
         position = surface.evaluate(np.array([tight], dtype=np.int32), middle).positions[0]
         places.append(HollowPlace(position, float(areas[rows].sum()), float(-1.0 / smallest[tight].min())))
     places.sort(key=lambda place: -place.area_m2)
-    return PadReach(float(areas.sum()), hollow, tuple(places))
+    return PadReach(float(areas.sum()), hollow, radius * smallest.min(axis=1), tuple(places))
 
 
 def _smallest_curvature(surface: Surface, facets: int, weights: Array) -> Array:

@@ -1,0 +1,137 @@
+"""`polish-sim inspect`: the quality of any tool path on a part, ours or not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from polish_sim.cli import console
+from polish_sim.cli import option_types as o
+from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.rendering import prepare_headless
+from polish_sim.cli.scenario_options import build_scenario
+from polish_sim.config import Scenario
+from polish_sim.errors import InputError
+from polish_sim.scenario_file import merge
+
+PathFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="PATH",
+        help="Plan folder, path.json, path.csv, CSV of x,y,z,i,j,k (mm), or APT/CLDATA.",
+        show_default=False,
+    ),
+]
+
+
+def inspect(
+    path: PathFile,
+    part: o.Part = None,
+    units: o.Units = None,
+    up: o.Up = None,
+    region: o.Region = None,
+    feature_angle: o.FeatureAngle = None,
+    edge_margin: o.EdgeMargin = None,
+    stepover: o.Stepover = None,
+    overlap: o.Overlap = None,
+    pad_diameter: o.PadDiameter = None,
+    contact_force: o.ContactForce = None,
+    feed: o.Feed = None,
+    config: o.Config = None,
+    set_: o.Set = None,
+    out: o.Out = None,
+    overwrite: o.Overwrite = False,
+) -> None:
+    """Measure a tool path on a part: metrics.json, coverage.ply and two pictures."""
+    given = {
+        "--part": part,
+        "--units": units,
+        "--up": up,
+        "--region": region,
+        "--feature-angle": feature_angle,
+        "--edge-margin": edge_margin,
+        "--stepover": stepover,
+        "--overlap": overlap,
+        "--pad-diameter": pad_diameter,
+        "--contact-force": contact_force,
+        "--feed": feed,
+    }
+    prepare_headless()
+    # Lazy: --help must not wait for the numerical libraries.
+    from polish_sim.analysis.coverage_mesh import write_coverage_mesh
+    from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps
+    from polish_sim.analysis.report import save_plots
+    from polish_sim.analysis.run_record import write_json
+    from polish_sim.cli.given_plan import check_part, plan_facts
+    from polish_sim.exchange import read_path
+    from polish_sim.planning import guessed_stepover, inspect_path
+
+    tool_path = read_path(path)
+    facts = plan_facts(path)
+    base = Scenario()
+    if facts:
+        base = merge(base, {"plan": facts["plan"], "part": {"unit": facts["part"]["unit"]}}, "")
+    if part is None:
+        given["--part"] = _shipped_part(path, facts)
+    scenario = build_scenario(base, given, config, set_ or [])
+    if facts:
+        check_part(path, scenario.part.file, facts["part"])
+    plan, notes = scenario.plan, list[str]()
+    if not facts and stepover is None and overlap is None and plan.stepover_m == Scenario().plan.stepover_m:
+        plan = replace(plan, stepover_m=guessed_stepover(tool_path, scenario.pad, notes))
+    with claimed(out, "inspect", overwrite) as folder, console.progress() as observer:
+        found = inspect_path(tool_path, scenario.part, plan, scenario.process, scenario.pad, observer)
+        observer.stage("draw")
+        notes += found.notes
+        write_json(folder.draft / "metrics.json", found.figures | {"notes": notes})
+        write_coverage_mesh(folder.draft / "coverage.ply", found)
+        save_plots(folder.draft, {"coverage.png": plot_maps(found), "spacing.png": plot_distributions(found)})
+    for note in notes:
+        console.note(f"note: {note}")
+    console.table(f"{path.name} on {found.mesh.name}", ["figure", "unit", "value"], _rows(found.figures))
+    console.say(f"folder: {folder.final}")
+
+
+def _shipped_part(path: Path, facts: Mapping[str, Any]) -> str:
+    """The shipped part a plan says it was made on."""
+    from polish_sim.models import workpiece_names
+
+    if not facts:
+        raise InputError(f"'{path}' does not say which part it was made on: give it with --part.")
+    name = str(facts["part"]["name"])
+    if name not in workpiece_names():
+        raise InputError(f"the plan '{path}' was made on '{facts['part']['file']}': say where it is with --part.")
+    return name
+
+
+def _rows(m: Mapping[str, Any]) -> list[list[str]]:
+    mm, percent, mm2 = 1e3, 1e2, 1e6
+    spread = " / ".join(_number(m[f"stepover_{name}_m"], mm, ".2f") for name in ("min", "p5", "mean", "p95", "max"))
+    return [
+        ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
+        ["length / (area / step-over)", "", f"{m['length_ratio']:.3f}"],
+        ["cycle time", "s", f"{m['cycle_time_s']:.0f}"],
+        ["lifts on the way", "", str(m["lifts"])],
+        ["step-over, min / p5 / mean / p95 / max", "mm", spread],
+        ["overlap of neighbouring turns", "% of pad", _number(m["overlap"], percent, ".1f")],
+        ["within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
+        ["coverage by the pad", "%", f"{m['coverage'] * percent:.1f}"],
+        ["time under the pad, mean", "s", f"{m['exposure_mean_s']:.3g}"],
+        ["  its variation over the area", "cv", f"{m['exposure_cv']:.3f}"],
+        ["  area over twice the median", "mm^2", f"{m['over_polished_area_m2'] * mm2:.4g}"],
+        ["self crossings", "", str(m["self_crossings"])],
+        ["sharpest corner", "deg", f"{math.degrees(m['sharpest_corner_rad']):.1f}"],
+        ["largest turn of the tool axis", "deg/mm", f"{math.degrees(m['max_axis_rate_rad_m']) * 1e-3:.2f}"],
+        ["out of the pad's reach", "mm^2", f"{m['unreachable_area_m2'] * mm2:.4g} in {m['unreachable_places']} places"],
+        ["largest distance to surface", "mm", f"{m['max_distance_to_surface_m'] * mm:.2g}"],
+    ]
+
+
+def _number(value: float, scale: float, form: str) -> str:
+    """The number, or a dash where there is none: a path without neighbouring turns has no step-over."""
+    return "-" if math.isnan(value) else f"{value * scale:{form}}"

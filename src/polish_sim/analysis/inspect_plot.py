@@ -1,0 +1,212 @@
+"""An inspected path as pictures: maps of the region from above, and distributions along the path."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap, TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from polish_sim.analysis.coverage_mesh import hollow_vertices
+from polish_sim.analysis.path_plot import _view_frame as view_frame
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, head, new_figure, styled
+from polish_sim.planning import Inspection
+
+Array = NDArray[np.float64]
+
+MM = 1e3
+PIXELS = 420
+"""Along the longer side of a map."""
+LABELLED = 5
+
+
+class _View(NamedTuple):
+    """The region seen from above, as pixels."""
+
+    frame: Array
+    extent: tuple[float, float, float, float]
+    vertex: NDArray[np.int64]
+    """Vertex seen in each pixel, -1 where there is none, shape (rows, columns)."""
+
+
+@styled
+def plot_maps(found: Inspection) -> Figure:
+    """Draw time under the pad, coverage, and hollows against the pad, seen from above.
+
+    Args:
+        found: What was measured.
+
+    Returns:
+        The figure.
+    """
+    view = _look(found)
+    wide = (view.extent[1] - view.extent[0]) >= 1.2 * (view.extent[3] - view.extent[2])
+    figure = new_figure(15.0, 4.6 if wide else 5.4)
+    time, cover, reach = figure.subplots(1, 3, sharex=True, sharey=True)
+    _draw_time(figure, time, found, view)
+    _draw_cover(cover, found, view)
+    _draw_reach(figure, reach, found, view)
+    for axes in (time, cover, reach):
+        axes.set_aspect("equal")
+        axes.grid(False)
+        axes.set_xlabel("to the right [mm]")
+    time.set_ylabel("to the back [mm]")
+    # Maps of equal scale leave the engine no room of their own for the heading.
+    figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0, 0.95))  # type: ignore[union-attr]
+    figure.suptitle(f"Path on {found.mesh.name}, seen from above", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    return figure
+
+
+@styled
+def plot_distributions(found: Inspection) -> Figure:
+    """Draw the distances between turns, the time under the pad over the area, and the tool axis' rate along the path.
+
+    Args:
+        found: What was measured.
+
+    Returns:
+        The figure.
+    """
+    figure = new_figure(13.0, 4.2)
+    spacing, time, rate = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.5))
+    _draw_spacing(spacing, found)
+    _draw_times(time, found)
+    along = found.quality.axis_rate
+    rate.plot(along.s, along.rate * 1e-3, color=BLUE, lw=0.8)
+    rate.set(xlabel="along the path in contact [m]", ylabel="turn of the tool axis [rad/mm]", ylim=(0.0, None))
+    peak = f"largest {1e-3 * found.figures['max_axis_rate_rad_m']:.3g} rad/mm"
+    rate.axhline(1e-3 * found.figures["max_axis_rate_rad_m"], color=ORANGE, lw=0.9, ls="--", label=peak)
+    rate.legend(loc="lower right")
+    m = found.figures
+    facts = (
+        f"sharpest corner {np.degrees(m['sharpest_corner_rad']):.0f} deg over {MM * m['corner_scale_m']:g} mm",
+        f"{m['self_crossings']} crossings",
+        f"length {m['length_ratio']:.2f} of area / step-over",
+        f"exposure cv {m['exposure_cv']:.2f}",
+    )
+    head(figure, spacing, f"Path on {found.mesh.name}", facts)
+    return figure
+
+
+def _look(found: Inspection) -> _View:
+    """Find the vertex seen in each pixel: the nearest in the picture that looks up."""
+    mesh, frame = found.ground.mesh, view_frame(found.region.up)
+    seen = mesh.vertices @ frame.T * MM
+    shown = np.flatnonzero(mesh.normals @ frame[2] > 0.02)
+    shown = shown if len(shown) else np.arange(len(seen))
+    low, high = seen[shown, :2].min(axis=0), seen[shown, :2].max(axis=0)
+    pixel = float((high - low).max()) / PIXELS
+    xs, ys = (np.arange(low[k] + 0.5 * pixel, high[k] + pixel, pixel) for k in (0, 1))
+    grid = np.stack(np.meshgrid(xs, ys), axis=-1)
+    edge = MM * float(np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1).max())
+    # Half the longest edge reaches every place inside a triangle that is not flat.
+    near, index = cKDTree(seen[shown, :2]).query(grid, distance_upper_bound=0.6 * edge + pixel)
+    vertex = np.where(np.isfinite(near), shown[np.minimum(index, len(shown) - 1)], -1)
+    extent = (xs[0] - 0.5 * pixel, xs[-1] + 0.5 * pixel, ys[0] - 0.5 * pixel, ys[-1] + 0.5 * pixel)
+    return _View(frame, extent, vertex)
+
+
+def _image(view: _View, values: Array) -> Array:
+    return np.where(view.vertex >= 0, np.asarray(values, dtype=float)[view.vertex], np.nan)
+
+
+def _draw_time(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
+    m, times = found.figures, found.quality.exposure.times
+    top = max(float(np.percentile(times, 99.5)), 1e-9)
+    drawn = axes.imshow(
+        _image(view, times), extent=view.extent, origin="lower", cmap="viridis", vmin=0.0, vmax=top, aspect="equal"
+    )
+    figure.colorbar(drawn, ax=axes, label="time under the pad [s]", shrink=0.85, pad=0.02, extend="max")
+    over = 1e4 * m["over_polished_area_m2"]
+    axes.set_title(f"Exposure: cv {m['exposure_cv']:.2f}, {over:.3g} cm² over twice the median", fontsize=9.0)
+
+
+def _draw_cover(axes: Axes, found: Inspection, view: _View) -> None:
+    m, quality = found.figures, found.quality
+    level = np.where(quality.strict, 2.0, np.where(quality.exposure.times > 0.0, 1.0, 0.0))
+    colors = ListedColormap([ORANGE, "#F0D9A0", "#CFE8DF"])
+    axes.imshow(_image(view, level), extent=view.extent, origin="lower", cmap=colors, vmin=-0.5, vmax=2.5)
+    for run in _runs(found):
+        line = (run @ view.frame.T * MM)[:, :2]
+        axes.add_collection(LineCollection([line], colors=[GREY], lw=0.5))
+    if len(quality.crossings):
+        at = quality.crossings @ view.frame.T * MM
+        axes.plot(at[:, 0], at[:, 1], "x", color=PINK, ms=6, mew=1.6, label="crossing")
+    axes.set_title(
+        f"Coverage: {100.0 * m['coverage_stepover']:.1f}% strict, {100.0 * m['coverage']:.1f}% by the pad", fontsize=9.0
+    )
+    named = zip(("within 0.55 step-overs", "under the pad", "not reached"), colors.colors[::-1], strict=True)  # type: ignore[index]
+    handles = [Patch(color=color, label=name) for name, color in named]
+    handles += axes.get_legend_handles_labels()[0]
+    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
+
+
+def _runs(found: Inspection) -> list[Array]:
+    index = np.flatnonzero(found.path.process)
+    rows = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
+    return [found.path.positions_work[run] for run in rows]
+
+
+def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
+    m, mesh, reach = found.figures, found.ground.mesh, found.quality.reach
+    tightness = np.full(len(mesh.vertices), np.nan)
+    own = mesh.owners < len(reach.tightness)
+    tightness[mesh.triangles[own].ravel()] = np.repeat(reach.tightness[mesh.owners[own]], 3)
+    drawn = axes.imshow(
+        _image(view, tightness),
+        extent=view.extent,
+        origin="lower",
+        cmap="RdBu",
+        norm=TwoSlopeNorm(0.0, -1.5, 1.5),
+    )
+    hollow = np.where(hollow_vertices(found), 1.0, np.nan)
+    axes.imshow(_image(view, hollow), extent=view.extent, origin="lower", cmap=ListedColormap(["#3A0010"]))
+    for number, place in enumerate(reach.places[:LABELLED], start=1):
+        at = view.frame @ place.position * MM
+        axes.annotate(
+            f"{number}: {1e6 * place.area_m2:.3g} mm²",
+            at[:2],
+            (8, 8),
+            textcoords="offset points",
+            fontsize=8,
+            bbox={"boxstyle": "round", "fc": "white", "ec": GREY, "lw": 0.5, "alpha": 0.85},
+            arrowprops={"arrowstyle": "-", "lw": 0.6},
+        )
+    label = "pad radius / smallest radius of curvature, hollow < 0"
+    figure.colorbar(drawn, ax=axes, label=label, shrink=0.85, pad=0.02, extend="both")
+    out = f"{1e6 * m['unreachable_area_m2']:.3g} mm² in {m['unreachable_places']} places" if reach.places else "none"
+    axes.set_title(f"Too hollow for the pad (dark): {out}", fontsize=9.0)
+
+
+def _draw_spacing(axes: Axes, found: Inspection) -> None:
+    spacing, expected = found.quality.spacing, found.plan.stepover_m
+    axes.set(xlabel="distance to the turn beside [mm]", ylabel="share of the path [%]")
+    if len(spacing.distances_m) == 0:
+        axes.text(0.5, 0.5, "no turns beside each other", transform=axes.transAxes, ha="center", color=GREY)
+        return
+    weights = np.full(len(spacing.distances_m), 100.0 / len(spacing.distances_m))
+    edges = MM * expected * np.linspace(0.0, 2.0, 81)
+    axes.hist(MM * spacing.distances_m, bins=edges.tolist(), weights=weights, color=BLUE)
+    axes.axvline(MM * expected, color=ORANGE, lw=1.2, label=f"step-over {MM * expected:.4g} mm")
+    axes.axvspan(
+        MM * spacing.p5_m, MM * spacing.p95_m, color=GREEN, alpha=0.2, lw=0,
+        label=f"p5-p95 {MM * spacing.p5_m:.2f}-{MM * spacing.p95_m:.2f} mm",
+    )  # fmt: skip
+    axes.set_yscale("symlog", linthresh=1.0)
+    axes.legend(loc="upper left")
+
+
+def _draw_times(axes: Axes, found: Inspection) -> None:
+    times, m = found.quality.exposure.times, found.figures
+    areas = found.ground.mesh.part_areas(found.ground.part_facets)
+    axes.hist(times, bins=60, weights=100.0 * areas / areas.sum(), color=GREEN)
+    axes.axvline(m["exposure_median_s"], color=GREY, lw=1.0, ls="--", label=f"median {m['exposure_median_s']:.3g} s")
+    axes.axvline(2.0 * m["exposure_median_s"], color=ORANGE, lw=1.0, label="twice the median")
+    axes.set(xlabel="time under the pad [s]", ylabel="share of the area [%]")
+    axes.legend(loc="upper left")
