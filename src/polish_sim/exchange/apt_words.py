@@ -43,7 +43,7 @@ class Statement(NamedTuple):
 
 
 def statements(file: Path, text: str) -> Iterator[Statement]:
-    """Take an APT text apart; $$ begins a comment, a single $ at the end of a line continues it.
+    """Take an APT text apart; $$ begins a comment, a single $ continues a statement, but never prose.
 
     Raises:
         InputError: The last line asks to be continued.
@@ -55,7 +55,7 @@ def statements(file: Path, text: str) -> Iterator[Statement]:
         head, dollar, _ = code.partition("$")
         begin = begin if pending else number
         pending += head.strip()
-        if dollar:
+        if dollar and not _is_prose(pending):
             continue
         if pending:
             yield _statement(pending, begin)
@@ -69,11 +69,14 @@ def statements(file: Path, text: str) -> Iterator[Statement]:
 def _statement(code: str, line: int) -> Statement:
     word, _, rest = code.partition("/")
     name = word.strip().upper()
-    first = name.split(maxsplit=1)[0].split(",")[0] if name else ""
-    if first in FREE_TEXT:
-        return Statement(first, (), line, "")
+    if _is_prose(code):
+        return Statement(name.split(maxsplit=1)[0], (), line, "")
     arguments = tuple(part.strip().upper() for part in rest.split(",")) if rest.strip() else ()
     return Statement(name, arguments, line, "")
+
+
+def _is_prose(code: str) -> bool:
+    return code.upper().startswith(FREE_TEXT)
 
 
 def refusal(file: Path, statement: Statement) -> InputError:

@@ -1,0 +1,164 @@
+"""APT/CLDATA in and out: what other systems write is read, what we write comes back, what cannot be read is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from polish_sim.errors import InputError
+from polish_sim.exchange import ExportSetup, read_path
+from polish_sim.exchange.apt_writer import apt_text
+from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT
+from tests.planning.shapes import shipped_plan
+
+CAM = """\
+PARTNO HOUSING/REV 2, 40 $ HEAVY
+$$ written by a CAM system
+MACHIN/POST, 1
+UNITS/MM
+MULTAX/ON
+CUTTER/ 50.0, 0, $
+  0,0,0,0,30
+SPINDL/6000.0000,RPM,CLW
+FROM/0,0,100,0,0,1
+RAPID
+GOTO/ 0.0, 0.0, 50.0, 0.0, 0.0, 1.0
+FEDRAT/ 600.0000,MMPM
+goto/ 0.0, 0.0, 20.0   $$ axis as before
+GOTO/ 10.0, 0.0, 20.0, $
+      0.0, 0.6, 0.8
+PPRINT/ANYTHING AT ALL $
+FEDRAT/300
+GOTO / 20., 0, 2.0E+1, 0, 0, 1
+RAPID
+GOTO/20,0,50
+RAPID
+GOTO/0,30,50
+GOTO/0,30,20
+GOTO/10,30,20
+RAPID
+GOTO/10,30,50
+FINI
+"""
+
+
+@pytest.fixture
+def cam(tmp_path):
+    file = tmp_path / "cam.apt"
+    file.write_text(CAM)
+    return read_path(file)
+
+
+def test_points_axes_and_feeds_of_a_cam_file_are_read(cam):
+    assert cam.positions_work[:4] == pytest.approx(1e-3 * np.array([[0, 0, 50], [0, 0, 20], [10, 0, 20], [20, 0, 20]]))
+    assert cam.axes_work[:4] == pytest.approx(np.array([[0, 0, 1], [0, 0, 1], [0, 0.6, 0.8], [0, 0, 1]]))
+    assert cam.feed is not None
+    assert cam.feed[:4] == pytest.approx([0.01, 0.01, 0.01, 0.005])
+
+
+def test_rapid_lifts_the_tool_and_a_new_stroke_begins(cam):
+    air, part = APPROACH, PROCESS
+    assert cam.segment.tolist() == [air, part, part, part, air, air, part, part, RETRACT]
+    assert cam.pass_index.tolist() == [0, 0, 0, 0, 0, 0, 1, 1, 1]
+
+
+@pytest.mark.parametrize(("word", "metres"), [("MM", 1e-3), ("INCHES", 0.0254), ("inch", 0.0254), ("CM", 1e-2)])
+def test_units_hold_for_lengths_and_feeds(tmp_path, word, metres):
+    file = tmp_path / "path.cls"
+    file.write_text(f"UNITS/{word}\nFEDRAT/60\nGOTO/1,2,3\nGOTO/4,2,3\n")
+    path = read_path(file)
+    assert path.positions_work[0] == pytest.approx(metres * np.array([1.0, 2.0, 3.0]))
+    assert path.feed == pytest.approx([metres, metres])
+
+
+@pytest.mark.parametrize(
+    ("text", "m_s"), [("600,MMPM", 0.01), ("MMPM,600", 0.01), ("10,IPM", 0.254 / 60.0), ("600,PERMIN", 0.01)]
+)
+def test_feed_units_are_known(tmp_path, text, m_s):
+    file = tmp_path / "path.apt"
+    file.write_text(f"FEDRAT/{text}\nGOTO/1,2,3\nGOTO/4,2,3\n")
+    assert read_path(file).feed == pytest.approx([m_s, m_s])
+
+
+def test_a_tool_axis_statement_holds_for_the_points_after_it(tmp_path):
+    file = tmp_path / "path.apt"
+    file.write_text("TLAXIS/0.6,0,0.8\nGOTO/1,2,3\nGOTO/4,2,3\n")
+    assert read_path(file).axes_work == pytest.approx(np.array([[0.6, 0.0, 0.8]] * 2))
+
+
+@pytest.mark.parametrize("name", ["sphere_100", "plate_two_holes"])
+def test_our_own_file_comes_back_to_print_precision(tmp_path, name):
+    result = shipped_plan(name)
+    file = tmp_path / "path.apt"
+    file.write_text(apt_text(result, ExportSetup()))
+    path, back = result.path, read_path(file)
+    assert np.abs(back.positions_work - path.positions_work).max() <= 0.5001e-9
+    assert np.abs(back.axes_work - path.axes_work).max() < 2e-9
+    assert (back.segment == path.segment).all()
+    assert (back.pass_index == path.pass_index).all()
+    assert back.force is None
+    assert back.feed is not None
+    assert back.feed[path.process] == pytest.approx(0.01)
+
+
+def test_force_and_feed_of_the_waypoints_come_back(tmp_path):
+    result = shipped_plan("sphere_100")
+    count = len(result.path.s)
+    path = replace(result.path, force=np.linspace(5.0, 25.0, count), feed=np.linspace(0.005, 0.02, count))
+    file = tmp_path / "path.apt"
+    file.write_text(apt_text(replace(result, path=path), ExportSetup()))
+    back = read_path(file)
+    assert back.force == pytest.approx(path.force, abs=1e-6)
+    assert back.feed == pytest.approx(path.feed, abs=1e-10)
+
+
+def test_the_tool_moves_rapid_in_the_air_only():
+    text = apt_text(shipped_plan("sphere_100"), ExportSetup()).splitlines()
+    segment = shipped_plan("sphere_100").path.segment
+    assert text.count("RAPID") == np.isin(segment, (APPROACH, RETRACT)).sum()
+    assert sum(line.startswith("GOTO/") for line in text) == len(segment)
+
+
+TWO = "GOTO/0,0,0\nGOTO/1,0,0\n"
+BAD = {
+    "arcs": (TWO + "CIRCLE/0,0,0,5\n", r"line 3: CIRCLE \(arcs\)"),
+    "arcs by definition": (TWO + "C1=CIRCLE/0,0,0,5\n", r"line 3: CIRCLE \(arcs\)"),
+    "canned cycles": (TWO + "CYCLE/DRILL,5\n", "line 3: CYCLE"),
+    "another frame": ("ORIGIN/0,0,5\n" + TWO, "line 1: ORIGIN"),
+    "an unknown word": (TWO + "WOBBLE/3\n", "line 3: unknown word 'WOBBLE'"),
+    "G-code": ("G0 X0 Y0\nG1 X1\n", "line 1: unknown word 'G0 X0 Y0'"),
+    "five values": ("GOTO/0,0,0\nGOTO/1,0,0,0,1\n", "line 2: GOTO has 5 values"),
+    "no values": ("GOTO\n", "line 1: GOTO has 0 values"),
+    "a word for a number": ("GOTO/0,0,0\nGOTO/1,O,0\n", "line 2: GOTO: 'O' is not a number"),
+    "not a number": ("GOTO/0,0,0\nGOTO/1,nan,0\n", "line 2: GOTO: 'NAN' is not a number"),
+    "infinite": ("GOTO/0,0,0\nGOTO/1,0,inf\n", "line 2: GOTO: 'INF' is not a number"),
+    "a zero axis": ("GOTO/0,0,0,0,0,1\nGOTO/1,0,0,0,0,0\n", "line 2, point 2: the tool axis .* has length 0"),
+    "a long axis": ("GOTO/0,0,0,0,0,1\nGOTO/1,0,0,0,0,2\n", "line 2, point 2: the tool axis .* has length 2"),
+    "a repeated point": ("GOTO/0,0,0\nFEDRAT/60\nGOTO/0,0,0\n", "points 1 and 2 are the same.*line 3"),
+    "one point": ("GOTO/0,0,0\n", "one point"),
+    "no points": ("UNITS/MM\n", "no GOTO"),
+    "empty": ("", "no GOTO"),
+    "all in the air": ("RAPID\nGOTO/0,0,0\nRAPID\nGOTO/1,0,0\n", "every GOTO is RAPID"),
+    "an unknown unit": ("UNITS/FURLONG\n" + TWO, "line 1: unknown unit 'FURLONG'"),
+    "no feed": ("FEDRAT/FAST\n" + TWO, "line 1: FEDRAT/FAST is no feed"),
+    "a feed of zero": ("FEDRAT/0\n" + TWO, "line 1: FEDRAT/0 is no feed"),
+    "a feed backwards": ("FEDRAT/-5,MMPM\n" + TWO, "line 1: FEDRAT/-5,MMPM is no feed"),
+    "a feed per turn": ("FEDRAT/0.1,MMPR\n" + TWO, "line 1: a feed per turn"),
+    "half a statement": (TWO + "GOTO/2,$\n", "line 3: the statement is continued"),
+    "multax": ("MULTAX/MAYBE\n" + TWO, "line 1: MULTAX"),
+    "a wrong unit": ("UNITS/M\nGOTO/0,0,0\nGOTO/500,0,0\n", "line 3, point 2: a coordinate beyond 100 m"),
+    "a spoilt note": ("$$ polish-sim: pass=first\n" + TWO, "before line 2: pass is noted as 'first'"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_cannot_be_read_is_named_with_its_line(tmp_path, case):
+    text, message = BAD[case]
+    file = tmp_path / "bad.apt"
+    file.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_path(file)
+    assert "bad.apt" in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,202 @@
+"""The robot program is run by a small machine of our own: what it does to the tool is what the plan says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from polish_sim.config import ProcessConfig
+from polish_sim.exchange import ExportSetup
+from polish_sim.exchange.tool_frames import feed_frames
+from polish_sim.exchange.urscript import STANDOFF_M, urscript_text
+from polish_sim.planning import PlanResult
+from polish_sim.planning.toolpath import PROCESS
+from polish_sim.spatial import apply, from_pose, inverse
+from tests.exchange.urscript_machine import Halted, Machine
+from tests.planning.shapes import shipped_plan
+
+Array = NDArray[np.float64]
+PART_POSE = (0.4, -0.3, 0.1, 0.1, -0.2, 0.7)
+MIDDLE = np.array([0.0, 0.0, 0.035 - 0.1])
+"""Middle of the sphere of 100 mm radius whose cap `sphere_100` is."""
+SETUP = ExportSetup(part_pose=PART_POSE)
+PRINTED_M = 2e-6
+
+
+def executed(result: PlanResult, setup: ExportSetup = SETUP) -> Machine:
+    machine = Machine()
+    machine.run(urscript_text(result, setup))
+    return machine
+
+
+@pytest.fixture(scope="module")
+def ball() -> Machine:
+    return executed(shipped_plan("sphere_100"))
+
+
+@pytest.fixture(scope="module")
+def plate() -> Machine:
+    return executed(shipped_plan("plate_two_holes"))
+
+
+def in_work(T_base_tool: list[Array]) -> Array:
+    return np.asarray(inverse(from_pose(PART_POSE)) @ np.stack(T_base_tool))
+
+
+def test_without_a_measured_part_the_program_stops_before_it_moves():
+    machine = Machine()
+    with pytest.raises(Halted):
+        machine.run(urscript_text(shipped_plan("sphere_100"), ExportSetup()))
+    assert machine.motions == []
+    assert machine.events[-1] == "popup"
+
+
+def test_the_tool_is_declared_before_it_moves_and_zeroed_before_it_presses(ball):
+    first = ball.events.index
+    assert first("set_tcp") < first("zero_ftsensor") < first("spindle True") < first("run") < first("end_force_mode")
+    assert first("set_payload") < first("zero_ftsensor")
+    assert first("spindle False") < first("zero_ftsensor"), "the sensor is zeroed with the spindle still"
+
+
+def test_pressing_ends_before_the_tool_lifts_and_the_spindle_stops_last(ball, plate):
+    for machine, lifts in ((ball, 1), (plate, shipped_plan("plate_two_holes").figures["retracts"])):
+        assert machine.events.count("run") == machine.events.count("end_force_mode") == lifts
+        assert machine.events[-1] == "spindle False"
+        assert not machine.force_mode_on
+        assert all(motion.spindle for motion in machine.motions if motion.pressing)
+
+
+def test_moves_in_contact_run_through_points_of_the_path_itself(ball):
+    """The unpressed path: on the sphere to print precision, never inside it."""
+    path = shipped_plan("sphere_100").path
+    contact = in_work([motion.T_base_tool for motion in ball.motions if motion.pressing])[:, :3, 3]
+    gap = np.linalg.norm(contact[:, None] - path.positions_work[path.process], axis=2)
+    assert gap.min(axis=1).max() < PRINTED_M
+    assert (np.linalg.norm(contact - MIDDLE, axis=1) > 0.1 - 1e-5).all()
+
+
+def test_moves_in_contact_pass_every_point_of_the_path_closely(ball):
+    path = shipped_plan("sphere_100").path
+    corners = in_work([motion.T_base_tool for motion in ball.motions if motion.pressing])[:, :3, 3]
+    first, leg = corners[:-1], np.diff(corners, axis=0)
+    worst = 0.0
+    for point in path.positions_work[path.process]:
+        share = np.clip(np.sum((point - first) * leg, axis=1) / np.sum(leg**2, axis=1).clip(1e-18), 0.0, 1.0)
+        worst = max(worst, float(np.linalg.norm(first + share[:, None] * leg - point, axis=1).min()))
+    assert worst < 2.5e-5
+
+
+def test_nothing_touches_the_part_without_force_mode(ball, plate):
+    """In position control the tool stays clear of the surface, in landing by the standoff."""
+    for machine, name in ((ball, "sphere_100"), (plate, "plate_two_holes")):
+        result = shipped_plan(name)
+        free = in_work([motion.T_base_tool for motion in machine.motions if not motion.pressing])[:, :3, 3]
+        height = np.linalg.norm(result.surface.closest(free).positions - free, axis=1)
+        assert height.min() > 0.9e-3
+    first_pressed = next(k for k, motion in enumerate(ball.motions) if motion.pressing)
+    landing = in_work([motion.T_base_tool for motion in ball.motions[:first_pressed]])[:, :3, 3]
+    height = np.linalg.norm(landing - MIDDLE, axis=1) - 0.1
+    assert height.min() == pytest.approx(STANDOFF_M, abs=1e-5)
+
+
+def test_rotation_vectors_give_the_tool_axis_of_the_path(plate):
+    path = shipped_plan("plate_two_holes").path
+    assert path.axes_work == pytest.approx(np.tile([0.0, 0.0, 1.0], (len(path.s), 1)), abs=1e-9)
+    z_axes = in_work([motion.T_base_tool for motion in plate.motions])[:, :3, 2]
+    assert z_axes == pytest.approx(np.tile([0.0, 0.0, -1.0], (len(z_axes), 1)), abs=2e-6)
+
+
+def test_force_mode_pushes_along_the_inward_normal_of_the_sphere_wherever_the_tool_is(ball):
+    moved = [p for p in ball.pressings if not np.array_equal(p.T_base_tool, ball.pressings[0].T_base_tool)]
+    assert len(moved) > 400
+    task = in_work([pressing.T_base_task for pressing in moved])
+    inward = MIDDLE - task[:, :3, 3]
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    # 0.1 deg: what a fitted surface of 1.6 mm facets is allowed to be off the true sphere.
+    angle = np.degrees(np.arcsin(np.linalg.norm(np.cross(task[:, :3, 2], inward), axis=1)))
+    assert angle.max() < 0.1
+    assert (np.sum(task[:, :3, 2] * inward, axis=1) > 0.0).all()
+
+
+def test_only_tool_z_yields_and_it_presses_with_the_force_asked_for(ball):
+    for pressing in ball.pressings:
+        assert pressing.selection == [0, 0, 1, 0, 0, 0]
+        assert pressing.wrench == [0, 0, 20.0, 0, 0, 0]
+        assert pressing.kind == 2
+        assert pressing.limits[2] == 0.005  # [m/s], the landing speed
+        assert max(pressing.limits[:2]) <= 0.01
+
+
+def test_blends_never_overlap(ball, plate):
+    for machine in (ball, plate):
+        place = np.stack([motion.T_base_tool[:3, 3] for motion in machine.motions])
+        blend = np.array([motion.blend for motion in machine.motions])
+        assert (blend[:-1] + blend[1:] < np.linalg.norm(np.diff(place, axis=0), axis=1) + 1e-12).all()
+        assert blend.max() > 0.0
+
+
+def test_a_spiral_does_not_wind_up_the_last_joint(ball):
+    """x keeps its direction over all turns of the spiral; along the feed it would go round once per turn."""
+    x_axes = np.stack([motion.T_base_tool[:3, 0] for motion in ball.motions])
+    middle = x_axes.mean(axis=0)
+    assert (x_axes @ middle / np.linalg.norm(middle)).min() > np.cos(np.radians(40.0))
+    along_feed = feed_frames(shipped_plan("sphere_100").path)[:, :, 0]
+    assert np.linalg.norm(along_feed.mean(axis=0)) < 0.2
+
+
+def test_without_contact_the_program_switches_everything_off_and_stops():
+    machine = Machine(contact_after_s=np.inf)
+    with pytest.raises(Halted):
+        machine.run(urscript_text(shipped_plan("sphere_100"), SETUP))
+    assert machine.events[-4:] == ["end_force_mode", "sleep", "spindle False", "popup"]
+    assert not machine.force_mode_on
+    pressed = [motion for motion in machine.motions if motion.pressing]
+    assert len(pressed) == 1, "only the landing itself"
+
+
+def test_speed_and_force_are_those_of_the_process_or_of_the_waypoint():
+    result = shipped_plan("sphere_100")
+    slow = executed(result, replace(SETUP, process=ProcessConfig(contact_force_n=12.0, feed_m_s=0.02)))
+    assert {pressing.wrench[2] for pressing in slow.pressings} == {12.0}
+    assert {motion.speed for motion in slow.motions if motion.blend > 0.0} == {0.02}
+    count = len(result.path.s)
+    force = np.where(np.arange(count) < count // 2, 10.0, 15.0)
+    path = replace(result.path, force=force, feed=np.full(count, 0.03))
+    machine = executed(replace(result, path=path))
+    assert [pressing.wrench[2] for pressing in machine.pressings[:: len(machine.pressings) - 1]] == [10.0, 15.0]
+    assert {motion.speed for motion in machine.motions if motion.blend > 0.0} == {0.03}
+
+
+def test_a_path_without_leads_is_landed_from_above():
+    result = shipped_plan("sphere_100")
+    bare = result.path.rows(result.path.segment == PROCESS)
+    machine = executed(replace(result, path=bare))
+    heights = np.linalg.norm(in_work([m.T_base_tool for m in machine.motions])[:, :3, 3] - MIDDLE, axis=1) - 0.1
+    assert heights[0] == pytest.approx(0.03, abs=1e-5)
+    assert heights[-1] == pytest.approx(0.03, abs=1e-5)
+
+
+def test_long_programs_are_cut_into_functions_of_limited_length():
+    text = urscript_text(shipped_plan("plate_two_holes"), SETUP)
+    length, longest = 0, 0
+    for line in text.splitlines():
+        length = 0 if line.strip() == "end" else length + 1
+        longest = max(longest, length)
+    assert longest <= 220
+    assert max(map(len, text.splitlines())) < 160
+
+
+def test_the_header_says_why_the_path_is_not_pressed_in():
+    text = urscript_text(shipped_plan("sphere_100"), SETUP)
+    head = text[: text.index("def ")]
+    assert "ON the surface" in head
+    assert "Never run these poses pressed in" in head
+
+
+def test_the_part_may_stand_anywhere():
+    place = apply(from_pose(PART_POSE), np.zeros((1, 3)))[0]
+    text = urscript_text(shipped_plan("sphere_100"), SETUP)
+    assert f"global T_base_work = p[{place[0]:.6g}, {place[1]:.6g}, {place[2]:.6g}, 0.1, -0.2, 0.7]" in text

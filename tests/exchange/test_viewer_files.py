@@ -1,0 +1,127 @@
+"""Files for the eye: PLY, glTF and the HTML page hold the part and the path, and the page needs no network."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from polish_sim.exchange import ExportSetup
+from polish_sim.exchange.html_page import MOST_FACETS, html_text
+from polish_sim.exchange.mesh_files import glb_bytes, ply_bytes
+from polish_sim.exchange.preview import CHORD_SHARE, LEAD_COLOR, RADIUS_SHARE, SIDES, VIRIDIS, light_part, path_tube
+from tests.planning.shapes import shipped_plan
+
+SETUP = ExportSetup()
+
+
+def test_the_tube_wraps_the_path_and_is_closed():
+    result = shipped_plan("plate_two_holes")
+    tube = path_tube(result)
+    solid = trimesh.Trimesh(tube.vertices, tube.faces, process=False)
+    assert solid.is_watertight
+    assert solid.volume > 0.0
+    radius = RADIUS_SHARE * result.plan.stepover_m
+    points = result.path.positions_work
+    gap = np.array([np.linalg.norm(points - vertex, axis=1).min() for vertex in tube.vertices[::7]])
+    assert gap.max() < 1.3 * radius
+    middle = tube.vertices.reshape(-1, SIDES, 3).mean(axis=1)
+    assert max(to_polyline(point, middle) for point in points[::25]) < CHORD_SHARE * radius * 1.01
+
+
+def to_polyline(point: np.ndarray, corners: np.ndarray) -> float:
+    first, leg = corners[:-1], np.diff(corners, axis=0)
+    share = np.clip(np.sum((point - first) * leg, axis=1) / np.sum(leg**2, axis=1).clip(1e-18), 0.0, 1.0)
+    return float(np.linalg.norm(first + share[:, None] * leg - point, axis=1).min())
+
+
+def test_colours_run_along_the_length_and_leads_have_their_own():
+    tube = path_tube(shipped_plan("sphere_100"))
+    assert (tube.colors[~tube.contact] == LEAD_COLOR).all()
+    in_contact = tube.colors[tube.contact]
+    assert np.abs(in_contact[0].astype(int) - VIRIDIS[0]).max() < 12
+    # The leads take up the last 2% of the length.
+    assert np.abs(in_contact[-1].astype(int) - VIRIDIS[-1]).max() < 20
+
+
+def test_ply_holds_part_and_path_in_metres_with_colours():
+    result = shipped_plan("sphere_100")
+    mesh = trimesh.load(io.BytesIO(ply_bytes(result, SETUP)), file_type="ply", process=False)
+    assert mesh.bounds[0] == pytest.approx(result.mesh.vertices.min(axis=0), abs=1e-6)
+    tube = path_tube(result)
+    assert len(mesh.faces) == len(result.mesh.faces) + len(tube.faces)
+    assert (mesh.visual.vertex_colors[-len(tube.colors) :, :3] == tube.colors).all()
+
+
+def test_glb_holds_two_named_meshes_with_y_up():
+    result = shipped_plan("sphere_100")
+    scene = trimesh.load(io.BytesIO(glb_bytes(result, SETUP)), file_type="glb")
+    assert set(scene.geometry) == {"part", "path"}
+    assert len(scene.geometry["part"].faces) == len(result.mesh.faces)
+    placed = {name: scene.geometry[name].copy() for name in scene.geometry}
+    for name, mesh in placed.items():
+        mesh.apply_transform(scene.graph.get(name)[0])
+    high = result.mesh.vertices[:, 2].max()
+    assert placed["part"].bounds[1, 1] == pytest.approx(high, abs=1e-6)
+    assert scene.geometry["path"].visual.vertex_colors.shape[1] == 4
+
+
+def page_data(page: str) -> dict:
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
+
+
+def unpacked(text: str, kind: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), dtype=kind).reshape(-1, 3)
+
+
+def test_the_page_fetches_nothing():
+    page = html_text(shipped_plan("freeform"), SETUP)
+    code = page.replace(json.dumps(page_data(page), separators=(",", ":")), "")
+    for word in ("://", "src=", "href", "import(", "import ", "fetch", "XMLHttpRequest", "url(", "WebSocket", "eval("):
+        assert word not in code, word
+    assert "@DATA@" not in page
+    assert "@TITLE@" not in page
+
+
+def test_the_page_embeds_part_path_and_figures():
+    result = shipped_plan("sphere_100")
+    data = page_data(html_text(result, SETUP))
+    vertices, faces = unpacked(data["part"]["vertices"], "<f4"), unpacked(data["part"]["faces"], "<u4")
+    middle = 0.5 * (result.mesh.vertices.min(axis=0) + result.mesh.vertices.max(axis=0))
+    assert (faces == result.mesh.faces).all()
+    assert vertices == pytest.approx(1e3 * (result.mesh.vertices - middle), abs=1e-4)
+    for name in ("path", "leads"):
+        points, triangles = unpacked(data[name]["vertices"], "<f4"), unpacked(data[name]["faces"], "<u4")
+        assert triangles.max() == len(points) - 1
+        away = np.abs(points * 1e-3 + middle - [0.0, 0.0, -0.065])
+        assert np.abs(np.linalg.norm(away, axis=1) - 0.1).max() < (2e-3 if name == "path" else 0.035)
+    along = np.frombuffer(base64.b64decode(data["path"]["along"]), dtype="<f4")
+    assert (np.diff(along) >= 0.0).all()
+    assert along[-1] < data["length_m"] == pytest.approx(result.path.length_m)
+    assert ["path in contact", f"{result.figures['path_length_m']:.2f} m"] in data["figures"]
+    assert ["lifts", "1"] in data["figures"]
+
+
+def test_a_name_cannot_break_out_of_the_page():
+    result = shipped_plan("sphere_100")
+    name = "</script><script>alert(1)</script>"
+    page = html_text(replace(result, mesh=replace(result.mesh, name=name)), SETUP)
+    assert "<script>alert" not in page
+    assert page.count("</script>") == 2
+
+
+def test_a_part_of_100000_facets_is_shown_by_a_lighter_copy_close_to_it():
+    result = shipped_plan("sphere_100")
+    ball = trimesh.creation.icosphere(subdivisions=7, radius=0.1)
+    mesh = replace(result.mesh, vertices=ball.vertices, faces=ball.faces.astype(np.int32))
+    assert len(mesh.faces) > 300_000
+    vertices, faces = light_part(mesh, MOST_FACETS)
+    assert 5_000 < len(faces) <= MOST_FACETS
+    assert np.abs(np.linalg.norm(vertices, axis=1) - 0.1).max() < 1e-3
+    assert len(html_text(replace(result, mesh=mesh), SETUP)) < 3_000_000
