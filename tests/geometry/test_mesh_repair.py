@@ -181,3 +181,32 @@ def test_noise_beside_a_crease_leaves_the_crease_sharp():
     assert said(part, "scanned noise")
     assert np.sqrt(np.mean(off**2)) < 0.00005
     assert off.max() < 0.0003
+
+
+def test_needles_on_a_ball_are_flipped_and_no_longer_bend_its_normals():
+    """Facets split at a point beside one edge, as careless meshing leaves them: height 1 % of the edge."""
+    rng = np.random.default_rng(0)
+    points, faces = [*np.array(BALL.vertices)], [tuple(face) for face in np.array(BALL.faces)]
+    for number in rng.choice(1280, 60, replace=False):
+        a, b, c = faces[number]
+        start = points[a] + rng.uniform(0.3, 0.7) * (points[b] - points[a])
+        inward = points[c] - start
+        beside = start + 0.01 * np.linalg.norm(points[b] - points[a]) * inward / np.linalg.norm(inward)
+        points.append(40.0 * beside / np.linalg.norm(beside))
+        faces[number] = (a, b, len(points) - 1)
+        faces += [(b, c, len(points) - 1), (c, a, len(points) - 1)]
+    part = part_from_arrays(np.array(points), np.array(faces), unit="mm")
+    assert said(part, "flipped the long edge of 60 needles", "the first at (")
+    assert as_trimesh(part).is_watertight
+    surface = fit_surface(part)
+    facets = np.arange(len(part.faces), dtype=np.int32)
+    positions, normals = surface.evaluate(facets, np.full((len(facets), 3), 1.0 / 3.0))
+    radius = np.linalg.norm(positions, axis=1)
+    assert np.abs(radius - 0.04).max() < 1e-6
+    assert np.degrees(np.arccos((normals * positions).sum(axis=1) / radius)).max() < 0.02
+
+
+def test_needles_on_planes_and_creases_stay():
+    """A box whose edges are beset with thin facets: no crease moves."""
+    part = from_soup(soup(BOX.subdivide_to_size(30.0)) * [1.0, 1.0, 0.02])
+    assert not said(part, "needles")

@@ -10,6 +10,7 @@ from polish_sim.geometry.crowded_edges import separate_crowded
 from polish_sim.geometry.hole_filling import close_holes
 from polish_sim.geometry.merge import merge_vertices
 from polish_sim.geometry.mesh_repair import drop_bad_facets, flip_slivers
+from polish_sim.geometry.needles import flip_needles
 from polish_sim.geometry.scan_noise import smooth_noise
 from polish_sim.geometry.self_crossing import describe_crossings
 from polish_sim.geometry.shells import describe_shells, turn_outward, wind_alike
@@ -36,7 +37,7 @@ def mend(triangles: Floats, path: Path) -> Skin:
     skin = drop_bad_facets(skin, path)
     skin = wind_alike(skin, path)
     skin = wind_alike(separate_crowded(split_t_junctions(skin), path), path)
-    skin = close_holes(flip_slivers(skin))
+    skin = close_holes(flip_needles(flip_slivers(skin)))
     skin = turn_outward(skin)
     skin = smooth_noise(skin)
     return skin._replace(notes=(*skin.notes, *describe_shells(skin), *describe_crossings(skin)))
