@@ -13,7 +13,7 @@ from polish_sim.geometry.surface import Surface
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-_SAMPLES_PER_REACH = 40.0
+_SAMPLES_PER_REACH = 16.0
 """The border is sampled this densely, in shares of the distance of interest."""
 
 _CHORD_ERROR = 1e-6
@@ -24,8 +24,11 @@ _MOST_SAMPLES = 400_000
 _ARCS = 4
 """Pieces of the way to the border that are taken for circular arcs."""
 
-_BEYOND = 1.5
-"""Farther away than this times the distance of interest the straight distance does."""
+_NEAR = (0.4, 1.25)
+"""Outside these shares of the distance of interest the straight distance does."""
+
+_FLAT = 1e-9
+"""A surface is flat when it leaves a plane by less than this share of its size."""
 
 
 class BorderDistance(NamedTuple):
@@ -38,7 +41,9 @@ class BorderDistance(NamedTuple):
     tree: cKDTree
     """Search tree over their middles."""
     reach: float
-    """Distances up to about this are measured along the surface [m]."""
+    """Distances about this are measured along the surface [m]."""
+    flat: bool
+    """Whether the surface is flat, and straight distances are all there is."""
     length: float
     """Length of the whole border [m]."""
 
@@ -53,18 +58,19 @@ class BorderDistance(NamedTuple):
             surface: The surface.
 
         Returns:
-            Distances [m], shape (n,); beyond the reach straight ones.
+            Distances [m], shape (n,); far from the reach straight ones.
         """
         feet = self.nearest(points)
         distances = np.linalg.norm(points - feet, axis=1)
-        near = np.flatnonzero((distances < _BEYOND * self.reach) & (distances > 0.0))
-        if len(near):
+        low, high = _NEAR
+        near = np.flatnonzero((distances > low * self.reach) & (distances < high * self.reach))
+        if len(near) and not self.flat:
             distances[near] = _lengths_along(surface, feet[near], points[near])
         return np.asarray(distances)
 
     def nearest(self, points: Floats) -> Floats:
         """Nearest points of the border to points (n, 3) [m], shape (n, 3)."""
-        count = min(4, len(self.starts))
+        count = min(3, len(self.starts))
         _, pieces = self.tree.query(points, k=count)
         pieces = np.asarray(pieces).reshape(len(points), count)
         start, along = self.starts[pieces], self.ends[pieces] - self.starts[pieces]
@@ -96,8 +102,19 @@ def border_distance(surface: Surface, reach: float) -> BorderDistance:
     step = np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)
     starts, ends = (_on_curve(a[edge], c[edge], b[edge], (step + k) / parts[edge]) for k in (0, 1))
     return BorderDistance(
-        starts, ends, cKDTree(0.5 * (starts + ends)), reach, float(np.linalg.norm(ends - starts, axis=1).sum())
+        starts=starts,
+        ends=ends,
+        tree=cKDTree(0.5 * (starts + ends)),
+        reach=reach,
+        flat=_is_flat(surface),
+        length=float(np.linalg.norm(ends - starts, axis=1).sum()),
     )
+
+
+def _is_flat(surface: Surface) -> bool:
+    points = surface.control.reshape(-1, 3)
+    normal = surface.evaluate(np.zeros(1, dtype=np.int32), np.full((1, 3), 1.0 / 3.0)).normals[0]
+    return float(np.ptp(points @ normal)) < _FLAT * float(np.ptp(points, axis=0).max())
 
 
 def _on_curve(a: Floats, c: Floats, b: Floats, share: Floats) -> Floats:

@@ -166,7 +166,10 @@ def _fan(triangle: Floats, points: list[Floats]) -> list[tuple[int, int, int]]:
 
 def build_cut(surface: Surface, cut: Cut, count: int) -> Surface:
     """Cut control nets to the pieces' corners and number the vertices, ``count`` at most, anew."""
-    control = sub_patches(surface.control[cut.parents], cut.barycentric)
+    control, normal_control = surface.control[cut.parents], surface.normal_control[cut.parents]
+    smaller = np.flatnonzero((cut.barycentric != np.eye(3)).any(axis=(1, 2)))
+    control[smaller] = sub_patches(control[smaller], cut.barycentric[smaller])
+    normal_control[smaller] = sub_patches(normal_control[smaller], cut.barycentric[smaller])
     vertices = np.empty((count, 3))
     vertices[cut.faces] = control[:, :3]
     used, compact = np.unique(cut.faces, return_inverse=True)
@@ -176,7 +179,7 @@ def build_cut(surface: Surface, cut: Cut, count: int) -> Surface:
         vertices=vertices[used],
         faces=faces,
         control=control,
-        normal_control=sub_patches(surface.normal_control[cut.parents], cut.barycentric),
+        normal_control=normal_control,
         shape=cut.barycentric @ surface.shape[cut.parents],
         adjacency=adjacency,
         smooth=_inherited_smooth(surface, cut) & (adjacency.facets >= 0),
@@ -189,8 +192,9 @@ def sub_patches(control: Floats, barycentric: Floats) -> Floats:
     The control value of two corners a, b is the parent's blossom, sum of P_ij a_i b_j.
     """
     net = control[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2]]]
+    half = np.matmul(barycentric, net.reshape(len(net), 3, -1)).reshape(len(net), 3, 3, -1)
     pairs = [(0, 0), (1, 1), (2, 2), *map(tuple, _EDGE_PAIRS)]
-    return np.stack([np.einsum("ki,kj,kijd->kd", barycentric[:, a], barycentric[:, b], net) for a, b in pairs], axis=1)
+    return np.concatenate([np.matmul(barycentric[:, b, None], half[:, a]) for a, b in pairs], axis=1)
 
 
 def _inherited_smooth(surface: Surface, cut: Cut) -> NDArray[np.bool_]:

@@ -34,7 +34,7 @@ class Whole(NamedTuple):
     up: Floats
     """Unit vector away from the table, shape (3,)."""
     stl_facets: NDArray[np.int32]
-    """Number of each facet in the file, shape (m,)."""
+    """Number of each facet in the file, -1 where there is none, shape (m,)."""
 
     @property
     def kept(self) -> Clipped:
@@ -79,15 +79,14 @@ def pick_point(whole: Whole, argument: str) -> list[Clipped]:
 def pick_faces(whole: Whole, argument: str) -> list[Clipped]:
     """Pick the facets a file lists by their numbers in the part's file."""
     numbers = read_facet_numbers(argument)
-    place = np.full(whole.stl_facets.max() + 1, -1, dtype=np.int32)
-    place[whole.stl_facets] = np.arange(len(whole.stl_facets), dtype=np.int32)
-    known = (numbers >= 0) & (numbers < len(place))
-    if not known.all():
+    highest = int(whole.stl_facets.max())
+    unknown = numbers[(numbers < 0) | (numbers > highest)]
+    if len(unknown):
         raise InputError(
-            f"{argument}: facet {numbers[~known][0]} does not exist; facets of the part run from 0 to {len(place) - 1}."
+            f"{argument}: facet {unknown[0]} does not exist; facets of the part run from 0 to {highest}."
         )
-    facets = np.unique(place[numbers])
-    facets = facets[facets >= 0]
+    # A facet of the file may be several of ours, and one that closes a hole is none of the file's.
+    facets = np.flatnonzero(np.isin(whole.stl_facets, numbers)).astype(np.int32)
     if len(facets) == 0:
         raise PlanError(f"{argument}: all facets it lists were dropped when the part was repaired. List others.")
     return coverable(restricted(whole.kept, facets), whole.up)

@@ -16,10 +16,10 @@ from polish_sim.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
 
-_FACETS_PER_MARGIN = 20.0
+_FACETS_PER_MARGIN = 8.0
 """Facets that the new border crosses are cut down to this share of the margin."""
 
-_FACETS_ALONG = 4000.0
+_FACETS_ALONG = 1500.0
 """They are no smaller than this share of the border's length, however small the margin."""
 
 _ON_LINE = 1e-4
@@ -49,9 +49,9 @@ def trim(patches: Sequence[Clipped], margin: float) -> list[Clipped]:
             continue
         distance = border_distance(patch.surface, margin)
         fine = then(patch, _refined(patch.surface, distance, margin))
-        values = _distance_values(fine.surface, distance)
-        widest = max(widest, float(values[:, :3].max()))
-        inner = then(fine, clip(fine.surface, values - margin, on=_ON_LINE * margin))
+        values = _beyond_margin(fine.surface, distance, margin)
+        widest = max(widest, margin + float(values[:, :3].max()))
+        inner = then(fine, clip(fine.surface, values, on=_ON_LINE * margin))
         left += connected(inner) if len(inner.parents) else []
     if not left:
         raise PlanError(
@@ -100,12 +100,16 @@ def _crossed(cut: Cut, values: Floats, edges: Edges, lengths: Floats, longest: f
     return marked & (lengths > longest)
 
 
-def _distance_values(surface: Surface, distance: BorderDistance) -> Floats:
-    """Distances as a quadratic over each facet, right at corners and in the middle of edges [m], shape (m, 6)."""
+def _beyond_margin(surface: Surface, distance: BorderDistance, margin: float) -> Floats:
+    """Distance beyond the margin as a quadratic over each facet, right where the margin runs [m], shape (m, 6)."""
     edges = find_edges(surface.faces)
-    corner = distance.at(surface.vertices, surface)
+    corner = distance.at(surface.vertices, surface) - margin
+    ends = corner[edges.ends]
+    control = ends.mean(axis=1)
+    # The value in the middle counts on edges that are cut.
+    cut = np.flatnonzero(ends.min(axis=1) * ends.max(axis=1) < 0.0)
     _, first = np.unique(edges.of_facet.ravel(), return_index=True)
     halves = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
-    middles = surface.evaluate((first // 3).astype(np.int32), halves[first % 3]).positions
-    control = 2.0 * distance.at(middles, surface) - 0.5 * corner[edges.ends].sum(axis=1)
+    middles = surface.evaluate((first[cut] // 3).astype(np.int32), halves[first[cut] % 3]).positions
+    control[cut] = 2.0 * (distance.at(middles, surface) - margin) - control[cut]
     return np.concatenate([corner[surface.faces], control[edges.of_facet]], axis=1)
