@@ -11,6 +11,7 @@ from polish_sim.planning.part_plan import (
 )
 from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.planner import plan_path
+from polish_sim.planning.shortcuts import measure_path, plan_contour, plan_fermat, plan_raster, plan_spiral
 from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed
 
 __all__ = [
@@ -24,8 +25,13 @@ __all__ = [
     "guessed_stepover",
     "inspect_path",
     "measure_given_path",
+    "measure_path",
+    "plan_contour",
+    "plan_fermat",
     "plan_mesh",
     "plan_part",
     "plan_path",
+    "plan_raster",
+    "plan_spiral",
     "pressed",
 ]
