@@ -12,6 +12,9 @@ from polish_sim.planning.triangulation import Triangulation
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+ROUNDING = 1e-9
+"""Vertices above the level by no more than this share of the values' range lie on it."""
+
 
 class LevelLine(NamedTuple):
     """A piece of a level line, the higher values on its left."""
@@ -36,7 +39,8 @@ def level_lines(mesh: Triangulation, values: Array, level: float) -> list[LevelL
     Returns:
         Closed lines, and open ones that end at the border.
     """
-    higher = values > level
+    finite = values[np.isfinite(values)]
+    higher = values > level + ROUNDING * float(finite.max(initial=level) - finite.min(initial=level))
     a, b, c = (higher[mesh.triangles[:, k]] for k in range(3))
     crossed = np.flatnonzero((a != b) | (b != c))
     if len(crossed) == 0:
@@ -54,7 +58,7 @@ def level_lines(mesh: Triangulation, values: Array, level: float) -> list[LevelL
     keys, index = np.unique(np.concatenate([start, end]), return_inverse=True)
     chains = _chain(index[: len(start)], index[len(start) :], len(keys))
     low, high = keys // count, keys % count
-    share = ((level - values[low]) / (values[high] - values[low]))[:, None]
+    share = np.clip((level - values[low]) / (values[high] - values[low]), 0.0, 1.0)[:, None]
     positions = mesh.vertices[low] + share * (mesh.vertices[high] - mesh.vertices[low])
     normals = mesh.normals[low] + share * (mesh.normals[high] - mesh.normals[low])
     return [LevelLine(positions[c], normals[c], high[c], closed) for c, closed in chains]

@@ -27,6 +27,10 @@ FINEST = 1.0 / 40.0
 CHORD_ERROR = 1.0 / 4000.0
 """Chord error the spacing is adapted to, as a share of the step-over."""
 
+WHOLE = 1e-6
+"""A count this little above a whole number is that number: rounding must not add a point."""
+BACK = 1e-6
+"""Feet fall back only by more than this share of the distance; less is rounding."""
 OFF = 0.02
 """Feet further than this share of the step-over from the surface are not on it."""
 
@@ -70,7 +74,7 @@ def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLin
         The offset curve.
     """
     even = Curve(trial.positions, unit(trial.normals), trial.closed)
-    count = max(int(np.ceil(even.length / (COARSEST * distance))), 8)
+    count = max(int(np.ceil(even.length / (COARSEST * distance) - WHOLE)), 8)
     even = _on_offset(surface, curves, _resample(even, np.full(count, even.length / count)), distance)
     return _on_offset(surface, curves, _resample(even, adapted_spacing(even, distance)), distance)
 
@@ -93,7 +97,7 @@ def adapted_spacing(curve: Curve, distance: float) -> Array:
     # Chords per metre, summed along the curve, rise by one from point to point.
     rate = 1.0 / wanted
     progress = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(curve.knots))])
-    count = max(int(np.ceil(progress[-1])), 8)
+    count = max(int(np.ceil(progress[-1] - WHOLE)), 8)
     stations = np.interp(np.linspace(0.0, progress[-1], count + 1), progress, curve.knots)
     return np.diff(stations)
 
@@ -121,6 +125,7 @@ def _on_offset(surface: SurfaceQuery, curves: Sequence[Curve], trial: Curve, dis
 
 def _forward_only(feet: Feet, distance: float) -> NDArray[np.bool_]:
     """Drop points whose foot falls back behind the foot of the point before (sub-points already passed)."""
-    back = (np.diff(feet.nearest.s) < 0.0) & (np.diff(feet.nearest.s) > -0.5 * distance) & (np.diff(feet.curve) == 0)
+    ahead = np.diff(feet.nearest.s)
+    back = (ahead < -BACK * distance) & (ahead > -0.5 * distance) & (np.diff(feet.curve) == 0)
     kept = np.concatenate([[True], ~back])
     return kept if kept.sum() >= 4 else np.ones(len(kept), dtype=bool)
