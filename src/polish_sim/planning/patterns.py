@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from polish_sim.planning.contour import contour_runs
 from polish_sim.planning.fermat import fermat_runs
-from polish_sim.planning.raster import plan_raster
+from polish_sim.planning.raster import raster_runs
 from polish_sim.planning.request import PatternRequest
 from polish_sim.planning.run import SurfaceRun
 from polish_sim.planning.spiral import spiral_runs
@@ -26,7 +26,7 @@ class Pattern(NamedTuple):
 
 PATTERNS: Final[Mapping[str, Pattern]] = {
     "spiral": Pattern(spiral_runs, listens=("order", "direction", "start")),
-    "raster": Pattern(plan_raster, listens=("start", "raster_direction"), ordered=False),
+    "raster": Pattern(raster_runs, listens=("start", "raster_direction"), ordered=False),
     "contour": Pattern(contour_runs, listens=("order", "direction", "start")),
     "fermat": Pattern(fermat_runs, listens=("start",)),
 }

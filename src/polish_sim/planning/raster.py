@@ -1,212 +1,130 @@
-"""Zig-zag: lines side by side along the region's long axis, joined by rounded turns (pattern; Region -> runs).
+"""Zig-zag along the border's inside, and a turn along the border itself (pattern; Region -> runs).
 
-The middle line is a plane section; every other one is the offset of its neighbour, so that lines keep their
-distance on the surface, not in a projection.
+Lines side by side are cut where they come near the border; from line to line the path follows the border. One closed
+turn half a step-over inside the border covers what the lines' ends leave; it is joined to the zig-zag without a lift.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
-from polish_sim.errors import PlanError
-from polish_sim.geometry import Region, Surface
-from polish_sim.planning.curve import Curve, unit
-from polish_sim.planning.level_set import LevelLine, level_lines
+from polish_sim.planning.curve import Curve
+from polish_sim.planning.level_set import level_lines
 from polish_sim.planning.offset_curve import nearest_of, offset_curve
-from polish_sim.planning.request import PatternRequest, Report
+from polish_sim.planning.raster_lines import parallel_lines
+from polish_sim.planning.raster_walk import ENDS, Piece, Stroke, fillet, walk
+from polish_sim.planning.request import PatternRequest
 from polish_sim.planning.run import Run, SurfaceRun, finish_run
-from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import border_curves, distance_to
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
-MARGIN = 0.5
-"""Distance of the lines' ends from the border in step-overs."""
-LONGEST_TRIM = 1.5
-"""A line that runs along the border loses no more than this many step-overs at its ends."""
-REACH = 6.0
-"""A line's ends are thought to go on straight for this many step-overs where its neighbour is longer."""
-LINK = 8.0
-"""Longest way from line to line without a lift, in step-overs."""
-OFF = 0.15
-"""How far the straight way from line to line may leave the surface, in step-overs."""
+BORDER_TURN = 0.5
+"""Distance of the border turn from the border, in step-overs."""
+SHORTEST = 0.3
+"""A piece of a line shorter than this many step-overs is left out."""
+REACH = 1.6
+"""A border turn this many step-overs from where a zig-zag begins is joined to it there."""
+GAP = 0.5
+"""Half the gap a turn around a hole is entered and left through, in step-overs."""
 
 
-class Stretch(NamedTuple):
-    """A piece of a line inside the region."""
-
-    line: int
-    """Number of the line, counted across the region."""
-    positions: Array
-    """Points [m], shape (n, 3)."""
-
-
-def plan_raster(request: PatternRequest) -> list[SurfaceRun]:
-    """Cover a region with a zig-zag, one where the region allows.
+def raster_runs(request: PatternRequest) -> list[SurfaceRun]:
+    """Cover a region with a zig-zag and a turn along its border, in one stroke where the region allows.
 
     Args:
-        request: What to cover and how.
+        request: What to cover and how; its plan may say which way the lines run and where to start.
 
     Returns:
-        The zig-zags, on the surface.
+        The strokes, on the surface.
+
+    Raises:
+        PlanError: No line runs across the region.
     """
-    region, mesh, stepover, report = request.region, request.mesh, request.stepover, request.report
+    mesh, stepover = request.mesh, request.stepover
     borders = border_curves(mesh)
-    lines = _parallel_lines(region, mesh, stepover, report)
-    stretches = [_trimmed(number, line, borders, stepover) for number, pieces in enumerate(lines) for line in pieces]
-    stretches = [stretch for stretch in stretches if len(stretch.positions) > 1]
-    return [finish_run(region.surface, run, stepover) for run in _zigzags(region.surface, stretches, stepover)]
+    turns, ends = (_inside(request, borders, distance * stepover) for distance in (BORDER_TURN, ENDS))
+    lines = parallel_lines(request)
+    pieces = [p for number, row in enumerate(lines) for line in row for p in _cut(number, line, borders, stepover)]
+    strokes = walk(pieces, ends, stepover, request.plan.start)
+    runs = _with_turns(strokes, turns, stepover)
+    return [finish_run(request.region.surface, run, stepover) for run in runs]
 
 
-def _parallel_lines(region: Region, mesh: Triangulation, stepover: float, report: Report) -> list[list[Curve]]:
-    """Lines from one side of the region to the other, each the pieces between borders."""
-    heights = (mesh.vertices - mesh.vertices.mean(axis=0)) @ _short_axis(mesh, region.up)
-    lines, above, below = _both_sides(region, mesh, heights, 0.0, stepover, lambda share: report(0.5 * share))
-    # Shift all lines so that the first and the last run at most 0.55 step-overs inside the border.
-    width = above + below + (len(lines) - 1) * stepover
-    needed = max(int(np.ceil(width / stepover - 0.1)), 1)
-    margin = 0.5 * (width - (needed - 1) * stepover)
-    shift = float(np.mod(above - margin + 0.5 * stepover, stepover) - 0.5 * stepover)
-    return _both_sides(region, mesh, heights, shift, stepover, lambda share: report(0.5 + 0.5 * share))[0]
+def _inside(request: PatternRequest, borders: Sequence[Curve], distance: float) -> list[Curve]:
+    """Closed curves at a distance from all borders, the longest first."""
+    mesh = request.mesh
+    values = np.minimum(distance_to(mesh, np.arange(len(mesh.vertices)), borders, 3.0 * distance), 3.0 * distance)
+    lines = [line for line in level_lines(mesh, values, distance) if line.closed]
+    curves = [offset_curve(request.region.surface, borders, line, distance) for line in lines]
+    return sorted(curves, key=lambda curve: -curve.length)
 
 
-def _both_sides(
-    region: Region, mesh: Triangulation, heights: Array, level: float, stepover: float, report: Report
-) -> tuple[list[list[Curve]], float, float]:
-    """Offset the section at a height to both sides; how much is left beyond the last lines above and below [m]."""
-    middle = [Curve(line.positions, unit(line.normals), False) for line in _open(level_lines(mesh, heights, level))]
-    if not middle:
-        raise PlanError(
-            "lines side by side do not fit this region: none across its middle runs from border to border. "
-            "Choose a region that looks one way, e.g. 'auto', or another pattern."
-        )
-    lines, left = [middle], []
-    for side in (1.0, -1.0):
-        inside, last = side * (heights - level) > 0.0, middle
-        while True:
-            following, beyond = _next_line(region, mesh, last, inside, stepover)
-            if not following:
-                break
-            last, inside = following, beyond
-            lines = [*lines, last] if side > 0.0 else [last, *lines]
-            share = 0.5 * float(mesh.vertex_areas[inside].sum() / mesh.vertex_areas.sum())
-            report(0.75 - 0.25 * side - share)
-        left.append(_depth_beyond(mesh, last, inside, stepover))
-    return lines, left[0], left[1]
-
-
-def _depth_beyond(mesh: Triangulation, lines: Sequence[Curve], inside: Mask, stepover: float) -> float:
-    """How far the region goes on beyond its last line [m]."""
-    if not inside.any():
-        return 0.0
-    distance = distance_to(mesh, np.flatnonzero(inside), lines, 2.0 * stepover)
-    return float(distance[np.isfinite(distance)].max(initial=0.0))
-
-
-def _short_axis(mesh: Triangulation, up: Array) -> Array:
-    """Horizontal direction in which the region is narrowest, seen from above, shape (3,)."""
-    first = np.cross(up, np.eye(3)[int(np.abs(up).argmin())])
-    first /= np.linalg.norm(first)
-    second = np.cross(up, first)
-    flat = mesh.vertices @ np.stack([first, second], axis=1)
-    corners = flat[ConvexHull(flat).vertices]
-    # The narrowest way is always square to a side of the convex hull.
-    sides = unit(np.roll(corners, -1, axis=0) - corners)
-    across = np.stack([-sides[:, 1], sides[:, 0]], axis=1)
-    narrowest = across[np.ptp(corners @ across.T, axis=0).round(9).argmin()]
-    return np.asarray(narrowest[0] * first + narrowest[1] * second)
-
-
-def _open(lines: Sequence[LevelLine]) -> list[LevelLine]:
-    return [line for line in lines if not line.closed]
-
-
-def _next_line(
-    region: Region, mesh: Triangulation, lines: Sequence[Curve], inside: Mask, stepover: float
-) -> tuple[list[Curve], Mask]:
-    """The line one step-over further out, and the vertices beyond it."""
-    longer = [_extended(line, REACH * stepover) for line in lines]
-    # Behind the last line there is no distance, so that the level line does not run round its ends.
-    distance = np.full(len(inside), -1.0)
-    rows = np.flatnonzero(inside)
-    distance[rows] = np.minimum(distance_to(mesh, rows, longer, 2.5 * stepover), 2.5 * stepover)
-    found = _open(level_lines(mesh, distance, stepover))
-    return (
-        [offset_curve(region.surface, longer, line, stepover) for line in found if len(line.positions) > 3],
-        inside & (distance > stepover),
-    )
-
-
-def _extended(line: Curve, length: float) -> Curve:
-    """A line that goes straight on at both ends."""
-    ends = []
-    for s, sign in ((0.0, -1.0), (line.length, 1.0)):
-        position, normal = line.at(np.array([s]))
-        way = sign * line.tangents(np.array([s]), min(0.02 * line.length, 0.25 * length))
-        steps = np.linspace(0.0, length, 25)[1:, None]
-        more = position + steps * way
-        ends.append((more[::-1] if sign < 0.0 else more, np.tile(normal, (len(more), 1))))
-    return Curve(
-        np.concatenate([ends[0][0], line.positions, ends[1][0]]),
-        np.concatenate([ends[0][1], line.normals, ends[1][1]]),
-        False,
-    )
-
-
-def _trimmed(number: int, line: Curve, borders: Sequence[Curve], stepover: float) -> Stretch:
-    """A line without its ends, which come too near the border."""
+def _cut(number: int, line: Curve, borders: Sequence[Curve], stepover: float) -> list[Piece]:
+    """The pieces of a line that keep away from the border."""
     s = np.linspace(0.0, line.length, max(int(line.length / (0.05 * stepover)), 8) + 1)
-    positions = line.at(s)[0]
-    clear = nearest_of(borders, positions).nearest.distances > 0.98 * MARGIN * stepover
-    longest = min(LONGEST_TRIM * stepover, 0.4 * line.length)
-    first = int(np.argmax(clear | (s >= longest)))
-    last = len(s) - 1 - int(np.argmax(clear[::-1] | (line.length - s[::-1] >= longest)))
-    return Stretch(number, positions[first : last + 1])
+    depth = nearest_of(borders, line.at(s)[0]).nearest.distances / stepover - ENDS
+    inside = np.concatenate([[False], depth > 0.0, [False]])
+    first, last = np.flatnonzero(~inside[:-1] & inside[1:]), np.flatnonzero(inside[:-1] & ~inside[1:]) - 1
+    pieces = []
+    for i, j in zip(first, last, strict=True):
+        begin = np.interp(0.0, depth[i - 1 : i + 1], s[i - 1 : i + 1]) if i > 0 else s[0]
+        end = np.interp(0.0, depth[j + 1 : j - 1 : -1], s[j + 1 : j - 1 : -1]) if j + 1 < len(s) else s[-1]
+        if end - begin > SHORTEST * stepover:
+            pieces.append(Piece(number, line.between(float(begin), float(end))[0]))
+    return pieces
 
 
-def _zigzags(surface: Surface, stretches: Sequence[Stretch], stepover: float) -> list[Run]:
-    """Walk the stretches line by line, turning round at the ends; lift where no next line begins nearby."""
-    waiting = list(stretches)
-    runs = []
-    while waiting:
-        stretch = waiting.pop(0)
-        points, passes = [stretch.positions], [np.full(len(stretch.positions), stretch.line)]
-        while True:
-            following = _follower(surface, waiting, stretch.line, points[-1][-1], stepover)
-            if following is None:
-                break
-            index, positions = following
-            stretch = waiting.pop(index)
-            points.append(positions)
-            passes.append(np.full(len(positions), stretch.line))
-        runs.append(Run(np.concatenate(points), np.concatenate(passes)))
-    return runs
+def _with_turns(strokes: Sequence[Stroke], turns: Sequence[Curve], stepover: float) -> list[Run]:
+    """Border turns joined to the strokes: one before a stroke's beginning, others where a stroke passes by."""
+    waiting, runs = list(turns), []
+    for stroke in strokes:
+        positions = stroke.positions
+        near = [k for k, turn in enumerate(waiting) if _away(turn, positions[0]) < REACH * stepover]
+        if near:
+            positions = _turn_first(waiting.pop(near[0]), positions, stepover)
+        for place in stroke.passing:
+            near = [k for k, turn in enumerate(waiting) if _away(turn, place) < ENDS * stepover]
+            if near:
+                positions = _turn_between(waiting.pop(near[0]), positions, place, stepover)
+        runs.append(positions)
+    runs += [turn.between(0.0, turn.length - GAP * stepover)[0] for turn in waiting]
+    return [Run(positions, np.full(len(positions), number)) for number, positions in enumerate(runs)]
 
 
-def _follower(
-    surface: Surface, waiting: Sequence[Stretch], line: int, end: Array, stepover: float
-) -> tuple[int, Array] | None:
-    """The stretch of the next line that begins nearest, in the direction to walk it."""
-    best, found = LINK * stepover, None
-    for index, stretch in enumerate(waiting):
-        if stretch.line > line + 1:
-            break
-        if stretch.line != line + 1:
-            continue
-        for positions in (stretch.positions, stretch.positions[::-1]):
-            away = float(np.linalg.norm(positions[0] - end))
-            way = end + np.linspace(0.0, 1.0, 17)[:, None] * (positions[0] - end)
-            if away < best and _stays_on(surface, way, OFF * stepover):
-                best, found = away, (index, positions)
-    return found
+def _away(turn: Curve, point: Array) -> float:
+    return float(turn.nearest(point[None]).distances[0])
 
 
-def _stays_on(surface: Surface, way: Array, tolerance: float) -> bool:
-    """Whether a straight way runs over the surface, not across a hole or the outside."""
-    return bool((np.linalg.norm(surface.closest(way).positions - way, axis=1) < tolerance).all())
+def _turn_first(turn: Curve, positions: Array, stepover: float) -> Array:
+    """Once round a turn, then over into a stroke in the direction it sets out."""
+    foot = float(turn.nearest(positions[:1]).s[0])
+    ahead = positions[min(8, len(positions) - 1)] - positions[0]
+    with_it = float(turn.tangents(np.array([foot]), 0.25 * stepover)[0] @ ahead) >= 0.0
+    if with_it:
+        lap = turn.between(foot + GAP * stepover, foot + turn.length - GAP * stepover)[0]
+    else:
+        lap = turn.between(foot - turn.length + GAP * stepover, foot - GAP * stepover)[0][::-1]
+    corner = turn.at(np.array([foot]))[0][0]
+    return np.concatenate([lap, fillet(lap[-1], corner, positions[0]), positions])
+
+
+def _turn_between(turn: Curve, positions: Array, place: Array, stepover: float) -> Array:
+    """Once round a turn that a stroke passes by: out through a gap, round the other way, and back."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    at = along[int(np.linalg.norm(positions - place, axis=1).argmin())]
+    leave, come = (
+        np.searchsorted(along, at - 0.5 * GAP * stepover) - 1,
+        np.searchsorted(along, at + 0.5 * GAP * stepover),
+    )
+    leave, come = max(int(leave), 0), min(int(come), len(along) - 1)
+    out, back = turn.nearest(positions[[leave, come]]).s
+    with_it = float(turn.tangents(np.array([out]), 0.25 * stepover)[0] @ (positions[come] - positions[leave])) > 0.0
+    if with_it:
+        lap = turn.between(float(back), float(back + np.mod(out - back, turn.length)))[0][::-1]
+    else:
+        lap = turn.between(float(out), float(out + np.mod(back - out, turn.length)))[0]
+    return np.concatenate([positions[: leave + 1], lap, positions[come:]])
