@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from polish_sim.planning.coverage import STRICT
 from polish_sim.planning.crossings import count_self_crossings
 from polish_sim.planning.curve import Curve, unit
-from polish_sim.planning.run import Run, dense, join
+from polish_sim.planning.run import Run, dense, join, with_round_corners
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import Turn, distance_to
@@ -165,7 +165,9 @@ def _lead_into(mesh: Triangulation, traces: Sequence[Array], line: Array, stepov
     for _, number, way in sorted(offers, key=lambda offer: offer[0]):
         others = [trace for k, trace in enumerate(traces) if k != number]
         others.append(traces[number][:-TAIL_POINTS])
-        if _is_clear(mesh, others, traces[number][-1], way, stepover) and _turns_clear(mesh, traces[number], way):
+        if _is_clear(mesh, others, traces[number][-1], way, stepover) and _turns_clear(
+            mesh, traces[number], way, stepover
+        ):
             return number, way
     return -1, line
 
@@ -179,9 +181,9 @@ def _ways(line: Array, start: Array) -> list[tuple[Array, float]]:
     return [(line, 0.0), (line[::-1], 0.0), (part, 2.0 * missed)]
 
 
-def _turns_clear(mesh: Triangulation, trace: Array, way: Array) -> bool:
-    """Whether a run that goes on into a way does not cross its own last stretch."""
-    points = np.concatenate([trace[-4 * TAIL_POINTS :], way])
+def _turns_clear(mesh: Triangulation, trace: Array, way: Array, stepover: float) -> bool:
+    """Whether a run that goes on into a way, its corners rounded, does not cross its own last stretch."""
+    points = with_round_corners(np.concatenate([trace[-4 * TAIL_POINTS :], way]), stepover)
     normals = mesh.normals[mesh.tree.query(points)[1]]
     return count_self_crossings([Curve(points, normals, False)]) == 0
 

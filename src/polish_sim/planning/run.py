@@ -96,17 +96,24 @@ def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
     knots = arc_length(run.positions)
     distinct = np.concatenate([[True], np.diff(knots) > 1e-9])
     knots, positions, passes = knots[distinct], run.positions[distinct], run.pass_index[distinct]
-    count = max(int(np.ceil(knots[-1] / (FINE * stepover) - WHOLE)), 8)
-    s = np.linspace(0.0, knots[-1], count + 1)
-    even = np.stack([np.interp(s, knots, positions[:, k]) for k in range(3)], axis=1)
-    window = min(round(ROUNDING / FINE), count // 3)
-    sharpened = even + SHARPENING * (even - _rounded(even, window))
-    smooth = _rounded(sharpened, window)
+    smooth = with_round_corners(positions, stepover)
+    s = np.linspace(0.0, knots[-1], len(smooth))
     spline = CubicSpline(s, smooth)
     where = _stations(s, np.linalg.norm(spline(s, 2), axis=1))
     found = surface.closest(spline(where))
     index = passes[np.searchsorted(knots, where, side="right") - 1]
     return SurfaceRun(found, index)
+
+
+def with_round_corners(positions: Array, stepover: float) -> Array:
+    """Evenly spaced points along a polyline (n, 3), its corners rounded; shape (m, 3) [m]."""
+    knots = arc_length(positions)
+    count = max(int(np.ceil(knots[-1] / (FINE * stepover) - WHOLE)), 8)
+    s = np.linspace(0.0, knots[-1], count + 1)
+    even = np.stack([np.interp(s, knots, positions[:, k]) for k in range(3)], axis=1)
+    window = min(round(ROUNDING / FINE), count // 3)
+    sharpened = even + SHARPENING * (even - _rounded(even, window))
+    return _rounded(sharpened, window)
 
 
 def _rounded(points: Array, window: int) -> Array:

@@ -12,10 +12,14 @@ import numpy as np
 
 from polish_sim.planning.joining import join_turns
 from polish_sim.planning.leftover import finish_middle, middle_ends
+from polish_sim.planning.nested import TAIL, all_turns, without_tails
 from polish_sim.planning.request import PatternRequest
 from polish_sim.planning.run import SurfaceRun, finish_run
 from polish_sim.planning.seam import place_seams
 from polish_sim.planning.turns import Turn, border_curves, grow_turns, ring_margin
+
+SHORTEST = 1.0
+"""Turns shorter than this many step-overs are left to what finishes the middle."""
 
 
 def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
@@ -34,7 +38,7 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     plan, mesh, stepover = request.plan, request.mesh, request.stepover
     roots, to_border = _nested_turns(request)
     outward, climb = plan.order == "outward", plan.direction == "climb"
-    nested = chains(roots, stepover)
+    nested = [chain for chain in chains(roots, stepover) if chain[0].curve.length > SHORTEST * stepover]
     start, nowhere = np.reshape(plan.start, (-1, 3)), np.empty((0, 3))
     lines = []
     for number, chain in enumerate(nested):
@@ -52,9 +56,13 @@ def _nested_turns(request: PatternRequest) -> tuple[list[Turn], bool]:
     surface, mesh, stepover = request.region.surface, request.mesh, request.stepover
     borders = border_curves(mesh)
     margin = ring_margin(surface, mesh, borders, stepover) if len(borders) == 2 else None
+    to_border = margin is not None
     if margin is None:
-        return grow_turns(surface, mesh, borders, 0.5 * stepover, stepover, request.report), False
-    return grow_turns(surface, mesh, borders[:1], margin, stepover, request.report), True
+        margin = 0.5 * stepover
+    roots = grow_turns(surface, mesh, borders[:1] if to_border else borders, margin, stepover, request.report)
+    for turn in all_turns(roots):
+        turn.curve = without_tails(turn.curve, TAIL * stepover)
+    return roots, to_border
 
 
 def chains(roots: Sequence[Turn], stepover: float) -> list[list[Turn]]:
@@ -70,7 +78,9 @@ def chains(roots: Sequence[Turn], stepover: float) -> list[list[Turn]]:
         chain = [waiting.pop(0)]
         while chain[-1].children:
             inner = sorted(chain[-1].children, key=shortness)
-            chain.append(inner[0])
             waiting.extend(inner[1:])
+            if inner[0].curve.length < SHORTEST * stepover:
+                break
+            chain.append(inner[0])
         out.append(chain)
     return out
