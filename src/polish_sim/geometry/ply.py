@@ -212,4 +212,5 @@ def _cut_short(path: Path, element: Element) -> NoReturn:
 
 
 def _broken(path: Path, what: str) -> NoReturn:
-    raise MeshError(f"{path}: {what}. Export the part again.")
+    printable = "".join(letter if letter.isprintable() else "?" for letter in what)
+    raise MeshError(f"{path}: {printable}. Export the part again.")

@@ -114,7 +114,8 @@ def _read_block(text: bytes, path: Path) -> tuple[NDArray[np.float64], bool]:
         return np.array([float(number) for number in numbers]).reshape(-1, 3), closed
     except ValueError:
         index = next(index for index in whole if not all(map(_is_number, words[index + 1 : index + 4])))
-        shown = b" ".join(words[index : index + 4]).decode("ascii", "replace")[:80]
+        shown = b" ".join(words[index : index + 4]).decode("latin-1")[:80]
+        shown = "".join(letter if letter.isprintable() else "?" for letter in shown)
         raise MeshError(f"{path}: '{shown}' is not a vertex (three numbers wanted). Export it again.") from None
 
 
