@@ -99,7 +99,7 @@ def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
         near = pairs[mine & (gap < BESIDE * stepover)]
         # Points of the first turn with a point of the second beside them, each counted once.
         count = len(np.unique(near[owner[near] == first]))
-        far = 1e-3 * stepover / float(gap[mine].min())
+        far = 1e-3 * stepover**2 / (stepover + float(gap[mine].min()))
         contacts.append(Contact(first, second, count * spacing + far))
     return contacts
 

@@ -11,21 +11,28 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.planning.curve import Curve
+from polish_sim.planning.curve import Curve, unit
 from polish_sim.planning.level_set import level_lines
 from polish_sim.planning.offset_curve import nearest_of, offset_curve
 from polish_sim.planning.raster_lines import parallel_lines
 from polish_sim.planning.raster_walk import ENDS, Piece, Stroke, fillet, walk
 from polish_sim.planning.request import PatternRequest
 from polish_sim.planning.run import Run, SurfaceRun, finish_run
+from polish_sim.planning.toolpath import arc_length
 from polish_sim.planning.turns import border_curves, distance_to
 
 Array = NDArray[np.float64]
 
 BORDER_TURN = 0.5
 """Distance of the border turn from the border, in step-overs."""
+GIVES_WAY = 0.5
+"""A line that comes this much too near to a border in passing bends round it, in step-overs; else it is cut."""
 SHORTEST = 0.3
 """A piece of a line shorter than this many step-overs is left out."""
+LEAD = 1.2
+"""Step-overs over which the border turn leads over into a line that runs the same way."""
+LATER = 0.4
+"""The border turn begins so much further on where it ends by leading over, in step-overs."""
 REACH = 1.6
 """A border turn this many step-overs from where a zig-zag begins is joined to it there."""
 GAP = 0.5
@@ -48,7 +55,9 @@ def raster_runs(request: PatternRequest) -> list[SurfaceRun]:
     borders = border_curves(mesh)
     turns, ends = (_inside(request, borders, distance * stepover) for distance in (BORDER_TURN, ENDS))
     lines = parallel_lines(request)
-    pieces = [p for number, row in enumerate(lines) for line in row for p in _cut(number, line, borders, stepover)]
+    pieces = [
+        p for number, row in enumerate(lines) for line in row for p in _cut(number, line, borders, ends, stepover)
+    ]
     strokes = walk(pieces, ends, stepover, request.plan.start)
     runs = _with_turns(strokes, turns, stepover)
     return [finish_run(request.region.surface, run, stepover) for run in runs]
@@ -63,19 +72,39 @@ def _inside(request: PatternRequest, borders: Sequence[Curve], distance: float) 
     return sorted(curves, key=lambda curve: -curve.length)
 
 
-def _cut(number: int, line: Curve, borders: Sequence[Curve], stepover: float) -> list[Piece]:
+def _cut(number: int, line: Curve, borders: Sequence[Curve], ends: Sequence[Curve], stepover: float) -> list[Piece]:
     """The pieces of a line that keep away from the border."""
     s = np.linspace(0.0, line.length, max(int(line.length / (0.05 * stepover)), 8) + 1)
-    depth = nearest_of(borders, line.at(s)[0]).nearest.distances / stepover - ENDS
-    inside = np.concatenate([[False], depth > 0.0, [False]])
-    first, last = np.flatnonzero(~inside[:-1] & inside[1:]), np.flatnonzero(inside[:-1] & ~inside[1:]) - 1
+    points = line.at(s)[0]
+    depth = nearest_of(borders, points).nearest.distances / stepover - ENDS
+    # Where it comes only a little too near to the border it gives way.
+    for i, j in _stretches(depth <= 0.0):
+        if i > 0 and j + 1 < len(s) and depth[i : j + 1].min() > -GIVES_WAY and ends:
+            points[i : j + 1] = nearest_of(ends, points[i : j + 1]).nearest.positions
+            depth[i : j + 1] = 1e-9
     pieces = []
-    for i, j in zip(first, last, strict=True):
-        begin = np.interp(0.0, depth[i - 1 : i + 1], s[i - 1 : i + 1]) if i > 0 else s[0]
-        end = np.interp(0.0, depth[j + 1 : j - 1 : -1], s[j + 1 : j - 1 : -1]) if j + 1 < len(s) else s[-1]
-        if end - begin > SHORTEST * stepover:
-            pieces.append(Piece(number, line.between(float(begin), float(end))[0]))
+    for i, j in _stretches(depth > 0.0):
+        kept = [points[i : j + 1]]
+        if i > 0:
+            kept.insert(0, _between(points[i - 1], points[i], depth[i - 1 : i + 1]))
+        if j + 1 < len(s):
+            kept.append(_between(points[j], points[j + 1], depth[j : j + 2]))
+        positions = np.concatenate(kept)
+        if arc_length(positions)[-1] > SHORTEST * stepover:
+            pieces.append(Piece(number, positions))
     return pieces
+
+
+def _stretches(wanted: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last index of every row of true values."""
+    change = np.diff(np.concatenate([[0], wanted.astype(np.int8), [0]]))
+    return list(zip(np.flatnonzero(change > 0).tolist(), (np.flatnonzero(change < 0) - 1).tolist(), strict=True))
+
+
+def _between(first: Array, second: Array, depth: Array) -> Array:
+    """The point between two at which the depth is zero, shape (1, 3)."""
+    share = depth[0] / (depth[0] - depth[1])
+    return np.asarray(first + share * (second - first))[None]
 
 
 def _with_turns(strokes: Sequence[Stroke], turns: Sequence[Curve], stepover: float) -> list[Run]:
@@ -102,14 +131,15 @@ def _away(turn: Curve, point: Array) -> float:
 def _turn_first(turn: Curve, positions: Array, stepover: float) -> Array:
     """Once round a turn, then over into a stroke in the direction it sets out."""
     foot = float(turn.nearest(positions[:1]).s[0])
-    ahead = positions[min(8, len(positions) - 1)] - positions[0]
-    with_it = float(turn.tangents(np.array([foot]), 0.25 * stepover)[0] @ ahead) >= 0.0
-    if with_it:
-        lap = turn.between(foot + GAP * stepover, foot + turn.length - GAP * stepover)[0]
-    else:
-        lap = turn.between(foot - turn.length + GAP * stepover, foot - GAP * stepover)[0][::-1]
-    corner = turn.at(np.array([foot]))[0][0]
-    return np.concatenate([lap, fillet(lap[-1], corner, positions[0]), positions])
+    ahead = unit(positions[min(8, len(positions) - 1)] - positions[0])
+    along = float(turn.tangents(np.array([foot]), 0.25 * stepover)[0] @ ahead)
+    sign, lead = (1.0 if along >= 0.0 else -1.0), LEAD * abs(along) * stepover
+    corner = foot - sign * lead
+    first = corner + sign * (GAP + LATER * abs(along)) * stepover
+    begin, end = sorted([first, corner + sign * (turn.length - GAP * stepover)])
+    lap = turn.between(begin, end)[0][:: int(sign)]
+    over = fillet(lap[-1], turn.at(np.array([corner]))[0][0], positions[0])
+    return np.concatenate([lap, over, positions])
 
 
 def _turn_between(turn: Curve, positions: Array, place: Array, stepover: float) -> Array:

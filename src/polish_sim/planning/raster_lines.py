@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from polish_sim.errors import PlanError
-from polish_sim.geometry import Region
+from polish_sim.geometry import Region, Surface
 from polish_sim.planning.curve import Curve, unit
 from polish_sim.planning.level_set import LevelLine, level_lines
 from polish_sim.planning.offset_curve import offset_curve
@@ -24,8 +24,8 @@ from polish_sim.planning.turns import distance_to
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MARGIN, MOST = 1.5, 1.6
-"""The first and the last line run about so many step-overs inside the border, and never more than the second."""
+MOST = 1.55
+"""The first and the last line run no more than so many step-overs inside the border."""
 REACH = 6.0
 """A line's ends are thought to go on straight for this many step-overs where its neighbour is longer."""
 AS_NARROW = 1e-6
@@ -128,7 +128,7 @@ def _next_line(
     region: Region, mesh: Triangulation, lines: Sequence[Curve], inside: Mask, stepover: float
 ) -> tuple[list[Curve], Mask]:
     """The line one step-over further out, and the vertices beyond it."""
-    longer = [_extended(line, REACH * stepover) for line in lines]
+    longer = [_extended(region.surface, line, REACH * stepover) for line in lines]
     # Behind the last line there is no distance, so that the level line does not run round its ends.
     distance = np.full(len(inside), -1.0)
     rows = np.flatnonzero(inside)
@@ -140,14 +140,17 @@ def _next_line(
     )
 
 
-def _extended(line: Curve, length: float) -> Curve:
-    """A line that goes straight on at both ends."""
+def _extended(surface: Surface, line: Curve, length: float) -> Curve:
+    """A line that goes straight on at both ends, but no further than the middle of a hole."""
     ends = []
     for s, sign in ((0.0, -1.0), (line.length, 1.0)):
         position, normal = line.at(np.array([s]))
         way = sign * line.tangents(np.array([s]), min(0.02 * line.length, 0.25 * length))
-        steps = np.linspace(0.0, length, 25)[1:, None]
-        more = position + steps * way
+        more = position + np.linspace(0.0, length, 49)[1:, None] * way
+        off = np.linalg.norm(surface.closest(more).positions - more, axis=1)
+        back = off < 0.5 * np.maximum.accumulate(off)
+        if back.any():
+            more = more[: int(off[: int(back.argmax())].argmax()) + 1]
         ends.append((more[::-1] if sign < 0.0 else more, np.tile(normal, (len(more), 1))))
     return Curve(
         np.concatenate([ends[0][0], line.positions, ends[1][0]]),

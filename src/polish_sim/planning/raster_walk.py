@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from polish_sim.planning.curve import Curve, unit
 from polish_sim.planning.offset_curve import nearest_of
@@ -20,6 +21,8 @@ ENDS = 1.05
 """Distance of the lines' ends from the border, in step-overs."""
 LINK = 8.0
 """Longest way along the border from line to line, in step-overs."""
+CLEAR = 0.3
+"""Lines keep this far from the middle of such a way, in step-overs; one that bends round a border may be in it."""
 RADIUS = 0.5
 """Radius of a U-turn between neighbouring lines, in step-overs."""
 
@@ -51,6 +54,8 @@ class _Ends:
     """Which curve each end lies on, shape (n,)."""
     s: Array
     """Arc length there [m], shape (n,)."""
+    tree: cKDTree
+    """Search tree over the points of all pieces."""
 
     def beside(self, end: int) -> list[tuple[int, Array]]:
         """The next end either way round, and the points of the way there."""
@@ -84,7 +89,7 @@ def walk(pieces: Sequence[Piece], curves: Sequence[Curve], stepover: float, star
         return []
     tips = np.concatenate([piece.positions[[0, -1]] for piece in pieces])
     feet = nearest_of(curves, tips)
-    ends = _Ends(curves, feet.curve, feet.nearest.s)
+    ends = _Ends(curves, feet.curve, feet.nearest.s, cKDTree(np.concatenate([piece.positions for piece in pieces])))
     waiting = set(range(len(pieces)))
     begin, heading = _first_end(pieces, tips, start)
     strokes = []
@@ -120,6 +125,7 @@ def _onwards(
         and other // 2 != end // 2
         and abs(pieces[other // 2].line - line) <= 1
         and arc_length(way)[-1] < LINK * stepover
+        and ends.tree.query(way[len(way) // 2])[0] > CLEAR * stepover
     ]
 
 
