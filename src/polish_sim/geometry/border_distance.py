@@ -27,8 +27,8 @@ _ARCS = 4
 _NEAR = (0.4, 1.25)
 """Outside these shares of the distance of interest the straight distance does."""
 
-_FLAT = 1e-9
-"""A surface is flat when it leaves a plane by less than this share of its size."""
+_FLAT = 5e-7
+"""A surface is flat when it leaves a plane by less than this share of its size (float32 noise)."""
 
 
 class BorderDistance(NamedTuple):

@@ -19,6 +19,9 @@ from polish_sim.geometry.topology import find_adjacency
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
+_ALIKE = 1.0 + 1e-9
+"""Diagonals that differ by less are equal: rounding must not decide how a piece is split."""
+
 _EDGE_PAIRS = np.array([[0, 1], [1, 2], [2, 0]])
 
 
@@ -135,16 +138,17 @@ def _cut_facets(
     parents: list[int] = []
     corners: list[list[Floats]] = []
     faces: list[list[int]] = []
+    unit = np.eye(3)
     for facet in facets:
         points: list[Floats] = []
         numbers: list[int] = []
         for corner in range(3):
             if sign[facet, corner] >= 0:
-                points.append(np.eye(3)[corner])
+                points.append(unit[corner])
                 numbers.append(int(surface.faces[facet, corner]))
             if cut_vertex[facet, corner] >= 0:
                 t = cut_at[facet, corner]
-                points.append((1.0 - t) * np.eye(3)[corner] + t * np.eye(3)[(corner + 1) % 3])
+                points.append((1.0 - t) * unit[corner] + t * unit[(corner + 1) % 3])
                 numbers.append(int(cut_vertex[facet, corner]))
         for triangle in _fan(surface.vertices[surface.faces[facet]], points):
             parents.append(int(facet))
@@ -192,7 +196,8 @@ def sub_patches(control: Floats, barycentric: Floats) -> Floats:
     The control value of two corners a, b is the parent's blossom, sum of P_ij a_i b_j.
     """
     net = control[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2]]]
-    half = np.matmul(barycentric, net.reshape(len(net), 3, -1)).reshape(len(net), 3, 3, -1)
+    size = control.shape[2]
+    half = np.matmul(barycentric, net.reshape(len(net), 3, 3 * size)).reshape(len(net), 3, 3, size)
     pairs = [(0, 0), (1, 1), (2, 2), *map(tuple, _EDGE_PAIRS)]
     return np.concatenate([np.matmul(barycentric[:, b, None], half[:, a]) for a, b in pairs], axis=1)
 

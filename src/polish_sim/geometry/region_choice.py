@@ -82,9 +82,7 @@ def pick_faces(whole: Whole, argument: str) -> list[Clipped]:
     highest = int(whole.stl_facets.max())
     unknown = numbers[(numbers < 0) | (numbers > highest)]
     if len(unknown):
-        raise InputError(
-            f"{argument}: facet {unknown[0]} does not exist; facets of the part run from 0 to {highest}."
-        )
+        raise InputError(f"{argument}: facet {unknown[0]} does not exist; facets of the part run from 0 to {highest}.")
     # A facet of the file may be several of ours, and one that closes a hole is none of the file's.
     facets = np.flatnonzero(np.isin(whole.stl_facets, numbers)).astype(np.int32)
     if len(facets) == 0:

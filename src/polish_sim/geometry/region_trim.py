@@ -15,17 +15,23 @@ from polish_sim.geometry.subdivide import Edges, find_edges, halve_edges, spread
 from polish_sim.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 _FACETS_PER_MARGIN = 8.0
-"""Facets that the new border crosses are cut down to this share of the margin."""
+"""Facets that the new border crosses are cut down to this share of the margin where it bends."""
 
 _FACETS_ALONG = 1500.0
 """They are no smaller than this share of the border's length, however small the margin."""
+
+_STRAIGHT = 5e-3
+"""Where the distance is linear over a facet up to this share of the margin, the new border runs straight there."""
 
 _ON_LINE = 1e-4
 """Corners this close to the new border lie on it, relative to the margin."""
 
 _ROUNDS = 40
+
+_HALVES = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
 
 
 def trim(patches: Sequence[Clipped], margin: float) -> list[Clipped]:
@@ -72,7 +78,13 @@ def _refined(surface: Surface, distance: BorderDistance, margin: float) -> Clipp
     for _ in range(_ROUNDS):
         edges = find_edges(cut.faces)
         lengths = np.linalg.norm(places[edges.ends[:, 0]] - places[edges.ends[:, 1]], axis=1)
-        marked = spread_to_longest(edges, lengths, _crossed(cut, values - margin, edges, lengths, longest))
+        size = lengths[edges.of_facet].max(axis=1)
+        # No value changes faster than the distance: the new border may run where no corner is farther from it.
+        near = (np.abs(values[cut.faces] - margin).max(axis=1) <= size) & (size > longest)
+        near[near] = _bends(surface, cut, values, np.flatnonzero(near), distance) > _STRAIGHT * margin
+        marked = np.zeros(len(lengths), dtype=bool)
+        marked[edges.of_facet[near]] = True
+        marked = spread_to_longest(edges, lengths, marked & (lengths > longest))
         if not marked.any():
             break
         cut, middles, places = _halved(surface, cut, places, edges, marked)
@@ -91,13 +103,14 @@ def _halved(
     return finer, middles, np.concatenate([places, middles])
 
 
-def _crossed(cut: Cut, values: Floats, edges: Edges, lengths: Floats, longest: float) -> NDArray[np.bool_]:
-    """Edges too long of facets the level line may cross: no value changes faster than the distance, shape (e,)."""
-    size = lengths[edges.of_facet].max(axis=1)
-    near = (np.abs(values[cut.faces]).max(axis=1) <= size) & (size > longest)
-    marked = np.zeros(len(lengths), dtype=bool)
-    marked[edges.of_facet[near]] = True
-    return marked & (lengths > longest)
+def _bends(surface: Surface, cut: Cut, values: Floats, facets: Ints, distance: BorderDistance) -> Floats:
+    """How far the distance is from linear over facets (k,), in the middle of edges and of the facet [m], shape (k,)."""
+    worst = np.zeros(len(facets))
+    for place in (*_HALVES, np.full(3, 1.0 / 3.0)):
+        barycentric = place @ cut.barycentric[facets]
+        points = surface.evaluate(cut.parents[facets], barycentric).positions
+        worst = np.maximum(worst, np.abs(distance.at(points, surface) - values[cut.faces[facets]] @ place))
+    return worst
 
 
 def _beyond_margin(surface: Surface, distance: BorderDistance, margin: float) -> Floats:
@@ -109,7 +122,6 @@ def _beyond_margin(surface: Surface, distance: BorderDistance, margin: float) ->
     # The value in the middle counts on edges that are cut.
     cut = np.flatnonzero(ends.min(axis=1) * ends.max(axis=1) < 0.0)
     _, first = np.unique(edges.of_facet.ravel(), return_index=True)
-    halves = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
-    middles = surface.evaluate((first[cut] // 3).astype(np.int32), halves[first[cut] % 3]).positions
+    middles = surface.evaluate((first[cut] // 3).astype(np.int32), _HALVES[first[cut] % 3]).positions
     control[cut] = 2.0 * (distance.at(middles, surface) - margin) - control[cut]
     return np.concatenate([corner[surface.faces], control[edges.of_facet]], axis=1)
