@@ -17,6 +17,8 @@ _HOME = {
     "override": "scenario_file",
     "to_toml": "scenario_file",
     "load_part": "geometry",
+    "part_from_arrays": "geometry",
+    "workpiece_path": "models",
     "fit_surface": "geometry",
     "select_region": "geometry",
     "PartConfig": "config",

@@ -63,7 +63,7 @@ def plan_contour(
 
 
 def plan_fermat(region: Region, stepover: float = 0.008, start: Point = (), plan: PlanConfig | None = None) -> ToolPath:
-    """Cover a region, with holes or without, in one stroke: a connected Fermat spiral; arguments as of `plan_spiral`."""
+    """Cover a region, holes or not, in one stroke: a connected Fermat spiral; arguments as of `plan_spiral`."""
     asked = replace(plan or PlanConfig(), pattern="fermat", stepover_m=stepover)
     return plan_path(region, replace(asked, start=_point(start)))
 
