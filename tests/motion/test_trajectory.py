@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.motion.trajectory import PathTable, build_path_table, sample_path
+from polish_sim.motion.trajectory import PathTable, build_path_table, sample_path, sample_share, with_set_points
 
 RADIUS, PITCH = 0.1, 0.02  # of the helix [m], [m/rad]
 SPEED = float(np.hypot(RADIUS, PITCH))  # arc length per turn angle [m/rad]
@@ -124,3 +124,43 @@ def test_turns_and_curvature_belong_to_their_place() -> None:
     assert table.pass_index[row] == 4
     assert table.curvature[row] == pytest.approx(100.0 * row * table.spacing)
     assert table.pass_index[-1] == 10
+
+
+def straight_table(length: float = 0.2) -> PathTable:
+    x = np.linspace(0.0, length, 41)
+    return build_path_table(np.stack([x, 0.0 * x, 0.0 * x], axis=1), np.tile(np.eye(3), (41, 1, 1)))
+
+
+def test_force_and_feed_are_the_job_s_own_exactly_unless_the_path_names_them() -> None:
+    table = straight_table()
+    for s in np.random.default_rng(1).uniform(-0.01, 0.21, 200):
+        assert sample_share(table, table.force_share, s) == 1.0
+        assert sample_share(table, table.feed_share, s) == 1.0
+    assert table.feed_length == table.length
+
+
+def test_shares_are_linear_between_the_points_they_were_given_at() -> None:
+    s = np.array([0.3, 0.35, 0.5])
+    table = with_set_points(straight_table(), s, np.array([1.0, 2.0, 0.5]), np.array([0.5, 0.5, 0.5]))
+    for place, share in ((0.0, 1.0), (0.025, 1.5), (0.05, 2.0), (0.125, 1.25), (0.2, 0.5), (0.4, 0.5)):
+        assert sample_share(table, table.force_share, place) == pytest.approx(share)
+    assert table.feed_length == pytest.approx(0.4)
+
+
+def test_time_along_a_feed_that_grows_is_its_integral() -> None:
+    """The integral of ds / (1 + 5 s) over 0.2 m is ln(2) / 5."""
+    s = np.linspace(0.0, 0.2, 41)
+    table = with_set_points(straight_table(), s, None, 1.0 + 5.0 * s)
+    assert table.feed_length == pytest.approx(np.log(2.0) / 5.0, rel=1e-5)
+
+
+def test_before_a_slow_place_the_feed_falls_in_time() -> None:
+    """From feed 1 to 0.2 at 12 per metre: the square falls by 24 per metre, over 40 mm before the place."""
+    s = np.linspace(0.0, 0.2, 401)
+    table = with_set_points(straight_table(), s, None, np.where(s < 0.1, 1.0, 0.2), braking=12.0)
+    nodes = np.arange(len(table.positions)) * table.spacing
+    assert np.diff(table.feed_share**2).min() >= -24.0 * table.spacing - 1e-12
+    before = nodes < 0.1
+    wanted = np.sqrt(np.minimum(1.0, 0.04 + 24.0 * np.maximum(0.1 - nodes[before], 0.0)))
+    assert table.feed_share[before] == pytest.approx(wanted, abs=0.02)
+    assert table.feed_share[~before] == pytest.approx(np.full((~before).sum(), 0.2))

@@ -103,10 +103,11 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     Args:
         trace: The run.
         plan: The path that was run; ``trace.path_s_m`` counts along its ``s``.
-        contact_force: The force to hold [N].
+        contact_force: The force to hold where the path names none [N].
 
     Returns:
-        force_mean_n, force_rms_error_n, force_max_deviation_n; force_within_4n, force_within_1n: shares of the time;
+        Errors are against the force wanted at that place of the path. force_mean_n, force_rms_error_n,
+        force_max_deviation_n; force_within_4n, force_within_1n: shares of the time;
         force_error_median_n, force_error_p95_n: of the error's magnitude; contact_lost_s: time below 0.5 N;
         tracking_error_max_m: across the tool axis; speed_mean_m_s, speed_std_m_s; cycle_time_s: duration of the feed;
         curvature_peaks: how many, see ``peaks.curvature_peaks``; force_error_at_peaks_n: mean over the peaks of the
@@ -115,7 +116,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     """
     part = trace.phase == PROCESS
     time, force, path_s = trace.time_s[part], trace.normal_force_n[part], trace.path_s_m[part]
-    error = force - contact_force
+    error = force - plan.force_at(path_s, contact_force)
     peaks_s = plan.s[curvature_peaks(plan)]
     passed = peaks_s[peaks_s <= (path_s[-1] if len(path_s) else -math.inf)]
     peak_errors = errors_at_peaks(path_s, error, passed)

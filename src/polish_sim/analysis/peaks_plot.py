@@ -61,5 +61,5 @@ def around_peaks(record: RunRecord, offset: Array) -> tuple[Array, Array]:
     peaks = record.path.s[curvature_peaks(record.path)]
     whole = peaks[(peaks + offset[0] >= place[0]) & (peaks + offset[-1] <= place[-1])]
     at = whole[:, None] + offset
-    error = force - record.scenario.process.contact_force_n
+    error = force - record.path.force_at(place, record.scenario.process.contact_force_n)
     return np.interp(at, place, error), np.interp(at, record.path.s, record.path.curvature)

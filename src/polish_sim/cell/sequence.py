@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.control.signals import Target
-from polish_sim.motion.trajectory import PathTable, sample_path
+from polish_sim.motion.trajectory import PathTable, sample_path, sample_share
 from polish_sim.spatial.rotations import rotation_from_quaternion
 
 Array = NDArray[np.float64]
@@ -36,9 +36,9 @@ class Job(NamedTuple):
     lead_in: PathTable
     """From the start down to the first process point on the unpressed surface."""
     process: PathTable
-    """The process path, pressed in by ``depth``."""
+    """The process path, pressed in by D = F/k; its shares say how force and feed change along it."""
     depth: float
-    """D = F/k [m]."""
+    """D at the first process point [m]."""
     force: float
     """[N]"""
     contact: float
@@ -91,10 +91,16 @@ def build_sequence_state() -> SequenceState:
     )
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def feed_acceleration(feed: float) -> float:
+    """Acceleration of the target along the path [m/s^2] for a feed [m/s]."""
+    return max(FEED_ACCELERATION, feed / LONGEST_RAMP)
+
+
 def expected_duration(job: Job) -> float:
     """How long the job takes if contact is where it is expected [s]."""
     approach = job.lead_in.length / job.approach_speed + job.travel.length / TRAVEL_SPEED if job.contact else 0.0
-    feed = min(max(job.process.length / job.feed, job.hold), job.feed_time)
+    feed = min(max(job.process.feed_length / job.feed, job.hold), job.feed_time)
     return TARE_START + TARE_TIME + approach + TOUCH_DOWN_TIME * job.contact + feed + job.lift / RETRACT_SPEED
 
 
@@ -155,15 +161,16 @@ def _enter(state: SequenceState, stage: float) -> None:
 def _place_target(job: Job, state: SequenceState, dt: float, target: Target) -> None:
     stage = state.stage[0]
     target.contact[0] = 1.0 if job.contact > 0.0 and stage in (TOUCH_DOWN, PROCESS) else 0.0
-    target.force[0], target.force[1] = job.force, 0.0
+    target.force[0] = job.force * sample_share(job.process, job.process.force_share, _fed(state, stage))
+    target.force[1] = 0.0
     target.path[1] = 0.0
     if stage == TRAVEL:
-        _move_on(state, job.travel.length, TRAVEL_SPEED, dt)
+        _move_on(state, job.travel.length, TRAVEL_SPEED, TRAVEL_SPEED, dt)
         _follow(job.travel, state, target)
         target.path[0] = job.start_s
     elif stage <= APPROACH:
         if stage == APPROACH:
-            _move_on(state, job.lead_in.length, job.approach_speed, dt)
+            _move_on(state, job.lead_in.length, job.approach_speed, job.approach_speed, dt)
             state.path[2] = state.path[0] - job.lead_in.length
         _follow(job.lead_in, state, target)
         target.path[0] = job.start_s
@@ -178,7 +185,8 @@ def _place_target(job: Job, state: SequenceState, dt: float, target: Target) -> 
         _sink(job.process, 0.0, state, state.path[2] - job.depth, speed, target)
         target.path[0] = job.start_s
     elif stage == PROCESS:
-        _move_on(state, job.process.length, job.feed, dt)
+        speed = job.feed * sample_share(job.process, job.process.feed_share, state.path[0])
+        _move_on(state, job.process.length, speed, job.feed, dt)
         state.row[0] = _follow(job.process, state, target)
         target.path[1] = job.process.curvature[state.row[0]]
         target.path[0] = job.start_s + state.path[0]
@@ -191,9 +199,18 @@ def _place_target(job: Job, state: SequenceState, dt: float, target: Target) -> 
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _move_on(state: SequenceState, length: float, speed: float, dt: float) -> None:
-    """Advance along a table: ramp up to ``speed`` and keep it to the end; the robot's own limits do the stopping."""
-    gained = max(FEED_ACCELERATION, speed / LONGEST_RAMP) * dt
+def _fed(state: SequenceState, stage: float) -> float:
+    """Place on the process path [m]; its beginning before the feed."""
+    return state.path[0] if stage >= PROCESS else 0.0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _move_on(state: SequenceState, length: float, speed: float, usual: float, dt: float) -> None:
+    """Advance along a table: ramp up to ``speed`` and keep it to the end; the robot's own limits do the stopping.
+
+    The ramp is that of the ``usual`` speed.
+    """
+    gained = feed_acceleration(usual) * dt
     state.path[1] = min(speed, state.path[1] + gained) if state.path[0] < length else 0.0
     state.path[0] = min(state.path[0] + state.path[1] * dt, length)
 

@@ -69,8 +69,9 @@ def prepare_force(scenario: Scenario, observer: Observer | None = None) -> Force
     controller = build_controller(scenario.controller)
     observer.stage("fit the surface")
     mesh = load_part(part_file(scenario.part.file), scenario.part.unit, scenario.part.up)
-    surface = fit_surface(mesh)
-    region = select_region(surface, mesh, scenario.plan.region)
+    angle = scenario.plan.feature_angle_rad
+    surface = fit_surface(mesh, angle)
+    region = select_region(surface, mesh, scenario.plan.region, angle)
     path = touch_path(region)
     reach = reach_path(scenario, mesh, path)
     observer.stage("prepare the cell")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import Job, tool_on_flange
-from polish_sim.config import Scenario
+from polish_sim.cell.sequence import feed_acceleration
+from polish_sim.config import ProcessConfig, Scenario
+from polish_sim.errors import PlanError
 from polish_sim.experiments.placement import (
     Reach,
     check_whole_path,
@@ -21,7 +24,7 @@ from polish_sim.experiments.placement import (
 )
 from polish_sim.geometry import PartMesh
 from polish_sim.models import workpiece_names, workpiece_path
-from polish_sim.motion.trajectory import PathTable, build_path_table
+from polish_sim.motion.trajectory import PathTable, build_path_table, with_set_points
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed
 from polish_sim.spatial import apply
 
@@ -40,10 +43,39 @@ def part_file(name: str) -> Path:
     return workpiece_path(name) if name in workpiece_names() else Path(name)
 
 
-def pressing_depth(scenario: Scenario) -> float:
-    """D = F / k with head spring and pad in series [m] (paper 1, section 1.5)."""
+def pressing_depths(scenario: Scenario, path: ToolPath) -> Array:
+    """D = F / k at every point, head spring and pad in series, (n,) [m] (paper 1, section 1.5)."""
     stiffness = 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
-    return scenario.process.contact_force_n / stiffness
+    return path.force_at(path.s, scenario.process.contact_force_n) / stiffness
+
+
+def strongest(scenario: Scenario, path: ToolPath) -> Scenario:
+    """The scenario with the largest force its path asks for, which its limits must bear."""
+    force = float(path.force_at(path.s[path.process], scenario.process.contact_force_n).max())
+    return replace(scenario, process=replace(scenario.process, contact_force_n=force))
+
+
+def check_set_points(path: ToolPath) -> None:
+    """Refuse forces and feeds of a path that a scenario could not be set to either.
+
+    Raises:
+        PlanError: Naming the point, the value and the range.
+    """
+    process = ProcessConfig()
+    ranges = {f.name: (f.metadata["low"], f.metadata["high"]) for f in fields(process)}
+    for name, column, key, unit in (
+        ("force", path.force, "contact_force_n", "N"),
+        ("feed", path.feed, "feed_m_s", "m/s"),
+    ):
+        if column is None:
+            continue
+        low, high = ranges[key]
+        wrong = np.flatnonzero(path.process & ~((column >= low) & (column <= high)))
+        if len(wrong):
+            raise PlanError(
+                f"point {wrong[0]} of the path asks for a {name} of {column[wrong[0]]:.4g} {unit}: it must be within "
+                f"{low:g} to {high:g} {unit}. Mend the path's file."
+            )
 
 
 def reach_path(scenario: Scenario, mesh: PartMesh, path: ToolPath) -> Reach:
@@ -52,7 +84,7 @@ def reach_path(scenario: Scenario, mesh: PartMesh, path: ToolPath) -> Reach:
     Raises:
         ReachError: Naming the first point that cannot be done.
     """
-    positions = pressed(path, pressing_depth(scenario)).positions_work
+    positions = pressed(path, pressing_depths(scenario, path)).positions_work
     placements = (
         given_placement(scenario.part.pose)
         if scenario.part.pose
@@ -77,10 +109,10 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
     Returns:
         The jobs in order, in the base frame.
     """
-    process, depth = scenario.process, pressing_depth(scenario)
+    process, depths = scenario.process, pressing_depths(scenario, path)
     rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
     nominal = apply(reach.T_base_work, path.positions_work)
-    pressed_in = apply(reach.T_base_work, pressed(path, depth).positions_work)
+    pressed_in = apply(reach.T_base_work, pressed(path, depths).positions_work)
     jobs: list[Job] = []
     left = process.max_feed_s or math.inf
     for first, last in stretches_in_contact(path):
@@ -89,12 +121,19 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
         table = build_path_table(
             pressed_in[during], rotations[during], path.s[during], path.curvature[during], path.pass_index[during]
         )
+        table = with_set_points(
+            table,
+            path.s[during],
+            None if path.force is None else path.force[during] / process.contact_force_n,
+            None if path.feed is None else path.feed[during] / process.feed_m_s,
+            feed_acceleration(process.feed_m_s) / process.feed_m_s**2,
+        )
         jobs.append(
             Job(
-                travel=_travel(jobs, nominal[before], rotations[before], lift),
+                travel=_travel(jobs, nominal[before], rotations[before]),
                 lead_in=build_path_table(nominal[before], rotations[before]),
                 process=table,
-                depth=depth,
+                depth=float(depths[first]),
                 force=process.contact_force_n,
                 contact=1.0,
                 approach_speed=process.approach_speed_m_s,
@@ -103,11 +142,11 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
                 search_depth=process.search_depth_m,
                 hold=hold,
                 feed_time=left,
-                lift=lift,
+                lift=_lift_off(lift, float(depths[first]), float(depths[last])),
                 start_s=float(path.s[first]),
             )
         )
-        left -= table.length / process.feed_m_s
+        left -= table.feed_length / process.feed_m_s
         if left <= 0.0:
             break
     return jobs
@@ -135,6 +174,11 @@ def path_done(path: ToolPath, fed_s: Array) -> float:
     return float(done / total) if total > 0.0 else 1.0
 
 
+def _lift_off(lift: float, depth_first: float, depth_last: float) -> float:
+    """Lift that ends at the wanted height above the surface though the path ends at another depth [m]."""
+    return max(lift + (depth_last - depth_first), 1e-3) if lift > 0.0 else 0.0
+
+
 def _points_before(path: ToolPath, first: int) -> int:
     """Number of approach and lead-in points right before a stretch."""
     count = 0
@@ -143,11 +187,11 @@ def _points_before(path: ToolPath, first: int) -> int:
     return count
 
 
-def _travel(jobs: list[Job], way_down: Array, rotations: Array, lift: float) -> PathTable:
+def _travel(jobs: list[Job], way_down: Array, rotations: Array) -> PathTable:
     """From above the end of the last stroke to the start of the next way down."""
     if not jobs:
         return build_path_table(way_down[:1], rotations[:1])
     last = jobs[-1]
     R_last = Rotation.from_quat(last.process.quaternions[-1], scalar_first=True).as_matrix()
-    above = last.process.positions[-1] - (lift + last.depth) * R_last[:, 2]
+    above = last.process.positions[-1] - (last.lift + last.depth) * R_last[:, 2]
     return build_path_table(np.stack([above, way_down[0]]), np.stack([R_last, rotations[0]]))

@@ -11,10 +11,12 @@ from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
     SENSOR_STREAM,
+    check_set_points,
     path_done,
     polishing_strokes,
     random_streams,
     reach_path,
+    strongest,
 )
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult, common_figures
@@ -48,6 +50,7 @@ def prepare_surface(
     build_controller(scenario.controller)
     if plan is None:
         plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+    check_set_points(plan.path)
     observer.stage("check the reach")
     return SurfaceTask(plan, reach_path(scenario, plan.mesh, plan.path))
 
@@ -76,7 +79,7 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
         plan.surface, scenario.part, reach.T_base_work, plan.region.surface, mesh.up, touch, streams[PART_STREAM]
     )
     cell = Cell(
-        scenario, build_scene(scenario, mesh, part), part,
+        strongest(scenario, path), build_scene(scenario, mesh, part), part,
         polishing_strokes(scenario, path, reach, hold=0.0, lift=scenario.plan.clearance_m), reach.q_start,
         build_controller(scenario.controller), streams[SENSOR_STREAM],
     )  # fmt: skip

@@ -33,6 +33,16 @@ class PathTable(NamedTuple):
     """Normal curvature along the path [1/m], shape (n,)."""
     pass_index: NDArray[np.int32]
     """Turn of the path, shape (n,)."""
+    force_share: Array
+    """Force to hold as a share of the job's [-], shape (n,); ones unless the path says otherwise."""
+    feed_share: Array
+    """Feed as a share of the job's [-], shape (n,); ones unless the path says otherwise."""
+
+    @property
+    def feed_length(self) -> float:
+        """Length of a path that takes as long at the job's feed all along [m]."""
+        slowness = 1.0 / self.feed_share
+        return self.length * float(np.mean(0.5 * (slowness[1:] + slowness[:-1])))
 
 
 def build_path_table(
@@ -80,7 +90,44 @@ def build_path_table(
         _turning(quaternions, step),
         np.interp(nodes, place, bend),
         turns[np.clip(np.searchsorted(place, nodes, side="right") - 1, 0, len(place) - 1)],
+        np.ones(len(nodes)),
+        np.ones(len(nodes)),
     )
+
+
+def with_set_points(
+    table: PathTable, s: Array, force_share: Array | None, feed_share: Array | None, braking: float = math.inf
+) -> PathTable:
+    """Give a table force and feed that change along the path, linear between the points.
+
+    Args:
+        table: The path.
+        s: Arc length of the points the table was made of [m], shape (n,).
+        force_share: Force at the points as a share of the job's [-], shape (n,); None leaves ones.
+        feed_share: Feed likewise, positive; None leaves ones.
+        braking: Largest decrease of half the squared feed share per length [1/m]: before a slow place the feed
+            falls early enough.
+
+    Returns:
+        The table.
+    """
+    nodes = np.arange(len(table.positions)) * table.spacing
+    place = s - s[0]
+    if force_share is not None:
+        table = table._replace(force_share=np.interp(nodes, place, force_share))
+    if feed_share is not None:
+        feed = np.interp(nodes, place, feed_share)
+        table = table._replace(feed_share=_slowed(feed, 2.0 * braking * table.spacing))
+    return table
+
+
+@njit(cache=True)
+def _slowed(feed: Array, gain: float) -> Array:
+    """Lower the feed before slow places so that its square falls by no more than ``gain`` from row to row."""
+    out = feed.copy()
+    for row in range(len(out) - 2, -1, -1):
+        out[row] = min(out[row], math.sqrt(out[row + 1] ** 2 + gain))
+    return out
 
 
 def _interpolate_quaternions(s: Array, quaternions: Array, nodes: Array) -> Array:
@@ -137,3 +184,11 @@ def sample_path(table: PathTable, s: float, position: Array, tangent: Array, qua
     for i in range(4):
         quaternion[i] /= size
     return row
+
+
+@njit(cache=True, forceinline=True)
+def sample_share(table: PathTable, column: Array, s: float) -> float:
+    """Force or feed share at arc length ``s`` [m] (clamped to the path's ends); exactly 1 between ones."""
+    place = min(max(s, 0.0), table.length) / table.spacing
+    row = min(int(place), column.shape[0] - 2)
+    return float(column[row] + (place - row) * (column[row + 1] - column[row]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, unknown_name
-from polish_sim.geometry import ClosestPoints, Region, Surface
-from polish_sim.planning.approach import LEADS, concatenate, with_leads
+from polish_sim.geometry import Region, Surface
+from polish_sim.planning.approach import LEADS, Move, concatenate, with_leads
 from polish_sim.planning.ground import Ground as Ground
 from polish_sim.planning.ground import Piece
 from polish_sim.planning.ground import prepare_ground as prepare_ground
@@ -157,20 +156,17 @@ def _in_order(blocks: Sequence[Sequence[PieceRun]], ordered: bool, start: tuple[
     out: list[PieceRun] = []
     for index, backwards in zip(tour.order, tour.backwards, strict=True):
         block = kept[int(index)]
-        out += [item._replace(run=_backwards(item.run)) for item in block] if backwards else block
+        out += [item._replace(run=item.run.backwards()) for item in block] if backwards else block
     return out
-
-
-def _backwards(run: SurfaceRun) -> SurfaceRun:
-    points = ClosestPoints(*(column[::-1] for column in run.points))
-    return replace(run, points=points, pass_index=run.pass_index.max() - run.pass_index[::-1])
 
 
 def assemble(
     runs: Sequence[PieceRun], plan: PlanConfig, up: Array, part: Surface, pad_radius: float, notes: Sequence[str] = ()
 ) -> Planned:
     """Give runs their tool axes and leads and put them in a row."""
-    moves, curvature, told = [], [], list(notes)
+    moves: list[Move] = []
+    curvature: list[Array] = []
+    told = list(notes)
     passes, deviation = 0, 0.0
     for item in runs:
         stroke: Stroke = give_axes(item.run, item.surface, plan, passes)

@@ -53,6 +53,10 @@ class ToolPath:
         columns: dict[str, Any] = {name: column[kept] for name, column in vars(self).items() if column is not None}
         return ToolPath(**columns)
 
+    def force_at(self, s: Array, usual: float) -> Array:
+        """Force to hold at arc lengths [m], (k,) -> (k,) [N]; the usual one where the path names none."""
+        return np.full(len(s), usual) if self.force is None else np.interp(s, self.s, self.force)
+
     @property
     def process(self) -> NDArray[np.bool_]:
         """Mask of the points at which the tool is pressed on the part, shape (n,)."""
@@ -77,15 +81,15 @@ def arc_length(positions: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(chords)])
 
 
-def pressed(path: ToolPath, depth: float) -> ToolPath:
+def pressed(path: ToolPath, depth: float | Array) -> ToolPath:
     """Move the process points into the part against the tool axis: D = F / k (paper 1, section 1.5).
 
     Args:
         path: A path on the surface.
-        depth: D [m], positive into the part.
+        depth: D [m], positive into the part; one for all points or one each, shape (n,).
 
     Returns:
         The nominal path that presses; lead-in and lead-out stay where they are.
     """
-    moved = path.positions_work - depth * path.axes_work * path.process[:, None]
+    moved = path.positions_work - np.where(path.process, depth, 0.0)[:, None] * path.axes_work
     return replace(path, positions_work=moved, s=arc_length(moved))
