@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MAX_TRIANGLES = 1_500_000
+ALIKE = 1.0 + 1e-9
+"""Lengths that differ by less are equal: rounding must not decide how patches are split."""
 MOST_ROUNDS = 40
 """Every round halves the longest edges; patches that do not fit each other end the splitting here."""
 
@@ -107,7 +109,7 @@ def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
         keys, which = np.unique(_edge_keys(triangles, len(vertices)), return_inverse=True)
         edges = _decode(keys, len(vertices))
         length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
-        long = length > longest_edge
+        long = length > longest_edge * ALIKE
         if not long.any() or len(triangles) > 2 * MAX_TRIANGLES:
             break
         middle = np.full(len(edges), -1)
@@ -178,7 +180,7 @@ def _split_two(ids: Ints, vertices: Array) -> list[Ints]:
     """Cut off the corner between both split edges; cut the rest along its shorter diagonal."""
     one = np.linalg.norm(vertices[ids[:, 0]] - vertices[ids[:, 4]], axis=1)
     other = np.linalg.norm(vertices[ids[:, 2]] - vertices[ids[:, 3]], axis=1)
-    first = (one <= other)[:, None]
+    first = (one <= ALIKE * other)[:, None]
     corner, a, b = _rows(ids, (3, 1, 4), (0, 3, 4), (0, 4, 2))
     c, d = _rows(ids, (0, 3, 2), (3, 4, 2))
     return [corner, np.where(first, a, c), np.where(first, b, d)]
