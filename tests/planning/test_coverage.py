@@ -45,7 +45,7 @@ def line(count=400):
 def test_one_line_across_a_plate_covers_a_stripe():
     mesh = triangulate(region_of("plate").surface, 0.002)
     positions, normals = line()
-    covered = strictly_covered(mesh, [Curve(positions, normals, False)], 0.04)
+    covered = strictly_covered(mesh.vertices, mesh.normals, [Curve(positions, normals, False)], 0.04)
     assert share_of_area(mesh.vertex_areas, covered) == pytest.approx(2 * 0.55 * 0.04 / 0.2, rel=0.03)
 
 
@@ -61,4 +61,4 @@ def test_the_pad_on_a_plate_covers_a_stripe_of_its_diameter():
 def test_the_other_side_of_the_part_is_not_covered():
     mesh = triangulate(region_of("plate").surface, 0.004)
     positions, normals = line()
-    assert not strictly_covered(mesh, [Curve(positions, -normals, False)], 0.04).any()
+    assert not strictly_covered(mesh.vertices, mesh.normals, [Curve(positions, -normals, False)], 0.04).any()

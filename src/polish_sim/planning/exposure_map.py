@@ -16,9 +16,9 @@ from polish_sim.planning.thinning import thin
 Array = NDArray[np.float64]
 
 APART = 0.1
-"""Places at which the time is summed up lie this many pad radii apart."""
+"""Places at which the time is summed up lie this many pad radii apart, unless told otherwise."""
 OVER, UNDER = 2.0, 0.5
-"""Over- and under-polished is what was under the pad longer (shorter) than this many medians."""
+"""Over- and under-polished is what was under the pad longer (shorter) than this many medians of what it came to."""
 
 
 class ExposureMap(NamedTuple):
@@ -30,6 +30,7 @@ class ExposureMap(NamedTuple):
     """Share of the area with any."""
     mean_s: float
     median_s: float
+    """Of what is under the pad at all."""
     variation: float
     """Standard deviation over mean."""
     over_area_m2: float
@@ -38,29 +39,31 @@ class ExposureMap(NamedTuple):
     """Less than half of it, what is not covered included."""
 
 
-def expose(ground: Ground, on: PathOnSurface, pad: PadConfig) -> ExposureMap:
+def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, apart: float = APART) -> ExposureMap:
     """Carry the pad along a path.
 
     Args:
         ground: The region.
         on: The path on it, with forces and feeds.
         pad: The pad.
+        apart: Distance between the places at which the time is summed up, in pad radii.
 
     Returns:
         The times and their figures.
     """
     mesh = ground.mesh
-    some = thin(mesh.vertices, APART * pad.radius_m)
+    some = thin(mesh.vertices, apart * pad.radius_m)
     points, normals = mesh.vertices[some.kept], mesh.normals[some.kept]
     times = time_under_pad(points, normals, pad_steps(on, pad), pad.radius_m)
     areas = np.bincount(some.stands_for, weights=mesh.part_areas(ground.part_facets), minlength=len(points))
     total = float(areas.sum())
     mean = float((areas * times).sum()) / total
     spread = float(np.sqrt((areas * (times - mean) ** 2).sum() / total))
-    median = _median(times, areas)
+    under = times > 0.0
+    median = _median(times[under], areas[under])
     return ExposureMap(
         times=times[some.stands_for],
-        coverage=float(areas[times > 0.0].sum()) / total,
+        coverage=float(areas[under].sum()) / total,
         mean_s=mean,
         median_s=median,
         variation=spread / mean if mean > 0.0 else float("nan"),
@@ -70,7 +73,9 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig) -> ExposureMap:
 
 
 def _median(values: Array, weights: Array) -> float:
-    """Value below which half of the weight lies."""
+    """Value below which half of the weight lies; zero if there are no values."""
+    if len(values) == 0:
+        return 0.0
     order = np.argsort(values)
     below = np.cumsum(weights[order])
     return float(values[order[int(np.searchsorted(below, 0.5 * below[-1]))]])

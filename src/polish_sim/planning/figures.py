@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Surface
-from polish_sim.planning.coverage import share_of_area, strictly_covered
+from polish_sim.planning.coverage import strict_share, strictly_covered
 from polish_sim.planning.crossings import find_crossings
-from polish_sim.planning.exposure_map import ExposureMap, expose
+from polish_sim.planning.exposure_map import APART, ExposureMap, expose
 from polish_sim.planning.located import PathOnSurface, locate
 from polish_sim.planning.planner import Ground
 from polish_sim.planning.reach_of_pad import PadReach, measure_pad_reach
@@ -70,7 +70,9 @@ def measure_plan(
     return part | measure_quality(ground, path, plan.stepover_m, process, pad).figures
 
 
-def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: ProcessConfig, pad: PadConfig) -> Quality:
+def measure_quality(
+    ground: Ground, path: ToolPath, stepover: float, process: ProcessConfig, pad: PadConfig, apart: float = APART
+) -> Quality:
     """Measure a path on a region.
 
     Args:
@@ -79,6 +81,7 @@ def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: Pr
         stepover: Planned or expected [m].
         process: Force and feed where the path has none of its own.
         pad: The pad.
+        apart: How finely the time under the pad is summed up, in pad radii.
 
     Returns:
         Figures and maps.
@@ -86,18 +89,18 @@ def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: Pr
     on = locate(ground, path, process)
     quality = Quality(
         figures={},
-        exposure=expose(ground, on, pad),
-        strict=strictly_covered(ground.mesh, on.runs, stepover),
+        exposure=expose(ground, on, pad, apart),
+        strict=strictly_covered(ground.mesh.vertices, ground.mesh.normals, on.runs, stepover),
         reach=measure_pad_reach(ground.region.surface, ground.part_facets, pad.radius_m),
         spacing=measure_stepover(on.runs, stepover),
         axis_rate=measure_axis_rate(on),
         crossings=find_crossings(on.runs).places,
     )
-    areas = ground.mesh.part_areas(ground.part_facets)
+    strict = strict_share(ground.mesh, ground.part_facets, on.runs, stepover)
     quality.figures.update(
         path_figures(on, path, process)
         | _spacing_figures(quality.spacing, pad)
-        | _coverage_figures(quality, areas)
+        | _coverage_figures(quality, strict)
         | _sharpness_figures(on, quality)
         | {
             "length_ratio": sum(run.length for run in on.runs) * stepover / ground.region.area_m2,
@@ -141,11 +144,11 @@ def _spacing_figures(spacing: Stepover, pad: PadConfig) -> dict[str, Any]:
     }
 
 
-def _coverage_figures(quality: Quality, areas: Array) -> dict[str, Any]:
+def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
     exposure = quality.exposure
     return {
         "coverage": exposure.coverage,
-        "coverage_stepover": share_of_area(areas, quality.strict),
+        "coverage_stepover": strict,
         "exposure_mean_s": exposure.mean_s,
         "exposure_median_s": exposure.median_s,
         "exposure_max_s": float(exposure.times.max()),

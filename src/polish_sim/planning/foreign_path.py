@@ -16,7 +16,9 @@ Array = NDArray[np.float64]
 
 UNITS = {"1000 times": 1e3, "25.4 times": 25.4, "10 times": 10.0}
 EVEN = 0.2
-"""A path is pressed in if its depth varies by less than this share of it."""
+"""A path is pressed in if its depth stays within this share of the median ..."""
+MOSTLY = 0.6
+"""... along this share of it."""
 
 
 class Offset(NamedTuple):
@@ -28,6 +30,8 @@ class Offset(NamedTuple):
     """Along the tool axis [m], positive outside, shape (n,)."""
     sideways: Array
     """Across it [m], shape (n,): beyond the part's edge the pad hangs over, which is no fault of height."""
+    outward: float
+    """Share of the points whose tool axis points out of the part."""
 
 
 def offset_from(surface: Surface, path: ToolPath) -> Offset:
@@ -42,10 +46,11 @@ def offset_from(surface: Surface, path: ToolPath) -> Offset:
     """
     path = with_points_between(path)
     points, axes = path.positions_work[path.process], path.axes_work[path.process]
-    feet = surface.closest(points).positions
-    gap = points - feet
+    found = surface.closest(points)
+    gap = points - found.positions
     heights = (gap * axes).sum(axis=1)
-    return Offset(feet, heights, np.linalg.norm(gap - heights[:, None] * axes, axis=1))
+    outward = float(((axes * found.normals).sum(axis=1) > 0.0).mean()) if len(axes) else 0.0
+    return Offset(found.positions, heights, np.linalg.norm(gap - heights[:, None] * axes, axis=1), outward)
 
 
 def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, height: float, sideways: float) -> None:
@@ -63,29 +68,45 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, height: float,
     """
     if len(offset.heights) == 0:
         raise PlanError("the path has no points in contact. Mark points as 'process', or give x, y, z, i, j, k.")
-    low, middle, high = np.percentile(offset.heights, [5.0, 50.0, 95.0])
+    middle = float(np.median(offset.heights))
     highest, furthest = float(np.abs(offset.heights).max()), float(offset.sideways.max())
     if highest <= height and furthest <= sideways:
+        if offset.outward < 0.5:
+            todo = _other_unit(mesh, path) or "Turn the axes round (-i, -j, -k)."
+            raise PlanError(
+                f"the tool axis points into '{mesh.name}' along {100.0 * (1.0 - offset.outward):.0f}% of the path, "
+                f"wanted: from the part to the tool, as CLDATA. {todo}"
+            )
         return
     away = (
         f"the path does not lie on '{mesh.name}': along the tool axis it is {1e3 * offset.heights.min():+.2f} to "
         f"{1e3 * offset.heights.max():+.2f} mm off the surface (median {1e3 * middle:+.2f} mm, allowed "
         f"{1e3 * height:g} mm), sideways up to {1e3 * furthest:.1f} mm. "
     )
-    raise PlanError(away + _reason(mesh, path, float(middle), float(high - low), furthest, sideways))
+    even = np.abs(offset.heights - middle) < EVEN * abs(middle)
+    raise PlanError(away + (_other_unit(mesh, path) or _reason(mesh, path, middle, float(even.mean()))))
 
 
-def _reason(mesh: PartMesh, path: ToolPath, middle: float, spread: float, furthest: float, sideways: float) -> str:
-    own = np.ptp(path.positions_work[path.process], axis=0)
-    part = np.ptp(mesh.vertices, axis=0)
-    ratio = float(own.max() / part.max())
+def _other_unit(mesh: PartMesh, path: ToolPath) -> str:
+    """What to say if the path is as much larger or smaller than the part as units are; else nothing."""
+    ratio = float(_extent(path).max() / np.ptp(mesh.vertices, axis=0).max())
     for text, factor in UNITS.items():
         if 0.3 < ratio / factor < 1.3:
-            return f"It is about {text} as large as the part: another unit? Give the path in mm, or set --units."
+            return f"The path is about {text} as large as the part: another unit? Give it in mm, or set --units."
         if 0.3 < ratio * factor < 1.3 and ratio < 0.2:
-            return f"The part is about {text} as large as the path: another unit? Set --units."
-    if furthest <= sideways and spread < EVEN * abs(middle):
+            return f"The part is about {text} as large as the path: another unit? Give it in mm, or set --units."
+    return ""
+
+
+def _reason(mesh: PartMesh, path: ToolPath, middle: float, even: float) -> str:
+    if even > MOSTLY:
         side = "pressed in already" if middle < 0.0 else "lifted off"
-        return f"It is {side} by {1e3 * abs(middle):.2f} mm everywhere: give the path on the surface itself."
-    size = " x ".join(f"{1e3 * value:.0f}" for value in own), " x ".join(f"{1e3 * value:.0f}" for value in part)
-    return f"It measures {size[0]} mm, the part {size[1]} mm: made on another part, or in another frame?"
+        return f"It is {side} by {1e3 * abs(middle):.2f} mm along most of it: give the path on the surface itself."
+    sizes = _extent(path), np.ptp(mesh.vertices, axis=0)
+    own, part = (" x ".join(f"{1e3 * value:.0f}" for value in size) for size in sizes)
+    return f"It measures {own} mm, the part {part} mm: made on another part, or in another frame?"
+
+
+def _extent(path: ToolPath) -> Array:
+    """Size of the path in contact along x, y and z [m], shape (3,)."""
+    return np.asarray(np.ptp(path.positions_work[path.process], axis=0))
