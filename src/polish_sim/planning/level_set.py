@@ -12,7 +12,7 @@ from polish_sim.planning.triangulation import Triangulation
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ROUNDING = 1e-9
+ROUNDING = 1e-6
 """Vertices above the level by no more than this share of the values' range lie on it."""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.planning.curve import Curve
-from polish_sim.planning.level_set import LevelLine, level_lines
+from polish_sim.planning.level_set import ROUNDING, LevelLine, level_lines
 from polish_sim.planning.offset_curve import nearest_of, offset_curve
 from polish_sim.planning.stepping import SurfaceQuery
 from polish_sim.planning.triangulation import Triangulation
@@ -23,6 +23,8 @@ THIN = 1.1
 
 NEAR, FAR = 1.6, 6.0
 """Distances are looked up for vertices that may be nearer than the first, as far as the second, in steps."""
+SAME = 1e-8
+"""Distances that exceed a limit by this share only because of rounding do not exceed it."""
 EVEN = 0.5
 """A ring's width may vary by this many step-overs for turns to run from border to border."""
 
@@ -144,7 +146,7 @@ def _shrink(surface: SurfaceQuery, mesh: Triangulation, piece: Piece, step: floa
     near = np.flatnonzero(piece.inside & (values < NEAR * step))
     found = distance_to(mesh, near, curves, FAR * step)
     values[near] = np.minimum(found, FAR * step)
-    inner = values > step
+    inner = values > step * (1.0 + ROUNDING)
     if not inner.any():
         return []
     lines = level_lines(mesh, np.minimum(values, NEAR * step), step)
@@ -154,7 +156,7 @@ def _shrink(surface: SurfaceQuery, mesh: Triangulation, piece: Piece, step: floa
     pieces = []
     for label in range(count):
         inside = labels == label
-        if values[inside].max() <= THIN * step:
+        if values[inside].max() <= THIN * step * (1.0 + ROUNDING):
             continue
         own = [line for line in lines if line.closed and labels[line.vertices[0]] == label]
         turns = tuple(_new_turn(surface, piece, curves, line, step, inside) for line in own)
