@@ -29,7 +29,10 @@ def boundary_loops(surface: Surface) -> tuple[Floats, ...]:
     loops = [_sample(surface, loop) for loop in traced]
     piece = connected_facets(surface)
     of_piece = [int(piece[loop[0][0]]) for loop in traced]
-    order = sorted(range(len(loops)), key=lambda at: (of_piece[at], -enclosed(loops[at])))
+    areas = np.array([enclosed(loop) for loop in loops])
+    # Holes of one size keep their order, however rounding has it.
+    sizes = np.round(areas / areas.max(initial=1e-300), 6)
+    order = sorted(range(len(loops)), key=lambda at: (of_piece[at], -sizes[at]))
     for loop in loops:
         loop.setflags(write=False)
     return tuple(loops[at] for at in order)
