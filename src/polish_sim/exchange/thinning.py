@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -30,7 +32,8 @@ def needed_rows(path: ToolPath, chord_m: float, axis_rad: float, longest_m: floa
     """
     fixed = np.zeros(len(path.s), dtype=np.bool_)
     fixed[[0, -1]] = True
-    steps = [path.segment, *(np.round(np.log(c) / NOTICED) for c in (path.force, path.feed) if c is not None)]
+    wishes = [column for column in (path.force, path.feed) if column is not None]
+    steps: list[NDArray[Any]] = [path.segment, *(np.round(np.log(column) / NOTICED) for column in wishes)]
     for column in steps:
         change = np.flatnonzero(np.diff(column) != 0)
         fixed[change] = fixed[change + 1] = True

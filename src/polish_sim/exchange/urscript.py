@@ -24,9 +24,9 @@ from polish_sim.planning.toolpath import APPROACH, RETRACT
 
 Array = NDArray[np.float64]
 
-CHORD_M: Final = 2e-5
-AXIS_RAD: Final = np.radians(2.0)
-LONGEST_M: Final = 5e-3
+CHORD_M: Final = 5e-5
+AXIS_RAD: Final = np.radians(3.0)
+LONGEST_M: Final = 1e-2
 """Points left out lie this close to the move [m], turn this little [rad], moves are no longer than this [m]."""
 BLEND_SHARE: Final = 0.4
 LARGEST_BLEND_M: Final = 2e-3
