@@ -28,6 +28,9 @@ MOST_FACETS = 30_000
 GRID = 120
 """Beyond so many facets vertices are gathered on a grid of so many cells across, so that drawing stays quick."""
 AXES_SHOWN = 90
+FAR_SIDE = -0.05
+"""Cosine between tool axis and viewer below which a point lies on a far side of the part."""
+FAINT = 0.15
 ELEVATION, AZIMUTH = 38.0, -62.0
 TOWARDS_VIEWER = np.array(
     [
@@ -60,11 +63,7 @@ def plot_plan(result: PlanResult) -> Figure:
     vertices = mesh.vertices @ frame.T * MM
     _draw_part(solid, flat, _coarse(mesh, vertices))
     scale = Normalize(0.0, float(path.s[-1]))
-    for first, last in _stretches(path.process):
-        lines = np.stack([shown[first : last - 1], shown[first + 1 : last]], axis=1)
-        at = path.s[first : last - 1]
-        solid.add_collection3d(Line3DCollection(lines, array=at, cmap=COLORS, norm=scale, lw=1.4, zorder=5))
-        flat.add_collection(LineCollection(list(lines[..., :2]), array=at, cmap=COLORS, norm=scale, lw=1.5))
+    _draw_contact(solid, flat, path, shown, frame, scale)
     _draw_leads(solid, flat, path, shown)
     _draw_axes(solid, path, shown, frame)
     _finish(figure, solid, flat, result, scale, np.concatenate([vertices, shown]))
@@ -117,6 +116,26 @@ def _stretches(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     yield from ((int(a), int(b)) for a, b in edges.reshape(-1, 2))
 
 
+def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, frame: Array, scale: Normalize) -> None:
+    """The path in contact, coloured along its length; what lies on a far side is faint in 3D and left out above."""
+    towards = path.axes_work @ frame.T
+    seen, above = towards @ TOWARDS_VIEWER > FAR_SIDE, towards[:, 2] > FAR_SIDE
+    for rows, opacity, order in ((path.process & ~seen, FAINT, 2), (path.process & seen, 1.0, 5)):
+        for lines, at in _chords(rows, shown, path.s):
+            solid.add_collection3d(
+                Line3DCollection(lines, array=at, cmap=COLORS, norm=scale, lw=1.4, alpha=opacity, zorder=order)
+            )
+    for lines, at in _chords(path.process & above, shown, path.s):
+        flat.add_collection(LineCollection(list(lines[..., :2]), array=at, cmap=COLORS, norm=scale, lw=1.5))
+
+
+def _chords(rows: NDArray[np.bool_], shown: Array, s: Array) -> Iterator[tuple[Array, Array]]:
+    """Chords of each stretch of rows, (k, 2, 3), and where along the path they are, (k,)."""
+    for first, last in _stretches(rows):
+        if last - first > 1:
+            yield np.stack([shown[first : last - 1], shown[first + 1 : last]], axis=1), s[first : last - 1]
+
+
 def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array) -> None:
     """Approach and lead-in in one colour, lead-out and retract in another, with a mark where contact begins, ends."""
     for codes, color, label, marker, at_end in (
@@ -157,10 +176,12 @@ def _finish(figure: Figure, solid: Any, flat: Axes, result: PlanResult, scale: N
     figure.legend(*flat.get_legend_handles_labels(), loc="outside lower left", ncols=2)
     figure.colorbar(ScalarMappable(scale, COLORS), ax=flat, label="along the path [m]", shrink=0.85, pad=0.02)
     m = result.figures
+    near, far = MM * m["stepover_p5_m"], MM * m["stepover_p95_m"]
+    # A path without neighbouring turns has no spacing to tell.
+    spread = f", p5-p95 {near:.2f}-{far:.2f} mm" if np.isfinite([near, far]).all() else ""
     facts = (
         f"{m['path_length_m']:.2f} m in {m['retracts']} run{'s' if m['retracts'] != 1 else ''}",
-        f"step-over {MM * result.plan.stepover_m:g} mm, p5-p95 {MM * m['stepover_p5_m']:.2f}-"
-        f"{MM * m['stepover_p95_m']:.2f} mm",
+        f"step-over {MM * result.plan.stepover_m:g} mm{spread}",
         f"{100.0 * m['coverage']:.1f}% covered",
     )
     head(figure, flat, f"{result.plan.pattern.capitalize()} on {result.mesh.name}", facts)
