@@ -53,7 +53,7 @@ def contour_runs(request: PatternRequest) -> list[SurfaceRun]:
     # With what is not done yet on the left, loops that go inwards have the inside on their left.
     order = _Order(outward, reverse=outward != (plan.direction == "climb"))
     runs = []
-    for chain in _chains(nested_turns(request)):
+    for chain in _chains(nested_turns(request).roots):
         loops = [_rounded(surface, turn.curve, request.stepover, order.reverse) for turn in chain]
         starts = _starts(loops, request.stepover, order, plan)
         runs += _joined(surface, loops, starts, request.stepover, order)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.planning.crossings import find_crossings
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.fermat_seam import End, Link, build_seam
 from polish_sim.planning.fermat_tree import Ground, find_contacts, grow_tree, split_pockets
@@ -20,6 +21,11 @@ from polish_sim.planning.request import PatternRequest
 from polish_sim.planning.run import Run, SurfaceRun, finish_run
 
 Array = NDArray[np.float64]
+
+TRIES = 4
+"""How often loops beside crossings are left out before the path is taken as it is."""
+CROWDED = 1.0
+"""A loop is beside a crossing if it passes it within this many step-overs."""
 
 
 def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
@@ -31,10 +37,25 @@ def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
     Returns:
         One run; more only where a part of the region lies apart from all turns of the rest.
     """
-    stepover = request.stepover
-    curves = [turn.curve for turn in all_turns(nested_turns(request))]
-    lines = connect(curves, stepover)
-    return [finish_run(request.region.surface, line, stepover) for line in lines]
+    surface, stepover = request.region.surface, request.stepover
+    nested = nested_turns(request)
+    turns = list(all_turns(nested.roots))
+    loops = set(map(id, nested.loops))
+    for _ in range(TRIES):
+        runs = [finish_run(surface, line, stepover) for line in connect([turn.curve for turn in turns], stepover)]
+        where = find_crossings([Curve(run.positions, run.points.normals, False) for run in runs]).places
+        if len(where) == 0:
+            break
+        # Only loops that close gaps may be left out: those beside a crossing.
+        crowded = {id(turn) for turn in turns if id(turn) in loops and _is_near(turn.curve, where, CROWDED * stepover)}
+        if not crowded:
+            break
+        turns = [turn for turn in turns if id(turn) not in crowded]
+    return runs
+
+
+def _is_near(curve: Curve, points: Array, distance: float) -> bool:
+    return bool(np.isfinite(curve.nearest(points, distance).distances).any())
 
 
 def connect(curves: Sequence[Curve], stepover: float) -> list[Run]:

@@ -28,7 +28,7 @@ APART = 2.3
 """Turns further apart than this many step-overs cannot be joined without a lift."""
 BAND, SHARE_OF_TURN = 8.0, 0.35
 """Length of a seam along a turn: no more than so many step-overs and this share of the turn."""
-STEEPEST, GROWTH = 4.0, 1.0
+STEEPEST, GROWTH = 3.2, 1.0
 """Its length on the innermost turn, and on the outermost of a pocket that hangs on another one, in step-overs: where
 a U-turn lies in the wedge between two turns and a line that crosses them, the wedge had better be short. From turn to
 turn it grows by no more than the second, so that the lines that cross keep their distance."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,21 +19,37 @@ from polish_sim.planning.turns import Turn, border_curves, distance_to, grow_tur
 
 Array = NDArray[np.float64]
 
-WORTH_A_LOOP = 0.12
+WORTH_A_LOOP = 0.15
 """Smallest uncovered area that gets a loop, in squared step-overs."""
-EDGE = 0.53
-"""Such a place begins this many step-overs from the turns: just more than the middle between two of them."""
+EDGE, DEEP_EDGE = 0.53, 0.75
+"""Such a place begins this many step-overs from the turns, just more than the middle between two of them; where it is
+deep the loop lies further in, so that it also covers the middle, but no further than the second."""
+INNER = 0.5
+"""A loop leaves no more than this many step-overs to the middle of its place."""
+PASSES = 2
+"""Places are looked for so many times: what the first loops leave may be a place of its own."""
 WIDER = 0.12
 """Its loop keeps outside it by this many step-overs, so that it does not run back on itself where the place is thin."""
 TAIL = 0.3
 """Where a turn runs back along itself nearer than this many step-overs, its tail is cut off; a loop covers it."""
-SHORTEST = 0.5
+SLIVER = 0.1
+"""A turn is a sliver if its area is less than so many step-overs times its length."""
+SHORTEST = 1.5
 """A loop is no shorter than this many step-overs."""
 FURTHEST = 3.0
 """Distances are told apart up to this many step-overs."""
 
 
-def nested_turns(request: PatternRequest) -> list[Turn]:
+class Nested(NamedTuple):
+    """Turns that cover a region."""
+
+    roots: list[Turn]
+    """The outermost turns; the others hang below them."""
+    loops: list[Turn]
+    """Those of them that only close gaps in the middle."""
+
+
+def nested_turns(request: PatternRequest) -> Nested:
     """Turns from all borders inwards; on a ring of even width from the outer border to the inner one.
 
     What the turns leave uncovered in the middle gets a loop of its own, closer to them than a step-over.
@@ -41,7 +58,7 @@ def nested_turns(request: PatternRequest) -> list[Turn]:
         request: What to cover and how.
 
     Returns:
-        The outermost turns; the others hang below them.
+        The turns.
     """
     region, mesh, stepover, report = request.region, request.mesh, request.stepover, request.report
     borders, first = border_curves(mesh), 0.5 * stepover
@@ -52,8 +69,11 @@ def nested_turns(request: PatternRequest) -> list[Turn]:
     roots = grow_turns(region.surface, mesh, borders, first, stepover, report)
     for turn in all_turns(roots):
         turn.curve = without_tails(turn.curve, TAIL * stepover)
-    _close_gaps(mesh, roots, stepover)
-    return roots
+    roots = _without_slivers(roots, stepover)
+    loops: list[Turn] = []
+    for _ in range(PASSES):
+        loops += _close_gaps(mesh, list(all_turns(roots)), stepover)
+    return Nested(roots, loops)
 
 
 def all_turns(roots: Sequence[Turn]) -> Iterator[Turn]:
@@ -93,38 +113,44 @@ def without_tails(curve: Curve, width: float) -> Curve:
     return curve
 
 
+def _without_slivers(turns: Sequence[Turn], stepover: float) -> list[Turn]:
+    """The turns without those too thin to go round; gaps they leave are closed like any other."""
+    for turn in turns:
+        turn.children = _without_slivers(turn.children, stepover)
+    return [t for t in turns if t.children or _area(t.curve.positions) > SLIVER * stepover * t.curve.length]
+
+
 def _area(ring: Array) -> float:
     """Area within a closed ring of points (n, 3), seen square on [m^2]."""
     ring = ring - ring[0]
     return 0.5 * float(np.linalg.norm(np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)))
 
 
-def _close_gaps(mesh: Triangulation, roots: Sequence[Turn], stepover: float) -> None:
-    """Hang a loop round every uncovered place below the turn it lies nearest to."""
-    turns = list(all_turns(roots))
+def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float) -> list[Turn]:
+    """Hang a loop round every uncovered place below the turn it lies nearest to; returns the loops."""
     if not turns:
-        return
+        return []
     curves = [turn.curve for turn in turns]
     everything = np.arange(len(mesh.vertices))
     distance = np.minimum(distance_to(mesh, everything, curves, FURTHEST * stepover), FURTHEST * stepover)
     at_border = np.zeros(len(mesh.vertices), dtype=bool)
     at_border[mesh.border] = True
     count, labels = mesh.components(distance > EDGE * stepover)
-    lines = [line for line in level_lines(mesh, distance, EDGE * stepover) if line.closed]
-    open_area = np.bincount(
-        labels[labels >= 0],
-        weights=np.where(distance > STRICT * stepover, mesh.vertex_areas, 0.0)[labels >= 0],
-        minlength=count,
-    )
+    loops = []
     for label in range(count):
         place = labels == label
-        if open_area[label] < WORTH_A_LOOP * stepover**2 or at_border[place].any():
+        open_area = mesh.vertex_areas[place & (distance > STRICT * stepover)].sum()
+        if open_area < WORTH_A_LOOP * stepover**2 or at_border[place].any():
             continue
-        for line in lines:
-            curve = _loop(line, stepover)
-            if labels[line.vertices[0]] == label and curve.length > SHORTEST * stepover:
+        deepest = float(distance[place].max())
+        edge = float(np.clip(deepest - (INNER - WIDER) * stepover, EDGE * stepover, DEEP_EDGE * stepover))
+        for line in level_lines(mesh, np.where(place, distance, 0.0), edge):
+            curve = _loop(line, stepover) if line.closed else None
+            if curve is not None and curve.length > SHORTEST * stepover:
                 nearest = np.bincount(nearest_of(curves, curve.positions).curve).argmax()
-                turns[int(nearest)].children.append(Turn(curve, place))
+                loops.append(Turn(curve, place))
+                turns[int(nearest)].children.append(loops[-1])
+    return loops
 
 
 def _loop(line: LevelLine, stepover: float) -> Curve:
