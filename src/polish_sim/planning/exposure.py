@@ -23,6 +23,8 @@ Ints = NDArray[np.int64]
 
 STEP = 0.1
 """Length of the pad's steps in pad radii."""
+CORNER = np.radians(10.0)
+"""Waypoints at which the path turns by more end a step [rad]."""
 BALL = 1.05
 """Places further than this many pad radii from the pad's middle are not under it, however tall."""
 
@@ -55,7 +57,7 @@ def pad_steps(on: PathOnSurface, pad: PadConfig) -> PadSteps:
     length = np.linalg.norm(np.diff(on.positions, axis=0), axis=1)
     slowness = 0.5 * (1.0 / on.feeds[1:] + 1.0 / on.feeds[:-1])
     s, t = (np.concatenate([[0.0], np.cumsum(way)]) for way in (length, length * slowness))
-    rows = _rows_apart(on.stretches, s, STEP * pad.radius_m)
+    rows = _rows_apart(on, s, STEP * pad.radius_m)
     tilts = np.stack([(on.axes * on.principal).sum(axis=1), (on.axes * _second(on)).sum(axis=1)], axis=1)
     depths = pad_depths(on.curvatures[rows], pad, on.forces[rows], tilts[rows])
     joined = on.stretch_of[rows[1:]] == on.stretch_of[rows[:-1]]
@@ -68,14 +70,19 @@ def _second(on: PathOnSurface) -> Array:
     return np.cross(on.normals, on.principal)
 
 
-def _rows_apart(stretches: tuple[Ints, ...], s: Array, spacing: float) -> Ints:
-    """Rows about a spacing apart, both ends of every stretch among them."""
+def _rows_apart(on: PathOnSurface, s: Array, spacing: float) -> Ints:
+    """Rows about a spacing apart; both ends of every stretch and its corners among them."""
+    way = unit(np.diff(on.positions, axis=0))
+    corner = np.zeros(len(s), dtype=bool)
+    corner[1:-1] = (way[1:] * way[:-1]).sum(axis=1) < np.cos(CORNER)
     rows = []
-    for stretch in stretches:
+    for stretch in on.stretches:
         first, last = s[stretch[0]], s[stretch[-1]]
         marks = np.linspace(first, last, max(int(np.ceil((last - first) / spacing)), 1) + 1)
         near = np.searchsorted(s[stretch], marks[1:-1])
-        rows.append(stretch[np.unique(np.concatenate([[0], near, [len(stretch) - 1]]))])
+        rows.append(
+            stretch[np.unique(np.concatenate([[0], near, np.flatnonzero(corner[stretch]), [len(stretch) - 1]]))]
+        )
     return np.concatenate(rows)
 
 

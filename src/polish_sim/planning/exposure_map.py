@@ -15,8 +15,8 @@ from polish_sim.planning.thinning import thin
 
 Array = NDArray[np.float64]
 
-APART = 0.1
-"""Places at which the time is summed up lie this many pad radii apart, unless told otherwise."""
+APART = 0.04
+"""Places at which the time is summed up lie this many pad radii apart, or as far as the vertices do."""
 OVER, UNDER = 2.0, 0.5
 """Over- and under-polished is what was under the pad longer (shorter) than this many medians of what it came to."""
 
@@ -39,20 +39,19 @@ class ExposureMap(NamedTuple):
     """Less than half of it, what is not covered included."""
 
 
-def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, apart: float = APART) -> ExposureMap:
+def expose(ground: Ground, on: PathOnSurface, pad: PadConfig) -> ExposureMap:
     """Carry the pad along a path.
 
     Args:
         ground: The region.
         on: The path on it, with forces and feeds.
         pad: The pad.
-        apart: Distance between the places at which the time is summed up, in pad radii.
 
     Returns:
         The times and their figures.
     """
     mesh = ground.mesh
-    some = thin(mesh.vertices, apart * pad.radius_m)
+    some = thin(mesh.vertices, APART * pad.radius_m)
     points, normals = mesh.vertices[some.kept], mesh.normals[some.kept]
     times = time_under_pad(points, normals, pad_steps(on, pad), pad.radius_m)
     areas = np.bincount(some.stands_for, weights=mesh.part_areas(ground.part_facets), minlength=len(points))

@@ -12,7 +12,7 @@ from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Surface
 from polish_sim.planning.coverage import strict_share, strictly_covered
 from polish_sim.planning.crossings import find_crossings
-from polish_sim.planning.exposure_map import APART, ExposureMap, expose
+from polish_sim.planning.exposure_map import ExposureMap, expose
 from polish_sim.planning.located import PathOnSurface, locate
 from polish_sim.planning.planner import Ground
 from polish_sim.planning.reach_of_pad import PadReach, measure_pad_reach
@@ -70,9 +70,7 @@ def measure_plan(
     return part | measure_quality(ground, path, plan.stepover_m, process, pad).figures
 
 
-def measure_quality(
-    ground: Ground, path: ToolPath, stepover: float, process: ProcessConfig, pad: PadConfig, apart: float = APART
-) -> Quality:
+def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: ProcessConfig, pad: PadConfig) -> Quality:
     """Measure a path on a region.
 
     Args:
@@ -81,7 +79,6 @@ def measure_quality(
         stepover: Planned or expected [m].
         process: Force and feed where the path has none of its own.
         pad: The pad.
-        apart: How finely the time under the pad is summed up, in pad radii.
 
     Returns:
         Figures and maps.
@@ -89,7 +86,7 @@ def measure_quality(
     on = locate(ground, path, process)
     quality = Quality(
         figures={},
-        exposure=expose(ground, on, pad, apart),
+        exposure=expose(ground, on, pad),
         strict=strictly_covered(ground.mesh.vertices, ground.mesh.normals, on.runs, stepover),
         reach=measure_pad_reach(ground.region.surface, ground.part_facets, pad.radius_m),
         spacing=measure_stepover(on.runs, stepover),

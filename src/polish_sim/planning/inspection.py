@@ -22,8 +22,6 @@ Array = NDArray[np.float64]
 
 NAMED = 3
 """So many of the places the pad cannot touch are named."""
-APART = 0.03
-"""Places at which the time under the pad is summed up, in pad radii: finer than a plan needs, for the maps."""
 MOSTLY = 0.9
 """A region is the path's own if this share of the path runs on it."""
 
@@ -90,7 +88,7 @@ def inspect_path(
     if observer is not None:
         observer.stage("measure the path")
     ground = prepare_ground(region, plan)
-    quality = measure_quality(ground, path, plan.stepover_m, process, pad, APART)
+    quality = measure_quality(ground, path, plan.stepover_m, process, pad)
     quality.figures.update(
         stepover_expected_m=plan.stepover_m,
         facets=len(mesh.faces),

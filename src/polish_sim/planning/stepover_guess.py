@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 ASKED = 2000
 """Places along the path at which its neighbours are looked for."""
 NEIGHBOURS = 64
+COARSER = (1.0, 4.0, 16.0)
+"""Where neighbours are further away than that many samples of the own turn, fewer samples are tried."""
 ROUNDS = 8
 FINE = 0.25
 """Samples are fine enough at this share of the step-over."""
@@ -47,16 +49,23 @@ def guess_stepover(path: ToolPath) -> float | None:
     runs = [Curve(path.positions_work[rows], path.axes_work[rows], False) for rows in stretches]
     strands = Strands(runs)
     total = float(strands.lengths.sum())
-    spacing, guess = total / ASKED, None
+    for coarse in COARSER:
+        guess = _refined_guess(strands, total, coarse * total / ASKED)
+        if guess is not None:
+            exact = measure_stepover(runs, guess).distances_m
+            return float(np.median(exact)) if len(exact) else guess
+    return None
+
+
+def _refined_guess(strands: Strands, total: float, spacing: float) -> float | None:
+    """The guess from samples at first a spacing apart [m], then ever finer until they tell turns apart."""
+    guess = None
     for _ in range(ROUNDS):
         guess = _guess(strands.sample(spacing))
         if guess is None or spacing <= 1.5 * FINE * guess or total / spacing > MOST_SAMPLES:
             break
         spacing = FINE * guess
-    if guess is None:
-        return None
-    exact = measure_stepover(runs, guess).distances_m
-    return float(np.median(exact)) if len(exact) else guess
+    return guess
 
 
 def _guess(path: Samples) -> float | None:

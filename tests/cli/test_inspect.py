@@ -1,0 +1,96 @@
+"""`polish-sim inspect` as a user calls it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+Polish = Callable[..., tuple[int, str, str]]
+FILES = ["coverage.ply", "coverage.png", "metrics.json", "spacing.png"]
+KEYS = {
+    "coverage",
+    "coverage_stepover",
+    "overlap",
+    "exposure_cv",
+    "stepover_p5_m",
+    "stepover_p95_m",
+    "self_crossings",
+    "max_axis_rate_rad_m",
+    "unreachable_area_m2",
+}
+
+
+def write_raster(file: Path, height: float = 20.0) -> None:
+    lines = [f"{x},{y},{height},0,0,1" for k, y in enumerate(range(-95, 96, 10)) for x in ((-100, 100)[:: (-1) ** k])]
+    file.write_text("x,y,z,i,j,k\n" + "\n".join(lines) + "\n", encoding="utf-8")
+
+
+def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: Polish) -> None:
+    write_raster(Path("raster.csv"))
+    code, out, err = polish_sim("inspect", "raster.csv", "--part", "plate", "--out", "seen")
+    assert code == 0
+    assert sorted(file.name for file in Path("seen").iterdir()) == FILES
+    assert out.rstrip().endswith("folder: seen")
+    assert "step-over taken from the path: 10 mm" in err
+    metrics = json.loads(Path("seen/metrics.json").read_text())
+    assert set(metrics) >= KEYS
+    assert metrics["coverage_stepover"] == 1.0
+
+
+def test_the_mesh_opens_elsewhere_and_carries_the_time_under_the_pad(polish_sim: Polish) -> None:
+    write_raster(Path("raster.csv"))
+    assert polish_sim("inspect", "raster.csv", "--part", "plate", "--out", "seen")[0] == 0
+    mesh = trimesh.load("seen/coverage.ply", process=False)
+    exposure = mesh.metadata["_ply_raw"]["vertex"]["data"]["exposure_s"].ravel()
+    assert mesh.area == pytest.approx(200.0 * 200.0, rel=1e-6)
+    assert mesh.visual.vertex_colors.shape == (len(mesh.vertices), 4)
+    # Twenty lines at 10 mm/s, a pad of 25 mm radius, away from the edges.
+    inner = (np.abs(mesh.vertices[:, :2]) < 60.0).all(axis=1)
+    assert exposure[inner].mean() == pytest.approx(np.pi * 25.0**2 / (10.0 * 10.0), rel=0.02)
+
+
+def test_a_plan_folder_knows_its_part_and_step_over(polish_sim: Polish) -> None:
+    assert polish_sim("plan", "sphere_100", "--stepover", "10", "--out", "plan")[0] == 0
+    code, _, err = polish_sim("inspect", "plan", "--out", "seen")
+    assert code == 0
+    assert "step-over taken from the path" not in err
+    planned, seen = (json.loads(Path(name, "metrics.json").read_text()) for name in ("plan", "seen"))
+    for key in ("coverage_stepover", "stepover_mean_m", "self_crossings", "path_length_m"):
+        assert seen[key] == pytest.approx(planned[key], rel=1e-9)
+
+
+def test_options_reach_the_figures(polish_sim: Polish) -> None:
+    write_raster(Path("raster.csv"))
+    words = ("--stepover", "12", "--pad-diameter", "30", "--feed", "20")
+    assert polish_sim("inspect", "raster.csv", "--part", "plate", *words, "--out", "seen")[0] == 0
+    metrics = json.loads(Path("seen/metrics.json").read_text())
+    assert metrics["stepover_expected_m"] == pytest.approx(0.012)
+    assert metrics["overlap"] == pytest.approx(1.0 - 10.0 / 30.0)
+    assert metrics["cycle_time_s"] == pytest.approx(4190.0 / 20.0)
+
+
+BAD = {
+    "no part": (("raster.csv",), "give it with --part"),
+    "missing path": (("none.csv", "--part", "plate"), "none.csv"),
+    "pressed in": (("deep.csv", "--part", "plate"), "pressed in already by 4.00 mm"),
+    "another part": (("raster.csv", "--part", "sphere_100"), "does not lie on 'sphere_100'"),
+    "another unit": (("raster.csv", "--part", "plate", "--units", "cm"), "10 times as large as the path"),
+    "overlap twice": (("raster.csv", "--part", "plate", "--overlap", "70", "--stepover", "8"), "give one of them"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim: Polish, case: str) -> None:
+    write_raster(Path("raster.csv"))
+    write_raster(Path("deep.csv"), 16.0)
+    words, message = BAD[case]
+    code, _, err = polish_sim("inspect", *words)
+    assert code == 2
+    assert message in err
+    assert "Traceback" not in err
+    assert not Path("results").exists()

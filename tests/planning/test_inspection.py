@@ -1,0 +1,197 @@
+"""Any path measured on a part: ours, hand-made ones, and those that do not belong there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from polish_sim.config import PadConfig, PartConfig, PlanConfig
+from polish_sim.errors import PlanError
+from polish_sim.geometry import fit_surface, load_part
+from polish_sim.planning import inspect_path
+from polish_sim.planning.reach_of_pad import measure_pad_reach
+from polish_sim.planning.stepover_guess import guess_stepover
+from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
+from tests.planning.shapes import shipped_plan
+
+PLATE = PartConfig("plate", up="z")
+TOP = 0.02
+
+
+def path_through(points, axes=(0.0, 0.0, 1.0)):
+    points = np.asarray(points, dtype=float)
+    count = len(points)
+    axes = np.broadcast_to(np.asarray(axes, dtype=float), points.shape).copy()
+    zeros = np.zeros(count)
+    return ToolPath(points, axes, arc_length(points), zeros.astype(np.int64), np.full(count, PROCESS, np.int8), zeros)
+
+
+def raster(spacing=0.01, reach=0.1, top=TOP):
+    """Lines across the whole plate, two points each."""
+    rows = np.arange(-0.1 + 0.5 * spacing, 0.1, spacing)
+    ends = [[(-reach, y, top), (reach, y, top)][:: (-1) ** k] for k, y in enumerate(rows)]
+    return path_through(np.concatenate(ends))
+
+
+@pytest.fixture(scope="module")
+def inspected():
+    return inspect_path(raster(), PLATE)
+
+
+def test_a_full_raster_covers_the_plate(inspected):
+    m = inspected.figures
+    assert m["coverage_stepover"] == m["coverage"] == 1.0
+    assert m["self_crossings"] == m["lifts"] == 0
+    # Twenty lines of 0.2 m and nineteen steps of 10 mm on 0.04 m^2.
+    assert m["path_length_m"] == pytest.approx(20 * 0.2 + 19 * 0.01, rel=1e-12)
+    assert m["length_ratio"] == pytest.approx(4.19 * 0.01 / 0.04, rel=1e-9)
+    assert m["cycle_time_s"] == pytest.approx(419.0, rel=1e-12)
+
+
+def test_the_step_over_of_a_foreign_path_is_found_and_said(inspected):
+    m = inspected.figures
+    assert m["stepover_expected_m"] == pytest.approx(0.01, rel=1e-6)
+    assert [m[f"stepover_{name}_m"] for name in ("min", "mean", "max")] == pytest.approx([0.01] * 3, rel=1e-6)
+    assert m["overlap"] == pytest.approx(0.8)
+    assert any(note.startswith("step-over taken from the path: 10 mm") for note in inspected.notes)
+
+
+def test_right_angles_are_the_sharpest_corners_and_the_axis_stands_still(inspected):
+    assert inspected.figures["sharpest_corner_rad"] == pytest.approx(np.pi / 2, abs=1e-9)
+    assert inspected.figures["max_axis_rate_rad_m"] == 0.0
+
+
+def test_half_a_raster_covers_half_the_plate():
+    full = raster()
+    half = full.rows(full.positions_work[:, 1] < 0.0)
+    found = inspect_path(half, PLATE, PlanConfig(stepover_m=0.01))
+    # Ten lines of 10 mm, 0.05 step-overs more on the open side.
+    assert found.figures["coverage_stepover"] == pytest.approx(0.5 * 1.005, abs=0.002)
+    assert found.figures["coverage"] == pytest.approx((0.095 + 0.025) / 0.2, abs=0.01)
+
+
+def test_a_path_run_twice_is_under_the_pad_twice_as_long():
+    once = raster()
+    twice = path_through(np.concatenate([once.positions_work, once.positions_work[::-1][1:]]))
+    one, two = (inspect_path(path, PLATE, PlanConfig(stepover_m=0.01)).figures for path in (once, twice))
+    assert two["exposure_mean_s"] == pytest.approx(2.0 * one["exposure_mean_s"], rel=1e-9)
+    assert two["exposure_cv"] == pytest.approx(one["exposure_cv"], rel=1e-9)
+    assert two["self_crossings"] == 0
+
+
+def test_a_place_gone_over_again_and_again_is_over_polished():
+    spot = [(x, 0.0, TOP) for _ in range(12) for x in (-0.01, 0.01)]
+    path = raster().positions_work
+    path = path_through(np.concatenate([path, [[0.0, 0.095, TOP]], np.array(spot)]))
+    area = inspect_path(path, PLATE, PlanConfig(stepover_m=0.01)).figures["over_polished_area_m2"]
+    stadium = np.pi * 0.025**2 + 0.05 * 0.02
+    assert 0.5 * stadium < area < 1.05 * stadium
+
+
+@pytest.mark.parametrize("spacing", [0.0013, 0.008, 0.03])
+def test_the_step_over_is_guessed_at_any_scale_and_in_any_frame(spacing):
+    path = raster(spacing)
+    turn = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
+    moved = path_through(path.positions_work @ turn.T, path.axes_work @ turn.T)
+    assert guess_stepover(path) == pytest.approx(spacing, rel=1e-6)
+    assert guess_stepover(moved) == pytest.approx(spacing, rel=1e-6)
+
+
+def test_the_step_over_of_our_spiral_is_guessed():
+    assert guess_stepover(shipped_plan("sphere_100").path) == pytest.approx(0.008, rel=0.02)
+
+
+def test_a_single_line_has_no_step_over_of_its_own():
+    found = inspect_path(path_through([(-0.1, 0.0, TOP), (0.1, 0.0, TOP)]), PLATE)
+    assert found.plan.stepover_m == 0.05
+    assert np.isnan(found.figures["stepover_mean_m"])
+
+
+def test_our_own_plan_inspected_gives_the_figures_it_was_planned_with():
+    plan = shipped_plan("sphere_100")
+    found = inspect_path(plan.path, PartConfig("sphere_100"), plan.plan).figures
+    for name in ("coverage_stepover", "stepover_mean_m", "path_length_m", "self_crossings", "cycle_time_s"):
+        assert found[name] == plan.figures[name]
+    assert found["coverage"] == pytest.approx(plan.figures["coverage"], abs=1e-3)
+    assert found["exposure_cv"] == pytest.approx(plan.figures["exposure_cv"], rel=0.02)
+
+
+def test_on_a_sphere_the_tool_axis_turns_by_one_over_its_radius():
+    found = shipped_plan("sphere_100").figures
+    assert found["max_axis_rate_rad_m"] == pytest.approx(1.0 / 0.1, rel=0.01)
+    assert found["max_axis_lean_rad"] < 0.02
+
+
+def test_the_face_under_the_path_is_found_when_it_is_not_the_top():
+    # The lower edge is chamfered by 2 mm.
+    side = np.array([[(-0.1, y, z) for y in (-0.09, 0.09)][:: (-1) ** k] for k, z in enumerate((0.004, 0.01, 0.016))])
+    found = inspect_path(path_through(side.reshape(-1, 3), (-1.0, 0.0, 0.0)), PLATE, pad=PadConfig(radius_m=0.005))
+    assert found.figures["area_m2"] == pytest.approx(0.2 * 0.018, rel=1e-6)
+    assert found.plan.region.startswith("point:-100,")
+
+
+BAD = {
+    "pressed in": (raster(top=TOP - 0.004), "pressed in already by 4.00 mm"),
+    "lifted off": (raster(top=TOP + 0.002), "lifted off by 2.00 mm"),
+    "in metres": (path_through(1e-3 * raster().positions_work), "1000 times as large as the path"),
+    "in inches": (path_through(raster().positions_work / 25.4), "25.4 times as large as the path"),
+    "read in mm, written in inches": (path_through(25.4 * raster().positions_work), "25.4 times as large as the part"),
+    "elsewhere": (path_through(raster().positions_work + [0.4, 0.0, 0.0]), "sideways up to 400.0 mm"),
+    "upside down": (path_through(raster().positions_work, (0.0, 0.0, -1.0)), "points into 'plate' along 100%"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_path_that_does_not_belong_on_the_part_is_refused_with_the_reason(case):
+    path, reason = BAD[case]
+    with pytest.raises(PlanError, match=reason):
+        inspect_path(path, PLATE)
+
+
+def test_a_path_on_another_region_than_asked_for_is_refused():
+    with pytest.raises(PlanError, match="only 0% of the path lies on the region"):
+        inspect_path(raster(), PLATE, PlanConfig(stepover_m=0.01, region="point:0,0,0"))
+
+
+def test_no_points_in_contact_are_refused():
+    lifted = replace(raster(), segment=np.zeros(40, dtype=np.int8))
+    with pytest.raises(PlanError, match="no points in contact"):
+        inspect_path(lifted, PLATE, PlanConfig(stepover_m=0.01))
+
+
+def channel(file, radius, half_angle, length=100.0, flat=40.0):
+    """A sheet with a channel of circular section along y, in mm, seen from inside the circle."""
+    angle = np.linspace(-half_angle, half_angle, 49)
+    x = radius * np.sin(angle)
+    z = radius * (np.cos(half_angle) - np.cos(angle))
+    side = np.linspace(x[-1], x[-1] + flat, 11)[1:]
+    x, z = np.concatenate([-side[::-1], x, side]), np.concatenate([0 * side, z, 0 * side])
+    y = np.linspace(0.0, length, 41)
+    vertices = np.stack([np.repeat(x, len(y)), np.tile(y, len(x)), np.repeat(z, len(y))], axis=1)
+    k = (np.arange(len(x) - 1)[:, None] * len(y) + np.arange(len(y) - 1)).ravel()
+    faces = np.concatenate([np.stack(c, 1) for c in ((k, k + len(y), k + 1), (k + 1, k + len(y), k + len(y) + 1))])
+    trimesh.Trimesh(vertices, faces, process=False).export(file)
+    return fit_surface(load_part(file, "mm", "z"))
+
+
+@pytest.mark.parametrize("radius", [10.0, 24.0])
+def test_a_channel_tighter_than_the_pad_is_out_of_reach_over_its_whole_area(tmp_path, radius):
+    """Arc length times length; the outermost facets lie half in the flat."""
+    surface = channel(tmp_path / "channel.stl", radius, np.pi / 4.0)
+    found = measure_pad_reach(surface, len(surface.faces), 0.025)
+    assert found.area_m2 == pytest.approx(1e-6 * radius * np.pi / 2.0 * 100.0, rel=0.05)
+    assert len(found.places) == 1
+    assert found.places[0].radius_m == pytest.approx(1e-3 * radius, rel=0.1)
+    assert abs(found.places[0].position[0]) < 1e-3 * radius
+
+
+def test_a_channel_wider_than_the_pad_is_within_reach(tmp_path):
+    surface = channel(tmp_path / "channel.stl", 27.0, np.pi / 4.0)
+    assert measure_pad_reach(surface, len(surface.faces), 0.025).area_m2 == 0.0
+
+
+def test_a_convex_part_is_within_reach():
+    assert shipped_plan("sphere_50").figures["unreachable_area_m2"] == 0.0
