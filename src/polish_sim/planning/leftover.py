@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from polish_sim.planning.connected import label_pieces
 from polish_sim.planning.coverage import STRICT
 from polish_sim.planning.crossings import count_self_crossings
 from polish_sim.planning.curve import Curve, unit
@@ -20,6 +21,7 @@ from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import Turn, distance_to
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 WORTH_A_LINK = 0.1
@@ -37,6 +39,8 @@ DEEP = 0.8
 DEEPEST = 2.5
 """Distances to turns are told apart up to this many step-overs."""
 MOST_LINES = 64
+SAME = 1e-6
+"""Areas and ways that differ by less than this share are the same."""
 TRACE = 0.1
 """Spacing of the points turns are compared by, in step-overs."""
 TAIL_POINTS = 15
@@ -55,16 +59,16 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
         The runs, some longer, and new ones at the end.
     """
     out, traces = list(runs), [dense(run.positions, TRACE * stepover) for run in runs]
-    distance = np.full(len(mesh.vertices), np.inf)
-    for trace in traces:
-        distance = np.minimum(distance, _distance(mesh, trace, stepover))
+    everything = np.concatenate(traces) if traces else np.empty((0, 3))
+    distance = _distance(mesh.vertices, everything, stepover)
+    rest = _triangles_of(mesh, distance > STRICT * stepover)
     tried = np.zeros(len(mesh.vertices), dtype=bool)
     at_border = np.zeros(len(mesh.vertices), dtype=bool)
     at_border[mesh.border] = True
-    for place, area in _uncovered_places(mesh, distance, tried, stepover):
+    for place, area in _uncovered_places(mesh, rest, distance, tried, stepover):
         if area < WORTH_A_LIFT * stepover**2 and at_border[place].any():
             continue
-        line = _middle_line(mesh, place, distance, stepover)
+        line = _middle_line(mesh, rest, place, distance, stepover)
         owner, added = _lead_into(mesh, traces, line, stepover)
         if owner >= 0:
             out[owner] = join(out[owner], Run(added, np.full(len(added), out[owner].pass_index[-1])))
@@ -75,18 +79,18 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
             traces.append(dense(line, TRACE * stepover))
         else:
             continue
-        distance[:] = np.minimum(distance, _distance(mesh, dense(added, TRACE * stepover), stepover))
+        _come_nearer(mesh, distance, dense(added, TRACE * stepover), stepover)
         # What the line did not reach may be tried again.
         tried &= ~place | (distance < STRICT * stepover)
     return out
 
 
 def _uncovered_places(
-    mesh: Triangulation, distance: Array, tried: Mask, stepover: float
+    mesh: Triangulation, rest: Ints, distance: Array, tried: Mask, stepover: float
 ) -> Iterator[tuple[Mask, float]]:
     """The largest connected place not covered and not tried yet, and its area [m^2], as long as there are any."""
     for _ in range(MOST_LINES):
-        place, area = _largest_place(mesh, (distance > STRICT * stepover) & ~tried)
+        place, area = _largest_place(mesh, rest, (distance > STRICT * stepover) & ~tried)
         if area < WORTH_A_LINK * stepover**2:
             return
         tried |= place
@@ -98,42 +102,65 @@ def middle_ends(mesh: Triangulation, turn: Turn, stepover: float) -> Array:
     distance = np.zeros(len(mesh.vertices))
     rows = np.flatnonzero(turn.inside)
     distance[rows] = distance_to(mesh, rows, [turn.curve], DEEPEST * stepover)
-    place, area = _largest_place(mesh, distance > STRICT * stepover)
+    uncovered = distance > STRICT * stepover
+    rest = _triangles_of(mesh, uncovered)
+    place, area = _largest_place(mesh, rest, uncovered)
     if area < WORTH_A_LINK * stepover**2:
         return np.empty((0, 3))
-    return _middle_line(mesh, place, distance, stepover)[[0, -1]]
+    return _middle_line(mesh, rest, place, distance, stepover)[[0, -1]]
 
 
-def _distance(mesh: Triangulation, trace: Array, stepover: float) -> Array:
-    """Distance of every vertex to a trace (k, 3), inf beyond 2.5 step-overs [m], shape (n,)."""
-    found, _ = cKDTree(trace).query(mesh.vertices, distance_upper_bound=DEEPEST * stepover)
+def _distance(points: Array, trace: Array, stepover: float) -> Array:
+    """Distance of points (n, 3) to a trace (k, 3), inf beyond 2.5 step-overs [m], shape (n,)."""
+    if len(trace) == 0:
+        return np.full(len(points), np.inf)
+    found, _ = cKDTree(trace).query(points, distance_upper_bound=DEEPEST * stepover)
     return np.asarray(found)
 
 
-def _largest_place(mesh: Triangulation, open_places: Mask) -> tuple[Mask, float]:
-    """The connected piece of largest area, and that area [m^2]."""
+def _come_nearer(mesh: Triangulation, distance: Array, trace: Array, stepover: float) -> None:
+    """Bring distances of vertices up to date with a new trace (k, 3)."""
+    low, high = trace.min(axis=0) - DEEPEST * stepover, trace.max(axis=0) + DEEPEST * stepover
+    near = np.flatnonzero(((mesh.vertices > low) & (mesh.vertices < high)).all(axis=1))
+    distance[near] = np.minimum(distance[near], _distance(mesh.vertices[near], trace, stepover))
+
+
+def _triangles_of(mesh: Triangulation, places: Mask) -> Ints:
+    """Triangles with a side inside a set of vertices, shape (k, 3)."""
+    return np.asarray(mesh.triangles[places[mesh.triangles].sum(axis=1) >= 2])
+
+
+def _largest_place(mesh: Triangulation, rest: Ints, open_places: Mask) -> tuple[Mask, float]:
+    """The connected piece of largest area among the triangles of the rest, and that area [m^2]."""
     if not open_places.any():
         return open_places, 0.0
-    _, labels = mesh.components(open_places)
+    _, labels = label_pieces(rest, open_places)
     areas = np.bincount(labels[open_places], weights=mesh.vertex_areas[open_places])
-    return labels == areas.argmax(), float(areas.max())
+    largest = _largest(areas)
+    return labels == largest, float(areas[largest])
 
 
-def _middle_line(mesh: Triangulation, place: Mask, distance: Array, stepover: float) -> Array:
+def _largest(values: Array) -> int:
+    """The first of the largest values, whichever of them rounding made a little larger."""
+    return int(np.argmax(values >= (1.0 - SAME) * values.max()))
+
+
+def _middle_line(mesh: Triangulation, rest: Ints, place: Mask, distance: Array, stepover: float) -> Array:
     """Longest way through a place along the line furthest from everything covered, (n, 3); a point if compact."""
     rows = np.flatnonzero(place)
     number = np.full(len(place), -1)
     number[rows] = np.arange(len(rows))
-    edges = number[mesh.edges[place[mesh.edges].all(axis=1)]]
+    sides = np.concatenate([rest[:, [0, 1]], rest[:, [1, 2]], rest[:, [2, 0]]])
+    edges = np.unique(np.sort(number[sides[place[sides].all(axis=1)]], axis=1), axis=0)
     depth = np.minimum(distance[rows], DEEPEST * stepover)
     points = mesh.vertices[rows]
     length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
     cost = length * (depth.max() / np.minimum(depth[edges[:, 0]], depth[edges[:, 1]])) ** 4
     graph = coo_array((cost, (edges[:, 0], edges[:, 1])), shape=(len(rows), len(rows))).tocsr()
-    deepest = int(depth.argmax())
-    first = int(_finite(dijkstra(graph, directed=False, indices=deepest)).argmax())
+    deepest = _largest(depth)
+    first = _largest(_finite(dijkstra(graph, directed=False, indices=deepest)))
     way, before = dijkstra(graph, directed=False, indices=first, return_predecessors=True)
-    here, line = int(_finite(way).argmax()), []
+    here, line = _largest(_finite(way)), []
     while here >= 0:
         line.append(here)
         here = int(before[here])

@@ -7,12 +7,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
+from polish_sim.planning.connected import label_pieces
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -61,9 +60,8 @@ class Triangulation:
         return self._around_vertices(np.where(self.owners < facets, self.areas, 0.0))
 
     def _around_vertices(self, areas: Array) -> Array:
-        sums = np.zeros(len(self.vertices))
-        np.add.at(sums, self.triangles.ravel(), np.repeat(areas / 3.0, 3))
-        return sums
+        weights = np.repeat(areas / 3.0, 3)
+        return np.asarray(np.bincount(self.triangles.ravel(), weights=weights, minlength=len(self.vertices)))
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -72,13 +70,7 @@ class Triangulation:
 
     def components(self, inside: NDArray[np.bool_]) -> tuple[int, Ints]:
         """Connected pieces of a set of vertices: their number and each vertex's piece, -1 outside, (n,)."""
-        kept = self.edges[inside[self.edges[:, 0]] & inside[self.edges[:, 1]]]
-        number = np.cumsum(inside) - 1
-        size = int(inside.sum())
-        graph = coo_array((np.ones(len(kept)), (number[kept[:, 0]], number[kept[:, 1]])), shape=(size, size))
-        count, found = connected_components(graph, directed=False)
-        labels = np.full(len(self.vertices), -1, dtype=np.int64)
-        labels[inside] = found
+        count, labels = label_pieces(self.triangles, inside)
         return int(count), labels
 
 
