@@ -3,7 +3,7 @@
 from polish_sim.geometry.distance_field import DistanceField, build_distance_field, field_distance, field_gradient
 from polish_sim.geometry.fit import fit_surface
 from polish_sim.geometry.mesh import PartMesh, load_part, part_from_arrays
-from polish_sim.geometry.region import Region, select_region
+from polish_sim.geometry.region import Region, merge_regions, select_region
 from polish_sim.geometry.surface import ClosestPoints, Curvature, Surface, SurfacePoints
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "field_gradient",
     "fit_surface",
     "load_part",
+    "merge_regions",
     "part_from_arrays",
     "select_region",
 ]

@@ -19,9 +19,6 @@ from polish_sim.geometry.topology import find_adjacency
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-_ALIKE = 1.0 + 1e-9
-"""Diagonals that differ by less are equal: rounding must not decide how a piece is split."""
-
 _EDGE_PAIRS = np.array([[0, 1], [1, 2], [2, 0]])
 
 

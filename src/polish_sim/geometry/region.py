@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -130,6 +130,21 @@ def build_region(surface: Surface, facets: Ints, up: Floats, notes: tuple[str, .
         up=_seen_from(surface, up),
         notes=notes,
     )
+
+
+def merge_regions(components: Sequence[Region], up: Floats, notes: tuple[str, ...] = ()) -> Region:
+    """Make one region of several unconnected ones of a part.
+
+    Args:
+        components: At least one.
+        up: Unit vector away from the table, shape (3,).
+        notes: What the user should know.
+
+    Returns:
+        The region; they are its components.
+    """
+    kept = join([Clipped(component.surface, component.facets) for component in components])
+    return build_region(kept.surface, kept.parents, up, notes)
 
 
 def _seen_from(surface: Surface, up: Floats) -> Floats:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from polish_sim.config import PadConfig, PlanConfig
 from polish_sim.errors import PlanError
-from polish_sim.geometry import Region
+from polish_sim.geometry import Region, merge_regions
 from polish_sim.planning.located import PathOnSurface
 from polish_sim.planning.offset_curve import nearest_of
 from polish_sim.planning.planner import Ground
@@ -19,15 +20,25 @@ NARROWEST = 0.5
 """A region narrower than this share of the pad's diameter cannot carry it."""
 
 
-def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> None:
-    """Refuse what cannot be polished sensibly.
+def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> Region:
+    """Refuse what cannot be polished sensibly, leave out components too narrow for the pad.
+
+    Args:
+        region: What is to be polished.
+        plan: Step-over.
+        pad: The pad.
+
+    Returns:
+        The region; with a note if components were left out.
 
     Raises:
-        PlanError: The region is narrower than the pad, or the step-over wider than the pad or the region.
+        PlanError: The whole region is narrower than the pad, or the step-over wider than the pad.
     """
-    width = footprint_width(region)
+    components = region.components()
+    widths = [footprint_width(component) for component in components]
     diameter = 2.0 * pad.radius_m
-    if width < NARROWEST * diameter:
+    if max(widths) < NARROWEST * diameter:
+        width = max(widths)
         raise PlanError(
             f"the region is narrower than the pad: {width * 1e3:.3g} mm across, the pad {diameter * 1e3:.3g} mm. "
             f"Set a smaller pad (--pad-diameter {width * 1e3:.2g}) or choose another --region."
@@ -37,16 +48,30 @@ def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> None:
             f"a step-over of {plan.stepover_m * 1e3:.4g} mm would leave stripes: the pad measures "
             f"{diameter * 1e3:.4g} mm. Set a step-over below that; a sixth of it is usual."
         )
+    wide = [part for part, width in zip(components, widths, strict=True) if width >= NARROWEST * diameter]
+    if len(wide) == len(components):
+        return region
+    lost = region.area_m2 - sum(part.area_m2 for part in wide)
+    note = (
+        f"left out {len(components) - len(wide)} of {len(components)} components of the region, {lost * 1e6:.4g} mm^2 "
+        f"in all: narrower than half the pad ({NARROWEST * diameter * 1e3:.3g} mm); a smaller --pad-diameter takes them"
+    )
+    return merge_regions(wide, region.up, (*region.notes, note))
 
 
 def footprint_width(region: Region) -> float:
-    """Smallest width of the region seen from above, over all directions [m]."""
+    """Smallest width of a connected region seen from where it looks, over all directions [m]."""
     first = np.cross(region.up, np.eye(3)[int(np.abs(region.up).argmin())])
     first /= np.linalg.norm(first)
-    second = np.cross(region.up, first)
-    angle = np.linspace(0.0, np.pi, 180, endpoint=False)
-    directions = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
-    return float(np.ptp(region.surface.vertices @ directions.T, axis=0).min())
+    flat = region.surface.vertices @ np.stack([first, np.cross(region.up, first)], axis=1)
+    try:
+        corners = flat[ConvexHull(flat).vertices]
+    except QhullError:
+        return 0.0
+    # The narrowest strip around a polygon lies along one of its sides.
+    along = np.roll(corners, -1, axis=0) - corners
+    across = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    return float(np.ptp(corners @ across.T, axis=0).min())
 
 
 def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:

@@ -100,7 +100,7 @@ def plan_mesh(
     process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
     begin = time.perf_counter() - spent_s
     surface, region = _choose(mesh, plan)
-    check_request(region, plan, pad)
+    region = check_request(region, plan, pad)
     observer.stage("plan the path")
     ground = prepare_ground(region, plan)
     planned = plan_on(ground, plan, lambda share: observer.progress(share, 1.0), surface, pad.radius_m)
