@@ -20,7 +20,7 @@ from polish_sim.planning.fermat_tree import Pocket
 
 Array = NDArray[np.float64]
 
-TIP, CLEAR = 0.5, 0.5
+TIP, CLEAR = 0.4, 0.45
 """Width of a U-turn beside a line that crosses, and its distance from that line, in levels."""
 FREE = 0.4
 """Levels a crossing line has sunk where the path begins or ends beside it."""

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 WORTH_A_LOOP = 0.15
 """Smallest uncovered area that gets a loop, in squared step-overs."""
-EDGE, DEEP_EDGE = 0.53, 0.75
+EDGE, DEEP_EDGE = 0.53, 0.68
 """Such a place begins this many step-overs from the turns, just more than the middle between two of them; where it is
 deep the loop lies further in, so that it also covers the middle, but no further than the second."""
 INNER = 0.5
@@ -34,7 +34,7 @@ TAIL = 0.3
 """Where a turn runs back along itself nearer than this many step-overs, its tail is cut off; a loop covers it."""
 SLIVER = 0.1
 """A turn is a sliver if its area is less than so many step-overs times its length."""
-SHORTEST = 1.5
+SHORTEST = 1.0
 """A loop is no shorter than this many step-overs."""
 FURTHEST = 3.0
 """Distances are told apart up to this many step-overs."""
