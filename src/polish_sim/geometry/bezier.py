@@ -95,6 +95,36 @@ def differentiate(control: Floats, facets: NDArray[np.int32], barycentric: Float
     return along_u, along_v
 
 
+@njit(cache=True, inline="always")
+def cross(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+    """Cross product of two vectors."""
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@njit(cache=True, error_model="numpy")
+def area_element(patch, u, v, w):  # type: ignore[no-untyped-def]
+    """Derivative along u times derivative along v of one patch (6, 3): its normal, as long as its area element."""
+    a, b, c, d, e, f = patch[0], patch[1], patch[2], patch[3], patch[4], patch[5]
+    wx, wy, wz = u * f[0] + v * e[0] + w * c[0], u * f[1] + v * e[1] + w * c[1], u * f[2] + v * e[2] + w * c[2]
+    ux, uy, uz = u * a[0] + v * d[0] + w * f[0], u * a[1] + v * d[1] + w * f[1], u * a[2] + v * d[2] + w * f[2]
+    vx, vy, vz = u * d[0] + v * b[0] + w * e[0], u * d[1] + v * b[1] + w * e[1], u * d[2] + v * b[2] + w * e[2]
+    return cross(
+        2.0 * (ux - wx), 2.0 * (uy - wy), 2.0 * (uz - wz), 2.0 * (vx - wx), 2.0 * (vy - wy), 2.0 * (vz - wz)
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def patch_areas(control):  # type: ignore[no-untyped-def]
+    """Areas of patches, control points (m, 6, 3) [m], by a rule of three points [m^2]."""
+    areas = np.zeros(len(control))
+    for facet in range(len(control)):
+        for k in range(3):
+            u, v, w = (4.0 if k == 0 else 1.0) / 6.0, (4.0 if k == 1 else 1.0) / 6.0, (4.0 if k == 2 else 1.0) / 6.0
+            x, y, z = area_element(control[facet], u, v, w)
+            areas[facet] += np.sqrt(x * x + y * y + z * z) / 6.0
+    return areas
+
+
 def from_corners(corners: Floats) -> Floats:
     """Write values that vary linearly over triangles, shape (m, 3, d), as quadratic ones, shape (m, 6, d)."""
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1))

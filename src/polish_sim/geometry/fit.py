@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.geometry.bezier import (
     ControlRule,
     TangentRule,
-    differentiate,
+    area_element,
+    cross,
     hermite_midpoint,
     quadratic_normals,
     through_midpoint,
@@ -106,14 +108,24 @@ def _unfold(control: Floats, normals: Floats, adjacency: Adjacency) -> Floats:
 
 def _folds(control: Floats, normals: Floats) -> NDArray[np.bool_]:
     """Patches whose normal turns over at a corner or in the middle of an edge, shape (m,)."""
-    corners, points = control[:, :3], control[:, 3:]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     folded = np.zeros(len(control), dtype=bool)
-    facets = np.arange(len(control), dtype=np.int32)
-    for place in np.concatenate([np.eye(3), 0.5 * (1.0 - np.eye(3))]):
-        along_u, along_v = differentiate(control, facets, np.tile(place, (len(points), 1)))
-        folded |= (np.cross(along_u, along_v) * normals).sum(axis=1) < FOLDED * area
+    _find_folds(control, normals, np.concatenate([np.eye(3), 0.5 * (1.0 - np.eye(3))]), folded)
     return folded
+
+
+@njit(cache=True, error_model="numpy")
+def _find_folds(control, normals, places, folded):  # type: ignore[no-untyped-def]
+    """Compare the area element at some places, along the facet's normal, with the flat facet's."""
+    for facet in range(len(control)):
+        patch, normal = control[facet], normals[facet]
+        p, q, r = patch[0], patch[1], patch[2]
+        x, y, z = cross(q[0] - p[0], q[1] - p[1], q[2] - p[2], r[0] - p[0], r[1] - p[1], r[2] - p[2])
+        least = FOLDED * np.sqrt(x * x + y * y + z * z)
+        for place in places:
+            x, y, z = area_element(patch, place[0], place[1], place[2])
+            if x * normal[0] + y * normal[1] + z * normal[2] < least:
+                folded[facet] = True
+                break
 
 
 def _edge_points(

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.geometry.bezier import blend, differentiate
+from polish_sim.geometry.bezier import blend, differentiate, patch_areas
 from polish_sim.geometry.bvh import BoxTree, build_box_tree
 from polish_sim.geometry.closest import closest_points
 from polish_sim.geometry.jets import unpack
@@ -82,13 +82,7 @@ class Surface:
     @cached_property
     def facet_areas(self) -> Floats:
         """Areas of the patches [m^2], shape (m,)."""
-        points = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
-        facets = np.arange(len(self.faces), dtype=np.int32)
-        total = np.zeros(len(facets))
-        for point in points:
-            along_u, along_v = differentiate(self.control, facets, np.tile(point, (len(facets), 1)))
-            total += np.linalg.norm(np.cross(along_u, along_v), axis=1) / 6.0
-        return total
+        return np.asarray(patch_areas(self.control))
 
     @property
     def bounds(self) -> Floats:
