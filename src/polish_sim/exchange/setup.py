@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.config import ProcessConfig, SpindleConfig
+from polish_sim.errors import InputError
 from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, ToolPath
 
 Array = NDArray[np.float64]
@@ -40,6 +41,11 @@ class ExportSetup:
     """Pose of the work frame in the robot's base: x, y, z [m], rotation vector [rad]; empty = not known yet."""
     frame_id: str = "work"
     """Name of the work frame in ROS."""
+
+    def __post_init__(self) -> None:
+        for name, pose in (("part_pose", self.part_pose), ("tool.tcp_pose", self.tool.tcp_pose)):
+            if len(pose) not in ((0, 6) if name == "part_pose" else (6,)) or not np.isfinite(pose).all():
+                raise InputError(f"{name} {tuple(pose)} is no pose: wanted x, y, z [m] and a rotation vector [rad].")
 
 
 def feeds_of(path: ToolPath, setup: ExportSetup) -> Array:
