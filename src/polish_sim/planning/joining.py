@@ -19,6 +19,29 @@ HEAD = 0.3
 """Where beside its own first step inwards the line begins, so that it does not touch itself."""
 GAP = 0.5
 """The last turn ends where it comes this near to the turn before, in step-overs."""
+ROOM = 0.3
+"""A step inwards needs this many step-overs more than its length beside the next turn."""
+
+
+def first_break(curves: Sequence[Curve], seams: Seams, stepover: float) -> int:
+    """Number of turns that can be joined: up to the first whose step inwards would leave the next turn's side.
+
+    Args:
+        curves: Turns, outermost first.
+        seams: Where they begin.
+        stepover: Distance between them [m].
+
+    Returns:
+        How many; all of them if the line can go on to the last.
+    """
+    reach = 0.5 * seams.band + ROOM * stepover
+    for i, match in enumerate(_matches(curves, seams, stepover)):
+        on_step = np.zeros(len(match.beside), dtype=bool)
+        for places in (match.outer, match.inner):
+            on_step |= np.minimum(places, places[-1] - places) < reach
+        if not match.beside[on_step].all():
+            return i + 1
+    return len(curves)
 
 
 def join_turns(curves: Sequence[Curve], seams: Seams, to_border: bool, stepover: float) -> Run:
@@ -33,19 +56,20 @@ def join_turns(curves: Sequence[Curve], seams: Seams, to_border: bool, stepover:
     Returns:
         The line; each round has its number.
     """
-    pairs = zip(curves[:-1], curves[1:], seams.s[:-1], seams.s[1:], strict=True)
-    matches = [match_turns(*pair, stepover) for pair in pairs]
-    shares = spread_shares([curve.length for curve in curves], matches, seams.band, to_border, stepover)
+    matches = _matches(curves, seams, stepover)
     if not matches:
         return _number([curves[0].between(seams.s[0], seams.s[0] + curves[0].length - GAP * stepover)[0]])
+    shares = spread_shares([curve.length for curve in curves], matches, seams.band, to_border, stepover)
+    parts = [_round(curves, seams.s, matches, shares[i], i) for i in range(len(curves) - 1)]
     begin = seams.s[0] - (0.5 - HEAD) * seams.band
-    parts = [curves[0].between(begin, seams.s[0])[0][:-1]]
-    for i in range(len(curves) - 1):
-        parts.append(_round(curves, seams.s, matches, shares[i], i))
-    parts[0] = np.concatenate(parts[:2])
-    del parts[1]
+    parts[0] = np.concatenate([curves[0].between(begin, seams.s[0])[0][:-1], parts[0]])
     parts.append(_last_round(curves, seams.s, matches[-1], shares))
     return _number(parts)
+
+
+def _matches(curves: Sequence[Curve], seams: Seams, stepover: float) -> list[Match]:
+    pairs = zip(curves[:-1], curves[1:], seams.s[:-1], seams.s[1:], strict=True)
+    return [match_turns(*pair, stepover) for pair in pairs]
 
 
 def _number(parts: Sequence[Array]) -> Run:

@@ -26,7 +26,7 @@ Mask = NDArray[np.bool_]
 
 WORTH_A_LINK = 0.1
 """Smallest uncovered area a run is led into, in squared step-overs."""
-WORTH_A_LIFT = 1.0
+WORTH_A_LIFT = 0.5
 """Smallest uncovered area the tool is lifted for, in squared step-overs."""
 LONGEST_LINK = 12.0
 """Longest way from a run's end into an uncovered place, in step-overs."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.planning.curve import Curve
+from polish_sim.planning.curve import Curve, Nearest
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -55,16 +55,25 @@ def match_turns(outer: Curve, inner: Curve, outer_seam: float, inner_seam: float
     own = np.arange(len(on_outer)) < len(feet.s)
     on_outer = np.where(split & own, np.round(on_inner), on_outer)
     on_inner = np.where(split & ~own, np.round(on_outer), on_inner)
-    odd = np.abs(feet.distances / stepover - 1.0) > ODD
-    beside = np.concatenate([~odd, heads.distances < ARM * stepover])
-    on_outer, on_inner = _shared_out(on_outer, on_inner, beside, own)
+    good = np.concatenate([_one_step(feet, stepover), heads.distances < ARM * stepover])
+    on_outer, on_inner = _shared_out(on_outer, on_inner, good, own)
     order = np.argsort(on_outer + on_inner, kind="stable")
     ends = np.array([0.0, 1.0])
     return Match(
         np.insert(ends, 1, np.maximum.accumulate(on_outer[order])) * outer.length,
         np.insert(ends, 1, np.maximum.accumulate(on_inner[order])) * inner.length,
-        np.insert(np.ones(2, dtype=bool), 1, beside[order]),
+        np.insert(np.ones(2, dtype=bool), 1, good[order]),
     )
+
+
+def beside(outer: Curve, inner: Curve, stepover: float) -> tuple[Mask, Mask]:
+    """Which points of an outer and of the next inner turn lie beside the other turn, shapes (n,) and (m,)."""
+    heads = inner.nearest(outer.positions)
+    return heads.distances < ARM * stepover, _one_step(outer.nearest(inner.positions), stepover)
+
+
+def _one_step(feet: Nearest, stepover: float) -> Mask:
+    return np.asarray(np.abs(feet.distances / stepover - 1.0) < ODD)
 
 
 def _shared_out(outer: Array, inner: Array, beside: Mask, own: Mask) -> tuple[Array, Array]:

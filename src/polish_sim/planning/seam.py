@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.planning.curve import Curve
+from polish_sim.planning.matching import beside
 
 Array = NDArray[np.float64]
 
@@ -63,13 +64,14 @@ def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: A
     price = (GOAL_PRICE * _away(points, goals) + START_PRICE * _away(points, inner)) / stepover
     lines: list[Array] = []
     rooms: list[Array] = []
-    for curve in reversed(curves):
+    alone = _alone(curves, stepover)
+    for curve, single in zip(reversed(curves), reversed(alone), strict=True):
         nearest = curve.nearest(points)
         if lines:
             price += 10.0 * np.maximum(np.abs(nearest.distances / stepover - 1.0) - 0.1, 0.0)
         points = nearest.positions
         lines.append(nearest.s)
-        rooms.append(_room(curve, nearest.s, stepover))
+        rooms.append(_room(curve, nearest.s, np.concatenate([_corners(curve, stepover), single])))
         wanted = 0.5 * min(longest, SHARE_OF_TURN * curve.length) + ROOM * stepover
         price += np.maximum(1.0 - rooms[-1] / wanted, 0.0) - 0.02 * rooms[-1] / curve.length
     price += START_PRICE * _away(points, outer) / stepover
@@ -88,13 +90,23 @@ def _away(points: Array, goals: Array) -> Array:
     return np.asarray(np.linalg.norm(points[:, None] - goals, axis=2).min(axis=1))
 
 
-def _room(curve: Curve, s: Array, stepover: float) -> Array:
-    """How far places are from the nearest corner of a closed curve; half its length if it has none [m]."""
-    corners = _corners(curve, stepover)
+def _alone(curves: Sequence[Curve], stepover: float) -> list[Array]:
+    """Arc lengths of each turn's points that do not lie beside the next or the last turn [m]."""
+    out = [np.empty(0) for _ in curves]
+    for i in range(len(curves) - 1):
+        on_outer, on_inner = beside(curves[i], curves[i + 1], stepover)
+        out[i] = np.concatenate([out[i], curves[i].knots[:-1][~on_outer]])
+        out[i + 1] = curves[i + 1].knots[:-1][~on_inner]
+    return out
+
+
+def _room(curve: Curve, s: Array, corners: Array) -> Array:
+    """How far places are from the nearest of the corners of a closed curve; half its length if it has none [m]."""
     if len(corners) == 0:
         return np.full(len(s), 0.5 * curve.length)
-    behind = np.mod(s[:, None] - corners, curve.length).min(axis=1)
-    ahead = np.mod(corners - s[:, None], curve.length).min(axis=1)
+    ordered = np.sort(np.mod(corners, curve.length))
+    after = np.searchsorted(ordered, s) % len(ordered)
+    ahead, behind = np.mod(ordered[after] - s, curve.length), np.mod(s - ordered[after - 1], curve.length)
     return np.asarray(np.minimum(behind, ahead))
 
 

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from polish_sim.planning.joining import join_turns
+from polish_sim.planning.joining import first_break, join_turns
 from polish_sim.planning.leftover import finish_middle, middle_ends
 from polish_sim.planning.nested import TAIL, all_turns, without_tails
 from polish_sim.planning.request import PatternRequest
-from polish_sim.planning.run import SurfaceRun, finish_run
+from polish_sim.planning.run import Run, SurfaceRun, finish_run
 from polish_sim.planning.seam import place_seams
 from polish_sim.planning.turns import Turn, border_curves, grow_turns, ring_margin
 
@@ -37,16 +37,22 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     """
     plan, mesh, stepover = request.plan, request.mesh, request.stepover
     roots, to_border = _nested_turns(request)
-    outward, climb = plan.order == "outward", plan.direction == "climb"
-    nested = [chain for chain in chains(roots, stepover) if chain[0].curve.length > SHORTEST * stepover]
+    outward = plan.order == "outward"
+    waiting = [chain for chain in chains(roots, stepover) if chain[0].curve.length > SHORTEST * stepover]
     start, nowhere = np.reshape(plan.start, (-1, 3)), np.empty((0, 3))
-    lines = []
-    for number, chain in enumerate(nested):
-        curves = [turn.curve.backwards() if climb else turn.curve for turn in chain]
-        wanted = start if number == (len(nested) - 1 if outward else 0) else nowhere
-        outer, inner = (nowhere, wanted) if outward else (wanted, nowhere)
-        seams = place_seams(curves, stepover, middle_ends(mesh, chain[-1], stepover), outer, inner)
-        lines.append(join_turns(curves, seams, to_border, stepover))
+    lines: list[Run] = []
+    while waiting:
+        chain = waiting.pop(0)
+        curves = [turn.curve.backwards() if plan.direction == "climb" else turn.curve for turn in chain]
+        ends = nowhere if chain[-1].children else middle_ends(mesh, chain[-1], stepover)
+        # The path begins on the first line, or outwards at the end of the last.
+        outer, inner = nowhere if outward or lines else start, start if outward and not waiting else nowhere
+        seams = place_seams(curves, stepover, ends, outer, inner)
+        count = first_break(curves, seams, stepover)
+        if count < len(chain):
+            waiting[:0] = [chain[:count], chain[count:]]
+        else:
+            lines.append(join_turns(curves, seams, to_border, stepover))
     runs = [finish_run(request.region.surface, line, stepover) for line in finish_middle(mesh, lines, stepover)]
     return [run.backwards() for run in runs[::-1]] if outward else runs
 
