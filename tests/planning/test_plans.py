@@ -149,7 +149,12 @@ BAD = {
     "an unknown lead-in": (PartConfig("plate"), PlanConfig(lead_in="jump"), InputError, "arc, normal, tangent"),
     "no step-over": (PartConfig("plate"), PlanConfig(stepover_m=0.0), PlanError, "positive"),
     "a step-over beyond the pad": (PartConfig("plate"), PlanConfig(stepover_m=0.06), PlanError, "stripes"),
-    "a closed region": (PartConfig("sphere_50"), PlanConfig(region="all"), PlanError, "closed all round"),
+    "a margin that leaves nothing": (
+        PartConfig("sphere_50"),
+        PlanConfig(edge_margin_m=0.05),
+        PlanError,
+        "nothing of the region is left 50 mm inside its border",
+    ),
 }
 
 

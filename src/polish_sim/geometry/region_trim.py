@@ -31,6 +31,11 @@ _ON_LINE = 1e-4
 
 _ROUNDS = 40
 
+_ZERO_ROUNDS = 12
+
+_ZERO = 1e-7
+"""Cut points are found to this share of the margin."""
+
 _HALVES = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
 
 
@@ -114,14 +119,44 @@ def _bends(surface: Surface, cut: Cut, values: Floats, facets: Ints, distance: B
 
 
 def _beyond_margin(surface: Surface, distance: BorderDistance, margin: float) -> Floats:
-    """Distance beyond the margin as a quadratic over each facet, right where the margin runs [m], shape (m, 6)."""
+    """Distance beyond the margin as a quadratic over each facet whose zeros on edges are exact [m], shape (m, 6)."""
     edges = find_edges(surface.faces)
     corner = distance.at(surface.vertices, surface) - margin
     ends = corner[edges.ends]
     control = ends.mean(axis=1)
-    # The value in the middle counts on edges that are cut.
     cut = np.flatnonzero(ends.min(axis=1) * ends.max(axis=1) < 0.0)
     _, first = np.unique(edges.of_facet.ravel(), return_index=True)
-    middles = surface.evaluate((first[cut] // 3).astype(np.int32), _HALVES[first[cut] % 3]).positions
-    control[cut] = 2.0 * (distance.at(middles, surface) - margin) - control[cut]
+    facets, edge = first[cut] // 3, first[cut] % 3
+    # From the facet's corner e on, which may be the edge's other end.
+    forward = surface.faces[facets, edge] == edges.ends[cut, 0]
+    start, end = (np.where(forward, ends[cut, k], ends[cut, 1 - k]) for k in (0, 1))
+    share = _zero_along(surface, facets.astype(np.int32), edge, (start, end), distance, margin)
+    # The control value that puts the quadratic's zero there.
+    control[cut] = -((1.0 - share) ** 2 * start + share**2 * end) / (2.0 * share * (1.0 - share))
     return np.concatenate([corner[surface.faces], control[edges.of_facet]], axis=1)
+
+
+def _zero_along(
+    surface: Surface,
+    facets: NDArray[np.int32],
+    edge: Ints,
+    ends: tuple[Floats, Floats],
+    distance: BorderDistance,
+    margin: float,
+) -> Floats:
+    """Where along edges the distance is the margin, by false position (Illinois), shape (k,)."""
+    corners = np.eye(3)
+    low, high = np.zeros(len(facets)), np.ones(len(facets))
+    below, above = ends
+    share = np.full(len(facets), 0.5)
+    for _ in range(_ZERO_ROUNDS):
+        share = np.clip((low * above - high * below) / (above - below), 1e-6, 1.0 - 1e-6)
+        barycentric = (1.0 - share)[:, None] * corners[edge] + share[:, None] * corners[(edge + 1) % 3]
+        value = distance.at(surface.evaluate(facets, barycentric).positions, surface) - margin
+        if np.abs(value).max(initial=0.0) < _ZERO * margin:
+            break
+        same = np.sign(value) == np.sign(below)
+        # The end that stays counts half, so that both ends close in.
+        low, high = np.where(same, share, low), np.where(same, high, share)
+        below, above = np.where(same, value, 0.5 * below), np.where(same, 0.5 * above, value)
+    return share

@@ -1,0 +1,86 @@
+"""Keeping away from edges: the new border lies at the margin, measured along the surface."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from polish_sim.errors import PlanError
+from polish_sim.geometry import Region, fit_surface, load_part, part_from_arrays, select_region
+from polish_sim.geometry.orientation import UP_CONE
+from polish_sim.models import workpiece_path
+
+BLOCK = trimesh.creation.box((100.0, 60.0, 20.0))
+BALL = trimesh.creation.icosphere(subdivisions=5, radius=50.0)
+RING = trimesh.creation.annulus(r_min=10.0, r_max=30.0, height=20.0, sections=48)
+
+
+def trimmed(mesh: trimesh.Trimesh, margin: float, choice: str = "auto") -> Region:
+    part = part_from_arrays(np.array(mesh.vertices), np.array(mesh.faces), unit="mm", up="z")
+    return select_region(fit_surface(part), part, choice, edge_margin=margin)
+
+
+@pytest.mark.parametrize("margin", [0.0005, 0.004, 0.02])
+def test_a_rectangle_stays_a_rectangle(margin):
+    region = trimmed(BLOCK, margin)
+    (loop,) = region.boundary_loops
+    assert region.surface.bounds[:, 0] == pytest.approx([-0.05 + margin, 0.05 - margin], abs=1e-4 * margin)
+    assert region.surface.bounds[:, 1] == pytest.approx([-0.03 + margin, 0.03 - margin], abs=1e-4 * margin)
+    # Only the corners may be missing, a small share of the margin wide.
+    off = np.minimum(0.05 - np.abs(loop[:, 0]), 0.03 - np.abs(loop[:, 1])) - margin
+    assert off.min() > -1e-4 * margin
+    assert off.max() < 0.13 * margin
+    assert region.area_m2 == pytest.approx((0.1 - 2 * margin) * (0.06 - 2 * margin), rel=1e-4)
+
+
+@pytest.mark.parametrize("margin", [0.001, 0.005, 0.015])
+def test_on_a_ball_the_distance_is_that_along_the_great_circle(margin):
+    region = trimmed(BALL, margin)
+    (loop,) = region.boundary_loops
+    angle = np.arctan2(np.hypot(loop[:, 0], loop[:, 1]), loop[:, 2])
+    # The border it starts from is a circle up to 0.2 mm where the cone cuts the facets of the ball.
+    assert angle.mean() * 0.05 == pytest.approx(UP_CONE * 0.05 - margin, abs=2e-5)
+    assert np.abs(angle * 0.05 - (UP_CONE * 0.05 - margin)).max() < 2e-4
+
+
+def test_holes_stay_holes_and_grow_by_the_margin():
+    region = trimmed(RING, 0.003)
+    outer, hole = (np.hypot(loop[:, 0], loop[:, 1]) for loop in region.boundary_loops)
+    assert outer == pytest.approx(0.027, abs=3e-5)
+    assert hole == pytest.approx(0.013, abs=3e-5)
+
+
+def test_every_point_of_the_new_border_is_at_the_margin_on_a_freeform_part():
+    part = load_part(workpiece_path("freeform"))
+    surface = fit_surface(part)
+    whole = select_region(surface, part)
+    inner = select_region(surface, part, edge_margin=0.012)
+    border, loop = whole.boundary_loops[0], inner.boundary_loops[0]
+    start, along = border[:-1], np.diff(border, axis=0)
+    share = np.einsum("nbk,bk->nb", loop[:, None] - start, along) / (along**2).sum(axis=1)
+    feet = start + np.clip(share, 0.0, 1.0)[..., None] * along
+    nearest = np.linalg.norm(loop[:, None] - feet, axis=2).min(axis=1)
+    # A chord is shorter than the way along the surface, at 100 mm radius by 7e-6 m; corners are cut off a little.
+    assert nearest.min() > 0.012 - 2e-5
+    assert np.percentile(nearest, 90) < 0.012 + 2e-5
+    assert nearest.max() < 0.012 * 1.13
+    assert np.abs(surface.closest(loop).positions - loop).max() < 1e-9
+
+
+def test_a_dumbbell_falls_apart_and_a_margin_too_wide_is_refused_with_the_width():
+    outline = np.array(
+        [[0, 0], [40, 0], [40, 15], [80, 15], [80, 0], [120, 0], [120, 40], [80, 40], [80, 25], [40, 25]]
+    )
+    outline = np.vstack([outline, [[40, 40], [0, 40]]])
+    side = np.array([[0, 1, 2], [0, 2, 9], [0, 9, 10], [0, 10, 11], [2, 3, 8], [2, 8, 9], [3, 4, 5], [3, 5, 6]])
+    side = np.vstack([side, [[3, 6, 8], [6, 7, 8]]])
+    part = part_from_arrays(np.column_stack([outline, np.zeros(12)]), side, unit="mm", up="z")
+    surface = fit_surface(part)
+    one, two = select_region(surface, part, edge_margin=0.007).components()
+    # Two squares of 26 mm, each with a tip between the circles about the neck's corners.
+    width = np.sqrt(49.0 - 25.0)
+    tip = 10.0 * (7.0 - width) - (49.0 * np.pi / 2 - (width * 5.0 + 49.0 * np.arcsin(width / 7.0)))
+    assert one.area_m2 == pytest.approx((26.0 * 26.0 + tip) * 1e-6, rel=1e-4)
+    assert two.area_m2 == pytest.approx(one.area_m2, rel=1e-3)
+    assert len(select_region(surface, part, edge_margin=0.004).components()) == 1
+    with pytest.raises(PlanError, match="about 40 mm wide"):
+        select_region(surface, part, edge_margin=0.025)
