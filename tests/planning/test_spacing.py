@@ -90,3 +90,16 @@ def test_paths_on_both_sides_of_a_thin_plate_do_not_cross():
     upper = flat(np.stack([x, 0.3 * x], axis=1))
     lower = flat(np.stack([x, -0.3 * x + 1e-5], axis=1))
     assert count_self_crossings([upper, Curve(lower.positions - [0.0, 0.0, 2e-4], -lower.normals, False)]) == 0
+
+
+def test_only_the_turn_around_a_spirals_end_is_left_out_not_a_path_that_ends_beside_its_beginning():
+    """In along one arm and out along another between its turns: the end lies beside the beginning, like all the rest."""
+    arm = archimedes(12)
+    radius = np.linalg.norm(arm, axis=1, keepdims=True)
+    inward = arm[radius[:, 0] > 3.0 * STEP]
+    between = (arm * (1.0 - 0.5 * STEP / radius))[radius[:, 0] > 3.0 * STEP]
+    both = measure_stepover([flat(np.concatenate([inward, between[::-1]]))], 0.5 * STEP)
+    alone = measure_stepover([flat(arm)], STEP)
+    assert both.excluded < 0.02
+    assert 0.0 < alone.excluded < 0.02
+    assert measure_stepover([flat(zigzag(3, STEP))], STEP).excluded < 0.15

@@ -135,13 +135,23 @@ def _cells(x, low, cell, count, reach):  # type: ignore[no-untyped-def]
 
 
 def _last_half_turns(path: Samples, sides: tuple[Ints, Ints]) -> Mask:
-    """The second half of the way since a run last passed beside its own end."""
+    """The second half of the turn that a run closes around its own end, as a spiral does in the middle."""
     out = np.zeros(len(path.s), dtype=bool)
     for first, last in zip(path.first[:-1], path.first[1:] - 1, strict=True):
         beside = [side[last] for side in sides if side[last] >= 0 and path.run[side[last]] == path.run[last]]
-        turn = max((path.s[last] - path.s[j] for j in beside), default=0.0)
+        turns = [j for j in beside if _is_one_turn(path, int(j), int(last))]
+        turn = max((path.s[last] - path.s[j] for j in turns), default=0.0)
         out[first : last + 1] = path.s[first : last + 1] > path.s[last] - 0.5 * turn
     return out
+
+
+def _is_one_turn(path: Samples, first: int, last: int) -> bool:
+    """Whether a run goes round about once between two of its samples: not to and fro, not round and round."""
+    rows = np.arange(first, last + 1, SAMPLES // 2)
+    ways, normals = np.diff(path.points[rows], axis=0), path.normals[rows[1:-1]]
+    across = (np.cross(ways[:-1], ways[1:]) * normals).sum(axis=1)
+    turns = np.arctan2(across, (ways[:-1] * ways[1:]).sum(axis=1))
+    return bool(abs(turns.sum()) > 1.5 * np.pi and np.abs(turns).sum() < 4.0 * np.pi)
 
 
 def _refine(strands: Strands, path: Samples, beside: Ints, wanted: Mask, stepover: float) -> Array:
