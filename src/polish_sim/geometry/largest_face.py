@@ -128,7 +128,7 @@ def _settle(skin: Skin, direction: Floats, cone: float, rounds: int) -> Face:
         size = len(looks)
         graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(size, size))
         labels = connected_components(graph, directed=False)[1]
-        sizes = np.bincount(labels, weights=np.where(looks, skin.areas, 0.0))
+        sizes: Floats = np.bincount(labels, weights=np.where(looks, skin.areas, 0.0)).astype(np.float64)
         piece = labels == _first_largest(sizes)
         direction = _mean(skin.normals, np.where(piece, skin.areas, 0.0), direction)
         face = Face(direction, float(sizes.max()), int(np.count_nonzero(piece)))
