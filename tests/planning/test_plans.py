@@ -130,15 +130,6 @@ def test_a_frame_of_even_width_is_one_spiral_from_border_to_border(tmp_path):
     assert figures["coverage_stepover"] > 0.97
 
 
-def test_a_raster_on_a_plate_has_parallel_lines_one_step_over_apart():
-    figures = shipped_plan("plate", "raster").figures
-    assert figures["retracts"] == 1
-    assert figures["self_crossings"] == 0
-    assert figures["stepover_p5_m"] == pytest.approx(STEP, rel=1e-3)
-    assert figures["stepover_p95_m"] == pytest.approx(STEP, rel=1e-3)
-    assert figures["coverage_stepover"] > 0.98
-
-
 BAD = {
     "an unknown pattern": (
         PartConfig("plate"),

@@ -15,7 +15,7 @@ from polish_sim.planning.curve import Curve
 from polish_sim.planning.nested import nested_turns
 from polish_sim.planning.offset_curve import adapted_spacing
 from polish_sim.planning.request import PatternRequest
-from polish_sim.planning.run import FINE, FURTHEST_M, ROUNDING, SurfaceRun
+from polish_sim.planning.run import FINE, FURTHEST_M, ROUNDING, SHARPENING, SurfaceRun
 from polish_sim.planning.turns import Turn
 
 Array = NDArray[np.float64]
@@ -78,14 +78,18 @@ def _rounded(surface: Surface, turn: Curve, stepover: float, reverse: bool) -> C
     count = max(int(turn.length / (FINE * stepover)), 12)
     even = turn.at(np.linspace(0.0, turn.length, count, endpoint=False))[0]
     window = min(round(ROUNDING / FINE), count // 6) | 1
-    for _ in range(2):
-        even = uniform_filter1d(even, window, axis=0, mode="wrap")
-    on = surface.closest(even)
+    on = surface.closest(_mean(even + SHARPENING * (even - _mean(even, window)), window))
     smooth = Curve(on.positions, on.normals, True)
     chords = adapted_spacing(smooth, min(stepover, 8.0 * FURTHEST_M))
     found = surface.closest(smooth.at(np.concatenate([[0.0], np.cumsum(chords)[:-1]]))[0])
     order = slice(None, None, -1) if reverse else slice(None)
     return Curve(found.positions[order], found.normals[order], True)
+
+
+def _mean(ring: Array, window: int) -> Array:
+    """Mean of a ring of points weighted by a triangle of twice the window."""
+    once = uniform_filter1d(ring, window, axis=0, mode="wrap")
+    return np.asarray(uniform_filter1d(once, window, axis=0, mode="wrap"))
 
 
 def _starts(loops: Sequence[Curve], stepover: float, order: _Order, plan: PlanConfig) -> list[float]:
@@ -144,8 +148,10 @@ def _step(here: Curve, s: float, there: Curve, arrive: float, stepover: float) -
     length = _step_length(here, there, stepover)
     ahead = float(np.mod(arrive - foot, there.length))
     gap = np.linalg.norm(there.at(np.array([arrive]))[0] - here.at(np.array([s + length]))[0])
-    if gap > FURTHEST_STEP * stepover or ahead > 2.0 * length:
+    if gap > FURTHEST_STEP * stepover:
         return None
+    if ahead > 3.0 * length:
+        ahead = min(length, SHARE_OF_LOOP * there.length)
     share = np.linspace(0.0, 1.0, max(int(2.0 * length / FURTHEST_M), 8) + 1)[1:-1]
     from_here, from_there = here.at(s + share * length)[0], there.at(arrive - (1.0 - share) * ahead)[0]
     return np.asarray(from_here + share[:, None] * (from_there - from_here))

@@ -42,7 +42,8 @@ def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
     turns = list(all_turns(nested.roots))
     loops = set(map(id, nested.loops))
     for _ in range(TRIES):
-        runs = [finish_run(surface, line, stepover) for line in connect([turn.curve for turn in turns], stepover)]
+        lines = connect([turn.curve for turn in turns], stepover, request.plan.start)
+        runs = [finish_run(surface, line, stepover) for line in lines]
         where = find_crossings([Curve(run.positions, run.points.normals, False) for run in runs]).places
         if len(where) == 0:
             break
@@ -58,18 +59,19 @@ def _is_near(curve: Curve, points: Array, distance: float) -> bool:
     return bool(np.isfinite(curve.nearest(points, distance).distances).any())
 
 
-def connect(curves: Sequence[Curve], stepover: float) -> list[Run]:
+def connect(curves: Sequence[Curve], stepover: float, start: Sequence[float] = ()) -> list[Run]:
     """Join closed turns to as few lines as may be.
 
     Args:
         curves: The turns, an outermost one first.
         stepover: Distance between neighbours [m].
+        start: Where to begin, about [m]; empty = anywhere.
 
     Returns:
         Open lines.
     """
     contacts = find_contacts(curves, stepover)
-    ground = Ground(curves, stepover)
+    ground = Ground(curves, stepover, np.array(start, dtype=float))
     waiting = sorted(range(len(curves)), key=lambda turn: -curves[turn].length)
     runs = []
     while waiting:

@@ -70,6 +70,8 @@ class Ground:
 
     curves: Sequence[Curve]
     stepover: float
+    start: Array
+    """Where the path had better begin [m], shape (3,), or (0,)."""
     taken: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     """Middle and half length of the stretches of each turn seams have used [m]."""
 
@@ -171,10 +173,12 @@ class _Lines(NamedTuple):
     """What a seam of two turns there would cost, shape (n,); inf where there is no room."""
     wide: Array
     """What a seam of more turns would cost, shape (n,)."""
+    away: Array
+    """What it costs to begin there, not where wanted, shape (n,)."""
 
     def best(self, price: Array) -> tuple[float, ...]:
         """The cheapest line."""
-        return tuple(float(value) for value in self.s[int(np.argmin(np.round(price, 6)))])
+        return tuple(float(value) for value in self.s[int(np.argmin(np.round(price + self.away, 6)))])
 
 
 def _follow(ground: Ground, children: Sequence[Sequence[int]], parent: int, first: int) -> Pocket:
@@ -183,7 +187,11 @@ def _follow(ground: Ground, children: Sequence[Sequence[int]], parent: int, firs
     curve = ground.curves[row[0]]
     s = np.linspace(0.0, curve.length, max(int(curve.length * SAMPLES / ground.stepover), 16), endpoint=False)
     free = _use(ground, row[0], s, NARROW), _use(ground, row[0], s, STEEPEST)
-    lines, best = _Lines(s[:, None], *free), (float(s[int(np.argmin(free[0]))]),)
+    away = np.zeros(len(s))
+    if parent < 0 and len(ground.start):
+        away = np.linalg.norm(curve.at(s)[0] - ground.start, axis=1) / ground.stepover
+    lines = _Lines(s[:, None], *free, away)
+    best = lines.best(lines.narrow)
     following = [first] if parent >= 0 else list(children[first])
     while following:
         offers = []
@@ -247,7 +255,7 @@ def _step(ground: Ground, row: Sequence[int], child: int, lines: _Lines) -> _Lin
         # The next turn must lie on the other side than the last.
         back = ground.curves[row[-2]].at(lines.s[:, -2])[0] - points
         wide = wide + np.where(((foot.positions - points) * back).sum(axis=1) < 0.0, 0.0, np.inf)
-    return _Lines(np.column_stack([lines.s, foot.s]), narrow, wide)
+    return _Lines(np.column_stack([lines.s, foot.s]), narrow, wide, lines.away)
 
 
 def _width(ground: Ground, turn: int, steps: float) -> float:
