@@ -121,12 +121,63 @@ def test_the_tool_moves_rapid_in_the_air_only():
     assert sum(line.startswith("GOTO/") for line in text) == len(segment)
 
 
+OTHERS = {
+    "Siemens NX": """\
+TOOL PATH/FINISH,TOOL,BALL_6
+TLDATA/MILL,6.0000,3.0000,75.0000,0.0000,0.0000
+MSYS/0.0000,0.0000,0.0000,1.0000000,0.0000000,0.0000000,0.0000000,1.0000000,0.0000000
+$$ centerline data
+PAINT/PATH
+RAPID
+GOTO/0.0000,0.0000,30.0000,0.0000000,0.0000000,1.0000000
+FEDRAT/MMPM,250.0000
+GOTO/0.0000,0.0000,0.0000
+GOTO/10.0000,0.0000,0.0000
+PAINT/NOMORE
+END-OF-PATH
+""",
+    "Creo": """\
+$$* Creo CL file
+PARTNO / FINISH
+$$-> CSYS / 1.0000000000, 0.0000000000, 0.0000000000, 0.0000000000, $
+            0.0000000000, 1.0000000000, 0.0000000000, 0.0000000000, $
+            0.0000000000, 0.0000000000, 1.0000000000, 0.0000000000
+MULTAX / ON
+UNITS / MM
+LOADTL / 1
+SPINDL / RPM, 6000.000000,  CLW
+RAPID
+GOTO / 0.0000000000, 0.0000000000, 30.0000000000, $
+       0.0000000000, 0.0000000000, 1.0000000000
+FEDRAT / 250.000000,  MMPM
+GOTO / 0.0000000000, 0.0000000000, 0.0000000000, $
+       0.0000000000, 0.0000000000, 1.0000000000
+GOTO / 10.0000000000, 0.0000000000, 0.0000000000, $
+       0.0000000000, 0.0000000000, 1.0000000000
+SPINDL / OFF
+END
+FINI
+""",
+}
+
+
+@pytest.mark.parametrize("system", OTHERS)
+def test_the_habits_of_other_systems_are_understood(tmp_path, system):
+    file = tmp_path / "path.ncl"
+    file.write_text(OTHERS[system])
+    path = read_path(file)
+    assert path.positions_work == pytest.approx(1e-3 * np.array([[0, 0, 30], [0, 0, 0], [10, 0, 0]]))
+    assert path.segment.tolist() == [APPROACH, PROCESS, PROCESS]
+    assert path.feed == pytest.approx([0.25 / 60.0] * 3)
+
+
 TWO = "GOTO/0,0,0\nGOTO/1,0,0\n"
 BAD = {
     "arcs": (TWO + "CIRCLE/0,0,0,5\n", r"line 3: CIRCLE \(arcs\)"),
     "arcs by definition": (TWO + "C1=CIRCLE/0,0,0,5\n", r"line 3: CIRCLE \(arcs\)"),
     "canned cycles": (TWO + "CYCLE/DRILL,5\n", "line 3: CYCLE"),
     "another frame": ("ORIGIN/0,0,5\n" + TWO, "line 1: ORIGIN"),
+    "a turned frame": ("MSYS/0,0,0,0,1,0,-1,0,0\n" + TWO, "line 1: MSYS"),
     "an unknown word": (TWO + "WOBBLE/3\n", "line 3: unknown word 'WOBBLE'"),
     "G-code": ("G0 X0 Y0\nG1 X1\n", "line 1: unknown word 'G0 X0 Y0'"),
     "five values": ("GOTO/0,0,0\nGOTO/1,0,0,0,1\n", "line 2: GOTO has 5 values"),

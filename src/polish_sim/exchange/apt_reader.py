@@ -26,6 +26,8 @@ UNITS: Final[Mapping[str, float]] = {"MM": 1e-3, "CM": 1e-2, "M": 1.0, "INCH": 0
 FEED_UNITS: Final[Mapping[str, float]] = {"MMPM": 1e-3 / 60.0, "IPM": 0.0254 / 60.0}
 PER_MINUTE: Final = ("PERMIN", "UPM")
 PER_TURN: Final = ("PERREV", "MMPR", "IPR")
+OWN_FRAME: Final = ((0, 0, 0, 1, 0, 0, 0, 1, 0), (0, 0, 0, 1, 0, 0, 0, 0, 1))
+"""Origin, x and y axis, or x and z axis, of the part's own frame."""
 NOTE: Final = "polish-sim:"
 """Begins a comment that says segment, pass and force of the points to come."""
 
@@ -123,6 +125,13 @@ def _tool_axis(machine: _Machine, statement: Statement) -> None:
     machine.axis = _numbers(machine, statement, (3,))
 
 
+def _frame(machine: _Machine, statement: Statement) -> None:
+    """A frame of the machine's is taken only where it is that of the part."""
+    numbers = [float(word) if _is_number(word) else math.nan for word in statement.arguments]
+    if numbers not in [list(frame[: len(numbers)]) for frame in OWN_FRAME] or len(numbers) not in (3, 9):
+        raise refusal(machine.file, statement)
+
+
 _ACTIONS: Final[Mapping[str, Callable[[_Machine, Statement], None]]] = {
     "GOTO": _goto,
     "FROM": _from,
@@ -131,6 +140,8 @@ _ACTIONS: Final[Mapping[str, Callable[[_Machine, Statement], None]]] = {
     "UNITS": _units,
     "MULTAX": _multiple_axes,
     "TLAXIS": _tool_axis,
+    "MSYS": _frame,
+    "ORIGIN": _frame,
 }
 
 

@@ -16,6 +16,7 @@ IGNORED: Final = frozenset(
         *("MACHIN", "CUTTER", "TOOLNO", "LOADTL", "LOAD", "SELECT", "TOOL", "COOLNT", "SPINDL", "AUTOPS", "CUTCOM"),
         *("INTOL", "OUTTOL", "TOLER", "CLEARP", "CLRSRF", "PPFUN", "SEQNO", "OPNAME", "STOP", "OPSTOP", "REWIND"),
         *("END", "FINI", "NOPOST", "CLPRNT", "DELAY", "DWELL", "OPSKIP", "AIR", "PAINT", "TLDATA", "HEAD", "MODE"),
+        *("END-OF-PATH", "OUTPUT", "PPLOFF", "PPLON"),
     )
 )
 """Words that do not move the tool."""
@@ -48,9 +49,13 @@ def statements(file: Path, text: str) -> Iterator[Statement]:
     Raises:
         InputError: The last line asks to be continued.
     """
-    pending, begin = "", 0
+    pending, begin, remarked = "", 0, False
     for number, raw in enumerate(text.splitlines(), start=1):
         code, _, comment = raw.partition("$$")
+        # Creo writes frames as remarks ("$$->") that go on over lines; they are remarks all the way.
+        remarked, swallowed = raw.rstrip().endswith("$") and (remarked or comment.startswith("->")), remarked
+        if swallowed:
+            continue
         # Columns 73-80 of a punched card hold a label; CAM systems still print it after the $.
         head, dollar, _ = code.partition("$")
         begin = begin if pending else number

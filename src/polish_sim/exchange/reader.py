@@ -21,6 +21,7 @@ READERS: Final[Mapping[str, Callable[[Path, str], ToolPath]]] = {
     ".aptsource": read_apt,
     ".cls": read_apt,
     ".cl": read_apt,
+    ".ncl": read_apt,
 }
 """Suffix of a file -> its reader; a new format is one file and a line here."""
 
