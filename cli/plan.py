@@ -103,6 +103,8 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
         ["self crossings", "", str(m["self_crossings"])],
         ["retracts", "", str(m["retracts"])],
+        ["way through the air", "m", f"{m['air_length_m']:.3f}"],
+        ["tool axis turned by smoothing, at most", "deg", f"{math.degrees(m['axis_deviation_max_rad']):.3g}"],
         ["largest distance to surface", "mm", f"{m['max_distance_to_surface_m'] * mm:.1g}"],
         ["planned in", "s", f"{m['plan_time_s']:.2f}"],
     ]

@@ -48,16 +48,16 @@ class PlanConfig:
     order: str = key("inward", "spiral, contour: inward or outward")
     direction: str = key("conventional", "spiral, contour: conventional (what is not done yet on the left) or climb")
     start: tuple[float, ...] = key(
-        (), "where the path begins, about: x, y, z in the work frame [m]; empty = chosen", length=3
+        (), "the path begins near this point: x, y, z in the work frame [m]; empty = chosen", length=3
     )
     raster_direction: tuple[float, ...] = key(
         (), "direction of the raster's lines: x, y, z in the work frame; empty = along the region's long axis", length=3
     )
     clearance_m: float = key(0.03, "height of the first and last point above the part [m]", 0.001, 0.5)
     lead_in: str = key("normal", "how the tool lands: normal, tangent or arc")
-    lead_angle_rad: float = key(0.0, "lead of the tool axis in the feed direction [rad]", -0.7, 0.7)
-    tilt_angle_rad: float = key(0.0, "tilt of the tool axis across the feed [rad]", -0.7, 0.7)
-    axis_smoothing_m: float = key(0.0, "the tool axis is averaged over this length of the path [m]", 0.0, 1.0)
+    lead_angle_rad: float = key(0.0, "the tool leans this far forward, along the feed [rad]", -0.7, 0.7)
+    tilt_angle_rad: float = key(0.0, "the tool leans this far to the left of the feed [rad]", -0.7, 0.7)
+    axis_smoothing_m: float = key(0.0, "the tool axis is averaged over this length of the path, 0 = not [m]", 0.0, 1.0)
     axis_deviation_rad: float = key(
         math.radians(5.0), "averaging turns the tool axis by no more than this [rad]", 0.0, 0.7
     )

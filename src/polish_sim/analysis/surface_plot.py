@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from polish_sim.analysis.peaks import FLAT_1_M, SHARP_1_M, curvature_peaks
 from polish_sim.analysis.rows import fed, numbers
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
 from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]
@@ -37,7 +37,10 @@ def plot_surface_force(record: RunRecord) -> Figure:
     force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
     target = record.scenario.process.contact_force_n
     _draw_force(force, record, BLUE, "exact contact force")
-    shade_band(force, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
+    if record.path is not None and record.path.force is not None:
+        _draw_wanted(force, record.path, target)
+    else:
+        shade_band(force, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
     force.set(ylabel="force along the tool axis [N]", ylim=_force_limits([record], target))
     if record.path is not None:
         _draw_curvature(bend, record.path)
@@ -99,6 +102,14 @@ def _draw_force(axes: Axes, record: RunRecord, color: str, label: str | None) ->
     low, high = numbers(record.log, "normal_force_min_n")[process], numbers(record.log, "normal_force_max_n")[process]
     axes.fill_between(place, low, high, color=color, alpha=0.25, lw=0)
     axes.plot(place, force, color=color, lw=0.7, label=label)
+
+
+def _draw_wanted(axes: Axes, path: ToolPath, usual: float) -> None:
+    """The force the path asks for, and the band around it."""
+    s = path.s[path.process]
+    wanted = path.force_at(s, usual)
+    axes.fill_between(s, wanted - BAND_N, wanted + BAND_N, color=GREEN, alpha=0.13, lw=0, zorder=0)
+    axes.plot(s, wanted, color=GREEN, lw=1.2, ls="--", label=f"force of the path ± {BAND_N:g} N")
 
 
 def _draw_curvature(axes: Axes, path: ToolPath) -> None:

@@ -116,7 +116,9 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
     jobs: list[Job] = []
     left = process.max_feed_s or math.inf
     for first, last in stretches_in_contact(path):
-        before = slice(first - _points_before(path, first), first + 1)
+        leave = first - _points_before(path, first)
+        come = _last_approach(path, leave, first, lift) if jobs else leave
+        through, before = slice(leave, come + 1), slice(come, first + 1)
         during = slice(first, last + 1)
         table = build_path_table(
             pressed_in[during], rotations[during], path.s[during], path.curvature[during], path.pass_index[during]
@@ -130,7 +132,7 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
         )
         jobs.append(
             Job(
-                travel=_travel(jobs, nominal[before], rotations[before]),
+                travel=_travel(jobs, nominal[through], rotations[through]),
                 lead_in=build_path_table(nominal[before], rotations[before]),
                 process=table,
                 depth=float(depths[first]),
@@ -187,11 +189,18 @@ def _points_before(path: ToolPath, first: int) -> int:
     return count
 
 
-def _travel(jobs: list[Job], way_down: Array, rotations: Array) -> PathTable:
-    """From above the end of the last stroke to the start of the next way down."""
+def _last_approach(path: ToolPath, leave: int, first: int, lift: float) -> int:
+    """Row from which the tool comes down to a stretch; before it, it travels at least as high as it was lifted."""
+    way = path.positions_work[leave:first] - path.positions_work[first]
+    high = np.flatnonzero(way @ path.axes_work[first] >= lift - 1e-9)
+    return leave + int(high[-1]) if len(high) else leave
+
+
+def _travel(jobs: list[Job], way: Array, rotations: Array) -> PathTable:
+    """From above the end of the last stroke through the air to where the next way down begins."""
     if not jobs:
-        return build_path_table(way_down[:1], rotations[:1])
+        return build_path_table(way[:1], rotations[:1])
     last = jobs[-1]
     R_last = Rotation.from_quat(last.process.quaternions[-1], scalar_first=True).as_matrix()
     above = last.process.positions[-1] - (last.lift + last.depth) * R_last[:, 2]
-    return build_path_table(np.stack([above, way_down[0]]), np.stack([R_last, rotations[0]]))
+    return build_path_table(np.concatenate([above[None], way]), np.concatenate([R_last[None], rotations]))
