@@ -45,11 +45,21 @@ def pad_depths(surface: Surface, positions: Array, axes: Array, radius: float) -
     """
     points = positions[:, None]
     if radius > 0.0:
-        first = np.cross(axes, np.eye(3)[np.abs(axes).argmin(axis=1)])
-        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        first = _beside(surface, axes)
         second = np.cross(axes, first)
         angle = np.arange(RIM_POINTS) * (2.0 * np.pi / RIM_POINTS)
         rim = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
         points = np.concatenate([points, points + radius * rim], axis=1)
     depth = -heights(surface, points.reshape(-1, 3)).reshape(points.shape[:2])
     return np.asarray(np.maximum(depth, 0.0).max(axis=1))
+
+
+def _beside(surface: Surface, axes: Array) -> Array:
+    """Unit vectors square to axes (n, 3) that turn with the part, as the coordinate axes would not."""
+    ways = surface.vertices[:3] - surface.vertices.mean(axis=0)
+    square = np.cross(axes[:, None], ways)
+    size = np.linalg.norm(square, axis=2)
+    # The first that is long enough: rounding does not choose among equals.
+    chosen = (size > 0.5 * size.max(axis=1, keepdims=True)).argmax(axis=1)
+    rows = np.arange(len(axes))
+    return np.asarray(square[rows, chosen] / size[rows, chosen][:, None])
