@@ -93,7 +93,7 @@ def test_paths_on_both_sides_of_a_thin_plate_do_not_cross():
 
 
 def test_only_the_turn_around_a_spirals_end_is_left_out_not_a_path_that_ends_beside_its_beginning():
-    """In along one arm and out along another between its turns: the end lies beside the beginning, like all the rest."""
+    """In along one arm, out along another between its turns: the end lies beside the beginning, like all the rest."""
     arm = archimedes(12)
     radius = np.linalg.norm(arm, axis=1, keepdims=True)
     inward = arm[radius[:, 0] > 3.0 * STEP]

@@ -38,7 +38,7 @@ def write_coverage_mesh(file: Path, found: Inspection) -> None:
     colors = _colors(quality.exposure.times, hollow)
     for k, name in enumerate(("red", "green", "blue")):
         vertices[name] = colors[:, k]
-    vertices["exposure_s"], vertices["strict"], vertices["hollow"] = quality.exposure.times, quality.strict, hollow
+    vertices["exposure_s"], vertices["strict"], vertices["hollow"] = quality.exposure.times, found.strict, hollow
     triangles = np.zeros(len(mesh.triangles), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
     triangles["count"], triangles["corners"] = 3, mesh.triangles
     file.write_bytes(_header(vertices, len(triangles)).encode("ascii") + vertices.tobytes() + triangles.tobytes())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, TwoSlopeNorm
@@ -24,6 +25,8 @@ MM = 1e3
 PIXELS = 420
 """Along the longer side of a map."""
 LABELLED = 5
+LEVELS = {"not reached": ORANGE, "under the pad": "#F0D9A0", "within 0.55 step-overs": "#CFE8DF"}
+"""Coverage from none to strict, and its colours."""
 
 
 class _View(NamedTuple):
@@ -58,7 +61,7 @@ def plot_maps(found: Inspection) -> Figure:
         axes.set_xlabel("to the right [mm]")
     time.set_ylabel("to the back [mm]")
     # Maps of equal scale leave the engine no room of their own for the heading.
-    figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0, 0.95))  # type: ignore[union-attr]
+    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.95))
     figure.suptitle(f"Path on {found.mesh.name}, seen from above", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     return figure
 
@@ -129,11 +132,11 @@ def _draw_time(figure: Figure, axes: Axes, found: Inspection, view: _View) -> No
 
 def _draw_cover(axes: Axes, found: Inspection, view: _View) -> None:
     m, quality = found.figures, found.quality
-    level = np.where(quality.strict, 2.0, np.where(quality.exposure.times > 0.0, 1.0, 0.0))
-    colors = ListedColormap([ORANGE, "#F0D9A0", "#CFE8DF"])
+    level = np.where(found.strict, 2.0, np.where(quality.exposure.times > 0.0, 1.0, 0.0))
+    colors = ListedColormap(list(LEVELS.values()))
     axes.imshow(_image(view, level), extent=view.extent, origin="lower", cmap=colors, vmin=-0.5, vmax=2.5)
-    for run in _runs(found):
-        line = (run @ view.frame.T * MM)[:, :2]
+    for run in found.quality.runs:
+        line = (run.positions @ view.frame.T * MM)[:, :2]
         axes.add_collection(LineCollection([line], colors=[GREY], lw=0.5))
     if len(quality.crossings):
         at = quality.crossings @ view.frame.T * MM
@@ -141,16 +144,9 @@ def _draw_cover(axes: Axes, found: Inspection, view: _View) -> None:
     axes.set_title(
         f"Coverage: {100.0 * m['coverage_stepover']:.1f}% strict, {100.0 * m['coverage']:.1f}% by the pad", fontsize=9.0
     )
-    named = zip(("within 0.55 step-overs", "under the pad", "not reached"), colors.colors[::-1], strict=True)  # type: ignore[index]
-    handles = [Patch(color=color, label=name) for name, color in named]
+    handles: list[Artist] = [Patch(color=color, label=name) for name, color in LEVELS.items()]
     handles += axes.get_legend_handles_labels()[0]
     axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
-
-
-def _runs(found: Inspection) -> list[Array]:
-    index = np.flatnonzero(found.path.process)
-    rows = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
-    return [found.path.positions_work[run] for run in rows]
 
 
 def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
@@ -171,7 +167,7 @@ def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> N
         at = view.frame @ place.position * MM
         axes.annotate(
             f"{number}: {1e6 * place.area_m2:.3g} mm²",
-            at[:2],
+            (float(at[0]), float(at[1])),
             (8, 8),
             textcoords="offset points",
             fontsize=8,

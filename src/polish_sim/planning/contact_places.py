@@ -84,13 +84,11 @@ def _chains(chords: Segments, i: Ints, j: Ints) -> Ints:
 
 def _meet_between(chords: Segments, a: int, b: int, step_a: int, step_b: int) -> bool:
     """Whether the waypoints between two neighbouring pairs of segments lie where the paths meet."""
-    on_a = chords.end[a] if step_a else None
-    on_b = chords.start[b] if step_b < 0 else (chords.end[b] if step_b else None)
-    if on_a is None or on_b is None:
-        point, k = (on_b, a) if on_a is None else (on_a, b)
-        line = _Line(np.stack([chords.start[k], chords.end[k]]))
-        return line.foot(point)[1] <= 3.0 * NEAR_M
-    return float(np.linalg.norm(on_a - on_b)) <= 3.0 * NEAR_M
+    on_a, on_b = chords.end[a], chords.start[b] if step_b < 0 else chords.end[b]
+    if step_a and step_b:
+        return float(np.linalg.norm(on_a - on_b)) <= 3.0 * NEAR_M
+    point, k = (on_a, b) if step_a else (on_b, a)
+    return _Line(np.stack([chords.start[k], chords.end[k]])).foot(point)[1] <= 3.0 * NEAR_M
 
 
 def _crosses(chords: Segments, i: Ints, j: Ints) -> bool:

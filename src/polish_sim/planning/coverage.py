@@ -22,7 +22,7 @@ CHORD = 0.15
 
 
 SAMPLES = 100_000
-"""The share of area is counted on about so many points spread over the region, at least one in each triangle."""
+"""The share of area is counted on so many points, one in each equal share of the region's area."""
 
 
 def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepover: float) -> Mask:
@@ -73,23 +73,19 @@ def strict_share(mesh: Triangulation, part_facets: int, runs: Sequence[Curve], s
         The share, 0 to 1.
     """
     own = np.flatnonzero(mesh.owners < part_facets)
-    each = int(np.ceil(SAMPLES / len(own)))
-    triangle = np.repeat(own, each)
-    weights = _spread(len(triangle))[:, :, None]
-    corners = mesh.triangles[triangle]
+    ends = np.cumsum(mesh.areas[own])
+    # One point in each of so many equal shares of the area, triangle after triangle.
+    marks = (np.arange(SAMPLES) + 0.5) / SAMPLES * ends[-1]
+    corners = mesh.triangles[own[np.searchsorted(ends, marks)]]
+    weights = _spread(SAMPLES)[:, :, None]
     points, normals = ((weights * values[corners]).sum(axis=1) for values in (mesh.vertices, mesh.normals))
-    return share_of_area(mesh.areas[triangle], strictly_covered(points, normals, runs, stepover))
+    return float(strictly_covered(points, normals, runs, stepover).mean())
 
 
 def _spread(count: int) -> Array:
-    """Barycentric coordinates that fill a triangle evenly, shape (n, 3): the plastic number's sequence, folded."""
-    k = np.arange(1, count + 1, dtype=float)
-    first, second = np.mod(k * 0.7548776662466927, 1.0), np.mod(k * 0.5698402909980532, 1.0)
+    """Barycentric coordinates spread evenly over a triangle, always the same ones, shape (n, 3)."""
+    # A regular sequence would fall into step with the rows of a regular mesh.
+    first, second = np.random.default_rng(0).random((2, count))
     folded = first + second > 1.0
     first, second = np.where(folded, 1.0 - first, first), np.where(folded, 1.0 - second, second)
     return np.stack([first, second, 1.0 - first - second], axis=1)
-
-
-def share_of_area(areas: Array, covered: Mask) -> float:
-    """Share of the area around covered vertices; areas [m^2] and mask (n,)."""
-    return float(areas[covered].sum() / areas.sum())

@@ -54,7 +54,8 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig) -> ExposureMap:
     some = thin(mesh.vertices, APART * pad.radius_m)
     points, normals = mesh.vertices[some.kept], mesh.normals[some.kept]
     times = time_under_pad(points, normals, pad_steps(on, pad), pad.radius_m)
-    areas = np.bincount(some.stands_for, weights=mesh.part_areas(ground.part_facets), minlength=len(points))
+    own = mesh.part_areas(ground.part_facets)
+    areas: Array = np.bincount(some.stands_for, weights=own, minlength=len(points)).astype(np.float64)
     total = float(areas.sum())
     mean = float((areas * times).sum()) / total
     spread = float(np.sqrt((areas * (times - mean) ** 2).sum() / total))

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Surface
-from polish_sim.planning.coverage import strict_share, strictly_covered
+from polish_sim.planning.coverage import strict_share
 from polish_sim.planning.crossings import find_crossings
+from polish_sim.planning.curve import Curve
 from polish_sim.planning.exposure_map import ExposureMap, expose
 from polish_sim.planning.located import PathOnSurface, locate
 from polish_sim.planning.planner import Ground
@@ -21,7 +22,6 @@ from polish_sim.planning.spacing import Stepover, measure_stepover
 from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +32,14 @@ class Quality:
     """The keys of metrics.json."""
     exposure: ExposureMap
     """Time under the pad."""
-    strict: Mask
-    """Vertices of the region within 0.55 step-overs of the path, shape (v,)."""
     reach: PadReach
     """Where the pad cannot touch."""
     spacing: Stepover
     axis_rate: AxisRate
     crossings: Array
     """Places where the path crosses itself [m], shape (k, 3)."""
+    runs: tuple[Curve, ...]
+    """The path between lifts, with surface normals."""
 
 
 def measure_plan(
@@ -87,11 +87,11 @@ def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: Pr
     quality = Quality(
         figures={},
         exposure=expose(ground, on, pad),
-        strict=strictly_covered(ground.mesh.vertices, ground.mesh.normals, on.runs, stepover),
         reach=measure_pad_reach(ground.region.surface, ground.part_facets, pad.radius_m),
         spacing=measure_stepover(on.runs, stepover),
         axis_rate=measure_axis_rate(on),
         crossings=find_crossings(on.runs).places,
+        runs=on.runs,
     )
     strict = strict_share(ground.mesh, ground.part_facets, on.runs, stepover)
     quality.figures.update(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, select_region
+from polish_sim.planning.coverage import strictly_covered
 from polish_sim.planning.figures import Quality, fit_rms, measure_quality
 from polish_sim.planning.foreign_path import Offset, check_on_part, offset_from
 from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, load_mesh
@@ -38,6 +39,8 @@ class Inspection:
     plan: PlanConfig
     """Region and step-over it is measured by."""
     quality: Quality
+    strict: NDArray[np.bool_]
+    """Vertices of the region within 0.55 step-overs of the path, shape (v,)."""
     notes: tuple[str, ...]
     """What was assumed, and what the user should know."""
 
@@ -98,7 +101,8 @@ def inspect_path(
         beyond_part_max_m=float(offset.sideways.max()),
     )
     notes = [*mesh.notes, *region.notes, *notes, *_findings(quality, offset, pad)]
-    return Inspection(mesh, surface, ground, path, plan, quality, tuple(notes))
+    strict = strictly_covered(ground.mesh.vertices, ground.mesh.normals, quality.runs, plan.stepover_m)
+    return Inspection(mesh, surface, ground, path, plan, quality, strict, tuple(notes))
 
 
 def guessed_stepover(path: ToolPath, pad: PadConfig, notes: list[str]) -> float:
