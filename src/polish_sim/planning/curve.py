@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
+SAME = 1e-9
+"""Distances that differ by less than this share are the same."""
 
 
 class Nearest(NamedTuple):
@@ -112,7 +114,10 @@ class Curve:
         Returns:
             Feet and distances; beyond the limit the distance is inf and the foot is meaningless.
         """
-        distances, index = self._tree.query(points, distance_upper_bound=limit)
+        both, order = self._tree.query(points, k=2, distance_upper_bound=limit)
+        # Of two points equally far away the first, whichever rounding puts nearer.
+        tie = np.isfinite(both[:, 1]) & (both[:, 1] < (1.0 + SAME) * both[:, 0])
+        distances, index = both[:, 0], np.where(tie, order.min(axis=1), order[:, 0])
         found = np.isfinite(distances)
         s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
         s[found], foot[found], normal[found], distances[found] = self.near_point(points[found], index[found])

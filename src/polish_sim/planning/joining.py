@@ -21,6 +21,8 @@ GAP = 0.5
 """The last turn ends where it comes this near to the turn before, in step-overs."""
 ROOM = 0.3
 """A step inwards needs this many step-overs more than its length beside the next turn."""
+SAME = 1e-5
+"""Shares this little below nothing are nothing."""
 
 
 def first_break(curves: Sequence[Curve], seams: Seams, stepover: float) -> int:
@@ -82,14 +84,15 @@ def _round(curves: Sequence[Curve], seams: Array, matches: Sequence[Match], shar
     share = share_of.at(ahead.outer)
     if i == 0:  # nothing lies further out
         return _between(curves[0], curves[1], seams[:2], ahead, np.maximum(share, 0.0))
-    inwards = share >= 0.0
-    points = _between(curves[i], curves[i + 1], seams[i : i + 2], ahead, share)[inwards]
+    inwards = share >= -SAME
+    points = _between(curves[i], curves[i + 1], seams[i : i + 2], ahead, np.maximum(share, 0.0))[inwards]
     place = ahead.outer[inwards]
     behind = matches[i - 1]
     share = share_of.at(behind.inner)
-    outwards = share < 0.0
+    outwards = share < -SAME
     before = _between(curves[i - 1], curves[i], seams[i - 1 : i + 1], behind, 1.0 + share)[outwards]
-    order = np.argsort(np.concatenate([behind.inner[outwards], place]), kind="stable")
+    place = np.concatenate([behind.inner[outwards], place])
+    order = np.argsort(place, kind="stable")
     return np.concatenate([before, points])[order]
 
 

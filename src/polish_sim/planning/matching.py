@@ -16,6 +16,8 @@ ODD = 0.1
 """Feet whose distance differs from the step-over by more than this share belong to another turn."""
 ARM = 2.5
 """Where neighbouring turns are further apart than this many step-overs, one of them runs into an arm."""
+SAME = 2e-3
+"""Pairs this near to each other, in step-overs, are one."""
 
 
 class Match(NamedTuple):
@@ -58,6 +60,8 @@ def match_turns(outer: Curve, inner: Curve, outer_seam: float, inner_seam: float
     good = np.concatenate([_one_step(feet, stepover), heads.distances < ARM * stepover])
     on_outer, on_inner = _shared_out(on_outer, on_inner, good, own)
     order = np.argsort(on_outer + on_inner, kind="stable")
+    # Of pairs in one place rounding would decide which comes first.
+    order = order[np.diff((on_outer + on_inner)[order], prepend=0.0) > SAME * stepover / outer.length]
     ends = np.array([0.0, 1.0])
     return Match(
         np.insert(ends, 1, np.maximum.accumulate(on_outer[order])) * outer.length,
