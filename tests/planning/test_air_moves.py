@@ -9,7 +9,7 @@ import trimesh
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import fit_surface, load_part
 from polish_sim.planning.approach import LEADS, normal_lead, process_move, tangent_lead, with_leads
-from polish_sim.planning.landing import choose_leads
+from polish_sim.planning.landing import Remark, choose_leads, notes_of
 from polish_sim.planning.obstacle import heights, pad_depths
 from polish_sim.planning.travel import travel
 from tests.planning.shapes import plan_of
@@ -87,8 +87,9 @@ def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing_with_a_note(tmp
     leads = choose_leads(stroke(0.032, 0.07), "tangent", CLEARANCE, part, 0.025)
     assert leads.shape_in is normal_lead
     assert leads.shape_out is tangent_lead
-    assert len(leads.notes) == 1
-    assert "tangent lead-in at (32.0, 0.0, 0.0) mm would run into the part" in leads.notes[0]
+    assert notes_of(leads.remarks) == (
+        "the tangent lead-in would run into the part, it goes straight along the tool axis: at (32.0, 0.0, 0.0) mm",
+    )
 
 
 @pytest.mark.parametrize("name", LEADS)
@@ -98,7 +99,15 @@ def test_on_a_free_plate_every_lead_is_kept(tmp_path, name):
     leads = choose_leads(move, name, CLEARANCE, part, 0.025)
     assert leads.shape_in is LEADS[name]
     assert leads.shape_out is LEADS[name]
-    assert leads.notes == ()
+    assert leads.remarks == ()
+
+
+def test_the_same_remark_at_many_places_is_one_note():
+    remarks = [Remark("too narrow", np.array([0.001 * k, 0.0, 0.0])) for k in (4, 5, 6)]
+    assert notes_of([*remarks, Remark("hits", np.zeros(3))]) == (
+        "too narrow: at (4.0, 0.0, 0.0) mm and 2 more places",
+        "hits: at (0.0, 0.0, 0.0) mm",
+    )
 
 
 def bowl(radius_mm):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +18,20 @@ TOLERANCE_M = 2e-4
 """On its lead the pad may stand this much deeper in the part than where it lands [m]."""
 
 
+class Remark(NamedTuple):
+    """Something the user should know, and where."""
+
+    what: str
+    place: Array
+    """[m], shape (3,)."""
+
+
 class ChosenLeads(NamedTuple):
     """How a stroke begins and ends."""
 
     shape_in: LeadShape
     shape_out: LeadShape
-    notes: tuple[str, ...]
+    remarks: tuple[Remark, ...]
     """Where the lead asked for would have hit the part."""
 
 
@@ -40,20 +49,32 @@ def choose_leads(process: Move, name: str, clearance: float, part: Surface, pad_
         pad_radius: [m]; 0 looks at the tool point only.
 
     Returns:
-        The leads, and notes.
+        The leads, and remarks.
     """
-    shapes, notes = [], []
+    shapes, remarks = [], []
     for at_start, word in ((True, "lead-in"), (False, "lead-out")):
         shape = LEADS[name]
         if not _clear(process, at_start, shape, clearance, part, pad_radius):
-            place = ", ".join(f"{value * 1e3:.1f}" for value in process.positions[0 if at_start else -1])
+            what = f"even straight along the tool axis the {word} runs into the part"
             if shape is not normal_lead and _clear(process, at_start, normal_lead, clearance, part, pad_radius):
-                notes.append(f"the {name} {word} at ({place}) mm would run into the part: straight along the tool axis")
-            else:
-                notes.append(f"even straight along the tool axis the {word} at ({place}) mm passes close to the part")
+                what = f"the {name} {word} would run into the part, it goes straight along the tool axis"
+            remarks.append(Remark(what, process.positions[0 if at_start else -1]))
             shape = normal_lead
         shapes.append(shape)
-    return ChosenLeads(shapes[0], shapes[1], tuple(notes))
+    return ChosenLeads(shapes[0], shapes[1], tuple(remarks))
+
+
+def notes_of(remarks: Sequence[Remark]) -> tuple[str, ...]:
+    """Remarks as sentences: the same ones together, with the first place."""
+    places: dict[str, list[Array]] = {}
+    for remark in remarks:
+        places.setdefault(remark.what, []).append(remark.place)
+    out = []
+    for what, where in places.items():
+        first = ", ".join(f"{value * 1e3:.1f}" for value in where[0])
+        more = f" and {len(where) - 1} more places" if len(where) > 1 else ""
+        out.append(f"{what}: at ({first}) mm{more}")
+    return tuple(out)
 
 
 def _clear(process: Move, at_start: bool, shape: LeadShape, clearance: float, part: Surface, pad_radius: float) -> bool:

@@ -15,7 +15,7 @@ from polish_sim.planning.approach import LEADS, Move, concatenate, with_leads
 from polish_sim.planning.ground import Ground as Ground
 from polish_sim.planning.ground import Piece
 from polish_sim.planning.ground import prepare_ground as prepare_ground
-from polish_sim.planning.landing import choose_leads
+from polish_sim.planning.landing import Remark, choose_leads, notes_of
 from polish_sim.planning.order import order_blocks
 from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.request import PatternRequest, Report
@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 ORDERS: Final = ("inward", "outward")
 DIRECTIONS: Final = ("climb", "conventional")
+NO_WAY: Final = "no clear way through the air leads from the end of a run to the next one, the part is between"
 
 
 class Planned(NamedTuple):
@@ -115,10 +116,10 @@ def plan_on(
             f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half of it "
             "inside the border. Set a smaller step-over or a larger region."
         )
-    notes = [_left_out(piece) for piece, block in zip(ground.pieces, found, strict=True) if not block]
+    remarks = [_left_out(piece) for piece, block in zip(ground.pieces, found, strict=True) if not block]
     runs = _in_order(blocks, PATTERNS[plan.pattern].ordered, plan.start)
     obstacle = ground.region.surface if part is None else part
-    return assemble(runs, plan, ground.region.up, obstacle, pad_radius, notes)
+    return assemble(runs, plan, ground.region.up, obstacle, pad_radius, remarks)
 
 
 def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[PieceRun]]:
@@ -140,12 +141,9 @@ def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[PieceR
     return found
 
 
-def _left_out(piece: Piece) -> str:
-    place = ", ".join(f"{value * 1e3:.1f}" for value in piece.mesh.vertices.mean(axis=0))
-    return (
-        f"a piece of {piece.region.area_m2 * 1e6:.3g} mm^2 near ({place}) mm is too narrow for a turn half a "
-        "step-over inside its border: left out"
-    )
+def _left_out(piece: Piece) -> Remark:
+    what = "a piece of the region too narrow for a turn half a step-over inside its border is left out"
+    return Remark(what, piece.mesh.vertices.mean(axis=0))
 
 
 def _in_order(blocks: Sequence[Sequence[PieceRun]], ordered: bool, start: tuple[float, ...]) -> list[PieceRun]:
@@ -161,12 +159,17 @@ def _in_order(blocks: Sequence[Sequence[PieceRun]], ordered: bool, start: tuple[
 
 
 def assemble(
-    runs: Sequence[PieceRun], plan: PlanConfig, up: Array, part: Surface, pad_radius: float, notes: Sequence[str] = ()
+    runs: Sequence[PieceRun],
+    plan: PlanConfig,
+    up: Array,
+    part: Surface,
+    pad_radius: float,
+    remarks: Sequence[Remark] = (),
 ) -> Planned:
     """Give runs their tool axes and leads and put them in a row."""
     moves: list[Move] = []
     curvature: list[Array] = []
-    told = list(notes)
+    told = list(remarks)
     passes, deviation = 0, 0.0
     for item in runs:
         stroke: Stroke = give_axes(item.run, item.surface, plan, passes)
@@ -174,23 +177,18 @@ def assemble(
         deviation = max(deviation, stroke.axis_deviation_rad)
         chosen = choose_leads(stroke.process, plan.lead_in, plan.clearance_m, part, pad_radius)
         parts = with_leads(stroke.process, chosen.shape_in, plan.clearance_m, chosen.shape_out)
-        told += chosen.notes
+        told += chosen.remarks
         if moves:
             between, clear = travel(moves[-1], parts[0], up, plan.clearance_m, part)
             parts = [between, *parts]
-            told += [] if clear else [_in_the_way(moves[-1].positions[-1], parts[1].positions[0])]
+            told += [] if clear else [Remark(NO_WAY, moves[-1].positions[-1])]
         before = sum(len(move.positions) for move in parts[:-3])
         after = sum(len(move.positions) for move in parts[-2:])
         curvature.append(np.pad(stroke.curvature, (before, after), mode="edge"))
         moves += parts
     positions, axes, segment, pass_index = concatenate(moves)
     path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
-    return Planned(path, deviation, tuple(told))
-
-
-def _in_the_way(start: Array, end: Array) -> str:
-    places = (", ".join(f"{value * 1e3:.1f}" for value in point) for point in (start, end))
-    return "no clear way through the air was found from ({}) to ({}) mm: the part is between".format(*places)
+    return Planned(path, deviation, notes_of(told))
 
 
 def _silent(share: float) -> None:
