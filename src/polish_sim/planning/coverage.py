@@ -74,18 +74,14 @@ def strict_share(mesh: Triangulation, part_facets: int, runs: Sequence[Curve], s
     """
     own = np.flatnonzero(mesh.owners < part_facets)
     ends = np.cumsum(mesh.areas[own])
-    # One point in each of so many equal shares of the area, triangle after triangle.
-    marks = (np.arange(SAMPLES) + 0.5) / SAMPLES * ends[-1]
-    corners = mesh.triangles[own[np.searchsorted(ends, marks)]]
-    weights = _spread(SAMPLES)[:, :, None]
-    points, normals = ((weights * values[corners]).sum(axis=1) for values in (mesh.vertices, mesh.normals))
-    return float(strictly_covered(points, normals, runs, stepover).mean())
-
-
-def _spread(count: int) -> Array:
-    """Barycentric coordinates spread evenly over a triangle, always the same ones, shape (n, 3)."""
-    # A regular sequence would fall into step with the rows of a regular mesh.
-    first, second = np.random.default_rng(0).random((2, count))
+    # One point anywhere in each of so many equal shares of the area: regular steps would fall into step with the rows
+    # of a regular mesh. Always the same points.
+    jitter, first, second = np.random.default_rng(0).random((3, SAMPLES))
+    marks = (np.arange(SAMPLES) + jitter) / SAMPLES * ends[-1]
+    triangle = own[np.minimum(np.searchsorted(ends, marks), len(own) - 1)]
     folded = first + second > 1.0
     first, second = np.where(folded, 1.0 - first, first), np.where(folded, 1.0 - second, second)
-    return np.stack([first, second, 1.0 - first - second], axis=1)
+    weights = np.stack([first, second, 1.0 - first - second], axis=1)[:, :, None]
+    corners = mesh.triangles[triangle]
+    points, normals = ((weights * values[corners]).sum(axis=1) for values in (mesh.vertices, mesh.normals))
+    return float(strictly_covered(points, normals, runs, stepover).mean())
