@@ -9,7 +9,7 @@ from polish_sim.geometry import Surface
 
 Array = NDArray[np.float64]
 
-RIM_POINTS = 12
+RIM_POINTS = 24
 BEHIND = 0.3
 """Cosine: a point is inside when it lies behind its foot at least this squarely; beside an open border it is not."""
 
