@@ -69,6 +69,26 @@ def test_the_fit_converges_to_the_true_surface_faster_than_flat_facets(name, cap
     assert worst["normal"] < worst["flat normal"] / 25.0
 
 
+# Parts as large as a hand, facets of about 1 mm, lengths in metres.
+MILLIMETRE_FACETS = {
+    "sphere": sphere(5, 0.03),
+    "cylinder": cylinder(251, 0.04, 0.08),
+    "torus whose top is a flat ring of facets": torus(94, 0.040, 0.015),
+    "uneven torus": torus(94, 0.040, 0.015, jitter=0.4),
+    "saddle": saddle(80, 0.06, 0.04),
+    "uneven saddle": saddle(80, 0.06, 0.04, jitter=0.4),
+}
+
+
+@pytest.mark.parametrize("name", MILLIMETRE_FACETS)
+def test_on_facets_of_a_millimetre_normals_are_right_to_a_tenth_of_a_degree(name):
+    found = errors(MILLIMETRE_FACETS[name])
+    tilt = np.degrees(2.0 * np.arcsin(np.clip(0.5 * found["normal"], 0.0, 1.0)))
+    assert rms(tilt) < 0.01  # asked for: 0.1
+    assert tilt.max() < 0.1
+    assert found["position"].max() < 1e-6
+
+
 def test_on_1280_facets_of_a_sphere_the_interpolating_fit_is_250_times_better_than_flat_facets():
     shape = sphere(3)
     radius_error = {}

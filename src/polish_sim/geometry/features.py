@@ -22,6 +22,9 @@ FLAT_TOLERANCE = 5e-7
 FLAT_DOMINANCE = 4.0
 """At a vertex a flat face this many times larger than what it blends into keeps its own normal."""
 
+WIDTH_DOMINANCE = 4.0
+"""It must also be this many times wider: a flat ring or strip as narrow as its neighbours belongs to the rounding."""
+
 
 class SmoothCorners(NamedTuple):
     """Corners of facets gathered to smooth vertices: one per vertex and smooth group."""
@@ -104,24 +107,42 @@ def _keep_flat_faces(
 ) -> tuple[Floats, Bools]:
     """Replace normals at the rim of flat faces that dominate their vertex by the face's normal."""
     labels, face_areas, face_normals_ = flat_faces(vertices, faces, adjacency)
-    corner_area = np.repeat(face_areas[labels], 3)
-    largest = np.zeros(len(normals))
-    np.maximum.at(largest, index.ravel(), corner_area)
+    owner, by_area = _dominant(face_areas, FLAT_DOMINANCE, labels, adjacency, smooth, index, len(normals))
+    widths = _widths(vertices, faces, adjacency, labels, face_areas)
+    widest, by_width = _dominant(widths, WIDTH_DOMINANCE, labels, adjacency, smooth, index, len(normals))
+    dominates = by_area & by_width & (owner == widest)
+    return np.where(dominates[:, None], face_normals_[owner], normals), dominates
+
+
+def _dominant(
+    sizes: Floats, times: float, labels: Ints, adjacency: Adjacency, smooth: Bools, index: Ints, count: int
+) -> tuple[NDArray[np.int64], Bools]:
+    """The largest flat face at each smooth vertex, and whether it is so many times larger than what is beside it."""
+    corner_size = np.repeat(sizes[labels], 3)
+    largest = np.zeros(count)
+    np.maximum.at(largest, index.ravel(), corner_size)
     # The largest flat face at each smooth vertex, and the largest among the others.
-    is_largest = corner_area == largest[index.ravel()]
-    owner = np.zeros(len(normals), dtype=np.int64)
+    is_largest = corner_size == largest[index.ravel()]
+    owner = np.zeros(count, dtype=np.int64)
     owner[index.ravel()[is_largest]] = np.repeat(labels, 3)[is_largest]
     others = np.repeat(labels, 3) != owner[index.ravel()]
-    second = np.zeros(len(normals))
-    np.maximum.at(second, index.ravel()[others], corner_area[others])
+    second = np.zeros(count)
+    np.maximum.at(second, index.ravel()[others], corner_size[others])
     # Where a face is alone at a vertex, what it blends into elsewhere.
-    beside = np.zeros(len(face_areas))
+    beside = np.zeros(len(sizes))
     facet, edge = np.nonzero(smooth)
     other = labels[adjacency.facets[facet, edge]]
     differ = other != labels[facet]
-    np.maximum.at(beside, labels[facet][differ], face_areas[other[differ]])
-    dominates = largest > FLAT_DOMINANCE * np.where(second > 0.0, second, beside[owner])
-    return np.where(dominates[:, None], face_normals_[owner], normals), dominates
+    np.maximum.at(beside, labels[facet][differ], sizes[other[differ]])
+    return owner, largest > times * np.where(second > 0.0, second, beside[owner])
+
+
+def _widths(vertices: Floats, faces: Ints, adjacency: Adjacency, labels: Ints, areas: Floats) -> Floats:
+    """Mean width of flat faces, area over half the length of the rim [m], shape (k,)."""
+    length = np.linalg.norm(np.roll(vertices[faces], -1, axis=1) - vertices[faces], axis=2)
+    rim = (adjacency.facets < 0) | (labels[adjacency.facets] != labels[:, None])
+    around = np.bincount(labels, weights=(length * rim).sum(axis=1), minlength=len(areas))
+    return np.asarray(2.0 * areas / np.maximum(around, 1e-300))
 
 
 def flat_faces(vertices: Floats, faces: Ints, adjacency: Adjacency) -> tuple[Ints, Floats, Floats]:
