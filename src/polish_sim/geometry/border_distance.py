@@ -24,8 +24,8 @@ _MOST_SAMPLES = 400_000
 _ARCS = 4
 """Pieces of the way to the border that are taken for circular arcs."""
 
-_NEAR = (0.4, 1.25)
-"""Outside these shares of the distance of interest the straight distance does."""
+_NEAR = (0.6, 1.001)
+"""Outside these shares of the distance of interest the straight distance, which is never too long, does."""
 
 _FLAT = 5e-7
 """A surface is flat when it leaves a plane by less than this share of its size (float32 noise)."""
@@ -60,7 +60,7 @@ class BorderDistance(NamedTuple):
         Returns:
             Distances [m], shape (n,); far from the reach straight ones.
         """
-        feet = self.nearest(points)
+        feet = self._nearest(points)
         distances = np.linalg.norm(points - feet, axis=1)
         low, high = _NEAR
         near = np.flatnonzero((distances > low * self.reach) & (distances < high * self.reach))
@@ -68,7 +68,11 @@ class BorderDistance(NamedTuple):
             distances[near] = _lengths_along(surface, feet[near], points[near])
         return np.asarray(distances)
 
-    def nearest(self, points: Floats) -> Floats:
+    def straight(self, points: Floats) -> Floats:
+        """Straight distances of points (n, 3) to the border [m], shape (n,)."""
+        return np.asarray(np.linalg.norm(points - self._nearest(points), axis=1))
+
+    def _nearest(self, points: Floats) -> Floats:
         """Nearest points of the border to points (n, 3) [m], shape (n, 3)."""
         count = min(3, len(self.starts))
         _, pieces = self.tree.query(points, k=count)

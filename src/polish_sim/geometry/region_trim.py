@@ -79,7 +79,8 @@ def _refined(surface: Surface, distance: BorderDistance, margin: float) -> Clipp
     cut = Cut(
         np.arange(count, dtype=np.int32), np.broadcast_to(np.eye(3), (count, 3, 3)), surface.faces.astype(np.int32)
     )
-    places, values = surface.vertices, distance.at(surface.vertices, surface)
+    # Straight distances tell well enough where small facets are needed.
+    places, values = surface.vertices, distance.straight(surface.vertices)
     for _ in range(_ROUNDS):
         edges = find_edges(cut.faces)
         lengths = np.linalg.norm(places[edges.ends[:, 0]] - places[edges.ends[:, 1]], axis=1)
@@ -93,7 +94,7 @@ def _refined(surface: Surface, distance: BorderDistance, margin: float) -> Clipp
         if not marked.any():
             break
         cut, middles, places = _halved(surface, cut, places, edges, marked)
-        values = np.concatenate([values, distance.at(middles, surface)])
+        values = np.concatenate([values, distance.straight(middles)])
     return Clipped(build_cut(surface, cut, len(places)), cut.parents)
 
 
@@ -114,7 +115,7 @@ def _bends(surface: Surface, cut: Cut, values: Floats, facets: Ints, distance: B
     for place in (*_HALVES, np.full(3, 1.0 / 3.0)):
         barycentric = place @ cut.barycentric[facets]
         points = surface.evaluate(cut.parents[facets], barycentric).positions
-        worst = np.maximum(worst, np.abs(distance.at(points, surface) - values[cut.faces[facets]] @ place))
+        worst = np.maximum(worst, np.abs(distance.straight(points) - values[cut.faces[facets]] @ place))
     return worst
 
 
