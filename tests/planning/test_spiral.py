@@ -1,0 +1,139 @@
+"""The continuous spiral: where it runs, which way, and how it steps inwards (paper 1, section 1.3, fig. 6)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from polish_sim.config import PlanConfig
+from polish_sim.planning import plan_path
+from polish_sim.planning.connected import label_pieces
+from polish_sim.planning.curve import Curve
+from polish_sim.planning.matching import match_turns
+from polish_sim.planning.pitch import Shares, spread_shares
+from polish_sim.planning.seam import place_seams
+from tests.planning.shapes import region_of, shipped_plan
+
+STEP = 0.008
+UP = np.array([0.0, 0.0, 1.0])
+NOWHERE = np.empty((0, 3))
+
+
+def square(half, count=200):
+    side = np.linspace(-half, half, count, endpoint=False)
+    edge = np.full(count, half)
+    corners = [(side, -edge), (edge, side), (-side, edge), (-edge, -side)]
+    points = np.concatenate([np.stack([x, y, 0.0 * x], axis=1) for x, y in corners])
+    return Curve(points, np.tile(UP, (len(points), 1)), True)
+
+
+def circle(radius, count=400):
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    points = radius * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    return Curve(points, np.tile(UP, (count, 1)), True)
+
+
+def path_in_contact(name, **keys):
+    path = plan_path(region_of(name), PlanConfig(stepover_m=STEP, **keys))
+    return path.positions_work[path.process]
+
+
+@pytest.mark.parametrize("name", ["plate", "freeform", "saddle"])
+def test_the_first_turn_runs_half_a_step_over_inside_the_border(name):
+    plan = shipped_plan(name)
+    outer = plan.region.boundary_loops[0]
+    border = Curve(outer[:-1], np.tile(UP, (len(outer) - 1, 1)), True)
+    first = plan.path.positions_work[plan.path.process & (plan.path.pass_index == plan.path.pass_index.min())]
+    distance = border.nearest(first[: int(0.85 * len(first))]).distances
+    # Corners reach out a little; towards its end the turn begins to drift inwards.
+    assert np.median(distance) == pytest.approx(0.5 * STEP, rel=0.02)
+    assert np.percentile(distance, [5.0, 95.0]) == pytest.approx([0.5 * STEP] * 2, abs=0.06 * STEP)
+
+
+@pytest.mark.parametrize("order", ["inward", "outward"])
+@pytest.mark.parametrize(("direction", "side"), [("conventional", 1.0), ("climb", -1.0)])
+def test_what_is_not_done_yet_lies_on_the_left_or_on_the_right(order, direction, side):
+    """Inwards on a cap that is the middle, outwards the border."""
+    points = path_in_contact("sphere_100", order=order, direction=direction)
+    inwards = order == "inward"
+    radius = np.linalg.norm(points[[0, -1], :2], axis=1)
+    assert (radius[0] > radius[1]) == inwards
+    feed = np.gradient(points, axis=0)
+    to_what_is_left = (-1.0 if inwards else 1.0) * points * [1.0, 1.0, 0.0]
+    left = np.cross(UP, feed)
+    assert (side * (left * to_what_is_left).sum(axis=1) > 0.0).mean() > 0.95
+
+
+@pytest.mark.parametrize("angle", [0.3, 2.0, 4.5])
+def test_the_spiral_begins_near_the_place_asked_for(angle):
+    wanted = np.array([0.052 * np.cos(angle), 0.052 * np.sin(angle), 0.02])
+    begin = path_in_contact("sphere_100", start=tuple(wanted))[0]
+    assert np.linalg.norm(begin[:2] - wanted[:2]) < 2.0 * STEP
+
+
+def test_half_way_between_two_square_turns_lies_a_square():
+    """The corner of the inner one is the partner of the whole corner of the outer one."""
+    outer, inner = square(0.05), square(0.042)
+    match = match_turns(outer, inner, 0.05, 0.042, STEP)
+    assert match.beside.all()
+    assert np.diff(match.outer).min() >= 0.0
+    assert np.diff(match.inner).min() >= 0.0
+    middle = 0.5 * (outer.at(0.05 + match.outer)[0] + inner.at(0.042 + match.inner)[0])
+    assert np.abs(middle).max(axis=1) == pytest.approx(np.full(len(middle), 0.046), abs=1e-9)
+
+
+def test_turns_that_do_not_lie_beside_each_other_are_told():
+    """An inner circle one step-over inside a square touches its sides' offsets but not its corners'."""
+    outer, inner = square(0.05), circle(0.042)
+    match = match_turns(outer, inner, 0.05, 0.0, STEP)
+    assert 0.05 < match.beside.mean() < 0.6
+
+
+def test_the_spiral_becomes_archimedean_turn_by_turn():
+    """Spacing of neighbouring rounds away from the step: one step-over but for 4% of it."""
+    radii = 0.3 - STEP * np.arange(20)
+    curves = [circle(r, 2000) for r in radii]
+    matches = [match_turns(a, b, 0.0, 0.0, STEP) for a, b in pairwise(curves)]
+    shares = spread_shares([c.length for c in curves], matches, 0.03, False, STEP)
+    phase = np.linspace(0.1, 0.9, 50)
+    heights = np.array([i + s.at(phase * s.length) for i, s in enumerate(shares)])
+    assert heights[0] == pytest.approx(np.zeros(50), abs=1e-9)
+    assert np.diff(heights, axis=0) == pytest.approx(np.ones((19, 50)), abs=0.041)
+    slopes = np.ptp(heights, axis=1) / 0.8
+    assert np.diff(slopes).min() > -1e-9
+    assert slopes[14] == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_step_inwards_keeps_its_distance_from_the_one_before():
+    """On straight turns a slope p moves on by sqrt(1 + p^2) step-overs from turn to turn."""
+    curves = [circle(3.0, 40_000), circle(3.0 - STEP, 40_000)]
+    matches = [match_turns(*curves, 0.0, 0.0, STEP)]
+    first, second = spread_shares([c.length for c in curves], matches, 8.0 * STEP, False, STEP)
+    near = first.length + STEP * np.linspace(-3.0, 0.0, 200)
+
+    def heights(shares: Shares, over):
+        return np.stack([near / STEP, over + shares.at(near - first.length + shares.length)], axis=1)
+
+    one, other = heights(first, 0.0), heights(second, 1.0)
+    gaps = np.linalg.norm(one[:, None] - other[None, 60:140], axis=2).min(axis=0)
+    assert gaps == pytest.approx(np.ones(80), abs=0.01)
+    assert (other[60:140, 1] - one[60:140, 1]).max() > 1.02
+
+
+def test_the_seam_keeps_away_from_corners():
+    curves = [square(0.05 - STEP * i) for i in range(5)]
+    seams = place_seams(curves, STEP, NOWHERE, NOWHERE, NOWHERE)
+    begin = curves[0].at(seams.s[:1])[0][0]
+    assert np.sort(np.abs(begin[:2]))[0] < 0.02
+    assert 2.0 * STEP < seams.band < 0.1
+
+
+def test_pieces_of_a_strip_are_told_apart():
+    """Six triangles in a row; without its third and fourth vertex the strip falls into two."""
+    triangles = np.array([[k, k + 1, k + 2] for k in range(6)])
+    inside = np.array([True, True, False, False, True, True, True, True])
+    count, labels = label_pieces(triangles, inside)
+    assert count == 2
+    assert labels.tolist() == [0, 0, -1, -1, 1, 1, 1, 1]
