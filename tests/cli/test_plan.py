@@ -49,7 +49,6 @@ BAD = {
     "unknown region": (("plate", "--region", "left"), "auto, top, all"),
     "overlap twice": (("plate", "--overlap", "70", "--stepover", "8"), "give one of them"),
     "overlap too large": (("plate", "--overlap", "100"), "percentage"),
-    "closed region": (("plate", "--region", "all"), "closed all round"),
     "missing part": (("nothing.stl",), "nothing.stl"),
 }
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -62,17 +61,6 @@ def join(first: Run, second: Run) -> Run:
     return Run(
         np.concatenate([first.positions, second.positions]), np.concatenate([first.pass_index, second.pass_index])
     )
-
-
-def shortest_way(runs: Sequence[SurfaceRun]) -> list[SurfaceRun]:
-    """The runs in an order in which each begins as near as may be to the end of the one before; the first stays."""
-    waiting = list(runs)
-    out = waiting[:1]
-    del waiting[:1]
-    while waiting:
-        end = out[-1].positions[-1]
-        out.append(waiting.pop(int(np.argmin([np.linalg.norm(run.positions[0] - end) for run in waiting]))))
-    return out
 
 
 def dense(positions: Array, spacing: float) -> Array:
