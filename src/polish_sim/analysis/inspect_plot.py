@@ -25,8 +25,8 @@ MM = 1e3
 PIXELS = 420
 """Along the longer side of a map."""
 LABELLED = 5
-LEVELS = {"not reached": ORANGE, "under the pad": "#F0D9A0", "within 0.55 step-overs": "#CFE8DF"}
-"""Coverage from none to strict, and its colours."""
+LEVELS = {"never touched": ORANGE, "under the pad": "#F0D9A0", "and within 0.55 step-overs": "#CFE8DF"}
+"""Coverage from none to strict, and its colours; what the pad does not touch at its force shows, however near."""
 
 
 class _View(NamedTuple):
@@ -132,7 +132,7 @@ def _draw_time(figure: Figure, axes: Axes, found: Inspection, view: _View) -> No
 
 def _draw_cover(axes: Axes, found: Inspection, view: _View) -> None:
     m, quality = found.figures, found.quality
-    level = np.where(found.strict, 2.0, np.where(quality.exposure.times > 0.0, 1.0, 0.0))
+    level = np.where(quality.exposure.times > 0.0, np.where(found.strict, 2.0, 1.0), 0.0)
     colors = ListedColormap(list(LEVELS.values()))
     axes.imshow(_image(view, level), extent=view.extent, origin="lower", cmap=colors, vmin=-0.5, vmax=2.5)
     for run in found.quality.runs:
@@ -146,7 +146,7 @@ def _draw_cover(axes: Axes, found: Inspection, view: _View) -> None:
     )
     handles: list[Artist] = [Patch(color=color, label=name) for name, color in LEVELS.items()]
     handles += axes.get_legend_handles_labels()[0]
-    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
+    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=4, columnspacing=1.0)
 
 
 def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
@@ -166,7 +166,7 @@ def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> N
     for number, place in enumerate(reach.places[:LABELLED], start=1):
         at = view.frame @ place.position * MM
         axes.annotate(
-            f"{number}: {1e6 * place.area_m2:.3g} mm²",
+            f"{number}: {1e6 * place.area_m2:.4g} mm²",
             (float(at[0]), float(at[1])),
             (8, 8),
             textcoords="offset points",
@@ -176,7 +176,7 @@ def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> N
         )
     label = "pad radius / smallest radius of curvature, hollow < 0"
     figure.colorbar(drawn, ax=axes, label=label, shrink=0.85, pad=0.02, extend="both")
-    out = f"{1e6 * m['unreachable_area_m2']:.3g} mm² in {m['unreachable_places']} places" if reach.places else "none"
+    out = f"{1e6 * m['unreachable_area_m2']:.4g} mm² in {m['unreachable_places']} places" if reach.places else "none"
     axes.set_title(f"Too hollow for the pad (dark): {out}", fontsize=9.0)
 
 

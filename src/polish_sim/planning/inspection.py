@@ -167,7 +167,7 @@ def _findings(quality: Quality, offset: Offset, pad: PadConfig) -> list[str]:
         notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
     for place in quality.reach.places[:NAMED]:
         notes.append(
-            f"out of the pad's reach: {1e6 * place.area_m2:.3g} mm^2 at ({_mm(place.position)}) mm, hollow of "
+            f"out of the pad's reach: {1e6 * place.area_m2:.4g} mm^2 at ({_mm(place.position)}) mm, hollow of "
             f"{1e3 * place.radius_m:.3g} mm radius, the pad has {1e3 * pad.radius_m:.3g} mm"
         )
     if len(quality.reach.places) > NAMED:
