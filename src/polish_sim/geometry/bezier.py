@@ -108,9 +108,7 @@ def area_element(patch, u, v, w):  # type: ignore[no-untyped-def]
     wx, wy, wz = u * f[0] + v * e[0] + w * c[0], u * f[1] + v * e[1] + w * c[1], u * f[2] + v * e[2] + w * c[2]
     ux, uy, uz = u * a[0] + v * d[0] + w * f[0], u * a[1] + v * d[1] + w * f[1], u * a[2] + v * d[2] + w * f[2]
     vx, vy, vz = u * d[0] + v * b[0] + w * e[0], u * d[1] + v * b[1] + w * e[1], u * d[2] + v * b[2] + w * e[2]
-    return cross(
-        2.0 * (ux - wx), 2.0 * (uy - wy), 2.0 * (uz - wz), 2.0 * (vx - wx), 2.0 * (vy - wy), 2.0 * (vz - wz)
-    )
+    return cross(2.0 * (ux - wx), 2.0 * (uy - wy), 2.0 * (uz - wz), 2.0 * (vx - wx), 2.0 * (vy - wy), 2.0 * (vz - wz))
 
 
 @njit(cache=True, error_model="numpy")
