@@ -35,21 +35,31 @@ def test_every_point_is_on_the_part_with_its_axis_along_the_normal(name, pattern
     assert np.diff(path.pass_index).min() >= 0
 
 
-@pytest.mark.parametrize("name", workpiece_names())
-def test_one_spiral_covers_a_shipped_part_without_crossing_itself(name):
+WHOLE = [name for name in workpiece_names() if name != "plate_two_holes"]
+"""Discs and rings; round two holes the region splits."""
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_one_spiral_covers_a_disc_or_a_ring_without_crossing_itself(name):
     figures = shipped_plan(name).figures
     assert figures["retracts"] == 1
     assert figures["self_crossings"] == 0
-    assert figures["coverage_stepover"] >= 0.98
+    assert figures["coverage_stepover"] >= 0.995
     assert figures["coverage"] >= 0.99
 
 
-# On the small cap of 50 mm radius the first blend alone is a tenth of the path.
-@pytest.mark.parametrize("name", [name for name in workpiece_names() if name != "sphere_50"])
-def test_neighbouring_turns_keep_the_step_over_within_a_tenth(name):
+def test_round_two_holes_spirals_lift_where_the_region_splits_and_do_not_cross():
+    figures = shipped_plan("plate_two_holes").figures
+    assert figures["self_crossings"] == 0
+    assert figures["coverage_stepover"] >= 0.985
+
+
+# On the small cap of 50 mm radius the step inwards from the first turn alone is a tenth of the path.
+@pytest.mark.parametrize("name", [name for name in WHOLE if name != "sphere_50"])
+def test_neighbouring_turns_keep_the_step_over_within_a_twentieth(name):
     figures = shipped_plan(name).figures
-    assert figures["stepover_p5_m"] > 0.9 * STEP
-    assert figures["stepover_p95_m"] < 1.1 * STEP
+    assert figures["stepover_p5_m"] > 0.95 * STEP
+    assert figures["stepover_p95_m"] < 1.05 * STEP
 
 
 @pytest.mark.parametrize("name", ["plate", "freeform", "sphere_300", "cylinder"])

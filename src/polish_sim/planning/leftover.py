@@ -38,6 +38,8 @@ DEEP = 0.8
 """A line through the middle of a place ends where the nearest turn comes this much closer."""
 DEEPEST = 2.5
 """Distances to turns are told apart up to this many step-overs."""
+PAYS = 0.1
+"""A run goes on into a place that is at least this many step-overs wide on the average of the way it takes."""
 MOST_LINES = 64
 SAME = 1e-6
 """Areas and ways that differ by less than this share are the same."""
@@ -71,6 +73,8 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
         line = _middle_line(mesh, rest, place, distance, stepover)
         owner, added = _lead_into(mesh, traces, line, stepover)
         if owner >= 0:
+            if area < PAYS * stepover * _length(np.concatenate([traces[owner][-1:], added])):
+                continue
             out[owner] = join(out[owner], Run(added, np.full(len(added), out[owner].pass_index[-1])))
             traces[owner] = np.concatenate([traces[owner], dense(added, TRACE * stepover)])
         elif area > WORTH_A_LIFT * stepover**2 and len(line) > 1:
@@ -174,6 +178,10 @@ def _middle_line(mesh: Triangulation, rest: Ints, place: Mask, distance: Array, 
     return np.asarray(uniform_filter1d(even, window, axis=0, mode="nearest"))
 
 
+def _length(line: Array) -> float:
+    return float(arc_length(line)[-1])
+
+
 def _finite(values: Array) -> Array:
     return np.where(np.isfinite(values), values, -1.0)
 
@@ -204,7 +212,7 @@ def _ways(line: Array, start: Array) -> list[tuple[Array, float]]:
     nearest = int(np.linalg.norm(line - start, axis=1).argmin())
     ahead, back = line[nearest:], line[nearest::-1]
     part = ahead if len(ahead) > len(back) else back
-    missed = float(arc_length(line)[-1] - arc_length(part)[-1])
+    missed = _length(line) - _length(part)
     return [(line, 0.0), (line[::-1], 0.0), (part, 2.0 * missed)]
 
 
