@@ -82,19 +82,22 @@ def _refined(surface: Surface, distance: BorderDistance, margin: float) -> Clipp
     # Straight distances tell well enough where small facets are needed.
     places, values = surface.vertices, distance.straight(surface.vertices)
     for _ in range(_ROUNDS):
-        edges = find_edges(cut.faces)
-        lengths = np.linalg.norm(places[edges.ends[:, 0]] - places[edges.ends[:, 1]], axis=1)
-        size = lengths[edges.of_facet].max(axis=1)
+        corners = places[cut.faces]
+        size = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
         # No value changes faster than the distance: the new border may run where no corner is farther from it.
         near = (np.abs(values[cut.faces] - margin).max(axis=1) <= size) & (size > longest)
         near[near] = _bends(surface, cut, values, np.flatnonzero(near), distance) > _STRAIGHT * margin
+        if not near.any():
+            break
+        edges = find_edges(cut.faces)
+        lengths = np.linalg.norm(places[edges.ends[:, 0]] - places[edges.ends[:, 1]], axis=1)
         marked = np.zeros(len(lengths), dtype=bool)
         marked[edges.of_facet[near]] = True
         marked = spread_to_longest(edges, lengths, marked & (lengths > longest))
-        if not marked.any():
-            break
         cut, middles, places = _halved(surface, cut, places, edges, marked)
         values = np.concatenate([values, distance.straight(middles)])
+    if len(cut.parents) == count:
+        return Clipped(surface, cut.parents)
     return Clipped(build_cut(surface, cut, len(places)), cut.parents)
 
 
@@ -121,20 +124,24 @@ def _bends(surface: Surface, cut: Cut, values: Floats, facets: Ints, distance: B
 
 def _beyond_margin(surface: Surface, distance: BorderDistance, margin: float) -> Floats:
     """Distance beyond the margin as a quadratic over each facet whose zeros on edges are exact [m], shape (m, 6)."""
-    edges = find_edges(surface.faces)
     corner = distance.at(surface.vertices, surface) - margin
+    here = corner[surface.faces]
+    middle = 0.5 * (here + np.roll(here, -1, axis=1))
+    crossed = np.flatnonzero((here.min(axis=1) < 0.0) & (here.max(axis=1) > 0.0))
+    edges = find_edges(surface.faces[crossed])
     ends = corner[edges.ends]
-    control = ends.mean(axis=1)
     cut = np.flatnonzero(ends.min(axis=1) * ends.max(axis=1) < 0.0)
     _, first = np.unique(edges.of_facet.ravel(), return_index=True)
-    facets, edge = first[cut] // 3, first[cut] % 3
+    facets, edge = crossed[first[cut] // 3], first[cut] % 3
     # From the facet's corner e on, which may be the edge's other end.
     forward = surface.faces[facets, edge] == edges.ends[cut, 0]
     start, end = (np.where(forward, ends[cut, k], ends[cut, 1 - k]) for k in (0, 1))
     share = _zero_along(surface, facets.astype(np.int32), edge, (start, end), distance, margin)
     # The control value that puts the quadratic's zero there.
+    control = ends.mean(axis=1)
     control[cut] = -((1.0 - share) ** 2 * start + share**2 * end) / (2.0 * share * (1.0 - share))
-    return np.concatenate([corner[surface.faces], control[edges.of_facet]], axis=1)
+    middle[crossed] = control[edges.of_facet]
+    return np.concatenate([here, middle], axis=1)
 
 
 def _zero_along(
