@@ -53,7 +53,7 @@ def plot_maps(found: Inspection) -> Figure:
     figure = new_figure(15.0, 4.6 if wide else 5.4)
     time, cover, reach = figure.subplots(1, 3, sharex=True, sharey=True)
     _draw_time(figure, time, found, view)
-    _draw_cover(cover, found, view)
+    _draw_cover(figure, cover, found, view)
     _draw_reach(figure, reach, found, view)
     for axes in (time, cover, reach):
         axes.set_aspect("equal")
@@ -127,10 +127,10 @@ def _draw_time(figure: Figure, axes: Axes, found: Inspection, view: _View) -> No
     )
     figure.colorbar(drawn, ax=axes, label="time under the pad [s]", shrink=0.85, pad=0.02, extend="max")
     over = 1e4 * m["over_polished_area_m2"]
-    axes.set_title(f"Exposure: cv {m['exposure_cv']:.2f}, {over:.3g} cm² over twice the median", fontsize=9.0)
+    axes.set_title(f"Exposure: cv {m['exposure_cv']:.2f}, {over:.3g} cm² over 2 medians", fontsize=9.0)
 
 
-def _draw_cover(axes: Axes, found: Inspection, view: _View) -> None:
+def _draw_cover(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
     m, quality = found.figures, found.quality
     level = np.where(quality.exposure.times > 0.0, np.where(found.strict, 2.0, 1.0), 0.0)
     colors = ListedColormap(list(LEVELS.values()))
@@ -146,7 +146,7 @@ def _draw_cover(axes: Axes, found: Inspection, view: _View) -> None:
     )
     handles: list[Artist] = [Patch(color=color, label=name) for name, color in LEVELS.items()]
     handles += axes.get_legend_handles_labels()[0]
-    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=4, columnspacing=1.0)
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
 
 
 def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
