@@ -144,7 +144,7 @@ def _largest_place(mesh: Triangulation, rest: Ints, open_places: Mask) -> tuple[
     return labels == largest, float(areas[largest])
 
 
-def _largest(values: Array) -> int:
+def _largest(values: Array | Ints) -> int:
     """The first of the largest values, whichever of them rounding made a little larger."""
     return int(np.argmax(values >= (1.0 - SAME) * values.max()))
 

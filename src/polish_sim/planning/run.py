@@ -52,8 +52,11 @@ class SurfaceRun:
 
     def backwards(self) -> SurfaceRun:
         """The same line followed the other way; turns are numbered anew from its new beginning."""
-        points = ClosestPoints(*(column[::-1] for column in self.points))
-        return SurfaceRun(points, self.pass_index.max() - self.pass_index[::-1])
+        points = self.points
+        turned = ClosestPoints(
+            points.positions[::-1], points.normals[::-1], points.facets[::-1], points.barycentric[::-1]
+        )
+        return SurfaceRun(turned, self.pass_index.max() - self.pass_index[::-1])
 
 
 def join(first: Run, second: Run) -> Run:

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from polish_sim.planning.crossings import count_self_crossings
+from polish_sim.planning.curve import Curve
 from polish_sim.planning.joining import first_break, join_turns
 from polish_sim.planning.leftover import finish_middle, middle_ends
 from polish_sim.planning.nested import TAIL, all_turns, without_tails
@@ -53,8 +55,31 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
             waiting[:0] = [chain[:count], chain[count:]]
         else:
             lines.append(join_turns(curves, seams, to_border, stepover))
-    runs = [finish_run(request.region.surface, line, stepover) for line in finish_middle(mesh, lines, stepover)]
+    runs = _finished(request, lines, finish_middle(mesh, lines, stepover))
     return [run.backwards() for run in runs[::-1]] if outward else runs
+
+
+def _finished(request: PatternRequest, lines: Sequence[Run], longer: Sequence[Run]) -> list[SurfaceRun]:
+    """Finished runs; what was added to the lines is taken back where it crosses something after all."""
+
+    def finish(line: Run) -> SurfaceRun:
+        return finish_run(request.region.surface, line, request.stepover)
+
+    runs: list[SurfaceRun | None] = [finish(line) for line in longer]
+    count = _crossings(runs)
+    for k, line in reversed(list(enumerate(longer))):
+        added = k >= len(lines) or len(line.positions) > len(lines[k].positions)
+        if count == 0 or not added:
+            continue
+        trial = [*runs[:k], finish(lines[k]) if k < len(lines) else None, *runs[k + 1 :]]
+        fewer = _crossings(trial)
+        if fewer < count:
+            runs, count = trial, fewer
+    return [run for run in runs if run is not None]
+
+
+def _crossings(runs: Sequence[SurfaceRun | None]) -> int:
+    return count_self_crossings([Curve(run.positions, run.points.normals, False) for run in runs if run is not None])
 
 
 def _nested_turns(request: PatternRequest) -> tuple[list[Turn], bool]:
