@@ -80,22 +80,23 @@ def measure_noise(skin: Skin) -> Noise:
     and large pieces; what grows with the piece is the part's shape and is no noise.
     """
     used = np.unique(skin.faces)
-    small, large = (_scatter(skin, used, probe) for probe in _PROBES)
+    normals = _vertex_normals(skin.vertices, skin.faces)
+    small, large = (_scatter(skin, used, normals, probe) for probe in _PROBES)
     edges = skin.vertices[np.roll(skin.faces, -1, axis=1)] - skin.vertices[skin.faces]
     edge = float(np.median(np.linalg.norm(edges, axis=2)))
     return Noise(large if large <= _GROWTH * small else 0.0, edge)
 
 
-def _scatter(skin: Skin, used: Ints, neighbours: int) -> float:
+def _scatter(skin: Skin, used: Ints, normals: Floats, neighbours: int) -> float:
     """Median scatter of vertices about pieces fitted to so many neighbours [m]."""
     sample = used[:: max(len(used) // _SAMPLE, 1)]
-    normals = _vertex_normals(skin.vertices, skin.faces)
     return float(np.median(_fitted(skin.vertices, used, normals, neighbours, np.inf, sample)[1]))
 
 
 def _widest(skin: Skin, used: Ints, noise: float) -> int:
     """The largest number of neighbours one quadratic piece still describes."""
-    able = [count for count in NEIGHBOURS if _scatter(skin, used, count) <= _SLACK * noise]
+    normals = _vertex_normals(skin.vertices, skin.faces)
+    able = [count for count in NEIGHBOURS if _scatter(skin, used, normals, count) <= _SLACK * noise]
     return max(able, default=NEIGHBOURS[0])
 
 
