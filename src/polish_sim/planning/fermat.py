@@ -40,6 +40,8 @@ def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
     surface, stepover = request.region.surface, request.stepover
     nested = nested_turns(request)
     turns = list(all_turns(nested.roots))
+    if not turns:
+        return []
     loops = set(map(id, nested.loops))
     for _ in range(TRIES):
         lines = connect([turn.curve for turn in turns], stepover, request.plan.start)
@@ -79,8 +81,7 @@ def connect(curves: Sequence[Curve], stepover: float, start: Sequence[float] = (
         waiting = [turn for turn in waiting if turn not in reached]
         seams = [build_seam(curves, p, stepover) for p in split_pockets(ground, children, reached[0])]
         links = [link for seam in seams for link in seam.links]
-        begin = seams[0].free[0]
-        runs.append(_walk(curves, links, begin, seams[0].free[1]))
+        runs += [_walk(curves, links, *seam.free) for seam in seams if seam.free]
     return runs
 
 
@@ -94,10 +95,11 @@ def _walk(curves: Sequence[Curve], links: Sequence[Link], begin: End, end: End) 
     for here in (*partner, begin, end):
         ends.setdefault(here.turn, []).append(here)
     parts, here = [], begin
-    while True:
+    # No end is passed twice, so that the way comes to an end whatever the links are.
+    for _ in range(2 * len(links) + 1):
         there, points = _along(curves[here.turn], here, ends[here.turn])
         parts.append(points)
-        if there == end:
+        if there not in partner:
             break
         here, line = partner[there]
         parts[-1] = np.concatenate([points, line])

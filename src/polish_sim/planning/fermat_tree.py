@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,10 @@ ROOM = 0.5
 """Step-overs kept clear beside a seam."""
 SLACK = 0.25
 """By how much turns may miss their distance where a seam crosses them, in step-overs."""
+FREE_HALF = 0.25
+"""Midway between two turns nothing is nearer than this share of their distance."""
+BLOCKED = 1e3
+"""Distance that stands for turns with another one between them, in step-overs."""
 TOLERABLE = 2.5
 """A line is not followed where it misses by more than this many times as much."""
 
@@ -75,6 +80,14 @@ class Ground:
     taken: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     """Middle and half length of the stretches of each turn seams have used [m]."""
 
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(_sample(self.curves, self.stepover)[0])
+
+    def distance(self, points: Array) -> Array:
+        """Distance from points to the nearest of all turns [m], shape (n,)."""
+        return np.asarray(self._tree.query(points)[0])
+
 
 def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
     """Which turns are neighbours, and for how long.
@@ -86,10 +99,7 @@ def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
     Returns:
         Every pair once.
     """
-    spacing = stepover / SAMPLES
-    stations = [np.linspace(0.0, c.length, max(int(c.length / spacing), 8), endpoint=False) for c in curves]
-    points = np.concatenate([c.at(s)[0] for c, s in zip(curves, stations, strict=True)])
-    owner = np.repeat(np.arange(len(curves)), [len(s) for s in stations])
+    points, owner = _sample(curves, stepover)
     pairs = cKDTree(points).query_pairs(APART * stepover, output_type="ndarray")
     pairs = pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]]
     gap = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
@@ -102,8 +112,16 @@ def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
         # Points of the first turn with a point of the second beside them, each counted once.
         count = len(np.unique(near[owner[near] == first]))
         far = 1e-3 * stepover**2 / (stepover + float(gap[mine].min()))
-        contacts.append(Contact(first, second, count * spacing + far))
+        contacts.append(Contact(first, second, count * stepover / SAMPLES + far))
     return contacts
+
+
+def _sample(curves: Sequence[Curve], stepover: float) -> tuple[Array, Ints]:
+    """Evenly spaced points of all turns (n, 3), and whose they are."""
+    spacing = stepover / SAMPLES
+    stations = [np.linspace(0.0, c.length, max(int(c.length / spacing), 8), endpoint=False) for c in curves]
+    points = np.concatenate([c.at(s)[0] for c, s in zip(curves, stations, strict=True)])
+    return points, np.repeat(np.arange(len(curves)), [len(s) for s in stations])
 
 
 def grow_tree(count: int, contacts: Sequence[Contact], root: int) -> tuple[list[list[int]], list[int]]:
@@ -151,6 +169,10 @@ def split_pockets(ground: Ground, children: Sequence[Sequence[int]], root: int) 
     while waiting:
         parent, first = waiting.pop(0)
         pocket = _follow(ground, children, parent, first)
+        if parent >= 0 and len(pocket.turns) == 1:
+            # There is no room for a seam: it becomes a stroke of its own.
+            parent = -1
+            pocket = _follow(ground, children, parent, first)
         pockets.append(pocket)
         for turn, s, band in zip(pocket.turns, pocket.s, pocket.bands, strict=True):
             ground.taken.setdefault(turn, []).append((s, 0.5 * band + ROOM * ground.stepover))
@@ -198,7 +220,7 @@ def _follow(ground: Ground, children: Sequence[Sequence[int]], parent: int, firs
         for child in following:
             longer = _step(ground, row, child, lines)
             price = longer.narrow if len(row) == 1 else longer.wide
-            alive = price < TOLERABLE * len(row) if len(row) > 1 else np.isfinite(price)
+            alive = price < (TOLERABLE * len(row) if len(row) > 1 else BLOCKED)
             if alive.any():
                 offers.append((subtree_length(ground, children, child), child, longer, alive))
         if not offers:
@@ -267,8 +289,13 @@ def _misfit(ground: Ground, turn: int, other: int, s: Array, steps: float) -> Ar
     """How far two turns miss their distance within a seam's length, in units of what is well tolerable."""
     curve = ground.curves[turn]
     count = max(int(curve.length * SAMPLES / ground.stepover), 16)
-    even = np.arange(count) * (curve.length / count)
-    gap = ground.curves[other].nearest(curve.at(even)[0]).distances / ground.stepover
+    even = np.linspace(0.0, curve.length, count, endpoint=False)
+    points = curve.at(even)[0]
+    feet = ground.curves[other].nearest(points)
+    gap = feet.distances / ground.stepover
+    # A third turn between the two, or the other side of one of them, must not be crossed.
+    free = ground.distance(0.5 * (points + feet.positions))
+    gap[free < FREE_HALF * feet.distances] = BLOCKED
     width = int(_width(ground, turn, steps) / (curve.length / count)) | 1
     worst = maximum_filter1d(np.abs(gap - 1.0), width, mode="wrap")
     return np.asarray(worst[np.round(s / curve.length * count).astype(int) % count] / SLACK)
