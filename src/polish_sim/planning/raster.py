@@ -74,7 +74,7 @@ def _inside(request: PatternRequest, borders: Sequence[Curve], distance: float) 
 
 def _cut(number: int, line: Curve, borders: Sequence[Curve], ends: Sequence[Curve], stepover: float) -> list[Piece]:
     """The pieces of a line that keep away from the border."""
-    s = np.linspace(0.0, line.length, max(int(line.length / (0.05 * stepover)), 8) + 1)
+    s = np.linspace(0.0, line.length, max(int(line.length / (0.05 * stepover) + 1e-6), 8) + 1)
     points = line.at(s)[0]
     depth = nearest_of(borders, points).nearest.distances / stepover - ENDS
     # Where it comes only a little too near to the border it gives way.

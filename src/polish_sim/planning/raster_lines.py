@@ -28,6 +28,8 @@ MOST = 1.55
 """The first and the last line run no more than so many step-overs inside the border."""
 REACH = 6.0
 """A line's ends are thought to go on straight for this many step-overs where its neighbour is longer."""
+ROUNDING = 1e-6
+"""Differences below this share of a step-over, or of a length, are rounding and decide nothing."""
 AS_NARROW = 1e-6
 """Ways across a region that differ by less than this share of its size are equally narrow."""
 
@@ -48,9 +50,10 @@ def parallel_lines(request: PatternRequest) -> list[list[Curve]]:
     heights = (mesh.vertices - mesh.vertices.mean(axis=0)) @ _across(region, request.plan.raster_direction)
     lines, above, below = _both_sides(region, mesh, heights, 0.0, stepover, lambda share: report(0.5 * share))
     width = above + below + (len(lines) - 1) * stepover
-    needed = max(int(np.ceil(width / stepover - 2.0 * MOST)) + 1, 1)
+    needed = max(int(np.ceil(width / stepover - 2.0 * MOST - ROUNDING)) + 1, 1)
     margin = 0.5 * (width - (needed - 1) * stepover)
-    shift = float(np.mod(above - margin + 0.5 * stepover, stepover) - 0.5 * stepover)
+    half = (0.5 + ROUNDING) * stepover
+    shift = float(np.mod(above - margin + half, stepover) - half)
     return _both_sides(region, mesh, heights, shift, stepover, lambda share: report(0.5 + 0.5 * share))[0]
 
 
@@ -99,7 +102,7 @@ def _both_sides(
         )
     lines, left = [middle], []
     for side in (1.0, -1.0):
-        inside, last = side * (heights - level) > 0.0, middle
+        inside, last = side * (heights - level) > ROUNDING * stepover, middle
         while True:
             following, beyond = _next_line(region, mesh, last, inside, stepover)
             if not following:
@@ -136,7 +139,7 @@ def _next_line(
     found = _open(level_lines(mesh, distance, stepover))
     return (
         [offset_curve(region.surface, longer, line, stepover) for line in found if len(line.positions) > 3],
-        inside & (distance > stepover),
+        inside & (distance > (1.0 + ROUNDING) * stepover),
     )
 
 
@@ -148,7 +151,7 @@ def _extended(surface: Surface, line: Curve, length: float) -> Curve:
         way = sign * line.tangents(np.array([s]), min(0.02 * line.length, 0.25 * length))
         more = position + np.linspace(0.0, length, 49)[1:, None] * way
         off = np.linalg.norm(surface.closest(more).positions - more, axis=1)
-        back = off < 0.5 * np.maximum.accumulate(off)
+        back = off < 0.5 * np.maximum.accumulate(off) - ROUNDING * length
         if back.any():
             more = more[: int(off[: int(back.argmax())].argmax()) + 1]
         ends.append((more[::-1] if sign < 0.0 else more, np.tile(normal, (len(more), 1))))
