@@ -8,10 +8,10 @@ import trimesh
 
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import fit_surface, load_part
-from polish_sim.planning.approach import LEADS, normal_lead, process_move, tangent_lead, with_leads
-from polish_sim.planning.landing import Remark, choose_leads, notes_of
-from polish_sim.planning.obstacle import RIM_POINTS, heights, pad_depths
-from polish_sim.planning.travel import travel
+from polish_sim.planning.moves.approach import LEADS, normal_lead, process_move, tangent_lead, with_leads
+from polish_sim.planning.moves.landing import Remark, choose_leads, notes_of
+from polish_sim.planning.moves.obstacle import RIM_POINTS, heights, pad_depths
+from polish_sim.planning.moves.travel import travel
 from tests.planning.shapes import plan_of
 
 UP = np.array([0.0, 0.0, 1.0])

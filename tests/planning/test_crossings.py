@@ -8,8 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from polish_sim.planning.crossings import count_self_crossings, find_crossings
-from polish_sim.planning.curve import Curve
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.quality.crossings import count_self_crossings, find_crossings
 
 UP = np.array([0.0, 0.0, 1.0])
 LINE = [(0, 0), (1, 0), (2, 0)]

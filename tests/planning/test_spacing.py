@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from polish_sim.planning.crossings import count_self_crossings
-from polish_sim.planning.curve import Curve
-from polish_sim.planning.spacing import measure_stepover
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.quality.crossings import count_self_crossings
+from polish_sim.planning.quality.spacing import measure_stepover
 
 STEP = 0.008
 

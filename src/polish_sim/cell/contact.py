@@ -15,8 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.config import PadConfig
-from polish_sim.geometry.distance_field import DistanceField
-from polish_sim.geometry.field_lookup import look_up
+from polish_sim.geometry.distance.distance_field import DistanceField
+from polish_sim.geometry.distance.field_lookup import look_up
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polish_sim.cell.wrist_sensor import SensorState
 from polish_sim.control.signals import Measurement, Target
-from polish_sim.geometry.distance_field import DistanceField, field_distance
+from polish_sim.geometry.distance.distance_field import DistanceField, field_distance
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import PartConfig
-from polish_sim.geometry.distance_field import DistanceField, build_distance_field
-from polish_sim.geometry.field_lookup import NODES, OUTSIDE
+from polish_sim.geometry.distance.distance_field import DistanceField, build_distance_field
+from polish_sim.geometry.distance.field_lookup import NODES, OUTSIDE
 from polish_sim.geometry.surface import Surface
 from polish_sim.spatial import transform
 

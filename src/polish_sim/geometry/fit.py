@@ -22,6 +22,7 @@ from polish_sim.geometry.jets import fit_vertex_jets
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.geometry.surface import Surface, build_surface
 from polish_sim.geometry.topology import Adjacency, find_adjacency
+from polish_sim.spatial import unit
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -150,8 +151,8 @@ def _edge_points(
     start_way = np.where(smooth[..., None], unit_chord, creases.start)
     end_way = np.where(smooth[..., None], unit_chord, creases.end)
     turned = (smooth | creases.border)[..., None]
-    start_way = _unit(np.where(turned, _into_plane(start_way, start_normal), start_way))
-    end_way = _unit(np.where(turned, _into_plane(end_way, end_normal), end_way))
+    start_way = unit(np.where(turned, _into_plane(start_way, start_normal), start_way))
+    end_way = unit(np.where(turned, _into_plane(end_way, end_normal), end_way))
     too_steep = np.minimum((start_way * unit_chord).sum(-1), (end_way * unit_chord).sum(-1)) < np.cos(STEEPEST)
     start_way = np.where(too_steep[..., None], unit_chord, start_way)
     end_way = np.where(too_steep[..., None], unit_chord, end_way)
@@ -162,7 +163,3 @@ def _edge_points(
 def _into_plane(directions: Floats, normals: Floats) -> Floats:
     """Component perpendicular to the normals: n x (v x n) (paper 1, eq. 4)."""
     return directions - (directions * normals).sum(axis=-1, keepdims=True) * normals
-
-
-def _unit(vectors: Floats) -> Floats:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polish_sim.errors import MeshError
-from polish_sim.geometry.file_triangles import FileTriangles
-from polish_sim.geometry.mend import mend
-from polish_sim.geometry.mesh_file import read_mesh_file
+from polish_sim.geometry.files.file_triangles import FileTriangles
+from polish_sim.geometry.files.mesh_file import read_mesh_file
 from polish_sim.geometry.orientation import choose_up
+from polish_sim.geometry.repair.mend import mend
 from polish_sim.geometry.units import check_size, metres_per_unit
 
 

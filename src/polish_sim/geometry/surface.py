@@ -14,6 +14,7 @@ from polish_sim.geometry.bvh import BoxTree, build_box_tree
 from polish_sim.geometry.closest import closest_points
 from polish_sim.geometry.jets import unpack
 from polish_sim.geometry.topology import Adjacency
+from polish_sim.spatial import unit
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -98,12 +99,12 @@ class Surface:
         """Positions and normals at facets (n,) and barycentric coordinates (n, 3)."""
         facets, barycentric = np.asarray(facets, dtype=np.int32), np.asarray(barycentric, dtype=np.float64)
         normals = blend(self.normal_control, facets, barycentric)
-        return SurfacePoints(blend(self.control, facets, barycentric), _unit(normals))
+        return SurfacePoints(blend(self.control, facets, barycentric), unit(normals))
 
     def patch_normals(self, facets: Ints, barycentric: Floats) -> Floats:
         """Unit normals of the patches themselves, which jump a little between patches, shape (n, 3)."""
         along_u, along_v = differentiate(self.control, np.asarray(facets, dtype=np.int32), barycentric)
-        return _unit(np.cross(along_u, along_v))
+        return unit(np.cross(along_u, along_v))
 
     def closest(self, points: Floats, hint: Ints | None = None) -> ClosestPoints:
         """Closest point of the surface to each point.
@@ -133,7 +134,7 @@ class Surface:
         operators = self.shape_operators(facets, barycentric)
         normals = self.evaluate(facets, barycentric).normals
         axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
-        first = _unit(np.cross(normals, axis))
+        first = unit(np.cross(normals, axis))
         second = np.cross(normals, first)
         a = np.einsum("ni,nij,nj->n", first, operators, first)
         b = np.einsum("ni,nij,nj->n", first, operators, second)
@@ -196,7 +197,3 @@ def _frozen(array: NDArray[Any]) -> NDArray[Any]:
     array = np.ascontiguousarray(array)
     array.setflags(write=False)
     return array
-
-
-def _unit(vectors: Floats) -> Floats:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))

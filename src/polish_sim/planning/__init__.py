@@ -9,7 +9,7 @@ from polish_sim.planning.part_plan import (
     plan_mesh,
     plan_part,
 )
-from polish_sim.planning.patterns import PATTERNS
+from polish_sim.planning.patterns.registry import PATTERNS
 from polish_sim.planning.planner import plan_path
 from polish_sim.planning.shortcuts import measure_path, plan_contour, plan_fermat, plan_raster, plan_spiral
 from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed

@@ -9,10 +9,10 @@ from scipy.spatial import ConvexHull, QhullError
 from polish_sim.config import PadConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, merge_regions
-from polish_sim.planning.located import PathOnSurface
-from polish_sim.planning.offset_curve import nearest_of
-from polish_sim.planning.planner import Ground
-from polish_sim.planning.turns import border_curves
+from polish_sim.planning.curves.offset_curve import nearest_of
+from polish_sim.planning.curves.turns import border_curves
+from polish_sim.planning.ground.ground import Ground
+from polish_sim.planning.quality.located import PathOnSurface
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, select_region
-from polish_sim.planning.coverage import strictly_covered
-from polish_sim.planning.figures import Quality, fit_rms, measure_quality
-from polish_sim.planning.foreign_path import Offset, check_on_part, offset_from
+from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, load_mesh
-from polish_sim.planning.planner import Ground, prepare_ground
-from polish_sim.planning.stepover_guess import guess_stepover
+from polish_sim.planning.quality.coverage import strictly_covered
+from polish_sim.planning.quality.figures import Quality, fit_rms, measure_quality
+from polish_sim.planning.quality.foreign_path import Offset, check_on_part, offset_from
+from polish_sim.planning.quality.stepover_guess import guess_stepover
 from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]

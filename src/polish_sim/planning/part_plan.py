@@ -15,10 +15,10 @@ from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import workpiece_names, workpiece_path
 from polish_sim.planning.feasibility import check_request, pad_notes
-from polish_sim.planning.figures import measure_plan, pad_coverage
-from polish_sim.planning.ground import prepare_ground
-from polish_sim.planning.located import locate
+from polish_sim.planning.ground.ground import prepare_ground
 from polish_sim.planning.planner import plan_on
+from polish_sim.planning.quality.figures import measure_plan, pad_coverage
+from polish_sim.planning.quality.located import locate
 from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]

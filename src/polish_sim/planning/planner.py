@@ -11,18 +11,17 @@ from numpy.typing import NDArray
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.geometry import Region, Surface
-from polish_sim.planning.approach import LEADS, Move, concatenate, with_leads
-from polish_sim.planning.ground import Ground as Ground
-from polish_sim.planning.ground import Piece
-from polish_sim.planning.ground import prepare_ground as prepare_ground
-from polish_sim.planning.landing import Remark, choose_leads, notes_of
-from polish_sim.planning.order import order_blocks
-from polish_sim.planning.patterns import PATTERNS
-from polish_sim.planning.request import PatternRequest, Report
-from polish_sim.planning.run import SurfaceRun
-from polish_sim.planning.stroke import Stroke, give_axes
+from polish_sim.planning.ground.ground import Ground, Piece
+from polish_sim.planning.ground.ground import prepare_ground as prepare_ground
+from polish_sim.planning.moves.approach import LEADS, Move, concatenate, with_leads
+from polish_sim.planning.moves.landing import Remark, choose_leads, notes_of
+from polish_sim.planning.moves.order import order_blocks
+from polish_sim.planning.moves.stroke import Stroke, give_axes
+from polish_sim.planning.moves.travel import travel
+from polish_sim.planning.patterns.registry import PATTERNS
+from polish_sim.planning.patterns.request import PatternRequest, Report
+from polish_sim.planning.patterns.run import SurfaceRun
 from polish_sim.planning.toolpath import ToolPath, arc_length
-from polish_sim.planning.travel import travel
 
 Array = NDArray[np.float64]
 

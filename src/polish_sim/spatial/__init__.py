@@ -8,6 +8,7 @@ from polish_sim.spatial.rotations import (
     skew,
 )
 from polish_sim.spatial.transforms import apply, from_pose, inverse, transform
+from polish_sim.spatial.vectors import unit
 
 __all__ = [
     "apply",
@@ -19,4 +20,5 @@ __all__ = [
     "rotation_to_axis",
     "skew",
     "transform",
+    "unit",
 ]

@@ -1,0 +1,1 @@
+"""Signed distance to a surface, sampled in bricks that compiled loops look up."""

@@ -1,0 +1,1 @@
+"""Mesh files read: STL, PLY, OBJ (bytes -> triangles)."""

@@ -1,0 +1,1 @@
+"""Which part of the surface is polished: choices, outlines, margins, patches."""

@@ -1,0 +1,115 @@
+"""Choices by an outline: a box, or a polygon seen from above (outline -> what looks up within it)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import InputError, PlanError
+from polish_sim.geometry.clip import Clipped, clip, split, then
+from polish_sim.geometry.regions.choice import Whole, looking
+from polish_sim.geometry.regions.patches import connected, restricted
+from polish_sim.geometry.regions.words import in_millimetres, parse_corners, parse_numbers
+from polish_sim.geometry.surface import Surface
+
+Floats = NDArray[np.float64]
+
+_ON_OUTLINE = 1e-7
+"""Vertices this close to an outline lie on it [m]."""
+
+_MOST_CORNERS = 1000
+
+
+def pick_box(whole: Whole, argument: str) -> list[Clipped]:
+    """Pick the smooth faces that look up within a box."""
+    x0, y0, z0, x1, y1, z1 = parse_numbers(argument, 6, "box:X0,Y0,Z0,X1,Y1,Z1")
+    low, high = np.minimum([x0, y0, z0], [x1, y1, z1]), np.maximum([x0, y0, z0], [x1, y1, z1])
+    if (low == high).any():
+        raise InputError(f"region 'box:{argument}' has no volume. Give two opposite corners in mm.")
+    kept = _between(whole.kept, np.eye(3), low * 1e-3, high * 1e-3)
+    if len(kept.parents) == 0:
+        raise _nothing_in(f"box:{argument}", whole.surface)
+    return _faces_above(kept, whole.up)
+
+
+def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
+    """Pick the smooth faces that look up within a polygon seen from above."""
+    corners = parse_corners(argument)
+    frame = _plane_across(whole.up, corners)
+    flat = corners @ frame.T
+    _check_polygon(flat, argument)
+    kept = _between(whole.kept, frame, flat.min(axis=0), flat.max(axis=0))
+    if len(kept.parents) == 0:
+        raise _nothing_in(f"polygon:{argument}", whole.surface)
+    kept = looking(kept, whole.up)
+    for start, end in zip(flat, np.roll(flat, -1, axis=0), strict=True):
+        side = end - start
+        length = float(np.linalg.norm(side))
+        if length > _ON_OUTLINE:
+            across = np.array([-side[1], side[0]]) / length
+            values = kept.surface.control @ (across @ frame) - float(across @ start)
+            kept = then(kept, split(kept.surface, values, on=_ON_OUTLINE))
+    inside = _inside(_middles(kept.surface) @ frame.T, flat)
+    if not inside.any():
+        raise _nothing_in(f"polygon:{argument}", whole.surface)
+    kept = restricted(kept, np.flatnonzero(inside).astype(np.int32))
+    return connected(kept, kept.surface.smooth)
+
+
+def _faces_above(kept: Clipped, up: Floats) -> list[Clipped]:
+    seen = looking(kept, up)
+    return connected(seen, seen.surface.smooth)
+
+
+def _between(kept: Clipped, frame: Floats, low: Floats, high: Floats) -> Clipped:
+    """Cut to coordinates between limits (d,) [m] along unit vectors, rows of the frame (d, 3)."""
+    for axis, least, most in zip(frame, low, high, strict=True):
+        for side, limit in ((1.0, least), (-1.0, most)):
+            values = side * (kept.surface.control @ axis - limit)
+            kept = then(kept, clip(kept.surface, values, on=_ON_OUTLINE))
+            if len(kept.parents) == 0:
+                return kept
+    return kept
+
+
+def _plane_across(up: Floats, corners: Floats) -> Floats:
+    """Two unit vectors across up, the first along the polygon's longest side seen from above, shape (2, 3)."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    level = sides - (sides @ up)[:, None] * up
+    length = np.linalg.norm(level, axis=1)
+    longest = int(length.argmax())
+    if length[longest] <= _ON_OUTLINE:
+        raise InputError("the region's polygon is a point seen from above. Give corners around an area, or set --up.")
+    first = level[longest] / length[longest]
+    return np.stack([first, np.cross(up, first)])
+
+
+def _check_polygon(flat: Floats, argument: str) -> None:
+    if len(flat) > _MOST_CORNERS:
+        raise InputError(f"the region's polygon has {len(flat)} corners, at most {_MOST_CORNERS} are taken.")
+    if (np.ptp(flat, axis=0) <= _ON_OUTLINE).any():
+        raise InputError(
+            f"the corners of region 'polygon:{argument}' lie on a line seen from above. "
+            "Give corners around an area, or set --up to the side it is seen from."
+        )
+
+
+def _inside(points: Floats, polygon: Floats) -> NDArray[np.bool_]:
+    """Whether points (n, 2) are within a closed polygon (k, 2): a ray from them crosses it an odd number of times."""
+    odd = np.zeros(len(points), dtype=bool)
+    for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        spans = (start[1] > points[:, 1]) != (end[1] > points[:, 1])
+        rise = end[1] - start[1]
+        across = (end[0] - start[0]) * (points[:, 1] - start[1]) - (points[:, 0] - start[0]) * rise
+        odd ^= spans & ((across > 0.0) == (rise > 0.0))
+    return odd
+
+
+def _middles(surface: Surface) -> Floats:
+    count = len(surface.faces)
+    return surface.evaluate(np.arange(count, dtype=np.int32), np.full((count, 3), 1.0 / 3.0)).positions
+
+
+def _nothing_in(choice: str, surface: Surface) -> PlanError:
+    bounds = " .. ".join(in_millimetres(corner) for corner in surface.bounds)
+    return PlanError(f"the region '{choice}' contains nothing of the part ({bounds} mm).")

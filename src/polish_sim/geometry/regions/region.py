@@ -1,0 +1,178 @@
+"""Which part of the surface is to be polished (Surface and the user's choice -> Region)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import InputError
+from polish_sim.geometry.boundary import boundary_loops
+from polish_sim.geometry.clip import Clipped
+from polish_sim.geometry.features import facet_normals, smooth_edges
+from polish_sim.geometry.mesh import PartMesh
+from polish_sim.geometry.orientation import UP_CONE
+from polish_sim.geometry.regions.choice import Whole, pick_all, pick_auto, pick_faces, pick_point, pick_top
+from polish_sim.geometry.regions.outline import pick_box, pick_polygon
+from polish_sim.geometry.regions.patches import connected, facing, join, unpinch
+from polish_sim.geometry.regions.trim import trim
+from polish_sim.geometry.regions.words import CHOICES
+from polish_sim.geometry.surface import Surface
+from polish_sim.geometry.topology import Adjacency
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Pick = Callable[[Whole, str], list[Clipped]]
+
+PLAIN: Mapping[str, Pick] = {"auto": pick_auto, "top": pick_top, "all": pick_all}
+WITH_ARGUMENT: Mapping[str, Pick] = {
+    "point": pick_point,
+    "box": pick_box,
+    "polygon": pick_polygon,
+    "faces": pick_faces,
+}
+
+SLIVER_SHARE = 1e-3
+"""Patches smaller than this share of the largest one are left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """What is to be polished."""
+
+    surface: Surface
+    """The surface restricted to the region; facets at its border may be cut."""
+    facets: Ints
+    """Facet of the whole surface each facet of the region belongs to, shape (k,)."""
+    boundary_loops: tuple[Floats, ...]
+    """Closed polylines [m], each (p, 3), first point repeated at the end, region on the left; component by
+    component, of each the outer one first."""
+    area_m2: float
+    up: Floats
+    """Unit vector from where the region is looked at: away from the table; for a connected region that does not
+    look up, its mean normal. Shape (3,)."""
+    notes: tuple[str, ...] = ()
+    """What was left out or cut, for the user."""
+
+    def components(self) -> tuple[Region, ...]:
+        """Connected components, each with its own border, the largest first; itself if it is connected."""
+        return self._components
+
+    @cached_property
+    def _components(self) -> tuple[Region, ...]:
+        pieces = connected(Clipped(self.surface, self.facets))
+        if len(pieces) == 1:
+            return (self,)
+        return tuple(build_region(piece.surface, piece.parents, self.up) for piece in pieces)
+
+
+def select_region(
+    surface: Surface,
+    mesh: PartMesh,
+    choice: str = "auto",
+    feature_angle: float | None = None,
+    edge_margin: float = 0.0,
+) -> Region:
+    """Select the region to polish.
+
+    Args:
+        surface: The whole part's surface.
+        mesh: The part it was fitted to.
+        choice: ``auto`` the largest smooth face that looks up; ``top`` the largest connected piece that
+            looks up, over creases; ``all`` everything, in patches; ``point:X,Y,Z`` the smooth face at a point;
+            ``box:X0,Y0,Z0,X1,Y1,Z1`` the smooth faces that look up within a box; ``polygon:X,Y,Z;X,Y,Z;...``
+            (or a file with a corner per line) those within a polygon seen from above; ``faces:FILE`` the
+            facets whose numbers (from 0) in the part's file a text file lists. Lengths in mm, work frame.
+        feature_angle: Edges that bend more are creases [rad]; None for the creases of the surface.
+        edge_margin: How far the region keeps from its borders, measured along the surface [m].
+
+    Returns:
+        The region, with clean borders; box, polygon, faces, all and a margin may give several components.
+
+    Raises:
+        InputError: The choice cannot be understood; lists the valid ones.
+        PlanError: Nothing of the part matches, or nothing is left within the margin.
+    """
+    name, _, argument = choice.partition(":")
+    pick = (WITH_ARGUMENT if argument else PLAIN).get(name)
+    if pick is None or choice.endswith(":"):
+        raise InputError(f"unknown region '{choice}'. Valid: {CHOICES}.")
+    whole = Whole(_with_creases(surface, mesh, feature_angle), mesh.up, mesh.stl_facets)
+    patches, notes = _without_slivers(pick(whole, argument))
+    if edge_margin > 0.0:
+        patches, further = _without_slivers(trim(patches, edge_margin))
+        notes += further
+    kept = join(patches)
+    return build_region(kept.surface, kept.parents, mesh.up, notes)
+
+
+def build_region(surface: Surface, facets: Ints, up: Floats, notes: tuple[str, ...] = ()) -> Region:
+    """Make a region of a surface: part its pinched vertices, trace its border.
+
+    Args:
+        surface: The surface, in one or several pieces.
+        facets: Facet of the whole part each of its facets belongs to, shape (k,).
+        up: Unit vector away from the table, shape (3,).
+        notes: What the user should know.
+
+    Returns:
+        The region.
+    """
+    surface = unpinch(surface)
+    return Region(
+        surface=surface,
+        facets=facets,
+        boundary_loops=boundary_loops(surface),
+        area_m2=float(surface.facet_areas.sum()),
+        up=_seen_from(surface, up),
+        notes=notes,
+    )
+
+
+def merge_regions(components: Sequence[Region], up: Floats, notes: tuple[str, ...] = ()) -> Region:
+    """Make one region of several unconnected ones of a part.
+
+    Args:
+        components: At least one.
+        up: Unit vector away from the table, shape (3,).
+        notes: What the user should know.
+
+    Returns:
+        The region; they are its components.
+    """
+    kept = join([Clipped(component.surface, component.facets) for component in components])
+    return build_region(kept.surface, kept.parents, up, notes)
+
+
+def _seen_from(surface: Surface, up: Floats) -> Floats:
+    mean = facing(surface)
+    length = float(np.linalg.norm(mean))
+    if length < 0.1 or mean @ up > np.cos(UP_CONE) * length:
+        return up
+    mean = mean / length
+    mean.setflags(write=False)
+    return np.asarray(mean)
+
+
+def _with_creases(surface: Surface, mesh: PartMesh, feature_angle: float | None) -> Surface:
+    """The surface with its creases where the flat facets bend by more than the feature angle."""
+    if feature_angle is None:
+        return surface
+    normals, _ = facet_normals(mesh.vertices, mesh.faces)
+    smooth = smooth_edges(normals, Adjacency(surface.neighbours, surface.neighbour_edges), feature_angle)
+    return surface if np.array_equal(smooth, surface.smooth) else replace(surface, smooth=smooth)
+
+
+def _without_slivers(patches: list[Clipped]) -> tuple[list[Clipped], tuple[str, ...]]:
+    """Leave out patches that are tiny beside the whole, and say so."""
+    areas = np.array([patch.surface.facet_areas.sum() for patch in patches])
+    large = areas >= SLIVER_SHARE * areas.max()
+    if large.all():
+        return patches, ()
+    count, lost = int(np.count_nonzero(~large)), float(areas[~large].sum())
+    what = "1 patch" if count == 1 else f"{count} patches"
+    note = f"left out {what} of the region, below {SLIVER_SHARE:.1%} of the largest: {lost * 1e6:.3g} mm^2 in all"
+    return [patch for patch, keep in zip(patches, large, strict=True) if keep], (note,)

@@ -1,0 +1,1 @@
+"""A region made ready to be planned on: holes bridged, finely triangulated."""

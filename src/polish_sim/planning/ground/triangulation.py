@@ -1,0 +1,192 @@
+"""The region as one fine conforming triangulation (Region -> where distances are looked up and areas summed)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from polish_sim.errors import PlanError
+from polish_sim.geometry import Surface
+from polish_sim.planning.ground.connected import label_pieces
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MAX_TRIANGLES = 1_500_000
+ALIKE = 1.0 + 1e-9
+"""Lengths that differ by less are equal: rounding must not decide how patches are split."""
+MOST_ROUNDS = 40
+"""Every round halves the longest edges; patches that do not fit each other end the splitting here."""
+
+
+@dataclass(frozen=True, eq=False)
+class Triangulation:
+    """Triangles no longer than a chosen edge, their vertices exactly on the surface."""
+
+    vertices: Array
+    """Points on the surface [m], shape (n, 3)."""
+    normals: Array
+    """Unit outward normals, shape (n, 3)."""
+    triangles: Ints
+    """Vertex indices, counter-clockwise from outside, shape (m, 3)."""
+    areas: Array
+    """Areas [m^2], shape (m,)."""
+    owners: Ints
+    """Facet of the surface each triangle lies on, shape (m,)."""
+
+    @cached_property
+    def edges(self) -> Ints:
+        """Every edge once, shape (e, 2)."""
+        return _decode(np.unique(_edge_keys(self.triangles, len(self.vertices))), len(self.vertices))
+
+    @cached_property
+    def border(self) -> Ints:
+        """Directed edges with a triangle on their left only, shape (b, 2)."""
+        keys = _edge_keys(self.triangles, len(self.vertices))
+        _, which, count = np.unique(keys, return_inverse=True, return_counts=True)
+        return _half_edges(self.triangles)[count[which] == 1]
+
+    @cached_property
+    def vertex_areas(self) -> Array:
+        """A third of the area of every triangle around a vertex [m^2], shape (n,)."""
+        return self._around_vertices(self.areas)
+
+    def part_areas(self, facets: int) -> Array:
+        """The same, counting only triangles on the surface's first facets [m^2], shape (n,)."""
+        return self._around_vertices(np.where(self.owners < facets, self.areas, 0.0))
+
+    def _around_vertices(self, areas: Array) -> Array:
+        weights = np.repeat(areas / 3.0, 3)
+        return np.asarray(np.bincount(self.triangles.ravel(), weights=weights, minlength=len(self.vertices)))
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Search tree over the vertices."""
+        return cKDTree(self.vertices)
+
+    def components(self, inside: NDArray[np.bool_]) -> tuple[int, Ints]:
+        """Connected pieces of a set of vertices: their number and each vertex's piece, -1 outside, (n,)."""
+        count, labels = label_pieces(self.triangles, inside)
+        return int(count), labels
+
+
+def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
+    """Split the patches of a surface until no edge is longer than asked for, without gaps.
+
+    Args:
+        surface: The region's surface.
+        longest_edge: Length no edge exceeds [m].
+
+    Returns:
+        The triangulation.
+
+    Raises:
+        PlanError: It would need too many triangles.
+    """
+    wanted = 2.0 * float(surface.facet_areas.sum()) / (0.5 * longest_edge) ** 2
+    if wanted > 4 * MAX_TRIANGLES:
+        raise PlanError(
+            f"the region ({surface.facet_areas.sum() * 1e4:.4g} cm^2) is too large for so fine a step-over: "
+            f"triangles of {longest_edge * 1e3:.3g} mm would be needed. Set a larger step-over or a smaller region."
+        )
+    owners = np.arange(len(surface.faces))
+    corners = np.broadcast_to(np.eye(3), (len(owners), 3, 3))
+    triangles = surface.faces.astype(np.int64)
+    vertices = surface.vertices.copy()
+    for _ in range(MOST_ROUNDS):
+        keys, which = np.unique(_edge_keys(triangles, len(vertices)), return_inverse=True)
+        edges = _decode(keys, len(vertices))
+        length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+        long = length > longest_edge * ALIKE
+        if not long.any() or len(triangles) > 2 * MAX_TRIANGLES:
+            break
+        middle = np.full(len(edges), -1)
+        middle[long] = len(vertices) + np.arange(long.sum())
+        split = middle[which.reshape(3, -1).T]
+        first = _first_half_edge(which, np.flatnonzero(long), len(edges), len(triangles))
+        weights = 0.5 * (corners[first[1], first[0]] + corners[first[1], (first[0] + 1) % 3])
+        added = surface.evaluate(owners[first[1]].astype(np.int32), weights)
+        vertices = np.concatenate([vertices, added.positions])
+        triangles, corners, owners = _split(triangles, corners, owners, split, vertices)
+    return _finish(surface, vertices, triangles, corners, owners)
+
+
+def _half_edges(triangles: Ints) -> Ints:
+    """Edges from corner k to k + 1, all first ones, then all second ones, then all third ones, (3 m, 2)."""
+    return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+
+
+def _edge_keys(triangles: Ints, count: int) -> Ints:
+    """One number per half edge, the same for both directions, shape (3 m,)."""
+    half = _half_edges(triangles)
+    return half.min(axis=1) * count + half.max(axis=1)
+
+
+def _decode(keys: Ints, count: int) -> Ints:
+    return np.stack([keys // count, keys % count], axis=1)
+
+
+def _first_half_edge(which: Ints, wanted: Ints, edge_count: int, count: int) -> tuple[Ints, Ints]:
+    """Corner and triangle of one half edge of each wanted edge."""
+    place = np.empty(edge_count, dtype=np.int64)
+    place[which[::-1]] = np.arange(len(which))[::-1]
+    return place[wanted] // count, place[wanted] % count
+
+
+def _split(triangles: Ints, corners: Array, owners: Ints, split: Ints, vertices: Array) -> tuple[Ints, Array, Ints]:
+    """Replace each triangle by 1, 2, 3 or 4 according to which of its edges get a middle."""
+    many = (split >= 0).sum(axis=1)
+    kept = many == 0
+    out = [(triangles[kept], corners[kept], owners[kept])]
+    for number, pieces in ((1, _split_one), (2, _split_two), (3, _split_three)):
+        rows = np.flatnonzero(many == number)
+        # Turn each triangle so that its split edges stand first.
+        lead = split[rows] >= 0
+        turn = np.argmax(lead & ~np.roll(lead, 1, axis=1), axis=1) if number < 3 else np.zeros(len(rows), dtype=int)
+        order = (turn[:, None] + np.arange(3)) % 3
+        ids = np.concatenate(
+            [np.take_along_axis(triangles[rows], order, 1), np.take_along_axis(split[rows], order, 1)], axis=1
+        )
+        where = np.take_along_axis(corners[rows], order[:, :, None], 1)
+        where = np.concatenate([where, 0.5 * (where + np.roll(where, -1, axis=1))], axis=1)
+        for piece in pieces(ids, vertices):
+            out.append(
+                (np.take_along_axis(ids, piece, 1), np.take_along_axis(where, piece[:, :, None], 1), owners[rows])
+            )
+    return tuple(np.concatenate(parts) for parts in zip(*out, strict=True))  # type: ignore[return-value]
+
+
+def _rows(ids: Ints, *picks: tuple[int, int, int]) -> list[Ints]:
+    return [np.tile(pick, (len(ids), 1)) for pick in picks]
+
+
+def _split_one(ids: Ints, vertices: Array) -> list[Ints]:
+    return _rows(ids, (0, 3, 2), (3, 1, 2))
+
+
+def _split_two(ids: Ints, vertices: Array) -> list[Ints]:
+    """Cut off the corner between both split edges; cut the rest along its shorter diagonal."""
+    one = np.linalg.norm(vertices[ids[:, 0]] - vertices[ids[:, 4]], axis=1)
+    other = np.linalg.norm(vertices[ids[:, 2]] - vertices[ids[:, 3]], axis=1)
+    first = (one <= ALIKE * other)[:, None]
+    corner, a, b = _rows(ids, (3, 1, 4), (0, 3, 4), (0, 4, 2))
+    c, d = _rows(ids, (0, 3, 2), (3, 4, 2))
+    return [corner, np.where(first, a, c), np.where(first, b, d)]
+
+
+def _split_three(ids: Ints, vertices: Array) -> list[Ints]:
+    return _rows(ids, (0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
+
+
+def _finish(surface: Surface, vertices: Array, triangles: Ints, corners: Array, owners: Ints) -> Triangulation:
+    """Normals from one triangle around each vertex, areas of the flat triangles."""
+    place = np.zeros(len(vertices), dtype=np.int64)
+    place[triangles.ravel()[::-1]] = np.arange(triangles.size)[::-1]
+    found = surface.evaluate(owners[place // 3].astype(np.int32), corners[place // 3, place % 3])
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return Triangulation(found.positions, found.normals, triangles, areas, owners)

@@ -1,0 +1,1 @@
+"""How the tool comes to the part, leaves it and travels between runs."""

@@ -1,0 +1,1 @@
+"""The patterns a region can be covered with, and what each of them is made of."""

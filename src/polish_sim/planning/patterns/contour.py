@@ -1,0 +1,162 @@
+"""Closed loops one inside the other, each closed exactly, joined by short slanting steps (pattern; Region -> runs)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from polish_sim.config import PlanConfig
+from polish_sim.geometry import ClosestPoints, Surface
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curves.offset_curve import adapted_spacing
+from polish_sim.planning.curves.turns import Turn
+from polish_sim.planning.patterns.nested import nested_turns
+from polish_sim.planning.patterns.request import PatternRequest
+from polish_sim.planning.patterns.run import FINE, FURTHEST_M, ROUNDING, SHARPENING, SurfaceRun
+
+Array = NDArray[np.float64]
+
+STEP_LENGTH = 1.25
+"""Length of the step from loop to loop along them, in step-overs."""
+SHARE_OF_LOOP = 0.15
+"""It is at most this share of the smaller loop."""
+FURTHEST_STEP = 1.8
+"""Where a loop's neighbour is further away than this many step-overs the tool is lifted."""
+CANDIDATES = 96
+CORNER = 30.0
+"""A wish to step far from corners: a corner costs as much as this many step-overs from the wanted start."""
+
+
+class _Order(NamedTuple):
+    """How the loops are followed."""
+
+    outward: bool
+    reverse: bool
+    """Whether loops run with the inside on their right."""
+
+
+def contour_runs(request: PatternRequest) -> list[SurfaceRun]:
+    """Cover a region with closed loops.
+
+    Args:
+        request: What to cover and how; its plan says inward or outward, conventional or climb, and where to start.
+
+    Returns:
+        One run for each chain of loops inside one another.
+    """
+    plan, surface = request.plan, request.region.surface
+    outward = plan.order == "outward"
+    # With what is not done yet on the left, loops that go inwards have the inside on their left.
+    order = _Order(outward, reverse=outward != (plan.direction == "climb"))
+    runs = []
+    for chain in _chains(nested_turns(request).roots):
+        loops = [_rounded(surface, turn.curve, request.stepover, order.reverse) for turn in chain]
+        starts = _starts(loops, request.stepover, order, plan)
+        runs += _joined(surface, loops, starts, request.stepover, order)
+    return runs[::-1] if outward else runs
+
+
+def _chains(roots: Sequence[Turn]) -> list[list[Turn]]:
+    """Rows of turns one inside the other, outermost first, the longest row first."""
+    waiting, chains = sorted(roots, key=lambda turn: -turn.curve.length), []
+    while waiting:
+        chain = [waiting.pop(0)]
+        while chain[-1].children:
+            inner = sorted(chain[-1].children, key=lambda turn: -turn.curve.length)
+            chain.append(inner[0])
+            waiting.extend(inner[1:])
+        chains.append(chain)
+    return chains
+
+
+def _rounded(surface: Surface, turn: Curve, stepover: float, reverse: bool) -> Curve:
+    """A turn with round corners and points of equal chord error, on the surface."""
+    count = max(int(turn.length / (FINE * stepover)), 12)
+    even = turn.at(np.linspace(0.0, turn.length, count, endpoint=False))[0]
+    window = min(round(ROUNDING / FINE), count // 6) | 1
+    on = surface.closest(_mean(even + SHARPENING * (even - _mean(even, window)), window))
+    smooth = Curve(on.positions, on.normals, True)
+    chords = adapted_spacing(smooth, min(stepover, 8.0 * FURTHEST_M))
+    found = surface.closest(smooth.at(np.concatenate([[0.0], np.cumsum(chords)[:-1]]))[0])
+    order = slice(None, None, -1) if reverse else slice(None)
+    return Curve(found.positions[order], found.normals[order], True)
+
+
+def _mean(ring: Array, window: int) -> Array:
+    """Mean of a ring of points weighted by a triangle of twice the window."""
+    once = uniform_filter1d(ring, window, axis=0, mode="wrap")
+    return np.asarray(uniform_filter1d(once, window, axis=0, mode="wrap"))
+
+
+def _starts(loops: Sequence[Curve], stepover: float, order: _Order, plan: PlanConfig) -> list[float]:
+    """Where each loop begins: on a line traced outwards from the innermost, nearest point to nearest point."""
+    inner = loops[-1]
+    s = np.linspace(0.0, inner.length, CANDIDATES, endpoint=False)
+    lines, cost = [s], _sharpness(inner, s, stepover)
+    sign = 1.0 if order.outward else -1.0
+    for inner, outer in zip(loops[:0:-1], loops[-2::-1], strict=True):
+        foot = outer.nearest(inner.at(lines[-1])[0])
+        # A step leads on by its length, so that it slants.
+        s = foot.s + sign * _step_length(inner, outer, stepover)
+        cost += _sharpness(outer, s, stepover) + np.maximum(foot.distances / stepover - 1.1, 0.0)
+        lines.append(outer.wrap(s))
+    if plan.start:
+        first, places = (loops[-1], lines[0]) if order.outward else (loops[0], lines[-1])
+        cost += CORNER * np.linalg.norm(first.at(places)[0] - np.array(plan.start), axis=1) / stepover
+    best = int(np.argmin(np.round(cost, 6)))
+    return [float(line[best]) for line in reversed(lines)]
+
+
+def _step_length(inner: Curve, outer: Curve, stepover: float) -> float:
+    return min(STEP_LENGTH * stepover, SHARE_OF_LOOP * min(inner.length, outer.length))
+
+
+def _sharpness(loop: Curve, s: Array, stepover: float) -> Array:
+    """How much a loop turns within a step-over around places, beyond 30 deg [rad]."""
+    ahead, behind = (loop.tangents(s + shift * stepover, 0.25 * stepover) for shift in (1.0, -1.0))
+    return np.maximum(np.arccos(np.clip((ahead * behind).sum(axis=1), -1.0, 1.0)) - np.radians(30.0), 0.0)
+
+
+def _joined(
+    surface: Surface, loops: Sequence[Curve], starts: Sequence[float], stepover: float, order: _Order
+) -> list[SurfaceRun]:
+    """Loops in their order, with steps between them where they lie side by side."""
+    rows = list(range(len(loops)))[:: -1 if order.outward else 1]
+    parts: list[list[tuple[Array, int]]] = [[]]
+    for number, k in enumerate(rows):
+        lap = loops[k].between(starts[k], starts[k] + loops[k].length)[0]
+        lap[-1] = lap[0]
+        parts[-1].append((lap, number))
+        if number + 1 == len(rows):
+            break
+        following = rows[number + 1]
+        step = _step(loops[k], starts[k], loops[following], starts[following], stepover)
+        if step is None:
+            parts.append([])
+        else:
+            parts[-1].append((step, number))
+    return [_on_surface(surface, part) for part in parts]
+
+
+def _step(here: Curve, s: float, there: Curve, arrive: float, stepover: float) -> Array | None:
+    """Slanting way from one loop to a place on the next, without its ends; None if it is too long."""
+    foot = float(there.nearest(here.at(np.array([s]))[0]).s[0])
+    length = _step_length(here, there, stepover)
+    ahead = float(np.mod(arrive - foot, there.length))
+    gap = np.linalg.norm(there.at(np.array([arrive]))[0] - here.at(np.array([s + length]))[0])
+    if gap > FURTHEST_STEP * stepover:
+        return None
+    if ahead > 3.0 * length:
+        ahead = min(length, SHARE_OF_LOOP * there.length)
+    share = np.linspace(0.0, 1.0, max(int(2.0 * length / FURTHEST_M), 8) + 1)[1:-1]
+    from_here, from_there = here.at(s + share * length)[0], there.at(arrive - (1.0 - share) * ahead)[0]
+    return np.asarray(from_here + share[:, None] * (from_there - from_here))
+
+
+def _on_surface(surface: Surface, parts: Sequence[tuple[Array, int]]) -> SurfaceRun:
+    points: ClosestPoints = surface.closest(np.concatenate([positions for positions, _ in parts]))
+    return SurfaceRun(points, np.repeat([number for _, number in parts], [len(p) for p, _ in parts]))

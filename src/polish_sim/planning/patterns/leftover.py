@@ -1,0 +1,237 @@
+"""What the turns leave uncovered in the middle and at necks, and the lines that finish it (runs -> runs)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curves.turns import Turn, distance_to
+from polish_sim.planning.ground.connected import label_pieces
+from polish_sim.planning.ground.triangulation import Triangulation
+from polish_sim.planning.patterns.run import Run, dense, join, with_round_corners
+from polish_sim.planning.quality.coverage import STRICT
+from polish_sim.planning.quality.crossings import count_self_crossings
+from polish_sim.planning.toolpath import arc_length
+from polish_sim.spatial import unit
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+WORTH_A_LINK = 0.1
+"""Smallest uncovered area a run is led into, in squared step-overs."""
+WORTH_A_LIFT = 0.5
+"""Smallest uncovered area the tool is lifted for, in squared step-overs."""
+LONGEST_LINK = 12.0
+"""Longest way from a run's end into an uncovered place, in step-overs."""
+CLEAR = 0.2
+"""How near a link may pass other turns, in step-overs."""
+OFF = 0.4
+"""How far a link may be from the region's nearest vertex, in step-overs; vertices are a third of one apart."""
+DEEP = 0.8
+"""A line through the middle of a place ends where the nearest turn comes this much closer."""
+DEEPEST = 2.5
+"""Distances to turns are told apart up to this many step-overs."""
+PAYS = 0.1
+"""A run goes on into a place that is at least this many step-overs wide on the average of the way it takes."""
+MOST_LINES = 64
+SAME = 1e-6
+"""Areas and ways that differ by less than this share are the same."""
+TRACE = 0.1
+"""Spacing of the points turns are compared by, in step-overs."""
+TAIL_POINTS = 15
+"""A link may pass this many of them at the end of its own run."""
+
+
+def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> list[Run]:
+    """Lead runs through what they left uncovered, along its middle; lift only where no run ends nearby.
+
+    Args:
+        mesh: The region.
+        runs: Lines that cover most of it.
+        stepover: [m].
+
+    Returns:
+        The runs, some longer, and new ones at the end.
+    """
+    out, traces = list(runs), [dense(run.positions, TRACE * stepover) for run in runs]
+    everything = np.concatenate(traces) if traces else np.empty((0, 3))
+    distance = _distance(mesh.vertices, everything, stepover)
+    rest = _triangles_of(mesh, distance > STRICT * stepover)
+    tried = np.zeros(len(mesh.vertices), dtype=bool)
+    at_border = np.zeros(len(mesh.vertices), dtype=bool)
+    at_border[mesh.border] = True
+    for place, area in _uncovered_places(mesh, rest, distance, tried, stepover):
+        if area < WORTH_A_LIFT * stepover**2 and at_border[place].any():
+            continue
+        line = _middle_line(mesh, rest, place, distance, stepover)
+        owner, added = _lead_into(mesh, traces, line, stepover)
+        if owner >= 0:
+            if area < PAYS * stepover * _length(np.concatenate([traces[owner][-1:], added])):
+                continue
+            out[owner] = join(out[owner], Run(added, np.full(len(added), out[owner].pass_index[-1])))
+            traces[owner] = np.concatenate([traces[owner], dense(added, TRACE * stepover)])
+        elif area > WORTH_A_LIFT * stepover**2 and len(line) > 1:
+            added = line
+            out.append(Run(line, np.zeros(len(line), dtype=np.int64)))
+            traces.append(dense(line, TRACE * stepover))
+        else:
+            continue
+        _come_nearer(mesh, distance, dense(added, TRACE * stepover), stepover)
+        # What the line did not reach may be tried again.
+        tried &= ~place | (distance < STRICT * stepover)
+    return out
+
+
+def _uncovered_places(
+    mesh: Triangulation, rest: Ints, distance: Array, tried: Mask, stepover: float
+) -> Iterator[tuple[Mask, float]]:
+    """The largest connected place not covered and not tried yet, and its area [m^2], as long as there are any."""
+    for _ in range(MOST_LINES):
+        place, area = _largest_place(mesh, rest, (distance > STRICT * stepover) & ~tried)
+        if area < WORTH_A_LINK * stepover**2:
+            return
+        tried |= place
+        yield place, area
+
+
+def middle_ends(mesh: Triangulation, turn: Turn, stepover: float) -> Array:
+    """Both ends of what an innermost turn will leave uncovered in its middle [m], shape (2, 3), or (0, 3)."""
+    distance = np.zeros(len(mesh.vertices))
+    rows = np.flatnonzero(turn.inside)
+    distance[rows] = distance_to(mesh, rows, [turn.curve], DEEPEST * stepover)
+    uncovered = distance > STRICT * stepover
+    rest = _triangles_of(mesh, uncovered)
+    place, area = _largest_place(mesh, rest, uncovered)
+    if area < WORTH_A_LINK * stepover**2:
+        return np.empty((0, 3))
+    return _middle_line(mesh, rest, place, distance, stepover)[[0, -1]]
+
+
+def _distance(points: Array, trace: Array, stepover: float) -> Array:
+    """Distance of points (n, 3) to a trace (k, 3), inf beyond 2.5 step-overs [m], shape (n,)."""
+    if len(trace) == 0:
+        return np.full(len(points), np.inf)
+    found, _ = cKDTree(trace).query(points, distance_upper_bound=DEEPEST * stepover)
+    return np.asarray(found)
+
+
+def _come_nearer(mesh: Triangulation, distance: Array, trace: Array, stepover: float) -> None:
+    """Bring distances of vertices up to date with a new trace (k, 3)."""
+    low, high = trace.min(axis=0) - DEEPEST * stepover, trace.max(axis=0) + DEEPEST * stepover
+    near = np.flatnonzero(((mesh.vertices > low) & (mesh.vertices < high)).all(axis=1))
+    distance[near] = np.minimum(distance[near], _distance(mesh.vertices[near], trace, stepover))
+
+
+def _triangles_of(mesh: Triangulation, places: Mask) -> Ints:
+    """Triangles with a side inside a set of vertices, shape (k, 3)."""
+    return np.asarray(mesh.triangles[places[mesh.triangles].sum(axis=1) >= 2])
+
+
+def _largest_place(mesh: Triangulation, rest: Ints, open_places: Mask) -> tuple[Mask, float]:
+    """The connected piece of largest area among the triangles of the rest, and that area [m^2]."""
+    if not open_places.any():
+        return open_places, 0.0
+    _, labels = label_pieces(rest, open_places)
+    areas = np.bincount(labels[open_places], weights=mesh.vertex_areas[open_places])
+    largest = _largest(areas)
+    return labels == largest, float(areas[largest])
+
+
+def _largest(values: Array | Ints) -> int:
+    """The first of the largest values, whichever of them rounding made a little larger."""
+    return int(np.argmax(values >= (1.0 - SAME) * values.max()))
+
+
+def _middle_line(mesh: Triangulation, rest: Ints, place: Mask, distance: Array, stepover: float) -> Array:
+    """Longest way through a place along the line furthest from everything covered, (n, 3); a point if compact."""
+    rows = np.flatnonzero(place)
+    number = np.full(len(place), -1)
+    number[rows] = np.arange(len(rows))
+    sides = np.concatenate([rest[:, [0, 1]], rest[:, [1, 2]], rest[:, [2, 0]]])
+    edges = np.unique(np.sort(number[sides[place[sides].all(axis=1)]], axis=1), axis=0)
+    depth = np.minimum(distance[rows], DEEPEST * stepover)
+    points = mesh.vertices[rows]
+    length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+    cost = length * (depth.max() / np.minimum(depth[edges[:, 0]], depth[edges[:, 1]])) ** 4
+    graph = coo_array((cost, (edges[:, 0], edges[:, 1])), shape=(len(rows), len(rows))).tocsr()
+    deepest = _largest(depth)
+    first = _largest(_finite(dijkstra(graph, directed=False, indices=deepest)))
+    way, before = dijkstra(graph, directed=False, indices=first, return_predecessors=True)
+    here, line = _largest(_finite(way)), []
+    while here >= 0:
+        line.append(here)
+        here = int(before[here])
+    # Its ends run into corners, where there is little left to cover.
+    deep = np.flatnonzero(depth[line] > DEEP * depth[line].max())
+    ordered = points[line[deep[0] : deep[-1] + 1]]
+    if np.linalg.norm(np.ptp(ordered, axis=0)) < stepover:
+        return points[deepest][None]
+    even = dense(ordered, TRACE * stepover)
+    window = min(21, len(even) // 2 * 2 - 1)
+    return np.asarray(uniform_filter1d(even, window, axis=0, mode="nearest"))
+
+
+def _length(line: Array) -> float:
+    return float(arc_length(line)[-1])
+
+
+def _finite(values: Array) -> Array:
+    return np.where(np.isfinite(values), values, -1.0)
+
+
+def _lead_into(mesh: Triangulation, traces: Sequence[Array], line: Array, stepover: float) -> tuple[int, Array]:
+    """The run that can go on into a line without crossing anything, and the points it adds; -1 if none can."""
+    offers: list[tuple[float, int, Array]] = []
+    for number, trace in enumerate(traces):
+        heading = unit((trace[-1] - trace[-min(10, len(trace))])[None])[0]
+        for way, detour in _ways(line, trace[-1]):
+            link = way[0] - trace[-1]
+            length = float(np.linalg.norm(link)) + detour
+            price = length * (1.5 - 0.5 * float(link @ heading) / max(length, 1e-12))
+            if price < LONGEST_LINK * stepover:
+                offers.append((price, number, way))
+    for _, number, way in sorted(offers, key=lambda offer: offer[0]):
+        others = [trace for k, trace in enumerate(traces) if k != number]
+        others.append(traces[number][:-TAIL_POINTS])
+        if _is_clear(mesh, others, traces[number][-1], way, stepover) and _turns_clear(
+            mesh, traces[number], way, stepover
+        ):
+            return number, way
+    return -1, line
+
+
+def _ways(line: Array, start: Array) -> list[tuple[Array, float]]:
+    """Ways to follow a line: from either end, or from its nearest point to the further end; with a handicap [m]."""
+    nearest = int(np.linalg.norm(line - start, axis=1).argmin())
+    ahead, back = line[nearest:], line[nearest::-1]
+    part = ahead if len(ahead) > len(back) else back
+    missed = _length(line) - _length(part)
+    return [(line, 0.0), (line[::-1], 0.0), (part, 2.0 * missed)]
+
+
+def _turns_clear(mesh: Triangulation, trace: Array, way: Array, stepover: float) -> bool:
+    """Whether a run that goes on into a way, its corners rounded, does not cross its own last stretch."""
+    points = with_round_corners(np.concatenate([trace[-4 * TAIL_POINTS :], way]), stepover)
+    normals = mesh.normals[mesh.tree.query(points)[1]]
+    return count_self_crossings([Curve(points, normals, False)]) == 0
+
+
+def _is_clear(mesh: Triangulation, turns: Sequence[Array], start: Array, way: Array, stepover: float) -> bool:
+    """Whether the straight way to a line, and the line, stay on the region and keep clear of all turns."""
+    along = dense(np.concatenate([start[None], way]), TRACE * stepover)
+    if mesh.tree.query(along)[0].max() > OFF * stepover:
+        return False
+    # The first steps are bound to be near the turn one comes from.
+    along = along[min(4, len(along) - 1) :]
+    low, high = along.min(axis=0) - CLEAR * stepover, along.max(axis=0) + CLEAR * stepover
+    near = [trace[((trace > low) & (trace < high)).all(axis=1)] for trace in turns]
+    points = np.concatenate(near)
+    return len(points) == 0 or bool(cKDTree(points).query(along)[0].min() > CLEAR * stepover)

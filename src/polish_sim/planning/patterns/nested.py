@@ -1,0 +1,164 @@
+"""All closed turns that cover a region, small loops in its middle included (request -> nested turns)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curves.level_set import LevelLine, level_lines
+from polish_sim.planning.curves.offset_curve import nearest_of
+from polish_sim.planning.curves.turns import Turn, border_curves, distance_to, grow_turns, ring_margin
+from polish_sim.planning.ground.triangulation import Triangulation
+from polish_sim.planning.patterns.request import PatternRequest
+from polish_sim.planning.quality.coverage import STRICT
+from polish_sim.spatial import unit
+
+Array = NDArray[np.float64]
+
+WORTH_A_LOOP = 0.15
+"""Smallest uncovered area that gets a loop, in squared step-overs."""
+EDGE, DEEP_EDGE = 0.53, 0.68
+"""Such a place begins this many step-overs from the turns, just more than the middle between two of them; where it is
+deep the loop lies further in, so that it also covers the middle, but no further than the second."""
+INNER = 0.5
+"""A loop leaves no more than this many step-overs to the middle of its place."""
+PASSES = 2
+"""Places are looked for so many times: what the first loops leave may be a place of its own."""
+WIDER = 0.12
+"""Its loop keeps outside it by this many step-overs, so that it does not run back on itself where the place is thin."""
+TAIL = 0.3
+"""Where a turn runs back along itself nearer than this many step-overs, its tail is cut off; a loop covers it."""
+SLIVER = 0.1
+"""A turn is a sliver if its area is less than so many step-overs times its length."""
+SHORTEST = 1.0
+"""A loop is no shorter than this many step-overs."""
+FURTHEST = 3.0
+"""Distances are told apart up to this many step-overs."""
+
+
+class Nested(NamedTuple):
+    """Turns that cover a region."""
+
+    roots: list[Turn]
+    """The outermost turns; the others hang below them."""
+    loops: list[Turn]
+    """Those of them that only close gaps in the middle."""
+
+
+def nested_turns(request: PatternRequest) -> Nested:
+    """Turns from all borders inwards; on a ring of even width from the outer border to the inner one.
+
+    What the turns leave uncovered in the middle gets a loop of its own, closer to them than a step-over.
+
+    Args:
+        request: What to cover and how.
+
+    Returns:
+        The turns.
+    """
+    region, mesh, stepover, report = request.region, request.mesh, request.stepover, request.report
+    borders, first = border_curves(mesh), 0.5 * stepover
+    if len(borders) == 2:
+        margin = ring_margin(region.surface, mesh, borders, stepover)
+        if margin is not None:
+            borders, first = borders[:1], margin
+    roots = grow_turns(region.surface, mesh, borders, first, stepover, report)
+    for turn in all_turns(roots):
+        turn.curve = without_tails(turn.curve, TAIL * stepover)
+    roots = _without_slivers(roots, stepover)
+    loops: list[Turn] = []
+    for _ in range(PASSES):
+        loops += _close_gaps(mesh, list(all_turns(roots)), stepover)
+    return Nested(roots, loops)
+
+
+def all_turns(roots: Sequence[Turn]) -> Iterator[Turn]:
+    """Every turn, each before those inside it."""
+    for turn in roots:
+        yield turn
+        yield from all_turns(turn.children)
+
+
+def without_tails(curve: Curve, width: float) -> Curve:
+    """A closed curve without the parts that run out and back along themselves.
+
+    Args:
+        curve: The curve.
+        width: Both sides of a tail are nearer to each other than this [m].
+
+    Returns:
+        The curve, shorter where it had tails.
+    """
+    while len(curve.positions) > 8:
+        pairs = cKDTree(curve.positions).query_pairs(width, output_type="ndarray")
+        along = np.abs(np.diff(curve.knots[pairs], axis=1)[:, 0])
+        length = np.minimum(along, curve.length - along)
+        tails = np.flatnonzero(length > 4.0 * width)
+        for k in tails[np.argsort(-length[tails], kind="stable")]:
+            first, last = np.sort(pairs[k])
+            inner = np.arange(first, last + 1)
+            if along[k] > 0.5 * curve.length:
+                inner = np.concatenate([np.arange(last, len(curve.positions)), np.arange(first + 1)])
+            if _area(curve.positions[inner]) < 0.5 * width * length[k]:
+                kept = np.ones(len(curve.positions), dtype=bool)
+                kept[inner[1:-1]] = False
+                curve = Curve(curve.positions[kept], curve.normals[kept], True)
+                break
+        else:
+            return curve
+    return curve
+
+
+def _without_slivers(turns: Sequence[Turn], stepover: float) -> list[Turn]:
+    """The turns without those too thin to go round; gaps they leave are closed like any other."""
+    for turn in turns:
+        turn.children = _without_slivers(turn.children, stepover)
+    return [t for t in turns if t.children or _area(t.curve.positions) > SLIVER * stepover * t.curve.length]
+
+
+def _area(ring: Array) -> float:
+    """Area within a closed ring of points (n, 3), seen square on [m^2]."""
+    ring = ring - ring[0]
+    return 0.5 * float(np.linalg.norm(np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)))
+
+
+def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float) -> list[Turn]:
+    """Hang a loop round every uncovered place below the turn it lies nearest to; returns the loops."""
+    if not turns:
+        return []
+    curves = [turn.curve for turn in turns]
+    everything = np.arange(len(mesh.vertices))
+    distance = np.minimum(distance_to(mesh, everything, curves, FURTHEST * stepover), FURTHEST * stepover)
+    at_border = np.zeros(len(mesh.vertices), dtype=bool)
+    at_border[mesh.border] = True
+    count, labels = mesh.components(distance > EDGE * stepover)
+    loops = []
+    for label in range(count):
+        place = labels == label
+        open_area = mesh.vertex_areas[place & (distance > STRICT * stepover)].sum()
+        if open_area < WORTH_A_LOOP * stepover**2 or at_border[place].any():
+            continue
+        deepest = float(distance[place].max())
+        edge = float(np.clip(deepest - (INNER - WIDER) * stepover, EDGE * stepover, DEEP_EDGE * stepover))
+        for line in level_lines(mesh, np.where(place, distance, 0.0), edge):
+            curve = _loop(line, stepover) if line.closed else None
+            if curve is not None and curve.length > SHORTEST * stepover:
+                nearest = np.bincount(nearest_of(curves, curve.positions).curve).argmax()
+                loops.append(Turn(curve, place))
+                turns[int(nearest)].children.append(loops[-1])
+    return loops
+
+
+def _loop(line: LevelLine, stepover: float) -> Curve:
+    """A level line, a little wider, as a curve with evenly spaced points."""
+    rough = Curve(line.positions, unit(line.normals), True)
+    outwards = np.cross(rough.tangents(rough.knots[:-1], 0.2 * stepover), rough.normals)
+    rough = Curve(rough.positions + WIDER * stepover * outwards, rough.normals, True)
+    s = np.linspace(0.0, rough.length, max(int(np.ceil(8.0 * rough.length / stepover)), 12), endpoint=False)
+    positions, normals = rough.at(s)
+    return Curve(positions, normals, True)

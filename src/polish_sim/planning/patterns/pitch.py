@@ -1,0 +1,141 @@
+"""How far a spiral has gone from each turn towards the next one (matched turns -> shares; paper 1, section 1.3).
+
+The spiral leaves its first turn within a short band, because that turn follows the border. Each further turn is
+parallel to the one before, band included, and as it may come a little nearer or stay a little further away, the
+way inwards spreads from the band over the whole turn, until the spiral is Archimedean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.planning.patterns.matching import Match
+
+Array = NDArray[np.float64]
+
+SPREAD = 0.08
+"""Share of the way inwards that moves from the band to the whole turn, per turn; spacing changes by half of it."""
+FLATTEST = 1e-3
+"""Smallest curvature of a turn told from none, times the step-over."""
+SAMPLES = 16
+"""Samples of the share per step-over along a turn."""
+
+
+class Shares(NamedTuple):
+    """Share of the way from one turn to the next, as a function of the place on the turn."""
+
+    values: Array
+    """At evenly spaced places from the seam to the seam again, shape (n + 1,)."""
+    length: float
+    """Length of the turn [m]."""
+
+    def at(self, s: Array) -> Array:
+        """Shares at arc lengths from the seam [m], 0 to the length."""
+        places = np.linspace(0.0, self.length, len(self.values))
+        return np.asarray(np.interp(s, places, self.values))
+
+    def around(self, s: Array) -> Array:
+        """Shares any number of rounds away, where they grow by one per round."""
+        turns = np.floor(s / self.length)
+        where = (s / self.length - turns) * (len(self.values) - 1)
+        return np.asarray(np.interp(where, np.arange(len(self.values)), self.values) + turns)
+
+
+def spread_shares(
+    lengths: Sequence[float], matches: Sequence[Match], band: float, to_border: bool, stepover: float
+) -> list[Shares]:
+    """Shares of all turns of a spiral.
+
+    Args:
+        lengths: Length of each turn, outermost first [m].
+        matches: Places of each turn and the next one, one less.
+        band: Length around the first seam in which the spiral leaves its first turn [m].
+        to_border: Whether the last turn follows a border too.
+        stepover: [m].
+
+    Returns:
+        Shares of each turn.
+    """
+    amounts = _amounts([bool(match.beside.all()) for match in matches], to_border)
+    step = _first_step(_grid(lengths[0], stepover), band)
+    out = [_spread(np.maximum(step.values, 0.0), amounts[0], amounts[min(1, len(matches))], lengths[0])]
+    for i, match in enumerate(matches):
+        beside = _seen_from(step, match, _grid(lengths[i + 1], stepover))
+        step = _parallel(beside, match, 1.0 - amounts[i], stepover)
+        # Behind the seam the step is still that of the round before, ahead of it the next one comes.
+        half = len(step.values) // 2
+        values = np.concatenate([beside.values[:half], step.values[half:]])
+        out.append(_spread(values, amounts[i + 1], amounts[min(i + 2, len(matches))], step.length))
+    return out
+
+
+def _spread(step: Array, amount: float, following: float, length: float) -> Shares:
+    """A step mixed with an even drift; how much of either goes over into the next turn's."""
+    phase = np.linspace(0.0, 1.0, len(step))
+    mixed = (1.0 - phase) * amount + phase * following
+    return Shares(mixed * (phase - 0.5) + (1.0 - mixed) * step, length)
+
+
+def _amounts(even: Sequence[bool], to_border: bool) -> Array:
+    """How Archimedean each turn may be, 0 to 1: not at all along borders and beside uneven turns."""
+    rigid = np.zeros(len(even) + 1, dtype=bool)
+    rigid[:2] = True
+    rigid[-2:] |= to_border
+    for i, is_even in enumerate(even):
+        rigid[i : i + 2] |= not is_even
+    away = np.abs(np.arange(len(rigid))[:, None] - np.flatnonzero(rigid)).min(axis=1)
+    return np.minimum(SPREAD * away, 1.0)
+
+
+def _grid(length: float, stepover: float) -> Array:
+    return np.linspace(0.0, length, max(int(np.ceil(SAMPLES * length / stepover)), 32) + 1)
+
+
+def _first_step(grid: Array, band: float) -> Shares:
+    """Smoothly from 0 to 1 around the seam."""
+    length = float(grid[-1])
+    ahead, behind = (_smooth_step(where / band + 0.5) for where in (grid, grid - length))
+    return Shares(ahead - 1.0 + behind, length)
+
+
+def _smooth_step(u: Array) -> Array:
+    u = np.clip(u, 0.0, 1.0)
+    return np.asarray(u**3 * (10.0 - 15.0 * u + 6.0 * u**2))
+
+
+def _seen_from(outer: Shares, match: Match, grid: Array) -> Shares:
+    """Shares on a turn carried over to the next one."""
+    return Shares(outer.around(np.interp(grid, match.inner, match.outer)), float(grid[-1]))
+
+
+def _parallel(step: Shares, match: Match, height: float, stepover: float) -> Shares:
+    """A step that keeps one step-over from the step on the turn outside it.
+
+    Its line is the upper envelope of circles around the outer one. Where turns get shorter inwards they bend
+    about a middle: the circles are laid down in polar coordinates.
+
+    Args:
+        step: The outer step, carried over to this turn.
+        match: Places of the outer turn and this one.
+        height: Height of the step [step-overs].
+        stepover: [m].
+
+    Returns:
+        The parallel step.
+    """
+    grid = np.linspace(0.0, step.length, len(step.values))
+    beside = Shares(np.interp(grid, match.inner, match.outer) / match.outer[-1], step.length)
+    longer = (beside.around(grid + stepover) - beside.around(grid - stepover)) * match.outer[-1] / (2.0 * stepover)
+    radius = 1.0 / np.maximum(longer - 1.0, FLATTEST)  # of the turn, in step-overs
+    best = step.values.copy()
+    for reach in np.linspace(0.02, 0.9, 45):
+        across = radius + 1.0 - np.sqrt(1.0 - reach**2)
+        along = radius * np.arctan2(reach, across) * stepover
+        fall = (np.hypot(across, reach) - radius) / max(height, SPREAD)
+        for side in (-1.0, 1.0):
+            best = np.maximum(best, step.around(grid + side * along) - fall)
+    return Shares(best, step.length)

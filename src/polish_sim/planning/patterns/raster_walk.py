@@ -1,0 +1,183 @@
+"""Which piece of a line follows which in a zig-zag, and the rounded ways between them (pieces -> strokes)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curves.offset_curve import nearest_of
+from polish_sim.planning.toolpath import arc_length
+from polish_sim.spatial import unit
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ENDS = 1.05
+"""Distance of the lines' ends from the border, in step-overs."""
+LINK = 8.0
+"""Longest way along the border from line to line, in step-overs."""
+CLEAR = 0.3
+"""Lines keep this far from the middle of such a way, in step-overs; one that bends round a border may be in it."""
+RADIUS = 0.5
+"""Radius of a U-turn between neighbouring lines, in step-overs."""
+
+
+class Piece(NamedTuple):
+    """A piece of a line away from the border."""
+
+    line: int
+    """Number of the line, counted across the region."""
+    positions: Array
+    """Points [m], shape (n, 3)."""
+
+
+class Stroke(NamedTuple):
+    """Pieces walked one after the other."""
+
+    positions: Array
+    """Points [m], shape (n, 3)."""
+    passing: Array
+    """Middles of the ways between the pieces [m], shape (k, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Ends:
+    """Ends of the pieces on the curves along the border: piece k begins at end 2 k and stops at end 2 k + 1."""
+
+    curves: Sequence[Curve]
+    curve: Ints
+    """Which curve each end lies on, shape (n,)."""
+    s: Array
+    """Arc length there [m], shape (n,)."""
+    tree: cKDTree
+    """Search tree over the points of all pieces."""
+
+    def beside(self, end: int) -> list[tuple[int, Array]]:
+        """The next end either way round, and the points of the way there."""
+        mates = np.flatnonzero(self.curve == self.curve[end])
+        mates, curve = mates[mates != end], self.curves[self.curve[end]]
+        if len(mates) == 0:
+            return []
+        found = []
+        for sign in (1.0, -1.0):
+            ways = np.mod(sign * (self.s[mates] - self.s[end]), curve.length)
+            k, way = int(mates[ways.argmin()]), float(ways.min())
+            s = float(self.s[end])
+            points = curve.between(s, s + way)[0] if sign > 0.0 else curve.between(s - way, s)[0][::-1]
+            found.append((k, points))
+        return found
+
+
+def walk(pieces: Sequence[Piece], curves: Sequence[Curve], stepover: float, start: Sequence[float]) -> list[Stroke]:
+    """Walk the pieces line by line, turning round along the border.
+
+    Args:
+        pieces: Pieces of lines, by the number of their line.
+        curves: The curves along the border on which they end.
+        stepover: [m].
+        start: Where to begin, about [m], shape (3,); empty = at the first line.
+
+    Returns:
+        Strokes; each ends where no piece of a neighbouring line begins nearby.
+    """
+    if not pieces:
+        return []
+    tips = np.concatenate([piece.positions[[0, -1]] for piece in pieces])
+    feet = nearest_of(curves, tips)
+    ends = _Ends(curves, feet.curve, feet.nearest.s, cKDTree(np.concatenate([piece.positions for piece in pieces])))
+    waiting = set(range(len(pieces)))
+    begin, heading = _first_end(pieces, tips, start)
+    strokes = []
+    while waiting:
+        strokes.append(_stroke(pieces, ends, waiting, begin, heading, stepover))
+        if waiting:
+            lowest = min(waiting, key=lambda k: (heading * pieces[k].line, k))
+            begin = min(
+                (2 * lowest, 2 * lowest + 1), key=lambda end: len(_onwards(pieces, ends, waiting, end, stepover))
+            )
+    return strokes
+
+
+def _first_end(pieces: Sequence[Piece], tips: Array, start: Sequence[float]) -> tuple[int, int]:
+    """End to begin at, and whether lines are walked up or down."""
+    low, high = min(piece.line for piece in pieces), max(piece.line for piece in pieces)
+    if not len(start):
+        return 0, 1
+    outer = [end for end in range(len(tips)) if pieces[end // 2].line in (low, high)]
+    begin = min(outer, key=lambda end: float(np.linalg.norm(tips[end] - np.array(start))))
+    return begin, 1 if pieces[begin // 2].line == low else -1
+
+
+def _onwards(
+    pieces: Sequence[Piece], ends: _Ends, waiting: set[int], end: int, stepover: float
+) -> list[tuple[int, Array]]:
+    """Ends of waiting pieces of the same or a neighbouring line that one may go on to, and the ways there."""
+    line = pieces[end // 2].line
+    return [
+        (other, way)
+        for other, way in ends.beside(end)
+        if other // 2 in waiting
+        and other // 2 != end // 2
+        and abs(pieces[other // 2].line - line) <= 1
+        and arc_length(way)[-1] < LINK * stepover
+        and ends.tree.query(way[len(way) // 2])[0] > CLEAR * stepover
+    ]
+
+
+def _stroke(
+    pieces: Sequence[Piece], ends: _Ends, waiting: set[int], begin: int, heading: int, stepover: float
+) -> Stroke:
+    """Walk on from an end as far as there is a way."""
+    rows, ways = [begin], []
+    waiting.discard(begin // 2)
+    while True:
+        options = _onwards(pieces, ends, waiting, rows[-1] ^ 1, stepover)
+        if not options:
+            break
+        line = pieces[rows[-1] // 2].line
+        other, way = max(options, key=lambda option: heading * (pieces[option[0] // 2].line - line))
+        heading = pieces[other // 2].line - line or heading
+        waiting.discard(other // 2)
+        rows.append(other)
+        ways.append(way)
+    lines = [pieces[end // 2].positions[:: -1 if end % 2 else 1] for end in rows]
+    parts = [lines[0]]
+    for way, line_points in zip(ways, lines[1:], strict=True):
+        parts[-1], turn, rest = _rounded(parts[-1], way, line_points, RADIUS * stepover)
+        parts += [turn, rest]
+    middles = [way[len(way) // 2] for way in ways]
+    return Stroke(np.concatenate(parts), np.array(middles).reshape(-1, 3))
+
+
+def _rounded(before: Array, way: Array, after: Array, radius: float) -> tuple[Array, Array, Array]:
+    """Round both corners of a way from line to line; what is left of the line before, the way, and the line after."""
+    length = arc_length(way)[-1]
+    arm = min(radius, 0.5 * length, 0.45 * arc_length(before)[-1], 0.45 * arc_length(after)[-1])
+    before, after = _without_end(before, arm), _without_end(after[::-1], arm)[::-1]
+    middle = _without_end(_without_end(way, arm)[::-1], arm)[::-1]
+    turn = np.concatenate([fillet(before[-1], way[0], middle[0]), middle, fillet(middle[-1], way[-1], after[0])])
+    return before, turn, after
+
+
+def _without_end(line: Array, length: float) -> Array:
+    """A line without its last stretch."""
+    s = arc_length(line)
+    end = max(float(s[-1] - length), 0.0)
+    kept = line[s < end - 1e-12]
+    tip = np.array([np.interp(end, s, line[:, k]) for k in range(3)])
+    return np.concatenate([kept, tip[None]])
+
+
+def fillet(start: Array, corner: Array, end: Array, count: int = 16) -> Array:
+    """Points of the arc that rounds a corner between two points as far from it, without its ends (n, 3)."""
+    arms = unit(np.stack([start, end]) - corner)
+    weight = np.sqrt(max(0.5 * (1.0 - float(arms[0] @ arms[1])), 1e-6))
+    t = np.linspace(0.0, 1.0, count + 2)[1:-1, None]
+    a, b, c = (1.0 - t) ** 2, 2.0 * weight * t * (1.0 - t), t**2
+    return np.asarray((a * start + b * corner + c * end) / (a + b + c))

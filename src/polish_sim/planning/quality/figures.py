@@ -1,0 +1,186 @@
+"""The figures of a path on a region, as the contract names them (path on a region -> metrics and maps)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
+from polish_sim.geometry import PartMesh, Surface
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.ground.ground import Ground
+from polish_sim.planning.quality.coverage import strict_share
+from polish_sim.planning.quality.crossings import find_crossings
+from polish_sim.planning.quality.exposure_map import ExposureMap, expose
+from polish_sim.planning.quality.located import PathOnSurface, locate
+from polish_sim.planning.quality.reach_of_pad import PadReach, measure_pad_reach
+from polish_sim.planning.quality.sharpness import CORNER_M, AxisRate, measure_axis_rate, sharpest_corner
+from polish_sim.planning.quality.spacing import Stepover, measure_stepover
+from polish_sim.planning.toolpath import ToolPath
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """Everything measured of a path on a region."""
+
+    figures: dict[str, Any]
+    """The keys of metrics.json."""
+    exposure: ExposureMap
+    """Time under the pad."""
+    reach: PadReach
+    """Where the pad cannot touch."""
+    spacing: Stepover
+    axis_rate: AxisRate
+    crossings: Array
+    """Places where the path crosses itself [m], shape (k, 3)."""
+    runs: tuple[Curve, ...]
+    """The path between lifts, with surface normals."""
+
+
+def measure_plan(
+    mesh: PartMesh,
+    surface: Surface,
+    ground: Ground,
+    path: ToolPath,
+    plan: PlanConfig,
+    process: ProcessConfig,
+    pad: PadConfig,
+) -> dict[str, Any]:
+    """Measure how well a path covers its region.
+
+    Args:
+        mesh: The part.
+        surface: Its whole surface.
+        ground: The region as it was planned on.
+        path: The path.
+        plan: What was asked for.
+        process: Force and feed.
+        pad: The pad.
+
+    Returns:
+        Figures by their names in the contract; lengths in m. path_length_m is the length in contact;
+        fit_rms_m is how far the smooth surface stands off the middles of the STL's facets, rms.
+    """
+    part = {"facets": len(mesh.faces), "fit_rms_m": fit_rms(mesh, surface)}
+    return part | measure_quality(ground, path, plan.stepover_m, process, pad).figures
+
+
+def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: ProcessConfig, pad: PadConfig) -> Quality:
+    """Measure a path on a region.
+
+    Args:
+        ground: The region.
+        path: The path.
+        stepover: Planned or expected [m].
+        process: Force and feed where the path has none of its own.
+        pad: The pad.
+
+    Returns:
+        Figures and maps.
+    """
+    on = locate(ground, path, process)
+    quality = Quality(
+        figures={},
+        exposure=expose(ground, on, pad),
+        reach=measure_pad_reach(ground.region.surface, ground.part_facets, pad.radius_m),
+        spacing=measure_stepover(on.runs, stepover),
+        axis_rate=measure_axis_rate(on),
+        crossings=find_crossings(on.runs).places,
+        runs=on.runs,
+    )
+    strict = strict_share(ground.mesh, ground.part_facets, on.runs, stepover)
+    quality.figures.update(
+        path_figures(on, path, process)
+        | _spacing_figures(quality.spacing, pad)
+        | _coverage_figures(quality, strict)
+        | _sharpness_figures(on, quality)
+        | {
+            "length_ratio": sum(run.length for run in on.runs) * stepover / ground.region.area_m2,
+            "area_m2": ground.region.area_m2,
+            "bridged_holes": ground.holes,
+        }
+    )
+    return quality
+
+
+def path_figures(on: PathOnSurface, path: ToolPath, process: ProcessConfig) -> dict[str, Any]:
+    """Length, time and lifts of a path."""
+    length = sum(run.length for run in on.runs)
+    return {
+        "path_length_m": length,
+        "cycle_time_s": cycle_time(path, process),
+        "retracts": len(on.runs),
+        "lifts": len(on.runs) - 1,
+        "max_distance_to_surface_m": float(on.distances.max()),
+    }
+
+
+def cycle_time(path: ToolPath, process: ProcessConfig) -> float:
+    """Time the path takes: in contact at its own feed or the process', elsewhere at the approach speed [s]."""
+    chords = np.linalg.norm(np.diff(path.positions_work, axis=0), axis=1)
+    pressing = path.process[1:] & path.process[:-1]
+    feed = np.full(len(path.s), process.feed_m_s) if path.feed is None else path.feed
+    slowness = np.where(pressing, 0.5 * (1.0 / feed[1:] + 1.0 / feed[:-1]), 1.0 / process.approach_speed_m_s)
+    return float((chords * slowness).sum())
+
+
+def _spacing_figures(spacing: Stepover, pad: PadConfig) -> dict[str, Any]:
+    return {
+        "stepover_min_m": spacing.min_m,
+        "stepover_p5_m": spacing.p5_m,
+        "stepover_mean_m": spacing.mean_m,
+        "stepover_p95_m": spacing.p95_m,
+        "stepover_max_m": spacing.max_m,
+        "stepover_excluded": spacing.excluded,
+        "overlap": 1.0 - spacing.mean_m / (2.0 * pad.radius_m),
+    }
+
+
+def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
+    exposure = quality.exposure
+    return {
+        "coverage": exposure.coverage,
+        "coverage_stepover": strict,
+        "exposure_mean_s": exposure.mean_s,
+        "exposure_median_s": exposure.median_s,
+        "exposure_max_s": float(exposure.times.max()),
+        "exposure_cv": exposure.variation,
+        "over_polished_area_m2": exposure.over_area_m2,
+        "under_polished_area_m2": exposure.under_area_m2,
+        "unreachable_area_m2": quality.reach.area_m2,
+        "unreachable_places": len(quality.reach.places),
+    }
+
+
+def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
+    corner, rate = sharpest_corner(on.runs), quality.axis_rate.peak
+    lean = np.arctan2(np.linalg.norm(np.cross(on.axes, on.normals), axis=1), (on.axes * on.normals).sum(axis=1))
+    return {
+        "self_crossings": len(quality.crossings),
+        "sharpest_corner_rad": corner.value,
+        "sharpest_corner_at_m": corner.position.tolist(),
+        "corner_scale_m": CORNER_M,
+        "max_axis_rate_rad_m": rate.value,
+        "max_axis_rate_at_m": rate.position.tolist(),
+        "max_axis_lean_rad": float(lean.max()),
+    }
+
+
+def pad_coverage(ground: Ground, path: ToolPath, process: ProcessConfig, pad: PadConfig) -> float:
+    """Share of the region's area that comes under the pad's compressed area somewhere along a path."""
+    return expose(ground, locate(ground, path, process), pad).coverage
+
+
+def fit_rms(mesh: PartMesh, surface: Surface) -> float:
+    """How far the smooth surface stands off the middles of the STL's facets, weighted by area, rms [m]."""
+    corners = mesh.vertices[mesh.faces]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    facets = np.arange(len(mesh.faces), dtype=np.int32)
+    middles = np.full((len(facets), 3), 1.0 / 3.0)
+    gap = np.linalg.norm(surface.evaluate(facets, middles).positions - corners.mean(axis=1), axis=1)
+    return float(np.sqrt((areas * gap**2).sum() / areas.sum()))

@@ -1,0 +1,127 @@
+"""A path beside the surface it belongs to: feet, normals, curvatures, forces and feeds (ToolPath -> PathOnSurface)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.config import ProcessConfig
+from polish_sim.errors import PlanError
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.ground.ground import Ground
+from polish_sim.planning.toolpath import ToolPath, arc_length
+from polish_sim.spatial import unit
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LONGEST_M = 2e-3
+"""Chords in contact longer than this are looked at in between as well [m]."""
+
+
+class PathOnSurface(NamedTuple):
+    """Points in contact beside the surface they belong to."""
+
+    positions: Array
+    """Tool points [m], shape (n, 3)."""
+    axes: Array
+    """Unit tool axes, shape (n, 3)."""
+    normals: Array
+    """Surface normals at the closest points, shape (n, 3)."""
+    curvatures: Array
+    """Principal curvatures there [1/m], shape (n, 2)."""
+    principal: Array
+    """Unit direction of the first one, shape (n, 3)."""
+    distances: Array
+    """Distance to the part's surface [m], 0 over closed holes, shape (n,)."""
+    heights: Array
+    """The same along the normal [m], positive outside, shape (n,)."""
+    forces: Array
+    """Contact force [N], shape (n,)."""
+    feeds: Array
+    """Feed [m/s], shape (n,)."""
+    stretch_of: Ints
+    """Number of the stretch between lifts each point is in, shape (n,)."""
+    stretches: tuple[Ints, ...]
+    """Rows of each stretch of two points or more."""
+    runs: tuple[Curve, ...]
+    """The same stretches as curves, with surface normals."""
+
+
+def locate(ground: Ground, path: ToolPath, process: ProcessConfig | None = None) -> PathOnSurface:
+    """Find the surface under the points in contact, and between them where they lie far apart.
+
+    Args:
+        ground: The region.
+        path: The path; its own forces and feeds count before those of the process.
+        process: Force and feed.
+
+    Returns:
+        The path in contact.
+
+    Raises:
+        PlanError: No two neighbouring points are in contact.
+    """
+    process = process or ProcessConfig()
+    path = with_points_between(path)
+    surface = ground.region.surface
+    index = np.flatnonzero(path.process)
+    stretch_of = np.concatenate([[0], np.cumsum(np.diff(index) > 1)])[: len(index)]
+    every = np.split(np.arange(len(index)), np.flatnonzero(np.diff(index) > 1) + 1)
+    stretches = tuple(rows for rows in every if len(rows) > 1)
+    if not stretches:
+        raise PlanError(
+            "no two neighbouring points of the path are in contact. Mark points as 'process', or give x,y,z,i,j,k."
+        )
+    positions = path.positions_work[index]
+    foot = surface.closest(positions)
+    bend = surface.curvature(foot.facets, foot.barycentric)
+    gap = positions - foot.positions
+    on_part = foot.facets < ground.part_facets
+    return PathOnSurface(
+        positions=positions,
+        axes=path.axes_work[index],
+        normals=foot.normals,
+        curvatures=np.stack([bend.k1, bend.k2], axis=1),
+        principal=bend.directions,
+        distances=np.where(on_part, np.linalg.norm(gap, axis=1), 0.0),
+        heights=np.where(on_part, (gap * foot.normals).sum(axis=1), 0.0),
+        forces=np.full(len(index), process.contact_force_n) if path.force is None else path.force[index],
+        feeds=np.full(len(index), process.feed_m_s) if path.feed is None else path.feed[index],
+        stretch_of=stretch_of,
+        stretches=stretches,
+        runs=tuple(Curve(positions[rows], foot.normals[rows], False) for rows in stretches),
+    )
+
+
+def with_points_between(path: ToolPath, longest: float = LONGEST_M) -> ToolPath:
+    """Put points into chords in contact that are longer than wanted [m]; the polyline stays what it is."""
+    chords = np.linalg.norm(np.diff(path.positions_work, axis=0), axis=1)
+    pressing = path.process[1:] & path.process[:-1]
+    counts = np.where(pressing, np.maximum(np.ceil(chords / longest * (1.0 - 1e-9)), 1.0), 1.0).astype(np.int64)
+    if (counts == 1).all():
+        return path
+    row = np.repeat(np.arange(len(chords)), counts)
+    share = (np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[row]
+    row, share = np.append(row, len(chords) - 1), np.append(share, 1.0)
+
+    def between(values: Array) -> Array:
+        wide = share[:, None] if values.ndim == 2 else share
+        return np.asarray(values[row] + wide * (values[row + 1] - values[row]))
+
+    nearest = np.minimum(row + (share >= 1.0), len(chords))
+    positions = between(path.positions_work)
+    return replace(
+        path,
+        positions_work=positions,
+        axes_work=unit(between(path.axes_work)),
+        s=arc_length(positions),
+        pass_index=path.pass_index[nearest],
+        segment=path.segment[nearest],
+        curvature=between(path.curvature),
+        force=None if path.force is None else between(path.force),
+        feed=None if path.feed is None else between(path.feed),
+    )

@@ -1,0 +1,177 @@
+"""How far neighbouring turns of a path lie apart, and what step-over a foreign path was made with (runs -> figures)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.quality.point_grid import build_point_grid
+from polish_sim.planning.quality.strands import Samples, Strands
+from polish_sim.spatial import unit
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SAMPLES = 8
+"""Samples per step-over along the path."""
+OWN_STRETCH = 2.0
+"""Points closer than this many step-overs along the path belong to the same turn."""
+FURTHEST = 2.0
+"""A neighbour further away than this many step-overs is no neighbour; coverage tells of such gaps."""
+SHARP = np.radians(60.0)
+"""Change of direction of a corner of 120 deg [rad]."""
+
+
+class Stepover(NamedTuple):
+    """Distances to the adjacent turns, on either side; nan where there are none."""
+
+    min_m: float
+    p5_m: float
+    mean_m: float
+    p95_m: float
+    max_m: float
+    excluded: float
+    """Share of the path left out: corners sharper than 120 deg and the last half turn of each run."""
+    distances_m: Array
+    """All of them, shape (k,)."""
+
+
+def measure_stepover(runs: Sequence[Curve], stepover: float) -> Stepover:
+    """Distances from points of the path to the adjacent turn on either side.
+
+    Args:
+        runs: Each run in contact, an open curve.
+        stepover: What was planned, or expected [m].
+
+    Returns:
+        The distribution.
+    """
+    strands = Strands(runs)
+    path = strands.sample(stepover / SAMPLES)
+    sides = np.cross(path.normals, unit(_along(path)))
+    sides_of = _beside(path, sides, stepover)
+    out = _corners(path) | _last_half_turns(path, sides_of)
+    found = [_refine(strands, path, beside, ~out & (beside >= 0) & ~out[beside], stepover) for beside in sides_of]
+    kept = np.concatenate(found)
+    if len(kept) == 0:
+        return Stepover(np.nan, np.nan, np.nan, np.nan, np.nan, float(out.mean()), kept)
+    p5, p95 = (float(value) for value in np.percentile(kept, [5.0, 95.0]))
+    return Stepover(float(kept.min()), p5, float(kept.mean()), p95, float(kept.max()), float(out.mean()), kept)
+
+
+def _along(path: Samples) -> Array:
+    """Central differences along each run, shape (n, 3)."""
+    rows = np.arange(len(path.run))
+    before = np.maximum(rows - 1, path.first[path.run])
+    after = np.minimum(rows + 1, path.first[path.run + 1] - 1)
+    return path.points[after] - path.points[before]
+
+
+def _corners(path: Samples) -> Mask:
+    """Points within half a step-over of a place where the path turns by more than 60 deg within one."""
+    half = SAMPLES // 2
+    index = np.arange(len(path.run))
+    low, high = path.first[path.run], path.first[path.run + 1] - 1
+    before = path.points - path.points[np.maximum(index - half, low)]
+    after = path.points[np.minimum(index + half, high)] - path.points
+    sharp = (unit(before) * unit(after)).sum(axis=1) < np.cos(SHARP)
+    sharp &= (index - half >= low) & (index + half <= high)
+    return binary_dilation(sharp, iterations=half)
+
+
+def _beside(path: Samples, sides: Array, stepover: float) -> tuple[Ints, Ints]:
+    """The nearest sample of another turn on the left and on the right of each sample, -1 where there is none."""
+    reach = FURTHEST * stepover
+    grid = build_point_grid(path.points, 0.5 * reach)
+    own = OWN_STRETCH * stepover
+    found = _nearest_beside(path.points, sides, path.run, path.s, grid, reach, own)
+    return found[0], found[1]
+
+
+@njit(cache=True, error_model="numpy")
+def _nearest_beside(points, sides, run, s, grid, reach, own):  # type: ignore[no-untyped-def]
+    found = np.full((2, len(points)), -1, np.int64)
+    nx, ny, nz = grid.size[0], grid.size[1], grid.size[2]
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        i0, i1 = _cells(x, grid.low[0], grid.cell, nx, reach)
+        j0, j1 = _cells(y, grid.low[1], grid.cell, ny, reach)
+        k0, k1 = _cells(z, grid.low[2], grid.cell, nz, reach)
+        left, right = reach * reach, reach * reach
+        for a in range(i0, i1):
+            for b in range(j0, j1):
+                row = (a * ny + b) * nz
+                for q in range(grid.first[row + k0], grid.first[row + k1]):
+                    j = grid.items[q]
+                    if run[j] == run[i] and abs(s[j] - s[i]) <= own:
+                        continue
+                    dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+                    far2 = dx * dx + dy * dy + dz * dz
+                    if far2 >= left and far2 >= right:
+                        continue
+                    towards = dx * sides[i, 0] + dy * sides[i, 1] + dz * sides[i, 2]
+                    beside = 0.25 * np.sqrt(far2)
+                    if towards > beside and far2 < left:
+                        left = far2
+                        found[0, i] = j
+                    elif -towards > beside and far2 < right:
+                        right = far2
+                        found[1, i] = j
+    return found
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _cells(x, low, cell, count, reach):  # type: ignore[no-untyped-def]
+    """First and one past the last cell within reach along one axis."""
+    first = int(max(np.floor((x - reach - low) / cell), 0))
+    last = int(min(np.floor((x + reach - low) / cell), count - 1)) + 1
+    return first, last
+
+
+def _last_half_turns(path: Samples, sides: tuple[Ints, Ints]) -> Mask:
+    """The second half of the turn that a run closes around its own end, as a spiral does in the middle."""
+    out = np.zeros(len(path.s), dtype=bool)
+    for first, last in zip(path.first[:-1], path.first[1:] - 1, strict=True):
+        beside = [side[last] for side in sides if side[last] >= 0 and path.run[side[last]] == path.run[last]]
+        turns = [j for j in beside if _is_one_turn(path, int(j), int(last))]
+        turn = max((path.s[last] - path.s[j] for j in turns), default=0.0)
+        out[first : last + 1] = path.s[first : last + 1] > path.s[last] - 0.5 * turn
+    return out
+
+
+def _is_one_turn(path: Samples, first: int, last: int) -> bool:
+    """Whether a run goes round about once between two of its samples: not to and fro, not round and round."""
+    rows = np.arange(first, last + 1, SAMPLES // 2)
+    ways, normals = np.diff(path.points[rows], axis=0), path.normals[rows[1:-1]]
+    across = (np.cross(ways[:-1], ways[1:]) * normals).sum(axis=1)
+    turns = np.arctan2(across, (ways[:-1] * ways[1:]).sum(axis=1))
+    return bool(abs(turns.sum()) > 1.5 * np.pi and np.abs(turns).sum() < 4.0 * np.pi)
+
+
+def _refine(strands: Strands, path: Samples, beside: Ints, wanted: Mask, stepover: float) -> Array:
+    """Distances to the neighbouring turn itself instead of its nearest sample."""
+    rows = np.flatnonzero(wanted)
+    run, s, points = path.run[beside[rows]], path.s[beside[rows]], path.points[rows]
+    best = np.full(len(rows), np.inf)
+    # The foot on two chords about the best place so far; each time the chords are a fourth as long.
+    reach = stepover / SAMPLES
+    for _ in range(3):
+        knots = [strands.at(run, s + shift)[0] for shift in (-reach, 0.0, reach)]
+        nearer, moved = np.full(len(rows), np.inf), s
+        for k in (0, 1):
+            chord = knots[k + 1] - knots[k]
+            share = ((points - knots[k]) * chord).sum(axis=1) / np.maximum((chord**2).sum(axis=1), 1e-300)
+            share = np.clip(share, 0.0, 1.0)
+            gap = np.linalg.norm(points - knots[k] - share[:, None] * chord, axis=1)
+            moved = np.where(gap < nearer, s + (k - 1 + share) * reach, moved)
+            nearer = np.minimum(gap, nearer)
+        s, best = np.clip(moved, 0.0, strands.lengths[run]), nearer
+        reach *= 0.25
+    return best
