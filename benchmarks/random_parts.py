@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import signal
 import tempfile
 import time
@@ -174,7 +175,7 @@ def print_outcome(outcome: Outcome) -> None:
 def print_summary(outcomes: Sequence[Outcome]) -> None:
     """Shares, reasons, worst figures."""
     planned = [o for o in outcomes if not o.refusal and not o.faults]
-    refused = Counter(o.refusal[:70] for o in outcomes if o.refusal)
+    refused = Counter(re.sub(r"[-\d.,;:]+", "#", o.refusal)[:70] for o in outcomes if o.refusal)
     faulty = Counter(fault.split(" ")[0 if "crossings" not in fault else 1] for o in outcomes for fault in o.faults)
     coverage = [o.coverage for o in outcomes if np.isfinite(o.coverage)]
     seconds = [o.seconds for o in outcomes]

@@ -1,0 +1,218 @@
+"""Properties of the geometry, looked for counterexamples by hypothesis; every run tries the same ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from benchmarks.random_draw import RandomPart, draw_part
+from benchmarks.random_parts import exact_mesh
+from polish_sim.geometry import Region, fit_surface, select_region
+from polish_sim.geometry.bezier import differentiate, from_corners
+from polish_sim.geometry.boundary import boundary_loops
+from polish_sim.geometry.clip import clip
+from polish_sim.geometry.fit import fit_triangles
+from polish_sim.geometry.surface import Surface
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curves.stepping import step_on_surface
+from polish_sim.planning.ground.triangulation import triangulate
+from polish_sim.planning.quality.crossings import count_self_crossings
+from tests.geometry.shapes import sphere
+
+CHECKED = settings(
+    max_examples=12, deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow]
+)
+
+seeds = st.integers(0, 10_000)
+lengths = st.floats(0.02, 0.2)
+"""Step-overs as shares of the surface's size."""
+
+
+def bumpy(seed: int, cells: int = 8) -> Surface:
+    """An uneven patch of gentle bumps, turned anywhere; unit size."""
+    rng = np.random.default_rng(seed)
+    steps = np.linspace(-0.5, 0.5, cells + 1)
+    x, y = np.meshgrid(steps, steps, indexing="ij")
+    x[1:-1, 1:-1] += 0.3 / cells * rng.uniform(-1.0, 1.0, (cells - 1, cells - 1))
+    a, b = rng.uniform(-0.1, 0.1, 2)
+    z = a * np.cos(4.0 * x + rng.uniform(0.0, 6.3)) + b * np.cos(3.0 * y + rng.uniform(0.0, 6.3))
+    number = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    p, q, r, s = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = np.concatenate([np.stack([p, q, r], -1), np.stack([p, r, s], -1)]).reshape(-1, 3).astype(np.int32)
+    vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    return fit_triangles(Rotation.random(random_state=rng).apply(vertices), faces)
+
+
+def places(surface: Surface, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    return rng.integers(0, len(surface.faces), count).astype(np.int32), rng.dirichlet([1.0, 1.0, 1.0], count)
+
+
+@CHECKED
+@given(seeds)
+def test_no_place_of_the_surface_is_nearer_than_the_closest_point(seed):
+    surface, rng = bumpy(seed), np.random.default_rng(seed)
+    points = rng.uniform(-0.8, 0.8, (60, 3))
+    found = surface.closest(points)
+    distance = np.linalg.norm(found.positions - points, axis=1)
+    every = surface.evaluate(*places(surface, 4000, rng)).positions
+    others = np.linalg.norm(every[None] - points[:, None], axis=2).min(axis=1)
+    assert (distance <= others + 1e-9).all()
+
+
+@CHECKED
+@given(seeds)
+def test_the_closest_point_to_a_point_of_the_surface_is_itself(seed):
+    surface, rng = bumpy(seed), np.random.default_rng(seed)
+    on = surface.evaluate(*places(surface, 200, rng)).positions
+    assert np.linalg.norm(surface.closest(on).positions - on, axis=1).max() < 1e-9
+
+
+@CHECKED
+@given(seeds)
+def test_hints_save_time_and_never_change_the_answer(seed):
+    surface, rng = bumpy(seed), np.random.default_rng(seed)
+    points = rng.uniform(-0.8, 0.8, (60, 3))
+    hint = rng.integers(0, len(surface.faces), 60).astype(np.int32)
+    plain, hinted = surface.closest(points), surface.closest(points, hint)
+    gaps = [np.linalg.norm(found.positions - points, axis=1) for found in (plain, hinted)]
+    assert gaps[0] == pytest.approx(gaps[1], abs=1e-9)
+
+
+@CHECKED
+@given(seeds)
+def test_points_and_normals_of_patches_stay_in_bounds_and_unit(seed):
+    surface, rng = bumpy(seed), np.random.default_rng(seed)
+    points = surface.evaluate(*places(surface, 500, rng))
+    low, high = surface.bounds
+    assert (points.positions >= low - 1e-12).all()
+    assert (points.positions <= high + 1e-12).all()
+    assert np.linalg.norm(points.normals, axis=1) == pytest.approx(np.ones(500), abs=1e-12)
+
+
+@CHECKED
+@given(seeds, st.floats(-0.3, 0.3))
+def test_both_sides_of_a_cut_have_the_area_of_the_whole(seed, level):
+    surface, rng = bumpy(seed), np.random.default_rng(seed)
+    across = rng.normal(size=3)
+    across /= np.linalg.norm(across)
+    values = surface.control @ across - level
+    sides = [clip(surface, sign * values).surface for sign in (1.0, -1.0)]
+    area = sum(float(side.facet_areas.sum()) for side in sides if len(side.faces))
+    # Cut lines are chords in each patch's domain; the strips between them and the plane change sides.
+    assert area == pytest.approx(float(surface.facet_areas.sum()), rel=1e-6)
+
+
+@CHECKED
+@given(seeds)
+def test_pieces_of_a_cut_share_their_corners_even_across_creases(seed):
+    """What is cut may differ from side to side of a crease; neighbours still meet in the same points."""
+    surface, rng = bumpy(seed, 5), np.random.default_rng(seed)
+    values = from_corners(rng.uniform(-1.0, 1.0, (len(surface.faces), 3, 1)))[..., 0]
+    rest = clip(surface, values).surface
+    facet, edge = np.nonzero(rest.neighbours >= 0)
+    other, back = rest.neighbours[facet, edge], rest.neighbour_edges[facet, edge]
+    assert np.abs(rest.control[facet, edge] - rest.control[other, (back + 1) % 3]).max(initial=0.0) < 1e-12
+    assert np.abs(rest.control[:, :3] - rest.vertices[rest.faces]).max(initial=0.0) < 1e-12
+
+
+@CHECKED
+@given(seeds)
+def test_border_loops_are_closed_and_keep_the_region_on_their_left(seed):
+    part = draw_part(seed % 200, region="auto")
+    surface = fit_triangles(part.solid.vertices, part.solid.faces[: part.solid.top].astype(np.int32))
+    loops = boundary_loops(surface)
+    enclosed = []
+    for loop in loops:
+        assert (loop[0] == loop[-1]).all()
+        origin = loop[0]
+        enclosed.append(0.5 * float(np.cross(loop[:-1] - origin, loop[1:] - origin).sum(axis=0) @ part.up))
+    assert enclosed[0] > 0.0
+    assert all(area < 0.0 for area in enclosed[1:])
+    # Quadrature that is exact for the patches' own area vectors; loops are polylines within 0.01 mm.
+    facets = np.arange(len(surface.faces), dtype=np.int32)
+    vectors = np.zeros(3)
+    for place in (np.ones((3, 3)) + 3.0 * np.eye(3)) / 6.0:
+        along_u, along_v = differentiate(surface.control, facets, np.tile(place, (len(facets), 1)))
+        vectors += np.cross(along_u, along_v).sum(axis=0) / 6.0
+    around = sum(float(np.linalg.norm(np.diff(loop, axis=0), axis=1).sum()) for loop in loops)
+    assert sum(enclosed) == pytest.approx(float(vectors @ part.up), abs=1e-5 * around)
+
+
+@CHECKED
+@given(seeds, lengths)
+def test_a_step_on_the_surface_has_its_length(seed, step):
+    ball = fit_triangles(*(sphere(3).vertices, sphere(3).faces))
+    rng = np.random.default_rng(seed)
+    start = ball.evaluate(*places(ball, 100, rng))
+    end = step_on_surface(ball, start.positions, start.normals, rng.normal(size=(100, 3)), step)
+    assert np.linalg.norm(end.positions - start.positions, axis=1) == pytest.approx(np.full(100, step), abs=1e-9)
+    assert np.linalg.norm(ball.closest(end.positions).positions - end.positions, axis=1).max() < 1e-9
+
+
+@CHECKED
+@given(seeds, st.floats(0.04, 0.2))
+def test_a_triangulation_covers_its_surface_with_edges_as_short_as_asked(seed, longest):
+    surface = bumpy(seed, 4)
+    mesh = triangulate(surface, longest)
+    ends = mesh.vertices[mesh.edges]
+    assert np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max() <= longest * (1.0 + 1e-6)
+    assert np.linalg.norm(surface.closest(mesh.vertices).positions - mesh.vertices, axis=1).max() < 1e-9
+    assert float(mesh.areas.sum()) == pytest.approx(float(surface.facet_areas.sum()), rel=0.02)
+    # Disc: vertices - edges + triangles = 1, so no gap and no doubled vertex.
+    assert len(mesh.vertices) - len(mesh.edges) + len(mesh.triangles) == 1
+
+
+def polyline(seed: int, turn: np.ndarray) -> Curve:
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([np.cumsum(rng.normal(size=(25, 2)), axis=0), np.zeros(25)]) @ turn.T
+    return Curve(points, np.tile(turn[:, 2], (25, 1)), False)
+
+
+def crossings_by_hand(points: np.ndarray) -> int:
+    """Every pair of segments, one by one, in the plane."""
+
+    def side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+        return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+    count = 0
+    for i in range(len(points) - 1):
+        for j in range(i + 2, len(points) - 1):
+            a, b, c, d = points[i], points[i + 1], points[j], points[j + 1]
+            count += side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0
+    return count
+
+
+@CHECKED
+@given(seeds)
+def test_crossings_are_those_found_pair_by_pair_in_any_pose_and_direction(seed):
+    flat = polyline(seed, np.eye(3))
+    expected = crossings_by_hand(flat.positions)
+    turned = polyline(seed, Rotation.random(random_state=seed).as_matrix())
+    backwards = Curve(flat.positions[::-1], flat.normals[::-1], False)
+    assert [count_self_crossings([curve]) for curve in (flat, turned, backwards)] == [expected] * 3
+
+
+@CHECKED
+@given(seeds)
+def test_a_renumbered_part_has_the_same_surface_and_region(seed):
+    part = draw_part(seed % 100, region="auto")
+    found = [_region_of(part, order) for order in (None, np.random.default_rng(seed))]
+    assert found[1].area_m2 == pytest.approx(found[0].area_m2, rel=1e-9)
+    some = found[0].surface.evaluate(*places(found[0].surface, 300, np.random.default_rng(1)))
+    again = found[1].surface.closest(some.positions)
+    size = float(np.ptp(part.solid.vertices, axis=0).max())
+    assert np.linalg.norm(again.positions - some.positions, axis=1).max() < 1e-9 * size
+
+
+def _region_of(part: RandomPart, rng: np.random.Generator | None) -> Region:
+    vertices, faces = part.solid.vertices, part.solid.faces
+    if rng is not None:
+        order = rng.permutation(len(vertices))
+        place = np.argsort(order)
+        faces = np.take_along_axis(place[faces], (np.arange(3) + rng.integers(0, 3, (len(faces), 1))) % 3, axis=1)
+        vertices, faces = vertices[order], faces[rng.permutation(len(faces))]
+    mesh = exact_mesh(vertices, faces, part.up)
+    return select_region(fit_surface(mesh), mesh)

@@ -1,0 +1,143 @@
+"""A part turned and moved gets the same path, turned and moved; a part twice as large one twice as large."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from benchmarks.random_draw import draw_part
+from benchmarks.random_parts import exact_mesh
+from polish_sim.config import PlanConfig
+from polish_sim.geometry import PartMesh, fit_surface, select_region
+from polish_sim.models.parts import Block, parts
+from polish_sim.models.solids import disc_grid, rectangle_grid
+from polish_sim.planning import ToolPath, plan_path
+from polish_sim.planning.toolpath import arc_length
+
+Array = NDArray[np.float64]
+
+SAME_M = 1e-6
+SAME_AXIS = 1e-3
+"""Tool axes of the same path differ by no more than this; a bent place at 1 mm radius turns by it within SAME_M."""
+
+
+class Body(NamedTuple):
+    """A mesh and its up, before it is put anywhere."""
+
+    vertices: Array
+    faces: NDArray[np.int64]
+    up: Array
+
+    @property
+    def size(self) -> float:
+        return float(np.ptp(self.vertices, axis=0).max())
+
+
+def _coarse(name: str, grid: object) -> Body:
+    solid = Block(parts()[name].shape, grid).build()
+    return Body(solid.vertices, solid.faces, np.array([0.0, 0.0, 1.0]))
+
+
+def _random(seed: int) -> Body:
+    part = draw_part(seed)
+    return Body(part.solid.vertices - part.solid.vertices.mean(axis=0), part.solid.faces, part.up)
+
+
+def _ring() -> Body:
+    solid = replace(parts()["wheel_hub_rim"], spacing=0.006).build()
+    return Body(solid.vertices, solid.faces, np.array([0.0, 0.0, 1.0]))
+
+
+BODIES = {
+    "plate": lambda: _coarse("plate", rectangle_grid(0.200, 0.160, 0.020)),
+    "square plate": lambda: _coarse("plate", rectangle_grid(0.200, 0.200, 0.020)),
+    "cylinder": lambda: _coarse("cylinder", rectangle_grid(0.160, 0.120, 0.010)),
+    "saddle": lambda: _coarse("saddle", rectangle_grid(0.160, 0.160, 0.010)),
+    "freeform": lambda: _coarse("freeform", disc_grid(0.100, 0.006)),
+    "ring": _ring,
+    "random 9": lambda: _random(9),
+    "random 26": lambda: _random(26),
+}
+
+
+@cache
+def body(name: str) -> Body:
+    return BODIES[name]()
+
+
+def mesh_at(found: Body, turn: Array, shift: Array) -> PartMesh:
+    return exact_mesh(found.vertices @ turn.T + shift, found.faces, turn @ found.up)
+
+
+def planned(
+    mesh: PartMesh, size: float, pattern: str, share: float = 12.0, direction: str = "conventional"
+) -> ToolPath:
+    stepover = size / share
+    plan = PlanConfig(
+        pattern=pattern,
+        stepover_m=stepover,
+        bridge_m=0.5 * stepover,
+        clearance_m=2.0 * stepover,
+        direction=direction,
+    )
+    return plan_path(select_region(fit_surface(mesh), mesh), plan)
+
+
+@cache
+def upright(name: str, pattern: str) -> ToolPath:
+    return planned(mesh_at(body(name), np.eye(3), np.zeros(3)), body(name).size, pattern)
+
+
+def assert_same(first: ToolPath, second: ToolPath, turn: Array, shift: Array) -> None:
+    """The second path is the first one turned and moved."""
+    assert len(first.s) == len(second.s)
+    assert np.linalg.norm(second.positions_work - (first.positions_work @ turn.T + shift), axis=1).max() < SAME_M
+    assert np.linalg.norm(second.axes_work - first.axes_work @ turn.T, axis=1).max() < SAME_AXIS
+    assert (first.segment == second.segment).all()
+    assert (first.pass_index == second.pass_index).all()
+
+
+CASES = [(name, pattern) for name in BODIES for pattern in ("spiral", "contour", "fermat")]
+# Rounding still decides where some lines of a raster end on symmetric parts: they differ by 1e-6 to 4e-4 m.
+CASES += [("random 9", "raster"), ("random 26", "raster")]
+
+
+@pytest.mark.parametrize(("name", "pattern"), CASES)
+def test_a_turned_and_moved_part_gets_the_turned_and_moved_path(name, pattern):
+    for seed in range(3):
+        turn = Rotation.random(random_state=seed).as_matrix()
+        shift = np.random.default_rng(seed).uniform(-0.3, 0.3, 3)
+        moved = planned(mesh_at(body(name), turn, shift), body(name).size, pattern)
+        assert_same(upright(name, pattern), moved, turn, shift)
+
+
+@pytest.mark.parametrize("pattern", ["spiral", "contour", "fermat"])
+def test_a_part_twice_as_large_gets_a_path_twice_as_large(pattern):
+    found = body("saddle")
+    large = found._replace(vertices=2.0 * found.vertices)
+    small, big = (
+        planned(mesh_at(part, np.eye(3), np.zeros(3)), part.size, pattern).positions_work for part in (found, large)
+    )
+    # Points lie a millimetre apart on both; the lines they lie on are the same.
+    apart = [cKDTree(2.0 * small).query(big)[0], cKDTree(big).query(2.0 * small)[0]]
+    assert max(distance.max() for distance in apart) < 2.5e-3
+
+
+def test_the_contours_of_a_mirrored_part_are_mirrored_when_walked_the_other_way_round():
+    pattern = "contour"
+    found = body("random 9")
+    mirror = np.diag([1.0, -1.0, 1.0])
+    mirrored = Body(found.vertices @ mirror, found.faces[:, ::-1], mirror @ found.up)
+    path = upright("random 9", pattern)
+    again = planned(mesh_at(mirrored, np.eye(3), np.zeros(3)), found.size, pattern, direction="climb")
+    first, second = path.positions_work[path.process] @ mirror, again.positions_work[again.process]
+    assert arc_length(second)[-1] == pytest.approx(arc_length(first)[-1], rel=0.02)
+    apart = np.concatenate([cKDTree(first).query(second)[0], cKDTree(second).query(first)[0]])
+    assert np.percentile(apart, 90.0) < 1e-3

@@ -1,0 +1,72 @@
+"""Parts of chance: every plan of them holds what every plan must hold; a few of the benchmark's two hundred."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from benchmarks.random_draw import draw_part
+from benchmarks.random_parts import examine, find_faults, mesh_of, triangle_areas, winding
+from benchmarks.random_solid import DAMAGES
+from polish_sim.planning import plan_mesh
+
+SEEDS = (6, 58, 41, 54, 105, 137, 184, 197)
+"""Among them slivers, noise, steps, folds, pockets, damage, small and large, boxes and polygons; the quick ones."""
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_random_part_is_covered_on_its_surface_without_crossings(seed):
+    outcome = examine(seed)
+    assert not outcome.refusal
+    assert not outcome.faults
+
+
+def test_the_generator_makes_closed_solids_and_the_same_ones_again():
+    for seed in range(20):
+        part = draw_part(seed)
+        solid = trimesh.Trimesh(part.solid.vertices, part.solid.faces, process=False)
+        assert solid.is_watertight
+        assert solid.is_winding_consistent
+        assert solid.volume > 0.0
+        assert draw_part(seed).triangles.tobytes() == part.triangles.tobytes()
+
+
+def test_the_top_is_the_largest_face_that_looks_along_up():
+    for seed in range(20):
+        part = draw_part(seed)
+        corners = part.solid.vertices[part.solid.faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        seen = np.maximum(normal @ part.up, 0.0)
+        assert seen[: part.solid.top].sum() > 0.9 * seen.sum()
+        assert triangle_areas(corners)[: part.solid.top].sum() > 0.0
+
+
+def test_damage_changes_the_file_and_not_the_part():
+    damaged = [draw_part(seed) for seed in range(30)]
+    damaged = [part for part in damaged if any(name in part.name for name in DAMAGES)]
+    assert len(damaged) > 3
+    for part in damaged:
+        whole = part.solid.vertices[part.solid.faces]
+        assert part.triangles.shape != whole.shape or (part.triangles != whole).any()
+
+
+def test_points_inside_a_solid_are_told_from_those_outside():
+    cube = trimesh.creation.box((2.0, 2.0, 2.0)).triangles
+    points = np.array([[0.0, 0.0, 0.0], [0.9, -0.9, 0.9], [1.1, 0.0, 0.0], [0.0, 5.0, 0.0]])
+    assert winding(points, np.asarray(cube)) == pytest.approx([1.0, 1.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_a_plan_that_is_wrong_is_found_out():
+    """The checks can fail: the same plan with one figure spoilt, and with a point of the approach in the part."""
+    part = draw_part(6)
+    result = plan_mesh(mesh_of(part), part.plan, pad=part.pad)
+    assert not list(find_faults(part, result))
+    result.figures["self_crossings"] = 1
+    result.figures["coverage_stepover"] = np.nan
+    assert [fault.split()[-1] for fault in find_faults(part, result)] == ["crossings", "nan"]
+    free = np.flatnonzero(~result.path.process)
+    positions = result.path.positions_work.copy()
+    positions[free] = part.solid.vertices.mean(axis=0)
+    object.__setattr__(result.path, "positions_work", positions)
+    assert any("inside" in fault for fault in find_faults(part, result))
