@@ -18,6 +18,7 @@ from polish_sim.analysis.style import GREY, ORANGE, PINK, head, new_figure, styl
 from polish_sim.geometry import PartMesh
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath
+from polish_sim.spatial import unit
 
 Array = NDArray[np.float64]
 
@@ -94,8 +95,7 @@ def _coarse(mesh: PartMesh, vertices: Array) -> Array:
 
 def _shaded(corners: Array, towards: Array) -> tuple[Array, Array]:
     """The facets that face the viewer, far ones first, (m, 3, 3), and their colours, (m, 4)."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     front = np.flatnonzero(normals @ towards > 0.0)
     front = front[np.argsort(corners[front].mean(axis=1) @ towards)]
     bright = AMBIENT + (1.0 - AMBIENT) * np.clip(normals[front] @ LIGHT, 0.0, 1.0) ** 1.5

@@ -11,6 +11,7 @@ from polish_sim.exchange.thinning import needed_rows
 from polish_sim.geometry import PartMesh
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.toolpath import LINK, PROCESS
+from polish_sim.spatial import perpendicular, unit
 
 Array = NDArray[np.float64]
 Colors = NDArray[np.uint8]
@@ -77,13 +78,10 @@ def _stretch(path: ToolPath, rows: NDArray[np.int64], contact: bool, radius: flo
 
 def _rings(middle: Array, axes: Array) -> Array:
     """Unit vectors around each point, across the path, shape (n, SIDES, 3)."""
-    tangent = np.gradient(middle, axis=0)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
-    # Where the tool moves along its own axis the reference is the work axis that is most across.
-    spare = np.eye(3)[np.abs(axes).argmin(axis=1)]
+    tangent = unit(np.gradient(middle, axis=0))
+    # Where the tool moves along its own axis the reference is any way across it.
     along = np.abs(np.sum(tangent * axes, axis=1, keepdims=True)) > 0.95
-    side = np.cross(tangent, np.where(along, spare, axes))
-    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12)
+    side = unit(np.cross(tangent, np.where(along, perpendicular(axes), axes)))
     other = np.cross(side, tangent)
     angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
     return np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * other[:, None]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from polish_sim.errors import PlanError
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.spatial import rotation_to_axis
+from polish_sim.spatial import rotation_to_axis, unit
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def feed_frames(path: ToolPath) -> Array:
     z = -path.axes_work
     feed = np.diff(path.positions_work, axis=0)
     feed = np.concatenate([feed, feed[-1:]])
-    feed /= np.linalg.norm(feed, axis=1, keepdims=True)
+    feed = unit(feed)
     across = feed - np.sum(feed * z, axis=1, keepdims=True) * z
     known = np.linalg.norm(across, axis=1) > ACROSS
     if not known.any():
@@ -41,8 +41,7 @@ def feed_frames(path: ToolPath) -> Array:
     source = np.maximum.accumulate(np.where(known, np.arange(len(z)), -1))
     source = np.where(source < 0, int(known.argmax()), source)
     x = across[source]
-    x -= np.sum(x * z, axis=1, keepdims=True) * z
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    x = unit(x - np.sum(x * z, axis=1, keepdims=True) * z)
     return np.stack([x, np.cross(z, x), z], axis=2)
 
 

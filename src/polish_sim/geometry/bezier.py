@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.spatial import unit
+
 Floats = NDArray[np.float64]
 
 TangentRule = Callable[[Floats, Floats], Floats]
@@ -145,8 +147,7 @@ def quadratic_normals(corners: Floats, normals: Floats) -> Floats:
     edges = np.roll(corners, -1, axis=1) - corners
     both = normals + np.roll(normals, -1, axis=1)
     lean = 2.0 * (edges * both).sum(axis=-1) / (edges**2).sum(axis=-1)
-    middle = both - lean[..., None] * edges
-    middle /= np.maximum(np.linalg.norm(middle, axis=-1, keepdims=True), 1e-300)
+    middle = unit(both - lean[..., None] * edges)
     # Where the ends' normals disagree wildly the mirror image means nothing.
     agrees = (middle * both).sum(axis=-1) > _AGREEMENT * np.linalg.norm(both, axis=-1)
     middle = np.where(agrees[..., None], middle, 0.5 * both)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.geometry.topology import Adjacency, label_pieces
+from polish_sim.spatial import unit
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -174,7 +175,7 @@ def flat_faces(vertices: Floats, faces: Ints, adjacency: Adjacency) -> tuple[Int
 def _face_means(labels: Ints, areas: Floats, normals: Floats, count: int) -> tuple[Floats, Floats]:
     total: Floats = np.bincount(labels, weights=areas, minlength=count).astype(np.float64)
     mean = _sum_over(labels, areas[:, None] * normals, count)
-    return total, mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
+    return total, unit(mean)
 
 
 def _bent_faces(vertices: Floats, faces: Ints, labels: Ints, normals: Floats, tolerance: float, count: int) -> Bools:

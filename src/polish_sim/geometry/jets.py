@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.geometry.features import SmoothCorners, facet_normals
+from polish_sim.spatial import perpendicular, unit
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -76,8 +77,7 @@ def fit_vertex_jets(vertices: Floats, faces: Ints, corners: SmoothCorners, smoot
         frames = _tangent_frames(normals)
         fitted, seen = _fit_heights(*links, normals, frames, trusted)
         able = (seen >= _TRUSTED_NEEDED) & ~corners.flat & ~lonely
-        tilted = normals - np.einsum("kf,kfj->kj", fitted[:, :2], frames)
-        tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
+        tilted = unit(normals - np.einsum("kf,kfj->kj", fitted[:, :2], frames))
         able &= np.linalg.norm(tilted - corners.normals, axis=1) <= room
         normals = np.where(able[:, None], tilted, normals)
         trusted = trusted | able
@@ -98,12 +98,12 @@ def _lend_to_lonely(
     p, q, a, b, c, d, e, f, g = fitted[lender].T
     slope_x = p + a * x + b * y + 3.0 * d * x**2 + 2.0 * e * x * y + f * y**2
     slope_y = q + b * x + c * y + e * x**2 + 2.0 * f * x * y + 3.0 * g * y**2
-    continued = jets.normals[lender] - slope_x[:, None] * frames[lender, 0] - slope_y[:, None] * frames[lender, 1]
-    continued /= np.linalg.norm(continued, axis=1, keepdims=True)
+    slopes = slope_x[:, None] * frames[lender, 0] + slope_y[:, None] * frames[lender, 1]
+    continued = unit(jets.normals[lender] - slopes)
     normals, shape = jets.normals.copy(), np.where(lonely[:, None], 0.0, jets.shape)
     normals[here] = 0.0
     np.add.at(normals, here, continued)
-    normals[here] /= np.linalg.norm(normals[here], axis=1, keepdims=True)
+    normals[here] = unit(normals[here])
     np.add.at(shape, here, jets.shape[lender] / np.bincount(here, minlength=len(size))[here][:, None])
     return VertexJets(normals, shape)
 
@@ -156,9 +156,7 @@ def _widest_tilt_around(vertices: Floats, faces: Ints, corners: SmoothCorners, l
 
 def _tangent_frames(normals: Floats) -> Floats:
     """Two unit tangents for each normal, shape (k, 2, 3)."""
-    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    first = np.cross(normals, axis)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    first = perpendicular(normals)
     return np.stack([first, np.cross(normals, first)], axis=1)
 
 

@@ -14,7 +14,7 @@ from polish_sim.geometry.bvh import BoxTree, build_box_tree
 from polish_sim.geometry.closest import closest_points
 from polish_sim.geometry.jets import unpack
 from polish_sim.geometry.topology import Adjacency
-from polish_sim.spatial import unit
+from polish_sim.spatial import perpendicular, unit
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -133,8 +133,7 @@ class Surface:
         """Principal curvatures at facets (n,) and barycentric coordinates (n, 3)."""
         operators = self.shape_operators(facets, barycentric)
         normals = self.evaluate(facets, barycentric).normals
-        axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
-        first = unit(np.cross(normals, axis))
+        first = perpendicular(normals)
         second = np.cross(normals, first)
         a = np.einsum("ni,nij,nj->n", first, operators, first)
         b = np.einsum("ni,nij,nj->n", first, operators, second)

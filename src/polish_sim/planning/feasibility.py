@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
-
 from polish_sim.config import PadConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, merge_regions
 from polish_sim.planning.curves.offset_curve import nearest_of
 from polish_sim.planning.curves.turns import border_curves
+from polish_sim.planning.ground.footprint import footprint
 from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.quality.located import PathOnSurface
-
-Array = NDArray[np.float64]
 
 NARROWEST = 0.5
 """A region narrower than this share of the pad's diameter cannot carry it."""
@@ -35,7 +30,7 @@ def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> Region:
         PlanError: The whole region is narrower than the pad, or the step-over wider than the pad.
     """
     components = region.components()
-    widths = [footprint_width(component) for component in components]
+    widths = [float(footprint(component).widths.min()) for component in components]
     diameter = 2.0 * pad.radius_m
     if max(widths) < NARROWEST * diameter:
         width = max(widths)
@@ -57,21 +52,6 @@ def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> Region:
         f"in all: narrower than half the pad ({NARROWEST * diameter * 1e3:.3g} mm); a smaller --pad-diameter takes them"
     )
     return merge_regions(wide, region.up, (*region.notes, note))
-
-
-def footprint_width(region: Region) -> float:
-    """Smallest width of a connected region seen from where it looks, over all directions [m]."""
-    first = np.cross(region.up, np.eye(3)[int(np.abs(region.up).argmin())])
-    first /= np.linalg.norm(first)
-    flat = region.surface.vertices @ np.stack([first, np.cross(region.up, first)], axis=1)
-    try:
-        corners = flat[ConvexHull(flat).vertices]
-    except QhullError:
-        return 0.0
-    # The narrowest strip around a polygon lies along one of its sides.
-    along = np.roll(corners, -1, axis=0) - corners
-    across = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
-    return float(np.ptp(corners @ across.T, axis=0).min())
 
 
 def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:

@@ -8,12 +8,13 @@ from polish_sim.spatial.rotations import (
     skew,
 )
 from polish_sim.spatial.transforms import apply, from_pose, inverse, transform
-from polish_sim.spatial.vectors import unit
+from polish_sim.spatial.vectors import perpendicular, unit
 
 __all__ = [
     "apply",
     "from_pose",
     "inverse",
+    "perpendicular",
     "quaternion_from_rotation",
     "rotation_angle",
     "rotation_from_quaternion",

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.repair.skin import Floats, Ints, Skin
 from polish_sim.geometry.topology import find_adjacency
+from polish_sim.spatial import unit
 
 NOISY = 0.01
 """A skin is noisy when its vertices scatter by more than this share of its edges about smooth pieces."""
@@ -106,13 +107,12 @@ def _vertex_normals(vertices: Floats, faces: Ints) -> Floats:
     adjacency = find_adjacency(faces)
     for _ in range(2):
         beside = np.where((adjacency.facets >= 0)[..., None], normals[adjacency.facets], 0.0)
-        normals = normals + beside.sum(axis=1)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        normals = unit(normals + beside.sum(axis=1))
     weighted = areas[:, None] * normals
     total = np.zeros((len(vertices), 3))
     for k in range(3):
         total[:, k] = sum(np.bincount(faces[:, c], weights=weighted[:, k], minlength=len(vertices)) for c in range(3))
-    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
+    return unit(total)
 
 
 def _fitted(

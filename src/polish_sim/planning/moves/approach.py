@@ -91,7 +91,7 @@ def landing(process: Move, at_start: bool, shape: LeadShape, clearance: float) -
     end, inner, codes = (0, 1, (LEAD_IN, APPROACH)) if at_start else (-1, -2, (LEAD_OUT, RETRACT))
     axis = process.axes[end]
     back = process.positions[end] - process.positions[inner]
-    back = unit((back - axis * (back @ axis))[None])[0]
+    back = unit(back - axis * (back @ axis))
     moves = []
     for points, code in ((profile, codes[0]), (above, codes[1])):
         line = process.positions[end] + points[:, :1] * back + points[:, 1:] * axis

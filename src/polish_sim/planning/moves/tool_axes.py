@@ -92,8 +92,7 @@ def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: flo
     allowed = np.clip(STEEPEST - angles_between(axes, normals), 0.0, bound)
     angle = angles_between(axes, wanted)
     # Turn towards the mean by the angle allowed, in the plane of both.
-    square = wanted - axes * (wanted * axes).sum(axis=1, keepdims=True)
-    square /= np.maximum(np.linalg.norm(square, axis=1, keepdims=True), 1e-300)
+    square = unit(wanted - axes * (wanted * axes).sum(axis=1, keepdims=True))
     turn = np.minimum(angle, allowed)[:, None]
     return unit(np.cos(turn) * axes + np.sin(turn) * square)
 

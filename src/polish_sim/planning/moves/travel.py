@@ -12,7 +12,7 @@ from polish_sim.geometry import Surface
 from polish_sim.planning.moves.approach import Move, evenly
 from polish_sim.planning.moves.obstacle import heights
 from polish_sim.planning.toolpath import APPROACH
-from polish_sim.spatial import unit
+from polish_sim.spatial import perpendicular, unit
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def _round(
     middle = part.vertices.mean(axis=0)
     radius = float(np.linalg.norm(part.vertices - middle, axis=1).max()) + 1.5 * clearance
     outside = [_leave(point - middle, axis, radius) for point, axis in ((start, start_axis), (end, end_axis))]
-    first, second = (unit(point[None])[0] for point in outside)
+    first, second = (unit(point) for point in outside)
     reach = max(radius, *(float(np.linalg.norm(point)) for point in outside))
     # A chord between corners must not cut into the ball.
     arc = reach / np.cos(0.5 * np.pi / (ROUND - 1)) * _turned(first, second, np.linspace(0.0, 1.0, ROUND))
@@ -103,6 +103,6 @@ def _turned(first: Array, second: Array, share: Array) -> Array:
     side = second - first * (first @ second)
     size = float(np.linalg.norm(side))
     if size < 1e-9:
-        side = np.cross(first, np.eye(3)[int(np.abs(first).argmin())])
+        side = perpendicular(first)
     angle = share * np.arctan2(size, first @ second)
-    return np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * unit(side[None])[0]
+    return np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * unit(side)

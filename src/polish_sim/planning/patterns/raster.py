@@ -145,7 +145,7 @@ def _turn_first(turn: Curve, positions: Array, stepover: float) -> Array:
 
 def _turn_between(turn: Curve, positions: Array, place: Array, stepover: float) -> Array:
     """Once round a turn that a stroke passes by: out through a gap, round the other way, and back."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    along = arc_length(positions)
     at = along[int(np.linalg.norm(positions - place, axis=1).argmin())]
     leave, come = (
         np.searchsorted(along, at - 0.5 * GAP * stepover) - 1,

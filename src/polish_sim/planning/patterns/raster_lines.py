@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, Surface
@@ -18,6 +17,7 @@ from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.level_set import LevelLine, level_lines
 from polish_sim.planning.curves.offset_curve import offset_curve
 from polish_sim.planning.curves.turns import distance_to
+from polish_sim.planning.ground.footprint import footprint
 from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.patterns.request import PatternRequest, Report
 from polish_sim.spatial import unit
@@ -68,27 +68,19 @@ def _across(region: Region, wanted: Sequence[float]) -> Array:
             f"lines cannot run along {tuple(wanted)}: that is the way the region looks. "
             "Set a raster direction that lies in the region, or none."
         )
-    return np.asarray(across / np.linalg.norm(across))
+    return unit(across)
 
 
 def _short_axis(region: Region) -> Array:
     """Direction in which the region is narrowest, seen from above, shape (3,); turns with the part."""
-    points, up = region.surface.vertices, region.up
-    first = np.cross(up, np.eye(3)[int(np.abs(up).argmin())])
-    first /= np.linalg.norm(first)
-    frame = np.stack([first, np.cross(up, first)], axis=1)
-    flat = points @ frame
-    corners = flat[ConvexHull(flat).vertices]
-    # The narrowest way is always square to a side of the convex hull.
-    sides = unit(np.roll(corners, -1, axis=0) - corners)
-    across = np.stack([-sides[:, 1], sides[:, 0]], axis=1)
-    width = np.ptp(corners @ across.T, axis=0)
-    narrow = across[width < width.min() + AS_NARROW * np.ptp(flat, axis=0).max()]
+    seen = footprint(region)
+    flat, widths = seen.points, seen.widths
+    narrow = seen.ways[widths < widths.min() + AS_NARROW * np.ptp(flat, axis=0).max()]
     # Which of equally narrow ways, and which sense, must not hang on how the part lies: any odd mean of its points.
     odd = np.sin(1.0 + np.arange(len(flat))) @ (flat - flat.mean(axis=0))
     along = narrow @ odd
     best = int(np.abs(along).argmax())
-    return np.asarray(np.copysign(1.0, along[best]) * (frame @ narrow[best]))
+    return np.asarray(np.copysign(1.0, along[best]) * (seen.frame @ narrow[best]))
 
 
 def _both_sides(

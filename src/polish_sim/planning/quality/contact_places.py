@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from polish_sim.spatial import unit
+from polish_sim.planning.toolpath import arc_length
+from polish_sim.spatial import perpendicular, unit
 
 if TYPE_CHECKING:
     from polish_sim.planning.quality.crossings import Segments
@@ -96,7 +97,7 @@ def _crosses(chords: Segments, i: Ints, j: Ints) -> bool:
     if chords.number[j.min()] - chords.number[i.max()] <= 2:
         return False  # the path's own hairpin: both ways are one turn
     normal = unit((chords.start_normals[i] + chords.start_normals[j]).sum(axis=0))
-    first = unit(np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())]))
+    first = perpendicular(normal)
     frame = np.stack([first, np.cross(normal, first)])
     middle = chords.start[i].mean(axis=0)
     one, other = (_Line((_around(chords, which) - middle) @ frame.T) for which in (i, j))
@@ -125,7 +126,7 @@ class _Line:
     def __init__(self, points: Array) -> None:
         """Take its points [m], shape (p, 2) or (p, 3)."""
         self.points = points
-        self.s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        self.s = arc_length(points)
 
     def at(self, s: float) -> Array:
         """The point at an arc length [m], shape (2,)."""
