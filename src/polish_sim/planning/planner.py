@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.geometry import Region, Surface
-from polish_sim.planning.ground.ground import Ground, Piece
-from polish_sim.planning.ground.ground import prepare_ground as prepare_ground
+from polish_sim.planning.ground.ground import Ground, Piece, prepare_ground
 from polish_sim.planning.moves.approach import LEADS, Move, concatenate, with_leads
 from polish_sim.planning.moves.landing import Remark, choose_leads, notes_of
 from polish_sim.planning.moves.order import order_blocks
 from polish_sim.planning.moves.stroke import Stroke, give_axes
 from polish_sim.planning.moves.travel import travel
+from polish_sim.planning.moves.uncross import uncross
 from polish_sim.planning.patterns.registry import PATTERNS
 from polish_sim.planning.patterns.request import PatternRequest, Report
 from polish_sim.planning.patterns.run import SurfaceRun
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 ORDERS: Final = ("inward", "outward")
 DIRECTIONS: Final = ("climb", "conventional")
+CUT_HERE: Final = "the path would cross itself, one of the two strands is cut and the tool lifts there"
 NO_WAY: Final = "no clear way through the air leads from the end of a run to the next one, the part is between"
 
 
@@ -116,6 +117,7 @@ def plan_on(
             "inside the border. Set a smaller step-over or a larger region."
         )
     remarks = [_left_out(piece) for piece, block in zip(ground.pieces, found, strict=True) if not block]
+    blocks = _uncrossed(blocks, plan.stepover_m, remarks)
     runs = _in_order(blocks, PATTERNS[plan.pattern].ordered, plan.start)
     obstacle = ground.region.surface if part is None else part
     return assemble(runs, plan, ground.region.up, obstacle, pad_radius, remarks)
@@ -143,6 +145,17 @@ def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[PieceR
 def _left_out(piece: Piece) -> Remark:
     what = "a piece of the region too narrow for a turn half a step-over inside its border is left out"
     return Remark(what, piece.mesh.vertices.mean(axis=0))
+
+
+def _uncrossed(blocks: Sequence[Sequence[PieceRun]], stepover: float, remarks: list[Remark]) -> list[list[PieceRun]]:
+    """Blocks whose runs cross nowhere; appends remarks where a run had to be cut."""
+    owner = [number for number, block in enumerate(blocks) for _ in block]
+    done = uncross([item for block in blocks for item in block], stepover)
+    remarks += [Remark(CUT_HERE, place) for place in done.cuts]
+    out: list[list[PieceRun]] = [[] for _ in blocks]
+    for item in done.runs:
+        out[owner[item.origin]].append(PieceRun(item.run, item.surface))
+    return [block for block in out if block]
 
 
 def _in_order(blocks: Sequence[Sequence[PieceRun]], ordered: bool, start: tuple[float, ...]) -> list[PieceRun]:

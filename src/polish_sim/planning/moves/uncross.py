@@ -1,0 +1,177 @@
+"""The net under the patterns: where strands still cross, one of them is cut and the tool lifts (runs -> runs).
+
+The other strand covers the place, so nothing stays unpolished. A piece beyond a cut that only goes where other
+strands cover everything is dropped instead of lifting for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from polish_sim.geometry import ClosestPoints, Surface
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.patterns.run import SurfaceRun
+from polish_sim.planning.quality.coverage import strictly_covered
+from polish_sim.planning.quality.crossings import find_crossings
+from polish_sim.planning.quality.strands import Strands
+from polish_sim.planning.toolpath import arc_length
+from polish_sim.spatial import unit
+
+Array = NDArray[np.float64]
+
+CUT = 0.15
+"""A strand is cut this far on either side of a crossing at first, in step-overs; twice as far in every round after."""
+ROUNDS = 6
+AT_PLACE = 0.1
+"""Strands that pass a crossing within this many step-overs are looked at."""
+FINE = 0.02
+"""Spacing at which they are looked for, in step-overs."""
+DEAD_END = 3.0
+"""Pieces shorter than this many step-overs are dropped if others cover what they do."""
+BESIDE = 0.5
+"""A piece covers what lies within this many step-overs of it."""
+
+
+class OnSurface(NamedTuple):
+    """A run, the surface it lies on, and which of the given runs it was a part of."""
+
+    run: SurfaceRun
+    surface: Surface
+    origin: int
+
+
+class Uncrossed(NamedTuple):
+    """Runs that cross neither themselves nor each other."""
+
+    runs: tuple[OnSurface, ...]
+    """What is left, in the order given, pieces of one run one after the other."""
+    cuts: Array
+    """Where a strand was cut [m], shape (k, 3)."""
+
+
+class Cut(NamedTuple):
+    """A stretch to take out of a run."""
+
+    run: int
+    first: float
+    """Arc lengths [m]."""
+    last: float
+
+
+def uncross(runs: Sequence[tuple[SurfaceRun, Surface]], stepover: float) -> Uncrossed:
+    """Cut a short stretch out of one of two strands wherever runs cross.
+
+    Args:
+        runs: Finished runs and the surface each lies on.
+        stepover: [m].
+
+    Returns:
+        The runs, and where they were cut.
+    """
+    items = [OnSurface(run, surface, k) for k, (run, surface) in enumerate(runs)]
+    places = np.empty((0, 3))
+    for number in range(ROUNDS):
+        curves = [_curve(item.run) for item in items]
+        found = find_crossings(curves).places if items else places[:0]
+        if len(found) == 0:
+            break
+        half = CUT * stepover * 2.0**number
+        items = _without(items, _choose_cuts(curves, found, stepover, half), stepover)
+        places = np.concatenate([places, found])
+    return Uncrossed(tuple(items), places)
+
+
+def _curve(run: SurfaceRun) -> Curve:
+    return Curve(run.positions, run.points.normals, False)
+
+
+def _choose_cuts(curves: Sequence[Curve], places: Array, stepover: float, half: float) -> list[Cut]:
+    """Which strand is cut at each place: one cut there already, else the one that ends sooner."""
+    strands = Strands(curves)
+    samples = strands.sample(FINE * stepover)
+    tree = cKDTree(samples.points)
+    cuts: list[Cut] = []
+    for place in places:
+        rows = np.sort(np.array(tree.query_ball_point(place, AT_PLACE * stepover), dtype=np.int64))
+        gap = np.flatnonzero((np.diff(rows) > 2) | (np.diff(samples.run[rows]) != 0)) + 1
+        passes = [part for part in np.split(rows, gap) if len(part)]
+        passes.sort(key=lambda part: np.linalg.norm(samples.points[part] - place, axis=1).min())
+        options = []
+        for part in passes[:2]:
+            run, s = int(samples.run[part[0]]), samples.s[part]
+            nearest = s[np.linalg.norm(samples.points[part] - place, axis=1).argmin()]
+            # Where a strand passes twice without going away in between the whole loop is taken out.
+            low, high = (nearest, nearest) if len(passes) > 1 else (s[0], s[-1])
+            options.append(Cut(run, float(low) - half, float(high) + half))
+        if options:
+            cuts.append(min(options, key=lambda cut: _cost(cut, cuts, strands.lengths)))
+    return cuts
+
+
+def _cost(cut: Cut, others: Sequence[Cut], lengths: Array) -> float:
+    """How far the cut is from the run's nearer end [m]; nothing where the run is cut already."""
+    if any(cut.run == other.run and cut.first < other.last and cut.last > other.first for other in others):
+        return -1.0
+    return min(cut.first, float(lengths[cut.run]) - cut.last)
+
+
+def _without(items: Sequence[OnSurface], cuts: Sequence[Cut], stepover: float) -> list[OnSurface]:
+    """Take stretches out of runs, and drop short pieces that cover nothing others do not."""
+    pieces: list[OnSurface] = []
+    suspects: list[int] = []
+    for number, item in enumerate(items):
+        own = sorted((cut.first, cut.last) for cut in cuts if cut.run == number)
+        for run in _split(item, own) if own else [item.run]:
+            length = arc_length(run.positions)[-1]
+            if own and length < DEAD_END * stepover:
+                suspects.append(len(pieces))
+            pieces.append(item._replace(run=run))
+    suspects.sort(key=lambda k: arc_length(pieces[k].run.positions)[-1])
+    gone: set[int] = set()
+    for k in suspects:
+        others = [_curve(piece.run) for j, piece in enumerate(pieces) if j != k and j not in gone]
+        if others and _covered(pieces[k], others, stepover):
+            gone.add(k)
+    return [piece for k, piece in enumerate(pieces) if k not in gone]
+
+
+def _split(item: OnSurface, cuts: Sequence[tuple[float, float]]) -> list[SurfaceRun]:
+    """What is left of a run between stretches taken out (from, to), sorted [m]."""
+    s = arc_length(item.run.positions)
+    kept, begin = [], 0.0
+    for first, last in cuts:
+        kept.append((begin, first))
+        begin = max(begin, last)
+    kept.append((begin, float(s[-1])))
+    shortest = 1e-3 * float(s[-1])
+    return [_stretch(item, s, low, high) for low, high in kept if high - low > min(shortest, 1e-4)]
+
+
+def _stretch(item: OnSurface, s: Array, low: float, high: float) -> SurfaceRun:
+    """A run from one arc length to another [m], its ends on the surface."""
+    margin = 1e-3 * (high - low)
+    inner = np.flatnonzero((s > low + margin) & (s < high - margin))
+    ends = np.array([low, high])
+    tips = np.stack([np.interp(ends, s, item.run.positions[:, k]) for k in range(3)], axis=1)
+    found = item.surface.closest(tips)
+    columns = (np.concatenate([tip[:1], own[inner], tip[1:]]) for own, tip in zip(item.run.points, found, strict=True))
+    index = np.clip(np.searchsorted(s, ends, side="right") - 1, 0, len(s) - 1)
+    passes = item.run.pass_index[np.concatenate([index[:1], inner, index[1:]])]
+    return SurfaceRun(ClosestPoints(*columns), passes)
+
+
+def _covered(item: OnSurface, others: Sequence[Curve], stepover: float) -> bool:
+    """Whether others cover everything a piece does."""
+    samples = Strands([_curve(item.run)]).sample(0.25 * stepover)
+    first = unit(np.gradient(samples.points, axis=0))
+    second = np.cross(samples.normals, first)
+    angle = np.arange(8) * (0.25 * np.pi)
+    around = np.cos(angle)[:, None, None] * first + np.sin(angle)[:, None, None] * second
+    beside = (samples.points + BESIDE * stepover * around).reshape(-1, 3)
+    found = item.surface.closest(np.concatenate([samples.points, beside]))
+    return bool(strictly_covered(found.positions, found.normals, others, stepover).all())
