@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import SupportsFloat
 
 
 class PolishSimError(Exception):
@@ -49,3 +50,9 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> InputError:
         The error, listing the valid names.
     """
     return InputError(f"unknown {kind} '{name}'. Known: {', '.join(sorted(known))}.")
+
+
+def place_in_mm(point: Sequence[SupportsFloat]) -> str:
+    """Write a point [m] as messages give places and options take them: ``(12.5, 0, -3.14) mm``."""
+    # Adding zero turns -0.0 into 0.0.
+    return "(" + ", ".join(f"{round(1e3 * float(value), 2) + 0.0:.12g}" for value in point) + ") mm"

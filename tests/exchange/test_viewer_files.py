@@ -15,7 +15,8 @@ import trimesh
 from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.html_page import MOST_FACETS, html_text
 from polish_sim.exchange.mesh_files import glb_bytes, ply_bytes
-from polish_sim.exchange.preview import CHORD_SHARE, LEAD_COLOR, RADIUS_SHARE, SIDES, VIRIDIS, light_part, path_tube
+from polish_sim.exchange.path_tube import CHORD_SHARE, LEAD_COLOR, RADIUS_SHARE, SIDES, VIRIDIS, path_tube
+from polish_sim.geometry.lighter_mesh import lighter_mesh
 from tests.planning.shapes import shipped_plan
 
 SETUP = ExportSetup()
@@ -121,7 +122,7 @@ def test_a_part_of_100000_facets_is_shown_by_a_lighter_copy_close_to_it():
     ball = trimesh.creation.icosphere(subdivisions=7, radius=0.1)
     mesh = replace(result.mesh, vertices=ball.vertices, faces=ball.faces.astype(np.int32))
     assert len(mesh.faces) > 300_000
-    vertices, faces = light_part(mesh, MOST_FACETS)
+    vertices, faces = lighter_mesh(mesh.vertices, mesh.faces, MOST_FACETS)
     assert 5_000 < len(faces) <= MOST_FACETS
     assert np.abs(np.linalg.norm(vertices, axis=1) - 0.1).max() < 1e-3
     assert len(html_text(replace(result, mesh=mesh), SETUP)) < 3_000_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from polish_sim.config import PlanConfig
-from polish_sim.planning.planner import Ground, prepare_ground
+from polish_sim.planning.ground.ground import Ground, prepare_ground
 from tests.planning.shapes import region_of
 
 

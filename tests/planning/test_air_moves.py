@@ -10,7 +10,7 @@ from polish_sim.config import PlanConfig
 from polish_sim.geometry import fit_surface, load_part
 from polish_sim.planning.moves.approach import LEADS, normal_lead, process_move, tangent_lead, with_leads
 from polish_sim.planning.moves.landing import Remark, choose_leads, notes_of
-from polish_sim.planning.moves.obstacle import RIM_POINTS, heights, pad_depths
+from polish_sim.planning.moves.obstacle import RIM_POINTS, heights, rim_depths
 from polish_sim.planning.moves.travel import travel
 from tests.planning.shapes import plan_of
 
@@ -47,8 +47,8 @@ def test_heights_are_negative_inside_a_box_and_positive_outside(tmp_path):
 def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
     box = solid(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
     beside = np.array([[0.06, 0.0, 0.0]])
-    assert pad_depths(box, beside, UP[None], 0.0) == pytest.approx([0.0])
-    depth = pad_depths(box, beside, UP[None], 0.025)[0]
+    assert rim_depths(box, beside, UP[None], 0.0) == pytest.approx([0.0])
+    depth = rim_depths(box, beside, UP[None], 0.025)[0]
     # The deepest point of the rim is at most half the angle between two probed ones away.
     assert 0.015 - 0.025 * (1.0 - np.cos(np.pi / RIM_POINTS)) <= depth <= 0.015 + 1e-12
 
@@ -90,7 +90,7 @@ def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing_with_a_note(tmp
     assert leads.shape_in is normal_lead
     assert leads.shape_out is tangent_lead
     assert notes_of(leads.remarks) == (
-        "the tangent lead-in would run into the part, it goes straight along the tool axis: at (32.0, 0.0, 0.0) mm",
+        "the tangent lead-in would run into the part, it goes straight along the tool axis: at (32, 0, 0) mm",
     )
 
 
@@ -107,8 +107,8 @@ def test_on_a_free_plate_every_lead_is_kept(tmp_path, name):
 def test_the_same_remark_at_many_places_is_one_note():
     remarks = [Remark("too narrow", np.array([0.001 * k, 0.0, 0.0])) for k in (4, 5, 6)]
     assert notes_of([*remarks, Remark("hits", np.zeros(3))]) == (
-        "too narrow: at (4.0, 0.0, 0.0) mm and 2 more places",
-        "hits: at (0.0, 0.0, 0.0) mm",
+        "too narrow: at (4, 0, 0) mm and 2 more places",
+        "hits: at (0, 0, 0) mm",
     )
 
 

@@ -11,7 +11,8 @@ from polish_sim.errors import InputError, PlanError
 from polish_sim.models import workpiece_names, workpiece_path
 from polish_sim.planning import plan_part, plan_path
 from polish_sim.planning.feasibility import pad_notes
-from polish_sim.planning.planner import path_on, prepare_ground
+from polish_sim.planning.ground.ground import prepare_ground
+from polish_sim.planning.planner import path_on
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.toolpath import PROCESS
 from tests.planning.shapes import plan_of, prism, region_of, shipped_plan

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from polish_sim.config import PlanConfig
+from polish_sim.planning.ground.ground import prepare_ground
 from polish_sim.planning.moves.tool_axes import STEEPEST, angles_between, lean, smooth_axes
-from polish_sim.planning.planner import plan_on, prepare_ground
+from polish_sim.planning.planner import plan_on
 from tests.planning.shapes import region_of
 
 LEAD, TILT = np.radians(12.0), np.radians(-7.0)

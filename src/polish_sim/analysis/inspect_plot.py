@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.coverage_mesh import hollow_vertices
-from polish_sim.analysis.path_plot import _view_frame as view_frame
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, head, new_figure, styled
+from polish_sim.analysis.view_frame import view_frame
 from polish_sim.planning import Inspection
 
 Array = NDArray[np.float64]

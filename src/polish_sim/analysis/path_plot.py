@@ -15,7 +15,8 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import NDArray
 
 from polish_sim.analysis.style import GREY, ORANGE, PINK, head, new_figure, styled
-from polish_sim.geometry import PartMesh
+from polish_sim.analysis.view_frame import view_frame
+from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath
 from polish_sim.spatial import unit
@@ -26,8 +27,7 @@ MM = 1e3
 COLORS = "viridis"
 LANDING, LEAVING = ORANGE, PINK
 MOST_FACETS = 30_000
-GRID = 120
-"""Beyond so many facets vertices are gathered on a grid of so many cells across, so that drawing stays quick."""
+"""Finer parts are drawn by a lighter copy: matplotlib takes a second for so many."""
 AXES_SHOWN = 90
 FAR_SIDE = -0.05
 """Cosine between tool axis and viewer below which a point lies on a far side of the part."""
@@ -58,39 +58,18 @@ def plot_plan(result: PlanResult) -> Figure:
     figure = new_figure(12.0, 5.8)
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
     flat = figure.add_subplot(1, 2, 2)
-    frame = _view_frame(result.mesh.up)
+    frame = view_frame(result.mesh.up)
     path, mesh = result.path, result.mesh
     shown = path.positions_work @ frame.T * MM
     vertices = mesh.vertices @ frame.T * MM
-    _draw_part(solid, flat, _coarse(mesh, vertices))
+    part = lighter_mesh(vertices, mesh.faces, MOST_FACETS)
+    _draw_part(solid, flat, part.vertices[part.faces])
     scale = Normalize(0.0, float(path.s[-1]))
     _draw_contact(solid, flat, path, shown, frame, scale)
     _draw_leads(solid, flat, path, shown)
     _draw_axes(solid, path, shown, frame)
     _finish(figure, solid, flat, result, scale, np.concatenate([vertices, shown]))
     return figure
-
-
-def _view_frame(up: Array) -> Array:
-    """Rows: right, back and up of the picture in the work frame, shape (3, 3)."""
-    right = np.cross([0.0, 1.0, 0.0], up) if abs(up[1]) < 0.9 else np.cross([0.0, 0.0, -1.0], up)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(up, right), up])
-
-
-def _coarse(mesh: PartMesh, vertices: Array) -> Array:
-    """Corners of the facets to draw, (m, 3, 3)."""
-    if len(mesh.faces) <= MOST_FACETS:
-        return np.asarray(vertices[mesh.faces])
-    cell = float(np.ptp(vertices, axis=0).max()) / GRID
-    keys = np.round(vertices / cell).astype(np.int64)
-    _, group = np.unique(keys, axis=0, return_inverse=True)
-    group = group.ravel()
-    count = np.bincount(group)
-    middles = np.stack([np.bincount(group, vertices[:, k]) / count for k in range(3)], axis=1)
-    faces = group[mesh.faces]
-    kept = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    return middles[faces[kept]]
 
 
 def _shaded(corners: Array, towards: Array) -> tuple[Array, Array]:

@@ -16,8 +16,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.exchange.preview import LEAD_COLOR, PART_COLOR, VIRIDIS, Tube, light_part, path_tube
+from polish_sim.exchange.path_tube import LEAD_COLOR, PART_COLOR, VIRIDIS, Tube, path_tube
 from polish_sim.exchange.setup import ExportSetup
+from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.planning import PlanResult
 
 MM: Final = 1e3
@@ -57,7 +58,7 @@ def html_text(result: PlanResult, setup: ExportSetup) -> str:
 
 def _data(result: PlanResult) -> dict[str, Any]:
     tube = path_tube(result)
-    vertices, faces = light_part(result.mesh, MOST_FACETS)
+    vertices, faces = lighter_mesh(result.mesh.vertices, result.mesh.faces, MOST_FACETS)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     middle = 0.5 * (low + high)
     return {

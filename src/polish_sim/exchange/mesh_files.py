@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from polish_sim.exchange.preview import PART_COLOR, path_tube
+from polish_sim.exchange.path_tube import PART_COLOR, path_tube
 from polish_sim.exchange.setup import ExportSetup
 from polish_sim.planning import PlanResult
 

@@ -9,9 +9,8 @@ from typing import Final
 from polish_sim.errors import InputError
 from polish_sim.exchange.apt_reader import read_apt
 from polish_sim.exchange.columns import read_csv, read_json
+from polish_sim.exchange.plan_folder import PATH_JSON
 from polish_sim.planning import ToolPath
-
-PATH_JSON: Final = "path.json"
 
 READERS: Final[Mapping[str, Callable[[Path, str], ToolPath]]] = {
     ".csv": read_csv,

@@ -10,11 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from polish_sim.geometry.features import facet_normals, smooth_edges
-from polish_sim.geometry.topology import Adjacency, facet_links, find_adjacency
+from polish_sim.geometry.topology import Adjacency, facet_links, find_adjacency, label_pieces
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -41,8 +39,8 @@ _SHIFTS = 3
 """Times a direction is moved to the mean normal of what it sees."""
 
 
-class Skin(NamedTuple):
-    """A mesh made ready for looking at it from many sides."""
+class FacetGraph(NamedTuple):
+    """A mesh made ready for looking at it from many sides: facets, and which of them are joined smoothly."""
 
     normals: Floats
     """Unit normals of the facets, shape (m, 3)."""
@@ -65,25 +63,25 @@ class Face(NamedTuple):
     """Number of its facets."""
 
 
-def skin_of(vertices: Floats, faces: Ints) -> Skin:
+def facet_graph(vertices: Floats, faces: Ints) -> FacetGraph:
     """Prepare a mesh, vertices (n, 3) [m] and faces (m, 3)."""
     normals, areas = facet_normals(vertices, faces)
     adjacency = find_adjacency(faces)
     links = facet_links(adjacency, smooth_edges(normals, adjacency))
-    return Skin(normals, areas, adjacency, links[links[:, 0] < links[:, 1]])
+    return FacetGraph(normals, areas, adjacency, links[links[:, 0] < links[:, 1]])
 
 
-def largest_face(skin: Skin, cone: float) -> Face:
+def largest_face(graph: FacetGraph, cone: float) -> Face:
     """Find the largest set of smoothly joined facets that look within a cone about their mean normal.
 
     Args:
-        skin: The mesh.
+        graph: The mesh.
         cone: Half angle of the cone [rad].
 
     Returns:
         The face.
     """
-    candidates, bounds = _candidates(skin, cone)
+    candidates, bounds = _candidates(graph, cone)
     order = np.argsort(-np.floor(np.log(bounds / bounds.max()) / np.log(_BUCKET) + 1e-9), kind="stable")
     found: list[tuple[int, Face]] = []
     best = 0.0
@@ -91,18 +89,18 @@ def largest_face(skin: Skin, cone: float) -> Face:
         # The bound counts all facets that look this way, joined or not; it is drawn from a sample.
         if _BUCKET * bounds[at] < best:
             continue
-        face = _settle(skin, candidates[at], cone, 1)
+        face = _settle(graph, candidates[at], cone, 1)
         found.append((int(at), face))
         best = max(best, face.area)
     level = [(at, face) for at, face in found if face.area >= (1.0 - _SAME) * best]
     chosen = max(level, key=lambda pair: (pair[1].facets, pair[0]))[1]
-    return _settle(skin, chosen.direction, cone, _SHIFTS)
+    return _settle(graph, chosen.direction, cone, _SHIFTS)
 
 
-def _candidates(skin: Skin, cone: float) -> tuple[Floats, Floats]:
+def _candidates(graph: FacetGraph, cone: float) -> tuple[Floats, Floats]:
     """Directions many facets look in, in the order of the file, and the area that looks so, (c, 3) and (c,)."""
-    step = max(len(skin.areas) // _SAMPLE, 1)
-    normals, areas = skin.normals[::step], skin.areas[::step] * step
+    step = max(len(graph.areas) // _SAMPLE, 1)
+    normals, areas = graph.normals[::step], graph.areas[::step] * step
     leaders: list[Floats] = []
     left = areas > 0.0
     while left.any():
@@ -117,20 +115,18 @@ def _candidates(skin: Skin, cone: float) -> tuple[Floats, Floats]:
     return directions, np.maximum(bounds, 1e-300)
 
 
-def _settle(skin: Skin, direction: Floats, cone: float, rounds: int) -> Face:
+def _settle(graph: FacetGraph, direction: Floats, cone: float, rounds: int) -> Face:
     """Turn a direction to the mean normal of the largest face seen from it."""
     face = Face(direction, 0.0, 0)
     for _ in range(rounds):
-        looks = skin.normals @ direction > np.cos(cone)
+        looks = graph.normals @ direction > np.cos(cone)
         if not looks.any():
             break
-        links = skin.links[looks[skin.links[:, 0]] & looks[skin.links[:, 1]]]
-        size = len(looks)
-        graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(size, size))
-        labels = connected_components(graph, directed=False)[1]
-        sizes: Floats = np.bincount(labels, weights=np.where(looks, skin.areas, 0.0)).astype(np.float64)
+        links = graph.links[looks[graph.links[:, 0]] & looks[graph.links[:, 1]]]
+        labels = label_pieces(links, len(looks))[1]
+        sizes: Floats = np.bincount(labels, weights=np.where(looks, graph.areas, 0.0)).astype(np.float64)
         piece = labels == _first_largest(sizes)
-        direction = _mean(skin.normals, np.where(piece, skin.areas, 0.0), direction)
+        direction = _mean(graph.normals, np.where(piece, graph.areas, 0.0), direction)
         face = Face(direction, float(sizes.max()), int(np.count_nonzero(piece)))
     return face
 

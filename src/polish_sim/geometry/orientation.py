@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.geometry.features import flat_faces
-from polish_sim.geometry.largest_face import Skin, largest_face, skin_of
+from polish_sim.geometry.largest_face import FacetGraph, facet_graph, largest_face
 
 Floats = NDArray[np.float64]
 
@@ -60,25 +60,25 @@ def choose_up(vertices: Floats, faces: NDArray[np.int32], up: str) -> tuple[Floa
         return direction, f"up is {describe(direction)} (as asked)"
     if up != "auto":
         raise unknown_name("side for --up", up, [*SIDES, "auto"])
-    skin = skin_of(vertices, faces)
-    direction = _snap(stand_straight(vertices, faces, skin, UP_CONE))
+    graph = facet_graph(vertices, faces)
+    direction = _snap(stand_straight(vertices, faces, graph, UP_CONE))
     return direction, f"up is {describe(direction)} (assumed: the side with the largest smooth face; --up sets it)"
 
 
-def stand_straight(vertices: Floats, faces: NDArray[np.int32], skin: Skin, cone: float) -> Floats:
+def stand_straight(vertices: Floats, faces: NDArray[np.int32], graph: FacetGraph, cone: float) -> Floats:
     """Direction in which the largest smooth face looks, with the part put straight on a flat face if it has one.
 
     Args:
         vertices: Vertices [m], shape (n, 3).
         faces: Vertex indices, shape (m, 3).
-        skin: The same mesh, made ready.
+        graph: The same mesh, made ready.
         cone: Facets of one face look within this angle of the direction [rad].
 
     Returns:
         Unit vector, shape (3,).
     """
-    found = largest_face(skin, cone)
-    _, areas, normals = flat_faces(vertices, faces, skin.adjacency)
+    found = largest_face(graph, cone)
+    _, areas, normals = flat_faces(vertices, faces, graph.adjacency)
     sides = np.concatenate([normals, -normals])
     sizes = np.concatenate([areas, areas])
     fits = (sides @ found.direction > np.cos(REST_ANGLE)) & (sizes > REST_SHARE * found.area)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from polish_sim.config import PadConfig, PlanConfig
-from polish_sim.errors import PlanError
+from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, merge_regions
 from polish_sim.planning.curves.offset_curve import nearest_of
 from polish_sim.planning.curves.turns import border_curves
@@ -78,9 +78,8 @@ def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:
     hollow = on.curvatures[:, 1]
     worst = int(hollow.argmin())
     if hollow[worst] * pad.radius_m < -1.0:
-        place = ", ".join(f"{value * 1e3:.1f}" for value in on.positions[worst])
         notes.append(
-            f"hollow of {-1e3 / hollow[worst]:.3g} mm radius at ({place}) mm, tighter than the pad "
-            f"({1e3 * pad.radius_m:.3g} mm): the pad touches with its edge there"
+            f"hollow of {-1e3 / hollow[worst]:.3g} mm radius at {place_in_mm(on.positions[worst])}, tighter than the "
+            f"pad ({1e3 * pad.radius_m:.3g} mm): the pad touches with its edge there"
         )
     return notes

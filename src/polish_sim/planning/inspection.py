@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
-from polish_sim.errors import PlanError
+from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, select_region
 from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, load_mesh
@@ -167,17 +167,13 @@ def _findings(quality: Quality, offset: Offset, pad: PadConfig) -> list[str]:
         notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
     for place in quality.reach.places[:NAMED]:
         notes.append(
-            f"out of the pad's reach: {1e6 * place.area_m2:.4g} mm^2 at ({_mm(place.position)}) mm, hollow of "
+            f"out of the pad's reach: {1e6 * place.area_m2:.4g} mm^2 at {place_in_mm(place.position)}, hollow of "
             f"{1e3 * place.radius_m:.3g} mm radius, the pad has {1e3 * pad.radius_m:.3g} mm"
         )
     if len(quality.reach.places) > NAMED:
         notes.append(f"{len(quality.reach.places) - NAMED} smaller places are out of the pad's reach as well")
     if len(quality.crossings):
-        first = ", ".join(f"({_mm(place)})" for place in quality.crossings[:NAMED])
+        first = ", ".join(place_in_mm(place) for place in quality.crossings[:NAMED])
         more = " ..." if len(quality.crossings) > NAMED else ""
-        notes.append(f"crossings of the path with itself: {len(quality.crossings)}, at {first} mm{more}")
+        notes.append(f"crossings of the path with itself: {len(quality.crossings)}, at {first}{more}")
     return notes
-
-
-def _mm(position: Array) -> str:
-    return ", ".join(f"{1e3 * value:.1f}" for value in position)

@@ -14,7 +14,8 @@ from typing import Any
 
 from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
 from polish_sim.geometry import Region
-from polish_sim.planning.planner import plan_path, prepare_ground
+from polish_sim.planning.ground.ground import prepare_ground
+from polish_sim.planning.planner import plan_path
 from polish_sim.planning.quality.figures import measure_quality
 from polish_sim.planning.toolpath import ToolPath
 

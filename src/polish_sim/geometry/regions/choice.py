@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.errors import InputError, PlanError
+from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.boundary import connected_facets
 from polish_sim.geometry.clip import Clipped, clip, then
 from polish_sim.geometry.orientation import UP_CONE
 from polish_sim.geometry.regions.patches import coverable, lies_open, middle_normals, restricted
-from polish_sim.geometry.regions.words import CHOICES, in_millimetres, parse_numbers, read_facet_numbers
+from polish_sim.geometry.regions.words import CHOICES, parse_numbers, read_facet_numbers
 from polish_sim.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -66,7 +66,7 @@ def pick_point(whole: Whole, argument: str) -> list[Clipped]:
     if distance > _POINT_REACH * float(np.ptp(whole.surface.bounds, axis=0).max()):
         raise PlanError(
             f"the region's point ({argument}) mm is {distance * 1e3:.4g} mm away from the part. "
-            f"The nearest point of the part is ({in_millimetres(found.positions[0])}) mm."
+            f"The nearest point of the part is {place_in_mm(found.positions[0])}."
         )
     face = _flood(whole.kept, int(found.facets[0]))
     if lies_open(face.surface):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.errors import InputError, PlanError
+from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.geometry.clip import Clipped, clip, split, then
 from polish_sim.geometry.regions.choice import Whole, looking
 from polish_sim.geometry.regions.patches import connected, restricted
-from polish_sim.geometry.regions.words import in_millimetres, parse_corners, parse_numbers
+from polish_sim.geometry.regions.words import parse_corners, parse_numbers
 from polish_sim.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -111,5 +111,5 @@ def _middles(surface: Surface) -> Floats:
 
 
 def _nothing_in(choice: str, surface: Surface) -> PlanError:
-    bounds = " .. ".join(in_millimetres(corner) for corner in surface.bounds)
-    return PlanError(f"the region '{choice}' contains nothing of the part ({bounds} mm).")
+    low, high = (place_in_mm(corner) for corner in surface.bounds)
+    return PlanError(f"the region '{choice}' contains nothing of the part, which lies between {low} and {high}.")

@@ -72,11 +72,6 @@ def read_facet_numbers(argument: str) -> NDArray[np.int64]:
     return numbers
 
 
-def in_millimetres(point: Floats) -> str:
-    """Coordinates as the user writes them."""
-    return ", ".join(f"{value * 1e3:.4g}" for value in point)
-
-
 def _read(path: Path, content: str) -> str:
     try:
         return path.read_text(encoding="utf-8")

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.errors import place_in_mm
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
@@ -34,6 +36,5 @@ class Skin(NamedTuple):
 
 
 def place(points: Floats) -> str:
-    """Where something is, for messages: the middle of its points (k, 3), in mm."""
-    x, y, z = np.round(1e3 * points.reshape(-1, 3).mean(axis=0), 6) + 0.0
-    return f"({x:.4g}, {y:.4g}, {z:.4g}) mm"
+    """Where something is, for messages: the middle of its points (k, 3) [m]."""
+    return place_in_mm(points.reshape(-1, 3).mean(axis=0))

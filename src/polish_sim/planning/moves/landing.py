@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
 from polish_sim.planning.moves.approach import LEADS, LeadShape, Move, landing, normal_lead
-from polish_sim.planning.moves.obstacle import pad_depths
+from polish_sim.planning.moves.obstacle import rim_depths
 
 Array = NDArray[np.float64]
 
@@ -71,16 +72,15 @@ def notes_of(remarks: Sequence[Remark]) -> tuple[str, ...]:
         places.setdefault(remark.what, []).append(remark.place)
     out = []
     for what, where in places.items():
-        first = ", ".join(f"{value * 1e3:.1f}" for value in where[0])
         more = f" and {len(where) - 1} more places" if len(where) > 1 else ""
-        out.append(f"{what}: at ({first}) mm{more}")
+        out.append(f"{what}: at {place_in_mm(where[0])}{more}")
     return tuple(out)
 
 
 def _clear(process: Move, at_start: bool, shape: LeadShape, clearance: float, part: Surface, pad_radius: float) -> bool:
     end = slice(0, 1) if at_start else slice(-1, None)
-    landed = float(pad_depths(part, process.positions[end], process.axes[end], pad_radius)[0])
+    landed = float(rim_depths(part, process.positions[end], process.axes[end], pad_radius)[0])
     lead, above = landing(process, at_start, shape, clearance)
     line = np.concatenate([lead.positions, above.positions])
     axes = np.concatenate([lead.axes, above.axes])
-    return bool(pad_depths(part, line, axes, pad_radius).max() <= landed + TOLERANCE_M)
+    return bool(rim_depths(part, line, axes, pad_radius).max() <= landed + TOLERANCE_M)

@@ -31,7 +31,7 @@ def heights(surface: Surface, points: Array) -> Array:
     return np.where(behind, -away, away)
 
 
-def pad_depths(surface: Surface, positions: Array, axes: Array, radius: float) -> Array:
+def rim_depths(surface: Surface, positions: Array, axes: Array, radius: float) -> Array:
     """How deep the middle or the rim of the pad's face stands in the part.
 
     Args:

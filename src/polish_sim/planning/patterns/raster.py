@@ -16,7 +16,7 @@ from polish_sim.planning.curves.level_set import level_lines
 from polish_sim.planning.curves.offset_curve import nearest_of, offset_curve
 from polish_sim.planning.curves.turns import border_curves, distance_to
 from polish_sim.planning.patterns.raster_lines import parallel_lines
-from polish_sim.planning.patterns.raster_walk import ENDS, Piece, Stroke, fillet, walk
+from polish_sim.planning.patterns.raster_walk import ENDS, LinePiece, ZigZag, fillet, walk
 from polish_sim.planning.patterns.request import PatternRequest
 from polish_sim.planning.patterns.run import Run, SurfaceRun, finish_run
 from polish_sim.planning.toolpath import arc_length
@@ -73,7 +73,7 @@ def _inside(request: PatternRequest, borders: Sequence[Curve], distance: float) 
     return sorted(curves, key=lambda curve: -curve.length)
 
 
-def _cut(number: int, line: Curve, borders: Sequence[Curve], ends: Sequence[Curve], stepover: float) -> list[Piece]:
+def _cut(number: int, line: Curve, borders: Sequence[Curve], ends: Sequence[Curve], stepover: float) -> list[LinePiece]:
     """The pieces of a line that keep away from the border."""
     s = np.linspace(0.0, line.length, max(int(line.length / (0.05 * stepover) + 1e-6), 8) + 1)
     points = line.at(s)[0]
@@ -92,7 +92,7 @@ def _cut(number: int, line: Curve, borders: Sequence[Curve], ends: Sequence[Curv
             kept.append(_between(points[j], points[j + 1], depth[j : j + 2]))
         positions = np.concatenate(kept)
         if arc_length(positions)[-1] > SHORTEST * stepover:
-            pieces.append(Piece(number, positions))
+            pieces.append(LinePiece(number, positions))
     return pieces
 
 
@@ -108,7 +108,7 @@ def _between(first: Array, second: Array, depth: Array) -> Array:
     return np.asarray(first + share * (second - first))[None]
 
 
-def _with_turns(strokes: Sequence[Stroke], turns: Sequence[Curve], stepover: float) -> list[Run]:
+def _with_turns(strokes: Sequence[ZigZag], turns: Sequence[Curve], stepover: float) -> list[Run]:
     """Border turns joined to the strokes: one before a stroke's beginning, others where a stroke passes by."""
     waiting, runs = list(turns), []
     for stroke in strokes:

@@ -28,7 +28,7 @@ RADIUS = 0.5
 """Radius of a U-turn between neighbouring lines, in step-overs."""
 
 
-class Piece(NamedTuple):
+class LinePiece(NamedTuple):
     """A piece of a line away from the border."""
 
     line: int
@@ -37,7 +37,7 @@ class Piece(NamedTuple):
     """Points [m], shape (n, 3)."""
 
 
-class Stroke(NamedTuple):
+class ZigZag(NamedTuple):
     """Pieces walked one after the other."""
 
     positions: Array
@@ -74,7 +74,7 @@ class _Ends:
         return found
 
 
-def walk(pieces: Sequence[Piece], curves: Sequence[Curve], stepover: float, start: Sequence[float]) -> list[Stroke]:
+def walk(pieces: Sequence[LinePiece], curves: Sequence[Curve], stepover: float, start: Sequence[float]) -> list[ZigZag]:
     """Walk the pieces line by line, turning round along the border.
 
     Args:
@@ -104,7 +104,7 @@ def walk(pieces: Sequence[Piece], curves: Sequence[Curve], stepover: float, star
     return strokes
 
 
-def _first_end(pieces: Sequence[Piece], tips: Array, start: Sequence[float]) -> tuple[int, int]:
+def _first_end(pieces: Sequence[LinePiece], tips: Array, start: Sequence[float]) -> tuple[int, int]:
     """End to begin at, and whether lines are walked up or down."""
     low, high = min(piece.line for piece in pieces), max(piece.line for piece in pieces)
     if not len(start):
@@ -115,7 +115,7 @@ def _first_end(pieces: Sequence[Piece], tips: Array, start: Sequence[float]) -> 
 
 
 def _onwards(
-    pieces: Sequence[Piece], ends: _Ends, waiting: set[int], end: int, stepover: float
+    pieces: Sequence[LinePiece], ends: _Ends, waiting: set[int], end: int, stepover: float
 ) -> list[tuple[int, Array]]:
     """Ends of waiting pieces of the same or a neighbouring line that one may go on to, and the ways there."""
     line = pieces[end // 2].line
@@ -131,8 +131,8 @@ def _onwards(
 
 
 def _stroke(
-    pieces: Sequence[Piece], ends: _Ends, waiting: set[int], begin: int, heading: int, stepover: float
-) -> Stroke:
+    pieces: Sequence[LinePiece], ends: _Ends, waiting: set[int], begin: int, heading: int, stepover: float
+) -> ZigZag:
     """Walk on from an end as far as there is a way."""
     rows, ways = [begin], []
     waiting.discard(begin // 2)
@@ -152,7 +152,7 @@ def _stroke(
         parts[-1], turn, rest = _rounded(parts[-1], way, line_points, RADIUS * stepover)
         parts += [turn, rest]
     middles = [way[len(way) // 2] for way in ways]
-    return Stroke(np.concatenate(parts), np.array(middles).reshape(-1, 3))
+    return ZigZag(np.concatenate(parts), np.array(middles).reshape(-1, 3))
 
 
 def _rounded(before: Array, way: Array, after: Array, radius: float) -> tuple[Array, Array, Array]:

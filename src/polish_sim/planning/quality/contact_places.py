@@ -7,25 +7,19 @@ it comes from one side and leaves to the other; if either path begins or ends th
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from polish_sim.geometry.topology import label_pieces
+from polish_sim.planning.quality.segments import SAME_PLACE_M, Segments
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import perpendicular, unit
-
-if TYPE_CHECKING:
-    from polish_sim.planning.quality.crossings import Segments
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-NEAR_M = 1e-6
-"""As in crossings: points closer than this are the same place [m]."""
 
 
 class Contacts(NamedTuple):
@@ -78,18 +72,16 @@ def _chains(chords: Segments, i: Ints, j: Ints) -> Ints:
                 continue
             if _meet_between(chords, a, b, step_a, step_b):
                 links.append((row, other))
-    ends = np.array(links, dtype=np.int64).reshape(-1, 2)
-    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(i), len(i)))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return label_pieces(np.array(links, dtype=np.int64).reshape(-1, 2), len(i))[1].astype(np.int64)
 
 
 def _meet_between(chords: Segments, a: int, b: int, step_a: int, step_b: int) -> bool:
     """Whether the waypoints between two neighbouring pairs of segments lie where the paths meet."""
     on_a, on_b = chords.end[a], chords.start[b] if step_b < 0 else chords.end[b]
     if step_a and step_b:
-        return float(np.linalg.norm(on_a - on_b)) <= 3.0 * NEAR_M
+        return float(np.linalg.norm(on_a - on_b)) <= 3.0 * SAME_PLACE_M
     point, k = (on_a, b) if step_a else (on_b, a)
-    return _Line(np.stack([chords.start[k], chords.end[k]])).foot(point)[1] <= 3.0 * NEAR_M
+    return _Line(np.stack([chords.start[k], chords.end[k]])).foot(point)[1] <= 3.0 * SAME_PLACE_M
 
 
 def _crosses(chords: Segments, i: Ints, j: Ints) -> bool:
@@ -143,15 +135,15 @@ class _Line:
 
     def beyond(self, s: float, ahead: bool) -> Array | None:
         """The next point after an arc length, or the last before it; None at the line's end."""
-        rows = np.flatnonzero(self.s > s + 2.0 * NEAR_M if ahead else self.s < s - 2.0 * NEAR_M)
+        rows = np.flatnonzero(self.s > s + 2.0 * SAME_PLACE_M if ahead else self.s < s - 2.0 * SAME_PLACE_M)
         return self.points[rows[0 if ahead else -1]] if len(rows) else None
 
 
 def _meetings(one: _Line, other: _Line) -> Array:
     """Arc lengths of the other line where it begins, ends or touches the first one, in order, shape (k,)."""
-    own = [float(s) for s, point in zip(other.s, other.points, strict=True) if one.foot(point)[1] <= NEAR_M]
+    own = [float(s) for s, point in zip(other.s, other.points, strict=True) if one.foot(point)[1] <= SAME_PLACE_M]
     feet = [other.foot(point) for point in one.points]
-    return np.sort(own + [s for s, gap in feet if gap <= NEAR_M] + _cuts(one, other))
+    return np.sort(own + [s for s, gap in feet if gap <= SAME_PLACE_M] + _cuts(one, other))
 
 
 def _cuts(one: _Line, other: _Line) -> list[float]:

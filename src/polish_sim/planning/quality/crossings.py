@@ -16,26 +16,11 @@ from scipy.spatial import cKDTree
 
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.quality.contact_places import crossings_through_contacts
+from polish_sim.planning.quality.segments import SAME_PLACE_M, Segments, segments_of
 from polish_sim.spatial import unit
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-SAME_PLACE_M = 1e-6
-"""Points closer than this are the same place [m]."""
-
-
-class Segments(NamedTuple):
-    """All chords of all runs."""
-
-    start: Array
-    """[m], shape (n, 3)."""
-    end: Array
-    start_normals: Array
-    """Unit surface normals, shape (n, 3)."""
-    end_normals: Array
-    number: Ints
-    """Follow each other by one only where segments share a point, shape (n,)."""
 
 
 class Crossings(NamedTuple):
@@ -59,7 +44,7 @@ def find_crossings(runs: Sequence[Curve]) -> Crossings:
     Returns:
         The crossings.
     """
-    chords = _segments(runs)
+    chords = segments_of(runs)
     i, j = _near_pairs(chords)
     signs, near, places = _classify(chords, i, j)
     proper = near & (signs[:, 0] * signs[:, 1] < 0) & (signs[:, 2] * signs[:, 3] < 0)
@@ -69,15 +54,6 @@ def find_crossings(runs: Sequence[Curve]) -> Crossings:
     # A crossing beside a contact is part of what happens there.
     alone, through = crossings_through_contacts(chords, i, j, proper, contact, places)
     return Crossings(np.concatenate([places[alone], through]))
-
-
-def _segments(runs: Sequence[Curve]) -> Segments:
-    start, end = (np.concatenate([curve.positions[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
-    first, last = (np.concatenate([curve.normals[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
-    gap = np.repeat(2 * np.arange(len(runs)), [len(curve.positions) - 1 for curve in runs])
-    kept = np.linalg.norm(end - start, axis=1) > 0.0
-    number = np.arange(len(start)) + gap
-    return Segments(start[kept], end[kept], first[kept], last[kept], number[kept])
 
 
 def _near_pairs(chords: Segments) -> tuple[Ints, Ints]:

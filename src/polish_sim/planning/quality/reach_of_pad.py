@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from polish_sim.geometry import Surface
+from polish_sim.geometry.topology import label_pieces
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -88,6 +87,5 @@ def _pieces(surface: Surface, hollow: NDArray[np.bool_]) -> tuple[Ints, int]:
     size = int(hollow.sum())
     if size == 0:
         return label, 0
-    count, found = connected_components(coo_array((np.ones(len(one)), ends), shape=(size, size)), directed=False)
-    label[hollow] = found
-    return label, int(count)
+    count, label[hollow] = label_pieces(np.column_stack(ends), size)
+    return label, count

@@ -1,4 +1,4 @@
-"""Part and path as coloured triangles for viewers: a tube along the path, a lighter part (plan -> meshes)."""
+"""The path as coloured triangles for viewers: a thin tube along it (plan -> Tube)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.exchange.thinning import needed_rows
-from polish_sim.geometry import PartMesh
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.toolpath import LINK, PROCESS
 from polish_sim.spatial import perpendicular, unit
@@ -31,8 +30,6 @@ VIRIDIS: Final = np.array(
     + [(31, 158, 137), (53, 183, 121), (109, 205, 89), (180, 222, 44), (253, 231, 37)]
 )
 """Ten steps of the colour map viridis."""
-GRIDS: Final = (400, 300, 220, 160, 120, 90, 60)
-"""Cells across the part when vertices of a fine mesh are gathered, finest first."""
 
 
 class Tube(NamedTuple):
@@ -118,38 +115,3 @@ def _joined(pieces: list[Tube]) -> Tube:
         np.concatenate([piece.s for piece in pieces]),
         np.concatenate([piece.contact for piece in pieces]),
     )
-
-
-def light_part(mesh: PartMesh, most_facets: int) -> tuple[Array, NDArray[np.int32]]:
-    """Vertices and faces of a part, gathered on a grid while it has more facets than wanted.
-
-    Args:
-        mesh: The part.
-        most_facets: How many are wanted at most; the coarsest grid is taken if none gets there.
-
-    Returns:
-        Vertices (n, 3) [m] and faces (m, 3).
-    """
-    vertices, faces = mesh.vertices, mesh.faces
-    for cells in GRIDS:
-        if len(faces) <= most_facets:
-            break
-        vertices, faces = _gathered(mesh, float(np.ptp(mesh.vertices, axis=0).max()) / cells)
-    return vertices, faces
-
-
-def _gathered(mesh: PartMesh, cell: float) -> tuple[Array, NDArray[np.int32]]:
-    keys = np.round(mesh.vertices / cell).astype(np.int64)
-    _, group = np.unique(_one_number(keys - keys.min(axis=0)), return_inverse=True)
-    count = np.bincount(group)
-    middles = np.stack([np.bincount(group, mesh.vertices[:, k]) / count for k in range(3)], axis=1)
-    faces = group[mesh.faces]
-    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    _, once = np.unique(_one_number(np.sort(faces, axis=1)), return_index=True)
-    return middles, faces[np.sort(once)].astype(np.int32)
-
-
-def _one_number(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """A number for each row of three not negative ones, (n, 3) -> (n,): sorts much faster than rows."""
-    size = rows.max(axis=0, initial=0) + 1
-    return np.asarray((rows[:, 0] * size[1] + rows[:, 1]) * size[2] + rows[:, 2])
