@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.planning.curves.near_chords import near_chords
 from polish_sim.spatial import unit
 
 Array = NDArray[np.float64]
@@ -28,17 +29,6 @@ class Nearest(NamedTuple):
     """Unit surface normal interpolated at the foot, shape (n, 3)."""
     distances: Array
     """Euclidean distance, inf beyond the limit asked for [m], shape (n,)."""
-
-    def where_nearer(self, other: Nearest) -> Nearest:
-        """The nearer of two answers, point by point."""
-        nearer = self.distances < other.distances
-        wide = nearer[:, None]
-        return Nearest(
-            np.where(nearer, self.s, other.s),
-            np.where(wide, self.positions, other.positions),
-            np.where(wide, self.normals, other.normals),
-            np.where(nearer, self.distances, other.distances),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +50,8 @@ class Curve:
         return positions, normals, np.concatenate([[0.0], np.cumsum(chords)])
 
     @cached_property
-    def _tree(self) -> cKDTree:
+    def tree(self) -> cKDTree:
+        """Search tree over the curve's own points."""
         return cKDTree(self.positions)
 
     @property
@@ -116,7 +107,7 @@ class Curve:
         Returns:
             Feet and distances; beyond the limit the distance is inf and the foot is meaningless.
         """
-        both, order = self._tree.query(points, k=2, distance_upper_bound=limit)
+        both, order = self.tree.query(points, k=2, distance_upper_bound=limit)
         # Of two points equally far away the first, whichever rounding puts nearer.
         tie = np.isfinite(both[:, 1]) & (both[:, 1] < (1.0 + SAME) * both[:, 0])
         distances, index = both[:, 0], np.where(tie, order.min(axis=1), order[:, 0])
@@ -127,18 +118,5 @@ class Curve:
 
     def near_point(self, points: Array, index: NDArray[np.int64]) -> Nearest:
         """Nearest points on the two chords that meet in the curve's own points of these numbers, (n,)."""
-        positions, normals, knots = self._knots
-        count = len(self.positions)
-        best: Nearest | None = None
-        for before in (1, 0):
-            k = np.mod(index - before, count) if self.closed else np.clip(index - before, 0, count - 2)
-            chord = positions[k + 1] - positions[k]
-            share = ((points - positions[k]) * chord).sum(axis=1) / np.maximum((chord**2).sum(axis=1), 1e-300)
-            share = np.clip(share, 0.0, 1.0)
-            foot = positions[k] + share[:, None] * chord
-            normal = unit(normals[k] + share[:, None] * (normals[k + 1] - normals[k]))
-            gap = np.linalg.norm(points - foot, axis=1)
-            here = Nearest(knots[k] + share * (knots[k + 1] - knots[k]), foot, normal, gap)
-            best = here if best is None else here.where_nearer(best)
-        assert best is not None
-        return best
+        s, foot, normal, gap = near_chords(*self._knots, len(self.positions), self.closed, points, index)
+        return Nearest(s, foot, unit(normal), gap)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.planning.ground.triangulation import Triangulation
@@ -28,25 +29,26 @@ class LevelLine(NamedTuple):
     closed: bool
 
 
-def level_lines(mesh: Triangulation, values: Array, level: float) -> list[LevelLine]:
+def level_lines(mesh: Triangulation, values: Array, level: float, among: Ints | None = None) -> list[LevelLine]:
     """Trace the lines on which a field interpolated over the triangles has a value.
 
     Args:
         mesh: The triangulation.
         values: Field at the vertices, shape (n,).
         level: The value; vertices exactly on it count as lower.
+        among: Triangles to look at, shape (k,); all if not given.
 
     Returns:
         Closed lines, and open ones that end at the border.
     """
-    finite = values[np.isfinite(values)]
-    higher = values > level + ROUNDING * float(finite.max(initial=level) - finite.min(initial=level))
-    a, b, c = (higher[mesh.triangles[:, k]] for k in range(3))
-    crossed = np.flatnonzero((a != b) | (b != c))
-    if len(crossed) == 0:
+    triangles = mesh.triangles if among is None else mesh.triangles[among]
+    found = values[triangles]
+    finite = found[np.isfinite(found)]
+    flags = found > level + ROUNDING * float(finite.max(initial=level) - finite.min(initial=level))
+    crossed = (flags[:, 0] != flags[:, 1]) | (flags[:, 1] != flags[:, 2])
+    if not crossed.any():
         return []
-    triangles = mesh.triangles[crossed]
-    flags = higher[triangles]
+    triangles, flags = triangles[crossed], flags[crossed]
     rising = np.argmax(~flags & np.roll(flags, -1, axis=1), axis=1)
     falling = np.argmax(flags & ~np.roll(flags, -1, axis=1), axis=1)
     rows = np.arange(len(triangles))
@@ -66,20 +68,32 @@ def level_lines(mesh: Triangulation, values: Array, level: float) -> list[LevelL
 
 def _chain(start: Ints, end: Ints, count: int) -> list[tuple[Ints, bool]]:
     """Link directed segments between edge points into lines: open ones first, then closed ones."""
-    follower = np.full(count, -1, dtype=np.int64)
-    follower[start] = end
-    has_leader = np.zeros(count, dtype=bool)
-    has_leader[end] = True
-    following: list[int] = follower.tolist()
-    seen = [False] * count
-    chains = []
-    heads = np.flatnonzero(~has_leader).tolist()
-    for head, closed in [(h, False) for h in heads] + [(k, True) for k in start.tolist()]:
-        line, here = [], head
+    order, ends, heads = _walk(start, end, count)
+    lines = np.split(order, ends[:-1])
+    return [(line, k >= heads) for k, line in enumerate(lines) if len(line) >= 3]
+
+
+@njit(cache=True, error_model="numpy")
+def _walk(start, end, count):  # type: ignore[no-untyped-def]
+    """All points in the order of the lines they form, where each line ends in it, and how many lines are open."""
+    follower, leaders = np.full(count, -1, np.int64), np.zeros(count, np.int64)
+    for k in range(len(start)):
+        follower[start[k]] = end[k]
+        leaders[end[k]] += 1
+    seen = np.zeros(count, np.bool_)
+    order, ends = np.empty(count, np.int64), np.empty(count, np.int64)
+    points, lines, heads = 0, 0, 0
+    for k in range(count + len(start)):
+        # Lines that begin somewhere come before those that do not.
+        here = k if k < count else start[k - count]
+        if seen[here] or (k < count and leaders[k] > 0):
+            continue
         while here >= 0 and not seen[here]:
             seen[here] = True
-            line.append(here)
-            here = following[here]
-        if len(line) >= 3:
-            chains.append((np.array(line), closed))
-    return chains
+            order[points] = here
+            points += 1
+            here = follower[here]
+        ends[lines] = points
+        lines += 1
+        heads += k < count
+    return order[:points], ends[:lines], heads

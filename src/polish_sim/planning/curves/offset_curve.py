@@ -7,6 +7,8 @@ from the level line of the distance to *all* curves around, so that the far side
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +34,8 @@ WHOLE = 1e-6
 """A count this little above a whole number is that number: rounding must not add a point."""
 BACK = 1e-6
 """Feet fall back only by more than this share of the distance; less is rounding."""
+ROUGHLY = 0.5
+"""Lower bounds of distances may be too low by this share."""
 OFF = 0.02
 """Feet further than this share of the step-over from the surface are not on it."""
 
@@ -44,20 +48,46 @@ class Feet(NamedTuple):
     nearest: Nearest
 
 
+@dataclass(frozen=True, eq=False)
+class CurveSet:
+    """Several curves, asked which of them is nearest."""
+
+    curves: tuple[Curve, ...]
+
+    @cached_property
+    def _starts(self) -> Ints:
+        return np.cumsum([0] + [len(curve.positions) for curve in self.curves])
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        if len(self.curves) == 1:
+            return self.curves[0].tree
+        return cKDTree(np.concatenate([curve.positions for curve in self.curves]))
+
+    @cached_property
+    def _longest_chord(self) -> float:
+        return max(float(np.diff(curve.knots).max()) for curve in self.curves)
+
+    def at_least(self, points: Array) -> Array:
+        """A cheap lower bound of the distances of points (n, 3) to the curves [m], shape (n,)."""
+        to_points, _ = self._tree.query(points, eps=ROUGHLY)
+        return np.asarray(to_points / (1.0 + ROUGHLY) - 0.5 * self._longest_chord)
+
+    def nearest(self, points: Array, limit: float = np.inf) -> Feet:
+        """Nearest points of the closest curve; distances beyond the limit [m] are inf."""
+        distances, found = self._tree.query(points, distance_upper_bound=limit)
+        which = np.searchsorted(self._starts, found, side="right") - 1
+        s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
+        for number, curve in enumerate(self.curves):
+            rows = np.flatnonzero(which == number)
+            near = curve.near_point(points[rows], found[rows] - self._starts[number])
+            s[rows], foot[rows], normal[rows], distances[rows] = near
+        return Feet(which, Nearest(s, foot, normal, distances))
+
+
 def nearest_of(curves: Sequence[Curve], points: Array, limit: float = np.inf) -> Feet:
     """Nearest points of the closest of several curves; distances beyond the limit [m] are inf."""
-    counts = [len(curve.positions) for curve in curves]
-    tree = cKDTree(np.concatenate([curve.positions for curve in curves]))
-    distances, found = tree.query(points, distance_upper_bound=limit)
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    which = np.searchsorted(starts, found, side="right") - 1
-    s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
-    for number, curve in enumerate(curves):
-        rows = np.flatnonzero(which == number)
-        s[rows], foot[rows], normal[rows], distances[rows] = curve.near_point(
-            points[rows], found[rows] - starts[number]
-        )
-    return Feet(which, Nearest(s, foot, normal, distances))
+    return CurveSet(tuple(curves)).nearest(points, limit)
 
 
 def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLine, distance: float) -> Curve:
@@ -74,10 +104,11 @@ def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLin
     Returns:
         The offset curve.
     """
+    around = CurveSet(tuple(curves))
     even = Curve(trial.positions, unit(trial.normals), trial.closed)
     count = max(int(np.ceil(even.length / (COARSEST * distance) - WHOLE)), 8)
-    even = _on_offset(surface, curves, _resample(even, np.full(count, even.length / count)), distance)
-    return _on_offset(surface, curves, _resample(even, adapted_spacing(even, distance)), distance)
+    even = _on_offset(surface, around, _resample(even, np.full(count, even.length / count)), distance)
+    return _on_offset(surface, around, _resample(even, adapted_spacing(even, distance)), distance)
 
 
 def adapted_spacing(curve: Curve, distance: float) -> Array:
@@ -111,9 +142,9 @@ def _resample(curve: Curve, chords: Array) -> Curve:
     return Curve(positions, normals, curve.closed)
 
 
-def _on_offset(surface: SurfaceQuery, curves: Sequence[Curve], trial: Curve, distance: float) -> Curve:
+def _on_offset(surface: SurfaceQuery, around: CurveSet, trial: Curve, distance: float) -> Curve:
     """Nearest point of the old curve, then the equal-distance step towards the trial."""
-    feet = nearest_of(curves, trial.positions)
+    feet = around.nearest(trial.positions)
     foot = surface.closest(feet.nearest.positions)
     # A foot off the surface lies on a line thought to go on beyond the border.
     on = (np.linalg.norm(foot.positions - feet.nearest.positions, axis=1) < OFF * distance)[:, None]

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curves.front import Front, Waiting, all_rows, select_rows
 from polish_sim.planning.curves.level_set import ROUNDING, LevelLine, level_lines
-from polish_sim.planning.curves.offset_curve import nearest_of, offset_curve
+from polish_sim.planning.curves.offset_curve import CurveSet, nearest_of, offset_curve
 from polish_sim.planning.curves.stepping import SurfaceQuery
 from polish_sim.planning.ground.triangulation import Triangulation
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 THIN = 1.1
 """What is left inside a turn needs another one if its middle is further away than this many step-overs."""
 
-NEAR, FAR = 1.6, 6.0
-"""Distances are looked up for vertices that may be nearer than the first, as far as the second, in steps."""
-SAME = 1e-8
-"""Distances that exceed a limit by this share only because of rounding do not exceed it."""
 EVEN = 0.5
 """A ring's width may vary by this many step-overs for turns to run from border to border."""
 
@@ -36,8 +32,8 @@ class Turn:
     """One offset curve and the turns directly inside it."""
 
     curve: Curve
-    inside: Mask
-    """Vertices of the triangulation in the piece this turn bounds, shape (n,)."""
+    inside: Ints = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    """Vertices of the triangulation in the piece it bounds, if no turn lies inside it, shape (k,)."""
     children: list[Turn] = field(default_factory=list)
 
 
@@ -46,9 +42,8 @@ class Piece:
     """A connected part of the region not yet covered, and the turns around it."""
 
     turns: tuple[Turn, ...]
-    inside: Mask
-    at_least: Array
-    """The vertices are at least this far from the turns [m], shape (n,); saves asking again each time."""
+    waiting: Waiting
+    """Its vertices."""
 
 
 def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
@@ -99,14 +94,15 @@ def grow_turns(
     Returns:
         The outermost turns; the others hang below them.
     """
-    everything = np.ones(len(mesh.vertices), dtype=bool)
-    roots = [Turn(curve, everything) for curve in borders]
-    pieces = [Piece(tuple(roots), everything, np.zeros(len(mesh.vertices)))]
-    step = first
+    roots = [Turn(curve) for curve in borders]
+    front = Front(mesh, first, stepover)
+    pieces, number = [Piece(tuple(roots), {0: [np.arange(len(mesh.vertices))]})], 0
+    area, total = float(mesh.areas.sum()), float(mesh.areas.sum())
     while pieces:
-        pieces = [inner for piece in pieces for inner in _shrink(surface, mesh, piece, step)]
-        step = stepover
-        report(1.0 - sum(float(mesh.vertex_areas[p.inside].sum()) for p in pieces) / float(mesh.areas.sum()))
+        inner, covered = zip(*[_shrink(surface, front, piece, number) for piece in pieces], strict=True)
+        pieces, number = [new for found in inner for new in found], number + 1
+        area -= sum(float(mesh.vertex_areas[rows].sum()) for rows in covered)
+        report(1.0 - (area if pieces else 0.0) / total)
     return [turn for root in roots for turn in root.children]
 
 
@@ -139,37 +135,57 @@ def ring_margin(surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Cu
     return 0.5 * (width - (needed - 1) * stepover)
 
 
-def _shrink(surface: SurfaceQuery, mesh: Triangulation, piece: Piece, step: float) -> list[Piece]:
-    """One step inwards: the pieces left, each with its new turns, hung below the turns they come from."""
-    curves = [turn.curve for turn in piece.turns]
-    values = np.where(piece.inside, piece.at_least, 0.0)
-    near = np.flatnonzero(piece.inside & (values < NEAR * step))
-    found = distance_to(mesh, near, curves, FAR * step)
-    values[near] = np.minimum(found, FAR * step)
-    inner = values > step * (1.0 + ROUNDING)
-    if not inner.any():
-        return []
-    lines = level_lines(mesh, np.minimum(values, NEAR * step), step)
-    count, labels = mesh.components(inner) if len(lines) > 1 else (1, np.where(inner, 0, -1))
-    # The next turns are one step away from these, so nothing comes nearer than that to them.
-    at_least = np.maximum(values - step, 0.0)
+def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> tuple[list[Piece], Ints]:
+    """One step inwards: the pieces left, their new turns hung below those they come from; and the vertices covered."""
+    step, curves = front.step(number), CurveSet(tuple(turn.curve for turn in piece.turns))
+    waiting = {turn: list(parts) for turn, parts in piece.waiting.items()}
+    near = front.look(np.concatenate([np.empty(0, dtype=np.int64), *waiting.pop(number, [])]), curves, number)
+    reached = near.distances <= step * (1.0 + ROUNDING)
+    lines = level_lines(front.mesh, front.values, step, front.triangles_around(near.rows))
+    covered = near.rows[reached]
+    front.values[covered] = 0.0
+    front.put_off(near.rows[~reached], number, waiting)
     pieces = []
-    for label in range(count):
-        inside = labels == label
-        if values[inside].max() <= THIN * step * (1.0 + ROUNDING):
+    for own, rest in _parts(front, piece, lines, waiting):
+        rows = all_rows(rest) if all(turn <= number + 1 for turn in rest) else None
+        if rows is not None and front.at_least(rows, number).max(initial=0.0) <= THIN * step * (1.0 + ROUNDING):
             continue
-        own = [line for line in lines if line.closed and labels[line.vertices[0]] == label]
-        turns = tuple(_new_turn(surface, piece, curves, line, step, inside) for line in own)
+        turns = tuple(_new_turn(surface, front, piece, curves, line, step) for line in own if line.closed)
         if turns:
-            pieces.append(Piece(turns, inside, at_least))
-    return pieces
+            pieces.append(Piece(turns, rest))
+    for turn in piece.turns:
+        if not turn.children:
+            turn.inside = all_rows(piece.waiting)
+    return pieces, covered
+
+
+def _parts(
+    front: Front, piece: Piece, lines: Sequence[LevelLine], waiting: Waiting
+) -> Iterator[tuple[Sequence[LevelLine], Waiting]]:
+    """What is left of a piece part by part: the lines around each, and its vertices."""
+    if len(lines) <= 1 or _follow_one_by_one(front, piece, lines):
+        yield lines, waiting
+        return
+    inner = np.zeros(len(front.values), dtype=bool)
+    inner[all_rows(waiting)] = True
+    count, labels = front.mesh.components(inner)
+    for label in range(count):
+        own = [line for line in lines if labels[line.vertices[0]] == label]
+        if own:
+            yield own, select_rows(waiting, labels == label)
+
+
+def _follow_one_by_one(front: Front, piece: Piece, lines: Sequence[LevelLine]) -> bool:
+    """Whether each line follows another turn all the way round: then what is left is still in one part."""
+    followed = [np.unique(front.which[line.vertices]) for line in lines]
+    pure = all(line.closed and len(found) == 1 for line, found in zip(lines, followed, strict=True))
+    return pure and sorted(int(found[0]) for found in followed) == list(range(len(piece.turns)))
 
 
 def _new_turn(
-    surface: SurfaceQuery, piece: Piece, curves: Sequence[Curve], line: LevelLine, step: float, inside: Mask
+    surface: SurfaceQuery, front: Front, piece: Piece, curves: CurveSet, line: LevelLine, step: float
 ) -> Turn:
-    curve = offset_curve(surface, curves, line, step)
-    turn = Turn(curve, inside)
-    parent = np.bincount(nearest_of(curves, curve.positions).curve).argmax()
-    piece.turns[int(parent)].children.append(turn)
+    turn = Turn(offset_curve(surface, curves.curves, line, step))
+    nearest = front.which[line.vertices]
+    piece.turns[int(np.bincount(nearest[nearest >= 0], minlength=1).argmax())].children.append(turn)
     return turn

@@ -105,8 +105,7 @@ def _uncovered_places(
 def middle_ends(mesh: Triangulation, turn: Turn, stepover: float) -> Array:
     """Both ends of what an innermost turn will leave uncovered in its middle [m], shape (2, 3), or (0, 3)."""
     distance = np.zeros(len(mesh.vertices))
-    rows = np.flatnonzero(turn.inside)
-    distance[rows] = distance_to(mesh, rows, [turn.curve], DEEPEST * stepover)
+    distance[turn.inside] = distance_to(mesh, turn.inside, [turn.curve], DEEPEST * stepover)
     uncovered = distance > STRICT * stepover
     rest = _triangles_of(mesh, uncovered)
     place, area = _largest_place(mesh, rest, uncovered)

@@ -149,7 +149,7 @@ def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float) -> 
             curve = _loop(line, stepover) if line.closed else None
             if curve is not None and curve.length > SHORTEST * stepover:
                 nearest = np.bincount(nearest_of(curves, curve.positions).curve).argmax()
-                loops.append(Turn(curve, place))
+                loops.append(Turn(curve, np.flatnonzero(place)))
                 turns[int(nearest)].children.append(loops[-1])
     return loops
 
