@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Iterator, Sequence
@@ -52,6 +53,11 @@ def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) ->
     for row in rows:
         grid.add_row(*row)
     _console().print(grid)
+
+
+def number_or_dash(value: float, scale: float, form: str) -> str:
+    """A scaled number, or a dash where there is none: a path without neighbouring turns has no step-over."""
+    return "-" if math.isnan(value) else f"{value * scale:{form}}"
 
 
 @contextmanager

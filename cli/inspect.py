@@ -14,7 +14,7 @@ from polish_sim.cli import console
 from polish_sim.cli import option_types as o
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.rendering import prepare_headless
-from polish_sim.cli.scenario_options import build_scenario
+from polish_sim.cli.scenario_options import build_scenario, given_options
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.scenario_file import merge
@@ -27,17 +27,35 @@ PathFile = Annotated[
         show_default=False,
     ),
 ]
+Part = Annotated[
+    str | None,
+    typer.Option(
+        "--part",
+        metavar="PART",
+        help="STL, PLY or OBJ file, or the name of a shipped part; default: the shipped part the plan was made on.",
+        rich_help_panel=o.PART,
+    ),
+]
+Stepover = Annotated[
+    float | None,
+    typer.Option(
+        "--stepover",
+        metavar="MM",
+        help="Distance between neighbouring turns to measure by (mm); default: the plan's, or found from the path.",
+        rich_help_panel=o.PATH,
+    ),
+]
 
 
 def inspect(
     path: PathFile,
-    part: o.Part = None,
+    part: Part = None,
     units: o.Units = None,
     up: o.Up = None,
     region: o.Region = None,
     feature_angle: o.FeatureAngle = None,
     edge_margin: o.EdgeMargin = None,
-    stepover: o.Stepover = None,
+    stepover: Stepover = None,
     overlap: o.Overlap = None,
     pad_diameter: o.PadDiameter = None,
     contact_force: o.ContactForce = None,
@@ -48,19 +66,7 @@ def inspect(
     overwrite: o.Overwrite = False,
 ) -> None:
     """Measure a tool path on a part: metrics.json, coverage.ply and two pictures."""
-    given = {
-        "--part": part,
-        "--units": units,
-        "--up": up,
-        "--region": region,
-        "--feature-angle": feature_angle,
-        "--edge-margin": edge_margin,
-        "--stepover": stepover,
-        "--overlap": overlap,
-        "--pad-diameter": pad_diameter,
-        "--contact-force": contact_force,
-        "--feed": feed,
-    }
+    given = given_options(locals())
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.coverage_mesh import write_coverage_mesh
@@ -111,27 +117,23 @@ def _shipped_part(path: Path, facts: Mapping[str, Any]) -> str:
 
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     mm, percent, mm2 = 1e3, 1e2, 1e6
-    spread = " / ".join(_number(m[f"stepover_{name}_m"], mm, ".2f") for name in ("min", "p5", "mean", "p95", "max"))
+    names = ("min", "p5", "mean", "p95", "max")
+    spread = " / ".join(console.number_or_dash(m[f"stepover_{name}_m"], mm, ".2f") for name in names)
     return [
         ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
         ["length / (area / step-over)", "", f"{m['length_ratio']:.3f}"],
         ["cycle time", "s", f"{m['cycle_time_s']:.0f}"],
         ["lifts on the way", "", str(m["lifts"])],
         ["step-over, min / p5 / mean / p95 / max", "mm", spread],
-        ["overlap of neighbouring turns", "% of pad", _number(m["overlap"], percent, ".1f")],
-        ["within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
-        ["coverage by the pad", "%", f"{m['coverage'] * percent:.1f}"],
+        ["overlap of neighbouring turns", "% of pad", console.number_or_dash(m["overlap"], percent, ".1f")],
+        ["covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
+        ["  within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
         ["time under the pad, mean", "s", f"{m['exposure_mean_s']:.3g}"],
         ["  its variation over the area", "cv", f"{m['exposure_cv']:.3f}"],
         ["  area over twice the median", "mm^2", f"{m['over_polished_area_m2'] * mm2:.4g}"],
-        ["self crossings", "", str(m["self_crossings"])],
+        ["crossings of the path with itself", "", str(m["self_crossings"])],
         ["sharpest corner", "deg", f"{math.degrees(m['sharpest_corner_rad']):.1f}"],
         ["largest turn of the tool axis", "deg/mm", f"{math.degrees(m['max_axis_rate_rad_m']) * 1e-3:.2f}"],
         ["out of the pad's reach", "mm^2", f"{m['unreachable_area_m2'] * mm2:.4g} in {m['unreachable_places']} places"],
         ["largest distance to surface", "mm", f"{m['max_distance_to_surface_m'] * mm:.2g}"],
     ]
-
-
-def _number(value: float, scale: float, form: str) -> str:
-    """The number, or a dash where there is none: a path without neighbouring turns has no step-over."""
-    return "-" if math.isnan(value) else f"{value * scale:{form}}"

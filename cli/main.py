@@ -25,7 +25,7 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 commands = typer.Typer(
     name="polish-sim",
-    help="Force-controlled robotic polishing in MuJoCo: from a part's STL to a scored run. "
+    help="Force-controlled robotic polishing in MuJoCo: from a part's mesh to a scored run. "
     "Lengths are in mm, angles in deg, forces in N, speeds in mm/s.",
     add_completion=False,
     rich_markup_mode=None,
@@ -51,8 +51,8 @@ def _every_command(
 
 
 commands.command("demo", short_help="The whole main job on a shipped part.")(demo)
-commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part's STL.")(plan)
-commands.command("inspect", short_help="The quality of any tool path on a part.")(inspect)
+commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part.")(plan)
+commands.command("inspect", cls=PanelledCommand, short_help="The quality of any tool path on a part.")(inspect)
 commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force or surface.")(run)
 commands.command("report", short_help="Plots and tables again from saved runs.")(report)
 commands.command("config", short_help="The full default config as TOML.")(config)

@@ -48,7 +48,10 @@ Units = Annotated[
 Up = Annotated[
     str | None,
     typer.Option(
-        "--up", metavar="SIDE", help="Side turned up: auto (default), x, y, z, -x, -y or -z.", rich_help_panel=PART
+        "--up",
+        metavar="SIDE",
+        help="Side turned up: auto (default), x, y, z, -x, -y, -z, or a direction X,Y,Z.",
+        rich_help_panel=PART,
     ),
 ]
 Region = Annotated[
@@ -56,8 +59,8 @@ Region = Annotated[
     typer.Option(
         "--region",
         metavar="REGION",
-        help="auto (default), top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;... or faces:FILE "
-        "(mm).",
+        help="auto (default), top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE "
+        "or faces:FILE (mm).",
         rich_help_panel=PART,
     ),
 ]
@@ -66,7 +69,7 @@ FeatureAngle = Annotated[
     typer.Option(
         "--feature-angle",
         metavar="DEG",
-        help="Edges that bend more than this end a smooth face (deg); default 30.",
+        help="Edges that bend by more than this bound a smooth face (deg); default 30.",
         rich_help_panel=PART,
     ),
 ]
@@ -75,7 +78,7 @@ EdgeMargin = Annotated[
     typer.Option(
         "--edge-margin",
         metavar="MM",
-        help="How far the region keeps from its edges (mm); default 0.",
+        help="Keep the region this far from its edges (mm); default 0.",
         rich_help_panel=PART,
     ),
 ]
@@ -107,7 +110,7 @@ Overlap = Annotated[
     typer.Option(
         "--overlap",
         metavar="PERCENT",
-        help="The same as overlap of neighbouring turns, percent of the pad's diameter.",
+        help="Sets the step-over by how much neighbouring turns overlap, in percent of the pad's diameter.",
         rich_help_panel=PATH,
     ),
 ]
@@ -127,7 +130,7 @@ Direction = Annotated[
 Start = Annotated[
     str | None,
     typer.Option(
-        "--start", metavar="X,Y,Z", help="Begin near this point of the part (mm); default: chosen.",
+        "--start", metavar="X,Y,Z", help="Begin the path near this point of the part (mm); default: chosen.",
         rich_help_panel=PATH,
     ),
 ]  # fmt: skip
@@ -153,7 +156,7 @@ LeadAngle = Annotated[
     typer.Option(
         "--lead-angle",
         metavar="DEG",
-        help="The tool axis leans this far forward, along the feed (deg); default 0.",
+        help="Lean the tool axis this far forward, along the feed (deg); default 0.",
         rich_help_panel=AXIS,
     ),
 ]
@@ -162,7 +165,7 @@ TiltAngle = Annotated[
     typer.Option(
         "--tilt-angle",
         metavar="DEG",
-        help="The tool axis leans this far to the left of the feed (deg); default 0.",
+        help="Lean the tool axis this far to the left of the feed (deg); default 0.",
         rich_help_panel=AXIS,
     ),
 ]
@@ -171,7 +174,7 @@ AxisSmoothing = Annotated[
     typer.Option(
         "--axis-smoothing",
         metavar="MM",
-        help="The tool axis is averaged over this length of the path (mm); default 0.",
+        help="Average the tool axis over this length of the path (mm); default 0, not at all.",
         rich_help_panel=AXIS,
     ),
 ]
@@ -180,7 +183,7 @@ AxisDeviation = Annotated[
     typer.Option(
         "--axis-deviation",
         metavar="DEG",
-        help="--axis-smoothing turns the axis by no more than this (deg); default 5.",
+        help="Largest turn --axis-smoothing may give a tool axis (deg); default 5.",
         rich_help_panel=AXIS,
     ),
 ]
@@ -234,9 +237,9 @@ DryRun = Annotated[
 ]
 Check = Annotated[
     bool,
-    typer.Option("--check", help="Exit with 1 when a figure falls short of what is asked.", rich_help_panel=RUN),
+    typer.Option("--check", help="Exit with 1 when a figure falls short of what is asked of it.", rich_help_panel=RUN),
 ]
-View = Annotated[bool, typer.Option("--view", help="Look on in the MuJoCo viewer.", rich_help_panel=RUN)]
+View = Annotated[bool, typer.Option("--view", help="Watch the run in the MuJoCo viewer.", rich_help_panel=RUN)]
 
 # Config
 Config = Annotated[
@@ -269,7 +272,7 @@ Export = Annotated[
     typer.Option(
         "--export",
         metavar="NAME",
-        help="Write the plan in a format more: apt, urscript, ros, ply, glb, html, or all; may be repeated.",
+        help="Write the plan in one more format: apt, urscript, ros, ply, glb, html, or all; may be repeated.",
         rich_help_panel=OUTPUT,
     ),
 ]

@@ -1,4 +1,4 @@
-"""`polish-sim plan`: from a part's STL to a tool path, with its figures and a picture."""
+"""`polish-sim plan`: from a part's mesh to a tool path, with its figures and a picture."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from polish_sim.cli import option_types as o
 from polish_sim.cli.idle_options import refuse_idle_on_path
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.rendering import prepare_headless
-from polish_sim.cli.scenario_options import build_scenario
+from polish_sim.cli.scenario_options import build_scenario, given_options
 from polish_sim.config import Scenario
 
 
@@ -44,29 +44,7 @@ def plan(
     overwrite: o.Overwrite = False,
 ) -> None:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png."""
-    given = {
-        "--part": part,
-        "--units": units,
-        "--up": up,
-        "--region": region,
-        "--feature-angle": feature_angle,
-        "--edge-margin": edge_margin,
-        "--pattern": pattern,
-        "--stepover": stepover,
-        "--overlap": overlap,
-        "--order": order,
-        "--direction": direction,
-        "--start": start,
-        "--raster-direction": raster_direction,
-        "--lead-in": lead_in,
-        "--lead-angle": lead_angle,
-        "--tilt-angle": tilt_angle,
-        "--axis-smoothing": axis_smoothing,
-        "--axis-deviation": axis_deviation,
-        "--pad-diameter": pad_diameter,
-        "--contact-force": contact_force,
-        "--feed": feed,
-    }
+    given = given_options(locals())
     scenario = build_scenario(Scenario(), given, config, set_ or [])
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
@@ -92,24 +70,19 @@ def plan(
 
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     mm, percent = 1e3, 1e2
-    spread = f"{m['stepover_p5_m'] * mm:.2f} to {m['stepover_p95_m'] * mm:.2f}"
+    spread = " / ".join(console.number_or_dash(m[f"stepover_{name}_m"], mm, ".2f") for name in ("p5", "p95"))
     return [
         ["facets", "", str(m["facets"])],
         ["path length", "m", f"{m['path_length_m']:.3f}"],
         ["cycle time at the feed", "s", f"{m['cycle_time_s']:.0f}"],
-        ["step-over, mean", "mm", _or_dash(m["stepover_mean_m"], f"{m['stepover_mean_m'] * mm:.2f}")],
-        ["step-over, p5 to p95", "mm", _or_dash(m["stepover_mean_m"], spread)],
-        ["coverage by the pad", "%", f"{m['coverage'] * percent:.1f}"],
-        ["within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
-        ["self crossings", "", str(m["self_crossings"])],
+        ["step-over, mean", "mm", console.number_or_dash(m["stepover_mean_m"], mm, ".2f")],
+        ["step-over, p5 / p95", "mm", spread],
+        ["covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
+        ["  within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
+        ["crossings of the path with itself", "", str(m["self_crossings"])],
         ["retracts", "", str(m["retracts"])],
-        ["way through the air", "m", f"{m['air_length_m']:.3f}"],
+        ["way through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
         ["tool axis turned by smoothing, at most", "deg", f"{math.degrees(m['axis_deviation_max_rad']):.3g}"],
         ["largest distance to surface", "mm", f"{m['max_distance_to_surface_m'] * mm:.1g}"],
         ["planned in", "s", f"{m['plan_time_s']:.2f}"],
     ]
-
-
-def _or_dash(value: float, text: str) -> str:
-    """The text, or a dash where there is no value: a path without neighbouring turns has no step-over."""
-    return "-" if math.isnan(value) else text

@@ -10,7 +10,7 @@ from polish_sim.cli.boundary import DONE
 from polish_sim.cli.idle_options import refuse_idle_in, refuse_idle_on_path
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.rendering import prepare_headless
-from polish_sim.cli.scenario_options import build_scenario
+from polish_sim.cli.scenario_options import build_scenario, given_options
 from polish_sim.cli.sinks import open_sinks
 from polish_sim.errors import InputError
 
@@ -55,34 +55,7 @@ def run(
     overwrite: o.Overwrite = False,
 ) -> int:
     """Simulate an experiment of the paper: arc, force or surface."""
-    given = {
-        "--part": part,
-        "--part-pose": part_pose,
-        "--units": units,
-        "--up": up,
-        "--region": region,
-        "--feature-angle": feature_angle,
-        "--edge-margin": edge_margin,
-        "--pattern": pattern,
-        "--stepover": stepover,
-        "--overlap": overlap,
-        "--order": order,
-        "--direction": direction,
-        "--start": start,
-        "--raster-direction": raster_direction,
-        "--lead-in": lead_in,
-        "--lead-angle": lead_angle,
-        "--tilt-angle": tilt_angle,
-        "--axis-smoothing": axis_smoothing,
-        "--axis-deviation": axis_deviation,
-        "--pad-diameter": pad_diameter,
-        "--contact-force": contact_force,
-        "--feed": feed,
-        "--spindle-rpm": spindle_rpm,
-        "--controller": controller,
-        "--seed": seed,
-        "--log-rate": log_rate,
-    }
+    given = given_options(locals())
     refuse_idle_in(experiment, given)
     if seeds is not None and (view or video):
         raise InputError("--view and --video show one run: leave --seeds out.")

@@ -68,14 +68,29 @@ TRIPLES: Final[Mapping[str, Target]] = {
 }
 """Options of the form X,Y,Z."""
 
+OTHERS: Final = ("--overlap", "--part-pose", "--log-rate", "--seed")
+"""Options with a reading of their own."""
+
+
+def given_options(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Options by the names a user writes.
+
+    Args:
+        arguments: A command's arguments by the names Python has for them, e.g. ``pad_diameter``; others may be there.
+
+    Returns:
+        Those that set something of the scenario, e.g. ``--pad-diameter``; None where not given.
+    """
+    named = {"--" + name.replace("_", "-"): value for name, value in arguments.items()}
+    return {option: named[option] for option in (*OPTIONS, *TRIPLES, *OTHERS) if option in named}
+
 
 def build_scenario(base: Scenario, given: Mapping[str, Any], config: Path | None, assignments: list[str]) -> Scenario:
     """Put a scenario together: defaults, then the config file, then the options, then --set.
 
     Args:
         base: The experiment's defaults.
-        given: Options by name as in ``OPTIONS`` and ``TRIPLES`` plus ``--overlap``, ``--part-pose``, ``--log-rate``
-            and ``--seed``; None = not given.
+        given: Options by name, see `given_options`; None = not given.
         config: A TOML file.
         assignments: ``KEY=VALUE`` strings of --set.
 

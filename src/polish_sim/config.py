@@ -21,9 +21,9 @@ def key(default: Any, text: str, low: float = -math.inf, high: float = math.inf,
 class PartConfig:
     """Which part is in the cell, where, and how it differs from its drawing."""
 
-    file: str = key("freeform", "STL file, or the name of a shipped part")
-    unit: str = key("mm", "unit of the STL: mm, cm, m or inch")
-    up: str = key("auto", "side turned up: auto, x, y, z, -x, -y or -z")
+    file: str = key("freeform", "STL, PLY or OBJ file, or the name of a shipped part")
+    unit: str = key("mm", "unit of the part's file: mm, cm, m or inch")
+    up: str = key("auto", "side turned up: auto, x, y, z, -x, -y, -z, or a direction X,Y,Z")
     pose: tuple[float, ...] = key(
         (), "pose of the work frame in the base frame: x, y, z [m], rotation vector [rad]; empty = chosen", length=6
     )
@@ -36,13 +36,16 @@ class PartConfig:
 class PlanConfig:
     """How the tool path covers the region."""
 
-    file: str = key("", "a finished plan to run: plan folder, path.json or CSV; empty = plan anew")
+    file: str = key("", "a finished path to run: plan folder, path.json, CSV or APT file; empty = plan anew")
     pattern: str = key("spiral", "spiral, raster, contour or fermat")
     region: str = key(
-        "auto", "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;... or faces:FILE (mm)"
+        "auto",
+        "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE or faces:FILE (mm)",
     )
-    feature_angle_rad: float = key(math.radians(30.0), "edges that bend more than this are creases [rad]", 0.01, 3.1)
-    edge_margin_m: float = key(0.0, "how far the region keeps from its edges [m]", 0.0, 0.5)
+    feature_angle_rad: float = key(
+        math.radians(30.0), "edges that bend by more than this bound a smooth face [rad]", 0.01, 3.1
+    )
+    edge_margin_m: float = key(0.0, "how far the region keeps from its edges, along the surface [m]", 0.0, 0.5)
     stepover_m: float = key(0.008, "distance between neighbouring turns [m]", 0.0002, 1.0)
     bridge_m: float = key(0.02, "holes up to this diameter are run over by the pad [m]", 0.0, 0.5)
     order: str = key("inward", "spiral, contour: inward or outward")

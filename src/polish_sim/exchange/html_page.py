@@ -33,7 +33,7 @@ FIGURES: Final[tuple[tuple[str, str, float, str], ...]] = (
     ("covered by the pad", "coverage", 100.0, "{:.1f} %"),
     ("within 0.55 step-overs", "coverage_stepover", 100.0, "{:.1f} %"),
     ("crossings", "self_crossings", 1.0, "{:.0f}"),
-    ("lifts", "retracts", 1.0, "{:.0f}"),
+    ("retracts", "retracts", 1.0, "{:.0f}"),
     ("facets of the part", "facets", 1.0, "{:.0f}"),
 )
 """Rows of the page's table: name, key in metrics.json, factor, format."""
