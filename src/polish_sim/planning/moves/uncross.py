@@ -154,7 +154,7 @@ def _split(item: OnSurface, cuts: Sequence[tuple[float, float]]) -> list[Surface
 
 def _stretch(item: OnSurface, s: Array, low: float, high: float) -> SurfaceRun:
     """A run from one arc length to another [m], its ends on the surface."""
-    margin = 1e-3 * (high - low)
+    margin = min(1e-3 * (high - low), 1e-5)
     inner = np.flatnonzero((s > low + margin) & (s < high - margin))
     ends = np.array([low, high])
     tips = np.stack([np.interp(ends, s, item.run.positions[:, k]) for k in range(3)], axis=1)
