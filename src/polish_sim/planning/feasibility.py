@@ -5,7 +5,7 @@ from __future__ import annotations
 from polish_sim.config import PadConfig, PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, merge_regions
-from polish_sim.planning.curves.offset_curve import nearest_of
+from polish_sim.planning.curves.offset_curve import CurveSet
 from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.ground.footprint import footprint
 from polish_sim.planning.ground.ground import Ground
@@ -13,6 +13,9 @@ from polish_sim.planning.quality.located import PathOnSurface
 
 NARROWEST = 0.5
 """A region narrower than this share of the pad's diameter cannot carry it."""
+
+FEW = 20
+"""One vertex in so many is asked first how far it is from the border."""
 
 
 def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> Region:
@@ -68,11 +71,10 @@ def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:
     notes = []
     if ground.holes:
         notes.append(f"{ground.holes} small holes are run over by the pad (plan.bridge_m sets up to which size)")
-    borders = border_curves(ground.mesh)
-    depth = nearest_of(borders, ground.mesh.vertices).nearest.distances
-    if depth.max() < pad.radius_m:
+    depth = _depth_below(ground, pad.radius_m)
+    if depth is not None:
         notes.append(
-            f"the region is at most {2e3 * depth.max():.3g} mm wide between its borders: "
+            f"the region is at most {2e3 * depth:.3g} mm wide between its borders: "
             f"the pad ({2e3 * pad.radius_m:.3g} mm) hangs over"
         )
     hollow = on.curvatures[:, 1]
@@ -83,3 +85,13 @@ def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:
             f"pad ({1e3 * pad.radius_m:.3g} mm): the pad touches with its edge there"
         )
     return notes
+
+
+def _depth_below(ground: Ground, limit: float) -> float | None:
+    """How far the region's middle is from its borders if that is less than a limit [m]; None if it is not."""
+    borders, points = CurveSet(border_curves(ground.mesh)), ground.mesh.vertices
+    # A few places mostly do to tell that there is room.
+    if borders.at_least(points[::FEW]).max() >= limit:
+        return None
+    depth = float(borders.nearest(points).nearest.distances.max())
+    return depth if depth < limit else None

@@ -21,6 +21,8 @@ Ints = NDArray[np.int64]
 
 BEYOND = 0.6
 """Distances are exact up to this many step-overs beyond the next turn; edges are a third of one long."""
+SCOUTS = 1.5
+"""Bounds far away are looked up for one vertex in each cell of so many step-overs."""
 FAR = 6.0
 """Vertices that only see turns on the other side of the part are thought to be so many step-overs away."""
 
@@ -48,7 +50,7 @@ class Front:
         self.which = np.full(count, -1)
         """The nearest of the last turns around, -1 where unknown, (n,)."""
         self._bounds = np.zeros(count)
-        self._starts, self._members = _triangles_by_vertex(mesh.triangles, count)
+        self._scouts = _scouts(mesh.vertices, SCOUTS * stepover)
         self._marks, self._mark = np.zeros(len(mesh.triangles), dtype=np.int64), 0
 
     def step(self, number: int) -> float:
@@ -59,22 +61,29 @@ class Front:
         """Bring the distances of vertices to the turns of a number up to date."""
         cap, reach = FAR * self.stepover, self.step(number) + BEYOND * self.stepover
         points = self.mesh.vertices[rows]
-        distances = curves.at_least(points)
+        distances = self._at_least(rows, curves)
         near = np.flatnonzero(distances < reach)
-        which, feet = curves.nearest(points[near], 2.0 * reach)
+        which, feet = curves.nearest(points[near], cap)
         same_side = (feet.normals * self.mesh.normals[rows[near]]).sum(axis=1) > 0.0
         exact = np.isfinite(feet.distances)
-        distances[near] = np.where(exact, np.where(same_side, feet.distances, cap), 2.0 * reach)
+        distances[near] = np.where(exact & same_side, feet.distances, cap)
         self.which[rows] = -1
         self.which[rows[near]] = np.where(exact & same_side, which, -1)
         self.values[rows] = np.minimum(distances, cap)
         self._bounds[rows] = distances + self._level(number)
         return Looked(rows, distances)
 
+    def _at_least(self, rows: Ints, curves: CurveSet) -> Array:
+        """Lower bounds of the distances of vertices to turns: those of their scouts less the ways to them [m]."""
+        scouts, which = np.unique(self._scouts[rows], return_inverse=True)
+        points = self.mesh.vertices
+        away = np.linalg.norm(points[rows] - points[scouts][which], axis=1)
+        return np.asarray(curves.at_least(points[scouts])[which] - away)
+
     def triangles_around(self, rows: Ints) -> Ints:
         """Triangles with a corner among vertices, each once."""
         self._mark += 1
-        return np.asarray(_around(self._starts, self._members, rows, self._marks, self._mark))
+        return np.asarray(_around(*self.mesh.around, rows, self._marks, self._mark))
 
     def put_off(self, rows: Ints, number: int, waiting: Waiting) -> None:
         """Let vertices wait until a turn later than this one comes near them."""
@@ -89,6 +98,15 @@ class Front:
     def _level(self, number: int) -> float:
         """How far the turns of a number are from the border [m]."""
         return self.first + (number - 1) * self.stepover if number else 0.0
+
+
+def _scouts(points: Array, size: float) -> Ints:
+    """The first vertex in each cell of a grid, told to all in the cell, shape (n,)."""
+    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    counts = cells.max(axis=0) + 1
+    keys = (cells[:, 0] * counts[1] + cells[:, 1]) * counts[2] + cells[:, 2]
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    return np.asarray(first[which])
 
 
 def all_rows(waiting: Waiting) -> Ints:
@@ -109,24 +127,6 @@ def select_rows(waiting: Waiting, chosen: NDArray[np.bool_]) -> Waiting:
     """Those that wait among the chosen vertices, a mask of shape (n,)."""
     picked = {turn: [part[chosen[part]] for part in parts] for turn, parts in waiting.items()}
     return {turn: parts for turn, parts in picked.items() if any(len(part) for part in parts)}
-
-
-@njit(cache=True, error_model="numpy")
-def _triangles_by_vertex(triangles, count):  # type: ignore[no-untyped-def]
-    """Triangles of each vertex one after the other: where a vertex's begin, shape (count + 1,), and they."""
-    starts = np.zeros(count + 1, np.int64)
-    for t in range(len(triangles)):
-        for k in range(3):
-            starts[triangles[t, k] + 1] += 1
-    for v in range(count):
-        starts[v + 1] += starts[v]
-    place, members = starts.copy(), np.empty(3 * len(triangles), np.int64)
-    for t in range(len(triangles)):
-        for k in range(3):
-            v = triangles[t, k]
-            members[place[v]] = t
-            place[v] += 1
-    return starts, members
 
 
 @njit(cache=True, error_model="numpy")

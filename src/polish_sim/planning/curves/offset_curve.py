@@ -34,7 +34,7 @@ WHOLE = 1e-6
 """A count this little above a whole number is that number: rounding must not add a point."""
 BACK = 1e-6
 """Feet fall back only by more than this share of the distance; less is rounding."""
-ROUGHLY = 0.5
+ROUGHLY = 0.1
 """Lower bounds of distances may be too low by this share."""
 OFF = 0.02
 """Feet further than this share of the step-over from the surface are not on it."""

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
-from polish_sim.planning.ground.connected import label_pieces
+from polish_sim.planning.ground.connected import label_pieces, lonely_edges, triangles_by_vertex
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -41,14 +41,19 @@ class Triangulation:
     @cached_property
     def edges(self) -> Ints:
         """Every edge once, shape (e, 2)."""
-        return _decode(np.unique(_edge_keys(self.triangles, len(self.vertices))), len(self.vertices))
+        keys = np.unique(_edge_keys(self.triangles, len(self.vertices)))
+        return np.stack([keys // len(self.vertices), keys % len(self.vertices)], axis=1)
 
     @cached_property
     def border(self) -> Ints:
         """Directed edges with a triangle on their left only, shape (b, 2)."""
-        keys = _edge_keys(self.triangles, len(self.vertices))
-        _, which, count = np.unique(keys, return_inverse=True, return_counts=True)
-        return _half_edges(self.triangles)[count[which] == 1]
+        return _half_edges(self.triangles)[lonely_edges(self.triangles, *self.around).T.ravel()]
+
+    @cached_property
+    def around(self) -> tuple[Ints, Ints]:
+        """Triangles vertex by vertex: where those around each vertex begin, (n + 1,), and they, (3 m,)."""
+        starts, members = triangles_by_vertex(self.triangles, len(self.vertices))
+        return starts, members
 
     @cached_property
     def vertex_areas(self) -> Array:
@@ -98,18 +103,19 @@ def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
     triangles = surface.faces.astype(np.int64)
     vertices = surface.vertices.copy()
     for _ in range(MOST_ROUNDS):
-        keys, which = np.unique(_edge_keys(triangles, len(vertices)), return_inverse=True)
-        edges = _decode(keys, len(vertices))
-        length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
-        long = length > longest_edge * ALIKE
+        long = _long_edges(vertices, triangles, longest_edge)
         if not long.any() or len(triangles) > 2 * MAX_TRIANGLES:
             break
-        middle = np.full(len(edges), -1)
-        middle[long] = len(vertices) + np.arange(long.sum())
-        split = middle[which.reshape(3, -1).T]
-        first = _first_half_edge(which, np.flatnonzero(long), len(edges), len(triangles))
-        weights = 0.5 * (corners[first[1], first[0]] + corners[first[1], (first[0] + 1) % 3])
-        added = surface.evaluate(owners[first[1]].astype(np.int32), weights)
+        # Corner by corner, so that of the two triangles at an edge the one of the lower corner evaluates its middle.
+        corner, row = np.nonzero(long)
+        ends = np.stack([triangles[row, corner], triangles[row, (corner + 1) % 3]])
+        keys = ends.min(axis=0) * len(vertices) + ends.max(axis=0)
+        _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+        split = np.full(triangles.shape, -1)
+        split[row, corner] = len(vertices) + which
+        row, corner = row[first], corner[first]
+        weights = 0.5 * (corners[row, corner] + corners[row, (corner + 1) % 3])
+        added = surface.evaluate(owners[row].astype(np.int32), weights)
         vertices = np.concatenate([vertices, added.positions])
         triangles, corners, owners = _split(triangles, corners, owners, split, vertices)
     return _finish(surface, vertices, triangles, corners, owners)
@@ -126,15 +132,11 @@ def _edge_keys(triangles: Ints, count: int) -> Ints:
     return half.min(axis=1) * count + half.max(axis=1)
 
 
-def _decode(keys: Ints, count: int) -> Ints:
-    return np.stack([keys // count, keys % count], axis=1)
-
-
-def _first_half_edge(which: Ints, wanted: Ints, edge_count: int, count: int) -> tuple[Ints, Ints]:
-    """Corner and triangle of one half edge of each wanted edge."""
-    place = np.empty(edge_count, dtype=np.int64)
-    place[which[::-1]] = np.arange(len(which))[::-1]
-    return place[wanted] // count, place[wanted] % count
+def _long_edges(vertices: Array, triangles: Ints, longest_edge: float) -> NDArray[np.bool_]:
+    """Whether the edge from corner k to k + 1 of each triangle is longer than asked for, shape (3, m)."""
+    limit2 = (longest_edge * ALIKE) ** 2
+    sides = (vertices[triangles[:, (k + 1) % 3]] - vertices[triangles[:, k]] for k in range(3))
+    return np.stack([np.einsum("ij,ij->i", side, side) > limit2 for side in sides])
 
 
 def _split(triangles: Ints, corners: Array, owners: Ints, split: Ints, vertices: Array) -> tuple[Ints, Array, Ints]:
