@@ -35,6 +35,18 @@ def box(*extents: float, shift: float = 0.0) -> trimesh.Trimesh:
     return mesh.apply_translation([shift, 0.0, 0.0])
 
 
+def moebius_strip() -> trimesh.Trimesh:
+    """A band of 30 mm width whose ends are joined with half a turn: it has no outside."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    across = np.stack([np.cos(0.5 * angle) * np.cos(angle), np.cos(0.5 * angle) * np.sin(angle), np.sin(0.5 * angle)])
+    middle = 80.0 * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    points = np.concatenate([middle - 15.0 * across, middle + 15.0 * across], axis=1).T
+    low = np.arange(60)
+    low_next, high_next = np.append(low[1:], 60), np.append(low[1:] + 60, 0)
+    faces = np.concatenate([np.stack([low, low_next, low + 60], 1), np.stack([low_next, high_next, low + 60], 1)])
+    return trimesh.Trimesh(points, faces, process=False)
+
+
 BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "missing": (lambda file: None, "bad.stl"),
     "empty": (lambda file: file.write_bytes(b"") and None, "bad.stl"),
@@ -42,7 +54,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "garbage": (lambda file: file.write_text("this is no mesh, but text\n" * 20) and None, "bad.stl"),
     "nan": (spoiled(with_nan), "bad.stl"),
     "flat": (exported(trimesh.Trimesh(np.zeros((3, 3)), [[0, 1, 2]], process=False)), "bad.stl"),
-    "two_bodies": (exported(trimesh.util.concatenate([box(80, 80, 20), box(80, 80, 20, shift=200)])), "bod"),
+    "one_sided": (exported(moebius_strip()), "one-sided"),
     "metres": (exported(box(0.15, 0.15, 0.02)), "--units m"),
     "micrometres": (exported(box(150e3, 150e3, 20e3)), "unit"),
     "thin": (exported(box(150, 5, 20)), "pad"),

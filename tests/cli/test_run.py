@@ -159,6 +159,7 @@ def test_an_interrupt_of_many_seeds_keeps_those_that_ended(tmp_path: Path) -> No
     many = ["run", "arc", "--seeds", "40", "--out", "cut"]
     with subprocess.Popen([*PROGRAM, *many], cwd=tmp_path, stderr=subprocess.PIPE, text=True) as run:
         while not list(tmp_path.glob(".cut.part/seed-*/metrics.json")):
+            assert run.poll() is None, run.communicate()[1]
             time.sleep(0.05)
         run.send_signal(signal.SIGINT)
         _, err = run.communicate()
