@@ -9,13 +9,14 @@ import trimesh
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import fit_surface, load_part
 from polish_sim.planning.moves.approach import LEADS, normal_lead, process_move, tangent_lead, with_leads
-from polish_sim.planning.moves.landing import Remark, choose_leads, notes_of
+from polish_sim.planning.moves.landing import Air, Remark, choose_leads, notes_of
 from polish_sim.planning.moves.obstacle import RIM_POINTS, heights, rim_depths
 from polish_sim.planning.moves.travel import travel
 from tests.planning.shapes import plan_of
 
 UP = np.array([0.0, 0.0, 1.0])
 CLEARANCE = 0.03
+STEPOVER = 0.008
 
 
 def solid(mesh, tmp_path):
@@ -86,9 +87,9 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
 def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing_with_a_note(tmp_path):
     part = slab_with_wall(tmp_path)
     # Half the pad and a little: next to the wall, heading away from it, the ramp would come through it.
-    leads = choose_leads(stroke(0.032, 0.07), "tangent", CLEARANCE, part, 0.025)
-    assert leads.shape_in is normal_lead
-    assert leads.shape_out is tangent_lead
+    leads = choose_leads(stroke(0.032, 0.07), "tangent", Air(part, 0.025, CLEARANCE, UP), STEPOVER)
+    assert leads.start.shape is normal_lead
+    assert leads.end.shape is tangent_lead
     assert notes_of(leads.remarks) == (
         "the tangent lead-in would run into the part, it goes straight along the tool axis: at (32, 0, 0) mm",
     )
@@ -98,9 +99,9 @@ def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing_with_a_note(tmp
 def test_on_a_free_plate_every_lead_is_kept(tmp_path, name):
     part = solid(trimesh.creation.box((200.0, 200.0, 10.0)), tmp_path)
     move = stroke(-0.05, 0.05)._replace(positions=stroke(-0.05, 0.05).positions + [0.0, 0.0, 0.005])
-    leads = choose_leads(move, name, CLEARANCE, part, 0.025)
-    assert leads.shape_in is LEADS[name]
-    assert leads.shape_out is LEADS[name]
+    leads = choose_leads(move, name, Air(part, 0.025, CLEARANCE, UP), STEPOVER)
+    assert leads.start.shape is LEADS[name]
+    assert leads.end.shape is LEADS[name]
     assert leads.remarks == ()
 
 
@@ -129,8 +130,8 @@ def test_in_a_tight_bowl_a_tangent_ramp_would_leave_through_the_side(tmp_path, r
     angle = np.linspace(0.0, 0.2 * 30.0 / radius_mm, 40) - 0.1
     normal = np.stack([-np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
     move = process_move(-1e-3 * radius_mm * normal, normal, np.zeros(40, dtype=np.int64))
-    chosen = choose_leads(move, "tangent", CLEARANCE, part, 0.0)
-    assert (chosen.shape_in is tangent_lead) == kept
+    chosen = choose_leads(move, "tangent", Air(part, 0.0, CLEARANCE, UP), STEPOVER)
+    assert (chosen.start.shape is tangent_lead) == kept
 
 
 def test_two_islands_get_their_own_passes_and_one_lift_each(tmp_path):

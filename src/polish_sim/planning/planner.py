@@ -13,7 +13,7 @@ from polish_sim.errors import PlanError, unknown_name
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.ground.ground import Ground, Piece, prepare_ground
 from polish_sim.planning.moves.approach import LEADS, Move, concatenate, with_leads
-from polish_sim.planning.moves.landing import Remark, choose_leads, notes_of
+from polish_sim.planning.moves.landing import Air, Remark, choose_leads, notes_of
 from polish_sim.planning.moves.order import order_blocks
 from polish_sim.planning.moves.stroke import Stroke, give_axes
 from polish_sim.planning.moves.travel import travel
@@ -28,7 +28,6 @@ Array = NDArray[np.float64]
 ORDERS: Final = ("inward", "outward")
 DIRECTIONS: Final = ("climb", "conventional")
 CUT_HERE: Final = "the path would cross itself, one of the two strands is cut and the tool lifts there"
-NO_WAY: Final = "no clear way through the air leads from the end of a run to the next one, the part is between"
 
 
 class Planned(NamedTuple):
@@ -53,6 +52,15 @@ class PieceRun(NamedTuple):
 
     run: SurfaceRun
     surface: Surface
+
+
+class Placed(NamedTuple):
+    """A stroke with its leads and the way to it."""
+
+    stroke: Stroke
+    moves: list[Move]
+    """Travel if there was a stroke before, approach, lead-in, process, lead-out, retract."""
+    remarks: tuple[Remark, ...]
 
 
 def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
@@ -178,29 +186,68 @@ def assemble(
     pad_radius: float,
     remarks: Sequence[Remark] = (),
 ) -> Planned:
-    """Give runs their tool axes and leads and put them in a row."""
+    """Give runs their tool axes and leads and put them in a row; a run the tool cannot come to is left out.
+
+    Raises:
+        PlanError: The tool can come to none of them.
+    """
+    air = Air(part, pad_radius, plan.clearance_m, up)
     moves: list[Move] = []
     curvature: list[Array] = []
-    told = list(remarks)
+    told, lost = list(remarks), []
     passes, deviation = 0, 0.0
     for item in runs:
-        stroke: Stroke = give_axes(item.run, item.surface, plan, passes)
+        whole = give_axes(item.run, item.surface, plan, passes)
+        placed = _place(whole, moves[-1] if moves else None, plan, air)
+        if placed is None:
+            lost.append(whole.process.positions)
+            continue
+        stroke = placed.stroke
         passes = int(stroke.process.pass_index.max()) + 1
         deviation = max(deviation, stroke.axis_deviation_rad)
-        chosen = choose_leads(stroke.process, plan.lead_in, plan.clearance_m, part, pad_radius)
-        parts = with_leads(stroke.process, chosen.shape_in, plan.clearance_m, chosen.shape_out)
-        told += chosen.remarks
-        if moves:
-            between, clear = travel(moves[-1], parts[0], up, plan.clearance_m, part)
-            parts = [between, *parts]
-            told += [] if clear else [Remark(NO_WAY, moves[-1].positions[-1])]
-        before = sum(len(move.positions) for move in parts[:-3])
-        after = sum(len(move.positions) for move in parts[-2:])
+        told += placed.remarks
+        before = sum(len(move.positions) for move in placed.moves[:-3])
+        after = sum(len(move.positions) for move in placed.moves[-2:])
         curvature.append(np.pad(stroke.curvature, (before, after), mode="edge"))
-        moves += parts
+        moves += placed.moves
+    told += _out_of_reach(lost, plan.stepover_m, nothing_left=not moves)
     positions, axes, segment, pass_index = concatenate(moves)
     path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
     return Planned(path, deviation, notes_of(told))
+
+
+def _place(whole: Stroke, previous: Move | None, plan: PlanConfig, air: Air) -> Placed | None:
+    """Leads for a stroke, shortened if need be, and the way to it; None if it cannot be reached."""
+    chosen = choose_leads(whole.process, plan.lead_in, air, plan.stepover_m)
+    if chosen is None:
+        return None
+    start, end = chosen
+    stroke = whole.rows(start.row, end.row)
+    parts = with_leads(stroke.process, start.shape, start.clearance, end.shape, end.clearance)
+    if previous is not None:
+        between, clear = travel(previous, parts[0], air.up, plan.clearance_m, air.part)
+        if not clear:
+            return None
+        parts = [between, *parts]
+    return Placed(stroke, parts, chosen.remarks)
+
+
+def _out_of_reach(lost: Sequence[Array], stepover: float, nothing_left: bool) -> list[Remark]:
+    """What to say about strokes (n, 3) that were left out."""
+    if not lost:
+        return []
+    area = sum(float(arc_length(positions)[-1]) for positions in lost) * stepover
+    if nothing_left:
+        where = ", ".join(f"{1e3 * value:.1f}" for value in lost[0][0])
+        raise PlanError(
+            f"the tool can come to no stroke of the path without running into the part, the first is at ({where}) mm. "
+            "Choose a region that is open to the outside (--region), or a smaller --clearance."
+        )
+    what = (
+        f"{len(lost)} strokes, about {area * 1e6:.3g} mm^2, are left out: the tool cannot come there without running "
+        "into the part"
+    )
+    return [Remark(what, lost[0][0])]
 
 
 def _silent(share: float) -> None:

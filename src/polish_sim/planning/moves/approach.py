@@ -55,20 +55,27 @@ def arc_lead(height: float) -> Array:
 LEADS: Final[Mapping[str, LeadShape]] = {"normal": normal_lead, "tangent": tangent_lead, "arc": arc_lead}
 
 
-def with_leads(process: Move, shape: LeadShape, clearance: float, shape_out: LeadShape | None = None) -> list[Move]:
+def with_leads(
+    process: Move,
+    shape: LeadShape,
+    clearance: float,
+    shape_out: LeadShape | None = None,
+    clearance_out: float | None = None,
+) -> list[Move]:
     """Put approach and lead-in before a process move and lead-out and retract after it.
 
     Args:
         process: Points in contact.
         shape: How the tool lands.
-        clearance: Height of the first and last point above the part along the tool axis [m].
+        clearance: Height of the first point, and of the last, above the part along the tool axis [m].
         shape_out: How it leaves, mirrored; as it lands if not given.
+        clearance_out: Height of the last point [m]; that of the first if not given.
 
     Returns:
         The five moves in order.
     """
     lead_in, approach = landing(process, True, shape, clearance)
-    lead_out, retract = landing(process, False, shape_out or shape, clearance)
+    lead_out, retract = landing(process, False, shape_out or shape, clearance_out or clearance)
     return [approach, lead_in, process, lead_out, retract]
 
 

@@ -30,6 +30,13 @@ class Stroke(NamedTuple):
     axis_deviation_rad: float
     """Largest angle by which smoothing turned an axis [rad]."""
 
+    def rows(self, first: int, last: int) -> Stroke:
+        """The stroke from one of its points to another, both included."""
+        kept = np.s_[first : last + 1]
+        move = self.process
+        short = process_move(move.positions[kept], move.axes[kept], move.pass_index[kept])
+        return Stroke(short, self.curvature[kept], self.axis_deviation_rad)
+
 
 def give_axes(run: SurfaceRun, surface: Surface, plan: PlanConfig, first_pass: int) -> Stroke:
     """Set the tool on a run: along the normal, softened over creases, leaned by lead and tilt, smoothed.

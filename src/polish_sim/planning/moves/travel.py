@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from polish_sim.geometry import Surface
 from polish_sim.planning.moves.approach import Move, evenly
 from polish_sim.planning.moves.obstacle import heights
+from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, way_out
 from polish_sim.planning.toolpath import APPROACH
 from polish_sim.spatial import perpendicular, unit
 
@@ -18,8 +19,6 @@ Array = NDArray[np.float64]
 
 LEVELS = 5
 """So many heights between the lifted tool's own and one above everything are tried, the lowest first."""
-KEPT = 0.7
-"""Share of the clearance the travelling tool keeps from the part, or what it had when it was lifted."""
 ROUND = 24
 """Corners of a way round the part."""
 
@@ -38,9 +37,9 @@ def travel(first: Move, second: Move, up: Array, clearance: float, part: Surface
         The points between, as approach to the second run, and whether they keep clear of the part.
     """
     start, end = first.positions[-1], second.positions[0]
-    kept = min(KEPT * clearance, *(0.99 * heights(part, np.stack([start, end]))))
+    kept = height_to_keep(part, np.stack([start, end]), clearance)
     clear, line = False, np.empty((0, 3))
-    for corners in _ways(start, end, first.axes[-1], second.axes[0], up, clearance, part):
+    for corners in _ways((start, end), (first.axes[-1], second.axes[0]), up, clearance, part, kept):
         line = _along(corners)
         clear = kept > 0.0 and bool(heights(part, line).min() >= kept)
         if clear:
@@ -52,14 +51,19 @@ def travel(first: Move, second: Move, up: Array, clearance: float, part: Surface
 
 
 def _ways(
-    start: Array, end: Array, start_axis: Array, end_axis: Array, up: Array, clearance: float, part: Surface
+    ends: tuple[Array, Array], axes: tuple[Array, Array], up: Array, clearance: float, part: Surface, kept: float
 ) -> Iterator[Sequence[Array]]:
     """Corners of the ways to try: at rising heights, then round the part, last above everything whatever it hits."""
+    start, end = ends
     top = float((part.vertices @ up).max()) + clearance
     low = max(float(start @ up), float(end @ up))
     for level in np.linspace(low, max(top, low), LEVELS):
         yield _over(start, end, up, float(level))
-    yield _round(start, end, start_axis, end_axis, clearance, part)
+    ball = ball_around(part, clearance)
+    yield _round(ends, axes, ball)
+    out = [way_out(part, ball, end, axis, up, kept) for end, axis in zip(ends, axes, strict=True)]
+    if out[0] is not None and out[1] is not None:
+        yield _round(ends, (out[0], out[1]), ball)
     yield _over(start, end, up, max(top, low))
 
 
@@ -67,18 +71,14 @@ def _over(start: Array, end: Array, up: Array, level: float) -> list[Array]:
     return [start, *(point + up * max(level - float(point @ up), 0.0) for point in (start, end)), end]
 
 
-def _round(
-    start: Array, end: Array, start_axis: Array, end_axis: Array, clearance: float, part: Surface
-) -> list[Array]:
-    """Out along the tool axis to a ball around the part, over it, and in again."""
-    middle = part.vertices.mean(axis=0)
-    radius = float(np.linalg.norm(part.vertices - middle, axis=1).max()) + 1.5 * clearance
-    outside = [_leave(point - middle, axis, radius) for point, axis in ((start, start_axis), (end, end_axis))]
+def _round(ends: tuple[Array, Array], directions: tuple[Array, Array], ball: Ball) -> list[Array]:
+    """Straight out to a ball around the part, over it, and in again."""
+    outside = [_leave(end - ball.middle, way, ball.radius) for end, way in zip(ends, directions, strict=True)]
     first, second = (unit(point) for point in outside)
-    reach = max(radius, *(float(np.linalg.norm(point)) for point in outside))
+    reach = max(ball.radius, *(float(np.linalg.norm(point)) for point in outside))
     # A chord between corners must not cut into the ball.
     arc = reach / np.cos(0.5 * np.pi / (ROUND - 1)) * _turned(first, second, np.linspace(0.0, 1.0, ROUND))
-    return [start, middle + outside[0], *(middle + arc), middle + outside[1], end]
+    return [ends[0], ball.middle + outside[0], *(ball.middle + arc), ball.middle + outside[1], ends[1]]
 
 
 def _leave(point: Array, axis: Array, radius: float) -> Array:

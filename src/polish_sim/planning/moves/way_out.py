@@ -1,0 +1,86 @@
+"""Whether a lifted tool can leave a place in a straight line, and along which (part, place -> direction)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.geometry import Surface
+from polish_sim.planning.moves.obstacle import heights
+from polish_sim.spatial import perpendicular, unit
+
+Array = NDArray[np.float64]
+
+DIRECTIONS = 40
+"""So many directions over the half space the tool looks away to are tried besides up and the tool axis."""
+KEPT = 0.7
+"""Share of the clearance the travelling tool keeps from the part."""
+KEPT_LOW = 0.9
+"""Where it was lifted less than that: share of the height it had then."""
+SHORTEST_STEP_M = 5e-4
+MOST_STEPS = 400
+
+
+class Ball(NamedTuple):
+    """A ball around the part; outside it the tool travels freely."""
+
+    middle: Array
+    radius: float
+
+
+def ball_around(part: Surface, clearance: float) -> Ball:
+    """A ball that holds the part and half as much again as the clearance [m]."""
+    middle = part.vertices.mean(axis=0)
+    return Ball(middle, float(np.linalg.norm(part.vertices - middle, axis=1).max()) + 1.5 * clearance)
+
+
+def height_to_keep(part: Surface, tops: Array, clearance: float) -> float:
+    """Distance from the part a tool keeps that travels from or to places (n, 3) with a clearance [m]."""
+    return float(min(KEPT * clearance, KEPT_LOW * heights(part, tops).min()))
+
+
+def way_out(part: Surface, ball: Ball, point: Array, axis: Array, up: Array, kept: float) -> Array | None:
+    """Find a straight way from a place to outside the ball around the part.
+
+    Args:
+        part: The whole part.
+        ball: Around it.
+        point: Where the lifted tool is [m], shape (3,).
+        axis: Its unit axis, away from the part, shape (3,).
+        up: Unit vector away from the table, shape (3,).
+        kept: Distance from the part to keep [m].
+
+    Returns:
+        A unit direction, shape (3,): up if that is free, else the axis, else the one nearest to it; None without any.
+    """
+    if kept <= 0.0:
+        return None
+    for direction in (up, axis, *_around(axis)):
+        if _is_free(part, ball, point, direction, kept):
+            return np.asarray(direction)
+    return None
+
+
+def _around(axis: Array) -> Array:
+    """Unit directions spread over the half space about an axis, the nearest to it first, shape (n, 3)."""
+    k = np.arange(DIRECTIONS) + 0.5
+    along, angle = 1.0 - k / DIRECTIONS, k * np.pi * (3.0 - np.sqrt(5.0))
+    first = perpendicular(axis)
+    second = np.cross(axis, first)
+    beside = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+    return unit(along[:, None] * axis + np.sqrt(1.0 - along**2)[:, None] * beside)
+
+
+def _is_free(part: Surface, ball: Ball, point: Array, direction: Array, kept: float) -> bool:
+    """Walk along a ray in steps no longer than the distance to the part allows."""
+    here = point
+    for _ in range(MOST_STEPS):
+        if float(np.linalg.norm(here - ball.middle)) > ball.radius:
+            return True
+        height = float(heights(part, here[None])[0])
+        if height < kept:
+            return False
+        here = here + direction * max(height - kept, SHORTEST_STEP_M)
+    return False
