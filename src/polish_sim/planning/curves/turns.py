@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,10 @@ THIN = 1.1
 
 EVEN = 0.5
 """A ring's width may vary by this many step-overs for turns to run from border to border."""
+AT_BORDER = 0.05
+"""The first turn may be further from half a step-over inside the border by this share before turns are stretched."""
+STRETCH = 0.03
+"""Turns of a ring may be further apart or closer by this share of the step-over, so that a whole number fits."""
 
 Report = Callable[[float], None]
 
@@ -106,8 +111,22 @@ def grow_turns(
     return [turn for root in roots for turn in root.children]
 
 
-def ring_margin(surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Curve], stepover: float) -> float | None:
-    """Distance of the first turn from the outer border so that turns fill a ring evenly up to its inner border.
+class RingTurns(NamedTuple):
+    """How turns fill a ring evenly."""
+
+    first: float
+    """Distance of the first turn from the outer border, and of the last from the inner one [m]."""
+    pitch: float
+    """Distance from turn to turn [m]."""
+
+
+def ring_turns(
+    surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Curve], stepover: float
+) -> RingTurns | None:
+    """Turns that fill a ring of even width from its outer to its inner border.
+
+    If a whole number of them fits with their distance changed a little, the first runs half of it inside the border;
+    otherwise they keep the step-over and the outermost and innermost run closer to the borders.
 
     Args:
         surface: The region's surface.
@@ -116,7 +135,7 @@ def ring_margin(surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Cu
         stepover: Distance from turn to turn [m].
 
     Returns:
-        The distance [m], at most 0.55 step-overs; None if the ring's width varies by more than half a step-over.
+        Their distances; None if the ring's width varies by more than half a step-over.
     """
     outer, inner = borders
     if np.ptp(outer.nearest(inner.positions).distances) > 2.0 * EVEN * stepover:
@@ -131,8 +150,13 @@ def ring_margin(surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Cu
     if np.ptp(gap) > EVEN * stepover or gap.max() > 2.0 * stepover:
         return None
     width = (count - 0.5) * stepover + float(gap.mean())
-    needed = int(np.ceil(width / stepover - 0.1))
-    return 0.5 * (width - (needed - 1) * stepover)
+    fitting = max(round(width / stepover), 1)
+    first = 0.5 * (width - (fitting - 1) * stepover)
+    if abs(first - 0.5 * stepover) < AT_BORDER * stepover:
+        return RingTurns(first, stepover)
+    if abs(width / fitting - stepover) < STRETCH * stepover:
+        return RingTurns(0.5 * width / fitting, width / fitting)
+    return RingTurns(0.5 * (width - (int(np.ceil(width / stepover)) - 1) * stepover), stepover)
 
 
 def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> tuple[list[Piece], Ints]:

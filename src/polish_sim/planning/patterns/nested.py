@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.level_set import LevelLine, level_lines
 from polish_sim.planning.curves.offset_curve import nearest_of
-from polish_sim.planning.curves.turns import Turn, border_curves, distance_to, grow_turns, ring_margin
+from polish_sim.planning.curves.turns import RingTurns, Turn, border_curves, distance_to, grow_turns, ring_turns
 from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.patterns.request import PatternRequest
 from polish_sim.planning.quality.coverage import STRICT
@@ -62,12 +62,11 @@ def nested_turns(request: PatternRequest) -> Nested:
         The turns.
     """
     region, mesh, stepover, report = request.region, request.mesh, request.stepover, request.report
-    borders, first = border_curves(mesh), 0.5 * stepover
-    if len(borders) == 2:
-        margin = ring_margin(region.surface, mesh, borders, stepover)
-        if margin is not None:
-            borders, first = borders[:1], margin
-    roots = grow_turns(region.surface, mesh, borders, first, stepover, report)
+    borders, spaced = border_curves(mesh), RingTurns(0.5 * stepover, stepover)
+    ring = ring_turns(region.surface, mesh, borders, stepover) if len(borders) == 2 else None
+    if ring is not None:
+        borders, spaced = borders[:1], ring
+    roots = grow_turns(region.surface, mesh, borders, spaced.first, spaced.pitch, report)
     for turn in all_turns(roots):
         turn.curve = without_tails(turn.curve, TAIL * stepover)
     roots = _without_slivers(roots, stepover)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.turns import Turn, border_curves, grow_turns, ring_margin
+from polish_sim.planning.curves.turns import RingTurns, Turn, border_curves, grow_turns, ring_turns
 from polish_sim.planning.patterns.joining import first_break, join_turns
 from polish_sim.planning.patterns.leftover import finish_middle, middle_ends
 from polish_sim.planning.patterns.nested import TAIL, all_turns, without_tails
@@ -86,11 +86,11 @@ def _nested_turns(request: PatternRequest) -> tuple[list[Turn], bool]:
     """Outermost turns, and whether the innermost one follows a border too, as on a ring of even width."""
     surface, mesh, stepover = request.region.surface, request.mesh, request.stepover
     borders = border_curves(mesh)
-    margin = ring_margin(surface, mesh, borders, stepover) if len(borders) == 2 else None
-    to_border = margin is not None
-    if margin is None:
-        margin = 0.5 * stepover
-    roots = grow_turns(surface, mesh, borders[:1] if to_border else borders, margin, stepover, request.report)
+    ring = ring_turns(surface, mesh, borders, stepover) if len(borders) == 2 else None
+    to_border = ring is not None
+    spaced = RingTurns(0.5 * stepover, stepover) if ring is None else ring
+    outermost = borders[:1] if to_border else borders
+    roots = grow_turns(surface, mesh, outermost, spaced.first, spaced.pitch, request.report)
     for turn in all_turns(roots):
         turn.curve = without_tails(turn.curve, TAIL * stepover)
     return roots, to_border
