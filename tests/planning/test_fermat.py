@@ -79,9 +79,11 @@ def test_every_circle_is_joined_and_passed_once():
 
 def test_turns_hang_on_the_neighbour_they_run_beside_for_longest():
     curves = [circle(6.0 * STEP), circle(5.0 * STEP), circle(1.5 * STEP, (2.4 * STEP, 0.0))]
-    children, reached = grow_tree(3, find_contacts(curves, STEP), 0)
-    assert children == [[1], [2], []]
-    assert reached == [0, 1, 2]
+    tree = grow_tree(curves, find_contacts(curves, STEP), 0)
+    assert tree.children == ((1,), (2,), ())
+    assert tree.reached == (0, 1, 2)
+    lengths = [curve.length for curve in curves]
+    assert tree.lengths == pytest.approx(np.cumsum(lengths[::-1])[::-1])
 
 
 def test_a_turn_loses_a_tail_that_runs_back_on_itself():

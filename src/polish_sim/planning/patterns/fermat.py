@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.patterns.fermat_pocket import Layout, split_pockets
 from polish_sim.planning.patterns.fermat_seam import End, Link, build_seam
-from polish_sim.planning.patterns.fermat_tree import Ground, find_contacts, grow_tree, split_pockets
+from polish_sim.planning.patterns.fermat_tree import find_contacts, grow_tree
 from polish_sim.planning.patterns.nested import all_turns, nested_turns
 from polish_sim.planning.patterns.request import PatternRequest
 from polish_sim.planning.patterns.run import Run, SurfaceRun, finish_run
@@ -73,13 +74,13 @@ def connect(curves: Sequence[Curve], stepover: float, start: Sequence[float] = (
         Open lines.
     """
     contacts = find_contacts(curves, stepover)
-    ground = Ground(curves, stepover, np.array(start, dtype=float))
+    layout = Layout(curves, stepover, np.array(start, dtype=float))
     waiting = sorted(range(len(curves)), key=lambda turn: -curves[turn].length)
     runs = []
     while waiting:
-        children, reached = grow_tree(len(curves), contacts, waiting[0])
-        waiting = [turn for turn in waiting if turn not in reached]
-        seams = [build_seam(curves, p, stepover) for p in split_pockets(ground, children, reached[0])]
+        tree = grow_tree(curves, contacts, waiting[0])
+        waiting = [turn for turn in waiting if turn not in tree.reached]
+        seams = [build_seam(curves, pocket, stepover) for pocket in split_pockets(layout, tree)]
         links = [link for seam in seams for link in seam.links]
         runs += [_walk(curves, links, *seam.free) for seam in seams if seam.free]
     return runs

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.patterns.fermat_tree import Pocket
+from polish_sim.planning.patterns.fermat_pocket import Pocket
 
 Array = NDArray[np.float64]
 

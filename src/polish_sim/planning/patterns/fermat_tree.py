@@ -1,19 +1,12 @@
-"""How closed turns hang together: a tree over their neighbourhoods, cut into pockets (turns -> pockets).
-
-A pocket is a row of turns, each beside the next, with one line across all of them: the seam along which they become
-a double spiral (Zhao et al. 2016, Connected Fermat Spirals for Layered Fabrication).
-"""
+"""How closed turns hang together: who is beside whom, and the tree of the longest of these contacts (turns -> Tree)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 from scipy.spatial import cKDTree
 
 from polish_sim.planning.curves.curve import Curve
@@ -27,24 +20,6 @@ BESIDE = 1.3
 """Turns nearer than this many step-overs are neighbours."""
 APART = 2.3
 """Turns further apart than this many step-overs cannot be joined without a lift."""
-BAND, SHARE_OF_TURN = 8.0, 0.35
-"""Length of a seam along a turn: no more than so many step-overs and this share of the turn."""
-STEEPEST, GROWTH = 3.2, 1.0
-"""Its length on the innermost turn, and on the outermost of a pocket that hangs on another one, in step-overs: where
-a U-turn lies in the wedge between two turns and a line that crosses them, the wedge had better be short. From turn to
-turn it grows by no more than the second, so that the lines that cross keep their distance."""
-NARROW, SHARE_OF_LOOP = 2.0, 0.5
-"""The same for two turns, which are joined by U-turns alone."""
-ROOM = 0.5
-"""Step-overs kept clear beside a seam."""
-SLACK = 0.25
-"""By how much turns may miss their distance where a seam crosses them, in step-overs."""
-FREE_HALF = 0.25
-"""Midway between two turns nothing is nearer than this share of their distance."""
-BLOCKED = 1e3
-"""Distance that stands for turns with another one between them, in step-overs."""
-TOLERABLE = 2.5
-"""A line is not followed where it misses by more than this many times as much."""
 
 
 class Contact(NamedTuple):
@@ -56,37 +31,15 @@ class Contact(NamedTuple):
     """How far they do so [m]."""
 
 
-class Pocket(NamedTuple):
-    """Turns side by side, and the seam across them."""
+class Tree(NamedTuple):
+    """Turns that hang on one of them."""
 
-    parent: int
-    """Turn the pocket hangs on, -1 if it is the outermost; it is the first of the row then."""
-    turns: tuple[int, ...]
-    """Numbers of the turns, parent first."""
-    s: tuple[float, ...]
-    """Arc length at which the seam's middle crosses each [m]."""
-    bands: tuple[float, ...]
-    """Length of the seam on each [m]."""
-
-
-@dataclass(eq=False)
-class Ground:
-    """The turns, who is beside whom, and where seams run already."""
-
-    curves: Sequence[Curve]
-    stepover: float
-    start: Array
-    """Where the path had better begin [m], shape (3,), or (0,)."""
-    taken: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
-    """Middle and half length of the stretches of each turn seams have used [m]."""
-
-    @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(_sample(self.curves, self.stepover)[0])
-
-    def distance(self, points: Array) -> Array:
-        """Distance from points to the nearest of all turns [m], shape (n,)."""
-        return np.asarray(self._tree.query(points)[0])
+    children: tuple[tuple[int, ...], ...]
+    """The turns that hang on each directly."""
+    reached: tuple[int, ...]
+    """All turns of the tree, its root first, each after the one it hangs on."""
+    lengths: Array
+    """Length of each turn and of all that hang on it [m], shape (n,)."""
 
 
 def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
@@ -99,7 +52,7 @@ def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
     Returns:
         Every pair once.
     """
-    points, owner = _sample(curves, stepover)
+    points, owner = sample_turns(curves, stepover)
     pairs = cKDTree(points).query_pairs(APART * stepover, output_type="ndarray")
     pairs = pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]]
     gap = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
@@ -116,7 +69,7 @@ def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
     return contacts
 
 
-def _sample(curves: Sequence[Curve], stepover: float) -> tuple[Array, Ints]:
+def sample_turns(curves: Sequence[Curve], stepover: float) -> tuple[Array, Ints]:
     """Evenly spaced points of all turns (n, 3), and whose they are."""
     spacing = stepover / SAMPLES
     stations = [np.linspace(0.0, c.length, max(int(c.length / spacing), 8), endpoint=False) for c in curves]
@@ -124,188 +77,33 @@ def _sample(curves: Sequence[Curve], stepover: float) -> tuple[Array, Ints]:
     return points, np.repeat(np.arange(len(curves)), [len(s) for s in stations])
 
 
-def grow_tree(count: int, contacts: Sequence[Contact], root: int) -> tuple[list[list[int]], list[int]]:
+def grow_tree(curves: Sequence[Curve], contacts: Sequence[Contact], root: int) -> Tree:
     """The tree of longest contacts that hangs on one turn.
 
     Args:
-        count: Number of turns.
+        curves: All turns.
         contacts: Their neighbourhoods.
         root: Turn to start from.
 
     Returns:
-        The children of every turn, and the turns reached.
+        The tree.
     """
-    beside: list[list[tuple[float, int]]] = [[] for _ in range(count)]
+    beside: list[list[tuple[float, int]]] = [[] for _ in curves]
     for contact in contacts:
         beside[contact.first].append((contact.length, contact.second))
         beside[contact.second].append((contact.length, contact.first))
-    children: list[list[int]] = [[] for _ in range(count)]
-    reached = [root]
+    parent_of = {root: -1}
     offers = [(length, root, other) for length, other in beside[root]]
     while offers:
         _, parent, child = best = max(offers)
         offers.remove(best)
-        if child in reached:
+        if child in parent_of:
             continue
-        reached.append(child)
-        children[parent].append(child)
-        offers += [(length, child, other) for length, other in beside[child] if other not in reached]
-    return children, reached
-
-
-def split_pockets(ground: Ground, children: Sequence[Sequence[int]], root: int) -> list[Pocket]:
-    """Cut a tree of turns into rows with a seam across each.
-
-    Args:
-        ground: The turns; the seams' places are entered.
-        children: The tree.
-        root: Its root.
-
-    Returns:
-        Pockets, each after the one it hangs on.
-    """
-    pockets = []
-    waiting = [(-1, root)]
-    while waiting:
-        parent, first = waiting.pop(0)
-        pocket = _follow(ground, children, parent, first)
-        if parent >= 0 and len(pocket.turns) == 1:
-            # There is no room for a seam: it becomes a stroke of its own.
-            parent = -1
-            pocket = _follow(ground, children, parent, first)
-        pockets.append(pocket)
-        for turn, s, band in zip(pocket.turns, pocket.s, pocket.bands, strict=True):
-            ground.taken.setdefault(turn, []).append((s, 0.5 * band + ROOM * ground.stepover))
-        for turn in pocket.turns[parent >= 0 :]:
-            waiting += [(turn, child) for child in children[turn] if child not in pocket.turns]
-    return pockets
-
-
-def subtree_length(ground: Ground, children: Sequence[Sequence[int]], turn: int) -> float:
-    """Length of a turn and all that hang on it [m]."""
-    return ground.curves[turn].length + sum(subtree_length(ground, children, child) for child in children[turn])
-
-
-class _Lines(NamedTuple):
-    """Lines across a row of turns, tried side by side."""
-
-    s: Array
-    """Where they cross each turn [m], shape (n, k)."""
-    narrow: Array
-    """What a seam of two turns there would cost, shape (n,); inf where there is no room."""
-    wide: Array
-    """What a seam of more turns would cost, shape (n,)."""
-    away: Array
-    """What it costs to begin there, not where wanted, shape (n,)."""
-
-    def best(self, price: Array) -> tuple[float, ...]:
-        """The cheapest line."""
-        return tuple(float(value) for value in self.s[int(np.argmin(np.round(price + self.away, 6)))])
-
-
-def _follow(ground: Ground, children: Sequence[Sequence[int]], parent: int, first: int) -> Pocket:
-    """The longest row from a turn downwards that one line crosses squarely."""
-    row = [parent if parent >= 0 else first]
-    curve = ground.curves[row[0]]
-    s = np.linspace(0.0, curve.length, max(int(curve.length * SAMPLES / ground.stepover), 16), endpoint=False)
-    free = _use(ground, row[0], s, NARROW), _use(ground, row[0], s, STEEPEST)
-    away = np.zeros(len(s))
-    if parent < 0 and len(ground.start):
-        away = np.linalg.norm(curve.at(s)[0] - ground.start, axis=1) / ground.stepover
-    lines = _Lines(s[:, None], *free, away)
-    best = lines.best(lines.narrow)
-    following = [first] if parent >= 0 else list(children[first])
-    while following:
-        offers = []
-        for child in following:
-            longer = _step(ground, row, child, lines)
-            price = longer.narrow if len(row) == 1 else longer.wide
-            alive = price < (TOLERABLE * len(row) if len(row) > 1 else BLOCKED)
-            if alive.any():
-                offers.append((subtree_length(ground, children, child), child, longer, alive))
-        if not offers:
-            break
-        _, child, longer, alive = max(offers, key=lambda offer: offer[0])
-        best = longer.best(longer.narrow if len(row) == 1 else longer.wide)
-        lines = _Lines(*(column[alive] for column in longer))
-        row.append(child)
-        following = list(children[child])
-    return Pocket(parent, tuple(row), best, _even_bands(ground, row, best, parent >= 0))
-
-
-def _even_bands(ground: Ground, row: Sequence[int], line: Sequence[float], hanging: bool) -> tuple[float, ...]:
-    """Length of a seam on each turn of a row, much the same from turn to turn as seen along the seam [m]."""
-    step, last = ground.stepover, len(row) - 1
-    if last <= 1:
-        return tuple(_width(ground, turn, NARROW) for turn in row)
-    limits = np.array([_width(ground, turn, BAND) for turn in row])
-    ends = [0, last] if hanging else [last]
-    limits[ends] = np.minimum(limits[ends], STEEPEST * step)
-    scale = np.ones(len(row))
-    for k in range(last):
-        limits[k] = min(limits[k], _clear_width(ground, row[k], row[k + 1], line[k]))
-        here, there = ground.curves[row[k]], ground.curves[row[k + 1]]
-        feet = there.nearest(here.at(line[k] + np.array([-step, step]))[0]).s
-        span = abs(np.mod(feet[1] - feet[0] + 0.5 * there.length, there.length) - 0.5 * there.length)
-        scale[k + 1] = scale[k] * float(np.clip(span / (2.0 * step), 0.5, 1.5))
-    index = np.arange(len(row))
-    steps = np.abs(index[:, None] - index)
-    even = (limits / scale + GROWTH * step * steps).min(axis=1) * scale
-    return tuple(float(band) for band in even)
-
-
-def _clear_width(ground: Ground, turn: int, other: int, s: float) -> float:
-    """Length around a place on a turn along which the next one keeps its distance well [m]."""
-    curve = ground.curves[turn]
-    away = np.arange(1, 4 * SAMPLES * int(BAND)) * 0.25 * ground.stepover / SAMPLES
-    gap = ground.curves[other].nearest(curve.at(s + np.concatenate([-away, away]))[0]).distances
-    bad = (np.abs(gap / ground.stepover - 1.0) > SLACK).reshape(2, -1).any(axis=0)
-    reach = away[int(np.argmax(bad))] if bad.any() else away[-1]
-    return max(2.0 * float(reach), NARROW * ground.stepover)
-
-
-def _step(ground: Ground, row: Sequence[int], child: int, lines: _Lines) -> _Lines:
-    """The lines led on to the next turn, and what they cost then."""
-    here, there = ground.curves[row[-1]], ground.curves[child]
-    points = here.at(lines.s[:, -1])[0]
-    foot = there.nearest(points)
-    narrow = (
-        lines.narrow + _misfit(ground, row[-1], child, lines.s[:, -1], NARROW) + _use(ground, child, foot.s, NARROW)
-    )
-    wide = lines.wide + _misfit(ground, row[-1], child, lines.s[:, -1], BAND) + _use(ground, child, foot.s, BAND)
-    if len(row) > 1:
-        # The next turn must lie on the other side than the last.
-        back = ground.curves[row[-2]].at(lines.s[:, -2])[0] - points
-        wide = wide + np.where(((foot.positions - points) * back).sum(axis=1) < 0.0, 0.0, np.inf)
-    return _Lines(np.column_stack([lines.s, foot.s]), narrow, wide, lines.away)
-
-
-def _width(ground: Ground, turn: int, steps: float) -> float:
-    share = SHARE_OF_LOOP if steps == NARROW else SHARE_OF_TURN
-    return min(steps * ground.stepover, share * ground.curves[turn].length)
-
-
-def _misfit(ground: Ground, turn: int, other: int, s: Array, steps: float) -> Array:
-    """How far two turns miss their distance within a seam's length, in units of what is well tolerable."""
-    curve = ground.curves[turn]
-    count = max(int(curve.length * SAMPLES / ground.stepover), 16)
-    even = np.linspace(0.0, curve.length, count, endpoint=False)
-    points = curve.at(even)[0]
-    feet = ground.curves[other].nearest(points)
-    gap = feet.distances / ground.stepover
-    # A third turn between the two, or the other side of one of them, must not be crossed.
-    free = ground.distance(0.5 * (points + feet.positions))
-    gap[free < FREE_HALF * feet.distances] = BLOCKED
-    width = int(_width(ground, turn, steps) / (curve.length / count)) | 1
-    worst = maximum_filter1d(np.abs(gap - 1.0), width, mode="wrap")
-    return np.asarray(worst[np.round(s / curve.length * count).astype(int) % count] / SLACK)
-
-
-def _use(ground: Ground, turn: int, s: Array, steps: float) -> Array:
-    """Infinite where a seam would overlap another one on the same turn."""
-    length, half = ground.curves[turn].length, 0.5 * _width(ground, turn, steps)
-    price = np.zeros(len(s))
-    for middle, other in ground.taken.get(turn, []):
-        away = np.abs(np.mod(s - middle + 0.5 * length, length) - 0.5 * length)
-        price[away < half + other] = np.inf
-    return price
+        parent_of[child] = parent
+        offers += [(length, child, other) for length, other in beside[child] if other not in parent_of]
+    children: list[list[int]] = [[] for _ in curves]
+    lengths = np.array([curve.length for curve in curves])
+    for child, parent in list(parent_of.items())[:0:-1]:
+        children[parent].insert(0, child)
+        lengths[parent] += lengths[child]
+    return Tree(tuple(map(tuple, children)), tuple(parent_of), lengths)

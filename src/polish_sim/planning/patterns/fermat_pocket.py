@@ -1,0 +1,226 @@
+"""A tree of turns cut into pockets (Tree -> pockets).
+
+A pocket is a row of turns, each beside the next, with one line across all of them: the seam along which they become
+a double spiral (Zhao et al. 2016, Connected Fermat Spirals for Layered Fabrication).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+from scipy.spatial import cKDTree
+
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.patterns.fermat_tree import SAMPLES, Tree, sample_turns
+
+Array = NDArray[np.float64]
+
+BAND, SHARE_OF_TURN = 8.0, 0.35
+"""Length of a seam along a turn: no more than so many step-overs and this share of the turn."""
+STEEPEST, GROWTH = 3.2, 1.0
+"""Its length on the innermost turn, and on the outermost of a pocket that hangs on another one, in step-overs: where
+a U-turn lies in the wedge between two turns and a line that crosses them, the wedge had better be short. From turn to
+turn it grows by no more than the second, so that the lines that cross keep their distance."""
+NARROW, SHARE_OF_LOOP = 2.0, 0.5
+"""The same for two turns, which are joined by U-turns alone."""
+ROOM = 0.5
+"""Step-overs kept clear beside a seam."""
+SLACK = 0.25
+"""By how much turns may miss their distance where a seam crosses them, in step-overs."""
+FREE_HALF = 0.25
+"""Midway between two turns nothing is nearer than this share of their distance."""
+BLOCKED = 1e3
+"""Distance that stands for turns with another one between them, in step-overs."""
+TOLERABLE = 2.5
+"""A line is not followed where it misses by more than this many times as much."""
+
+
+class Pocket(NamedTuple):
+    """Turns side by side, and the seam across them."""
+
+    parent: int
+    """Turn the pocket hangs on, -1 if it is the outermost; it is the first of the row then."""
+    turns: tuple[int, ...]
+    """Numbers of the turns, parent first."""
+    s: tuple[float, ...]
+    """Arc length at which the seam's middle crosses each [m]."""
+    bands: tuple[float, ...]
+    """Length of the seam on each [m]."""
+
+
+@dataclass(eq=False)
+class Layout:
+    """The turns, who is beside whom, and where seams run already."""
+
+    curves: Sequence[Curve]
+    stepover: float
+    start: Array
+    """Where the path had better begin [m], shape (3,), or (0,)."""
+    taken: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
+    """Middle and half length of the stretches of each turn seams have used [m]."""
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(sample_turns(self.curves, self.stepover)[0])
+
+    def distance(self, points: Array) -> Array:
+        """Distance from points to the nearest of all turns [m], shape (n,)."""
+        return np.asarray(self._tree.query(points)[0])
+
+
+def split_pockets(layout: Layout, tree: Tree) -> list[Pocket]:
+    """Cut a tree of turns into rows with a seam across each.
+
+    Args:
+        layout: The turns; the seams' places are entered.
+        tree: How they hang together.
+
+    Returns:
+        Pockets, each after the one it hangs on.
+    """
+    pockets = []
+    waiting = [(-1, tree.reached[0])]
+    while waiting:
+        parent, first = waiting.pop(0)
+        pocket = _follow(layout, tree, parent, first)
+        if parent >= 0 and len(pocket.turns) == 1:
+            # There is no room for a seam: it becomes a stroke of its own.
+            parent = -1
+            pocket = _follow(layout, tree, parent, first)
+        pockets.append(pocket)
+        for turn, s, band in zip(pocket.turns, pocket.s, pocket.bands, strict=True):
+            layout.taken.setdefault(turn, []).append((s, 0.5 * band + ROOM * layout.stepover))
+        for turn in pocket.turns[parent >= 0 :]:
+            waiting += [(turn, child) for child in tree.children[turn] if child not in pocket.turns]
+    return pockets
+
+
+class _Lines(NamedTuple):
+    """Lines across a row of turns, tried side by side."""
+
+    s: Array
+    """Where they cross each turn [m], shape (n, k)."""
+    narrow: Array
+    """What a seam of two turns there would cost, shape (n,); inf where there is no room."""
+    wide: Array
+    """What a seam of more turns would cost, shape (n,)."""
+    away: Array
+    """What it costs to begin there, not where wanted, shape (n,)."""
+
+    def best(self, price: Array) -> tuple[float, ...]:
+        """The cheapest line."""
+        return tuple(float(value) for value in self.s[int(np.argmin(np.round(price + self.away, 6)))])
+
+
+def _follow(layout: Layout, tree: Tree, parent: int, first: int) -> Pocket:
+    """The longest row from a turn downwards that one line crosses squarely."""
+    row = [parent if parent >= 0 else first]
+    curve = layout.curves[row[0]]
+    s = np.linspace(0.0, curve.length, max(int(curve.length * SAMPLES / layout.stepover), 16), endpoint=False)
+    free = _use(layout, row[0], s, NARROW), _use(layout, row[0], s, STEEPEST)
+    away = np.zeros(len(s))
+    if parent < 0 and len(layout.start):
+        away = np.linalg.norm(curve.at(s)[0] - layout.start, axis=1) / layout.stepover
+    lines = _Lines(s[:, None], *free, away)
+    best = lines.best(lines.narrow)
+    following = [first] if parent >= 0 else list(tree.children[first])
+    while following:
+        offers = []
+        for child in following:
+            longer = _step(layout, row, child, lines)
+            price = longer.narrow if len(row) == 1 else longer.wide
+            alive = price < (TOLERABLE * len(row) if len(row) > 1 else BLOCKED)
+            if alive.any():
+                offers.append((tree.lengths[child], child, longer, alive))
+        if not offers:
+            break
+        _, child, longer, alive = max(offers, key=lambda offer: offer[0])
+        best = longer.best(longer.narrow if len(row) == 1 else longer.wide)
+        lines = _Lines(*(column[alive] for column in longer))
+        row.append(child)
+        following = list(tree.children[child])
+    return Pocket(parent, tuple(row), best, _even_bands(layout, row, best, parent >= 0))
+
+
+def _even_bands(layout: Layout, row: Sequence[int], line: Sequence[float], hanging: bool) -> tuple[float, ...]:
+    """Length of a seam on each turn of a row, much the same from turn to turn as seen along the seam [m]."""
+    step, last = layout.stepover, len(row) - 1
+    if last <= 1:
+        return tuple(_width(layout, turn, NARROW) for turn in row)
+    limits = np.array([_width(layout, turn, BAND) for turn in row])
+    ends = [0, last] if hanging else [last]
+    limits[ends] = np.minimum(limits[ends], STEEPEST * step)
+    scale = np.ones(len(row))
+    for k in range(last):
+        limits[k] = min(limits[k], _clear_width(layout, row[k], row[k + 1], line[k]))
+        here, there = layout.curves[row[k]], layout.curves[row[k + 1]]
+        feet = there.nearest(here.at(line[k] + np.array([-step, step]))[0]).s
+        span = abs(np.mod(feet[1] - feet[0] + 0.5 * there.length, there.length) - 0.5 * there.length)
+        scale[k + 1] = scale[k] * float(np.clip(span / (2.0 * step), 0.5, 1.5))
+    index = np.arange(len(row))
+    steps = np.abs(index[:, None] - index)
+    even = (limits / scale + GROWTH * step * steps).min(axis=1) * scale
+    return tuple(float(band) for band in even)
+
+
+def _clear_width(layout: Layout, turn: int, other: int, s: float) -> float:
+    """Length around a place on a turn along which the next one keeps its distance well [m]."""
+    curve = layout.curves[turn]
+    away = np.arange(1, 4 * SAMPLES * int(BAND)) * 0.25 * layout.stepover / SAMPLES
+    gap = layout.curves[other].nearest(curve.at(s + np.concatenate([-away, away]))[0]).distances
+    bad = (np.abs(gap / layout.stepover - 1.0) > SLACK).reshape(2, -1).any(axis=0)
+    reach = away[int(np.argmax(bad))] if bad.any() else away[-1]
+    return max(2.0 * float(reach), NARROW * layout.stepover)
+
+
+def _step(layout: Layout, row: Sequence[int], child: int, lines: _Lines) -> _Lines:
+    """The lines led on to the next turn, and what they cost then."""
+    here, there = layout.curves[row[-1]], layout.curves[child]
+    points = here.at(lines.s[:, -1])[0]
+    foot = there.nearest(points)
+    narrow = (
+        lines.narrow + _misfit(layout, row[-1], child, lines.s[:, -1], NARROW) + _use(layout, child, foot.s, NARROW)
+    )
+    wide = lines.wide + _misfit(layout, row[-1], child, lines.s[:, -1], BAND) + _use(layout, child, foot.s, BAND)
+    if len(row) > 1:
+        # The next turn must lie on the other side than the last.
+        back = layout.curves[row[-2]].at(lines.s[:, -2])[0] - points
+        wide = wide + np.where(((foot.positions - points) * back).sum(axis=1) < 0.0, 0.0, np.inf)
+    return _Lines(np.column_stack([lines.s, foot.s]), narrow, wide, lines.away)
+
+
+def _width(layout: Layout, turn: int, steps: float) -> float:
+    share = SHARE_OF_LOOP if steps == NARROW else SHARE_OF_TURN
+    return min(steps * layout.stepover, share * layout.curves[turn].length)
+
+
+def _misfit(layout: Layout, turn: int, other: int, s: Array, steps: float) -> Array:
+    """How far two turns miss their distance within a seam's length, in units of what is well tolerable."""
+    curve = layout.curves[turn]
+    count = max(int(curve.length * SAMPLES / layout.stepover), 16)
+    even = np.linspace(0.0, curve.length, count, endpoint=False)
+    points = curve.at(even)[0]
+    feet = layout.curves[other].nearest(points)
+    gap = feet.distances / layout.stepover
+    # A third turn between the two, or the other side of one of them, must not be crossed.
+    free = layout.distance(0.5 * (points + feet.positions))
+    gap[free < FREE_HALF * feet.distances] = BLOCKED
+    width = int(_width(layout, turn, steps) / (curve.length / count)) | 1
+    worst = maximum_filter1d(np.abs(gap - 1.0), width, mode="wrap")
+    return np.asarray(worst[np.round(s / curve.length * count).astype(int) % count] / SLACK)
+
+
+def _use(layout: Layout, turn: int, s: Array, steps: float) -> Array:
+    """Infinite where a seam would overlap another one on the same turn."""
+    length, half = layout.curves[turn].length, 0.5 * _width(layout, turn, steps)
+    price = np.zeros(len(s))
+    for middle, other in layout.taken.get(turn, []):
+        away = np.abs(np.mod(s - middle + 0.5 * length, length) - 0.5 * length)
+        price[away < half + other] = np.inf
+    return price
