@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import SupportsFloat
 
 
@@ -52,7 +52,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> InputError:
     return InputError(f"unknown {kind} '{name}'. Known: {', '.join(sorted(known))}.")
 
 
-def place_in_mm(point: Sequence[SupportsFloat]) -> str:
+def place_in_mm(point: Iterable[SupportsFloat]) -> str:
     """Write a point [m] as messages give places and options take them: ``(12.5, 0, -3.14) mm``."""
     # Adding zero turns -0.0 into 0.0.
     return "(" + ", ".join(f"{round(1e3 * float(value), 2) + 0.0:.12g}" for value in point) + ") mm"
