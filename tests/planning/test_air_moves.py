@@ -45,6 +45,19 @@ def test_heights_are_negative_inside_a_box_and_positive_outside(tmp_path):
     assert heights(box, points) == pytest.approx([0.01, -0.005, np.hypot(0.01, 0.01), -0.002], abs=1e-9)
 
 
+def test_outside_a_knife_edge_and_its_tips_is_not_inside(tmp_path):
+    """A wedge of 20 deg: outside its edge a point lies far behind one of the two faces."""
+    half = 0.1 * np.tan(np.radians(10.0)) * 1e3
+    wedge = trimesh.convex.convex_hull(
+        [(0, y, 0) for y in (-50, 50)] + [(-100, y, z) for y in (-50, 50) for z in (-half, half)]
+    )
+    part = solid(wedge, tmp_path)
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.08, 0.08, (4000, 3)) * [1.0, 1.0, 0.4]
+    inside = (np.abs(points[:, 2]) < -np.tan(np.radians(10.0)) * points[:, 0]) & (np.abs(points[:, 1]) < 0.05)
+    assert ((heights(part, points) < 0.0) == inside).all()
+
+
 def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
     box = solid(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
     beside = np.array([[0.06, 0.0, 0.0]])
