@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from polish_sim.config import ProcessConfig
+from polish_sim.config import PartConfig, PlanConfig, ProcessConfig
 from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.tool_frames import feed_frames
 from polish_sim.exchange.urscript import STANDOFF_M, urscript_text
-from polish_sim.planning import PlanResult
-from polish_sim.planning.toolpath import PROCESS
+from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning.toolpath import LEAD_IN, PROCESS
 from polish_sim.spatial import apply, from_pose, inverse
 from tests.exchange.urscript_machine import Halted, Machine
 from tests.planning.shapes import shipped_plan
@@ -73,7 +73,8 @@ def test_moves_in_contact_run_through_points_of_the_path_itself(ball):
     """The unpressed path: on the sphere to print precision, never inside it."""
     path = shipped_plan("sphere_100").path
     contact = in_work([motion.T_base_tool for motion in ball.motions if motion.pressing])[:, :3, 3]
-    gap = np.linalg.norm(contact[:, None] - path.positions_work[path.process], axis=2)
+    planned = path.positions_work[path.process | (path.segment == LEAD_IN)]
+    gap = np.linalg.norm(contact[:, None] - planned, axis=2)
     assert gap.min(axis=1).max() < PRINTED_M
     assert (np.linalg.norm(contact - MIDDLE, axis=1) > 0.1 - 1e-5).all()
 
@@ -153,8 +154,26 @@ def test_without_contact_the_program_switches_everything_off_and_stops():
         machine.run(urscript_text(shipped_plan("sphere_100"), SETUP))
     assert machine.events[-4:] == ["end_force_mode", "sleep", "spindle False", "popup"]
     assert not machine.force_mode_on
-    pressed = [motion for motion in machine.motions if motion.pressing]
-    assert len(pressed) == 1, "only the landing itself"
+    path = shipped_plan("sphere_100").path
+    first = np.flatnonzero(path.process)[0]
+    pressed = in_work([motion.T_base_tool for motion in machine.motions if motion.pressing])[:, :3, 3]
+    beside = np.cross(pressed - path.positions_work[first], path.axes_work[first])
+    assert np.abs(beside).max() < PRINTED_M, "only the landing itself, straight down"
+
+
+def test_an_arc_is_followed_to_its_end_in_force_mode_so_that_the_tool_lands_on_the_move():
+    result = plan_part(PartConfig(file="sphere_100"), PlanConfig(lead_in="arc"))
+    machine = executed(result)
+    first = np.flatnonzero(result.path.process)[0]
+    places = in_work([motion.T_base_tool for motion in machine.motions])[:, :3, 3]
+    pressing = np.flatnonzero([motion.pressing for motion in machine.motions])
+    landed = int(np.linalg.norm(places - result.path.positions_work[first], axis=1).argmin())
+    assert pressing[0] < landed
+    feed = result.path.positions_work[first + 1] - result.path.positions_work[first]
+    lead = places[landed] - places[landed - 1]
+    assert lead @ feed > np.cos(np.radians(15.0)) * np.linalg.norm(lead) * np.linalg.norm(feed)
+    height = (places[pressing[0] - 1] - places[landed]) @ result.path.axes_work[first]
+    assert height == pytest.approx(STANDOFF_M, abs=PRINTED_M)
 
 
 def test_speed_and_force_are_those_of_the_process_or_of_the_waypoint():

@@ -51,8 +51,9 @@ class _Move(NamedTuple):
 def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
     """Write a path as a URScript program.
 
-    Each stroke comes down in position control to 3 mm above the surface, lands in force mode, is run with the force
-    along tool z in a task frame that follows the tool, and ends force mode before it lifts.
+    Each stroke comes down in position control to 3 mm above the surface, follows the rest of its lead-in in force
+    mode, so that an arc or a ramp lands on the move, is run with the force along tool z in a task frame that follows
+    the tool, and ends force mode before it lifts.
 
     Args:
         result: The plan.
@@ -71,14 +72,14 @@ def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
     lines = [*opening(name, result, setup, len(path.s))]
     calls: list[str] = []
     for number, stroke in enumerate(strokes, start=1):
-        down = _down(path, poses, stroke)
+        down, landing = _down(path, poses, stroke)
         lines += _function(f"come_down_{number}", _motions(down))
         parts = list(_contact(path, poses, stroke, setup))
         chunks = [parts[k : k + MOVES_PER_FUNCTION] for k in range(0, len(parts), MOVES_PER_FUNCTION)]
         for part, chunk in enumerate(chunks, start=1):
             lines += _function(f"stroke_{number}_{part}", chunk)
         lines += _function(f"go_up_{number}", _motions(_up(path, poses, stroke)))
-        calls += _run_stroke(number, len(chunks), down[0], poses[stroke.contact[0]], stroke, path, setup)
+        calls += _run_stroke(number, len(chunks), down[0], landing, forces_of(path, setup)[stroke.contact[0]])
     return "\n".join([*lines, *closing(calls), ""])
 
 
@@ -88,16 +89,23 @@ def _kept(path: ToolPath) -> NDArray[np.bool_]:
     return kept
 
 
-def _down(path: ToolPath, poses: Array, stroke: Stroke) -> list[_Move]:
-    """The way to the part as far as the standoff; a path without one gets a straight one."""
+def _down(path: ToolPath, poses: Array, stroke: Stroke) -> tuple[list[_Move], list[_Move]]:
+    """The way to the part as far as the standoff, and from there; a path without one gets a straight one."""
     first = stroke.contact[0]
     axis = path.axes_work[first]
     height = (path.positions_work[stroke.down] - path.positions_work[first]) @ axis
-    rows = stroke.down[height >= STANDOFF_M]
-    moves = [_Move(poses[row], _air_speed(path, row)) for row in rows]
+    high = np.flatnonzero(height >= STANDOFF_M)
+    free = stroke.down[: high[-1] + 1] if len(high) else stroke.down[:0]
+    low = np.append(stroke.down[len(free) :], first)
+    moves = [_Move(poses[row], _air_speed(path, row)) for row in free]
     if not moves:
         moves = [_Move(_lifted(poses[first], axis, CLEARANCE_M), "travel_speed")]
-    return [*moves, _Move(_lifted(poses[first], axis, STANDOFF_M), "landing_speed")]
+    # The lead goes down from the last place above the standoff to the first below it.
+    above, below = moves[-1].pose, poses[low[0]]
+    fall = (above[:3] - poses[first][:3]) @ axis - STANDOFF_M
+    share = fall / max(float((above[:3] - below[:3]) @ axis), 1e-9)
+    standoff = np.concatenate([above[:3] + min(share, 1.0) * (below[:3] - above[:3]), below[3:]])
+    return [*moves, _Move(standoff, "landing_speed")], [_Move(poses[row], "landing_speed") for row in low]
 
 
 def _up(path: ToolPath, poses: Array, stroke: Stroke) -> list[_Move]:
@@ -149,9 +157,7 @@ def _function(name: str, body: Sequence[str]) -> list[str]:
     return [f"  def {name}():", *(f"    {line}" for line in body), "  end", ""]
 
 
-def _run_stroke(
-    number: int, chunks: int, start: _Move, landing: Array, stroke: Stroke, path: ToolPath, setup: ExportSetup
-) -> list[str]:
+def _run_stroke(number: int, chunks: int, start: _Move, landing: Sequence[_Move], force: float) -> list[str]:
     """The steps of one stroke in the main program."""
     go, speed = ("movej", "joint_speed") if number == 1 else ("movel", "travel_speed")
     return [
@@ -160,9 +166,9 @@ def _run_stroke(
         "zero_sensor()",
         "start_spindle()",
         f"come_down_{number}()",
-        f"global force_n = {forces_of(path, setup)[stroke.contact[0]]:.3f}",
+        f"global force_n = {force:.3f}",
         "start_pressing()",
-        f"movel(on_part({_pose(landing)}), a=acceleration, v=landing_speed)",
+        *_motions(landing),
         "wait_for_contact()",
         *(f"stroke_{number}_{part}()" for part in range(1, chunks + 1)),
         "stop_pressing()",
