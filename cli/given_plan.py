@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from polish_sim.cli.idle_options import PATH_OPTIONS
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
-from polish_sim.exchange import read_plan
+from polish_sim.exchange import read_path
 from polish_sim.experiments.part_setup import part_file
 from polish_sim.models import workpiece_names
 from polish_sim.planning import ToolPath
@@ -29,7 +29,7 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
     """Read a plan and make the scenario say what was planned, and on which part.
 
     Args:
-        source: Plan folder, path.json, path.csv, or a plain CSV of points and axes.
+        source: Plan folder, path.json, CSV or APT file.
         scenario: What is to be run.
         given: Options of the command line by name; None = not given.
 
@@ -44,7 +44,7 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
     asked = [option for option in PATH_OPTIONS if given.get(option) is not None]
     if asked:
         raise InputError(f"--path is a finished plan: leave {', '.join(asked)} out, or leave --path out to plan anew.")
-    path = read_plan(source)
+    path = read_path(source)
     facts = plan_facts(source)
     named = {"plan": {"file": str(source.resolve())}}
     if not facts:
@@ -61,7 +61,7 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
 
 
 def plan_facts(source: Path) -> dict[str, Any]:
-    """What a path.json says beside its path; empty for a CSV."""
+    """What a path.json says beside its path; empty for other files."""
     file = source / "path.json" if source.is_dir() else source
     if file.suffix.lower() != ".json":
         return {}

@@ -1,7 +1,17 @@
 """polish-sim: a MuJoCo testbed for force-controlled robotic polishing.
 
-The names below can be imported from here; each loads its module at first use, so that ``polish-sim --help`` does not
-wait for the simulator.
+From a part to a path, numpy in and out, lengths in metres in the frame of the part's file::
+
+    mesh = load_part("part.stl")
+    surface = fit_surface(mesh)
+    region = select_region(surface, mesh)
+    path = plan_spiral(region, stepover=0.008)  # path.positions_work and path.axes_work, (n, 3) each
+    figures = measure_path(path, region, stepover=0.008)
+
+`plan_part` does all of it with notes for the user, `export_plan` writes it for robots, CAM systems and browsers;
+`read_path` and `inspect_path` take any path; ``run_experiment(default_scenario("surface"))`` polishes in the cell.
+
+Each name loads its module at first use, so that ``polish-sim --help`` does not wait for the simulator.
 """
 
 from __future__ import annotations
@@ -34,7 +44,6 @@ _HOME = {
     "ToolPath": "planning",
     "measure_given_path": "planning",
     "read_path": "exchange",
-    "read_plan": "exchange",
     "write_plan": "exchange",
     "export_plan": "exchange",
     "ExportSetup": "exchange",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import InputError
-from polish_sim.exchange import read_plan, write_plan
+from polish_sim.exchange import read_path, write_plan
 from polish_sim.planning.toolpath import PROCESS
 from tests.planning.shapes import shipped_plan
 
@@ -23,7 +23,7 @@ def folder(tmp_path):
 
 @pytest.mark.parametrize("name", ["", "path.json", "path.csv"])
 def test_a_written_path_reads_back_bit_for_bit(folder, name):
-    path, back = shipped_plan("sphere_100").path, read_plan(folder / name)
+    path, back = shipped_plan("sphere_100").path, read_path(folder / name)
     for field in fields(path):
         wanted, found = getattr(path, field.name), getattr(back, field.name)
         if wanted is None:
@@ -54,7 +54,7 @@ def test_the_files_hold_what_the_contract_names(folder):
 def test_a_plain_path_in_millimetres_is_read(tmp_path):
     file = tmp_path / "plain.csv"
     file.write_text("x,y,z,i,j,k\n0,0,20,0,0,1\n10,0,20,0,0,1\n10, 5,20,0,0.6,0.8\n")
-    path = read_plan(file)
+    path = read_path(file)
     assert path.positions_work[2] == pytest.approx([0.01, 0.005, 0.02])
     assert path.axes_work[2] == pytest.approx([0.0, 0.6, 0.8])
     assert path.s == pytest.approx([0.0, 0.01, 0.015])
@@ -85,7 +85,7 @@ def test_a_bad_file_is_named_with_the_place(tmp_path, case):
     file = tmp_path / "bad.csv"
     file.write_text(text)
     with pytest.raises(InputError, match=message) as caught:
-        read_plan(file)
+        read_path(file)
     assert "bad.csv" in str(caught.value)
 
 
@@ -94,17 +94,17 @@ def test_a_bad_json_is_named(tmp_path, text, message):
     file = tmp_path / "bad.json"
     file.write_text(text)
     with pytest.raises(InputError, match=message):
-        read_plan(file)
+        read_path(file)
 
 
 def test_a_missing_or_foreign_source_is_named(tmp_path):
     with pytest.raises(InputError, match="cannot read"):
-        read_plan(tmp_path / "nothing.csv")
+        read_path(tmp_path / "nothing.csv")
     with pytest.raises(InputError, match="not a plan folder"):
-        read_plan(tmp_path)
+        read_path(tmp_path)
     (tmp_path / "picture.csv").write_bytes(b"\x89PNG\xff\xfe\x00")
     with pytest.raises(InputError, match="not a text file"):
-        read_plan(tmp_path / "picture.csv")
+        read_path(tmp_path / "picture.csv")
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):

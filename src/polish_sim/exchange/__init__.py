@@ -5,8 +5,6 @@ from polish_sim.exchange.plan_folder import write_plan
 from polish_sim.exchange.reader import READERS, read_path
 from polish_sim.exchange.setup import ExportSetup, RobotTool
 
-read_plan = read_path
-
 __all__ = [
     "FORMATS",
     "READERS",
@@ -15,6 +13,5 @@ __all__ = [
     "check_formats",
     "export_plan",
     "read_path",
-    "read_plan",
     "write_plan",
 ]
