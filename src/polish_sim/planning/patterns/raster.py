@@ -38,6 +38,8 @@ REACH = 1.6
 """A border turn this many step-overs from where a zig-zag begins is joined to it there."""
 GAP = 0.5
 """Half the gap a turn around a hole is entered and left through, in step-overs."""
+SMALL = 0.25
+"""No gap is more than this share of a turn."""
 
 
 def raster_runs(request: PatternRequest) -> list[SurfaceRun]:
@@ -121,7 +123,7 @@ def _with_turns(strokes: Sequence[ZigZag], turns: Sequence[Curve], stepover: flo
             if near:
                 positions = _turn_between(waiting.pop(near[0]), positions, place, stepover)
         runs.append(positions)
-    runs += [turn.between(0.0, turn.length - GAP * stepover)[0] for turn in waiting]
+    runs += [turn.between(0.0, turn.length - min(GAP * stepover, SMALL * turn.length))[0] for turn in waiting]
     return [Run(positions, np.full(len(positions), number)) for number, positions in enumerate(runs)]
 
 
