@@ -73,6 +73,13 @@ def test_the_spiral_begins_near_the_place_asked_for(angle):
     assert np.linalg.norm(begin[:2] - wanted[:2]) < 2.0 * STEP
 
 
+@pytest.mark.parametrize("wanted", [(0.09, 0.09), (-0.09, -0.09), (0.09, 0.04)])
+def test_near_a_corner_too_it_begins_beside_the_place_asked_for(wanted):
+    """The first turn runs half a step-over inside the border, 4 mm from where the path shall begin."""
+    begin = path_in_contact("plate", start=(*wanted, 0.02))[0]
+    assert np.linalg.norm(begin[:2] - wanted) < STEP
+
+
 def test_half_way_between_two_square_turns_lies_a_square():
     """The corner of the inner one is the partner of the whole corner of the outer one."""
     outer, inner = square(0.05), square(0.042)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ SHARE_OF_LOOP = 0.15
 FURTHEST_STEP = 1.8
 """Where a loop's neighbour is further away than this many step-overs the tool is lifted."""
 CANDIDATES = 96
+NEAR_START = 4
+"""A path may begin as many step-overs along the loop from where it is asked to."""
 CORNER = 30.0
 """A wish to step far from corners: a corner costs as much as this many step-overs from the wanted start."""
 
@@ -94,21 +97,37 @@ def _mean(ring: Array, window: int) -> Array:
 
 def _starts(loops: Sequence[Curve], stepover: float, order: _Order, plan: PlanConfig) -> list[float]:
     """Where each loop begins: on a line traced outwards from the innermost, nearest point to nearest point."""
-    inner = loops[-1]
-    s = np.linspace(0.0, inner.length, CANDIDATES, endpoint=False)
-    lines, cost = [s], _sharpness(inner, s, stepover)
+    first = loops[-1] if order.outward else loops[0]
+    lines = _lines_outwards(loops, stepover, order)
+    if plan.start and not order.outward:
+        lines = np.concatenate([lines, _lines_from(loops, np.array(plan.start), stepover, order)], axis=1)
+    cost = sum(_sharpness(loop, s, stepover) for loop, s in zip(loops, lines, strict=True))
+    for outer, inner, s in zip(loops[:-1], loops[1:], lines[1:], strict=True):
+        cost = cost + np.maximum(outer.nearest(inner.at(s)[0]).distances / stepover - 1.1, 0.0)
+    if plan.start:
+        places = first.at(lines[-1] if order.outward else lines[0])[0]
+        cost = cost + CORNER * np.linalg.norm(places - np.array(plan.start), axis=1) / stepover
+    best = int(np.argmin(np.round(cost, 6)))
+    return [float(line[best]) for line in lines]
+
+
+def _lines_outwards(loops: Sequence[Curve], stepover: float, order: _Order) -> Array:
+    """Lines from places all round the innermost loop, each step leading on so that it slants; arc lengths (k, n)."""
     sign = 1.0 if order.outward else -1.0
+    lines = [np.linspace(0.0, loops[-1].length, CANDIDATES, endpoint=False)]
     for inner, outer in zip(loops[:0:-1], loops[-2::-1], strict=True):
         foot = outer.nearest(inner.at(lines[-1])[0])
-        # A step leads on by its length, so that it slants.
-        s = foot.s + sign * _step_length(inner, outer, stepover)
-        cost += _sharpness(outer, s, stepover) + np.maximum(foot.distances / stepover - 1.1, 0.0)
-        lines.append(outer.wrap(s))
-    if plan.start:
-        first, places = (loops[-1], lines[0]) if order.outward else (loops[0], lines[-1])
-        cost += CORNER * np.linalg.norm(first.at(places)[0] - np.array(plan.start), axis=1) / stepover
-    best = int(np.argmin(np.round(cost, 6)))
-    return [float(line[best]) for line in reversed(lines)]
+        lines.append(outer.wrap(foot.s + sign * _step_length(inner, outer, stepover)))
+    return np.array(lines[::-1])
+
+
+def _lines_from(loops: Sequence[Curve], start: Array, stepover: float, order: _Order) -> Array:
+    """Lines inwards from places of the outermost loop near a start (3,), likewise; they may run into corners."""
+    around = stepover * np.linspace(-NEAR_START, NEAR_START, 4 * NEAR_START + 1)
+    lines = [loops[0].wrap(loops[0].nearest(start[None]).s + around)]
+    for outer, inner in pairwise(loops):
+        lines.append(inner.nearest(outer.at(lines[-1] + _step_length(inner, outer, stepover))[0]).s)
+    return np.array(lines)
 
 
 def _step_length(inner: Curve, outer: Curve, stepover: float) -> float:

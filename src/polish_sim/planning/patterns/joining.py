@@ -11,12 +11,10 @@ from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.patterns.matching import Match, match_turns
 from polish_sim.planning.patterns.pitch import Shares, spread_shares
 from polish_sim.planning.patterns.run import Run
-from polish_sim.planning.patterns.seam import Seams
+from polish_sim.planning.patterns.seam import HEAD, Seams
 
 Array = NDArray[np.float64]
 
-HEAD = 0.3
-"""Where beside its own first step inwards the line begins, so that it does not touch itself."""
 GAP = 0.5
 """The last turn ends where it comes this near to the turn before, in step-overs."""
 ROOM = 0.3

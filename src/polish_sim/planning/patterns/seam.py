@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +24,15 @@ ROOM = 0.5
 """Step-overs kept between a step and a corner."""
 GOAL_PRICE = 1.0
 """What a step-over away from where the spiral had better end is worth, in steps over corners."""
-START_PRICE = 3.0
+START_PRICE = 30.0
 """What a step-over away from where the path shall begin is worth."""
+ODD, OVER_CORNER = 0.1, 0.5
+"""A line across turns costs where its steps differ from a step-over by more than the first; where the path shall begin
+somewhere they may go over corners, where they are longer."""
+HEAD = 0.3
+"""Where beside its own first step inwards the line begins, as a share of the step, so that it does not touch itself."""
+NEAR_START = 4
+"""A path may begin as many step-overs along the turn from where it is asked to, in corners the turns do not step in."""
 CORNER = np.radians(30.0)
 """Turning within half a step-over that counts as a corner [rad]."""
 CANDIDATES = 96
@@ -59,28 +67,49 @@ def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: A
     """
     total = sum(curve.length for curve in curves)
     longest = float(np.clip(SHARE_OF_PATH * total, SHORTEST * stepover, LONGEST * stepover))
-    count = min(CANDIDATES, max(int(curves[-1].length / (0.25 * stepover)), 8))
-    points = curves[-1].at(np.linspace(0.0, curves[-1].length, count, endpoint=False))[0]
-    price = (GOAL_PRICE * _away(points, goals) + START_PRICE * _away(points, inner)) / stepover
-    lines: list[Array] = []
-    rooms: list[Array] = []
-    alone = _alone(curves, stepover)
-    for curve, single in zip(reversed(curves), reversed(alone), strict=True):
-        nearest = curve.nearest(points)
-        if lines:
-            price += 10.0 * np.maximum(np.abs(nearest.distances / stepover - 1.0) - 0.1, 0.0)
-        points = nearest.positions
-        lines.append(nearest.s)
-        rooms.append(_room(curve, nearest.s, np.concatenate([_corners(curve, stepover), single])))
+    lines = _outwards(curves, stepover)
+    if len(outer):
+        lines = np.concatenate([lines, _inwards(curves, outer, stepover)], axis=1)
+    places = [curve.at(s)[0] for curve, s in zip(curves, lines, strict=True)]
+    price = (GOAL_PRICE * _away(places[-1], goals) + START_PRICE * _away(places[-1], inner)) / stepover
+    for before, after in pairwise(places):
+        gap = np.linalg.norm(after - before, axis=1) / stepover
+        price += 10.0 * np.maximum(np.abs(gap - 1.0) - (OVER_CORNER if len(outer) else ODD), 0.0)
+    rooms = []
+    for curve, s, single in zip(curves, lines, _alone(curves, stepover), strict=True):
+        rooms.append(_room(curve, s, np.concatenate([_corners(curve, stepover), single])))
         wanted = 0.5 * min(longest, SHARE_OF_TURN * curve.length) + ROOM * stepover
         price += np.maximum(1.0 - rooms[-1] / wanted, 0.0) - 0.02 * rooms[-1] / curve.length
-    price += START_PRICE * _away(points, outer) / stepover
+    bands = np.minimum(_bands(rooms, longest, stepover), SHARE_OF_TURN * curves[0].length)
+    begins = curves[0].at(lines[0] - (0.5 - HEAD) * bands)[0]
+    price += START_PRICE * _away(begins, outer) / stepover
     best = int(np.argmax(price <= price.min() + SAME))
+    return Seams(lines[:, best], float(bands[best]))
+
+
+def _bands(rooms: Sequence[Array], longest: float, stepover: float) -> Array:
+    """Length of the first step on each line, as much as there is room for [m], shape (n,)."""
     # Inner turns have corners everywhere; there little is left of the step.
-    room = np.percentile([each[best] for each in rooms], 25.0)
-    band = float(np.clip(2.0 * (room - ROOM * stepover), SHORTEST * stepover, longest))
-    s = np.array([line[best] for line in reversed(lines)])
-    return Seams(s, min(band, SHARE_OF_TURN * curves[0].length))
+    room = np.percentile(rooms, 25.0, axis=0)
+    return np.clip(2.0 * (room - ROOM * stepover), SHORTEST * stepover, longest)
+
+
+def _outwards(curves: Sequence[Curve], stepover: float) -> Array:
+    """Lines from places all round the innermost turn, nearest point to nearest point; arc lengths (k, n) [m]."""
+    count = min(CANDIDATES, max(int(curves[-1].length / (0.25 * stepover)), 8))
+    lines = [np.linspace(0.0, curves[-1].length, count, endpoint=False)]
+    for inner, outer in pairwise(reversed(curves)):
+        lines.append(outer.nearest(inner.at(lines[-1])[0]).s)
+    return np.array(lines[::-1])
+
+
+def _inwards(curves: Sequence[Curve], start: Array, stepover: float) -> Array:
+    """Lines from places of the outermost turn near a start (1, 3), likewise; they may run into corners."""
+    middle = curves[0].nearest(start).s
+    lines = [curves[0].wrap(middle + stepover * np.linspace(-NEAR_START, NEAR_START, 4 * NEAR_START + 1))]
+    for outer, inner in pairwise(curves):
+        lines.append(inner.nearest(outer.at(lines[-1])[0]).s)
+    return np.array(lines)
 
 
 def _away(points: Array, goals: Array) -> Array:
