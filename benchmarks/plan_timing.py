@@ -24,7 +24,7 @@ STAGES = {
     "region": "select_region",
     "triangulate": "prepare_ground",
     "plan": "plan_on",
-    "measure": "measure_plan",
+    "measure": "measure_quality",
 }
 """What takes time, and the function whose time it is."""
 

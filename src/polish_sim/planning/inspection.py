@@ -14,7 +14,7 @@ from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, select_r
 from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, load_mesh
 from polish_sim.planning.quality.coverage import strictly_covered
-from polish_sim.planning.quality.figures import Quality, fit_rms, measure_quality
+from polish_sim.planning.quality.figures import Quality, measure_quality, part_figures
 from polish_sim.planning.quality.foreign_path import Offset, check_on_part, offset_from
 from polish_sim.planning.quality.stepover_guess import guess_stepover
 from polish_sim.planning.toolpath import ToolPath
@@ -93,9 +93,8 @@ def inspect_path(
     ground = prepare_ground(region, plan)
     quality = measure_quality(ground, path, plan.stepover_m, process, pad)
     quality.figures.update(
+        part_figures(mesh, surface),
         stepover_expected_m=plan.stepover_m,
-        facets=len(mesh.faces),
-        fit_rms_m=fit_rms(mesh, surface),
         height_above_part_min_m=float(offset.heights.min()),
         height_above_part_max_m=float(offset.heights.max()),
         beyond_part_max_m=float(offset.sideways.max()),

@@ -17,7 +17,7 @@ from polish_sim.models import workpiece_names, workpiece_path
 from polish_sim.planning.feasibility import check_request, pad_notes
 from polish_sim.planning.ground.ground import prepare_ground
 from polish_sim.planning.planner import plan_on
-from polish_sim.planning.quality.figures import measure_plan, pad_coverage
+from polish_sim.planning.quality.figures import measure_quality, pad_coverage, part_figures
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.toolpath import ToolPath
 
@@ -107,7 +107,7 @@ def plan_mesh(
     path = planned.path
     planned_s = time.perf_counter() - begin
     observer.stage("measure the path")
-    measured = measure_plan(mesh, surface, ground, path, plan, process, pad)
+    measured = part_figures(mesh, surface) | measure_quality(ground, path, plan.stepover_m, process, pad).figures
     figures = {**measured, **planned.figures, "plan_time_s": planned_s}
     notes = (*mesh.notes, *region.notes, *planned.notes, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
@@ -142,7 +142,7 @@ def measure_given_path(
     surface, region = _choose(mesh, plan)
     observer.stage("measure the path")
     ground = prepare_ground(region, plan)
-    figures = measure_plan(mesh, surface, ground, path, plan, process, pad)
+    figures = part_figures(mesh, surface) | measure_quality(ground, path, plan.stepover_m, process, pad).figures
     off = figures["max_distance_to_surface_m"]
     if off > OFF_PART_M:
         raise PlanError(

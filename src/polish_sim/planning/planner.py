@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.config import PlanConfig
-from polish_sim.errors import PlanError, unknown_name
+from polish_sim.errors import PlanError, place_in_mm, unknown_name
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.ground.ground import Ground, Piece, prepare_ground
 from polish_sim.planning.moves.approach import LEADS, Move, concatenate, with_leads
@@ -238,10 +238,10 @@ def _out_of_reach(lost: Sequence[Array], stepover: float, nothing_left: bool) ->
         return []
     area = sum(float(arc_length(positions)[-1]) for positions in lost) * stepover
     if nothing_left:
-        where = ", ".join(f"{1e3 * value:.1f}" for value in lost[0][0])
         raise PlanError(
-            f"the tool can come to no stroke of the path without running into the part, the first is at ({where}) mm. "
-            "Choose a region that is open to the outside (--region), or a smaller --clearance."
+            f"the tool can come to no stroke of the path without running into the part, the first is at "
+            f"{place_in_mm(lost[0][0])}. Choose a region that is open to the outside (--region), or a lower "
+            "approach (--set plan.clearance_m=...)."
         )
     what = (
         f"{len(lost)} strokes, about {area * 1e6:.3g} mm^2, are left out: the tool cannot come there without running "

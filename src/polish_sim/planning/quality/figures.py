@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
+from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Surface
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.ground import Ground
@@ -42,34 +42,6 @@ class Quality:
     """The path between lifts, with surface normals."""
 
 
-def measure_plan(
-    mesh: PartMesh,
-    surface: Surface,
-    ground: Ground,
-    path: ToolPath,
-    plan: PlanConfig,
-    process: ProcessConfig,
-    pad: PadConfig,
-) -> dict[str, Any]:
-    """Measure how well a path covers its region.
-
-    Args:
-        mesh: The part.
-        surface: Its whole surface.
-        ground: The region as it was planned on.
-        path: The path.
-        plan: What was asked for.
-        process: Force and feed.
-        pad: The pad.
-
-    Returns:
-        Figures by their names in the contract; lengths in m. path_length_m is the length in contact;
-        fit_rms_m is how far the smooth surface stands off the middles of the STL's facets, rms.
-    """
-    part = {"facets": len(mesh.faces), "fit_rms_m": fit_rms(mesh, surface)}
-    return part | measure_quality(ground, path, plan.stepover_m, process, pad).figures
-
-
 def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: ProcessConfig, pad: PadConfig) -> Quality:
     """Measure a path on a region.
 
@@ -81,7 +53,7 @@ def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: Pr
         pad: The pad.
 
     Returns:
-        Figures and maps.
+        Figures by their names in the contract, SI; path_length_m is the length in contact. And maps.
     """
     on = locate(ground, path, process)
     quality = Quality(
@@ -176,8 +148,13 @@ def pad_coverage(ground: Ground, path: ToolPath, process: ProcessConfig, pad: Pa
     return expose(ground, locate(ground, path, process), pad).coverage
 
 
+def part_figures(mesh: PartMesh, surface: Surface) -> dict[str, Any]:
+    """Facets of the part, and how far its smooth surface stands off the middles of them, rms [m]."""
+    return {"facets": len(mesh.faces), "fit_rms_m": fit_rms(mesh, surface)}
+
+
 def fit_rms(mesh: PartMesh, surface: Surface) -> float:
-    """How far the smooth surface stands off the middles of the STL's facets, weighted by area, rms [m]."""
+    """How far the smooth surface stands off the middles of the part's facets, weighted by area, rms [m]."""
     corners = mesh.vertices[mesh.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     facets = np.arange(len(mesh.faces), dtype=np.int32)
