@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
 from polish_sim.planning.moves.approach import LEADS, LeadShape, Move, landing, normal_lead
-from polish_sim.planning.moves.obstacle import rim_depths
+from polish_sim.planning.moves.obstacle import heights, rim_depths
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, way_out
 from polish_sim.planning.toolpath import arc_length
 
@@ -19,8 +19,9 @@ Array = NDArray[np.float64]
 
 TOLERANCE_M = 2e-4
 """On its lead the pad may stand this much deeper in the part than where it lands [m]."""
-INSIDE_M = 1e-5
-"""The tool point may not be deeper in the part than this [m]."""
+APART_M = 3e-4
+"""On its lead the tool point keeps this far from the part, nearer to it half its height above where it lands [m]."""
+ROUNDING_M = 1e-9
 LOWER = (1.0, 0.5, 0.25, 0.12)
 """Shares of the clearance from which a straight lead begins, tried in this order."""
 FURTHER = 14
@@ -149,7 +150,8 @@ def _is_clear(process: Move, at_start: bool, shape: LeadShape, clearance: float,
     lead, above = landing(process, at_start, shape, clearance)
     line = np.concatenate([lead.positions, above.positions])
     axes = np.concatenate([lead.axes, above.axes])
-    if rim_depths(air.part, line, axes, 0.0).max() > INSIDE_M:
+    up = np.abs(((line - process.positions[end]) * process.axes[end]).sum(axis=1))
+    if (heights(air.part, line) < np.minimum(0.5 * up, APART_M) - ROUNDING_M).any():
         return False
     if rim_depths(air.part, line, axes, air.pad_radius).max() > landed + TOLERANCE_M:
         return False
