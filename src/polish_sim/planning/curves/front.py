@@ -83,7 +83,8 @@ class Front:
     def triangles_around(self, rows: Ints) -> Ints:
         """Triangles with a corner among vertices, each once."""
         self._mark += 1
-        return np.asarray(_around(*self.mesh.around, rows, self._marks, self._mark))
+        # In their own order, on which it depends where closed lines begin.
+        return np.sort(_around(*self.mesh.around, rows, self._marks, self._mark))
 
     def put_off(self, rows: Ints, number: int, waiting: Waiting) -> None:
         """Let vertices wait until a turn later than this one comes near them."""

@@ -27,7 +27,7 @@ EVEN = 0.5
 AT_BORDER = 0.05
 """The first turn may be further from half a step-over inside the border by this share before turns are stretched."""
 STRETCH = 0.03
-"""Turns of a ring may be further apart or closer by this share of the step-over, so that a whole number fits."""
+"""Turns of a ring may be further apart by this share of the step-over for one less of them to do."""
 
 Report = Callable[[float], None]
 
@@ -125,8 +125,8 @@ def ring_turns(
 ) -> RingTurns | None:
     """Turns that fill a ring of even width from its outer to its inner border.
 
-    If a whole number of them fits with their distance changed a little, the first runs half of it inside the border;
-    otherwise they keep the step-over and the outermost and innermost run closer to the borders.
+    The first and the last run half a step-over inside the borders; for a whole number of turns to fit they are a little
+    further apart than a step-over, or closer.
 
     Args:
         surface: The region's surface.
@@ -154,9 +154,8 @@ def ring_turns(
     first = 0.5 * (width - (fitting - 1) * stepover)
     if abs(first - 0.5 * stepover) < AT_BORDER * stepover:
         return RingTurns(first, stepover)
-    if abs(width / fitting - stepover) < STRETCH * stepover:
-        return RingTurns(0.5 * width / fitting, width / fitting)
-    return RingTurns(0.5 * (width - (int(np.ceil(width / stepover)) - 1) * stepover), stepover)
+    pitch = width / np.ceil(width / ((1.0 + STRETCH) * stepover))
+    return RingTurns(0.5 * pitch, pitch)
 
 
 def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> tuple[list[Piece], Ints]:

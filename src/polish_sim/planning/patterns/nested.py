@@ -61,14 +61,8 @@ def nested_turns(request: PatternRequest) -> Nested:
     Returns:
         The turns.
     """
-    region, mesh, stepover, report = request.region, request.mesh, request.stepover, request.report
-    borders, spaced = border_curves(mesh), RingTurns(0.5 * stepover, stepover)
-    ring = ring_turns(region.surface, mesh, borders, stepover) if len(borders) == 2 else None
-    if ring is not None:
-        borders, spaced = borders[:1], ring
-    roots = grow_turns(region.surface, mesh, borders, spaced.first, spaced.pitch, report)
-    for turn in all_turns(roots):
-        turn.curve = without_tails(turn.curve, TAIL * stepover)
+    mesh, stepover = request.mesh, request.stepover
+    roots = grown_turns(request).roots
     roots = _without_slivers(roots, stepover)
     loops: list[Turn] = []
     for _ in range(PASSES):
@@ -76,11 +70,37 @@ def nested_turns(request: PatternRequest) -> Nested:
     return Nested(roots, loops)
 
 
+class Grown(NamedTuple):
+    """Turns from the borders inwards."""
+
+    roots: list[Turn]
+    """The outermost turns; the others hang below them."""
+    pitch: float
+    """Distance from turn to turn, on rings a little more or less than the step-over [m]."""
+    to_border: bool
+    """Whether the innermost turn follows a border too, as on a ring of even width."""
+
+
+def grown_turns(request: PatternRequest) -> Grown:
+    """Turns from all borders inwards, their tails cut off; on a ring of even width from the outer border only."""
+    surface, mesh, stepover = request.region.surface, request.mesh, request.stepover
+    borders, spaced = border_curves(mesh), RingTurns(0.5 * stepover, stepover)
+    ring = ring_turns(surface, mesh, borders, stepover) if len(borders) == 2 else None
+    if ring is not None:
+        borders, spaced = borders[:1], ring
+    roots = grow_turns(surface, mesh, borders, spaced.first, spaced.pitch, request.report)
+    for turn in all_turns(roots):
+        turn.curve = without_tails(turn.curve, TAIL * stepover)
+    return Grown(roots, spaced.pitch, ring is not None)
+
+
 def all_turns(roots: Sequence[Turn]) -> Iterator[Turn]:
     """Every turn, each before those inside it."""
-    for turn in roots:
+    waiting = list(reversed(roots))
+    while waiting:
+        turn = waiting.pop()
         yield turn
-        yield from all_turns(turn.children)
+        waiting.extend(reversed(turn.children))
 
 
 def without_tails(curve: Curve, width: float) -> Curve:
@@ -113,11 +133,15 @@ def without_tails(curve: Curve, width: float) -> Curve:
     return curve
 
 
-def _without_slivers(turns: Sequence[Turn], stepover: float) -> list[Turn]:
+def _without_slivers(roots: Sequence[Turn], stepover: float) -> list[Turn]:
     """The turns without those too thin to go round; gaps they leave are closed like any other."""
-    for turn in turns:
-        turn.children = _without_slivers(turn.children, stepover)
-    return [t for t in turns if t.children or _area(t.curve.positions) > SLIVER * stepover * t.curve.length]
+
+    def kept(turns: Sequence[Turn]) -> list[Turn]:
+        return [t for t in turns if t.children or _area(t.curve.positions) > SLIVER * stepover * t.curve.length]
+
+    for turn in reversed(list(all_turns(roots))):
+        turn.children = kept(turn.children)
+    return kept(roots)
 
 
 def _area(ring: Array) -> float:

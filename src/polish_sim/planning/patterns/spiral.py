@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.turns import RingTurns, Turn, border_curves, grow_turns, ring_turns
+from polish_sim.planning.curves.turns import Turn
 from polish_sim.planning.patterns.joining import first_break, join_turns
 from polish_sim.planning.patterns.leftover import finish_middle, middle_ends
-from polish_sim.planning.patterns.nested import TAIL, all_turns, without_tails
+from polish_sim.planning.patterns.nested import grown_turns
 from polish_sim.planning.patterns.request import PatternRequest
 from polish_sim.planning.patterns.run import Run, SurfaceRun, finish_run
 from polish_sim.planning.patterns.seam import place_seams
@@ -38,7 +38,7 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
         The spirals, on the surface.
     """
     plan, mesh, stepover = request.plan, request.mesh, request.stepover
-    roots, to_border = _nested_turns(request)
+    roots, pitch, to_border = grown_turns(request)
     outward = plan.order == "outward"
     waiting = [chain for chain in chains(roots, stepover) if chain[0].curve.length > SHORTEST * stepover]
     start, nowhere = np.reshape(plan.start, (-1, 3)), np.empty((0, 3))
@@ -49,12 +49,12 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
         ends = nowhere if chain[-1].children else middle_ends(mesh, chain[-1], stepover)
         # The path begins on the first line, or outwards at the end of the last.
         outer, inner = nowhere if outward or lines else start, start if outward and not waiting else nowhere
-        seams = place_seams(curves, stepover, ends, outer, inner)
-        count = first_break(curves, seams, stepover)
+        seams = place_seams(curves, pitch, ends, outer, inner)
+        count = first_break(curves, seams, pitch)
         if count < len(chain):
             waiting[:0] = [chain[:count], chain[count:]]
         else:
-            lines.append(join_turns(curves, seams, to_border, stepover))
+            lines.append(join_turns(curves, seams, to_border, pitch))
     runs = _finished(request, lines, finish_middle(mesh, lines, stepover))
     return [run.backwards() for run in runs[::-1]] if outward else runs
 
@@ -80,20 +80,6 @@ def _finished(request: PatternRequest, lines: Sequence[Run], longer: Sequence[Ru
 
 def _crossings(runs: Sequence[SurfaceRun | None]) -> int:
     return count_self_crossings([Curve(run.positions, run.points.normals, False) for run in runs if run is not None])
-
-
-def _nested_turns(request: PatternRequest) -> tuple[list[Turn], bool]:
-    """Outermost turns, and whether the innermost one follows a border too, as on a ring of even width."""
-    surface, mesh, stepover = request.region.surface, request.mesh, request.stepover
-    borders = border_curves(mesh)
-    ring = ring_turns(surface, mesh, borders, stepover) if len(borders) == 2 else None
-    to_border = ring is not None
-    spaced = RingTurns(0.5 * stepover, stepover) if ring is None else ring
-    outermost = borders[:1] if to_border else borders
-    roots = grow_turns(surface, mesh, outermost, spaced.first, spaced.pitch, request.report)
-    for turn in all_turns(roots):
-        turn.curve = without_tails(turn.curve, TAIL * stepover)
-    return roots, to_border
 
 
 def chains(roots: Sequence[Turn], stepover: float) -> list[list[Turn]]:
