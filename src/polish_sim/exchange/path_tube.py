@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.exchange.thinning import needed_rows
+from polish_sim.exchange.needed_rows import needed_rows
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.toolpath import LINK, PROCESS
 from polish_sim.spatial import perpendicular, unit

@@ -13,7 +13,7 @@ from polish_sim.planning.toolpath import LEAD_OUT, RETRACT, ToolPath
 Rows = NDArray[np.int64]
 
 
-class Stroke(NamedTuple):
+class StrokeRows(NamedTuple):
     """Rows of one stretch in contact and of the ways to it and from it; the ways may be empty."""
 
     down: Rows
@@ -21,7 +21,7 @@ class Stroke(NamedTuple):
     up: Rows
 
 
-def strokes_of(path: ToolPath) -> list[Stroke]:
+def strokes_of(path: ToolPath) -> list[StrokeRows]:
     """Split a path where the tool leaves the part.
 
     Raises:
@@ -39,6 +39,6 @@ def strokes_of(path: ToolPath) -> list[Stroke]:
         after = np.arange(contact[-1] + 1, follow)
         leaving = np.isin(path.segment[after], (LEAD_OUT, RETRACT))
         last = int(leaving.argmin()) if not leaving.all() else len(after)
-        strokes.append(Stroke(np.arange(free, contact[0]), contact, after[:last]))
+        strokes.append(StrokeRows(np.arange(free, contact[0]), contact, after[:last]))
         free = int(contact[-1]) + 1 + last
     return strokes

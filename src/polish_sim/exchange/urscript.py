@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.exchange.needed_rows import needed_rows
 from polish_sim.exchange.setup import ExportSetup, feeds_of, forces_of
-from polish_sim.exchange.strokes import Stroke, strokes_of
-from polish_sim.exchange.thinning import needed_rows
+from polish_sim.exchange.strokes import StrokeRows, strokes_of
 from polish_sim.exchange.tool_frames import steady_frames
 from polish_sim.exchange.urscript_frame import closing, opening
 from polish_sim.planning import PlanResult, ToolPath
@@ -89,7 +89,7 @@ def _kept(path: ToolPath) -> NDArray[np.bool_]:
     return kept
 
 
-def _down(path: ToolPath, poses: Array, stroke: Stroke) -> tuple[list[_Move], list[_Move]]:
+def _down(path: ToolPath, poses: Array, stroke: StrokeRows) -> tuple[list[_Move], list[_Move]]:
     """The way to the part as far as the standoff, and from there; a path without one gets a straight one."""
     first = stroke.contact[0]
     axis = path.axes_work[first]
@@ -108,7 +108,7 @@ def _down(path: ToolPath, poses: Array, stroke: Stroke) -> tuple[list[_Move], li
     return [*moves, _Move(standoff, "landing_speed")], [_Move(poses[row], "landing_speed") for row in low]
 
 
-def _up(path: ToolPath, poses: Array, stroke: Stroke) -> list[_Move]:
+def _up(path: ToolPath, poses: Array, stroke: StrokeRows) -> list[_Move]:
     if not len(stroke.up):
         last = stroke.contact[-1]
         return [_Move(_lifted(poses[last], path.axes_work[last], CLEARANCE_M), "landing_speed")]
@@ -123,7 +123,7 @@ def _air_speed(path: ToolPath, row: int) -> str:
     return "travel_speed" if path.segment[row] in (APPROACH, RETRACT) else "landing_speed"
 
 
-def _contact(path: ToolPath, poses: Array, stroke: Stroke, setup: ExportSetup) -> Iterator[str]:
+def _contact(path: ToolPath, poses: Array, stroke: StrokeRows, setup: ExportSetup) -> Iterator[str]:
     """Moves in contact; the force is set where it changes."""
     rows = stroke.contact
     feed, force = feeds_of(path, setup), forces_of(path, setup)

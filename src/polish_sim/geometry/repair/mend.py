@@ -12,7 +12,7 @@ from polish_sim.geometry.repair.hole_filling import close_holes
 from polish_sim.geometry.repair.merge import merge_vertices
 from polish_sim.geometry.repair.needles import flip_needles
 from polish_sim.geometry.repair.scan_noise import smooth_noise
-from polish_sim.geometry.repair.self_crossing import describe_crossings
+from polish_sim.geometry.repair.self_crossing import describe_crossing_facets
 from polish_sim.geometry.repair.shells import describe_shells, turn_outward, wind_alike
 from polish_sim.geometry.repair.skin import Floats, Skin
 from polish_sim.geometry.repair.t_junctions import split_t_junctions
@@ -40,4 +40,4 @@ def mend(triangles: Floats, path: Path) -> Skin:
     skin = close_holes(flip_needles(flip_slivers(skin)))
     skin = turn_outward(skin)
     skin = smooth_noise(skin)
-    return skin._replace(notes=(*skin.notes, *describe_shells(skin), *describe_crossings(skin)))
+    return skin._replace(notes=(*skin.notes, *describe_shells(skin), *describe_crossing_facets(skin)))

@@ -14,14 +14,14 @@ MOST_FACETS = 400_000
 _MOST_PAIRS = 100_000
 
 
-def describe_crossings(skin: Skin) -> tuple[str, ...]:
+def describe_crossing_facets(skin: Skin) -> tuple[str, ...]:
     """A note on facets that pass through each other: how many, and where the first is.
 
     They are reported, not mended: a path on a region away from them is not concerned.
     """
     if len(skin.faces) > MOST_FACETS:
         return (f"not searched for facets that pass through each other: more than {MOST_FACETS:,} facets",)
-    pairs = find_crossings(skin.vertices, skin.faces)
+    pairs = find_crossing_facets(skin.vertices, skin.faces)
     if len(pairs) == 0:
         return ()
     where = place(skin.vertices[skin.faces[pairs[0, 0]]])
@@ -29,7 +29,7 @@ def describe_crossings(skin: Skin) -> tuple[str, ...]:
     return (f"self-intersecting: {count} pairs of facets pass through each other, the first at {where}; left as it is",)
 
 
-def find_crossings(vertices: Floats, faces: Ints) -> Ints:
+def find_crossing_facets(vertices: Floats, faces: Ints) -> Ints:
     """Pairs of facets without a common vertex, one with an edge through the inside of the other, shape (k, 2)."""
     corners = np.ascontiguousarray(vertices[faces])
     low, high, right, first, size, items = build_boxes(corners.min(axis=1), corners.max(axis=1))
