@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
+from polish_sim.geometry.distance.signed_distance import signed_distances
 from polish_sim.planning.moves.approach import LEADS, LeadShape, Move, landing, normal_lead
-from polish_sim.planning.moves.obstacle import heights, rim_depths
+from polish_sim.planning.moves.obstacle import rim_depths
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, way_out
 from polish_sim.planning.toolpath import arc_length
 
@@ -105,7 +106,7 @@ def _choose(process: Move, at_start: bool, name: str, air: Air, ball: Ball, step
     """The first landing that is clear: as asked, straight, from lower, further along; last with the pad in a wall."""
     word = "lead-in" if at_start else "lead-out"
     rows = _rows_along(process, at_start, stepover)
-    straight = [(normal_lead, share * air.clearance) for share in LOWER]
+    straight: list[tuple[LeadShape, float]] = [(normal_lead, share * air.clearance) for share in LOWER]
     point_only = air._replace(pad_radius=0.0)
     last = 0 if at_start else len(process.positions) - 1
     tries: list[tuple[Air, list[tuple[LeadShape, float]], list[int], str]] = [
@@ -151,7 +152,7 @@ def _is_clear(process: Move, at_start: bool, shape: LeadShape, clearance: float,
     line = np.concatenate([lead.positions, above.positions])
     axes = np.concatenate([lead.axes, above.axes])
     up = np.abs(((line - process.positions[end]) * process.axes[end]).sum(axis=1))
-    if (heights(air.part, line) < np.minimum(0.5 * up, APART_M) - ROUNDING_M).any():
+    if (signed_distances(air.part, line) < np.minimum(0.5 * up, APART_M) - ROUNDING_M).any():
         return False
     if rim_depths(air.part, line, axes, air.pad_radius).max() > landed + TOLERANCE_M:
         return False

@@ -7,7 +7,7 @@ strands cover everything is dropped instead of lifting for it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,7 +159,9 @@ def _stretch(item: OnSurface, s: Array, low: float, high: float) -> SurfaceRun:
     ends = np.array([low, high])
     tips = np.stack([np.interp(ends, s, item.run.positions[:, k]) for k in range(3)], axis=1)
     found = item.surface.closest(tips)
-    columns = (np.concatenate([tip[:1], own[inner], tip[1:]]) for own, tip in zip(item.run.points, found, strict=True))
+    own: tuple[NDArray[Any], ...] = item.run.points
+    tip: tuple[NDArray[Any], ...] = found
+    columns = [np.concatenate([b[:1], a[inner], b[1:]]) for a, b in zip(own, tip, strict=True)]
     index = np.clip(np.searchsorted(s, ends, side="right") - 1, 0, len(s) - 1)
     passes = item.run.pass_index[np.concatenate([index[:1], inner, index[1:]])]
     return SurfaceRun(ClosestPoints(*columns), passes)
