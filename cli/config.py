@@ -11,7 +11,7 @@ from polish_sim.scenario_file import to_toml
 
 
 def config(experiment: Annotated[str, typer.Argument(help="arc, force or surface.", show_default=False)]) -> None:
-    """Print the full default config of an experiment as TOML."""
+    """Print the full default config of an experiment as TOML; `plan` and `inspect` take the keys of surface."""
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.experiments import default_scenario
 

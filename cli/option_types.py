@@ -272,7 +272,7 @@ Export = Annotated[
     typer.Option(
         "--export",
         metavar="NAME",
-        help="Write the plan in one more format: apt, urscript, ros, ply, glb, html, or all; may be repeated.",
+        help="Also write the plan as apt, urscript, ros, ply, glb, html, or all of them; may be repeated.",
         rich_help_panel=OUTPUT,
     ),
 ]

@@ -206,6 +206,7 @@ def _in_si(option: str, value: float) -> float:
     number = value * unit.si
     if not spec["low"] <= number <= spec["high"]:
         meaning = str(spec["text"]).rpartition(" [")[0]
+        meaning = meaning.replace("radius", "diameter") if unit is DIAMETER else meaning
         low, high = spec["low"] / unit.si, spec["high"] / unit.si
         raise ConfigError(f"{option} {value:g} is outside {low:.4g} to {high:.4g} {unit.name}: {meaning}.")
     return number

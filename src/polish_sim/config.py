@@ -11,6 +11,9 @@ from typing import Any
 
 Pose = tuple[float, float, float, float, float, float]
 
+MOST_LEAN_RAD = math.radians(40.0)
+"""Further over the pad touches with its edge only."""
+
 
 def key(default: Any, text: str, low: float = -math.inf, high: float = math.inf, length: int = 0) -> Any:
     """Declare a field with its meaning (unit in brackets) and allowed range, both ends included; a list's length."""
@@ -43,7 +46,10 @@ class PlanConfig:
         "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE or faces:FILE (mm)",
     )
     feature_angle_rad: float = key(
-        math.radians(30.0), "edges that bend by more than this bound a smooth face [rad]", 0.01, 3.1
+        math.radians(30.0),
+        "edges that bend by more than this bound a smooth face [rad]",
+        math.radians(1.0),
+        math.radians(175.0),
     )
     edge_margin_m: float = key(0.0, "how far the region keeps from its edges, along the surface [m]", 0.0, 0.5)
     stepover_m: float = key(0.008, "distance between neighbouring turns [m]", 0.0002, 1.0)
@@ -58,11 +64,15 @@ class PlanConfig:
     )
     clearance_m: float = key(0.03, "height of the first and last point above the part [m]", 0.001, 0.5)
     lead_in: str = key("normal", "how the tool lands: normal, tangent or arc")
-    lead_angle_rad: float = key(0.0, "the tool leans this far forward, along the feed [rad]", -0.7, 0.7)
-    tilt_angle_rad: float = key(0.0, "the tool leans this far to the left of the feed [rad]", -0.7, 0.7)
+    lead_angle_rad: float = key(
+        0.0, "the tool leans this far forward, along the feed [rad]", -MOST_LEAN_RAD, MOST_LEAN_RAD
+    )
+    tilt_angle_rad: float = key(
+        0.0, "the tool leans this far to the left of the feed [rad]", -MOST_LEAN_RAD, MOST_LEAN_RAD
+    )
     axis_smoothing_m: float = key(0.0, "the tool axis is averaged over this length of the path, 0 = not [m]", 0.0, 1.0)
     axis_deviation_rad: float = key(
-        math.radians(5.0), "averaging turns the tool axis by no more than this [rad]", 0.0, 0.7
+        math.radians(5.0), "averaging turns the tool axis by no more than this [rad]", 0.0, MOST_LEAN_RAD
     )
 
 

@@ -53,7 +53,7 @@ BAD = {
     "unknown order": (("--order", "sideways"), "unknown order 'sideways'. Known: inward, outward."),
     "unknown direction": (("--direction", "down"), "unknown direction 'down'. Known: climb, conventional."),
     "out of range in mm": (("--stepover", "-8"), "--stepover -8 is outside 0.2 to 1000 mm"),
-    "out of range in deg": (("--lead-angle", "80"), "--lead-angle 80 is outside -40.11 to 40.11 deg"),
+    "out of range in deg": (("--lead-angle", "80"), "--lead-angle 80 is outside -40 to 40 deg"),
     "idle order": (("--pattern", "raster", "--order", "outward"), "--order would change nothing with the pattern"),
     "idle direction": (("--raster-direction", "1,0,0"), "--raster-direction would change nothing with the pattern"),
     "idle bound": (("--axis-deviation", "3"), "give --axis-smoothing MM as well"),
