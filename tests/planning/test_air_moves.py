@@ -8,9 +8,10 @@ import trimesh
 
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import fit_surface, load_part
+from polish_sim.geometry.distance.signed_distance import signed_distances
 from polish_sim.planning.moves.approach import LEADS, normal_lead, process_move, tangent_lead, with_leads
 from polish_sim.planning.moves.landing import Air, Remark, choose_leads, notes_of
-from polish_sim.planning.moves.obstacle import RIM_POINTS, heights, rim_depths
+from polish_sim.planning.moves.obstacle import RIM_POINTS, rim_depths
 from polish_sim.planning.moves.travel import travel
 from tests.planning.shapes import plan_of
 
@@ -42,7 +43,7 @@ def stroke(x0, x1, y=0.0):
 def test_heights_are_negative_inside_a_box_and_positive_outside(tmp_path):
     box = solid(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
     points = np.array([[0.0, 0.0, 0.06], [0.0, 0.0, 0.045], [0.06, 0.06, 0.0], [-0.048, 0.0, 0.0]])
-    assert heights(box, points) == pytest.approx([0.01, -0.005, np.hypot(0.01, 0.01), -0.002], abs=1e-9)
+    assert signed_distances(box, points) == pytest.approx([0.01, -0.005, np.hypot(0.01, 0.01), -0.002], abs=1e-9)
 
 
 def test_outside_a_knife_edge_and_its_tips_is_not_inside(tmp_path):
@@ -55,7 +56,7 @@ def test_outside_a_knife_edge_and_its_tips_is_not_inside(tmp_path):
     rng = np.random.default_rng(0)
     points = rng.uniform(-0.08, 0.08, (4000, 3)) * [1.0, 1.0, 0.4]
     inside = (np.abs(points[:, 2]) < -np.tan(np.radians(10.0)) * points[:, 0]) & (np.abs(points[:, 1]) < 0.05)
-    assert ((heights(part, points) < 0.0) == inside).all()
+    assert ((signed_distances(part, points) < 0.0) == inside).all()
 
 
 def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
@@ -73,7 +74,7 @@ def test_travels_rise_over_a_wall_and_no_higher_than_it_makes_them(tmp_path, hei
     first, second = (with_leads(stroke(a, a + 0.02), normal_lead, CLEARANCE) for a in (-0.06, 0.04))
     way, clear = travel(first[-1], second[0], UP, CLEARANCE, part)
     assert clear
-    assert heights(part, way.positions).min() >= 0.69 * CLEARANCE
+    assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert way.positions[:, 2].max() <= 1e-3 * height + CLEARANCE + 1e-9
     assert np.linalg.norm(np.diff(way.positions, axis=0), axis=1).max() < 1.1e-3
 
@@ -93,7 +94,7 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
     first, second = (with_leads(move, normal_lead, CLEARANCE) for move in (top, below))
     way, clear = travel(first[-1], second[0], UP, CLEARANCE, part)
     assert clear
-    assert heights(part, way.positions).min() >= 0.69 * CLEARANCE
+    assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert np.linalg.norm(way.axes, axis=1) == pytest.approx(np.ones(len(way.axes)))
 
 
@@ -164,5 +165,5 @@ def test_two_islands_get_their_own_passes_and_one_lift_each(tmp_path):
     sides = np.sign(path.positions_work[path.process, 0])
     assert np.count_nonzero(np.diff(sides)) == 1
     air = ~path.process
-    assert heights(result.surface, path.positions_work[air]).min() >= 0.0
+    assert signed_distances(result.surface, path.positions_work[air]).min() >= 0.0
     assert figures["air_length_m"] == pytest.approx(np.diff(path.s).sum() - figures["path_length_m"], abs=2e-3)

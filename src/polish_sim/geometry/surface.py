@@ -85,6 +85,23 @@ class Surface:
         """Areas of the patches [m^2], shape (m,)."""
         return np.asarray(patch_areas(self.control))
 
+    @cached_property
+    def vertex_normal_sums(self) -> Floats:
+        """Sums of the patches' normals weighted by their angles at each vertex, zero at borders, shape (n, 3)."""
+        corners = self.control[:, :3]
+        ahead = self.control[:, 3:] - corners
+        behind = np.roll(self.control[:, 3:], 1, axis=1) - corners
+        cross = np.cross(ahead, behind)
+        size = np.linalg.norm(cross, axis=2)
+        angle = np.arctan2(size, (ahead * behind).sum(axis=2))
+        weighted = cross * (angle / np.maximum(size, 1e-300))[:, :, None]
+        total = np.zeros_like(self.vertices)
+        np.add.at(total, self.faces.ravel(), weighted.reshape(-1, 3))
+        facet, edge = np.nonzero(self.neighbours < 0)
+        total[self.faces[facet, edge]] = 0.0
+        total[self.faces[facet, (edge + 1) % 3]] = 0.0
+        return total
+
     @property
     def bounds(self) -> Floats:
         """Corners of the bounding box of the control points [m], shape (2, 3)."""

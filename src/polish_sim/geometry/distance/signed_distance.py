@@ -39,13 +39,13 @@ class Skin(NamedTuple):
 
 
 def build_skin(surface: Surface) -> Skin:
-    """Gather a surface's arrays and the pseudo-normals of its vertices."""
+    """Gather a surface's arrays, with the pseudo-normals of its vertices."""
     return Skin(
         surface.control,
         surface.faces,
         surface.neighbours,
         surface.neighbour_edges,
-        _vertex_normals(surface),
+        surface.vertex_normal_sums,
         surface.tree,
     )
 
@@ -63,27 +63,13 @@ def signed_distances(surface: Surface, points: Floats) -> Floats:
     return _signed_distances(build_skin(surface), np.ascontiguousarray(points, dtype=np.float64))
 
 
-def _vertex_normals(surface: Surface) -> Floats:
-    corners = surface.control[:, :3]
-    ahead = surface.control[:, 3:] - corners
-    behind = np.roll(surface.control[:, 3:], 1, axis=1) - corners
-    cross = np.cross(ahead, behind)
-    size = np.linalg.norm(cross, axis=2)
-    angle = np.arctan2(size, (ahead * behind).sum(axis=2))
-    weighted = cross * (angle / np.maximum(size, 1e-300))[:, :, None]
-    total = np.zeros_like(surface.vertices)
-    np.add.at(total, surface.faces.ravel(), weighted.reshape(-1, 3))
-    facet, edge = np.nonzero(surface.neighbours < 0)
-    total[surface.faces[facet, edge]] = 0.0
-    total[surface.faces[facet, (edge + 1) % 3]] = 0.0
-    return total
-
-
 @njit(cache=True)
 def _signed_distances(skin, points):  # type: ignore[no-untyped-def]
     out = np.empty(len(points))
+    facet = -1
     for i in range(len(points)):
-        out[i], _ = signed_distance(skin, points[i, 0], points[i, 1], points[i, 2], -1, np.inf)
+        # Neighbours in the list are mostly neighbours in space: the last facet saves time.
+        out[i], facet = signed_distance(skin, points[i, 0], points[i, 1], points[i, 2], facet, np.inf)
     return out
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.geometry import Surface
+from polish_sim.geometry.distance.signed_distance import signed_distances
 from polish_sim.planning.moves.approach import Move, evenly
-from polish_sim.planning.moves.obstacle import heights
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, way_out
 from polish_sim.planning.toolpath import APPROACH
 from polish_sim.spatial import perpendicular, unit
@@ -41,7 +41,7 @@ def travel(first: Move, second: Move, up: Array, clearance: float, part: Surface
     clear, line = False, np.empty((0, 3))
     for corners in _ways((start, end), (first.axes[-1], second.axes[0]), up, clearance, part, kept):
         line = _along(corners)
-        clear = kept > 0.0 and bool(heights(part, line).min() >= kept)
+        clear = kept > 0.0 and bool(signed_distances(part, line).min() >= kept)
         if clear:
             break
     # Both ends belong to the moves before and after.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.geometry import Surface
-from polish_sim.planning.moves.obstacle import heights
+from polish_sim.geometry.distance.signed_distance import signed_distances
 from polish_sim.spatial import perpendicular, unit
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ def ball_around(part: Surface, clearance: float) -> Ball:
 
 def height_to_keep(part: Surface, tops: Array, clearance: float) -> float:
     """Distance from the part a tool keeps that travels from or to places (n, 3) with a clearance [m]."""
-    return float(min(KEPT * clearance, KEPT_LOW * heights(part, tops).min()))
+    return float(min(KEPT * clearance, KEPT_LOW * signed_distances(part, tops).min()))
 
 
 def way_out(part: Surface, ball: Ball, point: Array, axis: Array, up: Array, kept: float) -> Array | None:
@@ -79,7 +79,7 @@ def _is_free(part: Surface, ball: Ball, point: Array, direction: Array, kept: fl
     for _ in range(MOST_STEPS):
         if float(np.linalg.norm(here - ball.middle)) > ball.radius:
             return True
-        height = float(heights(part, here[None])[0])
+        height = float(signed_distances(part, here[None])[0])
         if height < kept:
             return False
         here = here + direction * max(height - kept, SHORTEST_STEP_M)
