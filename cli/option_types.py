@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,275 +17,154 @@ PART, PATH, TOOL, AXIS, RUN, CONFIG, OUTPUT = (
     "Output",
 )
 
+
+def _option(panel: str, name: str, metavar: str | None, text: str, least: int | None = None) -> Any:
+    """Declare an option: panel and name, what stands for its value (None for a switch), help, smallest value."""
+    return typer.Option(name, metavar=metavar, help=text, rich_help_panel=panel, min=least)
+
+
 # Part and region
 PartFile = Annotated[
     str, typer.Argument(metavar="PART", help="STL, PLY or OBJ file, or the name of a shipped part.", show_default=False)
 ]
 Part = Annotated[
     str | None,
-    typer.Option(
+    _option(
+        PART,
         "--part",
-        metavar="PART",
-        help="STL, PLY or OBJ file, or the name of a shipped part; default freeform (surface), plate (force).",
-        rich_help_panel=PART,
+        "PART",
+        "STL, PLY or OBJ file, or the name of a shipped part; default freeform (surface), plate (force).",
     ),
 ]
 PartPose = Annotated[
     str | None,
-    typer.Option(
-        "--part-pose",
-        metavar="POSE",
-        help="X,Y,Z,RX,RY,RZ of the part in the robot base (mm, deg); default: chosen.",
-        rich_help_panel=PART,
-    ),
+    _option(PART, "--part-pose", "POSE", "X,Y,Z,RX,RY,RZ of the part in the robot base (mm, deg); default: chosen."),
 ]
-Units = Annotated[
-    str | None,
-    typer.Option(
-        "--units", metavar="UNIT", help="Unit of the part's file: mm (default), cm, m or inch.", rich_help_panel=PART
-    ),
-]
+Units = Annotated[str | None, _option(PART, "--units", "UNIT", "Unit of the part's file: mm (default), cm, m or inch.")]
 Up = Annotated[
     str | None,
-    typer.Option(
-        "--up",
-        metavar="SIDE",
-        help="Side turned up: auto (default), x, y, z, -x, -y, -z, or a direction X,Y,Z.",
-        rich_help_panel=PART,
-    ),
+    _option(PART, "--up", "SIDE", "Side turned up: auto (default), x, y, z, -x, -y, -z, or a direction X,Y,Z."),
 ]
 Region = Annotated[
     str | None,
-    typer.Option(
+    _option(
+        PART,
         "--region",
-        metavar="REGION",
-        help="auto (default), top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE "
+        "REGION",
+        "auto (default), top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE "
         "or faces:FILE (mm).",
-        rich_help_panel=PART,
     ),
 ]
 FeatureAngle = Annotated[
     float | None,
-    typer.Option(
-        "--feature-angle",
-        metavar="DEG",
-        help="Edges that bend by more than this bound a smooth face (deg); default 30.",
-        rich_help_panel=PART,
-    ),
+    _option(PART, "--feature-angle", "DEG", "Edges that bend by more than this bound a smooth face (deg); default 30."),
 ]
 EdgeMargin = Annotated[
-    float | None,
-    typer.Option(
-        "--edge-margin",
-        metavar="MM",
-        help="Keep the region this far from its edges (mm); default 0.",
-        rich_help_panel=PART,
-    ),
+    float | None, _option(PART, "--edge-margin", "MM", "Keep the region this far from its edges (mm); default 0.")
 ]
 
 # Path
 PathFile = Annotated[
     Path | None,
-    typer.Option(
-        "--path",
-        metavar="PLAN",
-        help="Path to run instead of planning one: a plan folder, path.json, CSV or APT file.",
-        rich_help_panel=PATH,
-    ),
+    _option(PATH, "--path", "PLAN", "Path to run instead of planning one: a plan folder, path.json, CSV or APT file."),
 ]
-Pattern = Annotated[
-    str | None,
-    typer.Option(
-        "--pattern", metavar="NAME", help="spiral (default), raster, contour or fermat.", rich_help_panel=PATH
-    ),
-]
+Pattern = Annotated[str | None, _option(PATH, "--pattern", "NAME", "spiral (default), raster, contour or fermat.")]
 Stepover = Annotated[
-    float | None,
-    typer.Option(
-        "--stepover", metavar="MM", help="Distance between neighbouring turns (mm); default 8.", rich_help_panel=PATH
-    ),
+    float | None, _option(PATH, "--stepover", "MM", "Distance between neighbouring turns (mm); default 8.")
 ]
 Overlap = Annotated[
     float | None,
-    typer.Option(
+    _option(
+        PATH,
         "--overlap",
-        metavar="PERCENT",
-        help="Sets the step-over by how much neighbouring turns overlap, in percent of the pad's diameter.",
-        rich_help_panel=PATH,
+        "PERCENT",
+        "Sets the step-over by how much neighbouring turns overlap, in percent of the pad's diameter.",
     ),
 ]
-Order = Annotated[
-    str | None,
-    typer.Option("--order", metavar="NAME", help="spiral, contour: inward (default) or outward.", rich_help_panel=PATH),
-]
+Order = Annotated[str | None, _option(PATH, "--order", "NAME", "spiral, contour: inward (default) or outward.")]
 Direction = Annotated[
     str | None,
-    typer.Option(
+    _option(
+        PATH,
         "--direction",
-        metavar="NAME",
-        help="spiral, contour: conventional (default: what is not done yet on the left) or climb.",
-        rich_help_panel=PATH,
+        "NAME",
+        "spiral, contour: conventional (default: what is not done yet on the left) or climb.",
     ),
 ]
 Start = Annotated[
-    str | None,
-    typer.Option(
-        "--start", metavar="X,Y,Z", help="Begin the path near this point of the part (mm); default: chosen.",
-        rich_help_panel=PATH,
-    ),
-]  # fmt: skip
+    str | None, _option(PATH, "--start", "X,Y,Z", "Begin the path near this point of the part (mm); default: chosen.")
+]
 RasterDirection = Annotated[
     str | None,
-    typer.Option(
-        "--raster-direction",
-        metavar="X,Y,Z",
-        help="raster: direction of the lines; default: along the region's long axis.",
-        rich_help_panel=PATH,
+    _option(
+        PATH, "--raster-direction", "X,Y,Z", "raster: direction of the lines; default: along the region's long axis."
     ),
 ]
 
 # Landing and tool axis
 LeadIn = Annotated[
-    str | None,
-    typer.Option(
-        "--lead-in", metavar="NAME", help="How the tool lands: normal (default), tangent or arc.", rich_help_panel=AXIS
-    ),
+    str | None, _option(AXIS, "--lead-in", "NAME", "How the tool lands: normal (default), tangent or arc.")
 ]
 LeadAngle = Annotated[
     float | None,
-    typer.Option(
-        "--lead-angle",
-        metavar="DEG",
-        help="Lean the tool axis this far forward, along the feed (deg); default 0.",
-        rich_help_panel=AXIS,
-    ),
+    _option(AXIS, "--lead-angle", "DEG", "Lean the tool axis this far forward, along the feed (deg); default 0."),
 ]
 TiltAngle = Annotated[
     float | None,
-    typer.Option(
-        "--tilt-angle",
-        metavar="DEG",
-        help="Lean the tool axis this far to the left of the feed (deg); default 0.",
-        rich_help_panel=AXIS,
-    ),
+    _option(AXIS, "--tilt-angle", "DEG", "Lean the tool axis this far to the left of the feed (deg); default 0."),
 ]
 AxisSmoothing = Annotated[
     float | None,
-    typer.Option(
+    _option(
+        AXIS,
         "--axis-smoothing",
-        metavar="MM",
-        help="Average the tool axis over this length of the path (mm); default 0, not at all.",
-        rich_help_panel=AXIS,
+        "MM",
+        "Average the tool axis over this length of the path (mm); default 0, not at all.",
     ),
 ]
 AxisDeviation = Annotated[
     float | None,
-    typer.Option(
-        "--axis-deviation",
-        metavar="DEG",
-        help="Largest turn --axis-smoothing may give a tool axis (deg); default 5.",
-        rich_help_panel=AXIS,
-    ),
+    _option(AXIS, "--axis-deviation", "DEG", "Largest turn --axis-smoothing may give a tool axis (deg); default 5."),
 ]
 
 # Tool and process
-PadDiameter = Annotated[
-    float | None,
-    typer.Option("--pad-diameter", metavar="MM", help="Diameter of the pad (mm); default 50.", rich_help_panel=TOOL),
-]
-ContactForce = Annotated[
-    float | None,
-    typer.Option("--contact-force", metavar="N", help="Force to hold (N); default 20.", rich_help_panel=TOOL),
-]
-Feed = Annotated[
-    float | None,
-    typer.Option("--feed", metavar="MM_S", help="Speed along the path (mm/s); default 10.", rich_help_panel=TOOL),
-]
+PadDiameter = Annotated[float | None, _option(TOOL, "--pad-diameter", "MM", "Diameter of the pad (mm); default 50.")]
+ContactForce = Annotated[float | None, _option(TOOL, "--contact-force", "N", "Force to hold (N); default 20.")]
+Feed = Annotated[float | None, _option(TOOL, "--feed", "MM_S", "Speed along the path (mm/s); default 10.")]
 SpindleSpeed = Annotated[
     float | None,
-    typer.Option(
-        "--spindle-rpm",
-        metavar="RPM",
-        help="Speed of the spindle, 0 = off (1/min); default 6000 in surface, else off.",
-        rich_help_panel=TOOL,
-    ),
+    _option(TOOL, "--spindle-rpm", "RPM", "Speed of the spindle, 0 = off (1/min); default 6000 in surface, else off."),
 ]
 
 # Run
 Experiment = Annotated[str, typer.Argument(help="arc, force or surface.", show_default=False)]
 Controller = Annotated[
     str | None,
-    typer.Option(
-        "--controller",
-        metavar="NAME",
-        help="hybrid-pi (default), hybrid-pi-position, position, or FILE.py:CLASS.",
-        rich_help_panel=RUN,
-    ),
+    _option(RUN, "--controller", "NAME", "hybrid-pi (default), hybrid-pi-position, position, or FILE.py:CLASS."),
 ]
-Seed = Annotated[
-    int | None,
-    typer.Option("--seed", metavar="N", help="Seed of everything random; default 0.", rich_help_panel=RUN),
-]
-Seeds = Annotated[
-    int | None,
-    typer.Option(
-        "--seeds", metavar="N", min=1, help="Run this many seeds, counting up from --seed.", rich_help_panel=RUN
-    ),
-]
-DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Plan and check the reach, do not simulate.", rich_help_panel=RUN)
-]
-Check = Annotated[
-    bool,
-    typer.Option("--check", help="Exit with 1 when a figure falls short of what is asked of it.", rich_help_panel=RUN),
-]
-View = Annotated[bool, typer.Option("--view", help="Watch the run in the MuJoCo viewer.", rich_help_panel=RUN)]
+Seed = Annotated[int | None, _option(RUN, "--seed", "N", "Seed of everything random; default 0.")]
+Seeds = Annotated[int | None, _option(RUN, "--seeds", "N", "Run this many seeds, counting up from --seed.", least=1)]
+DryRun = Annotated[bool, _option(RUN, "--dry-run", None, "Plan and check the reach, do not simulate.")]
+Check = Annotated[bool, _option(RUN, "--check", None, "Exit with 1 when a figure falls short of what is asked of it.")]
+View = Annotated[bool, _option(RUN, "--view", None, "Watch the run in the MuJoCo viewer.")]
 
 # Config
-Config = Annotated[
-    Path | None,
-    typer.Option("--config", metavar="FILE.toml", help="TOML file; see 'polish-sim config'.", rich_help_panel=CONFIG),
-]
-Set = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set", metavar="KEY=VALUE", help="KEY=VALUE of the config; may be repeated.", rich_help_panel=CONFIG
-    ),
-]
+Config = Annotated[Path | None, _option(CONFIG, "--config", "FILE.toml", "TOML file; see 'polish-sim config'.")]
+Set = Annotated[list[str] | None, _option(CONFIG, "--set", "KEY=VALUE", "KEY=VALUE of the config; may be repeated.")]
 
 # Output
-Video = Annotated[
-    bool,
-    typer.Option("--video", help="Write a video of the run (mp4, or GIF without ffmpeg).", rich_help_panel=OUTPUT),
-]
+Video = Annotated[bool, _option(OUTPUT, "--video", None, "Write a video of the run (mp4, or GIF without ffmpeg).")]
 LogRate = Annotated[
-    str | None,
-    typer.Option(
-        "--log-rate",
-        metavar="HZ|full",
-        help="Rows of the log per second (Hz), or 'full'; default 250.",
-        rich_help_panel=OUTPUT,
-    ),
+    str | None, _option(OUTPUT, "--log-rate", "HZ|full", "Rows of the log per second (Hz), or 'full'; default 250.")
 ]
 Export = Annotated[
     list[str] | None,
-    typer.Option(
+    _option(
+        OUTPUT,
         "--export",
-        metavar="NAME",
-        help="Also write the plan as apt, urscript, ros, ply, glb, html, or all of them; may be repeated.",
-        rich_help_panel=OUTPUT,
+        "NAME",
+        "Also write the plan as apt, urscript, ros, ply, glb, html, or all of them; may be repeated.",
     ),
 ]
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        "--out",
-        metavar="DIR",
-        help="Output folder; default results/<command>/<date-time>.",
-        rich_help_panel=OUTPUT,
-    ),
-]
-Overwrite = Annotated[
-    bool,
-    typer.Option("--overwrite", help="Replace files in an existing output folder.", rich_help_panel=OUTPUT),
-]
+Out = Annotated[Path | None, _option(OUTPUT, "--out", "DIR", "Output folder; default results/<command>/<date-time>.")]
+Overwrite = Annotated[bool, _option(OUTPUT, "--overwrite", None, "Replace files in an existing output folder.")]
