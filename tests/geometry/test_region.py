@@ -142,7 +142,7 @@ def test_faces_takes_the_listed_facets_of_the_file(select, tmp_path):
         ("bottom", InputError, "unknown region 'bottom'. Valid: auto, top, all"),
         ("point", InputError, "unknown region 'point'"),
         ("auto:1", InputError, "unknown region"),
-        ("point:1,2", InputError, "is not point:X,Y,Z"),
+        ("point:1,2", InputError, "region 'point:1,2' is not point:X,Y,Z"),
         ("point:1,2,z", InputError, "is not point:X,Y,Z"),
         ("box:1,2,3,4,5", InputError, "6 numbers in mm"),
         ("box:1,2,3,1,5,6", InputError, "no volume"),

@@ -95,6 +95,13 @@ def test_a_polygon_from_a_file_is_the_same(tmp_path):
     assert region_of(BLOCK, "polygon:-20,-10,0;30,-10,0;30,12,5;-20,12,5").area_m2 == pytest.approx(region.area_m2)
 
 
+def test_an_outline_may_repeat_a_corner_run_straight_on_and_touch_itself():
+    twice_its_first_corner = "polygon:0,0,0;10,0,0;20,0,0;20,10,0;0,10,0;0,0,0"
+    assert region_of(BLOCK, twice_its_first_corner).area_m2 == pytest.approx(200e-6)
+    two_squares_at_a_corner = "polygon:-10,-10,0;0,-10,0;0,0,0;10,0,0;10,10,0;0,10,0;0,0,0;-10,0,0"
+    assert region_of(BLOCK, two_squares_at_a_corner).area_m2 == pytest.approx(200e-6)
+
+
 @pytest.mark.parametrize(
     ("choice", "error", "words"),
     [
@@ -102,6 +109,7 @@ def test_a_polygon_from_a_file_is_the_same(tmp_path):
         ("polygon:0,0,0;10,0,0;x,1,1", InputError, "three or more corners"),
         ("polygon:0,0,0;10,0,0;20,0,5", InputError, "lie on a line seen from above"),
         ("polygon:0,0,0;0,0,5;0,0,9", InputError, "is a point seen from above"),
+        ("polygon:-9,-9,0;9,9,0;9,-9,0;-9,9,0", InputError, "sides from corner 1 to 2 and from corner 3 to 4"),
         ("polygon:200,0,0;210,0,0;210,10,0", PlanError, "contains nothing of the part"),
         ("polygon:nowhere.csv", InputError, "cannot be read"),
     ],

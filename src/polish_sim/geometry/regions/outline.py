@@ -92,6 +92,35 @@ def _check_polygon(flat: Floats, argument: str) -> None:
             f"the corners of region 'polygon:{argument}' lie on a line seen from above. "
             "Give corners around an area, or set --up to the side it is seen from."
         )
+    crossing = _first_crossing(flat)
+    if crossing is not None:
+        one, other = (f"from corner {side + 1} to {(side + 1) % len(flat) + 1}" for side in crossing)
+        raise InputError(
+            f"the outline of region 'polygon:{argument}' crosses itself: its sides {one} and {other}. "
+            "Give the corners in order, once around the area."
+        )
+
+
+def _first_crossing(flat: Floats) -> tuple[int, int] | None:
+    """Two sides of a closed polygon (k, 2) that cross, not only touch; None if there are none."""
+    ends = np.roll(flat, -1, axis=0)
+    for k in range(len(flat) - 1):
+        others = slice(k + 1, None)
+        crossed = _on_both_sides(flat[k], ends[k], flat[others], ends[others])
+        crossed &= _on_both_sides(flat[others], ends[others], flat[k], ends[k])
+        if crossed.any():
+            return k, k + 1 + int(crossed.argmax())
+    return None
+
+
+def _on_both_sides(a: Floats, b: Floats, p: Floats, q: Floats) -> NDArray[np.bool_]:
+    """Whether the line through a and b parts p from q; points (2,) or (m, 2), result (m,)."""
+    along = b - a
+    length = np.maximum(np.linalg.norm(along, axis=-1), _ON_OUTLINE)
+    low, high = np.sort(
+        [(along[..., 0] * (r - a)[..., 1] - along[..., 1] * (r - a)[..., 0]) / length for r in (p, q)], axis=0
+    )
+    return np.asarray((low < -_ON_OUTLINE) & (high > _ON_OUTLINE))
 
 
 def _inside(points: Floats, polygon: Floats) -> NDArray[np.bool_]:

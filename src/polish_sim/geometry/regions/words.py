@@ -28,7 +28,8 @@ def parse_numbers(argument: str, count: int, form: str) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
-        raise InputError(f"region '{argument}' is not {form} ({count} numbers in mm). Valid: {CHOICES}.")
+        name = form.partition(":")[0]
+        raise InputError(f"region '{name}:{argument}' is not {form} ({count} numbers in mm). Valid: {CHOICES}.")
     return numbers
 
 
