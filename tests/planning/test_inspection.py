@@ -141,6 +141,10 @@ BAD = {
     "read in mm, written in inches": (path_through(25.4 * raster().positions_work), "25.4 times as large as the part"),
     "elsewhere": (path_through(raster().positions_work + [0.4, 0.0, 0.0]), "sideways up to 400.0 mm"),
     "upside down": (path_through(raster().positions_work, (0.0, 0.0, -1.0)), "points into 'plate' along 100%"),
+    "a small patch, upside down": (
+        path_through(raster().positions_work * [0.045, 0.045, 1.0], (0.0, 0.0, -1.0)),
+        "Turn the axes round",
+    ),
 }
 
 

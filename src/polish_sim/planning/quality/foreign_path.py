@@ -19,6 +19,8 @@ EVEN = 0.2
 """A path is pressed in if its depth stays within this share of the median ..."""
 MOSTLY = 0.6
 """... along this share of it."""
+SLACK, LEAST_SHARE = 0.1, 0.3
+"""In the right unit a path runs at most this share of the part's size beyond it, and measures at least that share."""
 
 
 class Offset(NamedTuple):
@@ -88,13 +90,19 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, height: float,
 
 
 def _other_unit(mesh: PartMesh, path: ToolPath) -> str:
-    """What to say if the path is as much larger or smaller than the part as units are; else nothing."""
-    ratio = float(_extent(path).max() / np.ptp(mesh.vertices, axis=0).max())
+    """What to say if the path would lie where the part is, and be about as large, in another unit; else nothing."""
+    box = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
+    points = path.positions_work[path.process]
+    own = np.stack([points.min(axis=0), points.max(axis=0)])
+    size = float(np.ptp(box, axis=0).max())
     for text, factor in UNITS.items():
-        if 0.3 < ratio / factor < 1.3:
-            return f"The path is about {text} as large as the part: another unit? Give it in mm, or set --units."
-        if 0.3 < ratio * factor < 1.3 and ratio < 0.2:
-            return f"The part is about {text} as large as the path: another unit? Give it in mm, or set --units."
+        for scale, larger, smaller in ((factor, "part", "path"), (1.0 / factor, "path", "part")):
+            beyond = max(float((box[0] - scale * own[0]).max()), float((scale * own[1] - box[1]).max()))
+            if beyond < SLACK * size and scale * float(np.ptp(own, axis=0).max()) > LEAST_SHARE * size:
+                return (
+                    f"The {larger} is about {text} as large as the {smaller}: another unit? "
+                    "Give it in mm, or set --units."
+                )
     return ""
 
 
