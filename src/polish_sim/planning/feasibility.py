@@ -70,7 +70,8 @@ def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:
     """
     notes = []
     if ground.holes:
-        notes.append(f"{ground.holes} small holes are run over by the pad (plan.bridge_m sets up to which size)")
+        holes = "1 small hole is" if ground.holes == 1 else f"{ground.holes} small holes are"
+        notes.append(f"{holes} run over by the pad (plan.bridge_m sets up to which size)")
     depth = _depth_below(ground, pad.radius_m)
     if depth is not None:
         notes.append(
