@@ -46,6 +46,8 @@ SAME = 1e-6
 """Areas and ways that differ by less than this share are the same."""
 TRACE = 0.1
 """Spacing of the points turns are compared by, in step-overs."""
+LEAN = 5
+"""Directions are those over so many points of a trace."""
 TAIL_POINTS = 15
 """A link may pass this many of them at the end of its own run."""
 
@@ -200,11 +202,26 @@ def _lead_into(mesh: Triangulation, traces: Sequence[Array], line: Array, stepov
     for _, number, way in sorted(offers, key=lambda offer: offer[0]):
         others = [trace for k, trace in enumerate(traces) if k != number]
         others.append(traces[number][:-TAIL_POINTS])
-        if _is_clear(mesh, others, traces[number][-1], way, stepover) and _turns_clear(
-            mesh, traces[number], way, stepover
-        ):
-            return number, way
+        for led in (_swung_into(traces[number], way, stepover), way):
+            if _is_clear(mesh, others, traces[number][-1], led, stepover) and _turns_clear(
+                mesh, traces[number], led, stepover
+            ):
+                return number, led
     return -1, line
+
+
+def _swung_into(trace: Array, way: Array, stepover: float) -> Array:
+    """A way with an arc before it that leaves a trace straight ahead and runs into the way along it, (n, 3)."""
+    start, end = trace[-1], way[0]
+    length = float(np.linalg.norm(end - start))
+    back, ahead = trace[-min(LEAN, len(trace))], way[min(LEAN, len(way)) - 1]
+    leaving = unit((start - back)[None])[0] * length
+    arriving = unit((ahead - end)[None])[0] * length if len(way) > 1 else 2.0 * (end - start) - leaving
+    u = np.linspace(0.0, 1.0, max(int(length / (TRACE * stepover)), 2), endpoint=False)[1:, None]
+    # Cubic with these ends and directions (Hermite).
+    along, turning = u**2 * (3.0 - 2.0 * u), u * (1.0 - u)
+    arc = start + along * (end - start) + turning * ((1.0 - u) * leaving - u * arriving)
+    return np.concatenate([arc, way])
 
 
 def _ways(line: Array, start: Array) -> list[tuple[Array, float]]:
