@@ -134,6 +134,7 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["crossings of the path with itself", "", str(m["self_crossings"])],
         ["sharpest corner", "deg", f"{math.degrees(m['sharpest_corner_rad']):.1f}"],
         ["largest turn of the tool axis", "deg/mm", f"{math.degrees(m['max_axis_rate_rad_m']) * 1e-3:.2f}"],
-        ["out of the pad's reach", "mm^2", f"{m['unreachable_area_m2'] * mm2:.4g} in {m['unreachable_places']} places"],
+        ["out of the pad's reach", "mm^2", f"{m['unreachable_area_m2'] * mm2:.4g}"],
+        ["  places", "", str(m["unreachable_places"])],
         ["largest distance to surface", "mm", f"{m['max_distance_to_surface_m'] * mm:.2g}"],
     ]

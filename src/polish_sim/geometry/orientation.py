@@ -59,7 +59,7 @@ def choose_up(vertices: Floats, faces: NDArray[np.int32], up: str) -> tuple[Floa
         direction = _parse_vector(up)
         return direction, f"up is {describe(direction)} (as asked)"
     if up != "auto":
-        raise unknown_name("side for --up", up, [*SIDES, "auto"])
+        raise unknown_name("side for --up", up, [*SIDES, "auto", "X,Y,Z"])
     graph = facet_graph(vertices, faces)
     direction = _snap(stand_straight(vertices, faces, graph, UP_CONE))
     return direction, f"up is {describe(direction)} (assumed: the side with the largest smooth face; --up sets it)"
