@@ -233,5 +233,5 @@ def test_unknown_units_and_sides_list_the_known_ones(tmp_path):
     path = write(tmp_path, BLOCK)
     with pytest.raises(InputError, match=r"unknown unit 'ft'. Known: cm, inch, m, mm"):
         load_part(path, unit="ft")
-    with pytest.raises(InputError, match=r"unknown side .*'up'. Known: -x, -y, -z, auto, x, y, z"):
+    with pytest.raises(InputError, match=r"unknown side .*'up'. Known: -x, -y, -z, X,Y,Z, auto, x, y, z"):
         load_part(path, up="up")
