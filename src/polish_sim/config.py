@@ -57,7 +57,9 @@ class PlanConfig:
     order: str = key("inward", "spiral, contour: inward or outward")
     direction: str = key("conventional", "spiral, contour: conventional (what is not done yet on the left) or climb")
     start: tuple[float, ...] = key(
-        (), "the path begins near this point: x, y, z in the work frame [m]; empty = chosen", length=3
+        (),
+        "the path begins as near this point as its pattern and order allow: x, y, z in the work frame [m]; empty = chosen",
+        length=3,
     )
     raster_direction: tuple[float, ...] = key(
         (), "direction of the raster's lines: x, y, z in the work frame; empty = along the region's long axis", length=3

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from polish_sim.config import PadConfig, PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
-from polish_sim.geometry import Region, merge_regions
+from polish_sim.geometry import Region, Surface, merge_regions
 from polish_sim.planning.curves.offset_curve import CurveSet
 from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.ground.footprint import footprint
 from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.quality.located import PathOnSurface
+from polish_sim.planning.toolpath import ToolPath
 
 NARROWEST = 0.5
 """A region narrower than this share of the pad's diameter cannot carry it."""
+
+START_REACH = 0.1
+"""A start asked for may be off the part by this share of the part's size, as a region's point may."""
+FAR_START = 2.0
+"""A path that begins further from there than so many step-overs is told of."""
 
 FEW = 20
 """One vertex in so many is asked first how far it is from the border."""
@@ -55,6 +63,47 @@ def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> Region:
         f"in all: narrower than half the pad ({NARROWEST * diameter * 1e3:.3g} mm); a smaller --pad-diameter takes them"
     )
     return merge_regions(wide, region.up, (*region.notes, note))
+
+
+def check_start(part: Surface, plan: PlanConfig) -> None:
+    """Refuse a start far off the part.
+
+    Args:
+        part: The whole part.
+        plan: Where the path shall begin, if anywhere.
+
+    Raises:
+        PlanError: It is further off than a tenth of the part's size; names the nearest point.
+    """
+    if not plan.start:
+        return
+    nearest = part.closest(np.array([plan.start])).positions[0]
+    distance = float(np.linalg.norm(nearest - plan.start))
+    if distance > START_REACH * float(np.ptp(part.bounds, axis=0).max()):
+        raise PlanError(
+            f"the start {place_in_mm(plan.start)} is {distance * 1e3:.4g} mm away from the part. "
+            f"The nearest point of the part is {place_in_mm(nearest)}."
+        )
+
+
+def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:
+    """Where the path begins if that is not near the start asked for.
+
+    Args:
+        path: The path.
+        plan: Where it should begin, if anywhere.
+
+    Returns:
+        A note; none if it begins within two step-overs of there.
+    """
+    if not plan.start:
+        return []
+    begin = path.positions_work[path.process][0]
+    distance = float(np.linalg.norm(begin - plan.start))
+    if distance <= FAR_START * plan.stepover_m:
+        return []
+    why = "; an outward path begins in the middle" if plan.order == "outward" else ""
+    return [f"the path begins at {place_in_mm(begin)}, {distance * 1e3:.3g} mm from the start asked for{why}"]
 
 
 def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:

@@ -14,7 +14,7 @@ from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import workpiece_names, workpiece_path
-from polish_sim.planning.feasibility import check_request, pad_notes
+from polish_sim.planning.feasibility import check_request, check_start, pad_notes, start_notes
 from polish_sim.planning.ground.ground import prepare_ground
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.figures import measure_quality, pad_coverage, part_figures
@@ -101,6 +101,7 @@ def plan_mesh(
     begin = time.perf_counter() - spent_s
     surface, region = _choose(mesh, plan)
     region = check_request(region, plan, pad)
+    check_start(surface, plan)
     observer.stage("plan the path")
     ground = prepare_ground(region, plan)
     planned = plan_on(ground, plan, lambda share: observer.progress(share, 1.0), surface, pad.radius_m)
@@ -109,7 +110,8 @@ def plan_mesh(
     observer.stage("measure the path")
     measured = part_figures(mesh, surface) | measure_quality(ground, path, plan.stepover_m, process, pad).figures
     figures = {**measured, **planned.figures, "plan_time_s": planned_s}
-    notes = (*mesh.notes, *region.notes, *planned.notes, *pad_notes(ground, locate(ground, path), pad))
+    told = (*planned.notes, *start_notes(path, plan))
+    notes = (*mesh.notes, *region.notes, *told, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
 
 
