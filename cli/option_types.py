@@ -92,7 +92,13 @@ Direction = Annotated[
     ),
 ]
 Start = Annotated[
-    str | None, _option(PATH, "--start", "X,Y,Z", "Begin the path near this point of the part (mm); default: chosen.")
+    str | None,
+    _option(
+        PATH,
+        "--start",
+        "X,Y,Z",
+        "Begin the path as near this point of the part (mm) as its pattern and order allow; default: chosen.",
+    ),
 ]
 RasterDirection = Annotated[
     str | None,
