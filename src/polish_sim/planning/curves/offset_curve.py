@@ -25,6 +25,8 @@ Ints = NDArray[np.int64]
 
 COARSEST = 1.0 / 8.0
 """Longest control-point spacing as a share of the step-over."""
+FINE_ENOUGH_M, COARSEST_OF_FINE = 5e-4, 1.0 / 4.0
+"""Spacing no finer than this is needed but for curvature [m], up to this share of the step-over."""
 FINEST = 1.0 / 40.0
 """Shortest control-point spacing as a share of the step-over."""
 CHORD_ERROR = 1.0 / 4000.0
@@ -106,7 +108,7 @@ def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLin
     """
     around = CurveSet(tuple(curves))
     even = Curve(trial.positions, unit(trial.normals), trial.closed)
-    count = max(int(np.ceil(even.length / (COARSEST * distance) - WHOLE)), 8)
+    count = max(int(np.ceil(even.length / _coarsest(distance) - WHOLE)), 8)
     even = _on_offset(surface, around, _resample(even, np.full(count, even.length / count)), distance)
     return _on_offset(surface, around, _resample(even, adapted_spacing(even, distance)), distance)
 
@@ -125,13 +127,18 @@ def adapted_spacing(curve: Curve, distance: float) -> Array:
     ahead, behind = curve.tangents(curve.knots + 0.5 * reach, reach), curve.tangents(curve.knots - 0.5 * reach, reach)
     curvature = np.linalg.norm(ahead - behind, axis=1) / reach
     wanted = np.sqrt(8.0 * CHORD_ERROR * distance / np.maximum(curvature, 1e-9))
-    wanted = np.clip(wanted, FINEST * distance, COARSEST * distance)
+    wanted = np.clip(wanted, FINEST * distance, _coarsest(distance))
     # Chords per metre, summed along the curve, rise by one from point to point.
     rate = 1.0 / wanted
     progress = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(curve.knots))])
     count = max(int(np.ceil(progress[-1] - WHOLE)), 8)
     stations = np.interp(np.linspace(0.0, progress[-1], count + 1), progress, curve.knots)
     return np.diff(stations)
+
+
+def _coarsest(distance: float) -> float:
+    """Longest spacing of control points [m]; fine step-overs do with fewer, the path has points so far apart anyway."""
+    return max(COARSEST * distance, min(FINE_ENOUGH_M, COARSEST_OF_FINE * distance))
 
 
 def _resample(curve: Curve, chords: Array) -> Curve:
