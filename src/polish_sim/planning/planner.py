@@ -126,7 +126,7 @@ def plan_on(
         )
     remarks = [_left_out(piece) for piece, block in zip(ground.pieces, found, strict=True) if not block]
     blocks = _uncrossed(blocks, plan.stepover_m, remarks)
-    runs = _in_order(blocks, PATTERNS[plan.pattern].ordered, plan.start)
+    runs = _in_order(blocks, PATTERNS[plan.pattern].one_way, plan.start)
     obstacle = ground.region.surface if part is None else part
     return assemble(runs, plan, ground.region.up, obstacle, pad_radius, remarks)
 
@@ -166,16 +166,15 @@ def _uncrossed(blocks: Sequence[Sequence[PieceRun]], stepover: float, remarks: l
     return [block for block in out if block]
 
 
-def _in_order(blocks: Sequence[Sequence[PieceRun]], ordered: bool, start: tuple[float, ...]) -> list[PieceRun]:
-    """All runs in an order with short ways through the air; what the pattern put in order stays together as it is."""
-    kept = [list(block) for block in blocks] if ordered else [[run] for block in blocks for run in block]
-    ends = np.array([[block[0].run.positions[0], block[-1].run.positions[-1]] for block in kept])
-    tour = order_blocks(ends, not ordered, np.array(start) if start else None)
-    out: list[PieceRun] = []
-    for index, backwards in zip(tour.order, tour.backwards, strict=True):
-        block = kept[int(index)]
-        out += [item._replace(run=item.run.backwards()) for item in block] if backwards else block
-    return out
+def _in_order(blocks: Sequence[Sequence[PieceRun]], one_way: bool, start: tuple[float, ...]) -> list[PieceRun]:
+    """All runs in an order with short ways through the air; those of a one-way pattern are walked as they are."""
+    runs = [run for block in blocks for run in block]
+    ends = np.array([item.run.positions[[0, -1]] for item in runs])
+    tour = order_blocks(ends, not one_way, np.array(start) if start else None)
+    return [
+        runs[int(index)]._replace(run=runs[int(index)].run.backwards()) if backwards else runs[int(index)]
+        for index, backwards in zip(tour.order, tour.backwards, strict=True)
+    ]
 
 
 def assemble(

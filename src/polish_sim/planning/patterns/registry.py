@@ -20,13 +20,13 @@ class Pattern(NamedTuple):
     """Maps a request to runs on the surface, one lift after each."""
     listens: tuple[str, ...] = ()
     """The keys of `PlanConfig` it obeys among order, direction, start and raster_direction; others change nothing."""
-    ordered: bool = True
-    """Whether its runs must follow one another as given and be walked the way they are."""
+    one_way: bool = True
+    """Whether each of its runs must be walked the way it is; the first given stays the first."""
 
 
 PATTERNS: Final[Mapping[str, Pattern]] = {
     "spiral": Pattern(spiral_runs, listens=("order", "direction", "start")),
-    "raster": Pattern(raster_runs, listens=("start", "raster_direction"), ordered=False),
+    "raster": Pattern(raster_runs, listens=("start", "raster_direction"), one_way=False),
     "contour": Pattern(contour_runs, listens=("order", "direction", "start")),
     "fermat": Pattern(fermat_runs, listens=("start",)),
 }
