@@ -58,7 +58,7 @@ class PlanConfig:
     direction: str = key("conventional", "spiral, contour: conventional (what is not done yet on the left) or climb")
     start: tuple[float, ...] = key(
         (),
-        "the path begins as near this point as its pattern and order allow: x, y, z in the work frame [m]; empty = chosen",
+        "the path begins as near this point as pattern and order allow: x, y, z in the work frame [m]; empty = chosen",
         length=3,
     )
     raster_direction: tuple[float, ...] = key(

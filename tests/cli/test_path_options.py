@@ -26,7 +26,7 @@ def test_help_groups_every_option_of_a_path_in_panels(polish_sim: Polish, comman
 
 def test_every_option_of_a_path_reaches_the_plan(polish_sim: Polish) -> None:
     words = (
-        "--order", "outward", "--direction", "climb", "--start", "0,0,50", "--lead-in", "arc", "--lead-angle", "5",
+        "--order", "outward", "--direction", "climb", "--start", "0,0,25", "--lead-in", "arc", "--lead-angle", "5",
         "--tilt-angle", "-3", "--axis-smoothing", "15", "--axis-deviation", "2", "--feature-angle", "25",
         "--edge-margin", "3",
     )  # fmt: skip
@@ -35,7 +35,7 @@ def test_every_option_of_a_path_reaches_the_plan(polish_sim: Polish) -> None:
     assert "way through the air" in out
     plan = json.loads(Path("plan/path.json").read_text())["plan"]
     assert (plan["order"], plan["direction"], plan["lead_in"]) == ("outward", "climb", "arc")
-    assert plan["start"] == pytest.approx([0.0, 0.0, 0.05])
+    assert plan["start"] == pytest.approx([0.0, 0.0, 0.025])
     assert plan["axis_smoothing_m"] == pytest.approx(0.015)
     assert plan["edge_margin_m"] == pytest.approx(0.003)
     figures = json.loads(Path("plan/metrics.json").read_text())
