@@ -80,6 +80,7 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
         ["  within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
         ["crossings of the path with itself", "", str(m["self_crossings"])],
+        ["pad in the part, at most", "mm", f"{m['pad_in_part_max_m'] * mm:.3g}"],
         ["retracts", "", str(m["retracts"])],
         ["way through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
         ["tool axis turned by smoothing, at most", "deg", f"{math.degrees(m['axis_deviation_max_rad']):.3g}"],

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
+from matplotlib.patches import Circle, Patch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -25,6 +25,8 @@ MM = 1e3
 PIXELS = 420
 """Along the longer side of a map."""
 LABELLED = 5
+DARK = "#3A0010"
+"""Where the pad does not fit."""
 LEVELS = {"never touched": ORANGE, "under the pad": "#F0D9A0", "and within 0.55 step-overs": "#CFE8DF"}
 """Coverage from none to strict, and its colours; what the pad does not touch at its force shows, however near."""
 
@@ -141,6 +143,13 @@ def _draw_cover(figure: Figure, axes: Axes, found: Inspection, view: _View) -> N
     if len(quality.crossings):
         at = quality.crossings @ view.frame.T * MM
         axes.plot(at[:, 0], at[:, 1], "x", color=PINK, ms=6, mew=1.6, label="crossing")
+    inside = quality.pad_in_part
+    if len(inside.depths):
+        at = inside.positions @ view.frame.T * MM
+        label = f"pad up to {MM * inside.max_m:.3g} mm in the part"
+        axes.plot(at[:, 0], at[:, 1], "o", color=DARK, ms=3.0, label=label)
+        worst = at[inside.depths.argmax(), :2]
+        axes.add_patch(Circle((worst[0], worst[1]), MM * inside.pad_radius, fill=False, ec=DARK, lw=1.2))
     axes.set_title(
         f"Coverage: {100.0 * m['coverage_stepover']:.1f}% strict, {100.0 * m['coverage']:.1f}% by the pad", fontsize=9.0
     )
@@ -162,7 +171,7 @@ def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> N
         norm=TwoSlopeNorm(0.0, -1.5, 1.5),
     )
     hollow = np.where(hollow_vertices(found), 1.0, np.nan)
-    axes.imshow(_image(view, hollow), extent=view.extent, origin="lower", cmap=ListedColormap(["#3A0010"]))
+    axes.imshow(_image(view, hollow), extent=view.extent, origin="lower", cmap=ListedColormap([DARK]))
     for number, place in enumerate(reach.places[:LABELLED], start=1):
         at = view.frame @ place.position * MM
         axes.annotate(

@@ -80,7 +80,7 @@ def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
             lines += _function(f"stroke_{number}_{part}", chunk)
         lines += _function(f"go_up_{number}", _motions(_up(path, poses, stroke)))
         calls += _run_stroke(number, len(chunks), down[0], landing, forces_of(path, setup)[stroke.contact[0]])
-    return "\n".join([*lines, *closing(calls), ""])
+    return "\n".join([*lines, *closing(calls, result), ""])
 
 
 def _kept(path: ToolPath) -> NDArray[np.bool_]:

@@ -7,6 +7,7 @@ from typing import Final
 
 from polish_sim.exchange.setup import ExportSetup
 from polish_sim.planning import PlanResult
+from polish_sim.planning.quality.pad_in_part import pad_in_part_warning
 
 CONTACT_SHARE: Final = 0.5
 """The tool counts as landed at this share of the force."""
@@ -24,7 +25,7 @@ PATIENCE: Final = 2.0
 HEADER: Final = """\
 # {name}: polish '{part}' with force mode. For Universal Robots e-Series, PolyScope 5. Made by polish-sim.
 #
-# READ BEFORE YOU RUN
+# READ BEFORE YOU RUN{warning}
 # - Measure where the part is, set T_base_work and only then part_is_placed = True. Without it the program stops.
 # - Set tool centre point, payload, spindle output and force limits to those of your cell. Run it first in the air:
 #   T_base_work raised along its z, spindle off.
@@ -100,8 +101,10 @@ FUNCTIONS: Final = """\
 
 def opening(name: str, result: PlanResult, setup: ExportSetup, poses: int) -> list[str]:
     """Header, settings and fixed functions."""
+    warning = pad_in_part_warning(result.figures)
     header = HEADER.format(
         name=name,
+        warning=f"\n# - DO NOT RUN IT AS IT IS: {warning}." if warning else "",
         part="".join(letter if letter.isprintable() else " " for letter in result.mesh.name),
         poses=poses,
         pattern=result.plan.pattern,
@@ -112,13 +115,15 @@ def opening(name: str, result: PlanResult, setup: ExportSetup, poses: int) -> li
     return [*header.splitlines(), f"def {name}():", *_settings(setup), "", *functions.splitlines(), ""]
 
 
-def closing(calls: Sequence[str]) -> list[str]:
-    """The main program."""
+def closing(calls: Sequence[str], result: PlanResult) -> list[str]:
+    """The main program; it stops with a question where the plan's pad runs into the part."""
+    warning = pad_in_part_warning(result.figures)
     guard = [
         "if not part_is_placed:",
         '  popup("Set T_base_work and part_is_placed first.", title="polish-sim", error=True, blocking=True)',
         "  halt",
         "end",
+        *([f'popup("Go on? {warning}.", title="polish-sim", warning=True, blocking=True)'] if warning else []),
         "stop_spindle()",
     ]
     return [*(f"  {line}" for line in (*guard, *calls, "stop_spindle()")), "end"]

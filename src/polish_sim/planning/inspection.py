@@ -14,8 +14,9 @@ from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, select_r
 from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, load_mesh
 from polish_sim.planning.quality.coverage import strictly_covered
-from polish_sim.planning.quality.figures import Quality, measure_quality, part_figures
+from polish_sim.planning.quality.figures import Quality, measure_quality, part_figures, without_spacing
 from polish_sim.planning.quality.foreign_path import Offset, check_on_part, offset_from
+from polish_sim.planning.quality.pad_in_part import pad_in_part_warning
 from polish_sim.planning.quality.stepover_guess import guess_stepover
 from polish_sim.planning.toolpath import ToolPath
 
@@ -91,7 +92,9 @@ def inspect_path(
     if observer is not None:
         observer.stage("measure the path")
     ground = prepare_ground(region, plan)
-    quality = measure_quality(ground, path, plan.stepover_m, process, pad)
+    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface)
+    if guess_stepover(path) is None:
+        quality = without_spacing(quality, pad)
     quality.figures.update(
         part_figures(mesh, surface),
         stepover_expected_m=plan.stepover_m,
@@ -162,6 +165,10 @@ def _share_on(region: Region, offset: Offset) -> float:
 def _findings(quality: Quality, offset: Offset, pad: PadConfig) -> list[str]:
     """What the user should look at, with places in mm."""
     notes = []
+    warning = pad_in_part_warning(quality.figures)
+    if warning:
+        away = 1e3 * float(quality.pad_in_part.reaches.max())
+        notes.append(f"{warning}: keep the path {away:.3g} mm further from what stands there, or take a smaller pad")
     if offset.sideways.max() > OFF_PART_M:
         notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
     for place in quality.reach.places[:NAMED]:

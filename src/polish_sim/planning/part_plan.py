@@ -20,6 +20,7 @@ from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.figures import measure_quality, pad_coverage, part_figures
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.toolpath import ToolPath
+from polish_sim.planning.wall_cure import wall_notes
 
 Array = NDArray[np.float64]
 
@@ -108,9 +109,9 @@ def plan_mesh(
     path = planned.path
     planned_s = time.perf_counter() - begin
     observer.stage("measure the path")
-    measured = part_figures(mesh, surface) | measure_quality(ground, path, plan.stepover_m, process, pad).figures
-    figures = {**measured, **planned.figures, "plan_time_s": planned_s}
-    told = (*planned.notes, *start_notes(path, plan))
+    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface)
+    figures = {**part_figures(mesh, surface), **quality.figures, **planned.figures, "plan_time_s": planned_s}
+    told = (*wall_notes(ground, quality, plan, pad), *planned.notes, *start_notes(path, plan))
     notes = (*mesh.notes, *region.notes, *told, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
 
@@ -144,14 +145,16 @@ def measure_given_path(
     surface, region = _choose(mesh, plan)
     observer.stage("measure the path")
     ground = prepare_ground(region, plan)
-    figures = part_figures(mesh, surface) | measure_quality(ground, path, plan.stepover_m, process, pad).figures
+    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface)
+    figures = part_figures(mesh, surface) | quality.figures
     off = figures["max_distance_to_surface_m"]
     if off > OFF_PART_M:
         raise PlanError(
             f"the path lies up to {1e3 * off:.2f} mm off the region of this part, more than {1e3 * OFF_PART_M:g} mm. "
             "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
         )
-    notes = (*mesh.notes, *region.notes, *pad_notes(ground, locate(ground, path), pad))
+    told = wall_notes(ground, quality, plan, pad)
+    notes = (*mesh.notes, *region.notes, *told, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
 
 

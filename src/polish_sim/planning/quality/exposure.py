@@ -57,7 +57,7 @@ def pad_steps(on: PathOnSurface, pad: PadConfig) -> PadSteps:
     length = np.linalg.norm(np.diff(on.positions, axis=0), axis=1)
     slowness = 0.5 * (1.0 / on.feeds[1:] + 1.0 / on.feeds[:-1])
     s, t = (np.concatenate([[0.0], np.cumsum(way)]) for way in (length, length * slowness))
-    rows = _rows_apart(on, s, STEP * pad.radius_m)
+    rows = rows_apart(on, s, STEP * pad.radius_m)
     tilts = np.stack([(on.axes * on.principal).sum(axis=1), (on.axes * _second(on)).sum(axis=1)], axis=1)
     depths = pad_depths(on.curvatures[rows], pad, on.forces[rows], tilts[rows])
     joined = on.stretch_of[rows[1:]] == on.stretch_of[rows[:-1]]
@@ -70,7 +70,7 @@ def _second(on: PathOnSurface) -> Array:
     return np.cross(on.normals, on.principal)
 
 
-def _rows_apart(on: PathOnSurface, s: Array, spacing: float) -> Ints:
+def rows_apart(on: PathOnSurface, s: Array, spacing: float) -> Ints:
     """Rows about a spacing apart; both ends of every stretch and its corners among them."""
     way = unit(np.diff(on.positions, axis=0))
     corner = np.zeros(len(s), dtype=bool)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from polish_sim.planning.quality.coverage import strict_share
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.quality.exposure_map import ExposureMap, expose
 from polish_sim.planning.quality.located import PathOnSurface, locate
+from polish_sim.planning.quality.pad_in_part import PadInPart, find_pad_in_part
 from polish_sim.planning.quality.reach_of_pad import PadReach, measure_pad_reach
 from polish_sim.planning.quality.sharpness import CORNER_M, AxisRate, measure_axis_rate, sharpest_corner
 from polish_sim.planning.quality.spacing import Stepover, measure_stepover
@@ -34,6 +35,8 @@ class Quality:
     """Time under the pad."""
     reach: PadReach
     """Where the pad cannot touch."""
+    pad_in_part: PadInPart
+    """Where the pad runs into the part."""
     spacing: Stepover
     axis_rate: AxisRate
     crossings: Array
@@ -42,7 +45,14 @@ class Quality:
     """The path between lifts, with surface normals."""
 
 
-def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: ProcessConfig, pad: PadConfig) -> Quality:
+def measure_quality(
+    ground: Ground,
+    path: ToolPath,
+    stepover: float,
+    process: ProcessConfig,
+    pad: PadConfig,
+    part: Surface | None = None,
+) -> Quality:
     """Measure a path on a region.
 
     Args:
@@ -51,6 +61,7 @@ def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: Pr
         stepover: Planned or expected [m].
         process: Force and feed where the path has none of its own.
         pad: The pad.
+        part: The whole part, which the pad may run into; the region if not given.
 
     Returns:
         Figures by their names in the contract, SI; path_length_m is the length in contact. And maps.
@@ -60,6 +71,7 @@ def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: Pr
         figures={},
         exposure=expose(ground, on, pad),
         reach=measure_pad_reach(ground.region.surface, ground.part_facets, pad.radius_m),
+        pad_in_part=find_pad_in_part(on, ground.region.surface if part is None else part, pad),
         spacing=measure_stepover(on.runs, stepover),
         axis_rate=measure_axis_rate(on),
         crossings=find_crossings(on.runs).places,
@@ -70,6 +82,7 @@ def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: Pr
         path_figures(on, path, process)
         | _spacing_figures(quality.spacing, pad)
         | _coverage_figures(quality, strict)
+        | quality.pad_in_part.figures
         | _sharpness_figures(on, quality)
         | {
             "length_ratio": sum(run.length for run in on.runs) * stepover / ground.region.area_m2,
@@ -78,6 +91,13 @@ def measure_quality(ground: Ground, path: ToolPath, stepover: float, process: Pr
         }
     )
     return quality
+
+
+def without_spacing(quality: Quality, pad: PadConfig) -> Quality:
+    """The same where no stretch of the path runs beside another: distances between turns are none, not a number."""
+    none = quality.spacing._replace(**dict.fromkeys(("min_m", "p5_m", "mean_m", "p95_m", "max_m"), np.nan))
+    none = none._replace(distances_m=np.empty(0))
+    return replace(quality, spacing=none, figures=quality.figures | _spacing_figures(none, pad))
 
 
 def path_figures(on: PathOnSurface, path: ToolPath, process: ProcessConfig) -> dict[str, Any]:
