@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from polish_sim.analysis.path_plot import plot_plan
+from polish_sim.analysis.view_frame import axis_name
 from polish_sim.config import PartConfig, PlanConfig
 from polish_sim.planning import plan_part
 
@@ -37,7 +39,32 @@ def test_landing_and_leaving_are_named(result):
     assert names == ["approach, lead-in", "lead-out, retract"]
 
 
-def test_the_head_tells_the_figures(result):
+def test_the_head_tells_the_figures_on_a_line_of_their_own(result):
     figure = plot_plan(result)
-    assert "1 run" in figure.axes[1].get_title(loc="left")
+    assert "1 run" in figure.texts[-1].get_text()
     assert "sphere_100" in figure.get_suptitle()
+
+
+def test_the_axes_from_above_are_named_after_the_part_s(result):
+    flat = plot_plan(result).axes[1]
+    assert flat.get_xlabel() == "to the right (+x) [mm]"
+    assert flat.get_ylabel() == "to the back (+y) [mm]"
+
+
+def test_part_and_path_fill_the_view_in_space_and_stay_within_it(result):
+    solid = plot_plan(result).axes[0]
+    corners = np.concatenate([result.mesh.vertices, result.path.positions_work]) * 1e3
+    across = np.array(proj3d.proj_transform(*corners.T, solid.get_proj())[:2])
+    view = np.array([solid.viewLim.intervalx, solid.viewLim.intervaly])
+    share = np.ptp(across, axis=1) / np.ptp(view, axis=1)
+    assert 0.9 < share.max() <= 1.0
+    assert (across.min(axis=1) >= view[:, 0]).all()
+    assert (across.max(axis=1) <= view[:, 1]).all()
+
+
+@pytest.mark.parametrize(
+    ("direction", "name"),
+    [((0.0, 0.0, -1.0), "-z"), ((0.0, 1.0, 1e-3), "+y"), ((0.6, -0.8, 0.0), "0.6, -0.8, 0")],
+)
+def test_a_direction_is_called_by_the_part_s_axis_it_is_along(direction, name):
+    assert axis_name(np.array(direction)) == name

@@ -11,11 +11,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import NDArray
 
-from polish_sim.analysis.style import GREY, ORANGE, PINK, head, new_figure, styled
-from polish_sim.analysis.view_frame import view_frame
+from polish_sim.analysis.style import GREY, ORANGE, PINK, new_figure, styled
+from polish_sim.analysis.view_frame import axis_name, view_frame
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath
@@ -42,6 +44,9 @@ TOWARDS_VIEWER = np.array(
 )
 LIGHT = np.array([-0.57, -0.37, 0.73])
 AMBIENT = 0.42
+TICKS = 6
+FACTS_AT = 0.935
+"""Height of the line of figures, under the heading."""
 TINT = np.array([0.93, 0.95, 1.0])
 
 
@@ -68,7 +73,8 @@ def plot_plan(result: PlanResult) -> Figure:
     _draw_contact(solid, flat, path, shown, frame, scale)
     _draw_leads(solid, flat, path, shown)
     _draw_axes(solid, path, shown, frame)
-    _finish(figure, solid, flat, result, scale, np.concatenate([vertices, shown]))
+    _finish(figure, solid, flat, result, scale, frame)
+    _fill(solid, np.concatenate([vertices, shown]))
     return figure
 
 
@@ -117,9 +123,12 @@ def _chords(rows: NDArray[np.bool_], shown: Array, s: Array) -> Iterator[tuple[A
 
 def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array) -> None:
     """Approach and lead-in in one colour, lead-out and retract in another, with a mark where contact begins, ends."""
-    for codes, color, label, marker, at_end in (
-        ((APPROACH, LEAD_IN), LANDING, "approach, lead-in", "o", True),
-        ((LEAD_OUT, RETRACT), LEAVING, "lead-out, retract", "s", False),
+    # A ring, so that an end in the same place shows within it.
+    ring: dict[str, Any] = {"mfc": "none", "mew": 2.0, "ms": 10}
+    square: dict[str, Any] = {"mec": "white", "mew": 0.8, "ms": 6}
+    for codes, color, label, marker, style, at_end in (
+        ((APPROACH, LEAD_IN), LANDING, "approach, lead-in", "o", ring, True),
+        ((LEAD_OUT, RETRACT), LEAVING, "lead-out, retract", "s", square, False),
     ):
         name: str | None = label
         for first, last in _stretches(np.isin(path.segment, codes)):
@@ -128,7 +137,7 @@ def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array) -> None:
             solid.plot(*line.T, color=color, lw=1.8, label=name, zorder=20)
             place = line[-1] if at_end else line[0]
             flat.plot(line[:, 0], line[:, 1], color=color, lw=1.4)
-            flat.plot(*place[:2], marker, color=color, mec="white", mew=0.8, ms=7, label=name, zorder=20)
+            flat.plot(*place[:2], marker, color=color, **style, label=name, zorder=20 + at_end)
             name = None
 
 
@@ -143,15 +152,26 @@ def _draw_axes(solid: Any, path: ToolPath, shown: Array, frame: Array) -> None:
     solid.add_collection3d(Line3DCollection(lines, colors=GREY, lw=0.6, zorder=4))
 
 
-def _finish(figure: Figure, solid: Any, flat: Axes, result: PlanResult, scale: Normalize, points: Array) -> None:
+def _fill(solid: Any, points: Array) -> None:
+    """Zoom and shift the view so that points (n, 3) fill it."""
     low, high = points.min(axis=0), points.max(axis=0)
     solid.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    solid.set_box_aspect(high - low, zoom=1.02)
+    solid.set_box_aspect(high - low)
     solid.view_init(elev=ELEVATION, azim=AZIMUTH)
     solid.set_axis_off()
+    across = np.array(proj3d.proj_transform(*points.T, solid.get_proj())[:2])
+    middle, half = 0.5 * (across.max(axis=1) + across.min(axis=1)), 0.52 * np.ptp(across, axis=1).max()
+    # The view is a square; its limits across are those of the picture plane, not of the part.
+    for axis, place in zip(("intervalx", "intervaly"), middle, strict=True):
+        setattr(solid.viewLim, axis, (place - half, place + half))
+
+
+def _finish(figure: Figure, solid: Any, flat: Axes, result: PlanResult, scale: Normalize, frame: Array) -> None:
     flat.set_aspect("equal")
     flat.autoscale_view()
-    flat.set(xlabel="to the right [mm]", ylabel="to the back [mm]")
+    right, back, _ = (axis_name(direction) for direction in frame)
+    flat.set(xlabel=f"to the right ({right}) [mm]", ylabel=f"to the back ({back}) [mm]")
+    flat.xaxis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
     figure.legend(*flat.get_legend_handles_labels(), loc="outside lower left", ncols=2)
     figure.colorbar(ScalarMappable(scale, COLORS), ax=flat, label="along the path [m]", shrink=0.85, pad=0.02)
     m = result.figures
@@ -163,4 +183,12 @@ def _finish(figure: Figure, solid: Any, flat: Axes, result: PlanResult, scale: N
         f"step-over {MM * result.plan.stepover_m:g} mm{spread}",
         f"{100.0 * m['coverage']:.1f}% covered",
     )
-    head(figure, flat, f"{result.plan.pattern.capitalize()} on {result.mesh.name}", facts)
+    # Over a narrow map the facts would be cut off: they have a line of their own.
+    figure.suptitle(
+        f"{result.plan.pattern.capitalize()} on {result.mesh.name}\n",
+        x=0.01,
+        ha="left",
+        fontsize=11.5,
+        fontweight="bold",
+    )
+    figure.text(0.01, FACTS_AT, "     ".join(facts), fontsize=9.0, color="#444444", va="top")
