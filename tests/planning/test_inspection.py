@@ -160,6 +160,13 @@ def test_a_path_on_another_region_than_asked_for_is_refused():
         inspect_path(raster(), PLATE, PlanConfig(stepover_m=0.01, region="point:0,0,0"))
 
 
+def test_a_path_whose_sides_only_meet_at_a_corner_has_no_step_over():
+    corner = path_through(np.array([(-0.05, -0.05, TOP), (0.05, -0.05, TOP), (0.05, 0.05, TOP)]))
+    found = inspect_path(corner, PLATE, PlanConfig(stepover_m=0.05))
+    assert np.isnan([found.figures["stepover_mean_m"], found.figures["overlap"]]).all()
+    assert len(found.quality.spacing.distances_m) == 0
+
+
 def test_no_points_in_contact_are_refused():
     lifted = replace(raster(), segment=np.zeros(40, dtype=np.int8))
     with pytest.raises(PlanError, match="no points in contact"):

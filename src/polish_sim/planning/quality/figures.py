@@ -95,8 +95,8 @@ def measure_quality(
 
 def without_spacing(quality: Quality, pad: PadConfig) -> Quality:
     """The same where no stretch of the path runs beside another: distances between turns are none, not a number."""
-    none = quality.spacing._replace(**dict.fromkeys(("min_m", "p5_m", "mean_m", "p95_m", "max_m"), np.nan))
-    none = none._replace(distances_m=np.empty(0))
+    nan = float("nan")
+    none = Stepover(nan, nan, nan, nan, nan, quality.spacing.excluded, np.empty(0))
     return replace(quality, spacing=none, figures=quality.figures | _spacing_figures(none, pad))
 
 
