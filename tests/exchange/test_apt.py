@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from polish_sim.config import PartConfig, PlanConfig
 from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup, read_path
 from polish_sim.exchange.apt_writer import apt_text
+from polish_sim.exchange.needed_rows import rows_without_straight_air
+from polish_sim.planning import plan_part
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT
 from tests.planning.shapes import shipped_plan
 
@@ -93,7 +96,7 @@ def test_our_own_file_comes_back_to_print_precision(tmp_path, name):
     result = shipped_plan(name)
     file = tmp_path / "path.apt"
     file.write_text(apt_text(result, ExportSetup()))
-    path, back = result.path, read_path(file)
+    path, back = result.path.rows(rows_without_straight_air(result.path)), read_path(file)
     assert np.abs(back.positions_work - path.positions_work).max() <= 0.5001e-9
     assert np.abs(back.axes_work - path.axes_work).max() < 2e-9
     assert (back.segment == path.segment).all()
@@ -110,15 +113,33 @@ def test_force_and_feed_of_the_waypoints_come_back(tmp_path):
     file = tmp_path / "path.apt"
     file.write_text(apt_text(replace(result, path=path), ExportSetup()))
     back = read_path(file)
-    assert back.force == pytest.approx(path.force, abs=1e-6)
-    assert back.feed == pytest.approx(path.feed, abs=1e-10)
+    assert back.force is not None
+    assert back.feed is not None
+    assert back.force[back.process] == pytest.approx(path.force[path.process], abs=1e-6)
+    assert back.feed[back.process] == pytest.approx(path.feed[path.process], abs=1e-10)
 
 
 def test_the_tool_moves_rapid_in_the_air_only():
     text = apt_text(shipped_plan("sphere_100"), ExportSetup()).splitlines()
-    segment = shipped_plan("sphere_100").path.segment
+    path = shipped_plan("sphere_100").path
+    segment = path.segment[rows_without_straight_air(path)]
     assert text.count("RAPID") == np.isin(segment, (APPROACH, RETRACT)).sum()
     assert sum(line.startswith("GOTO/") for line in text) == len(segment)
+
+
+@pytest.mark.parametrize("shape", ["normal", "arc"])
+def test_left_out_points_lie_in_the_air_on_the_straight_move_between_those_written(shape):
+    path = plan_part(PartConfig("sphere_50"), PlanConfig(lead_in=shape)).path
+    kept = rows_without_straight_air(path)
+    rows, lost = np.flatnonzero(kept), np.flatnonzero(~kept)
+    assert len(lost) > 0.8 * np.count_nonzero(path.segment == APPROACH)
+    assert not path.process[lost].any()
+    after = np.searchsorted(rows, lost)
+    start, end = path.positions_work[rows[after - 1]], path.positions_work[rows[after]]
+    along = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
+    away = path.positions_work[lost] - start
+    assert np.linalg.norm(away - (away * along).sum(axis=1, keepdims=True) * along, axis=1).max() <= 1e-6
+    assert (path.segment[rows[after]] == path.segment[lost]).all()
 
 
 OTHERS = {

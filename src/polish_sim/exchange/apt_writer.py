@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.exchange.apt_reader import NOTE
+from polish_sim.exchange.needed_rows import rows_without_straight_air
 from polish_sim.exchange.setup import ExportSetup, feeds_of
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import APPROACH, RETRACT, SEGMENTS, ToolPath
@@ -22,7 +23,8 @@ IN_THE_AIR = (APPROACH, RETRACT)
 def apt_text(result: PlanResult, setup: ExportSetup) -> str:
     """Write a path as APT: mm, tool axis from the part to the tool, RAPID in the air, FEDRAT in mm per minute.
 
-    Positions are printed to 1e-6 mm, axes to 1e-9. Leads move at the approach speed. Segment, pass and force stand in
+    Positions are printed to 1e-6 mm, axes to 1e-9. Leads move at the approach speed; straight moves in the
+    air are one GOTO. Segment, pass and force stand in
     comments, which other systems skip and our own reader takes up.
 
     Args:
@@ -39,7 +41,8 @@ def apt_text(result: PlanResult, setup: ExportSetup) -> str:
         "UNITS/MM",
         "MULTAX/ON",
     ]
-    return "\n".join([*head, *_motions(result.path, setup), "FINI", ""])
+    path = result.path.rows(rows_without_straight_air(result.path))
+    return "\n".join([*head, *_motions(path, setup), "FINI", ""])
 
 
 def _motions(path: ToolPath, setup: ExportSetup) -> Iterator[str]:

@@ -12,6 +12,8 @@ from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]
 
+AIR_CHORD_M, AIR_AXIS_RAD = 1e-6, 1e-4
+"""A left-out point in the air lies this close to the straight move, its tool axis to those at both ends."""
 NOTICED = 0.02
 """Relative change of force or feed that is passed on."""
 
@@ -40,6 +42,13 @@ def needed_rows(path: ToolPath, chord_m: float, axis_rad: float, longest_m: floa
     kept = np.zeros(len(path.s), dtype=np.bool_)
     _keep(path.positions_work, path.axes_work, fixed, chord_m, float(np.cos(axis_rad)), longest_m, kept)
     return np.flatnonzero(kept)
+
+
+def rows_without_straight_air(path: ToolPath) -> NDArray[np.bool_]:
+    """Mask of all points in contact and of those in the air at which the tool changes its way, shape (n,)."""
+    kept = path.process.copy()
+    kept[needed_rows(path, AIR_CHORD_M, AIR_AXIS_RAD, np.inf)] = True
+    return kept
 
 
 @njit(cache=True, error_model="numpy")

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from polish_sim.exchange.needed_rows import rows_without_straight_air
 from polish_sim.exchange.setup import ExportSetup, feeds_of, forces_of
 from polish_sim.exchange.tool_frames import feed_frames
 from polish_sim.planning import PlanResult
@@ -19,6 +20,7 @@ def yaml_text(result: PlanResult, setup: ExportSetup) -> str:
     """Write a path as a YAML pose list that any YAML reader loads with plain types.
 
     `header` and `poses` are a PoseArray; `segment`, `pass_index`, `force_n` and `feed_m_s` have one entry per pose.
+    Straight moves in the air have a pose at either end.
 
     Args:
         result: The plan.
@@ -27,7 +29,8 @@ def yaml_text(result: PlanResult, setup: ExportSetup) -> str:
     Returns:
         The text.
     """
-    return "\n".join([*_head(result, setup), *_poses(result.path), *_lists(result.path, setup), ""])
+    path = result.path.rows(rows_without_straight_air(result.path))
+    return "\n".join([*_head(result, setup), *_poses(path), *_lists(path, setup), ""])
 
 
 def _head(result: PlanResult, setup: ExportSetup) -> list[str]:
