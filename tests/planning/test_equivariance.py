@@ -111,11 +111,11 @@ CASES += [("random 9", "raster"), ("random 26", "raster")]
 
 @pytest.mark.parametrize(("name", "pattern"), CASES)
 def test_a_turned_and_moved_part_gets_the_turned_and_moved_path(name, pattern):
-    for seed in range(3):
-        turn = Rotation.random(random_state=seed).as_matrix()
-        shift = np.random.default_rng(seed).uniform(-0.3, 0.3, 3)
-        moved = planned(mesh_at(body(name), turn, shift), body(name).size, pattern)
-        assert_same(upright(name, pattern), moved, turn, shift)
+    seed = CASES.index((name, pattern))
+    turn = Rotation.random(random_state=seed).as_matrix()
+    shift = np.random.default_rng(seed).uniform(-0.3, 0.3, 3)
+    moved = planned(mesh_at(body(name), turn, shift), body(name).size, pattern)
+    assert_same(upright(name, pattern), moved, turn, shift)
 
 
 @pytest.mark.parametrize("pattern", ["spiral", "contour", "fermat"])

@@ -11,8 +11,8 @@ from benchmarks.random_parts import examine, find_faults, mesh_of, triangle_area
 from benchmarks.random_solid import DAMAGES
 from polish_sim.planning import plan_mesh
 
-SEEDS = (6, 58, 41, 54, 105, 137, 184, 197)
-"""Among them slivers, noise, steps, folds, pockets, damage, small and large, boxes and polygons; the quick ones."""
+SEEDS = (6, 58, 105, 184)
+"""A few quick ones; `python -m benchmarks.random_parts` takes two hundred."""
 
 
 @pytest.mark.parametrize("seed", SEEDS)
