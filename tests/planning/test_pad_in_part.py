@@ -125,3 +125,10 @@ def test_the_robot_program_of_a_pad_in_a_wall_says_so_and_asks(tmp_path):
     assert re.search(r"^# - DO NOT RUN IT AS IT IS: the pad runs up to [78]\.\d+ mm into the part", text, re.M)
     assert 'popup("Go on? the pad runs up to' in text
     assert "DO NOT RUN" not in urscript_text(shipped_plan("plate"), ExportSetup())
+
+
+def test_a_wall_of_several_rows_of_facets_is_as_deep_as_one_of_a_single_row(tmp_path):
+    fine = pocket().subdivide_to_size(4.0)
+    result = planned(fine, tmp_path / "pocket.stl", pad=replace(PAD, radius_m=0.025), stepover_m=0.02)
+    nearest = 0.060 - np.abs(result.path.positions_work[result.path.process, :2]).max()
+    assert result.figures["pad_in_part_max_m"] == pytest.approx(0.025 - nearest, abs=1e-5)

@@ -149,7 +149,7 @@ def _draw_cover(figure: Figure, axes: Axes, found: Inspection, view: _View) -> N
         label = f"pad up to {MM * inside.max_m:.3g} mm in the part"
         axes.plot(at[:, 0], at[:, 1], "o", color=DARK, ms=3.0, label=label)
         worst = at[inside.depths.argmax(), :2]
-        axes.add_patch(Circle((worst[0], worst[1]), MM * inside.pad_radius, fill=False, ec=DARK, lw=1.2))
+        axes.add_patch(Circle((worst[0], worst[1]), MM * inside.pad_radius, fill=False, ec=DARK, lw=1.2, clip_on=False))
     axes.set_title(
         f"Coverage: {100.0 * m['coverage_stepover']:.1f}% strict, {100.0 * m['coverage']:.1f}% by the pad", fontsize=9.0
     )

@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 APART = 0.25
 """The pad is looked at so many of its radii apart along the path."""
-LAYER = 0.5
-"""What stands higher above the pad's face than this share of its radius does not belong to a wall beside it."""
+LAYER = 1.0
+"""What stands higher above the pad's face than so many of its radii does not belong to a wall beside it."""
 RIM_POINTS = 32
 RINGS = (0.25, 0.5, 0.75, 1.0)
 """Where on the pad its own place's hollow and the tool's tilt are looked at."""
