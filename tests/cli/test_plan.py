@@ -69,5 +69,5 @@ def test_a_part_narrower_than_the_pad_is_refused_and_a_smaller_pad_helps(polish_
     trimesh.creation.box((100.0, 20.0, 10.0)).export("rod.stl")
     code, _, err = polish_sim("plan", "rod.stl", "--out", "plan")
     assert code == 2
-    assert "narrower than the pad: 20 mm across, the pad 50 mm" in err
+    assert "narrower than half the pad: 20 mm across, the pad 50 mm" in err
     assert polish_sim("plan", "rod.stl", "--pad-diameter", "20", "--stepover", "4", "--out", "plan")[0] == 0

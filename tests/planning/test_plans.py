@@ -169,8 +169,17 @@ def test_a_request_that_cannot_be_met_says_why(case):
 
 def test_a_part_narrower_than_the_pad_is_refused(tmp_path):
     rod = prism(lambda x, y: np.abs(y) < 10, 100.0)
-    with pytest.raises(PlanError, match="narrower than the pad: 20 mm"):
+    with pytest.raises(PlanError, match="narrower than half the pad: 20 mm"):
         plan_of(rod, tmp_path / "rod.stl", PlanConfig(stepover_m=STEP))
+
+
+def test_turns_a_pad_apart_say_what_they_leave_and_closer_ones_do_not():
+    apart = plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.05))
+    said = [note for note in apart.notes if "closes the gaps" in note]
+    assert f"covers {100.0 * apart.figures['coverage']:.1f}%" in said[0]
+    assert apart.figures["coverage"] < 0.99
+    closer = plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.025))
+    assert not [note for note in closer.notes if "closes the gaps" in note]
 
 
 def test_a_pad_wider_than_the_ring_is_mentioned():

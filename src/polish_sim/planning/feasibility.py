@@ -15,12 +15,16 @@ from polish_sim.planning.quality.located import PathOnSurface
 from polish_sim.planning.toolpath import ToolPath
 
 NARROWEST = 0.5
-"""A region narrower than this share of the pad's diameter cannot carry it."""
+"""A region narrower than this share of the pad's diameter, seen from above, cannot carry it; a wider one is planned,
+with a note where the pad hangs over."""
 
 START_REACH = 0.1
 """A start asked for may be off the part by this share of the part's size, as a region's point may."""
 FAR_START = 2.0
 """A path that begins further from there than so many step-overs is told of."""
+
+LITTLE_OVERLAP, ALL_COVERED = 0.8, 0.995
+"""Turns this share of the pad's diameter apart hardly overlap; so much of a region counts as all of it."""
 
 FEW = 20
 """One vertex in so many is asked first how far it is from the border."""
@@ -38,7 +42,7 @@ def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> Region:
         The region; with a note if components were left out.
 
     Raises:
-        PlanError: The whole region is narrower than the pad, or the step-over wider than the pad.
+        PlanError: All of the region is narrower than half the pad, or the step-over wider than the pad.
     """
     components = region.components()
     widths = [float(footprint(component).widths.min()) for component in components]
@@ -46,7 +50,8 @@ def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> Region:
     if max(widths) < NARROWEST * diameter:
         width = max(widths)
         raise PlanError(
-            f"the region is narrower than the pad: {width * 1e3:.3g} mm across, the pad {diameter * 1e3:.3g} mm. "
+            f"the region is narrower than half the pad: {width * 1e3:.3g} mm across, the pad "
+            f"{diameter * 1e3:.3g} mm. "
             f"Set a smaller pad (--pad-diameter {width * 1e3:.2g}) or choose another --region."
         )
     if plan.stepover_m > diameter:
@@ -104,6 +109,26 @@ def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:
         return []
     why = "; an outward path begins in the middle" if plan.order == "outward" else ""
     return [f"the path begins at {place_in_mm(begin)}, {distance * 1e3:.3g} mm from the start asked for{why}"]
+
+
+def overlap_notes(coverage: float, plan: PlanConfig, pad: PadConfig) -> list[str]:
+    """What turns that hardly overlap leave, if they leave anything.
+
+    Args:
+        coverage: Share of the region the pad touches at its force.
+        plan: Step-over.
+        pad: The pad.
+
+    Returns:
+        A note; none if the turns overlap or all is covered.
+    """
+    if plan.stepover_m < LITTLE_OVERLAP * 2.0 * pad.radius_m or coverage > ALL_COVERED:
+        return []
+    return [
+        f"a step-over of {1e3 * plan.stepover_m:.4g} mm with a pad of {2e3 * pad.radius_m:.4g} mm covers "
+        f"{100.0 * coverage:.1f}%: the round pad misses corners, and touches with less than its diameter where the part "
+        "bends; a smaller step-over (or a larger --overlap) closes the gaps"
+    ]
 
 
 def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:

@@ -14,7 +14,7 @@ from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import workpiece_names, workpiece_path
-from polish_sim.planning.feasibility import check_request, check_start, pad_notes, start_notes
+from polish_sim.planning.feasibility import check_request, check_start, overlap_notes, pad_notes, start_notes
 from polish_sim.planning.ground.ground import prepare_ground
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.figures import measure_quality, pad_coverage, part_figures
@@ -112,6 +112,7 @@ def plan_mesh(
     quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface)
     figures = {**part_figures(mesh, surface), **quality.figures, **planned.figures, "plan_time_s": planned_s}
     told = (*wall_notes(ground, quality, plan, pad), *planned.notes, *start_notes(path, plan))
+    told += tuple(overlap_notes(quality.figures["coverage"], plan, pad))
     notes = (*mesh.notes, *region.notes, *told, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
 
