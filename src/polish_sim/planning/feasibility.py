@@ -126,8 +126,8 @@ def overlap_notes(coverage: float, plan: PlanConfig, pad: PadConfig) -> list[str
         return []
     return [
         f"a step-over of {1e3 * plan.stepover_m:.4g} mm with a pad of {2e3 * pad.radius_m:.4g} mm covers "
-        f"{100.0 * coverage:.1f}%: the round pad misses corners, and touches with less than its diameter where the part "
-        "bends; a smaller step-over (or a larger --overlap) closes the gaps"
+        f"{100.0 * coverage:.1f}%: the round pad misses corners, and touches with less than its diameter where the "
+        "part bends; a smaller step-over (or a larger --overlap) closes the gaps"
     ]
 
 
