@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from polish_sim.config import PlanConfig
+from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.geometry import fit_surface, load_part
 from polish_sim.geometry.distance.signed_distance import signed_distances
+from polish_sim.planning import plan_part
 from polish_sim.planning.moves.approach import LEADS, normal_lead, process_move, tangent_lead, with_leads
 from polish_sim.planning.moves.landing import Air, Remark, choose_leads, notes_of
 from polish_sim.planning.moves.obstacle import RIM_POINTS, rim_depths
@@ -167,3 +168,11 @@ def test_two_islands_get_their_own_passes_and_one_lift_each(tmp_path):
     air = ~path.process
     assert signed_distances(result.surface, path.positions_work[air]).min() >= 0.0
     assert figures["air_length_m"] == pytest.approx(np.diff(path.s).sum() - figures["path_length_m"], abs=2e-3)
+
+
+@pytest.mark.parametrize("radius", [0.010, 0.025])
+def test_beside_the_saddle_s_sharp_top_edge_no_lead_is_said_to_run_into_the_part(radius):
+    result = plan_part(PartConfig("saddle"), PlanConfig(pattern="fermat"), pad=PadConfig(radius_m=radius))
+    assert not any("runs into the part" in note or "would run into" in note for note in result.notes)
+    ends = result.path.positions_work[~result.path.process]
+    assert signed_distances(result.surface, ends).min() > -1e-9
