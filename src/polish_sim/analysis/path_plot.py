@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from polish_sim.analysis.style import GREY, ORANGE, PINK, new_figure, styled
 from polish_sim.analysis.view_frame import axis_name, view_frame
+from polish_sim.config import PlanConfig
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath
@@ -152,6 +154,11 @@ def _draw_axes(solid: Any, path: ToolPath, shown: Array, frame: Array) -> None:
     solid.add_collection3d(Line3DCollection(lines, colors=GREY, lw=0.6, zorder=4))
 
 
+def _what(plan: PlanConfig) -> str:
+    """The pattern; of a path that was given its file, for that knows the pattern."""
+    return Path(plan.file).name if plan.file else plan.pattern.capitalize()
+
+
 def _fill(solid: Any, points: Array) -> None:
     """Zoom and shift the view so that points (n, 3) fill it."""
     low, high = points.min(axis=0), points.max(axis=0)
@@ -185,7 +192,7 @@ def _finish(figure: Figure, solid: Any, flat: Axes, result: PlanResult, scale: N
     )
     # Over a narrow map the facts would be cut off: they have a line of their own.
     figure.suptitle(
-        f"{result.plan.pattern.capitalize()} on {result.mesh.name}\n",
+        f"{_what(result.plan)} on {result.mesh.name}\n",
         x=0.01,
         ha="left",
         fontsize=11.5,

@@ -16,6 +16,7 @@ from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_par
 from polish_sim.models import workpiece_names, workpiece_path
 from polish_sim.planning.feasibility import check_request, check_start, overlap_notes, pad_notes, start_notes
 from polish_sim.planning.ground.ground import prepare_ground
+from polish_sim.planning.moves.given_landing import with_way_down
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.figures import measure_quality, pad_coverage, part_figures
 from polish_sim.planning.quality.located import locate
@@ -155,6 +156,7 @@ def measure_given_path(
             "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
         )
     told = wall_notes(ground, quality, plan, pad)
+    path = with_way_down(path, plan.clearance_m)
     notes = (*mesh.notes, *region.notes, *told, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
 
