@@ -73,6 +73,8 @@ def _look(control, tree, discs, frames):  # type: ignore[no-untyped-def]
             node = nodes[top]
             if box_distance2(tree.low, tree.high, node, x, y, z) > around2:
                 continue
+            if _top_of_box(tree, node, discs.middles[i], discs.axes[i]) <= low:
+                continue
             if tree.right[node] >= 0:
                 nodes[top], nodes[top + 1] = tree.right[node], node + 1
                 top += 2
@@ -84,6 +86,16 @@ def _look(control, tree, discs, frames):  # type: ignore[no-untyped-def]
                     reaches[i] = max(reaches[i], radius - gap)
                     depths[i] = max(depths[i], min(radius - gap, _depth_behind(corner, radius)))
     return depths, reaches
+
+
+@njit(cache=True, error_model="numpy")
+def _top_of_box(tree, node, middle, axis):  # type: ignore[no-untyped-def]
+    """Height of a box's highest corner above a disc's plane [m]."""
+    height = 0.0
+    for k in range(3):
+        corner = tree.high[node, k] if axis[k] > 0.0 else tree.low[node, k]
+        height += axis[k] * (corner - middle[k])
+    return height
 
 
 @njit(cache=True, error_model="numpy")
