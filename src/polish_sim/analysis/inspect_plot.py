@@ -61,6 +61,10 @@ def plot_maps(found: Inspection) -> Figure:
         axes.set_aspect("equal")
         axes.grid(False)
         axes.set_xlabel("to the right [mm]")
+    # Images stick to their edges, where outlines would be cut flat.
+    room = 0.03 * max(view.extent[1] - view.extent[0], view.extent[3] - view.extent[2])
+    time.set_xlim(view.extent[0] - room, view.extent[1] + room)
+    time.set_ylim(view.extent[2] - room, view.extent[3] + room)
     time.set_ylabel("to the back [mm]")
     # Maps of equal scale leave the engine no room of their own for the heading.
     figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.95))
@@ -87,7 +91,8 @@ def plot_distributions(found: Inspection) -> Figure:
     rate.set(xlabel="along the path in contact [m]", ylabel="turn of the tool axis [rad/mm]", ylim=(0.0, None))
     peak = f"largest {1e-3 * found.figures['max_axis_rate_rad_m']:.3g} rad/mm"
     rate.axhline(1e-3 * found.figures["max_axis_rate_rad_m"], color=ORANGE, lw=0.9, ls="--", label=peak)
-    rate.legend(loc="lower right")
+    rate.set_ylim(0.0, 1.15 * rate.get_ylim()[1])
+    rate.legend(loc="upper right")
     m = found.figures
     facts = (
         f"sharpest corner {np.degrees(m['sharpest_corner_rad']):.0f} deg over {MM * m['corner_scale_m']:g} mm",
@@ -107,11 +112,12 @@ def _look(found: Inspection) -> _View:
     shown = shown if len(shown) else np.arange(len(seen))
     low, high = seen[shown, :2].min(axis=0), seen[shown, :2].max(axis=0)
     pixel = float((high - low).max()) / PIXELS
-    xs, ys = (np.arange(low[k] + 0.5 * pixel, high[k] + pixel, pixel) for k in (0, 1))
-    grid = np.stack(np.meshgrid(xs, ys), axis=-1)
     edge = MM * float(np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1).max())
     # Half the longest edge reaches every place inside a triangle that is not flat.
-    near, index = cKDTree(seen[shown, :2]).query(grid, distance_upper_bound=0.6 * edge + pixel)
+    reach = 0.6 * edge + pixel
+    xs, ys = (np.arange(low[k] - reach, high[k] + reach + pixel, pixel) for k in (0, 1))
+    grid = np.stack(np.meshgrid(xs, ys), axis=-1)
+    near, index = cKDTree(seen[shown, :2]).query(grid, distance_upper_bound=reach)
     vertex = np.where(np.isfinite(near), shown[np.minimum(index, len(shown) - 1)], -1)
     extent = (xs[0] - 0.5 * pixel, xs[-1] + 0.5 * pixel, ys[0] - 0.5 * pixel, ys[-1] + 0.5 * pixel)
     return _View(frame, extent, vertex)
@@ -204,6 +210,7 @@ def _draw_spacing(axes: Axes, found: Inspection) -> None:
         label=f"p5-p95 {MM * spacing.p5_m:.2f}-{MM * spacing.p95_m:.2f} mm",
     )  # fmt: skip
     axes.set_yscale("symlog", linthresh=1.0)
+    axes.set_ylim(0.0, 800.0)
     axes.legend(loc="upper left")
 
 
@@ -214,4 +221,5 @@ def _draw_times(axes: Axes, found: Inspection) -> None:
     axes.axvline(m["exposure_median_s"], color=GREY, lw=1.0, ls="--", label=f"median {m['exposure_median_s']:.3g} s")
     axes.axvline(2.0 * m["exposure_median_s"], color=ORANGE, lw=1.0, label="twice the median")
     axes.set(xlabel="time under the pad [s]", ylabel="share of the area [%]")
+    axes.set_ylim(0.0, 1.3 * axes.get_ylim()[1])
     axes.legend(loc="upper left")
