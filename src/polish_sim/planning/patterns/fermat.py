@@ -97,9 +97,11 @@ def _walk(curves: Sequence[Curve], links: Sequence[Link], begin: End, end: End) 
         ends.setdefault(here.turn, []).append(here)
     parts, here = [], begin
     # No end is passed twice, so that the way comes to an end whatever the links are.
-    for _ in range(2 * len(links) + 1):
+    passed: set[End] = set()
+    while here not in passed:
         there, points = _along(curves[here.turn], here, ends[here.turn])
         parts.append(points)
+        passed |= {here, there}
         if there not in partner:
             break
         here, line = partner[there]

@@ -6,7 +6,6 @@ it comes from one side and leaves to the other; if either path begins or ends th
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +19,9 @@ from polish_sim.spatial import perpendicular, unit
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+END_PAIRS = 60
+"""Pairs of segments looked at from either end of a place where paths meet."""
 
 
 class Contacts(NamedTuple):
@@ -89,16 +91,22 @@ def _crosses(chords: Segments, i: Ints, j: Ints) -> bool:
     if chords.number[j.min()] - chords.number[i.max()] <= 2:
         return False  # the path's own hairpin: both ways are one turn
     normal = unit((chords.start_normals[i] + chords.start_normals[j]).sum(axis=0))
+    # Where paths run together for long only the ends of that stretch tell.
+    order = np.argsort(j, kind="stable")
+    before, after = (_sides(chords, i[some], j[some], normal) for some in (order[:END_PAIRS], order[-END_PAIRS:]))
+    return before[0] * after[1] < 0
+
+
+def _sides(chords: Segments, i: Ints, j: Ints, normal: Array) -> tuple[int, int]:
+    """On which side of the first path the second one comes to its first meeting, and leaves its last one."""
     first = perpendicular(normal)
     frame = np.stack([first, np.cross(normal, first)])
     middle = chords.start[i].mean(axis=0)
     one, other = (_Line((_around(chords, which) - middle) @ frame.T) for which in (i, j))
     places = _meetings(one, other)
     if not len(places):
-        return False
-    first_side = _side(one, other, places[0], ahead=False)
-    last_side = _side(one, other, places[-1], ahead=True)
-    return first_side * last_side < 0
+        return 0, 0
+    return _side(one, other, places[0], ahead=False), _side(one, other, places[-1], ahead=True)
 
 
 def _around(chords: Segments, which: Ints) -> Array:
@@ -124,14 +132,21 @@ class _Line:
         """The point at an arc length [m], shape (2,)."""
         return np.array([np.interp(s, self.s, self.points[:, k]) for k in (0, 1)])
 
-    def foot(self, point: Array) -> tuple[float, float]:
-        """Arc length of the nearest point, and its distance [m]."""
+    def feet(self, points: Array) -> tuple[Array, Array]:
+        """Arc lengths of the nearest points, and their distances [m], each (k,)."""
         chord = np.diff(self.points, axis=0)
         square = np.maximum((chord**2).sum(axis=1), 1e-300)
-        share = np.clip(((point - self.points[:-1]) * chord).sum(axis=1) / square, 0.0, 1.0)
-        gap = np.linalg.norm(point - self.points[:-1] - share[:, None] * chord, axis=1)
-        k = int(gap.argmin())
-        return float(self.s[k] + share[k] * (self.s[k + 1] - self.s[k])), float(gap[k])
+        away = points[:, None] - self.points[:-1]
+        share = np.clip((away * chord).sum(axis=2) / square, 0.0, 1.0)
+        gap = np.linalg.norm(away - share[:, :, None] * chord, axis=2)
+        nearest = gap.argmin(axis=1)
+        rows = np.arange(len(points))
+        return self.s[nearest] + share[rows, nearest] * np.diff(self.s)[nearest], gap[rows, nearest]
+
+    def foot(self, point: Array) -> tuple[float, float]:
+        """Arc length of the nearest point, and its distance [m]."""
+        s, gap = self.feet(point[None])
+        return float(s[0]), float(gap[0])
 
     def beyond(self, s: float, ahead: bool) -> Array | None:
         """The next point after an arc length, or the last before it; None at the line's end."""
@@ -141,25 +156,24 @@ class _Line:
 
 def _meetings(one: _Line, other: _Line) -> Array:
     """Arc lengths of the other line where it begins, ends or touches the first one, in order, shape (k,)."""
-    own = [float(s) for s, point in zip(other.s, other.points, strict=True) if one.foot(point)[1] <= SAME_PLACE_M]
-    feet = [other.foot(point) for point in one.points]
-    return np.sort(own + [s for s, gap in feet if gap <= SAME_PLACE_M] + _cuts(one, other))
+    own = other.s[one.feet(other.points)[1] <= SAME_PLACE_M]
+    s, gap = other.feet(one.points)
+    return np.sort(np.concatenate([own, s[gap <= SAME_PLACE_M], _cuts(one, other)]))
 
 
-def _cuts(one: _Line, other: _Line) -> list[float]:
-    """Arc lengths of the other line at which it runs through the inside of a segment of the first one."""
-    found = []
-    for k, (a, b) in enumerate(pairwise(other.points)):
-        for c, d in pairwise(one.points):
-            from_c, from_d = _turn(b - a, c - a), _turn(b - a, d - a)
-            from_a, from_b = _turn(d - c, a - c), _turn(d - c, b - c)
-            if from_a * from_b < 0.0 and from_c * from_d < 0.0:
-                found.append(float(other.s[k] + (other.s[k + 1] - other.s[k]) * from_a / (from_a - from_b)))
-    return found
+def _cuts(one: _Line, other: _Line) -> Array:
+    """Arc lengths of the other line at which it runs through the inside of a segment of the first one, shape (k,)."""
+    a, b = other.points[:-1, None], other.points[1:, None]
+    c, d = one.points[None, :-1], one.points[None, 1:]
+    from_a, from_b = _turn(d - c, a - c), _turn(d - c, b - c)
+    from_c, from_d = _turn(b - a, c - a), _turn(b - a, d - a)
+    k, found = np.nonzero((from_a * from_b < 0.0) & (from_c * from_d < 0.0))
+    share = from_a[k, found] / (from_a - from_b)[k, found]
+    return np.asarray(other.s[k] + np.diff(other.s)[k] * share)
 
 
-def _turn(a: Array, b: Array) -> float:
-    return float(a[0] * b[1] - a[1] * b[0])
+def _turn(a: Array, b: Array) -> Array:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def _side(one: _Line, other: _Line, s: float, ahead: bool) -> int:
