@@ -161,7 +161,7 @@ def _draw_cover(figure: Figure, axes: Axes, found: Inspection, view: _View) -> N
     )
     handles: list[Artist] = [Patch(color=color, label=name) for name, color in LEVELS.items()]
     handles += axes.get_legend_handles_labels()[0]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    figure.legend(handles=handles, loc="outside upper right", ncols=4)
 
 
 def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
