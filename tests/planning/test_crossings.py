@@ -98,3 +98,7 @@ def _every_pair(points):
         return turn(way[k], start[m] - start[k]) * turn(way[k], start[m] + way[m] - start[k]) < 0.0
 
     return int((parted(i, j) & parted(j, i)).sum())
+
+
+def test_without_runs_nothing_crosses():
+    assert count_self_crossings([]) == 0

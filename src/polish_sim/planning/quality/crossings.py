@@ -42,8 +42,10 @@ def find_crossings(runs: Sequence[Curve]) -> Crossings:
         runs: Each run in contact, an open curve.
 
     Returns:
-        The crossings.
+        The crossings; none without runs.
     """
+    if not runs:
+        return Crossings(np.empty((0, 3)))
     chords = segments_of(runs)
     i, j = _near_pairs(chords)
     signs, near, places = _classify(chords, i, j)
