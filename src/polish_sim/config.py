@@ -158,6 +158,9 @@ class HeadConfig:
     damping_n_s_m: float = key(60.0, "damper [N s/m]", 0.0, 1e4)
     mass_kg: float = key(0.3, "sliding mass [kg]", 0.01, 10.0)
     travel_m: float = key(0.03, "travel to the end stop [m]", 0.001, 0.2)
+    spring_scale: float = key(
+        1.0, "real springs of head and pad by what plan and controller take them for [-]", 0.05, 20.0
+    )
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.config import ControllerConfig
 from polish_sim.control import CONTROLLERS
 from polish_sim.control.laws import CompiledController
-from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, TWIST_SIZE, Measurement, measurement_of, target_of
+from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, WHOLE_FEED, Measurement, measurement_of, target_of
 from tests.control.signals import Array, measurement_from, target_near
 
 CONFIG = ControllerConfig()
@@ -29,7 +29,7 @@ def controller(name: str, config: ControllerConfig = CONFIG) -> CompiledControll
 
 def in_tool(m: Measurement, twist: Array) -> tuple[Array, Array]:
     """Linear and angular part of a twist in tool axes."""
-    return m.rotation.T @ twist[:3], m.rotation.T @ twist[3:]
+    return m.rotation.T @ twist[:3], m.rotation.T @ twist[3:6]
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -170,7 +170,7 @@ def test_the_compiled_law_is_the_python_step_bit_for_bit(name: str) -> None:
         np.random.default_rng(0),
         np.zeros(MEASUREMENT_SIZE),
         np.zeros(TARGET_SIZE),
-        np.zeros(TWIST_SIZE),
+        WHOLE_FEED.copy(),
     )
     python, compiled = controller(name), controller(name)
     law = compiled.compiled_law().ctypes

@@ -25,8 +25,9 @@ from polish_sim.cell.sequence import Job, begin_next_stroke, build_sequence_stat
 from polish_sim.cell.speedl import SpeedlModel, build_speedl_state
 from polish_sim.cell.wrist_sensor import Payload, build_sensor
 from polish_sim.config import Scenario
+from polish_sim.control.course import Course
 from polish_sim.control.laws import CompiledController, Controller
-from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, TWIST_SIZE
+from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, WHOLE_FEED
 from polish_sim.errors import InputError, ReachError
 from polish_sim.log import RunLog, from_rows
 from polish_sim.motion import JOINT_LIMITS
@@ -61,6 +62,7 @@ class Cell:
         q_start: Joint positions at the start [rad], shape (6,).
         controller: The control law.
         rng: Draws the sensor's bias, drift and noise.
+        course: What lies ahead on the path, for controllers that prepare for it.
     """
 
     def __init__(
@@ -72,9 +74,10 @@ class Cell:
         q_start: Array,
         controller: Controller,
         rng: np.random.Generator,
+        course: Course | None = None,
     ) -> None:
         register_engine()
-        self.scenario, self.model, self.rng = scenario, model, rng
+        self.scenario, self.model, self.rng, self.course = scenario, model, rng, course
         self.data = mujoco.MjData(model)
         self.data.qpos[:6] = q_start
         self.data.ctrl[0:12:2] = q_start
@@ -94,10 +97,15 @@ class Cell:
     def use_controller(self, controller: Controller) -> None:
         """Reset a controller and let it drive the cell from now on."""
         self.controller = controller
+        prepare = getattr(controller, "prepare", None)
+        doing = "prepare()"
         try:
+            if self.course is not None and callable(prepare):
+                prepare(self.course)
+            doing = "reset()"
             controller.reset(self.kernel.engine.dt * self.kernel.control_every)
         except Exception as error:
-            raise InputError(f"the controller's reset() failed: {type(error).__name__}: {error}.") from error
+            raise InputError(f"the controller's {doing} failed: {type(error).__name__}: {error}.") from error
         self.law = self._attach(controller)
 
     def run(self, observer: Observer | None = None) -> CellRun:
@@ -187,7 +195,7 @@ class Cell:
         speedl = build_speedl(scenario)
         return CellKernel(
             engine_views(self.model, self.data),
-            build_pad(scenario.pad),
+            build_pad(scenario.pad, scenario.head.spring_scale),
             part,
             scenario.spindle.speed_rpm * 2.0 * math.pi / 60.0,
             sensor,
@@ -200,7 +208,7 @@ class Cell:
             self._guards(),
             np.zeros(MEASUREMENT_SIZE),
             np.zeros(TARGET_SIZE),
-            np.zeros(TWIST_SIZE),
+            WHOLE_FEED.copy(),
             np.zeros(1),
             scenario.simulation.control_every,
             np.zeros(6),

@@ -57,13 +57,13 @@ class RealPart(NamedTuple):
     """Origin of the work frame in base [m], shape (3,)."""
 
 
-def build_pad(config: PadConfig) -> Pad:
-    """Sample the disc with points of equal area."""
+def build_pad(config: PadConfig, spring_scale: float = 1.0) -> Pad:
+    """Sample the disc with points of equal area; the real pad is ``spring_scale`` times as stiff as configured."""
     points = _spread_points(config.points) * config.radius_m
     return Pad(
         points[:, 0].copy(),
         points[:, 1].copy(),
-        config.stiffness_n_m / len(points),
+        config.stiffness_n_m * spring_scale / len(points),
         config.damping_s_m,
         config.friction,
         config.friction_smoothing_m_s,

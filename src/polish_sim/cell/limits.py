@@ -26,11 +26,12 @@ def check_step_limits(scenario: Scenario, tangential_mass: float) -> None:
             f"pad.damping_s_m = {pad.damping_s_m:g} is too much for this step: a F dt / m = {damping:.2f}, must be "
             "below 1. Lower pad.damping_s_m, safety.force_limit_n or simulation.timestep_s."
         )
-    phase = dt * math.sqrt((head.stiffness_n_m + pad.stiffness_n_m) / head.mass_kg)
+    phase = dt * math.sqrt(head.spring_scale * (head.stiffness_n_m + pad.stiffness_n_m) / head.mass_kg)
     if phase >= 0.7:
         raise ConfigError(
             f"the head is too stiff for this step: dt sqrt((k_head + k_pad) / m) = {phase:.2f}, must be below 0.7. "
-            "Lower pad.stiffness_n_m, head.stiffness_n_m or simulation.timestep_s, or raise head.mass_kg."
+            "Lower pad.stiffness_n_m, head.stiffness_n_m, head.spring_scale or simulation.timestep_s, or raise "
+            "head.mass_kg."
         )
     force = scenario.process.contact_force_n
     drag = pad.friction * force * dt / (pad.friction_smoothing_m_s * tangential_mass)
@@ -40,7 +41,7 @@ def check_step_limits(scenario: Scenario, tangential_mass: float) -> None:
             f"mu F dt / (v_s m) = {drag:.2f}, must be below 1 (m = {tangential_mass:.1f} kg). "
             "Raise it, or lower pad.friction or simulation.timestep_s."
         )
-    depth = 2.0 * force / pad.stiffness_n_m
+    depth = 2.0 * force / (pad.stiffness_n_m * head.spring_scale)
     if depth > FIELD_BAND:
         raise ConfigError(
             f"pad.stiffness_n_m = {pad.stiffness_n_m:g} is too soft for {force:g} N: twice that force would press it "

@@ -92,7 +92,7 @@ class CellKernel(NamedTuple):
     measurement: Array
     target: Array
     twist: Array
-    """Twist the controller asked for last, shape (6,)."""
+    """Twist the controller asked for last and the share of the planned feed it grants, shape (7,)."""
     context: Array
     """Gains and memory of a compiled law."""
     control_every: int
@@ -134,12 +134,12 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
             if cell.sequence.stage[0] == TARE and cell.sequence.stage[1] >= TARE_START:
                 status[TARES] += 1.0
                 _tare(cell.sensor_state, m.wrench, status[TARES])
-            found = advance_sequence(cell.job, cell.sequence, m.wrench[2], dt, target)
+            found = advance_sequence(cell.job, cell.sequence, m.wrench[2], cell.twist[6], dt, target)
             law(cell.context.ctypes, cell.measurement.ctypes, cell.target.ctypes, cell.twist.ctypes)
             status[REQUESTS] += 1.0
             if not found:
                 status[STOP] = MISSING
-            for i in range(6):
+            for i in range(7):
                 if not math.isfinite(cell.twist[i]):
                     status[STOP] = CONTROLLER_NAN
         if status[STOP] == 0.0:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from polish_sim.cell.guards import CONTROLLER_ERROR
 from polish_sim.cell.loop import STOP
 from polish_sim.control.laws import LAW_SIGNATURE, Controller
-from polish_sim.control.signals import TWIST_SIZE, measurement_of, target_of
+from polish_sim.control.signals import ANSWER_SIZE, WHOLE_FEED, measurement_of, target_of
 
 Array = NDArray[np.float64]
 
@@ -46,10 +46,11 @@ class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
     def _call(self, _context: int, _measurement: int, _target: int, _twist: int) -> None:
         try:
             answer = np.asarray(self._controller.step(self._measurement, self._target), dtype=float)
-            if answer.shape != (TWIST_SIZE,):
-                raise ValueError(f"step() returned shape {answer.shape}, expected ({TWIST_SIZE},)")
-            self._twist[:] = answer
+            if answer.shape not in ((ANSWER_SIZE - 1,), (ANSWER_SIZE,)):
+                raise ValueError(f"step() returned shape {answer.shape}, expected (6,), or (7,) with the feed's share")
+            self._twist[:] = WHOLE_FEED
+            self._twist[: len(answer)] = answer
         except BaseException as error:
             self.error = error
-            self._twist[:] = 0.0
+            self._twist[:] = WHOLE_FEED
             self._status[STOP] = CONTROLLER_ERROR

@@ -49,7 +49,7 @@ def _fit_head(spec: Any, scenario: Scenario) -> None:
     scale = scenario.head.mass_kg / head.mass
     head.mass = scenario.head.mass_kg
     head.inertia = head.inertia * scale
-    slide.stiffness[0] = scenario.head.stiffness_n_m
+    slide.stiffness[0] = scenario.head.stiffness_n_m * scenario.head.spring_scale
     slide.damping[0] = scenario.head.damping_n_s_m
     slide.range = [slide.range[0], scenario.head.travel_m]
     pad = spec.geom("head_pad")

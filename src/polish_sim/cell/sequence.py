@@ -25,6 +25,7 @@ TOUCH_DOWN_TIME = 0.35  # from measured contact to the start of the feed [s]
 FEED_ACCELERATION = 0.05  # of the target along the path, at least [m/s^2]
 LONGEST_RAMP = 0.5  # from rest to full speed along the path [s]
 RETRACT_SPEED = 0.02  # [m/s]
+LEAST_SHARE = 0.02  # of the planned feed a controller can slow it to: the run must end
 TRAVEL_SPEED = 0.05  # between two strokes, in free space [m/s]
 
 
@@ -105,13 +106,16 @@ def expected_duration(job: Job) -> float:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def advance_sequence(job: Job, state: SequenceState, measured_force: float, dt: float, target: Target) -> bool:
+def advance_sequence(
+    job: Job, state: SequenceState, measured_force: float, granted: float, dt: float, target: Target
+) -> bool:
     """Move the target on by one step.
 
     Args:
         job: What is to be done.
         state: Memory.
         measured_force: Force the host believes it presses with [N].
+        granted: Share of the planned feed the controller grants [-]; taken as ``LEAST_SHARE`` to 1.
         dt: Step [s].
         target: Written.
 
@@ -144,7 +148,7 @@ def advance_sequence(job: Job, state: SequenceState, measured_force: float, dt: 
             state.path[2] = 0.0
     elif stage == RETRACT and state.path[2] >= job.lift + job.depth:
         _enter(state, DONE)
-    _place_target(job, state, dt, target)
+    _place_target(job, state, min(max(granted, LEAST_SHARE), 1.0), dt, target)
     return True
 
 
@@ -158,7 +162,7 @@ def _enter(state: SequenceState, stage: float) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _place_target(job: Job, state: SequenceState, dt: float, target: Target) -> None:
+def _place_target(job: Job, state: SequenceState, granted: float, dt: float, target: Target) -> None:
     stage = state.stage[0]
     target.contact[0] = 1.0 if job.contact > 0.0 and stage in (TOUCH_DOWN, PROCESS) else 0.0
     target.force[0] = job.force * sample_share(job.process, job.process.force_share, _fed(state, stage))
@@ -185,7 +189,7 @@ def _place_target(job: Job, state: SequenceState, dt: float, target: Target) -> 
         _sink(job.process, 0.0, state, state.path[2] - job.depth, speed, target)
         target.path[0] = job.start_s
     elif stage == PROCESS:
-        speed = job.feed * sample_share(job.process, job.process.feed_share, state.path[0])
+        speed = granted * job.feed * sample_share(job.process, job.process.feed_share, state.path[0])
         _move_on(state, job.process.length, speed, job.feed, dt)
         state.row[0] = _follow(job.process, state, target)
         target.path[1] = job.process.curvature[state.row[0]]

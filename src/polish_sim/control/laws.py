@@ -25,9 +25,10 @@ from polish_sim.control.hybrid import (
 from polish_sim.control.orientation import OrientationGains
 from polish_sim.control.position import PositionGains, PositionRateGains
 from polish_sim.control.signals import (
+    ANSWER_SIZE,
     MEASUREMENT_SIZE,
     TARGET_SIZE,
-    TWIST_SIZE,
+    WHOLE_FEED,
     Measurement,
     Target,
     measurement_of,
@@ -40,7 +41,7 @@ GAINS_SIZE = 16
 CONTEXT_SIZE = GAINS_SIZE + STATE_SIZE
 _POINTER = types.CPointer(types.float64)
 LAW_SIGNATURE = types.void(_POINTER, _POINTER, _POINTER, _POINTER)
-"""A compiled law takes pointers to context, measurement, target and the twist it writes."""
+"""A compiled law takes pointers to context, measurement, target and the answer it writes (twist, feed share)."""
 
 
 class Controller(Protocol):
@@ -49,8 +50,13 @@ class Controller(Protocol):
     def reset(self, cycle_s: float) -> None:
         """Forget everything; ``step`` will be called every ``cycle_s`` seconds."""
 
+    # A controller may also have ``prepare(course: Course) -> None``: told before the run what lies ahead on the path.
+
     def step(self, measurement: Measurement, target: Target) -> Array:
-        """Return the tool twist to command, base frame (linear [m/s]; angular [rad/s]), shape (6,)."""
+        """Return the tool twist to command, base frame (linear [m/s]; angular [rad/s]), shape (6,).
+
+        A seventh number, 0 to 1, slows the feed: the place on the path moves at this share of the planned speed.
+        """
 
 
 @njit(cache=True)
@@ -101,7 +107,7 @@ def hybrid_pi_law() -> Any:
     def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
         m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
         t = target_of(carray(target, TARGET_SIZE))
-        step_hybrid_pi(carray(context, CONTEXT_SIZE), m, t, carray(twist, TWIST_SIZE))
+        step_hybrid_pi(carray(context, CONTEXT_SIZE), m, t, carray(twist, ANSWER_SIZE))
 
     return law
 
@@ -114,7 +120,7 @@ def hybrid_pi_position_law() -> Any:
     def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
         m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
         t = target_of(carray(target, TARGET_SIZE))
-        step_hybrid_pi_position(carray(context, CONTEXT_SIZE), m, t, carray(twist, TWIST_SIZE))
+        step_hybrid_pi_position(carray(context, CONTEXT_SIZE), m, t, carray(twist, ANSWER_SIZE))
 
     return law
 
@@ -127,7 +133,7 @@ def position_law() -> Any:
     def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
         m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
         t = target_of(carray(target, TARGET_SIZE))
-        step_position(carray(context, CONTEXT_SIZE), m, t, carray(twist, TWIST_SIZE))
+        step_position(carray(context, CONTEXT_SIZE), m, t, carray(twist, ANSWER_SIZE))
 
     return law
 
@@ -145,8 +151,8 @@ class CompiledController:
         self.context[GAINS_SIZE:] = 0.0
 
     def step(self, measurement: Measurement, target: Target) -> Array:
-        """Return the tool twist to command, shape (6,)."""
-        twist = np.zeros(TWIST_SIZE)
+        """Return the tool twist to command and the share of the planned feed, shape (7,)."""
+        twist = WHOLE_FEED.copy()
         self._step(self.context, measurement, target, twist)
         return twist
 

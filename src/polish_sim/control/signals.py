@@ -16,7 +16,11 @@ Array = NDArray[np.float64]
 
 MEASUREMENT_SIZE = 26
 TARGET_SIZE = 24
-TWIST_SIZE = 6
+ANSWER_SIZE = 7
+"""Tool twist (6,) and the share of the planned feed the controller grants, 0 to 1."""
+WHOLE_FEED = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+"""The answer of a controller that asks for nothing: rest, and the feed as planned."""
+WHOLE_FEED.setflags(write=False)
 
 
 class Measurement(NamedTuple):
