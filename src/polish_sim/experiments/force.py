@@ -7,17 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.analysis.metrics import measure_force
-from polish_sim.cell import Cell, Observer, Silent, Touch, build_real_part, build_scene
+from polish_sim.cell import Cell, CellRun, Observer, Silent
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.experiments.part_setup import (
-    PART_STREAM,
-    SENSOR_STREAM,
-    part_file,
-    polishing_strokes,
-    random_streams,
-    reach_path,
-)
+from polish_sim.experiments.assembly import Workplace, build_cell, build_part
+from polish_sim.experiments.part_setup import part_file, reach_path
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.geometry import Region, fit_surface, load_part, select_region
@@ -51,6 +45,30 @@ class ForceTask(NamedTuple):
     reach: Reach
 
 
+def place_force(scenario: Scenario, observer: Observer | None = None) -> Workplace:
+    """Load the part, choose the point to press on and check the reach.
+
+    Args:
+        scenario: The scenario.
+        observer: Told of the progress.
+
+    Returns:
+        The workplace; its path is one point with the way down to it.
+
+    Raises:
+        PolishSimError: If the part cannot be used or the point not reached.
+    """
+    observer = observer or Silent()
+    build_controller(scenario.controller)
+    observer.stage("fit the surface")
+    mesh = load_part(part_file(scenario.part.file), scenario.part.unit, scenario.part.up)
+    angle = scenario.plan.feature_angle_rad
+    surface = fit_surface(mesh, angle)
+    region = select_region(surface, mesh, scenario.plan.region, angle)
+    path = touch_path(region)
+    return Workplace(mesh, surface, region, path, reach_path(scenario, mesh, path))
+
+
 def prepare_force(scenario: Scenario, observer: Observer | None = None) -> ForceTask:
     """Load the part, choose the point, check the reach and set the cell up.
 
@@ -65,24 +83,10 @@ def prepare_force(scenario: Scenario, observer: Observer | None = None) -> Force
         PolishSimError: If the part cannot be used or the point not reached.
     """
     observer = observer or Silent()
-    streams = random_streams(scenario.seed)
-    controller = build_controller(scenario.controller)
-    observer.stage("fit the surface")
-    mesh = load_part(part_file(scenario.part.file), scenario.part.unit, scenario.part.up)
-    angle = scenario.plan.feature_angle_rad
-    surface = fit_surface(mesh, angle)
-    region = select_region(surface, mesh, scenario.plan.region, angle)
-    path = touch_path(region)
-    reach = reach_path(scenario, mesh, path)
+    place = place_force(scenario, observer)
     observer.stage("prepare the cell")
-    touch = Touch(path.positions_work[path.process], path.axes_work[path.process], scenario.pad.radius_m)
-    part = build_real_part(
-        surface, scenario.part, reach.T_base_work, region.surface, mesh.up, touch, streams[PART_STREAM]
-    )
-    strokes = polishing_strokes(scenario, path, reach, scenario.process.hold_s, 0.0)
-    model = build_scene(scenario, mesh, part)
-    cell = Cell(scenario, model, part, strokes, reach.q_start, controller, streams[SENSOR_STREAM])
-    return ForceTask(cell, path, reach)
+    cell = build_cell(scenario, place, build_part(scenario, place), scenario.process.hold_s, lift=0.0)
+    return ForceTask(cell, place.path, place.reach)
 
 
 def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult:
@@ -102,8 +106,12 @@ def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult
     cell, path, reach = prepare_force(scenario, observer)
     observer.stage("simulate")
     run = cell.run(observer)
-    steps = round(scenario.process.hold_s / scenario.simulation.timestep_s)
-    done = min(1.0, float(np.sum(run.trace.phase == 2)) / steps)
     figures: dict[str, Any] = dict(measure_force(run.trace, scenario.process.contact_force_n))
-    figures |= common_figures(run, scenario, done, reach.T_base_work)
+    figures |= common_figures(run, scenario, hold_done(scenario, run), reach.T_base_work)
     return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)
+
+
+def hold_done(scenario: Scenario, run: CellRun) -> float:
+    """Share of the time on the point that was held, 0 to 1."""
+    steps = round(scenario.process.hold_s / scenario.simulation.timestep_s)
+    return min(1.0, float(np.sum(run.trace.phase == 2)) / steps)

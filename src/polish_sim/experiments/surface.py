@@ -5,19 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from polish_sim.analysis.metrics import measure_surface
-from polish_sim.cell import Cell, Observer, Silent, Touch, build_real_part, build_scene
+from polish_sim.cell import Observer, Silent
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.experiments.part_setup import (
-    PART_STREAM,
-    SENSOR_STREAM,
-    check_set_points,
-    path_done,
-    polishing_strokes,
-    random_streams,
-    reach_path,
-    strongest,
-)
+from polish_sim.experiments.assembly import Workplace, build_cell, build_part
+from polish_sim.experiments.part_setup import check_set_points, path_done, reach_path
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.planning import PlanResult, coverage_until, plan_part
@@ -28,6 +20,11 @@ class SurfaceTask(NamedTuple):
 
     plan: PlanResult
     reach: Reach
+
+    @property
+    def place(self) -> Workplace:
+        """Part, path and reach, as the cell is set up from them."""
+        return Workplace(self.plan.mesh, self.plan.surface, self.plan.region, self.plan.path, self.reach)
 
 
 def prepare_surface(
@@ -70,19 +67,11 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
         PolishSimError: If the part cannot be used, planned or reached.
     """
     observer = observer or Silent()
-    streams = random_streams(scenario.seed)
-    plan, reach = prepare_surface(scenario, plan, observer)
-    path, mesh = plan.path, plan.mesh
+    task = prepare_surface(scenario, plan, observer)
+    plan, reach, place = task.plan, task.reach, task.place
+    path = plan.path
     observer.stage("prepare the cell")
-    touch = Touch(path.positions_work[path.process], path.axes_work[path.process], scenario.pad.radius_m)
-    part = build_real_part(
-        plan.surface, scenario.part, reach.T_base_work, plan.region.surface, mesh.up, touch, streams[PART_STREAM]
-    )
-    cell = Cell(
-        strongest(scenario, path), build_scene(scenario, mesh, part), part,
-        polishing_strokes(scenario, path, reach, hold=0.0, lift=scenario.plan.clearance_m), reach.q_start,
-        build_controller(scenario.controller), streams[SENSOR_STREAM],
-    )  # fmt: skip
+    cell = build_cell(scenario, place, build_part(scenario, place), hold=0.0, lift=scenario.plan.clearance_m)
     observer.stage("simulate")
     run = cell.run(observer)
     fed = run.trace.path_s_m[run.trace.phase == 2]

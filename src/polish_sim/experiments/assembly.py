@@ -1,0 +1,60 @@
+"""From a placed part and its path to a cell ready to run: what every experiment with a part shares (layer 9)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from polish_sim.cell import Cell, Touch, build_real_part, build_scene
+from polish_sim.cell.contact import RealPart
+from polish_sim.config import Scenario
+from polish_sim.control import build_controller
+from polish_sim.experiments.part_setup import (
+    PART_STREAM,
+    SENSOR_STREAM,
+    polishing_strokes,
+    random_streams,
+    strongest,
+)
+from polish_sim.experiments.placement import Reach
+from polish_sim.geometry import PartMesh, Region, Surface
+from polish_sim.planning import ToolPath
+
+
+class Workplace(NamedTuple):
+    """A part as drawn, the path on it, where it stands and the way the arm does the path; nothing of it is random."""
+
+    mesh: PartMesh
+    surface: Surface
+    region: Region
+    path: ToolPath
+    reach: Reach
+
+
+def build_part(scenario: Scenario, place: Workplace) -> RealPart:
+    """The part as it really is, displaced and bent as the scenario's seed draws it."""
+    path = place.path
+    touch = Touch(path.positions_work[path.process], path.axes_work[path.process], scenario.pad.radius_m)
+    return build_real_part(
+        place.surface, scenario.part, place.reach.T_base_work, place.region.surface, place.mesh.up, touch,
+        random_streams(scenario.seed)[PART_STREAM],
+    )  # fmt: skip
+
+
+def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float, lift: float) -> Cell:
+    """Set the cell up for a path.
+
+    Args:
+        scenario: The scenario.
+        place: Part, path and reach.
+        part: What the pad touches, see ``build_part``.
+        hold: Time to stay at the end of a stroke [s].
+        lift: Height of the retract [m]; 0 for none.
+
+    Returns:
+        The cell, not yet run.
+    """
+    return Cell(
+        strongest(scenario, place.path), build_scene(scenario, place.mesh, part), part,
+        polishing_strokes(scenario, place.path, place.reach, hold, lift), place.reach.q_start,
+        build_controller(scenario.controller), random_streams(scenario.seed)[SENSOR_STREAM],
+    )  # fmt: skip
