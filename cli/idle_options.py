@@ -31,7 +31,8 @@ PATH_OPTIONS: Final = (
 
 IDLE: Final[Mapping[str, frozenset[str]]] = {
     "arc": frozenset(
-        ("--part", "--part-pose", "--units", "--up", "--contact-force", "--pad-diameter", "--spindle-rpm")
+        ("--part", "--real-part", "--part-pose", "--units", "--up")
+        + ("--contact-force", "--pad-diameter", "--spindle-rpm")
         + PATH_OPTIONS
     ),
     "force": frozenset({"--feed", *PATH_OPTIONS} - {"--region", "--feature-angle"}),

@@ -36,6 +36,15 @@ Part = Annotated[
         "STL, PLY or OBJ file, or the name of a shipped part; default freeform (surface), plate (force).",
     ),
 ]
+RealPart = Annotated[
+    str | None,
+    _option(
+        PART,
+        "--real-part",
+        "PART",
+        "The part as it really is, where it differs from --part: the path comes from --part, the contact from this.",
+    ),
+]
 PartPose = Annotated[
     str | None,
     _option(PART, "--part-pose", "POSE", "X,Y,Z,RX,RY,RZ of the part in the robot base (mm, deg); default: chosen."),

@@ -18,6 +18,7 @@ from polish_sim.errors import InputError
 def run(
     experiment: o.Experiment,
     part: o.Part = None,
+    real_part: o.RealPart = None,
     part_pose: o.PartPose = None,
     units: o.Units = None,
     up: o.Up = None,

@@ -41,6 +41,7 @@ class Target(NamedTuple):
 
 OPTIONS: Final[Mapping[str, Target]] = {
     "--part": Target("part", "file"),
+    "--real-part": Target("part", "real_file"),
     "--units": Target("part", "unit"),
     "--up": Target("part", "up"),
     "--region": Target("plan", "region"),
@@ -131,9 +132,12 @@ def _overlapping(scenario: Scenario, stepover: float | None, overlap: float) -> 
 
 
 def _placed(scenario: Scenario) -> Scenario:
-    """Name a part's file from the root, so that the written config runs from any folder."""
-    file = Path(scenario.part.file)
-    return merge(scenario, {"part": {"file": str(file.resolve())}}, "") if file.is_file() else scenario
+    """Name the part's files from the root, so that the written config runs from any folder."""
+    for key in ("file", "real_file"):
+        file = Path(getattr(scenario.part, key))
+        if file.is_file():
+            scenario = merge(scenario, {"part": {key: str(file.resolve())}}, "")
+    return scenario
 
 
 def parse_pose(text: str) -> list[float]:

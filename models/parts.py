@@ -9,8 +9,8 @@ import numpy as np
 
 from polish_sim.errors import unknown_name
 from polish_sim.models.punched import Hole, punched_grid, punched_solid
-from polish_sim.models.shapes import Cylinder, FoldedDome, Quadric, Shape, SphereCap, TorusRim
-from polish_sim.models.solids import Grid, Solid, disc_grid, extrude, rectangle_grid, revolve
+from polish_sim.models.shapes import Cylinder, FoldedDome, Incline, Quadric, Shape, SphereCap, TorusRim
+from polish_sim.models.solids import Grid, Solid, disc_grid, extrude, lines_grid, rectangle_grid, revolve
 
 
 class Part(Protocol):
@@ -80,6 +80,18 @@ class WheelHub:
         return revolve(np.vstack([crown, body]), round(2 * np.pi * self.shape.ring_radius / self.spacing))
 
 
+def _unlike_plate() -> dict[str, Part]:
+    """The plate as it might really be: with an edge across, or a ramp."""
+    lines = np.linspace(-0.100, 0.100, 81)
+    finer = np.sort(np.concatenate([lines[lines != 0.0], np.linspace(-0.001, 0.001, 17)]))
+    edge = Incline(height=0.020, rise=0.001, slope=1.0, rounding=0.001)
+    ramp = Incline(height=0.020, rise=0.0045, slope=float(np.tan(np.radians(8.0))), rounding=0.100)
+    return {
+        "plate_step": Block(edge, lines_grid(finer, lines)),
+        "plate_ramp": Block(ramp, lines_grid(lines, lines)),
+    }
+
+
 def _blocks() -> dict[str, Part]:
     """The parts with straight walls."""
     return {
@@ -110,6 +122,7 @@ def parts() -> dict[str, Part]:
     holes = (Hole(x=-0.045, y=0.020, radius=0.025, room=0.030), Hole(x=0.050, y=-0.025, radius=0.015, room=0.020))
     return {
         **_blocks(),
+        **_unlike_plate(),
         "plate_two_holes": PunchedPlate(
             Quadric(height=0.020, kx=0.0, ky=0.0), size_x=0.200, size_y=0.160, spacing=0.0025, holes=holes
         ),

@@ -71,6 +71,33 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
+class Incline:
+    """A level plane that climbs to a higher one over the line x = 0; foot and top of the climb are parabolas."""
+
+    height: float
+    """Height of the plane at negative x [m]."""
+    rise: float
+    """How much higher the plane at positive x is [m]."""
+    slope: float
+    """Steepest slope [-]."""
+    rounding: float
+    """Radius of curvature at foot and top [m]."""
+
+    def evaluate(self, xy: Array) -> Graph:
+        """See `Shape`."""
+        x, bend = xy[:, 0], self.rounding * self.slope
+        half = 0.5 * (self.rise / self.slope + bend)
+        # From each end the climb begins as a parabola and goes on straight to the middle, its centre of symmetry.
+        inward = np.clip(half - np.abs(x), 0.0, half)
+        bent, straight = np.minimum(inward, bend), np.maximum(inward - bend, 0.0)
+        climbed = 0.5 * bent**2 / self.rounding + self.slope * straight
+        hessian = np.zeros((len(xy), 2, 2))
+        hessian[:, 0, 0] = np.where((inward > 0.0) & (inward < bend), -np.sign(x) / self.rounding, 0.0)
+        height = np.where(x < 0.0, self.height + climbed, self.height + self.rise - climbed)
+        return Graph(height, np.column_stack([bent / self.rounding, np.zeros_like(x)]), hessian)
+
+
+@dataclass(frozen=True)
 class Revolved:
     """Base of shapes f = profile(r) that are the same all around the z axis."""
 

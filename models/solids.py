@@ -79,7 +79,20 @@ def rectangle_grid(size_x: float, size_y: float, spacing: float) -> Grid:
         The grid.
     """
     nx, ny = round(size_x / spacing), round(size_y / spacing)
-    x, y = np.linspace(-size_x / 2, size_x / 2, nx + 1), np.linspace(-size_y / 2, size_y / 2, ny + 1)
+    return lines_grid(np.linspace(-size_x / 2, size_x / 2, nx + 1), np.linspace(-size_y / 2, size_y / 2, ny + 1))
+
+
+def lines_grid(x: Array, y: Array) -> Grid:
+    """A rectangular grid of unequal spacing, its cells cut along alternating diagonals.
+
+    Args:
+        x: Where its lines cross the x axis, rising [m], shape (nx + 1,).
+        y: Where its lines cross the y axis, rising [m], shape (ny + 1,).
+
+    Returns:
+        The grid.
+    """
+    nx, ny = len(x) - 1, len(y) - 1
     number = np.arange((nx + 1) * (ny + 1)).reshape(nx + 1, ny + 1)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
     even = (np.add.outer(np.arange(nx), np.arange(ny)) % 2 == 0)[..., None]

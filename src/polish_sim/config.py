@@ -25,6 +25,11 @@ class PartConfig:
     """Which part is in the cell, where, and how it differs from its drawing."""
 
     file: str = key("freeform", "STL, PLY or OBJ file, or the name of a shipped part")
+    real_file: str = key(
+        "",
+        "mesh of the part as it really is (file or shipped part, unit and frame of the nominal one): path from `file`, "
+        "contact with this; empty = as drawn",
+    )
     unit: str = key("mm", "unit of the part's file: mm, cm, m or inch")
     up: str = key("auto", "side turned up: auto, x, y, z, -x, -y, -z, or a direction X,Y,Z")
     pose: tuple[float, ...] = key(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from polish_sim.cell import Cell, Touch, build_real_part, build_scene
+from polish_sim.cell import Cell, build_real_part, build_scene
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -16,26 +16,27 @@ from polish_sim.experiments.part_setup import (
     strongest,
 )
 from polish_sim.experiments.placement import Reach
+from polish_sim.experiments.real_shape import RealShape, touched
 from polish_sim.geometry import PartMesh, Region, Surface
 from polish_sim.planning import ToolPath
 
 
 class Workplace(NamedTuple):
-    """A part as drawn, the path on it, where it stands and the way the arm does the path; nothing of it is random."""
+    """A part as drawn and as it is, the path on it, where it stands and how the arm does it; nothing is random."""
 
     mesh: PartMesh
     surface: Surface
     region: Region
     path: ToolPath
     reach: Reach
+    shape: RealShape
 
 
 def build_part(scenario: Scenario, place: Workplace) -> RealPart:
     """The part as it really is, displaced and bent as the scenario's seed draws it."""
-    path = place.path
-    touch = Touch(path.positions_work[path.process], path.axes_work[path.process], scenario.pad.radius_m)
+    touch = touched(place.shape, place.path, scenario.pad.radius_m)
     return build_real_part(
-        place.surface, scenario.part, place.reach.T_base_work, place.region.surface, place.mesh.up, touch,
+        place.shape.surface, scenario.part, place.reach.T_base_work, place.region.surface, place.mesh.up, touch,
         random_streams(scenario.seed)[PART_STREAM],
     )  # fmt: skip
 
@@ -54,7 +55,7 @@ def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float
         The cell, not yet run.
     """
     return Cell(
-        strongest(scenario, place.path), build_scene(scenario, place.mesh, part), part,
+        strongest(scenario, place.path), build_scene(scenario, place.shape.mesh, part), part,
         polishing_strokes(scenario, place.path, place.reach, hold, lift), place.reach.q_start,
         build_controller(scenario.controller), random_streams(scenario.seed)[SENSOR_STREAM],
     )  # fmt: skip

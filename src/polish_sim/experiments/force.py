@@ -13,6 +13,7 @@ from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
 from polish_sim.experiments.part_setup import part_file, reach_path
 from polish_sim.experiments.placement import Reach
+from polish_sim.experiments.real_shape import real_shape
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.geometry import Region, fit_surface, load_part, select_region
 from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
@@ -66,7 +67,8 @@ def place_force(scenario: Scenario, observer: Observer | None = None) -> Workpla
     surface = fit_surface(mesh, angle)
     region = select_region(surface, mesh, scenario.plan.region, angle)
     path = touch_path(region)
-    return Workplace(mesh, surface, region, path, reach_path(scenario, mesh, path))
+    reach = reach_path(scenario, mesh, path)
+    return Workplace(mesh, surface, region, path, reach, real_shape(scenario, mesh, surface, path))
 
 
 def prepare_force(scenario: Scenario, observer: Observer | None = None) -> ForceTask:

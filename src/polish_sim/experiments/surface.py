@@ -11,6 +11,7 @@ from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
 from polish_sim.experiments.part_setup import check_set_points, path_done, reach_path
 from polish_sim.experiments.placement import Reach
+from polish_sim.experiments.real_shape import RealShape, real_shape
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.planning import PlanResult, coverage_until, plan_part
 
@@ -20,11 +21,13 @@ class SurfaceTask(NamedTuple):
 
     plan: PlanResult
     reach: Reach
+    shape: RealShape
 
     @property
     def place(self) -> Workplace:
         """Part, path and reach, as the cell is set up from them."""
-        return Workplace(self.plan.mesh, self.plan.surface, self.plan.region, self.plan.path, self.reach)
+        plan = self.plan
+        return Workplace(plan.mesh, plan.surface, plan.region, plan.path, self.reach, self.shape)
 
 
 def prepare_surface(
@@ -49,7 +52,8 @@ def prepare_surface(
         plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     check_set_points(plan.path)
     observer.stage("check the reach")
-    return SurfaceTask(plan, reach_path(scenario, plan.mesh, plan.path))
+    reach = reach_path(scenario, plan.mesh, plan.path)
+    return SurfaceTask(plan, reach, real_shape(scenario, plan.mesh, plan.surface, plan.path))
 
 
 def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:

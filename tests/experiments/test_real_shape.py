@@ -1,0 +1,104 @@
+"""A part unlike its drawing: the path comes from the drawing, the contact from the part as it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+
+from polish_sim.config import Scenario
+from polish_sim.errors import MeshError
+from polish_sim.experiments import default_scenario, prepare_force, run_experiment
+from polish_sim.experiments.assembly import build_part
+from polish_sim.experiments.force import place_force
+from polish_sim.geometry import field_distance
+from polish_sim.models import workpiece_path
+from polish_sim.models.parts import part
+from polish_sim.planning import ToolPath
+from polish_sim.planning.toolpath import PROCESS
+from polish_sim.scenario_file import override
+
+AS_DRAWN = ("part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0")
+ACROSS = np.linspace(-0.06, 0.06, 13)
+
+
+def on_plate(*changes: str) -> Scenario:
+    return override(default_scenario("force"), ["part.file=plate", *AS_DRAWN, *changes])
+
+
+def distances(scenario: Scenario, points: np.ndarray) -> list[float]:
+    """Signed distance [m] of points (n, 3) of the work frame from what the pad meets along a line over the plate."""
+    count = len(ACROSS)
+    positions, axes = (
+        np.column_stack([ACROSS, 0.0 * ACROSS, np.full(count, 0.020)]),
+        np.tile([0.0, 0.0, 1.0], (count, 1)),
+    )
+    segment, turns = np.full(count, PROCESS, np.int8), np.zeros(count, np.int64)
+    path = ToolPath(positions, axes, ACROSS - ACROSS[0], turns, segment, np.zeros(count))
+    place = place_force(scenario)
+    met = build_part(scenario, place._replace(path=path))
+    return [field_distance(met.field, *point) for point in points]
+
+
+@pytest.mark.parametrize("name", ["plate_step", "plate_ramp"])
+def test_the_pad_meets_the_real_part_not_the_drawing(name: str) -> None:
+    y = np.linspace(-0.02, 0.02, 13)
+    truth = part(name).shape.evaluate(np.column_stack([ACROSS, y]))
+    points = np.column_stack([ACROSS, y, truth.height])
+    found = distances(on_plate(f"part.real_file={name}"), points)
+    away = np.abs(ACROSS) > 0.002  # at the edge itself the field of 1 mm rounds it
+    np.testing.assert_allclose(np.array(found)[away], 0.0, atol=2e-5)
+    above = distances(on_plate(f"part.real_file={name}"), points + [0.0, 0.0, 0.002])
+    slanted = 0.002 / np.hypot(1.0, truth.gradient[:, 0])
+    np.testing.assert_allclose(np.array(above)[away], slanted[away], atol=5e-5)
+
+
+def test_a_real_part_higher_than_the_band_is_still_met(tmp_path: Path) -> None:
+    """15 mm higher than drawn, beyond the 8 mm of the field and its margin."""
+    solid = trimesh.load(workpiece_path("plate"))
+    solid.vertices[solid.vertices[:, 2] > 10.0] += [0.0, 0.0, 15.0]
+    solid.export(tmp_path / "high.stl")
+    points = np.column_stack([ACROSS, 0.0 * ACROSS, np.full(13, 0.035)])
+    scenario = on_plate(f"part.real_file={tmp_path / 'high.stl'}")
+    np.testing.assert_allclose(distances(scenario, points), 0.0, atol=1e-6)
+    np.testing.assert_allclose(distances(scenario, points - [0, 0, 0.003]), -0.003, atol=1e-6)
+
+
+def test_the_drawing_given_as_the_real_part_changes_nothing() -> None:
+    short = ("process.hold_s=1", "process.approach_speed_m_s=0.05", "part.displacement_m=0.001")
+    drawn = run_experiment(on_plate(*short))
+    same = run_experiment(on_plate("part.real_file=plate", *short))
+    np.testing.assert_allclose(same.log["normal_force_n"], drawn.log["normal_force_n"], atol=1e-3)
+
+
+def test_the_drawn_mesh_is_that_of_the_real_part() -> None:
+    model = prepare_force(on_plate("part.real_file=plate_ramp")).cell.model
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    geom, number = model.geom("part").id, model.mesh("part").id
+    start, count = model.mesh_vertadr[number], model.mesh_vertnum[number]
+    heights = model.mesh_vert[start : start + count] @ data.geom_xmat[geom].reshape(3, 3)[2]
+    assert np.ptp(heights) == pytest.approx(0.0245, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("scale", "shift", "message"),
+    [
+        (1.0, 500.0, r"does not lie where 'plate' does: .* more than 400 mm away .*\(allowed: 20 mm\)"),
+        (0.1, 0.0, r"it is 20 x 20 x 2 mm large and the nominal part 200 x 200 x 20 mm\. Bring it to"),
+    ],
+)
+def test_a_real_part_elsewhere_or_in_another_unit_is_refused(
+    tmp_path: Path, scale: float, shift: float, message: str
+) -> None:
+    solid = trimesh.load(workpiece_path("plate"))
+    solid.apply_scale(scale)
+    solid.apply_translation([shift, 0.0, 0.0])
+    if shift == 0.0:
+        solid.apply_translation([0.0, 0.0, -40.0])
+    solid.export(tmp_path / "other.stl")
+    with pytest.raises(MeshError, match=message):
+        prepare_force(on_plate(f"part.real_file={tmp_path / 'other.stl'}"))
