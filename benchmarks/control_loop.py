@@ -13,7 +13,8 @@ from numba import njit
 from benchmarks.table import Row
 from polish_sim.cell import Cell
 from polish_sim.cell.engine import mj_step
-from polish_sim.cell.loop import ARRIVED, STOP, advance
+from polish_sim.cell.kernel import ARRIVED, STOP
+from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import build_recorder
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.force import prepare_force

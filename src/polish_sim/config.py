@@ -38,6 +38,8 @@ class PartConfig:
     displacement_m: float = key(0.001, "how far the real part sits from its nominal place [m]", 0.0, 0.02)
     rotation_rad: float = key(math.radians(0.5), "how far the real part is turned [rad]", 0.0, 0.2)
     form_error_m: float = key(0.0003, "form error of the real part, peak to peak [m]", 0.0, 0.005)
+    motion_m: float = key(0.0, "the part moves along its mean normal by a sine of this amplitude [m]", 0.0, 0.02)
+    motion_hz: float = key(1.0, "frequency of that motion [Hz]", 0.0, 50.0)
 
 
 @dataclass(frozen=True)
@@ -185,6 +187,8 @@ class SpindleConfig:
     """The spindle that turns the pad."""
 
     speed_rpm: float = key(6000.0, "speed, 0 = off [1/min]", 0.0, 60000.0)
+    imbalance_m_s: float = key(0.0063, "balance grade e omega of what turns, G6.3 = 0.0063, 0 = none [m/s]", 0.0, 1.0)
+    rotating_mass_kg: float = key(0.3, "what turns [kg]", 0.0, 10.0)
 
 
 @dataclass(frozen=True)

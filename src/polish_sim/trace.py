@@ -29,3 +29,5 @@ class Trace(NamedTuple):
     tcp_speed_m_s: Array
     path_s_m: Array
     """Where on the path the target is."""
+    part_shift_m: Array
+    """How far the part has moved from where it lay at rest, base frame, shape (n, 3)."""

@@ -17,7 +17,7 @@ DT = 1e-3
 def trace_of(phase: NDArray[np.int8], **columns: Array) -> Trace:
     """A trace with the given columns, all others zero."""
     n = len(phase)
-    zero = {name: np.zeros((n, 3) if name == "tcp_position_m" else n) for name in Trace._fields}
+    zero = {name: np.zeros((n, 3) if name in ("tcp_position_m", "part_shift_m") else n) for name in Trace._fields}
     return Trace(**(zero | {"time_s": np.arange(n) * DT, "phase": phase} | columns))
 
 

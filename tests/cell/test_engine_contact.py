@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell.loop import STOP, advance
+from polish_sim.cell.kernel import STOP
+from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import build_recorder
 from polish_sim.models import robot_model_path
 from tests.cell.cells import along_tool, cell_for, free_job, ideal, tool_pose

@@ -103,3 +103,13 @@ def test_a_controller_that_cannot_be_reset_is_named() -> None:
 
     with pytest.raises(InputError, match=r"reset\(\).*no gains for 0.001 s"):
         cell_for(ideal("arc"), free_job(tool_pose(0, -0.5, 0.2)), controller=Stubborn())  # type: ignore[arg-type]
+
+
+def test_a_spindle_is_to_be_seen_five_times_a_turn() -> None:
+    accepted("spindle.speed_rpm=12000")
+    told = refused("spindle.speed_rpm=15000")
+    assert "spindle.speed_rpm = 15000" in told
+    assert "4.0 times a turn" in told
+    assert "Lower it to 12000" in told
+    accepted("spindle.speed_rpm=15000", "spindle.imbalance_m_s=0")
+    accepted("spindle.speed_rpm=15000", "simulation.timestep_s=0.0005")

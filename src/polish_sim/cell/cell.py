@@ -16,13 +16,16 @@ from polish_sim.cell.crash_points import crash_points
 from polish_sim.cell.engine import register_engine
 from polish_sim.cell.guards import CONTROLLER_ERROR, REASONS, Guards
 from polish_sim.cell.interrupts import interrupts_noted
+from polish_sim.cell.kernel import ARRIVED, CLOCK, STATUS_SIZE, STOP, CellKernel, EngineViews
 from polish_sim.cell.limits import check_rates, check_step_limits
-from polish_sim.cell.loop import ARRIVED, CLOCK, STATUS_SIZE, STOP, CellKernel, EngineViews, advance
+from polish_sim.cell.loop import advance
 from polish_sim.cell.observer import Observer, Silent
+from polish_sim.cell.part_motion import build_part_motion
 from polish_sim.cell.python_law import PythonLaw
 from polish_sim.cell.recorder import build_recorder, trace_from
 from polish_sim.cell.sequence import Job, begin_next_stroke, build_sequence_state, expected_duration
 from polish_sim.cell.speedl import SpeedlModel, build_speedl_state
+from polish_sim.cell.spindle import build_spindle
 from polish_sim.cell.wrist_sensor import Payload, build_sensor
 from polish_sim.config import Scenario
 from polish_sim.control.course import Course
@@ -196,8 +199,9 @@ class Cell:
         return CellKernel(
             engine_views(self.model, self.data),
             build_pad(scenario.pad, scenario.head.spring_scale),
-            part,
-            scenario.spindle.speed_rpm * 2.0 * math.pi / 60.0,
+            part._replace(position=part.position.copy()),  # it may move; the caller's part must not
+            build_part_motion(scenario.part, part),
+            build_spindle(scenario.spindle),
             sensor,
             sensor_state,
             believed_payload(self.model, self.data, scenario.sensor.payload_mass_error),

@@ -54,7 +54,9 @@ class RealPart(NamedTuple):
     rotation: Array
     """R_base_work of the real part, shape (3, 3)."""
     position: Array
-    """Origin of the work frame in base [m], shape (3,)."""
+    """Origin of the work frame in base [m], shape (3,); changes while the part moves."""
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Mean outward normal of the polished region, base frame; the part moves along it."""
 
 
 def build_pad(config: PadConfig, spring_scale: float = 1.0) -> Pad:

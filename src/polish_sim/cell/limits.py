@@ -8,6 +8,8 @@ from polish_sim.cell.real_part import FIELD_BAND
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError
 
+TURNS_PER_STEP = 0.2  # of the spindle, at most: its imbalance must be seen five times a turn
+
 
 def check_step_limits(scenario: Scenario, tangential_mass: float) -> None:
     """Refuse a scenario whose contact would be unstable at its time step.
@@ -51,7 +53,7 @@ def check_step_limits(scenario: Scenario, tangential_mass: float) -> None:
 
 
 def check_rates(scenario: Scenario) -> None:
-    """Refuse a sensor faster than the physics, and timeouts shorter than the cycles they watch.
+    """Refuse a sensor or a spindle faster than the physics, and timeouts shorter than the cycles they watch.
 
     Args:
         scenario: The scenario.
@@ -69,6 +71,14 @@ def check_rates(scenario: Scenario) -> None:
         raise ConfigError(
             f"safety.sensor_timeout_s = {scenario.safety.sensor_timeout_s:g} would take a sensor of sensor.rate_hz = "
             f"{sensor.rate_hz:g} for frozen. Raise it to {2.0 / sensor.rate_hz:g}."
+        )
+    spindle = scenario.spindle
+    turns = spindle.speed_rpm / 60.0 * dt
+    if turns > TURNS_PER_STEP and spindle.imbalance_m_s > 0.0:
+        raise ConfigError(
+            f"spindle.speed_rpm = {spindle.speed_rpm:g} is too fast for this step: the pull of its imbalance would be "
+            f"seen {1.0 / turns:.1f} times a turn, at least {1.0 / TURNS_PER_STEP:g} are needed. Lower it to "
+            f"{60.0 * TURNS_PER_STEP / dt:g}, lower simulation.timestep_s, or set spindle.imbalance_m_s to 0."
         )
     cycle = dt * scenario.simulation.control_every
     if robot.command_timeout_s < 2.0 * cycle:

@@ -7,15 +7,16 @@ The order decides stability: contact and sensor use positions and velocities of 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.cell.contact import Pad, RealPart, press_pad
+from polish_sim.cell.contact import press_pad
 from polish_sim.cell.engine import mj_step1, mj_step2
-from polish_sim.cell.guards import CONTROLLER_NAN, ENGINE_CONTACT, JOINT_LIMIT, MISSING, UNSTABLE, Guards, check_guards
+from polish_sim.cell.guards import CONTROLLER_NAN, ENGINE_CONTACT, JOINT_LIMIT, MISSING, UNSTABLE, check_guards
+from polish_sim.cell.kernel import ARRIVED, CLOCK, REQUESTS, STOP, TARES, TOUCHED, CellKernel, EngineViews
+from polish_sim.cell.part_motion import move_part
 from polish_sim.cell.recorder import Recorder, record_reading, record_state
 from polish_sim.cell.sequence import (
     APPROACH,
@@ -27,81 +28,17 @@ from polish_sim.cell.sequence import (
     TARE_START,
     TOUCH_DOWN,
     TRAVEL,
-    Job,
-    SequenceState,
     advance_sequence,
 )
-from polish_sim.cell.speedl import SpeedlModel, SpeedlState, limit_acceleration, pass_request, resolve_joints
-from polish_sim.cell.wrist_sensor import Payload, SensorModel, SensorState, sample_sensor, tool_wrench
+from polish_sim.cell.speedl import SpeedlState, limit_acceleration, pass_request, resolve_joints
+from polish_sim.cell.spindle import pull_of_imbalance, turn_spindle
+from polish_sim.cell.wrist_sensor import SensorState, sample_sensor, tool_wrench
 from polish_sim.control.signals import Measurement, measurement_of, target_of
 
 Array = NDArray[np.float64]
 
 LOOK_EVERY = 4  # steps between looks at the engine's own contacts
 FIRST_CONTACT_N = 0.5  # exact force at which the log's touch-down begins
-
-CLOCK, REQUESTS, STOP, TOUCHED, TARES, ARRIVED = 0, 1, 2, 3, 4, 5
-STATUS_SIZE = 8
-
-
-class EngineViews(NamedTuple):
-    """Addresses and live views of the engine's model and data, taken once."""
-
-    model: int
-    data: int
-    dt: float
-    """Physics step [s]."""
-    qpos: Array
-    qvel: Array
-    ctrl: Array
-    xanchor: Array
-    xaxis: Array
-    xpos: Array
-    xmat: Array
-    xipos: Array
-    cvel: Array
-    subtree_com: Array
-    site_xpos: Array
-    site_xmat: Array
-    xfrc_applied: Array
-    cfrc_ext: Array
-    qfrc_actuator: Array
-    sensordata: Array
-    tool_site: int
-    pad_site: int
-    head_body: int
-    root_body: int
-
-
-class CellKernel(NamedTuple):
-    """Everything the compiled loop works on."""
-
-    engine: EngineViews
-    pad: Pad
-    part: RealPart
-    spin: float
-    """Spindle speed [rad/s]."""
-    sensor: SensorModel
-    sensor_state: SensorState
-    payload: Payload
-    speedl: SpeedlModel
-    speedl_state: SpeedlState
-    job: Job
-    sequence: SequenceState
-    guards: Guards
-    measurement: Array
-    target: Array
-    twist: Array
-    """Twist the controller asked for last and the share of the planned feed it grants, shape (7,)."""
-    context: Array
-    """Gains and memory of a compiled law."""
-    control_every: int
-    wrench: Array
-    """Exact wrench of the tool on the part, tool axes, tool point, shape (6,)."""
-    scratch: Array
-    """Work array, shape (5, 3)."""
-    status: Array
-    """Step count, requests sent, stop code, first contact seen, tare samples, done; shape (8,)."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -124,7 +61,9 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         t = count * engine.dt
         mj_step1(engine.model, engine.data)
         if cell.job.contact > 0.0:
-            _press(engine, cell.pad, cell.part, cell.spin, cell.scratch, cell.wrench)
+            move_part(cell.motion, t, engine.dt, cell.part.position)
+            turn_spindle(cell.spindle, engine.dt)
+            _press(cell)
         _see(engine, m, jacobian)
         sample_sensor(cell.sensor, cell.sensor_state, t, engine.sensordata, draws[k])
         tool_wrench(cell.payload, cell.sensor_state, m.rotation, m.wrench)
@@ -156,7 +95,7 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         turn = cell.job.process.pass_index[cell.sequence.row[0]]
         record_state(
             recorder, count, t, phase, engine.qpos, engine.qvel, m, target, cell.wrench, cell.speedl_state.twist,
-            engine.qpos[6], turn,
+            engine.qpos[6], turn, cell.motion.rest, cell.part.position,
         )  # fmt: skip
         mj_step2(engine.model, engine.data)
         record_reading(recorder, count, engine.sensordata, engine.qfrc_actuator)
@@ -177,17 +116,18 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _press(e: EngineViews, pad: Pad, part: RealPart, spin: float, scratch: Array, wrench: Array) -> None:
-    """Contact of the pad at this instant, applied to the head; the exact wrench at the tool point."""
+def _press(cell: CellKernel) -> None:
+    """Contact of the pad and pull of the imbalance at this instant, applied to the head; the exact contact wrench."""
+    e, scratch, wrench, moving = cell.engine, cell.scratch, cell.wrench, cell.motion.velocity
     center, tool, head = e.site_xpos[e.pad_site], e.site_xpos[e.tool_site], e.head_body
     R_base_pad = e.site_xmat[e.pad_site].reshape((3, 3))
     velocity, force, torque, moment = scratch[0], scratch[1], scratch[2], scratch[3]
     turning, com = e.cvel[head, 0:3], e.subtree_com[e.root_body]
     rx, ry, rz = center[0] - com[0], center[1] - com[1], center[2] - com[2]
-    velocity[0] = e.cvel[head, 3] + turning[1] * rz - turning[2] * ry
-    velocity[1] = e.cvel[head, 4] + turning[2] * rx - turning[0] * rz
-    velocity[2] = e.cvel[head, 5] + turning[0] * ry - turning[1] * rx
-    press_pad(pad, part, spin, R_base_pad, center, velocity, turning, force, torque)
+    velocity[0] = e.cvel[head, 3] + turning[1] * rz - turning[2] * ry - moving[0]
+    velocity[1] = e.cvel[head, 4] + turning[2] * rx - turning[0] * rz - moving[1]
+    velocity[2] = e.cvel[head, 5] + turning[0] * ry - turning[1] * rx - moving[2]
+    press_pad(cell.pad, cell.part, cell.spindle.state[1], R_base_pad, center, velocity, turning, force, torque)
     _moment_at(force, torque, center, e.xipos[head], moment)
     for i in range(3):
         e.xfrc_applied[head, i] = force[i]
@@ -197,6 +137,7 @@ def _press(e: EngineViews, pad: Pad, part: RealPart, spin: float, scratch: Array
     for i in range(3):
         wrench[i] = -(R[i] * force[0] + R[3 + i] * force[1] + R[6 + i] * force[2])
         wrench[3 + i] = -(R[i] * moment[0] + R[3 + i] * moment[1] + R[6 + i] * moment[2])
+    pull_of_imbalance(cell.spindle, e.xmat[head], e.xfrc_applied[head])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

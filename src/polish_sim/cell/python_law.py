@@ -10,7 +10,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from polish_sim.cell.guards import CONTROLLER_ERROR
-from polish_sim.cell.loop import STOP
+from polish_sim.cell.kernel import STOP
 from polish_sim.control.laws import LAW_SIGNATURE, Controller
 from polish_sim.control.signals import ANSWER_SIZE, WHOLE_FEED, measurement_of, target_of
 

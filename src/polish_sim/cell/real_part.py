@@ -122,7 +122,9 @@ def build_real_part(
     field = build_distance_field(side, FIELD_SPACING, FIELD_BAND, bounds=touched_box(touch), offset=bend)
     coarse = build_distance_field(surface, COARSE_SPACING, COARSE_BAND)
     T_base_real = T_base_work @ T_work_real
-    return RealPart(field, coarse, np.ascontiguousarray(T_base_real[:3, :3]), np.ascontiguousarray(T_base_real[:3, 3]))
+    rotation, position = np.ascontiguousarray(T_base_real[:3, :3]), np.ascontiguousarray(T_base_real[:3, 3])
+    x, y, z = rotation @ normal
+    return RealPart(field, coarse, rotation, position, (float(x), float(y), float(z)))
 
 
 def pressed_side(surface: Surface, touch: Touch) -> Surface:

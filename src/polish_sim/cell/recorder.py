@@ -17,7 +17,7 @@ from polish_sim.trace import Trace
 Array = NDArray[np.float64]
 
 ROW_WIDTH = row_width()
-TRACE_WIDTH = 12
+TRACE_WIDTH = 16
 
 _AT = {name: start for name, (start, _width) in row_layout().items()}
 # Constants, because a compiled kernel cannot read a dictionary.
@@ -66,7 +66,7 @@ def _put(row: Array, start: int, values: Array, count: int) -> None:
 @njit(cache=True, error_model="numpy", forceinline=True)
 def record_state(
     recorder: Recorder, count: int, t: float, phase: float, q: Array, qd: Array, m: Measurement, target: Target,
-    true_wrench: Array, command: Array, travel: float, turn: int,
+    true_wrench: Array, command: Array, travel: float, turn: int, part_rest: Array, part_position: Array,
 ) -> None:  # fmt: skip
     """Record this instant, before the engine moves on; the sensor's raw reading follows in ``record_reading``.
 
@@ -83,12 +83,17 @@ def record_state(
         command: Twist acting in the robot, shape (6,).
         travel: Pad travel [m].
         turn: Turn of the path.
+        part_rest: Origin of the part's frame at rest [m], shape (3,).
+        part_position: Origin of the part's frame now [m], shape (3,).
     """
     force = true_wrench[2]
     recorder.span[0] = min(recorder.span[0], force)
     recorder.span[1] = max(recorder.span[1], force)
     speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
-    _trace_step(recorder.trace[recorder.filled[1]], t, phase, force, speed, m, target)
+    trace = recorder.trace[recorder.filled[1]]
+    _trace_step(trace, t, phase, force, speed, m, target)
+    for i in range(3):
+        trace[12 + i] = part_position[i] - part_rest[i]
     recorder.filled[1] += 1
     if count % recorder.every:
         return
@@ -151,4 +156,5 @@ def trace_from(block: Array) -> Trace:
         block[:, 6:9],
         block[:, 9],
         block[:, 10],
+        block[:, 12:15],
     )
