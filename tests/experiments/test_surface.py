@@ -93,7 +93,10 @@ def test_a_host_at_500_hz_holds_the_force_too(cap: Cap) -> None:
 
 
 def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(cap: Cap) -> None:
-    """The tool keeps its direction in the base, so it is turned against the part as well: the pad is alike, its imbalance is not."""
+    """The tool keeps its direction in the base, so it is turned against the part as well: the pad is alike.
+
+    Its heavy side is not, so that is left out.
+    """
     scenario, plan = cap
     quiet = override(scenario, [*IDEAL_SENSOR, "controller.name=position", "spindle.imbalance_m_s=0"])
     x, y, z = np.array(prepare_surface(quiet, plan).reach.T_base_work)[:3, 3]
