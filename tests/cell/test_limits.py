@@ -9,6 +9,7 @@ import pytest
 from polish_sim.cell.limits import check_rates, check_step_limits
 from polish_sim.errors import ConfigError, InputError, ReachError
 from polish_sim.experiments import run_experiment
+from polish_sim.experiments.assembly import modelled_depth
 from tests.cell.cells import cell_for, free_job, ideal, tool_pose
 
 TANGENTIAL_MASS = 4.0  # [kg]
@@ -16,7 +17,7 @@ TANGENTIAL_MASS = 4.0  # [kg]
 
 def accepted(*changes: str) -> None:
     scenario = ideal("force", *changes)
-    check_step_limits(scenario, TANGENTIAL_MASS)
+    check_step_limits(scenario, TANGENTIAL_MASS, modelled_depth(scenario))
     check_rates(scenario)
 
 
@@ -58,8 +59,8 @@ def test_friction_needs_mu_f_dt_over_v_s_m_below_one() -> None:
 
 
 def test_a_pad_softer_than_the_part_is_deep_is_refused() -> None:
-    accepted("pad.stiffness_n_m=5001")
-    assert "pad.stiffness_n_m" in refused("pad.stiffness_n_m=4999")
+    accepted("pad.stiffness_n_m=2001")
+    assert "pad.stiffness_n_m" in refused("pad.stiffness_n_m=1999")
 
 
 def test_a_sensor_cannot_be_faster_than_the_physics() -> None:
@@ -113,3 +114,8 @@ def test_a_spindle_is_to_be_seen_five_times_a_turn() -> None:
     assert "Lower it to 12000" in told
     accepted("spindle.speed_rpm=15000", "spindle.imbalance_m_s=0")
     accepted("spindle.speed_rpm=15000", "simulation.timestep_s=0.0005")
+
+
+def test_the_part_is_modelled_as_deep_as_a_soft_pad_goes() -> None:
+    assert modelled_depth(ideal("force")) == 0.008
+    assert modelled_depth(ideal("force", "head.spring_scale=0.2")) == pytest.approx(0.010)  # 2 x 20 N / 4000 N/m

@@ -89,7 +89,7 @@ class Cell:
             raise ReachError(
                 f"the robot cannot start here: {self._touching()} touch. Move the part with --part-pose X,Y,Z,RX,RY,RZ."
             )
-        check_step_limits(scenario, self._tangential_mass())
+        check_step_limits(scenario, self._tangential_mass(), part.field.band)
         check_rates(scenario)
         self.strokes = tuple(strokes)
         self.kernel = self._build_kernel(part, self.strokes[0], q_start)

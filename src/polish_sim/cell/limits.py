@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 
-from polish_sim.cell.real_part import FIELD_BAND
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError
 
 TURNS_PER_STEP = 0.2  # of the spindle, at most: its imbalance must be seen five times a turn
 
 
-def check_step_limits(scenario: Scenario, tangential_mass: float) -> None:
+def check_step_limits(scenario: Scenario, tangential_mass: float, modelled: float) -> None:
     """Refuse a scenario whose contact would be unstable at its time step.
 
     Args:
         scenario: The scenario.
         tangential_mass: What the arm and tool weigh against a push across the tool axis [kg].
+        modelled: How deep below its surface the part is modelled [m].
 
     Raises:
         ConfigError: Naming the limit that is broken, by how much, and the keys that would mend it.
@@ -44,10 +44,10 @@ def check_step_limits(scenario: Scenario, tangential_mass: float) -> None:
             "Raise it, or lower pad.friction or simulation.timestep_s."
         )
     depth = 2.0 * force / (pad.stiffness_n_m * head.spring_scale)
-    if depth > FIELD_BAND:
+    if depth > modelled:
         raise ConfigError(
             f"pad.stiffness_n_m = {pad.stiffness_n_m:g} is too soft for {force:g} N: twice that force would press it "
-            f"in by {1e3 * depth:.1f} mm, and the part is modelled {1e3 * FIELD_BAND:g} mm deep. Raise it or lower "
+            f"in by {1e3 * depth:.1f} mm, and the part is modelled {1e3 * modelled:g} mm deep. Raise it or lower "
             "process.contact_force_n."
         )
 

@@ -5,6 +5,7 @@ Plans are made on the drawing; force control earns its keep on the difference.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -26,7 +27,8 @@ WAVELENGTHS = (0.04, 0.15)  # of the form error [m]
 NORMAL_SHARE = 0.7  # least share of the displacement along the normal
 _WAVES = 8
 FIELD_SPACING = 0.001  # of the signed distance grid [m]
-FIELD_BAND = 0.008  # half width of the band around the surface [m]
+FIELD_BAND = 0.008  # half width of the band around the surface, at least [m]
+DEEPEST_BAND = 0.02  # and at most: memory grows with it [m]
 COARSE_SPACING = 0.004  # of the whole part's grid, for the crash check [m]
 COARSE_BAND = 0.016  # [m]
 FACING = 0.1  # least cosine between a facet's normal and the tool axis for the pad to press on it [-]
@@ -42,6 +44,22 @@ class Touch(NamedTuple):
     """Unit tool axes from the part to the tool, shape (n, 3)."""
     pad_radius: float
     """[m]"""
+    depth: float = FIELD_BAND
+    """How deep below its surface the part is modelled [m]."""
+
+
+def depth_for(force: float, pad_stiffness: float) -> float:
+    """How deep a part has to be modelled for a pad that is pressed in by twice a force [m].
+
+    Args:
+        force: Force to press with [N].
+        pad_stiffness: Of the whole disc, as it really is [N/m].
+
+    Returns:
+        Whole millimetres, between ``FIELD_BAND`` and ``DEEPEST_BAND``.
+    """
+    needed = math.ceil(2e3 * force / pad_stiffness) * 1e-3
+    return min(max(FIELD_BAND, needed), DEEPEST_BAND)
 
 
 def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> Callable[[Array], Array]:
@@ -119,7 +137,7 @@ def build_real_part(
     bend = bend_of(config, points, rng)
     T_work_real = displacement_of(config, normal, points.mean(axis=0), rng)
     side = pressed_side(surface, touch)
-    field = build_distance_field(side, FIELD_SPACING, FIELD_BAND, bounds=touched_box(touch), offset=bend)
+    field = build_distance_field(side, FIELD_SPACING, touch.depth, bounds=touched_box(touch), offset=bend)
     coarse = build_distance_field(surface, COARSE_SPACING, COARSE_BAND)
     T_base_real = T_base_work @ T_work_real
     rotation, position = np.ascontiguousarray(T_base_real[:3, :3]), np.ascontiguousarray(T_base_real[:3, 3])
@@ -143,7 +161,7 @@ def pressed_side(surface: Surface, touch: Touch) -> Surface:
 
 def touched_box(touch: Touch) -> Array:
     """Box around everything the pad's disc can touch, corners (2, 3) [m], work frame."""
-    half = touch.pad_radius * np.sqrt(np.clip(1.0 - touch.axes**2, 0.0, 1.0)) + _MARGIN
+    half = touch.pad_radius * np.sqrt(np.clip(1.0 - touch.axes**2, 0.0, 1.0)) + _MARGIN + touch.depth - FIELD_BAND
     return np.stack([(touch.positions - half).min(axis=0), (touch.positions + half).max(axis=0)])
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from polish_sim.cell import Cell, build_real_part, build_scene
 from polish_sim.cell.contact import RealPart
+from polish_sim.cell.real_part import depth_for
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import (
@@ -34,11 +35,16 @@ class Workplace(NamedTuple):
 
 def build_part(scenario: Scenario, place: Workplace) -> RealPart:
     """The part as it really is, displaced and bent as the scenario's seed draws it."""
-    touch = touched(place.shape, place.path, scenario.pad.radius_m)
+    touch = touched(place.shape, place.path, scenario.pad.radius_m, modelled_depth(strongest(scenario, place.path)))
     return build_real_part(
         place.shape.surface, scenario.part, place.reach.T_base_work, place.region.surface, place.mesh.up, touch,
         random_streams(scenario.seed)[PART_STREAM],
     )  # fmt: skip
+
+
+def modelled_depth(scenario: Scenario) -> float:
+    """How deep the real part is modelled for a scenario's force and pad [m]."""
+    return depth_for(scenario.process.contact_force_n, scenario.pad.stiffness_n_m * scenario.head.spring_scale)
 
 
 def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float, lift: float) -> Cell:

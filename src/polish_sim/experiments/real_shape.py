@@ -59,22 +59,23 @@ def real_shape(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolP
     return shape
 
 
-def touched(shape: RealShape, path: ToolPath, pad_radius: float) -> Touch:
+def touched(shape: RealShape, path: ToolPath, pad_radius: float, depth: float) -> Touch:
     """Where the pad goes: on the path, and where the real surface lies above or below it, there too.
 
     Args:
         shape: The real part.
         path: The path on the nominal one.
         pad_radius: Radius of the pad [m].
+        depth: How deep the part is to be modelled [m].
 
     Returns:
         Places and axes.
     """
     positions, axes = path.positions_work[path.process], path.axes_work[path.process]
     if not shape.given:
-        return Touch(positions, axes, pad_radius)
+        return Touch(positions, axes, pad_radius, depth)
     there = shape.surface.closest(positions).positions
-    return Touch(np.vstack([positions, there]), np.vstack([axes, axes]), pad_radius)
+    return Touch(np.vstack([positions, there]), np.vstack([axes, axes]), pad_radius, depth)
 
 
 def _check_place(shape: RealShape, mesh: PartMesh, config: PartConfig, positions: Array) -> None:

@@ -1,0 +1,107 @@
+"""The battery: the cases every controller is scored by; docs/score.md says how to copy it (layer 10)."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from polish_sim.scoring.case import Case
+
+_FLAT = ("part.file=plate", "plan.pattern=raster", "plan.raster_direction=[1.0, 0.0, 0.0]", "plan.stepover_m=0.025")
+_FREEFORM = ("part.file=freeform", "plan.stepover_m=0.016")
+_APPROACH_20 = "process.approach_speed_m_s=0.02"
+
+
+def _hold(name: str, text: str, *settings: str) -> Case:
+    return Case(name, text, "force", settings)
+
+
+def _flat(name: str, text: str, feed_mm_s: float, seconds: float, *settings: str) -> Case:
+    sets = (*_FLAT, f"process.feed_m_s={feed_mm_s / 1e3}", f"process.max_feed_s={seconds}", *settings)
+    return Case(name, text, "surface", sets)
+
+
+def _freeform(name: str, text: str, feed_mm_s: float, *settings: str) -> Case:
+    return Case(name, text, "surface", (*_FREEFORM, f"process.feed_m_s={feed_mm_s / 1e3}", *settings))
+
+
+def latency_settings(total_ms: float) -> tuple[str, str]:
+    """A total latency, shared between sensor and command 1:3 as in the default cell (8 = 2 + 6 ms)."""
+    sensor = max(total_ms / 4.0, 1.0)
+    return f"sensor.latency_s={sensor / 1e3}", f"robot.command_latency_s={(total_ms - sensor) / 1e3}"
+
+
+def _steps() -> list[Case]:
+    return [
+        _hold("step-10", "10 N on a flat plate, approach 5 mm/s, held 4 s", "process.contact_force_n=10"),
+        _hold("step-20", "20 N on a flat plate, approach 5 mm/s, held 4 s"),
+        _hold(
+            "step-50", "50 N on a flat plate, approach 5 mm/s, held 4 s, force limit 80 N",
+            "process.contact_force_n=50", "safety.force_limit_n=80", "pad.friction_smoothing_m_s=0.01",
+        ),
+    ]  # fmt: skip
+
+
+def _approaches() -> list[Case]:
+    return [
+        _hold(f"approach-{v}", f"20 N on a flat plate, approach {v} mm/s", f"process.approach_speed_m_s={v / 1e3}")
+        for v in (2, 5, 20)
+    ]
+
+
+def _feeds() -> list[Case]:
+    flat = [
+        _flat(f"flat-{v}", f"flat plate, strokes along x 25 mm apart, 20 N at {v} mm/s for {t} s", v, t)
+        for v, t in ((10, 30), (30, 12), (100, 6))
+    ]
+    freeform = [
+        _freeform(f"freeform-{v}", f"freeform part, whole spiral with 16 mm step-over, 20 N at {v} mm/s", v)
+        for v in (10, 30, 60)
+    ]
+    return flat + freeform
+
+
+def _springs() -> list[Case]:
+    return [
+        _hold(
+            f"stiffness-{x:g}", f"springs of head and pad {x:g} x what the controller takes them for, approach 20 mm/s",
+            f"head.spring_scale={x}", _APPROACH_20,
+        )
+        for x in (0.2, 0.5, 2.0, 5.0)
+    ]  # fmt: skip
+
+
+def _latencies() -> list[Case]:
+    return [
+        _hold(
+            f"latency-{ms}", f"{ms} ms from contact to motion, sensor and command 1:3, approach 20 mm/s",
+            *latency_settings(ms), _APPROACH_20,
+        )
+        for ms in (2, 4, 12, 20)
+    ]  # fmt: skip
+
+
+def _noises() -> list[Case]:
+    return [
+        _hold(
+            f"noise-{n}", f"sensor noise {n} N rms per sample, approach 20 mm/s", f"sensor.force_noise_n={n}",
+            _APPROACH_20,
+        )
+        for n in (0, 1, 2)
+    ]  # fmt: skip
+
+
+def _errors() -> list[Case]:
+    return [
+        _freeform("part-3mm", "freeform at 30 mm/s, the part 3 mm off its place", 30, "part.displacement_m=0.003"),
+        _freeform(
+            "part-2deg", "freeform at 30 mm/s, the part turned by 2 deg", 30, f"part.rotation_rad={math.radians(2.0)}"
+        ),
+        _freeform(
+            "payload-20", "freeform at 30 mm/s, payload taken for 20% too heavy", 30, "sensor.payload_mass_error=0.2"
+        ),
+    ]
+
+
+BATTERY: Final = tuple(_steps() + _approaches() + _feeds() + _springs() + _latencies() + _noises() + _errors())
+"""All cases, in the order they are shown."""
