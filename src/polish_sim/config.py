@@ -154,7 +154,23 @@ class SensorConfig:
     torque_quantum_nm: float = key(0.0005, "smallest step of the reading, 0 = none [N m]", 0.0, 0.5)
     force_range_n: float = key(200.0, "the reading saturates here, per axis [N]", 1.0, 1e5)
     torque_range_nm: float = key(8.0, "the reading saturates here, per axis [N m]", 0.1, 1e4)
-    payload_mass_error: float = key(0.0, "relative error of the compensated tool mass [-]", -1.0, 5.0)
+    payload_mass_error: float = key(
+        0.0, "relative error of the compensated tool mass, on top of the calibration's [-]", -1.0, 5.0
+    )
+
+
+@dataclass(frozen=True)
+class PayloadConfig:
+    """How the host learns mass and centre of the tool whose weight it compensates."""
+
+    file: str = key(
+        "",
+        "calibration.toml of `calibrate payload`; empty = the tool is calibrated before the run from this sensor's "
+        "readings at rest in the standard poses, the arm's way between them not simulated",
+    )
+    poses: int = key(12, "poses of the calibration", 4, 500)
+    settle_s: float = key(0.5, "the arm stands still this long before it reads [s]", 0.05, 60.0)
+    average_s: float = key(0.5, "readings are averaged over this time in each pose [s]", 0.005, 600.0)
 
 
 @dataclass(frozen=True)
@@ -225,6 +241,7 @@ class Scenario:
     controller: ControllerConfig = field(default_factory=ControllerConfig)
     robot: RobotConfig = field(default_factory=RobotConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
+    payload: PayloadConfig = field(default_factory=PayloadConfig)
     head: HeadConfig = field(default_factory=HeadConfig)
     pad: PadConfig = field(default_factory=PadConfig)
     spindle: SpindleConfig = field(default_factory=SpindleConfig)

@@ -32,6 +32,10 @@ class ReachError(PolishSimError):
     """A path the robot cannot follow; names the first bad point."""
 
 
+class CalibrationError(PolishSimError):
+    """Poses or readings that cannot tell what is to be calibrated; says what is missing."""
+
+
 class ProtectiveStop(PolishSimError):
     """The simulated robot stopped itself; what was recorded up to then is kept."""
 

@@ -1,1 +1,28 @@
-"""What the cell must know about itself, estimated from its own readings: payload (layer 8b)."""
+"""Calibration: what a wrist sensor carries, from poses and readings; arrays in, no cell (layer 8b)."""
+
+from polish_sim.calibration.calibration_file import (
+    CalibratedTool,
+    estimate_figures,
+    read_calibrated_tool,
+    write_calibration,
+)
+from polish_sim.calibration.outliers import fit_without_outliers
+from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, ReadingNoise, fit_payload, payload_regressor
+from polish_sim.calibration.poses import PosePlan, plan_payload_poses
+from polish_sim.calibration.readings import PayloadReadings
+
+__all__ = [
+    "GRAVITY",
+    "CalibratedTool",
+    "PayloadEstimate",
+    "PayloadReadings",
+    "PosePlan",
+    "ReadingNoise",
+    "estimate_figures",
+    "fit_payload",
+    "fit_without_outliers",
+    "payload_regressor",
+    "plan_payload_poses",
+    "read_calibrated_tool",
+    "write_calibration",
+]

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.cell.carried import carried_payload
 from polish_sim.cell.contact import RealPart, build_pad
 from polish_sim.cell.crash_points import crash_points
 from polish_sim.cell.engine import register_engine
@@ -26,7 +27,7 @@ from polish_sim.cell.recorder import build_recorder, trace_from
 from polish_sim.cell.sequence import Job, begin_next_stroke, build_sequence_state, expected_duration
 from polish_sim.cell.speedl import SpeedlModel, build_speedl_state
 from polish_sim.cell.spindle import build_spindle
-from polish_sim.cell.wrist_sensor import Payload, build_sensor
+from polish_sim.cell.wrist_sensor import SensorModel, SensorState, build_sensor
 from polish_sim.config import Scenario
 from polish_sim.control.course import Course
 from polish_sim.control.laws import CompiledController, Controller
@@ -54,6 +55,15 @@ class CellRun(NamedTuple):
     """Time spent stepping [s]."""
 
 
+class PayloadErrors(NamedTuple):
+    """What the host believes to carry against the tool as it is."""
+
+    payload_mass_error_kg: float
+    """Believed minus true mass, ``sensor.payload_mass_error`` included."""
+    payload_center_error_m: float
+    """Distance of the believed from the true centre of mass."""
+
+
 class Cell:
     """A scenario's cell, ready to run.
 
@@ -66,6 +76,8 @@ class Cell:
         controller: The control law.
         rng: Draws the sensor's bias, drift and noise.
         course: What lies ahead on the path, for controllers that prepare for it.
+
+    The host compensates the tool as it is until ``compensate`` tells it otherwise.
     """
 
     def __init__(
@@ -91,8 +103,10 @@ class Cell:
             )
         check_step_limits(scenario, self._tangential_mass(), part.field.band)
         check_rates(scenario)
+        self.carried = carried_payload(model, self.data)
         self.strokes = tuple(strokes)
         self.kernel = self._build_kernel(part, self.strokes[0], q_start)
+        self.compensate(self.carried.mass, self.carried.center)
         self.use_controller(controller)
         rate = scenario.simulation.log_rate_hz
         self._every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
@@ -110,6 +124,39 @@ class Cell:
         except Exception as error:
             raise InputError(f"the controller's {doing} failed: {type(error).__name__}: {error}.") from error
         self.law = self._attach(controller)
+
+    @property
+    def sensor(self) -> SensorModel:
+        """The wrist sensor, with the bias this run drew."""
+        return self.kernel.sensor
+
+    @property
+    def tare(self) -> Array:
+        """What the host has tared: compensated wrench at the tool point when it was zeroed [N, N m], shape (6,)."""
+        return self.kernel.sensor_state.tare.copy()
+
+    def compensate(self, mass: float, center: Array) -> None:
+        """Let the host believe in a tool and subtract its weight from every reading.
+
+        Args:
+            mass: [kg]; the scenario's ``sensor.payload_mass_error`` comes on top.
+            center: Its centre of mass in the sensor frame [m], shape (3,).
+        """
+        believed = mass * (1.0 + self.scenario.sensor.payload_mass_error)
+        payload = self.kernel.payload._replace(mass=believed, center=np.array(center, dtype=np.float64))
+        self.kernel = self.kernel._replace(payload=payload)
+
+    @property
+    def payload_errors(self) -> PayloadErrors:
+        """How far what the host believes to carry is from the tool as it is."""
+        believed, carried = self.kernel.payload, self.carried
+        return PayloadErrors(
+            float(believed.mass - carried.mass), float(np.linalg.norm(believed.center - carried.center))
+        )
+
+    def idle_sensor(self) -> SensorState:
+        """Fresh memory for this run's sensor, to read it apart from the run."""
+        return SensorState(*(np.zeros_like(array) for array in self.kernel.sensor_state))
 
     def run(self, observer: Observer | None = None) -> CellRun:
         """Run the job to its end, to a protective stop, or to an interrupt; what was recorded is returned in any case.
@@ -204,7 +251,7 @@ class Cell:
             build_spindle(scenario.spindle),
             sensor,
             sensor_state,
-            believed_payload(self.model, self.data, scenario.sensor.payload_mass_error),
+            self.carried,
             speedl,
             build_speedl_state(speedl, q_start),
             job,
@@ -252,20 +299,6 @@ def build_speedl(scenario: Scenario) -> SpeedlModel:
         JOINT_LIMITS[:, 0].copy(),
         JOINT_LIMITS[:, 1].copy(),
         2.0 * scenario.safety.singular_value_limit,
-    )
-
-
-def believed_payload(model: mujoco.MjModel, data: mujoco.MjData, mass_error: float) -> Payload:
-    """The payload the host compensates: the true one with a relative error of its mass; ``data`` at rest."""
-    bodies = [model.body("tool_mount").id, model.body("head").id]
-    mass = model.body_mass[bodies]
-    center = (mass @ data.xipos[bodies]) / mass.sum()
-    sensor, tool = data.site("sensor"), data.site("tool")
-    R_sensor_base = sensor.xmat.reshape(3, 3).T
-    return Payload(
-        float(mass.sum()) * (1.0 + mass_error),
-        R_sensor_base @ (center - sensor.xpos),
-        R_sensor_base @ (tool.xpos - sensor.xpos),
     )
 
 

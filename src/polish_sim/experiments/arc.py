@@ -12,8 +12,10 @@ from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.cell import Cell, Job, Observer, Silent, build_scene, no_part, tool_on_flange
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
+from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.placement import Reach, check_whole_path, find_reach, tool_rotations
 from polish_sim.experiments.result import RunResult, common_figures
+from polish_sim.experiments.tool_payload import believe_tool
 from polish_sim.motion.trajectory import build_path_table
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 
@@ -84,7 +86,8 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
         free, build_scene(free, None, None), no_part(), [job], reach.q_start,
         build_controller(scenario.controller), np.random.default_rng(scenario.seed),
     )  # fmt: skip
+    believe_tool(cell, random_streams(scenario.seed)[PAYLOAD_STREAM])
     run = cell.run(observer)
     done = float(run.trace.path_s_m[-1] / table.length)
-    figures = measure_arc(run.trace) | common_figures(run, scenario, done, None)
+    figures = measure_arc(run.trace) | common_figures(run, scenario, done, None) | cell.payload_errors._asdict()
     return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)

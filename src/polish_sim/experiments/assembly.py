@@ -11,6 +11,7 @@ from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
+    PAYLOAD_STREAM,
     SENSOR_STREAM,
     polishing_strokes,
     random_streams,
@@ -18,6 +19,7 @@ from polish_sim.experiments.part_setup import (
 )
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.real_shape import RealShape, touched
+from polish_sim.experiments.tool_payload import believe_tool
 from polish_sim.geometry import PartMesh, Region, Surface
 from polish_sim.planning import ToolPath
 
@@ -58,10 +60,13 @@ def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float
         lift: Height of the retract [m]; 0 for none.
 
     Returns:
-        The cell, not yet run.
+        The cell, not yet run; its host believes the payload it has calibrated.
     """
-    return Cell(
+    streams = random_streams(scenario.seed)
+    cell = Cell(
         strongest(scenario, place.path), build_scene(scenario, place.shape.mesh, part), part,
         polishing_strokes(scenario, place.path, place.reach, hold, lift), place.reach.q_start,
-        build_controller(scenario.controller), random_streams(scenario.seed)[SENSOR_STREAM],
+        build_controller(scenario.controller), streams[SENSOR_STREAM],
     )  # fmt: skip
+    believe_tool(cell, streams[PAYLOAD_STREAM])
+    return cell

@@ -110,6 +110,7 @@ def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult
     run = cell.run(observer)
     figures: dict[str, Any] = dict(measure_force(run.trace, scenario.process.contact_force_n))
     figures |= common_figures(run, scenario, hold_done(scenario, run), reach.T_base_work)
+    figures |= cell.payload_errors._asdict()
     return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)
 
 

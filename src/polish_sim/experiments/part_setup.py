@@ -30,12 +30,12 @@ from polish_sim.spatial import apply
 
 Array = NDArray[np.float64]
 
-SENSOR_STREAM, PART_STREAM = 0, 1
+SENSOR_STREAM, PART_STREAM, PAYLOAD_STREAM = 0, 1, 2
 
 
 def random_streams(seed: int) -> list[np.random.Generator]:
-    """Independent generators for the sensor and for the part's errors, from one seed."""
-    return [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2)]
+    """Independent generators for the sensor, the part's errors and the payload's calibration, from one seed."""
+    return [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
 
 
 def part_file(name: str) -> Path:

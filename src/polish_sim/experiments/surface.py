@@ -83,4 +83,5 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     reached = float(fed[-1]) if len(fed) else -1.0
     figures["coverage"] = coverage_until(plan, reached, scenario.process, scenario.pad)
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
+    figures |= cell.payload_errors._asdict()
     return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)

@@ -1,0 +1,112 @@
+"""calibration.toml: a payload estimate on disk, and the tool a run takes from it (layer 8b)."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.calibration.payload import PayloadEstimate
+from polish_sim.errors import InputError
+
+Array = NDArray[np.float64]
+
+KIND = "payload"
+_HEAD = """\
+# The tool behind the wrist sensor and the sensor's bias, with standard deviations (_std), from readings at rest.
+# Sensor axes; torques about the sensor's origin. A reading of the idle tool: f = m g u + b, t = c x (m g u) + b_t,
+# u against gravity. Covariance in the order of: mass, first moment xyz [kg m], force bias xyz, torque bias xyz.
+"""
+
+
+class CalibratedTool(NamedTuple):
+    """What a host needs to compensate the tool's weight."""
+
+    mass: float
+    """[kg]"""
+    center: Array
+    """Centre of mass in the sensor frame [m], shape (3,)."""
+
+
+def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
+    """An estimate under the names of calibration.toml and metrics.json."""
+    figures: dict[str, Any] = {
+        "mass_kg": estimate.mass,
+        "mass_kg_std": estimate.mass_std,
+        "center_m": estimate.center.tolist(),
+        "center_m_std": estimate.center_std.tolist(),
+        "bias_n": estimate.bias[:3].tolist(),
+        "bias_n_std": estimate.bias_std[:3].tolist(),
+        "bias_nm": estimate.bias[3:].tolist(),
+        "bias_nm_std": estimate.bias_std[3:].tolist(),
+    }
+    if len(estimate.theta) > 10:
+        figures |= {
+            "drift_n_s": estimate.drift[:3].tolist(),
+            "drift_n_s_std": estimate.drift_std[:3].tolist(),
+            "drift_nm_s": estimate.drift[3:].tolist(),
+            "drift_nm_s_std": estimate.drift_std[3:].tolist(),
+            "drift_zero_s": estimate.zero_time,
+        }
+    return figures | {
+        "residual_rms_n": float(np.sqrt(np.mean(estimate.residuals[estimate.used, :3] ** 2))),
+        "residual_rms_nm": float(np.sqrt(np.mean(estimate.residuals[estimate.used, 3:] ** 2))),
+        "readings": len(estimate.used),
+        "outliers": (np.flatnonzero(~estimate.used) + 1).tolist(),
+        "condition": estimate.condition,
+    }
+
+
+def write_calibration(file: Path, estimate: PayloadEstimate, gravity: float) -> None:
+    """Write calibration.toml."""
+    figures = {"kind": KIND} | estimate_figures(estimate)
+    figures |= {"gravity_m_s2": gravity, "covariance": estimate.covariance.tolist()}
+    lines = [f"{name} = {_literal(value)}" for name, value in figures.items()]
+    file.write_text(_HEAD + "\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _literal(value: Any) -> str:
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, list):
+        return "[" + ", ".join(_literal(entry) for entry in value) + "]"
+    # TOML wants a digit on both sides of the point and reads 1e-05 as well as Python does.
+    return repr(value)
+
+
+def read_calibrated_tool(file: Path) -> CalibratedTool:
+    """Read mass and centre from a calibration.toml.
+
+    Raises:
+        InputError: No such file, no TOML, not the calibration of a payload, or a value that cannot be.
+    """
+    table = _table(file)
+    if table.get("kind") != KIND:
+        raise InputError(
+            f"'{file}' is not the calibration of a payload (kind = {table.get('kind')!r}). "
+            "Give a calibration.toml made by 'calibrate payload'."
+        )
+    mass, center = table.get("mass_kg"), table.get("center_m")
+    if not _is_number(mass) or not 0.0 < float(mass) < 1e3:  # type: ignore[arg-type]
+        raise InputError(f"'{file}': mass_kg is {mass!r}, wanted a number above 0 [kg].")
+    if not isinstance(center, list) or len(center) != 3 or not all(map(_is_number, center)):
+        raise InputError(f"'{file}': center_m is {center!r}, wanted three numbers [m].")
+    return CalibratedTool(float(mass), np.array(center, dtype=np.float64))  # type: ignore[arg-type]
+
+
+def _table(file: Path) -> Mapping[str, Any]:
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read the calibration '{file}': {error.strerror}.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"the calibration '{file}' is not valid TOML: {error}.") from error
+
+
+def _is_number(value: Any) -> bool:
+    return not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value)

@@ -1,0 +1,85 @@
+"""Poses for the calibration of a payload: gravity along well spread directions of the sensor, easy to reach (8b)."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.calibration.identifiability import condition_of
+from polish_sim.calibration.payload import payload_regressor
+from polish_sim.errors import CalibrationError
+from polish_sim.motion import forward_many
+
+Array = NDArray[np.float64]
+
+PAN, LIFT, ELBOW, WRIST_2 = 1.3, -1.59, 1.51, -0.5 * math.pi
+"""Joints that stay as they are [rad]: the wrist half a metre before the base and 0.7 m above the table."""
+TOOL_DOWN = -0.5 * math.pi - LIFT - ELBOW
+"""Wrist 1 with the tool straight down [rad]; less lifts the tool away from the arm, by pi straight up."""
+WRIST_SPEED = 1.0
+"""Mean speed of the joint with the longest way between two poses [rad/s]."""
+SHORTEST_MOVE = 0.5
+"""Time for the shortest way [s]."""
+LEAST_POSES = 4
+
+
+class PosePlan(NamedTuple):
+    """Where the robot stands still to read its sensor."""
+
+    q: Array
+    """Joint angles [rad], shape (n, 6)."""
+    R_base_sensor: Array
+    """Orientation of the sensor, shape (n, 3, 3)."""
+    condition: float
+    """Condition number of the poses; 1.22 is the best possible."""
+
+    @property
+    def move_times(self) -> Array:
+        """Time for the way to each pose from the one before [s], shape (n,); 0 to the first."""
+        longest = np.abs(np.diff(self.q, axis=0)).max(axis=1)
+        return np.concatenate([[0.0], np.maximum(longest / WRIST_SPEED, SHORTEST_MOVE)])
+
+
+@cache
+def plan_payload_poses(count: int) -> PosePlan:
+    """Spread the up direction evenly over the whole sphere of the sensor.
+
+    Wrist 1 tilts the tool from straight down, out and up; wrist 3 turns it about its axis. The other joints stay,
+    so that the arm keeps clear of itself, of the table and of singularities.
+
+    Args:
+        count: Number of poses, at least four.
+
+    Returns:
+        The poses, the tool pointing down in the first, each next one close to the last.
+
+    Raises:
+        CalibrationError: Fewer than four poses.
+    """
+    if count < LEAST_POSES:
+        raise CalibrationError(f"{count} poses are too few to calibrate a payload: give {LEAST_POSES} or more.")
+    # Points of a golden spiral, equal area each.
+    index = np.arange(count)
+    tilt = np.arccos(1.0 - (2.0 * index + 1.0) / count)
+    azimuth = np.mod(index * math.pi * (3.0 - math.sqrt(5.0)) + math.pi, 2.0 * math.pi) - math.pi
+    order = _short_way(np.column_stack([tilt, azimuth]))
+    q = np.tile([PAN, LIFT, ELBOW, TOOL_DOWN, WRIST_2, 0.0], (count, 1))
+    q[:, 3] -= tilt[order]
+    q[:, 5] = azimuth[order]
+    R = forward_many(q)[:, :3, :3].copy()
+    for array in (q, R):
+        array.flags.writeable = False
+    return PosePlan(q, R, condition_of(payload_regressor(R[:, 2, :], None, 1.0)))
+
+
+def _short_way(places: Array) -> NDArray[np.int64]:
+    """Order in which to visit joint angles (n, 2): from the first always to the nearest not yet seen."""
+    order, left = [0], list(range(1, len(places)))
+    while left:
+        ways = np.abs(places[left] - places[order[-1]]).max(axis=1)
+        order.append(left.pop(int(np.argmin(ways))))
+    return np.array(order)
