@@ -155,7 +155,7 @@ SpindleSpeed = Annotated[
 Experiment = Annotated[str, typer.Argument(help="arc, force or surface.", show_default=False)]
 Controller = Annotated[
     str | None,
-    _option(RUN, "--controller", "NAME", "hybrid-pi (default), hybrid-pi-position, position, or FILE.py:CLASS."),
+    _option(RUN, "--controller", "NAME", "A shipped one of 'polish-sim list' (default hybrid-pi), or FILE.py:CLASS."),
 ]
 Seed = Annotated[int | None, _option(RUN, "--seed", "N", "Seed of everything random; default 0.")]
 Seeds = Annotated[int | None, _option(RUN, "--seeds", "N", "Run this many seeds, counting up from --seed.", least=1)]

@@ -99,10 +99,27 @@ class ProcessConfig:
 
 
 @dataclass(frozen=True)
+class BaselinesConfig:
+    """Gains of the baselines: admittance, impedance-position and force-mode."""
+
+    mass_kg: float = key(
+        4.0, "virtual mass of admittance and impedance-position, twice what the wrist sensor carries [kg]", 0.1, 1000.0
+    )
+    damping_n_s_m: float = key(283.0, "their damper, critical on the nominal springs [N s/m]", 1.0, 1e5)
+    stiffness_n_m: float = key(1000.0, "spring of impedance-position, a fifth of the nominal ones [N/m]", 0.0, 1e6)
+    mode_gain_scaling: float = key(0.5, "gain scaling of force-mode [-]", 0.01, 2.0)
+    mode_damping: float = key(0.025, "damping of force-mode: share of the speed lost per 2 ms [-]", 0.0, 1.0)
+    mode_mass_kg: float = key(8.5, "virtual mass of force-mode at a gain scaling of 1, the arm's own [kg]", 0.1, 1000.0)
+
+
+@dataclass(frozen=True)
 class ControllerConfig:
     """Gains of the shipped control laws (paper 1, eq. 5-7)."""
 
-    name: str = key("hybrid-pi", "hybrid-pi, hybrid-pi-position, position or FILE.py:CLASS")
+    name: str = key(
+        "hybrid-pi",
+        "hybrid-pi, hybrid-pi-position, position, admittance, impedance-position, force-mode or FILE.py:CLASS",
+    )
     look_ahead_s: float = key(0.1, "T_a: time in which a position or angle error is taken back [s]", 0.01, 10.0)
     position_p: float = key(0.2, "kpp of eq. 6, on the velocity error [-]", 0.0, 0.95)
     position_d_s: float = key(0.0, "kpd of eq. 6, on the velocity error's derivative [s]", 0.0, 0.1)
@@ -123,6 +140,7 @@ class ControllerConfig:
     moment_tilt_limit_rad: float = key(
         math.radians(2.0), "how far the moment loop may tilt the tool from the planned axis [rad]", 0.0, 0.5
     )
+    baselines: BaselinesConfig = field(default_factory=BaselinesConfig)
 
 
 @dataclass(frozen=True)

@@ -78,8 +78,13 @@ def turn_to_target(
 @njit(cache=True)
 def press_along_z(m: Measurement, t: Target, gains: PiGains, dt: float, state: HybridState, out: Array) -> None:
     """Replace the twist's part along tool z by the force loop: v' = v_xy + v_Fz z (fig. 10)."""
+    replace_along_z(m, force_pi(t.force[0], m.wrench[2], gains, dt, state.force), out)
+
+
+@njit(cache=True)
+def replace_along_z(m: Measurement, rate: float, out: Array) -> None:
+    """Give the twist's part along tool z a value of its own [m/s]."""
     z = m.rotation[:, 2]
-    rate = force_pi(t.force[0], m.wrench[2], gains, dt, state.force)
     along = z[0] * out[0] + z[1] * out[1] + z[2] * out[2]
     for i in range(3):
         out[i] += (rate - along) * z[i]

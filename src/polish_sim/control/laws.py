@@ -1,205 +1,24 @@
-"""The shipped controllers: each one compiled law composed of the loops, and its class for Python."""
+"""The shipped controllers by name (layer 7)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
 from types import MappingProxyType
-from typing import Any, Protocol
-
-import numpy as np
-from numba import carray, cfunc, njit, types
-from numpy.typing import NDArray
 
 from polish_sim.config import ControllerConfig
-from polish_sim.control.force import PiGains
-from polish_sim.control.hybrid import (
-    STATE_SIZE,
-    hybrid_state_of,
-    level_about_y,
-    position_by_error,
-    position_by_velocity,
-    press_along_z,
-    turn_to_target,
-)
-from polish_sim.control.orientation import OrientationGains
-from polish_sim.control.position import PositionGains, PositionRateGains
-from polish_sim.control.signals import (
-    ANSWER_SIZE,
-    MEASUREMENT_SIZE,
-    TARGET_SIZE,
-    WHOLE_FEED,
-    Measurement,
-    Target,
-    measurement_of,
-    target_of,
-)
+from polish_sim.control.baselines import admittance, force_mode, impedance_position
+from polish_sim.control.compiled import LAW_SIGNATURE, CompiledController, Controller
+from polish_sim.control.hybrid_laws import gains_of, hybrid_pi, hybrid_pi_position, position
 
-Array = NDArray[np.float64]
-
-GAINS_SIZE = 16
-CONTEXT_SIZE = GAINS_SIZE + STATE_SIZE
-_POINTER = types.CPointer(types.float64)
-LAW_SIGNATURE = types.void(_POINTER, _POINTER, _POINTER, _POINTER)
-"""A compiled law takes pointers to context, measurement, target and the answer it writes (twist, feed share)."""
-
-
-class Controller(Protocol):
-    """What a controller must offer; a user's own class needs these two methods and nothing else."""
-
-    def reset(self, cycle_s: float) -> None:
-        """Forget everything; ``step`` will be called every ``cycle_s`` seconds."""
-
-    # A controller may also have ``prepare(course: Course) -> None``: told before the run what lies ahead on the path.
-
-    def step(self, measurement: Measurement, target: Target) -> Array:
-        """Return the tool twist to command, base frame (linear [m/s]; angular [rad/s]), shape (6,).
-
-        A seventh number, 0 to 1, slows the feed: the place on the path moves at this share of the planned speed.
-        """
-
-
-@njit(cache=True)
-def step_hybrid_pi(context: Array, m: Measurement, t: Target, twist: Array) -> None:
-    """Controller ``hybrid-pi``: eq. 6 and 7 with force along tool z and moment about tool y in contact."""
-    g, dt = context, m.clock[1]
-    state = hybrid_state_of(context[GAINS_SIZE:])
-    position_by_velocity(m, t, PositionGains(g[0], g[1], g[2]), dt, state, twist)
-    _turn_and_press(g, dt, m, t, state, twist)
-
-
-@njit(cache=True)
-def step_hybrid_pi_position(context: Array, m: Measurement, t: Target, twist: Array) -> None:
-    """Controller ``hybrid-pi-position``: as ``hybrid-pi`` with the position loop of eq. 5."""
-    g, dt = context, m.clock[1]
-    state = hybrid_state_of(context[GAINS_SIZE:])
-    position_by_error(m, t, PositionRateGains(g[3], g[4]), twist)
-    _turn_and_press(g, dt, m, t, state, twist)
-
-
-@njit(cache=True)
-def step_position(context: Array, m: Measurement, t: Target, twist: Array) -> None:
-    """Controller ``position``: eq. 6 and 7 on all six axes, no force control."""
-    g, dt = context, m.clock[1]
-    state = hybrid_state_of(context[GAINS_SIZE:])
-    position_by_velocity(m, t, PositionGains(g[0], g[1], g[2]), dt, state, twist)
-    turn_to_target(m, t, OrientationGains(g[0], g[5], g[6], g[7]), dt, np.zeros(3), state, twist)
-
-
-@njit(cache=True)
-def _turn_and_press(g, dt, m, t, state, twist):  # type: ignore[no-untyped-def]
-    turning = OrientationGains(g[0], g[5], g[6], g[7])
-    if t.contact[0] == 0.0:
-        for i in range(3):
-            state.force[i] = state.moment[i] = 0.0
-        turn_to_target(m, t, turning, dt, np.zeros(3), state, twist)
-        return
-    turn_to_target(m, t, turning, dt, m.rotation[:, 1].copy(), state, twist)
-    press_along_z(m, t, PiGains(g[8], g[9], g[10], g[15]), dt, state, twist)
-    level_about_y(m, t, PiGains(g[11], g[12], g[13], g[15]), g[14], g[0], dt, state, twist)
-
-
-@cache
-def hybrid_pi_law() -> Any:
-    """Compiled entry of ``hybrid-pi``, made at first use."""
-
-    @cfunc(LAW_SIGNATURE, cache=True)
-    def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
-        m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
-        t = target_of(carray(target, TARGET_SIZE))
-        step_hybrid_pi(carray(context, CONTEXT_SIZE), m, t, carray(twist, ANSWER_SIZE))
-
-    return law
-
-
-@cache
-def hybrid_pi_position_law() -> Any:
-    """Compiled entry of ``hybrid-pi-position``, made at first use."""
-
-    @cfunc(LAW_SIGNATURE, cache=True)
-    def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
-        m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
-        t = target_of(carray(target, TARGET_SIZE))
-        step_hybrid_pi_position(carray(context, CONTEXT_SIZE), m, t, carray(twist, ANSWER_SIZE))
-
-    return law
-
-
-@cache
-def position_law() -> Any:
-    """Compiled entry of ``position``, made at first use."""
-
-    @cfunc(LAW_SIGNATURE, cache=True)
-    def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
-        m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
-        t = target_of(carray(target, TARGET_SIZE))
-        step_position(carray(context, CONTEXT_SIZE), m, t, carray(twist, ANSWER_SIZE))
-
-    return law
-
-
-class CompiledController:
-    """A shipped controller: its gains and memory in one array, its step compiled."""
-
-    def __init__(self, gains: Array, step: Callable[..., None], law: Callable[[], Any]) -> None:
-        self.context = np.zeros(CONTEXT_SIZE)
-        self.context[: len(gains)] = gains
-        self._step, self._law = step, law
-
-    def reset(self, cycle_s: float) -> None:
-        """Forget everything."""
-        self.context[GAINS_SIZE:] = 0.0
-
-    def step(self, measurement: Measurement, target: Target) -> Array:
-        """Return the tool twist to command and the share of the planned feed, shape (7,)."""
-        twist = WHOLE_FEED.copy()
-        self._step(self.context, measurement, target, twist)
-        return twist
-
-    def compiled_law(self) -> Any:
-        """First-class compiled function for the loop."""
-        return self._law()
-
-
-def gains_of(config: ControllerConfig) -> Array:
-    """Gains in the order the compiled laws read them, shape (16,)."""
-    return np.array(
-        [
-            config.look_ahead_s,
-            config.position_p,
-            config.position_d_s,
-            config.position_rate_p,
-            config.position_rate_d,
-            config.orientation_p,
-            config.orientation_i_hz,
-            config.orientation_d_s,
-            config.force_p_m_sn,
-            config.force_i_m_s2n,
-            config.force_limit_m_s,
-            config.moment_p_rad_snm,
-            config.moment_i_rad_s2nm,
-            config.moment_limit_rad_s,
-            config.moment_tilt_limit_rad,
-            config.force_filter_hz,
-        ]
-    )
-
-
-def hybrid_pi(config: ControllerConfig) -> CompiledController:
-    """Paper 1's controller for a speed-commanded robot (eq. 6, 7; fig. 10, 11)."""
-    return CompiledController(gains_of(config), step_hybrid_pi, hybrid_pi_law)
-
-
-def hybrid_pi_position(config: ControllerConfig) -> CompiledController:
-    """Its sister with the position loop of eq. 5."""
-    return CompiledController(gains_of(config), step_hybrid_pi_position, hybrid_pi_position_law)
-
-
-def position(config: ControllerConfig) -> CompiledController:
-    """Position control alone: what a pressed-in path gives without a force loop."""
-    return CompiledController(gains_of(config), step_position, position_law)
-
+__all__ = ["CONTROLLERS", "LAW_SIGNATURE", "CompiledController", "Controller", "gains_of"]
 
 CONTROLLERS: Mapping[str, Callable[[ControllerConfig], CompiledController]] = MappingProxyType(
-    {"hybrid-pi": hybrid_pi, "hybrid-pi-position": hybrid_pi_position, "position": position}
+    {
+        "hybrid-pi": hybrid_pi,
+        "hybrid-pi-position": hybrid_pi_position,
+        "position": position,
+        "admittance": admittance,
+        "impedance-position": impedance_position,
+        "force-mode": force_mode,
+    }
 )
