@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import RealPart, Touch, build_real_part
 from polish_sim.cell.guards import CRASH, REASONS
-from polish_sim.cell.real_part import bend_of, displacement_of
+from polish_sim.cell.real_part import bend_of, build_part_fields, displacement_of
 from polish_sim.config import PartConfig
 from polish_sim.geometry import Surface, field_distance
 from polish_sim.geometry.fit import fit_triangles
@@ -37,7 +37,8 @@ def top_of(sheet: Surface) -> Surface:
 
 def real(sheet: Surface, config: PartConfig, seed: int = 0) -> RealPart:
     touch = Touch(np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0]]), np.array([UP, UP]), PAD.radius_m)
-    return build_real_part(sheet, config, T_BASE_WORK, top_of(sheet), UP, touch, np.random.default_rng(seed))
+    fields = build_part_fields(sheet, touch)
+    return build_real_part(fields, config, T_BASE_WORK, top_of(sheet), UP, np.random.default_rng(seed))
 
 
 def test_the_displacement_has_its_size_and_at_least_seven_tenths_of_it_along_the_normal() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -39,7 +40,7 @@ def distances(scenario: Scenario, points: np.ndarray) -> list[float]:
     segment, turns = np.full(count, PROCESS, np.int8), np.zeros(count, np.int64)
     path = ToolPath(positions, axes, ACROSS - ACROSS[0], turns, segment, np.zeros(count))
     place = place_force(scenario)
-    met = build_part(scenario, place._replace(path=path))
+    met = build_part(scenario, replace(place, path=path))
     return [field_distance(met.field, *point) for point in points]
 
 

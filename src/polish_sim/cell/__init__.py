@@ -3,6 +3,7 @@
 from polish_sim.cell.carried import weight_of
 from polish_sim.cell.cell import Cell, CellRun
 from polish_sim.cell.contact import RealPart, build_pad, press_pad
+from polish_sim.cell.course import build_course
 from polish_sim.cell.observer import Observer, Silent
 from polish_sim.cell.real_part import Touch, build_real_part, no_part
 from polish_sim.cell.rest import read_at_rest
@@ -17,6 +18,7 @@ __all__ = [
     "RealPart",
     "Silent",
     "Touch",
+    "build_course",
     "build_pad",
     "build_real_part",
     "build_scene",

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import PartConfig
-from polish_sim.geometry.distance.distance_field import DistanceField, build_distance_field
+from polish_sim.geometry.distance.distance_field import DistanceField, bend_field, build_distance_field
 from polish_sim.geometry.distance.field_lookup import NODES, OUTSIDE
 from polish_sim.geometry.surface import Surface
 from polish_sim.spatial import transform
@@ -107,24 +107,37 @@ def displacement_of(config: PartConfig, normal: Array, center: Array, rng: np.ra
     return transform(R, center - R @ center + shift)
 
 
+class PartFields(NamedTuple):
+    """Signed distances of a part before its errors, work frame; they are the costly part of it."""
+
+    near: DistanceField
+    """Where the pad can touch."""
+    coarse: DistanceField
+    """The whole part, for the crash check."""
+
+
+def build_part_fields(surface: Surface, touch: Touch) -> PartFields:
+    """Sample the distance to a whole surface (work frame): finely where the pad goes, coarsely all over."""
+    near = build_distance_field(pressed_side(surface, touch), FIELD_SPACING, touch.depth, bounds=touched_box(touch))
+    return PartFields(near, build_distance_field(surface, COARSE_SPACING, COARSE_BAND))
+
+
 def build_real_part(
-    surface: Surface,
+    fields: PartFields,
     config: PartConfig,
     T_base_work: Array,
     region: Surface,
     up: Array,
-    touch: Touch,
     rng: np.random.Generator,
 ) -> RealPart:
     """Displace and bend the part.
 
     Args:
-        surface: The whole nominal surface, work frame.
+        fields: The part without these errors, see ``build_part_fields``.
         config: Sizes of the errors.
         T_base_work: Nominal pose of the work frame, shape (4, 4).
         region: The polished part of it; the errors are sized on it.
         up: Direction of the displacement if the region's normals cancel out, work frame, shape (3,).
-        touch: Where the pad goes.
         rng: Draws the errors.
 
     Returns:
@@ -136,13 +149,11 @@ def build_real_part(
     normal = normal / np.linalg.norm(normal) if size > 0.1 else up
     bend = bend_of(config, points, rng)
     T_work_real = displacement_of(config, normal, points.mean(axis=0), rng)
-    side = pressed_side(surface, touch)
-    field = build_distance_field(side, FIELD_SPACING, touch.depth, bounds=touched_box(touch), offset=bend)
-    coarse = build_distance_field(surface, COARSE_SPACING, COARSE_BAND)
     T_base_real = T_base_work @ T_work_real
     rotation, position = np.ascontiguousarray(T_base_real[:3, :3]), np.ascontiguousarray(T_base_real[:3, 3])
     x, y, z = rotation @ normal
-    return RealPart(field, coarse, rotation, position, (float(x), float(y), float(z)))
+    field = bend_field(fields.near, bend)
+    return RealPart(field, fields.coarse, rotation, position, (float(x), float(y), float(z)))
 
 
 def pressed_side(surface: Surface, touch: Touch) -> Surface:

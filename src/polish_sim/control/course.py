@@ -22,11 +22,17 @@ class Course(NamedTuple):
     depth: Array
     """Depth along the tool axis, from the unpressed surface, at which springs and pad press with the wanted force [m],
     shape (n,)."""
+    surplus: Array
+    """That depth beyond the planned target's [m], shape (n,); zero where the whole pad lies flat on the part."""
     stiffness: Array
     """Change of the force with that depth, head spring and touching part of the pad in series [N/m], shape (n,)."""
+    moment: Array
+    """Moment about tool x and y, tool point, of the tool on the part at that depth [N m], shape (n, 2)."""
+    tilt_stiffness: Array
+    """Change of that moment with a tilt of the tool about its own axis at the same force [N m/rad], shape (n, 2)."""
     curvature: Array
     """Normal curvature along the path [1/m], shape (n,)."""
     turning: Array
-    """Magnitude of the tool's rotation per arc length [rad/m], shape (n,)."""
+    """Planned rotation of the tool per arc length, base frame [rad/m], shape (n, 3)."""
     neighbour: NDArray[np.int64]
     """Row of the nearest place on an earlier turn, -1 where there is none within about a step-over, shape (n,)."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
-from polish_sim.cell import Cell, build_real_part, build_scene
+from polish_sim.cell import Cell, Job, build_course, build_real_part, build_scene
 from polish_sim.cell.contact import RealPart
-from polish_sim.cell.real_part import depth_for
+from polish_sim.cell.real_part import PartFields, build_part_fields, depth_for
 from polish_sim.config import Scenario
-from polish_sim.control import build_controller
+from polish_sim.control import Controller, Course, build_controller
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
     PAYLOAD_STREAM,
@@ -24,7 +25,8 @@ from polish_sim.geometry import PartMesh, Region, Surface
 from polish_sim.planning import ToolPath
 
 
-class Workplace(NamedTuple):
+@dataclass(frozen=True)
+class Workplace:
     """A part as drawn and as it is, the path on it, where it stands and how the arm does it; nothing is random."""
 
     mesh: PartMesh
@@ -33,13 +35,28 @@ class Workplace(NamedTuple):
     path: ToolPath
     reach: Reach
     shape: RealShape
+    _kept: dict[tuple[bool, float, float], PartFields] = field(default_factory=dict, init=False, repr=False)
+
+    def drawn(self, scenario: Scenario) -> PartFields:
+        """Distances of the nominal part where a scenario's pad goes; sampled at first use and kept."""
+        return self._fields(RealShape(self.mesh, self.surface, given=False), scenario)
+
+    def actual(self, scenario: Scenario) -> PartFields:
+        """Distances of the part as it is, before it is displaced and bent; sampled at first use and kept."""
+        return self._fields(self.shape, scenario)
+
+    def _fields(self, shape: RealShape, scenario: Scenario) -> PartFields:
+        depth = modelled_depth(strongest(scenario, self.path))
+        key = (shape.given, scenario.pad.radius_m, depth)
+        if key not in self._kept:
+            self._kept[key] = build_part_fields(shape.surface, touched(shape, self.path, scenario.pad.radius_m, depth))
+        return self._kept[key]
 
 
 def build_part(scenario: Scenario, place: Workplace) -> RealPart:
     """The part as it really is, displaced and bent as the scenario's seed draws it."""
-    touch = touched(place.shape, place.path, scenario.pad.radius_m, modelled_depth(strongest(scenario, place.path)))
     return build_real_part(
-        place.shape.surface, scenario.part, place.reach.T_base_work, place.region.surface, place.mesh.up, touch,
+        place.actual(scenario), scenario.part, place.reach.T_base_work, place.region.surface, place.mesh.up,
         random_streams(scenario.seed)[PART_STREAM],
     )  # fmt: skip
 
@@ -63,10 +80,18 @@ def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float
         The cell, not yet run; its host believes the payload it has calibrated.
     """
     streams = random_streams(scenario.seed)
+    strokes = polishing_strokes(scenario, place.path, place.reach, hold, lift)
+    controller = build_controller(scenario.controller)
     cell = Cell(
-        strongest(scenario, place.path), build_scene(scenario, place.shape.mesh, part), part,
-        polishing_strokes(scenario, place.path, place.reach, hold, lift), place.reach.q_start,
-        build_controller(scenario.controller), streams[SENSOR_STREAM],
+        strongest(scenario, place.path), build_scene(scenario, place.shape.mesh, part), part, strokes,
+        place.reach.q_start, controller, streams[SENSOR_STREAM], course_for(controller, scenario, place, strokes),
     )  # fmt: skip
     believe_tool(cell, streams[PAYLOAD_STREAM])
     return cell
+
+
+def course_for(controller: Controller, scenario: Scenario, place: Workplace, strokes: Sequence[Job]) -> Course | None:
+    """What lies ahead on the path, for a controller that prepares for it; None for the others."""
+    if not callable(getattr(controller, "prepare", None)):
+        return None
+    return build_course(scenario, strokes, place.drawn(scenario).near, place.reach.T_base_work)

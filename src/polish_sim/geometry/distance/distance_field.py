@@ -25,7 +25,7 @@ from polish_sim.geometry.distance.field_lookup import (
 from polish_sim.geometry.distance.signed_distance import Skin, build_skin, signed_distance
 from polish_sim.geometry.surface import Surface
 
-__all__ = ["DistanceField", "build_distance_field", "field_distance", "field_gradient"]
+__all__ = ["DistanceField", "bend_field", "build_distance_field", "field_distance", "field_gradient"]
 
 Floats = NDArray[np.float64]
 
@@ -79,11 +79,22 @@ def build_distance_field(
     for begin in range(0, len(near), _BATCH):
         batch = slice(begin, begin + _BATCH)
         corners = origin + side * near[batch]
-        distances = _sample_bricks(skin, corners, hints[batch], spacing, band)
-        if offset is not None:
-            distances -= offset(_nodes(corners, spacing).reshape(-1, 3)).reshape(distances.shape)
-        bricks[batch] = np.clip(distances, -band, band)
-    return DistanceField(origin, float(spacing), float(band), table, bricks)
+        bricks[batch] = _sample_bricks(skin, corners, hints[batch], spacing, band)
+    field = DistanceField(origin, float(spacing), float(band), table, bricks)
+    return field if offset is None else bend_field(field, offset)
+
+
+def bend_field(field: DistanceField, offset: Callable[[Floats], Floats]) -> DistanceField:
+    """The field of the same part bent by a form error: outward shift of the surface [m], (n,), at points (n, 3)."""
+    places = np.argwhere(field.table >= 0)
+    corners = np.empty((len(field.bricks), 3))
+    corners[field.table[tuple(places.T)]] = field.origin + CELLS * field.spacing * places
+    bricks = np.empty_like(field.bricks)
+    for begin in range(0, len(bricks), _BATCH):
+        batch = slice(begin, begin + _BATCH)
+        shift = offset(_nodes(corners[batch], field.spacing).reshape(-1, 3)).reshape(bricks[batch].shape)
+        bricks[batch] = np.clip(field.bricks[batch] - shift, -field.band, field.band)
+    return field._replace(bricks=bricks)
 
 
 def _find_near_bricks(

@@ -1,0 +1,228 @@
+"""What lies ahead on the path: at every half millimetre the statics of springs and pad on the drawing (layer 8a)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from polish_sim.cell.contact import build_pad
+from polish_sim.cell.sequence import Job
+from polish_sim.config import Scenario
+from polish_sim.control.course import Course
+from polish_sim.geometry.distance.distance_field import DistanceField
+from polish_sim.geometry.distance.field_lookup import look_up
+from polish_sim.motion.trajectory import PathTable, sample_path, sample_share
+from polish_sim.spatial.rotations import rotation_from_quaternion
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SPACING = 0.0005  # of the rows [m]
+REACH = 1.5  # step-overs within which a turn counts as neighbour
+APART = 2.5  # times that reach along the path: nearer places are the same strand
+ROUNDS = 30
+CLOSE_N = 1e-4  # force to which the statics are solved [N]
+LONGEST_STEP = 0.002  # of the search for the depth [m]
+FURTHEST = 0.02  # the pad is sought this far from its planned place [m]
+
+
+class _Poses(NamedTuple):
+    """Planned, pressed-in tool poses at rows of the course, base frame."""
+
+    positions: Array
+    rotations: Array
+    turning: Array
+    curvature: Array
+    force: Array
+
+
+class _Statics(NamedTuple):
+    """Columns of the course that the contact gives."""
+
+    surplus: Array
+    stiffness: Array
+    moment: Array
+    tilt_stiffness: Array
+
+
+def build_course(scenario: Scenario, strokes: Sequence[Job], drawn: DistanceField, T_base_work: Array) -> Course:
+    """Work out what force, springs, pad and the drawn part ask for along the whole path.
+
+    Args:
+        scenario: Force, head, pad, step-over.
+        strokes: The jobs of the path, all of it.
+        drawn: Signed distance of the nominal part, work frame.
+        T_base_work: Nominal pose of the part, shape (4, 4).
+
+    Returns:
+        The course. Rows between two strokes, in the air, repeat the nearest row in contact.
+    """
+    rows = math.floor(max(job.start_s + job.process.length for job in strokes) / SPACING) + 2
+    owner = _stroke_of_rows(strokes, rows)
+    s = np.arange(rows) * SPACING
+    parts = [_poses(job, s[owner == k]) for k, job in enumerate(strokes)]
+    poses = _Poses(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    R, p = T_base_work[:3, :3], T_base_work[:3, 3]
+    pad = build_pad(scenario.pad)
+    statics = _Statics(
+        *_solve(
+            drawn, pad.x, pad.y, pad.stiffness, scenario.head.stiffness_n_m, (poses.positions - p) @ R,
+            np.ascontiguousarray(R.T @ poses.rotations), poses.force,
+        )
+    )  # fmt: skip
+    springs = 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
+    pressed_in = poses.force / springs
+    unpressed = poses.positions - pressed_in[:, None] * poses.rotations[:, :, 2]
+    return Course(
+        SPACING,
+        pressed_in + statics.surplus,
+        statics.surplus,
+        statics.stiffness,
+        statics.moment,
+        statics.tilt_stiffness,
+        poses.curvature,
+        poses.turning,
+        nearest_earlier(unpressed, SPACING, REACH * scenario.plan.stepover_m),
+    )
+
+
+def nearest_earlier(points: Array, spacing: float, reach: float) -> Ints:
+    """Row of the nearest earlier point that is not of the same strand, -1 where there is none.
+
+    Args:
+        points: Places at equal steps of arc length [m], shape (n, 3).
+        spacing: The step [m].
+        reach: Furthest a neighbour may be [m].
+
+    Returns:
+        Rows, shape (n,).
+    """
+    stride = max(1, int(reach / (6.0 * spacing)))
+    few = np.arange(0, len(points), stride)
+    gap = math.ceil(APART * reach / (spacing * stride))
+    tree = cKDTree(points[few])
+    found = np.asarray(tree.query(points[few], k=min(64, len(few)), distance_upper_bound=reach)[1]).reshape(
+        len(few), -1
+    )
+    earlier = found < np.arange(len(few))[:, None] - gap
+    first = earlier.argmax(axis=1)
+    coarse = np.where(earlier.any(axis=1), found[np.arange(len(few)), first] * stride, -1)
+    return _refined(points, np.repeat(coarse, stride)[: len(points)], stride)
+
+
+def _refined(points: Array, coarse: Ints, stride: int) -> Ints:
+    """The nearest row within a stride of a guess, shape (n,)."""
+    tried = np.clip(coarse[:, None] + np.arange(-2 * stride, 2 * stride + 1), 0, len(points) - 1)
+    distance = np.linalg.norm(points[tried] - points[:, None], axis=2)
+    best = tried[np.arange(len(points)), distance.argmin(axis=1)]
+    return np.asarray(np.where(coarse < 0, -1, best), dtype=np.int64)
+
+
+def _stroke_of_rows(strokes: Sequence[Job], rows: int) -> Ints:
+    """Number of the stroke each row belongs to; rows in the air belong to the nearer one, shape (rows,)."""
+    s = np.arange(rows) * SPACING
+    starts = np.array([job.start_s for job in strokes])
+    ends = starts + [job.process.length for job in strokes]
+    return np.searchsorted(0.5 * (ends[:-1] + starts[1:]), s).astype(np.int64)
+
+
+def _poses(job: Job, s: Array) -> _Poses:
+    """Poses of one stroke at arc lengths of the plan (n,) [m], held at its ends."""
+    positions, rotations, turning = np.empty((len(s), 3)), np.empty((len(s), 3, 3)), np.empty((len(s), 3))
+    curvature, force = np.empty(len(s)), np.empty(len(s))
+    _sample(job.process, s - job.start_s, positions, rotations, turning, curvature, force)
+    return _Poses(positions, rotations, turning, curvature, job.force * force)
+
+
+@njit(cache=True)
+def _sample(
+    table: PathTable, places: Array, positions: Array, rotations: Array, turning: Array, curvature: Array, force: Array
+) -> None:
+    tangent, quaternion = np.empty(3), np.empty(4)
+    for i in range(len(places)):
+        row = sample_path(table, places[i], positions[i], tangent, quaternion, turning[i])
+        rotation_from_quaternion(quaternion, rotations[i])
+        curvature[i] = table.curvature[row]
+        force[i] = sample_share(table, table.force_share, places[i])
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(field, x, y, k_point, k_head, positions, rotations, forces):  # type: ignore[no-untyped-def]
+    """Depth beyond each pose at which head spring and pad press with the wanted force.
+
+    The pad's force grows convexly with its depth: Newton's method, begun from the row before.
+
+    Args:
+        field: Signed distance of the part.
+        x: Sample points of the disc [m], shape (p,).
+        y: [m], shape (p,)
+        k_point: Stiffness of one point [N/m].
+        k_head: Head spring [N/m].
+        positions: Tool points in the field's frame [m], shape (n, 3).
+        rotations: Tool frames in it, shape (n, 3, 3).
+        forces: Wanted [N], shape (n,).
+
+    Returns:
+        Surplus (n,) [m], stiffness (n,) [N/m], moment (n, 2) [N m], tilt stiffness (n, 2) [N m/rad].
+    """
+    count = len(positions)
+    surplus, stiffness = np.empty(count), np.empty(count)
+    moment, tilt_stiffness = np.empty((count, 2)), np.empty((count, 2))
+    nodes, sums = field.bricks.reshape(-1), np.empty(7)
+    u = 0.0
+    for i in range(count):
+        p, R = positions[i], rotations[i]
+        for _ in range(ROUNDS):
+            _press_disc(field, nodes, x, y, k_point, p, R, u, forces[i] / k_head, sums)
+            short = forces[i] - sums[0]
+            if abs(short) < CLOSE_N:
+                break
+            step = short / sums[1] if sums[1] > 0.0 else LONGEST_STEP
+            u = min(max(u + min(max(step, -LONGEST_STEP), LONGEST_STEP), -FURTHEST), FURTHEST)
+        surplus[i] = u + forces[i] / k_head
+        stiffness[i] = sums[1] * k_head / (sums[1] + k_head)
+        for a in range(2):
+            moment[i, a], tilt_stiffness[i, a] = sums[2 + a], sums[4 + a]
+    return surplus, stiffness, moment, tilt_stiffness
+
+
+@njit(cache=True, error_model="numpy")
+def _press_disc(field, nodes, x, y, k, p, R, u, travel, sums):  # type: ignore[no-untyped-def]
+    """Force and stiffness along tool z, moments about tool x and y and their tilt stiffness at a force, into ``sums``.
+
+    The pad's face is ``u`` [m] beyond the pose, the tool point ``travel`` [m] further.
+    """
+    force = slope = moment_x = moment_y = 0.0
+    slope_x = slope_y = slope_xx = slope_yy = 0.0
+    per_metre = 1.0 / field.spacing
+    for q in range(len(x)):
+        a, b = x[q], y[q]
+        distance, gx, gy, gz = look_up(
+            field, nodes, per_metre,
+            p[0] + a * R[0, 0] + b * R[0, 1] + u * R[0, 2],
+            p[1] + a * R[1, 0] + b * R[1, 1] + u * R[1, 2],
+            p[2] + a * R[2, 0] + b * R[2, 1] + u * R[2, 2],
+        )  # fmt: skip
+        size = math.sqrt(gx * gx + gy * gy + gz * gz)
+        if distance >= 0.0 or size == 0.0:
+            continue
+        # The pad's push on the part, tool axes.
+        nx = -(R[0, 0] * gx + R[1, 0] * gy + R[2, 0] * gz) / size
+        ny = -(R[0, 1] * gx + R[1, 1] * gy + R[2, 1] * gz) / size
+        nz = -(R[0, 2] * gx + R[1, 2] * gy + R[2, 2] * gz) / size
+        push, rise = -k * distance, k * nz * nz
+        force += push * nz
+        slope += rise
+        moment_x += push * (b * nz + travel * ny)
+        moment_y += push * (-travel * nx - a * nz)
+        slope_x, slope_y = slope_x + rise * b, slope_y + rise * a
+        slope_xx, slope_yy = slope_xx + rise * b * b, slope_yy + rise * a * a
+    sums[0], sums[1], sums[2], sums[3] = force, slope, moment_x, moment_y
+    sums[4] = slope_xx - slope_x * slope_x / slope if slope > 0.0 else 0.0
+    sums[5] = slope_yy - slope_y * slope_y / slope if slope > 0.0 else 0.0

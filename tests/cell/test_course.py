@@ -1,0 +1,174 @@
+"""The course: statics of springs and pad along a path, against closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell import Job, build_course
+from polish_sim.cell.course import nearest_earlier
+from polish_sim.config import Scenario
+from polish_sim.control import Course
+from polish_sim.experiments import default_scenario
+from tests.cell.cells import TOUCH, along_tool, path_through, pressing_job, tool_pose
+from tests.cell.fields import plane, sampled, sphere
+from tests.cell.pressing import DOWN, HEAD_STIFFNESS, PAD, PRESSED, below_sphere, foundation, working_depth
+
+Array = NDArray[np.float64]
+
+UPRIGHT = np.array(TOUCH) @ np.diag([1.0, -1.0, -1.0, 1.0])  # pose of a part that is touched at its origin
+FULL_TILT_STIFFNESS = PAD.stiffness_n_m * PAD.radius_m**2 / 4.0  # of a disc all on the part [N m/rad]
+
+
+def scenario(*, stepover: float = 0.008) -> Scenario:
+    usual = default_scenario("surface")
+    return replace(usual, plan=replace(usual.plan, stepover_m=stepover))
+
+
+def course_on(field: object, *jobs: Job) -> Course:
+    return build_course(scenario(), jobs, field, UPRIGHT)  # type: ignore[arg-type]
+
+
+def pressed_with(force: float, T_base_touch: Array = TOUCH, slide: float = 0.01) -> Job:
+    """A job whose poses are pressed in by D = F / k, as the plan's are."""
+    pressed = along_tool(T_base_touch, z=force / 5000.0)
+    table = path_through(pressed, along_tool(pressed, x=slide)) if slide else path_through(pressed)
+    return pressing_job(T_base_touch)._replace(process=table, force=force, depth=force / 5000.0)
+
+
+def test_on_a_plane_springs_and_pad_in_series_say_the_depth_and_nothing_changes_along_the_path() -> None:
+    course = course_on(plane(), pressing_job(slide=0.02))
+    assert len(course.depth) * course.spacing == pytest.approx(0.02, abs=0.0015)
+    np.testing.assert_allclose(course.depth, PRESSED, atol=1e-7)
+    np.testing.assert_allclose(course.surplus, 0.0, atol=1e-7)
+    np.testing.assert_allclose(course.stiffness, 5000.0, rtol=1e-4)
+    np.testing.assert_allclose(course.moment, 0.0, atol=1e-5)
+    np.testing.assert_allclose(course.tilt_stiffness, FULL_TILT_STIFFNESS, rtol=0.02)
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.1, 0.05])
+def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius: float) -> None:
+    course = course_on(sphere(radius), pressing_job())
+
+    def pad_force(depth: float) -> float:
+        return float(foundation(below_sphere(radius), np.array([0.0, 0.0, -depth]), DOWN).force[2])
+
+    pad_depth = brentq(lambda d: pad_force(d) - 20.0, 1e-4, 0.01, xtol=1e-9)
+    assert course.depth[0] == pytest.approx(pad_depth + 20.0 / HEAD_STIFFNESS, rel=0.01)
+    h = 1e-6
+    pad_slope = (pad_force(pad_depth + h) - pad_force(pad_depth - h)) / (2.0 * h)
+    assert course.stiffness[0] == pytest.approx(1.0 / (1.0 / pad_slope + 1.0 / HEAD_STIFFNESS), rel=0.03)
+
+
+@pytest.mark.parametrize(("radius", "force"), [(0.3, 17.4), (0.1, 13.1), (0.05, 9.8)])
+def test_asked_for_what_position_control_gives_on_a_sphere_it_answers_the_depth_of_position_control(
+    radius: float, force: float
+) -> None:
+    """17.4, 13.1 and 9.8 N at 4 mm are what `run force --controller position` presses there."""
+    exact = HEAD_STIFFNESS * (PRESSED - working_depth(radius))
+    assert exact == pytest.approx(force, abs=0.1)
+    course = course_on(sphere(radius), pressed_with(exact, slide=0.0))
+    assert course.depth[0] == pytest.approx(PRESSED, rel=0.01)
+
+
+def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_moment() -> None:
+    """Half the disc carries: twice the pad's compression; its pressure has the centroid of half a disc, 4 R / 3 pi."""
+    edge = sampled(
+        lambda p: np.where(p[..., 0] < 0.0005, p[..., 2], 0.008), (-0.06, -0.06, -0.016), (0.06, 0.06, 0.016)
+    )
+    course = course_on(edge, pressing_job())
+    assert course.depth[0] == pytest.approx(20.0 / HEAD_STIFFNESS + 2.0 * 20.0 / PAD.stiffness_n_m, rel=0.03)
+    R_tool = UPRIGHT[:3, :3].T @ TOUCH[:3, :3]
+    lever = R_tool.T @ [-4.0 * PAD.radius_m / (3.0 * np.pi), 0.0, 0.0]
+    expected = np.cross(lever, [0.0, 0.0, 20.0])
+    np.testing.assert_allclose(course.moment[0], expected[:2], atol=0.01)
+
+
+def test_a_leaning_tool_feels_its_moment_as_the_tilt_stiffness_says() -> None:
+    """A disc all on the part is stiff K R^2 / 4 against tilting, and its tool point has a lever on the side force."""
+    tilt = 0.01
+    leaning = tool_pose(0.0, -0.5, 0.1, (tilt, 0.0, 0.0))
+    course = build_course(scenario(), [pressed_with(20.0, leaning, slide=0.0)], plane(), UPRIGHT)
+    travel = 20.0 / HEAD_STIFFNESS
+    expected = tilt * (FULL_TILT_STIFFNESS + 20.0 * travel)
+    assert np.abs(course.moment[0, 0]) == pytest.approx(expected, rel=0.03)
+    assert np.abs(course.moment[0, 1]) < 0.02 * expected
+
+
+def test_a_force_that_changes_along_the_path_is_followed() -> None:
+    table = path_through(along_tool(TOUCH, z=PRESSED), along_tool(TOUCH, x=0.01, z=0.5 * PRESSED))
+    shares = np.linspace(1.0, 0.5, len(table.force_share))
+    course = course_on(plane(), pressing_job()._replace(process=table._replace(force_share=shares)))
+    assert course.depth[0] == pytest.approx(PRESSED, rel=1e-3)
+    assert course.depth[10] == pytest.approx((1.0 - 0.5 * 0.005 / table.length) * PRESSED, rel=1e-3)
+    np.testing.assert_allclose(course.surplus, 0.0, atol=1e-6)
+
+
+def test_rows_follow_the_arc_length_of_the_plan_over_several_strokes() -> None:
+    """On the second stroke, 40 mm further along the plan, the tool presses half as hard."""
+    first = pressed_with(20.0, slide=0.02)
+    second = pressed_with(10.0, along_tool(TOUCH, y=0.01), slide=0.02)._replace(start_s=0.04)
+    course = course_on(plane(), first, second)
+    rows = np.arange(len(course.depth)) * course.spacing
+    np.testing.assert_allclose(course.depth[rows < 0.0295], PRESSED, rtol=1e-3)
+    np.testing.assert_allclose(course.depth[rows > 0.0305], 0.5 * PRESSED, rtol=1e-3)
+    assert course.neighbour[round(0.05 / course.spacing)] == pytest.approx(0.01 / course.spacing, abs=1)
+
+
+def test_the_turning_of_the_tool_is_that_of_the_path() -> None:
+    turned = along_tool(tool_pose(0.0, -0.5, 0.1, (0.1, 0.0, 0.0)), x=0.02)
+    job = pressing_job()._replace(process=path_through(TOUCH, turned))
+    course = course_on(plane(), job)
+    np.testing.assert_allclose(course.turning[10], [0.1 / job.process.length, 0.0, 0.0], atol=1e-3)
+
+
+def spiral(turns: float, pitch: float, spacing: float) -> Array:
+    """Points of an Archimedean spiral at equal steps [m], (n, 3)."""
+    angle = np.linspace(2.0 * np.pi, 2.0 * np.pi * turns, 20001)
+    radius = pitch * angle / (2.0 * np.pi)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle], axis=1)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = np.arange(0.0, s[-1], spacing)
+    return np.stack([np.interp(at, s, points[:, k]) for k in range(3)], axis=1)
+
+
+def test_the_neighbour_on_a_spiral_is_the_turn_before_one_pitch_away() -> None:
+    points, pitch = spiral(8.0, 0.008, 0.0005), 0.008
+    rows = nearest_earlier(points, 0.0005, 1.5 * pitch)
+    later = np.arange(len(points)) > 0.6 * len(points)
+    assert (rows[later] >= 0).all()
+    away = np.linalg.norm(points - points[rows], axis=1)[later]
+    assert away.min() > 0.9 * pitch
+    assert away.max() < 1.02 * pitch
+    assert (rows[:60] == -1).all()
+
+
+def test_a_raster_line_neighbours_the_line_before_run_the_other_way() -> None:
+    x = np.arange(0.0, 0.1, 0.0005)
+    there = np.stack([x, 0.0 * x, 0.0 * x], axis=1)
+    back = np.stack([x[::-1], 0.0 * x + 0.008, 0.0 * x], axis=1)
+    rows = nearest_earlier(np.concatenate([there, back]), 0.0005, 0.012)
+    assert (rows[: len(x)] == -1).all()
+    np.testing.assert_array_equal(rows[len(x) + 60 :], np.arange(len(x))[::-1][60:])
+
+
+def test_places_of_the_same_strand_are_no_neighbours() -> None:
+    x = np.arange(0.0, 0.2, 0.0005)
+    assert (nearest_earlier(np.stack([x, 0.0 * x, 0.0 * x], axis=1), 0.0005, 0.012) == -1).all()
+
+
+def test_rotation_of_the_whole_cell_changes_no_column_but_the_turning() -> None:
+    """Part and path turned together: the same statics."""
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_rotvec([0.2, -0.3, 0.5]).as_matrix()
+    job = pressing_job(slide=0.01)
+    there = build_course(scenario(), [job], sphere(0.1), UPRIGHT)
+    moved = pressing_job(turn @ TOUCH, slide=0.01)
+    here = build_course(scenario(), [moved], sphere(0.1), turn @ UPRIGHT)
+    np.testing.assert_allclose(here.depth, there.depth, atol=1e-7)
+    np.testing.assert_allclose(here.moment, there.moment, atol=1e-4)
