@@ -67,7 +67,7 @@ def simulate(
     """Run a scenario along its path and write config, figures, log and path into a folder."""
     result = run_experiment(scenario, way, observer)
     metrics = {**result.figures, "versions": package_versions()}
-    record = RunRecord(scenario.experiment, result.scenario, metrics, result.log, result.path)
+    record = RunRecord(scenario.experiment, result.scenario, metrics, result.log, result.path, result.removal)
     write_record(folder, record)
     return record, result
 

@@ -95,6 +95,10 @@ class ProcessConfig:
     hold_s: float = key(4.0, "how long `force` holds after first contact [s]", 1.0, 600.0)
     contact_threshold_n: float = key(2.0, "measured force that counts as contact [N]", 0.1, 50.0)
     search_depth_m: float = key(0.01, "how far past the nominal surface contact is sought [m]", 0.0, 0.1)
+    preston_1_pa: float = key(
+        0.0, "wear coefficient of Preston's law, removal = this x pressure x way; 0 = unknown, removal relative [1/Pa]",
+        0.0, 1.0,
+    )  # fmt: skip
     max_feed_s: float = key(0.0, "stop the feed after this long, 0 = the whole path [s]", 0.0, 1e6)
 
 

@@ -31,3 +31,5 @@ class Trace(NamedTuple):
     """Where on the path the target is."""
     part_shift_m: Array
     """How far the part has moved from where it lay at rest, base frame, shape (n, 3)."""
+    pad_travel_m: Array
+    """How far the head's spring is compressed."""

@@ -18,9 +18,11 @@ from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.log import RunLog, read_log, write_log
 from polish_sim.planning.toolpath import ToolPath
+from polish_sim.removal import RemovalMap, read_removal, write_removal
 from polish_sim.scenario_file import load_scenario, to_toml
 
 CONFIG, METRICS, LOG, PATH = "config.toml", "metrics.json", "log.npz", "path.npz"
+REMOVAL = "removal.npz"
 VERSIONED = ("polish-sim", "mujoco", "numpy", "scipy", "numba", "trimesh")
 
 
@@ -36,6 +38,8 @@ class RunRecord:
     log: RunLog
     path: ToolPath | None
     """The path that was run; None for experiments without a part."""
+    removal: RemovalMap | None = None
+    """What the run took off the part, if that was measured."""
 
 
 def write_record(folder: Path, record: RunRecord) -> None:
@@ -46,6 +50,8 @@ def write_record(folder: Path, record: RunRecord) -> None:
     if record.path is not None:
         columns = {name: column for name, column in vars(record.path).items() if column is not None}
         np.savez_compressed(folder / PATH, allow_pickle=False, **columns)
+    if record.removal is not None:
+        write_removal(folder / REMOVAL, record.removal)
 
 
 def read_record(folder: Path) -> RunRecord:
@@ -59,7 +65,9 @@ def read_record(folder: Path) -> RunRecord:
         raise InputError(f"'{folder}' is not a run folder: it lacks {', '.join(missing)}. Give a folder made by 'run'.")
     scenario = load_scenario(folder / CONFIG, Scenario())
     path = _read_path(folder / PATH) if (folder / PATH).is_file() else None
-    return RunRecord(folder.resolve().name, scenario, read_json(folder / METRICS), read_log(folder / LOG), path)
+    removal = read_removal(folder / REMOVAL) if (folder / REMOVAL).is_file() else None
+    name, metrics, log = folder.resolve().name, read_json(folder / METRICS), read_log(folder / LOG)
+    return RunRecord(name, scenario, metrics, log, path, removal)
 
 
 def write_json(file: Path, figures: Mapping[str, Any]) -> None:

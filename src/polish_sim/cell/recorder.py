@@ -91,7 +91,7 @@ def record_state(
     recorder.span[1] = max(recorder.span[1], force)
     speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
     trace = recorder.trace[recorder.filled[1]]
-    _trace_step(trace, t, phase, force, speed, m, target)
+    _trace_step(trace, t, phase, force, speed, m, target, travel)
     for i in range(3):
         trace[12 + i] = part_position[i] - part_rest[i]
     recorder.filled[1] += 1
@@ -117,7 +117,7 @@ def record_state(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _trace_step(
-    trace: Array, t: float, phase: float, force: float, speed: float, m: Measurement, target: Target
+    trace: Array, t: float, phase: float, force: float, speed: float, m: Measurement, target: Target, travel: float
 ) -> None:
     ex, ey, ez = (
         target.position[0] - m.position[0],
@@ -132,7 +132,7 @@ def _trace_step(
     trace[5] = rotation_angle(m.rotation, target.rotation)
     trace[6], trace[7], trace[8] = m.position[0], m.position[1], m.position[2]
     trace[9] = speed
-    trace[10] = target.path[0]
+    trace[10], trace[11] = target.path[0], travel
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -157,4 +157,5 @@ def trace_from(block: Array) -> Trace:
         block[:, 9],
         block[:, 10],
         block[:, 12:15],
+        block[:, 11],
     )

@@ -12,6 +12,7 @@ from polish_sim.cell.cell import CellRun
 from polish_sim.config import Scenario
 from polish_sim.log import RunLog
 from polish_sim.planning.toolpath import ToolPath
+from polish_sim.removal import RemovalMap
 from polish_sim.trace import Trace
 
 Array = NDArray[np.float64]
@@ -31,6 +32,8 @@ class RunResult:
     interrupted: bool
     path: ToolPath | None = None
     """The path that was run, work frame."""
+    removal: RemovalMap | None = None
+    """What it took off the part, of ``surface`` only."""
 
 
 def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None) -> dict[str, Any]:

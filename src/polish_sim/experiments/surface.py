@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from polish_sim.analysis.metrics import measure_surface
+from polish_sim.analysis.removal_figures import measure_removal
 from polish_sim.cell import Observer, Silent
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -12,6 +13,7 @@ from polish_sim.experiments.assembly import Workplace, build_cell, build_part
 from polish_sim.experiments.part_setup import check_set_points, path_done, reach_path
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.real_shape import RealShape, real_shape
+from polish_sim.experiments.removal import remove_material
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.planning import PlanResult, coverage_until, plan_part
 
@@ -75,13 +77,18 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     plan, reach, place = task.plan, task.reach, task.place
     path = plan.path
     observer.stage("prepare the cell")
-    cell = build_cell(scenario, place, build_part(scenario, place), hold=0.0, lift=scenario.plan.clearance_m)
+    part = build_part(scenario, place)
+    cell = build_cell(scenario, place, part, hold=0.0, lift=scenario.plan.clearance_m)
     observer.stage("simulate")
     run = cell.run(observer)
     fed = run.trace.path_s_m[run.trace.phase == 2]
     figures: dict[str, Any] = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
     reached = float(fed[-1]) if len(fed) else -1.0
     figures["coverage"] = coverage_until(plan, reached, scenario.process, scenario.pad)
+    removal = remove_material(scenario, place, part, run)
+    figures |= measure_removal(removal.map)
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
     figures |= cell.payload_errors._asdict()
-    return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)
+    return RunResult(
+        scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map
+    )  # fmt: skip
