@@ -35,6 +35,7 @@ UNITS = {
     "_m_s": "[m/s]", "_m_s2": "[m/s^2]", "_rad_s": "[rad/s]", "_rad_s2": "[rad/s^2]", "_n_m": "[N/m]",
     "_n_s_m": "[N s/m]", "_s_m": "[s/m]", "_rpm": "[1/min]", "_m_sn": "[m/(s N)]", "_m_s2n": "[m/(s^2 N)]",
     "_rad_snm": "[rad/(s N m)]", "_rad_s2nm": "[rad/(s^2 N m)]", "_n_s": "[N/sqrt(s)]", "_nm_s": "[N m/sqrt(s)]",
+    "_1_pa": "[1/Pa]",
 }  # fmt: skip
 OTHER_UNITS = {"controller.orientation_i_hz": "[1/s]", "controller.position_rate_p": "[1/s]"}
 

@@ -43,7 +43,7 @@ COLUMNS: Mapping[str, tuple[int, str]] = MappingProxyType(
     }
 )
 # Added after the run where they are known; older logs and other experiments go without.
-ADDED: Mapping[str, tuple[int, str]] = MappingProxyType({"exposure_n_m": (0, "N m")})
+ADDED: Mapping[str, tuple[int, str]] = MappingProxyType({"exposure_nm": (0, "N m")})
 _INTEGER = {"pass_index": np.int32, "phase": np.int8}
 _DOUBLE = {"time_s", "tcp_position_m", "target_position_m"}
 

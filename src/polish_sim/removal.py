@@ -37,7 +37,7 @@ class RemovalMap:
     """Where the region is looked at from, unit, shape (3,)."""
     preston_1_pa: float
     """Wear coefficient [1/Pa]; 0: unknown, the removal is relative."""
-    elsewhere_n_m: float
+    elsewhere_nm: float
     """Exposure summed over the surfaces beside the region that the pad came to as well [N m]."""
     unplaced_share: float
     """Share of the force's impulse for which the pad touched no node [-]."""

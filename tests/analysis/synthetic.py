@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from polish_sim.analysis.metrics import PAPER_ARC
 from polish_sim.log import RunLog, from_rows, row_layout, row_width
 from polish_sim.planning.toolpath import APPROACH, LEAD_OUT, PROCESS, ToolPath
+from polish_sim.removal import RemovalMap
 from polish_sim.trace import Trace
 
 Array = NDArray[np.float64]
@@ -82,6 +83,20 @@ def log_of(trace: Trace, every: int = 4) -> RunLog:
     for name in ("tcp_quaternion_wxyz", "target_quaternion_wxyz"):
         rows[:, layout[name][0]] = 1.0
     return from_rows(rows)
+
+
+def removal_map(exposure: Array, preston_1_pa: float = 0.0) -> RemovalMap:
+    """A strip of squares 10 mm wide, level, with these exposures [N/m] along it, each node standing for 100 mm^2."""
+    n = len(exposure)
+    x = 0.01 * np.repeat(np.arange(n), 2)
+    vertices = np.column_stack([x, np.tile([0.0, 0.01], n), np.zeros(2 * n)])
+    first = 2 * np.arange(n - 1)[:, None]
+    triangles = np.concatenate([first + [0, 2, 3], first + [0, 3, 1]])
+    up = np.array([0.0, 0.0, 1.0])
+    return RemovalMap(
+        vertices, np.tile(up, (2 * n, 1)), triangles, np.full(2 * n, 1e-4), np.repeat(exposure, 2), up, preston_1_pa,
+        elsewhere_nm=0.0, unplaced_share=0.0, field_ratio=1.0,
+    )  # fmt: skip
 
 
 def _bends(path: ToolPath) -> NDArray[np.intp]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from polish_sim.analysis.bounds import CLAIMS, Claim, bound_text, shortfalls, value_text
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_surface
-from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, surface_trace
+from polish_sim.analysis.removal_figures import measure_removal
+from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, removal_map, surface_trace
 
 
 def test_every_claim_names_a_figure_that_is_measured() -> None:
@@ -16,7 +18,7 @@ def test_every_claim_names_a_figure_that_is_measured() -> None:
     measured = {
         "arc": measure_arc(arc_trace()),
         "force": measure_force(force_trace(), 20.0),
-        "surface": measure_surface(surface_trace(path), path, 20.0),
+        "surface": measure_surface(surface_trace(path), path, 20.0) | measure_removal(removal_map(np.ones(5))),
     }
     for experiment, claims in CLAIMS.items():
         assert {claim.figure for claim in claims} <= {*measured[experiment], "path_done"}

@@ -24,7 +24,7 @@ def measure_removal(removal: RemovalMap) -> dict[str, float]:
         removal: The map.
 
     Returns:
-        exposure_n_m: pressure x sliding speed integrated over the region and time; exposure_mean_n_per_m: the
+        exposure_nm: pressure x sliding speed integrated over the region and time; exposure_mean_n_m: the
         same per area; removal_volume_m3, removal_mean_m, removal_max_m: undefined without a wear coefficient;
         removal_cv: standard deviation over mean; removal_p5, removal_p95, removal_max: over the mean, by area;
         under_polished_share, over_polished_share, unpolished_share: of the area, with less than 0.5 means, with more
@@ -36,8 +36,8 @@ def measure_removal(removal: RemovalMap) -> dict[str, float]:
     total = float(removal.areas @ removal.exposure)
     depth = removal.preston_1_pa if removal.absolute else math.nan
     out = {
-        "exposure_n_m": total,
-        "exposure_mean_n_per_m": removal.mean,
+        "exposure_nm": total,
+        "exposure_mean_n_m": removal.mean,
         "removal_volume_m3": depth * total,
         "removal_mean_m": depth * removal.mean,
         "removal_max_m": depth * float(removal.exposure.max()),
@@ -45,7 +45,7 @@ def measure_removal(removal: RemovalMap) -> dict[str, float]:
         "under_polished_share": float(shares[removal.exposure < UNDER * removal.mean].sum()),
         "over_polished_share": float(shares[removal.exposure > OVER * removal.mean].sum()),
         "unpolished_share": float(shares[removal.exposure <= 0.0].sum()),
-        "removal_elsewhere": removal.elsewhere_n_m / total if total > 0.0 else math.nan,
+        "removal_elsewhere": removal.elsewhere_nm / total if total > 0.0 else math.nan,
         "removal_unplaced": removal.unplaced_share,
         "pressure_field_ratio": removal.field_ratio,
     }

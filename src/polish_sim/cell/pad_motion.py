@@ -19,8 +19,8 @@ from polish_sim.trace import Trace
 
 Array = NDArray[np.float64]
 
-STEP = 0.01  # way of the pad in one step, in pad radii
-LONGEST_S, SHORTEST_S = 0.02, 0.001  # of a step
+STEP = 0.02  # way of the pad in one step, in pad radii
+LONGEST_S, SHORTEST_S = 0.05, 0.001  # of a step
 
 
 class PadMotion(NamedTuple):
@@ -89,7 +89,8 @@ def _pad_poses(log: RunLog, trace: Trace, part: RealPart, marks: Array) -> tuple
     turned = Slerp(rows, logged)(np.clip(marks, rows[0], rows[-1]))
     R_work_base = Rotation.from_matrix(part.rotation).inv()
     R_work_tool = R_work_base * turned
-    tips = np.stack([np.interp(marks, trace.time_s, trace.tcp_position_m[:, k]) for k in range(3)], axis=1)
+    tips = trace.tcp_position_m - trace.part_shift_m
+    tips = np.stack([np.interp(marks, trace.time_s, tips[:, k]) for k in range(3)], axis=1)
     travel = np.interp(marks, trace.time_s, trace.pad_travel_m)
     faces = R_work_base.apply(tips - part.position) - travel[:, None] * R_work_tool.as_matrix()[:, :, 2]
     return faces, R_work_tool

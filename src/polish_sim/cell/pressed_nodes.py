@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.cell.contact import RealPart
-from polish_sim.cell.real_part import Touch
+from polish_sim.cell.real_part import FACING, Touch
 from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.distance.distance_field import DistanceField
 from polish_sim.geometry.distance.field_lookup import look_up
+from polish_sim.geometry.features import facet_normals
 from polish_sim.planning.ground.triangulation import Triangulation, triangulate
 
 Array = NDArray[np.float64]
@@ -30,7 +31,7 @@ REACH = 1.1
 """Surfaces this many pad radii from the path are not under the pad."""
 ROUNDS = 8
 ON_SURFACE = 1e-6  # distance at which a node lies on a surface [m]
-FACING = 0.3  # least cosine between the drawing's normal and the real one [-]
+ALIKE = 0.3  # least cosine between the drawing's normal and the real one for a step along it [-]
 _WHOLE = 1.0 - 1e-9
 
 
@@ -70,17 +71,21 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
     longest = max(edge * touch.pad_radius, math.sqrt(4.0 * area / MOST_NODES))
     mesh = triangulate(region.surface, longest)
     beside = surroundings(surface, region, touch, longest)
-    positions = np.concatenate([mesh.vertices, beside.positions])
-    normals = np.concatenate([mesh.normals, beside.normals])
-    areas = np.concatenate([mesh.vertex_areas, beside.areas])
-    return Nodes(mesh, PressedNodes(*on_real_part(part.field, positions, normals), areas))
+    own = on_real_part(part.field, mesh.vertices, mesh.normals)
+    others = on_real_part(part.field, beside.positions, beside.normals)
+    met = others[1].any(axis=1)
+    positions, normals = (np.concatenate([a, b[met]]) for a, b in zip(own, others, strict=True))
+    return Nodes(mesh, PressedNodes(positions, normals, np.concatenate([mesh.vertex_areas, beside.areas[met]])))
 
 
 def surroundings(surface: Surface, region: Region, touch: Touch, longest: float) -> PressedNodes:
     """Middles of small triangles of the nominal surface outside the region that the pad can come to."""
     tree = cKDTree(touch.positions)
     whole = np.bincount(region.facets, region.surface.facet_areas, len(surface.faces)) >= _WHOLE * surface.facet_areas
-    facets = np.flatnonzero(~whole)
+    _, nearest = tree.query(surface.vertices[surface.faces].mean(axis=1))
+    turned, _ = facet_normals(surface.vertices, surface.faces)
+    facing = np.einsum("ij,ij->i", turned, touch.axes[nearest]) > FACING
+    facets = np.flatnonzero(~whole & facing)
     corners = np.broadcast_to(np.eye(3), (len(facets), 3, 3))
     done: list[tuple[Ints, Array]] = []
     while len(facets):
@@ -141,7 +146,7 @@ def _project(field, normals, positions, slopes):  # type: ignore[no-untyped-def]
         for _ in range(ROUNDS):
             d, gx, gy, gz = look_up(field, nodes, per_metre, x, y, z)
             along = gx * nx + gy * ny + gz * nz
-            if along > FACING:
+            if along > ALIKE:
                 x, y, z = x - d / along * nx, y - d / along * ny, z - d / along * nz
             else:
                 x, y, z = x - d * gx, y - d * gy, z - d * gz

@@ -1,7 +1,7 @@
 """Preston's law on the pad's pressure: pressure x sliding speed x time at every node (nodes, motion -> exposure; 8a).
 
-The pad is the elastic foundation of ``contact``, seen from the part: a node presses the spring whose foot it is, by the
-distance to the pad's face along its normal. Each step's field is scaled so that it carries the exact force.
+The pad is the elastic foundation of ``contact``, with a spring under every node instead of its hundred: each is as deep
+below the part as the signed distance says. Each step's field is scaled so that it carries the exact force.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from polish_sim.cell.pad_motion import PadMotion
 from polish_sim.cell.pressed_nodes import PressedNodes
-from polish_sim.planning.quality.point_grid import PointGrid, build_point_grid
+from polish_sim.geometry.distance.distance_field import DistanceField
+from polish_sim.geometry.distance.field_lookup import look_up
+from polish_sim.planning.quality.point_grid import build_point_grid
 
 Array = NDArray[np.float64]
 
@@ -36,12 +38,15 @@ class Removed(NamedTuple):
     """Mean force of the field along the pad's axis before it was scaled [N], shape (k,); zero: no node was touched."""
 
 
-def expose_nodes(nodes: PressedNodes, motion: PadMotion, pad_radius: float, stiffness: float) -> Removed:
+def expose_nodes(
+    nodes: PressedNodes, motion: PadMotion, field: DistanceField, pad_radius: float, stiffness: float
+) -> Removed:
     """Carry the pad over the nodes.
 
     Args:
         nodes: Nodes of the real part.
         motion: Steps of the pad, in the same frame.
+        field: Signed distance of the real part.
         pad_radius: [m]
         stiffness: Of the whole disc pressed flat [N/m].
 
@@ -52,69 +57,83 @@ def expose_nodes(nodes: PressedNodes, motion: PadMotion, pad_radius: float, stif
     # Neighbours in space are neighbours in memory.
     order = grid.items
     sorted_nodes = PressedNodes(*(np.ascontiguousarray(column[order]) for column in nodes))
-    found = _carry(sorted_nodes, motion, grid, pad_radius, stiffness / (math.pi * pad_radius**2))
+    found = _carry(sorted_nodes, motion, field, grid, pad_radius, stiffness / (math.pi * pad_radius**2))
     exposure = np.empty(len(order))
     exposure[order] = found[0]
     return Removed(exposure, found[1], found[2])
 
 
 @njit(cache=True, error_model="numpy")
-def _carry(nodes: PressedNodes, motion: PadMotion, grid: PointGrid, radius: float, bedding: float):  # type: ignore[no-untyped-def]
-    count = len(motion.times)
-    exposure, gained, carried = np.zeros(len(nodes.areas)), np.zeros(count), np.zeros(count)
-    touched, dose = np.empty(len(nodes.areas), np.int64), np.empty(len(nodes.areas))
+def _carry(nodes, motion, field, grid, radius, bedding):  # type: ignore[no-untyped-def]
+    bricks = field.bricks.reshape(-1)
+    exposure, gained, carried = np.zeros(len(nodes.areas)), np.zeros(len(motion.times)), np.zeros(len(motion.times))
+    under, force, power = np.empty(len(nodes.areas), np.int64), np.empty(len(nodes.areas)), np.empty(len(nodes.areas))
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
-    for k in range(count):
-        axis = motion.axes[k]
+    for k in range(len(motion.times)):
+        center, axis = motion.centers[k], motion.axes[k]
         for d in range(3):
-            # Feet lie beside the face by their depth; a tenth of the radius covers that.
-            reach = radius * (math.sqrt(max(1.0 - axis[d] * axis[d], 0.0)) + 0.1)
-            least, most = motion.centers[k, d] - reach - grid.low[d], motion.centers[k, d] + reach - grid.low[d]
-            low[d] = max(math.floor(least / grid.cell), 0)
-            high[d] = min(math.floor(most / grid.cell), grid.size[d] - 1) + 1
+            # A disc's half width, and as far up the axis as a pad can be pressed in.
+            reach = radius * math.sqrt(max(1.0 - axis[d] * axis[d], 0.0)) + field.band * abs(axis[d])
+            low[d] = max(math.floor((center[d] - reach - grid.low[d]) / grid.cell), 0)
+            high[d] = min(math.floor((center[d] + reach - grid.low[d]) / grid.cell), grid.size[d] - 1) + 1
         if low[2] >= high[2]:
             continue
-        number, total = 0, 0.0
+        number = 0
         for i in range(low[0], high[0]):
             for j in range(low[1], high[1]):
                 row = (i * grid.size[1] + j) * grid.size[2]
-                for q in range(grid.first[row + low[2]], grid.first[row + high[2]]):
-                    force, power = _press_node(nodes, motion, q, k, radius, bedding)
-                    if force > 0.0:
-                        total += force
-                        touched[number], dose[number] = q, power
-                        number += 1
-        carried[k] = total
+                first, last = grid.first[row + low[2]], grid.first[row + high[2]]
+                number = _find_under(nodes.positions, nodes.normals, first, last, center, axis, radius, under, number)
+        _press_nodes(
+            nodes.positions, nodes.normals, nodes.areas, field, bricks, center, axis, motion.velocities[k],
+            motion.turning[k], bedding, under, number, force, power,
+        )  # fmt: skip
+        total = 0.0
         for t in range(number):
-            work = dose[t] * motion.impulses[k] / total
-            gained[k] += work
-            exposure[touched[t]] += work / nodes.areas[touched[t]]
+            total += force[t]
+        carried[k] = total
+        if total > 0.0:
+            for t in range(number):
+                work = power[t] * motion.impulses[k] / total
+                gained[k] += work
+                exposure[under[t]] += work / nodes.areas[under[t]]
     return exposure, gained, carried
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _press_node(nodes, motion, q, k, radius, bedding):  # type: ignore[no-untyped-def]
-    """Force on a node along the pad's axis [N], and force along the node's normal x sliding speed [W]."""
-    ax, ay, az = motion.axes[k, 0], motion.axes[k, 1], motion.axes[k, 2]
-    rx = nodes.positions[q, 0] - motion.centers[k, 0]
-    ry = nodes.positions[q, 1] - motion.centers[k, 1]
-    rz = nodes.positions[q, 2] - motion.centers[k, 2]
-    height = rx * ax + ry * ay + rz * az
-    nx, ny, nz = nodes.normals[q, 0], nodes.normals[q, 1], nodes.normals[q, 2]
-    facing = nx * ax + ny * ay + nz * az
-    if height <= 0.0 or facing <= FACING:
-        return 0.0, 0.0
-    # The spring whose foot the node is: straight below it, along the part's normal.
-    depth = height / facing
-    sx, sy, sz = rx - depth * nx, ry - depth * ny, rz - depth * nz
-    if sx * sx + sy * sy + sz * sz >= radius * radius:
-        return 0.0, 0.0
-    wx, wy, wz = motion.turning[k, 0], motion.turning[k, 1], motion.turning[k, 2]
-    vx = motion.velocities[k, 0] + wy * sz - wz * sy
-    vy = motion.velocities[k, 1] + wz * sx - wx * sz
-    vz = motion.velocities[k, 2] + wx * sy - wy * sx
-    along = vx * nx + vy * ny + vz * nz
-    vx, vy, vz = vx - along * nx, vy - along * ny, vz - along * nz
-    # The spring's share of the disc is the node's area over the cosine; of its force the cosine acts along the axis.
-    force = bedding * depth * nodes.areas[q]
-    return force, force / facing * math.sqrt(vx * vx + vy * vy + vz * vz)
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _find_under(positions, normals, first, last, center, axis, radius, under, number):  # type: ignore[no-untyped-def]
+    """List the nodes that stand over the pad's face and look at it; returns how many are listed."""
+    cx, cy, cz, ax, ay, az = center[0], center[1], center[2], axis[0], axis[1], axis[2]
+    for q in range(first, last):
+        rx, ry, rz = positions[q, 0] - cx, positions[q, 1] - cy, positions[q, 2] - cz
+        height = rx * ax + ry * ay + rz * az
+        beside = rx * rx + ry * ry + rz * rz - height * height
+        facing = normals[q, 0] * ax + normals[q, 1] * ay + normals[q, 2] * az
+        under[number] = q
+        number += int(height > 0.0 and beside < radius * radius and facing > FACING)
+    return number
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _press_nodes(  # type: ignore[no-untyped-def]
+    positions, normals, areas, field, bricks, center, axis, velocity, turning, bedding, under, number, force, power
+):
+    """Force on each node along the pad's axis [N], and force along the part's normal x sliding speed [W]."""
+    per_metre = 1.0 / field.spacing
+    cx, cy, cz, ax, ay, az = center[0], center[1], center[2], axis[0], axis[1], axis[2]
+    ux, uy, uz, wx, wy, wz = velocity[0], velocity[1], velocity[2], turning[0], turning[1], turning[2]
+    for t in range(number):
+        q = under[t]
+        nx, ny, nz = normals[q, 0], normals[q, 1], normals[q, 2]
+        rx, ry, rz = positions[q, 0] - cx, positions[q, 1] - cy, positions[q, 2] - cz
+        # The spring that stands under the node, at the pad's face; its share of the disc is the node's shadow.
+        height = rx * ax + ry * ay + rz * az
+        sx, sy, sz = rx - height * ax, ry - height * ay, rz - height * az
+        distance, gx, gy, gz = look_up(field, bricks, per_metre, cx + sx, cy + sy, cz + sz)
+        slope = math.sqrt(gx * gx + gy * gy + gz * gz + 1e-30)
+        push = bedding * max(-distance, 0.0) * areas[q] * (nx * ax + ny * ay + nz * az)
+        vx, vy, vz = ux + wy * sz - wz * sy, uy + wz * sx - wx * sz, uz + wx * sy - wy * sx
+        along = vx * nx + vy * ny + vz * nz
+        vx, vy, vz = vx - along * nx, vy - along * ny, vz - along * nz
+        force[t] = push * max((gx * ax + gy * ay + gz * az) / slope, 0.0)
+        power[t] = push * math.sqrt(vx * vx + vy * vy + vz * vz)

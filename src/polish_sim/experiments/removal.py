@@ -43,7 +43,7 @@ def remove_material(scenario: Scenario, place: Workplace, part: RealPart, run: C
     nodes = place_nodes(place.surface, place.region, part, touched(place.shape, place.path, pad.radius_m))
     spin = scenario.spindle.speed_rpm * 2.0 * math.pi / 60.0
     motion = pad_motion(run.log, run.trace, part, pad.radius_m, spin)
-    removed = expose_nodes(nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale)
+    removed = expose_nodes(nodes.pressed, motion, part.field, pad.radius_m, pad.stiffness_n_m * head.spring_scale)
     own = len(nodes.mesh.vertices)
     pressed = float(motion.impulses.sum())
     removal = RemovalMap(
@@ -54,11 +54,11 @@ def remove_material(scenario: Scenario, place: Workplace, part: RealPart, run: C
         exposure=removed.exposure[:own],
         up=place.region.up,
         preston_1_pa=scenario.process.preston_1_pa,
-        elsewhere_n_m=float(nodes.pressed.areas[own:] @ removed.exposure[own:]),
+        elsewhere_nm=float(nodes.pressed.areas[own:] @ removed.exposure[own:]),
         unplaced_share=float(motion.impulses[removed.carried <= 0.0].sum()) / pressed if pressed > 0.0 else math.nan,
         field_ratio=float(removed.carried @ motion.times) / pressed if pressed > 0.0 else math.nan,
     )
-    return Removal(removal, with_column(run.log, "exposure_n_m", _running(run.log, motion, removed)))
+    return Removal(removal, with_column(run.log, "exposure_nm", _running(run.log, motion, removed)))
 
 
 def _running(log: RunLog, motion: PadMotion, removed: Removed) -> NDArray[np.float64]:
