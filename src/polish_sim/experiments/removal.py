@@ -40,7 +40,9 @@ def remove_material(scenario: Scenario, place: Workplace, part: RealPart, run: C
         The map and the log.
     """
     pad, head = scenario.pad, scenario.head
-    nodes = place_nodes(place.surface, place.region, part, touched(place.shape, place.path, pad.radius_m))
+    nodes = place_nodes(
+        place.surface, place.region, part, touched(place.shape, place.path, pad.radius_m, part.field.band)
+    )
     spin = scenario.spindle.speed_rpm * 2.0 * math.pi / 60.0
     motion = pad_motion(run.log, run.trace, part, pad.radius_m, spin)
     removed = expose_nodes(nodes.pressed, motion, part.field, pad.radius_m, pad.stiffness_n_m * head.spring_scale)
