@@ -42,14 +42,14 @@ def close_broken_pipe() -> int:
     return 1
 
 
-def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table on stdout; the first column is left-aligned, the others right."""
+def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> None:
+    """Print a table on stdout; the first ``left`` columns are left-aligned, the others right."""
     from rich import box
     from rich.table import Table
 
     grid = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold", pad_edge=False)
     for index, heading in enumerate(headings):
-        grid.add_column(heading, justify="left" if index == 0 else "right", no_wrap=True)
+        grid.add_column(heading, justify="left" if index < left else "right", no_wrap=True)
     for row in rows:
         grid.add_row(*row)
     _console().print(grid)

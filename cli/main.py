@@ -21,6 +21,7 @@ from polish_sim.cli.panels import PanelledCommand
 from polish_sim.cli.plan import plan
 from polish_sim.cli.report import report
 from polish_sim.cli.run import run
+from polish_sim.cli.score import score
 from polish_sim.kernel_cache import use_kernel_cache
 
 commands = typer.Typer(
@@ -54,6 +55,7 @@ commands.command("demo", short_help="The whole main job on a shipped part.")(dem
 commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part.")(plan)
 commands.command("inspect", cls=PanelledCommand, short_help="The quality of any tool path on a part.")(inspect)
 commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force or surface.")(run)
+commands.command("score", short_help="Score a controller by a fixed battery of cases.")(score)
 commands.command("report", short_help="Plots and tables again from saved runs.")(report)
 commands.command("config", short_help="The full default config as TOML.")(config)
 commands.command("list", short_help="What ships with the package.")(list_names)

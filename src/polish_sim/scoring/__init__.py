@@ -1,1 +1,39 @@
 """The scorecard: a fixed battery of cases, run over the cores, told as tables and one figure (layer 10)."""
+
+from polish_sim.scoring.ablation import ablation_table, ablations
+from polish_sim.scoring.battery import BATTERY
+from polish_sim.scoring.case import Case, Entry, choose_cases
+from polish_sim.scoring.journal import locked
+from polish_sim.scoring.reach import BATTERY_ASKED, REACH, REACH_CASES, Verdict, judge
+from polish_sim.scoring.row import Task, measure_row
+from polish_sim.scoring.score import Score, check_entries, run_score, user_entry
+from polish_sim.scoring.summary import summarize, worst_case
+from polish_sim.scoring.text import breaking, markdown, overview, verdict_table, worst_line
+
+__all__ = [
+    "BATTERY",
+    "BATTERY_ASKED",
+    "REACH",
+    "REACH_CASES",
+    "Case",
+    "Entry",
+    "Score",
+    "Task",
+    "Verdict",
+    "ablation_table",
+    "ablations",
+    "breaking",
+    "check_entries",
+    "choose_cases",
+    "judge",
+    "locked",
+    "markdown",
+    "measure_row",
+    "overview",
+    "run_score",
+    "summarize",
+    "user_entry",
+    "verdict_table",
+    "worst_case",
+    "worst_line",
+]

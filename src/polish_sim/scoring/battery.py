@@ -91,6 +91,46 @@ def _noises() -> list[Case]:
     ]  # fmt: skip
 
 
+def _surprises() -> list[Case]:
+    return [
+        _flat(
+            "edge-1mm", "plate at 30 mm/s, the real one with a 1 mm edge across the strokes", 30, 18,
+            "part.real_file=plate_step",
+        ),
+        _flat(
+            "ramp-8deg", "plate at 30 mm/s, the real one with an 8 deg ramp across the strokes", 30, 18,
+            "part.real_file=plate_ramp",
+        ),
+        _hold(
+            "moving-1hz", "20 N on a plate that moves up and down by 0.5 mm at 1 Hz, held 6 s", "part.motion_m=0.0005",
+            "part.motion_hz=1", "process.hold_s=6", _APPROACH_20,
+        ),
+    ]  # fmt: skip
+
+
+def _spindles() -> list[Case]:
+    return [
+        _hold(
+            "spindle-6000", "spindle at 6000 rpm, friction 0.3, imbalance G6.3, approach 20 mm/s",
+            "spindle.speed_rpm=6000", "spindle.imbalance_m_s=0.0063", _APPROACH_20,
+        ),
+        _freeform(
+            "alias-125hz", "freeform at 30 mm/s, sensor at 125 Hz: the spindle's 100 Hz shows as 25 Hz", 30,
+            "sensor.rate_hz=125",
+        ),
+    ]  # fmt: skip
+
+
+def _rigid() -> list[Case]:
+    return [
+        _hold(
+            "rigid-block", "10 N on a block that hardly gives: springs 10 x, 50 kN/m in all; 2 kHz physics, held 6 s",
+            "process.contact_force_n=10", "head.spring_scale=10", "process.hold_s=6", "safety.force_limit_n=80",
+            "simulation.timestep_s=0.0005", "simulation.control_every=2",
+        ),
+    ]  # fmt: skip
+
+
 def _errors() -> list[Case]:
     return [
         _freeform("part-3mm", "freeform at 30 mm/s, the part 3 mm off its place", 30, "part.displacement_m=0.003"),
@@ -103,5 +143,9 @@ def _errors() -> list[Case]:
     ]
 
 
-BATTERY: Final = tuple(_steps() + _approaches() + _feeds() + _springs() + _latencies() + _noises() + _errors())
+BATTERY: Final = tuple(
+    case
+    for group in (_steps, _approaches, _feeds, _surprises, _springs, _rigid, _latencies, _noises, _errors, _spindles)
+    for case in group()
+)
 """All cases, in the order they are shown."""

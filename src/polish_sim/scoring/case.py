@@ -46,6 +46,8 @@ class Case:
     settings: tuple[str, ...] = ()
     """``KEY=VALUE`` of the config."""
     draws: tuple[Draw, ...] = ()
+    repeats: int = 1
+    """How many times as many seeds as the other cases it gets."""
 
     @property
     def moving(self) -> bool:

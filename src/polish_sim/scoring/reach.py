@@ -1,0 +1,169 @@
+"""What is asked of the controller, as data, and the cases that measure it (layer 10)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Any, Final, NamedTuple
+
+from polish_sim.scoring.battery import latency_settings
+from polish_sim.scoring.case import Case, Draw
+from polish_sim.scoring.row import Row
+
+_APPROACH_20: Final = "process.approach_speed_m_s=0.02"
+SPRINGS: Final = (0.2, 0.5, 1.0, 2.0, 5.0)
+"""Real springs by what the controller takes them for [-]."""
+LATENCIES_MS: Final = (2, 4, 8, 12, 20)
+"""Total latencies [ms]."""
+
+
+def _grid() -> tuple[Case, ...]:
+    return tuple(
+        Case(
+            f"reach-springs-{springs:g}x-{latency}ms",
+            f"20 N on a plate, springs {springs:g} x, {latency} ms in all, approach 20 mm/s",
+            "force",
+            (f"head.spring_scale={springs}", *latency_settings(latency), _APPROACH_20),
+        )
+        for springs in SPRINGS
+        for latency in LATENCIES_MS
+    )
+
+
+REACH_CASES: Final = (
+    Case("reach-step", "20 N on a flat plate, approach 20 mm/s, held 4 s", "force", (_APPROACH_20,)),
+    Case("reach-freeform-10", "the main job as it is: freeform, 8 mm step-over, whole path at 10 mm/s", "surface"),
+    Case(
+        "reach-freeform-30", "the main job at 30 mm/s, whole path", "surface", ("process.feed_m_s=0.03",)
+    ),
+    *_grid(),
+    Case(
+        "reach-random",
+        "freeform, 16 mm step-over, whole path at 10 to 60 mm/s, the part up to 3 mm and 2 deg off and bent by up to "
+        "0.5 mm",
+        "surface",
+        ("plan.stepover_m=0.016",),
+        (
+            Draw("process.feed_m_s", 0.01, 0.06),
+            Draw("process.approach_speed_m_s", 0.002, 0.02),
+            Draw("part.displacement_m", 0.0, 0.003),
+            Draw("part.rotation_rad", 0.0, math.radians(2.0)),
+            Draw("part.form_error_m", 0.0, 0.0005),
+        ),
+        repeats=10,
+    ),
+)  # fmt: skip
+"""One case, or a grid of them, for each row asked."""
+
+
+class Asked(NamedTuple):
+    """A figure and what is asked of it at the worst seed."""
+
+    label: str
+    cases: str
+    """Shell pattern of the cases it is asked in."""
+    figure: str
+    """Its name in a row; ``stable`` is asked to be true."""
+    most: float
+    """Largest value that passes; of ``stable`` no meaning."""
+    unit: str
+    published: str = "-"
+    """What the paper reports, or the best published."""
+
+    def applies(self, case: str) -> bool:
+        """Whether a case is asked for this figure."""
+        return fnmatchcase(case, self.cases)
+
+    def worst(self, rows: Sequence[Row]) -> float | None:
+        """The least good value of some rows; of ``stable`` the share that is; None if one is undefined."""
+        values = [row[self.figure] for row in rows]
+        if not values or any(value is None for value in values):
+            return None
+        return sum(values) / len(values) if self.figure == "stable" else float(max(values))
+
+    def met_by(self, value: float | None) -> bool:
+        """Whether a worst value passes."""
+        if value is None:
+            return False
+        return value == 1.0 if self.figure == "stable" else value <= self.most
+
+
+_STEP: Final = (
+    ("force step 20 N at 20 mm/s: settling to ±1 N", "settling_1n_s", 0.25, "s", "0.5 s to ±3 N"),
+    ("force step 20 N at 20 mm/s: overshoot", "overshoot_n", 1.0, "N", "-"),
+    ("steady: standard deviation", "std_n", 0.3, "N", "±3 N"),
+    ("steady: max error", "max_error_n", 1.0, "N", "±3 N"),
+    ("approach 20 mm/s: peak force", "peak_force_n", 30.0, "N", "-"),
+)
+_FREEFORM: Final = (
+    ("freeform 10 mm/s: max error", "max_error_n", 1.5, "N", "±4 N"),
+    ("freeform 10 mm/s: RMS", "rms_error_n", 0.4, "N", "±1.5 N"),
+    ("freeform 10 mm/s: at the peaks", "peaks_error_n", 1.5, "N", "-"),
+)
+_OF_GRID: Final = (("stable", "stable", 1.0, ""), ("settling to ±1 N", "settling_1n_s", 0.6, "s"))
+_SPRING_TEXT: Final = "springs x 0.2-5, latency 2-20 ms: "
+
+REACH: Final = (
+    *(Asked(label, "reach-step", figure, most, unit, known) for label, figure, most, unit, known in _STEP),
+    *(Asked(label, "reach-freeform-10", figure, most, unit, known) for label, figure, most, unit, known in _FREEFORM),
+    Asked("freeform 30 mm/s: max error", "reach-freeform-30", "max_error_n", 3.0, "N"),
+    *(Asked(_SPRING_TEXT + label, "reach-springs-*", figure, most, unit) for label, figure, most, unit in _OF_GRID),
+    Asked("200 random freeform runs: contact lost", "reach-random", "contact_lost_s", 0.0, "s"),
+)
+"""The rows asked; payload and faults have commands of their own, see docs/score.md."""
+
+BATTERY_ASKED: Final = (
+    *(asked._replace(cases="approach-20") for asked in REACH if asked.cases == "reach-step"),
+    *(asked._replace(cases="freeform-10") for asked in REACH if asked.cases == "reach-freeform-10"),
+    Asked("freeform 30 mm/s: max error", "freeform-30", "max_error_n", 3.0, "N"),
+    *(
+        Asked(f"{kind}: {label}", f"{kind}-*", figure, most, unit)
+        for kind in ("stiffness", "latency")
+        for label, figure, most, unit in _OF_GRID
+    ),
+)  # fmt: skip
+"""The same asked of the cases of the battery."""
+
+
+class Verdict(NamedTuple):
+    """A figure that was asked, measured."""
+
+    asked: Asked
+    runs: int
+    mean: float | None
+    worst: float | None
+    worst_case: str | None
+    """Case and seed of the least good run."""
+    met: bool
+
+
+def judge(asked: Sequence[Asked], rows: Sequence[Row]) -> list[Verdict]:
+    """Compare rows of one controller with what is asked of them; what no row speaks of is left out."""
+    verdicts = []
+    for one in asked:
+        fitting = [row for row in rows if one.applies(row["case"])]
+        if fitting:
+            verdicts.append(_verdict(one, fitting))
+    return verdicts
+
+
+def _verdict(asked: Asked, rows: Sequence[Row]) -> Verdict:
+    known = [float(row[asked.figure]) for row in rows if row[asked.figure] is not None]
+    worst = asked.worst(rows)
+    least_good = max(rows, key=lambda row: _badness(asked, row))
+    return Verdict(
+        asked,
+        len(rows),
+        sum(known) / len(known) if known else None,
+        worst,
+        f"{least_good['case']}, seed {least_good['seed']}",
+        asked.met_by(worst),
+    )
+
+
+def _badness(asked: Asked, row: Mapping[str, Any]) -> float:
+    value = row[asked.figure]
+    if value is None:
+        return math.inf
+    return -float(value) if asked.figure == "stable" else float(value)

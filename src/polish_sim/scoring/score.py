@@ -1,0 +1,136 @@
+"""A whole score: which rows there are to be, measured over the cores or found from before (layer 10)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from polish_sim.control import build_controller
+from polish_sim.errors import InputError
+from polish_sim.scoring.case import Case, Entry
+from polish_sim.scoring.crew import work_off
+from polish_sim.scoring.journal import Journal
+from polish_sim.scoring.row import Row, Task, measure_row, setup_key
+
+Heard = Callable[[int, int, str | None], None]
+"""Told of the rows there are, of all rows wanted, and of trouble."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What was asked and what was measured of it."""
+
+    cases: tuple[Case, ...]
+    entries: tuple[Entry, ...]
+    seeds: int
+    rows: tuple[Row, ...]
+    """In the order of controllers, cases and seeds."""
+    wanted: int
+    """Number of rows there are when all is done."""
+    interrupted: bool
+
+    @property
+    def complete(self) -> bool:
+        """Whether no row is missing."""
+        return len(self.rows) == self.wanted
+
+    def rows_of(self, entry: Entry) -> tuple[Row, ...]:
+        """Rows of one controller."""
+        return tuple(row for row in self.rows if row["controller"] == entry.label)
+
+
+def list_tasks(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> list[Task]:
+    """All rows of a score."""
+    return [Task(case, entry, seed) for entry in entries for case in cases for seed in range(seeds * case.repeats)]
+
+
+def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
+    """Refuse what cannot be scored before anything runs.
+
+    Raises:
+        PolishSimError: If a controller cannot be made, or a setting does not fit the config.
+    """
+    labels = [entry.label for entry in entries]
+    if len(set(labels)) < len(labels):
+        raise InputError(f"'{labels[-1]}' would be compared with itself. Name another controller with --against.")
+    for entry in entries:
+        for case in cases:
+            scenario = case.scenario(entry, 0)
+        controller = build_controller(scenario.controller)
+        cycle = scenario.simulation.timestep_s * scenario.simulation.control_every
+        try:
+            controller.reset(cycle)
+        except Exception as error:
+            raise InputError(f"the reset() of '{entry.label}' failed: {type(error).__name__}: {error}.") from error
+
+
+def run_score(
+    cases: Sequence[Case],
+    entries: Sequence[Entry],
+    seeds: int,
+    folder: Path,
+    heard: Heard,
+    workers: int | None = None,
+) -> Score:
+    """Measure all rows that are not there yet; Ctrl-C ends it early with what is there.
+
+    Args:
+        cases: The cases.
+        entries: The controllers.
+        seeds: Seeds per case, counting up from 0.
+        folder: Existing folder; its rows of the same scenarios are taken over.
+        heard: Told how far it is.
+        workers: Number of processes; default one per core.
+
+    Returns:
+        The score. Rows do not depend on the number of processes.
+    """
+    tasks = list_tasks(cases, entries, seeds)
+    journal = Journal(folder)
+    rows = {task: row for task in tasks if (row := journal.row(task)) is not None}
+    missing = [task for task in tasks if task not in rows]
+    interrupted = False
+    heard(len(rows), len(tasks), None)
+    try:
+        count = min(workers or os.cpu_count() or 1, max(len(missing), 1))
+        with closing(work_off(missing, measure_row, _group_of, count)) as results:
+            for result in results:
+                if result.value is not None:
+                    journal.add(result.task, result.value)
+                    rows[result.task] = result.value
+                heard(len(rows), len(tasks), _told(result.task, result.trouble))
+    except KeyboardInterrupt:
+        interrupted = True
+    ordered = tuple(rows[task] for task in tasks if task in rows)
+    return Score(tuple(cases), tuple(entries), seeds, ordered, len(tasks), interrupted)
+
+
+def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Entry:
+    """An entry for a controller as a user names it; a file's path is made absolute, for other processes to find it.
+
+    Args:
+        name: A shipped controller, or ``FILE.py:CLASS``.
+        settings: ``KEY=VALUE`` of the config that belong to it.
+        remark: Added to its name in tables.
+
+    Returns:
+        The entry.
+    """
+    label = f"{name} {remark}".strip()
+    file, separator, class_name = name.rpartition(":")
+    if separator and file.endswith(".py"):
+        name = f"{Path(file).resolve()}:{class_name}"
+    return Entry(label, name, tuple(settings))
+
+
+def _group_of(task: Task) -> object:
+    return setup_key(task.scenario)
+
+
+def _told(task: Task | None, trouble: str | None) -> str | None:
+    if trouble is None or task is None:
+        return trouble
+    return f"{trouble} ({task.case.name}, {task.entry.label}, seed {task.seed})"
