@@ -37,7 +37,11 @@ UNITS = {
     "_rad_snm": "[rad/(s N m)]", "_rad_s2nm": "[rad/(s^2 N m)]", "_n_s": "[N/sqrt(s)]", "_nm_s": "[N m/sqrt(s)]",
     "_1_pa": "[1/Pa]",
 }  # fmt: skip
-OTHER_UNITS = {"controller.orientation_i_hz": "[1/s]", "controller.position_rate_p": "[1/s]"}
+OTHER_UNITS = {
+    "controller.orientation_i_hz": "[1/s]",
+    "controller.position_rate_p": "[1/s]",
+    "controller.adaptive.force_rate_n_s": "[N/s]",
+}
 
 
 def test_a_keys_last_letters_and_its_meaning_name_the_same_unit() -> None:

@@ -117,12 +117,38 @@ class BaselinesConfig:
 
 
 @dataclass(frozen=True)
+class AdaptiveConfig:
+    """What hybrid-adaptive believes of cell and sensor, its limits, and which of its laws are on."""
+
+    laws: str = key(
+        "touch-down stiffness inertia feed-forward feed learning normal", "laws composed; leave names out to ablate"
+    )
+    stiffness_n_m: float = key(5000.0, "springs of head and pad in series, as drawn [N/m]", 10.0, 1e7)
+    damping_n_s_m: float = key(33.75, "head's damper as felt on the part, c (k_pad/(k_head+k_pad))^2 [N s/m]", 0.0, 1e4)
+    damping_lag_s: float = key(0.00225, "time in which its force builds up, c/(k_head+k_pad) [s]", 1e-5, 1.0)
+    tool_mass_kg: float = key(2.0, "mass the wrist sensor carries [kg]", 0.01, 100.0)
+    tool_mass_doubt: float = key(0.35, "share of its inertia that may be wrong: mass, delay [-]", 0.01, 1.0)
+    sensor_latency_s: float = key(0.002, "from force to reading, believed [s]", 0.0, 0.1)
+    sensor_bandwidth_hz: float = key(80.0, "low-pass of the sensor, believed [Hz]", 1.0, 500.0)
+    usual_noise_n: float = key(0.25, "noise of a reading beyond which the observer slows down, rms [N]", 0.001, 20.0)
+    command_delay_s: float = key(0.01, "from command to motion, until measured on the way down [s]", 0.001, 0.1)
+    crossover_rad_s: float = key(40.0, "highest crossover of the force loop [rad/s]", 1.0, 500.0)
+    observer_rad_s: float = key(40.0, "highest corner of the force observer [rad/s]", 1.0, 500.0)
+    delay_share: float = key(0.5, "crossover times command delay, at most [-]", 0.05, 1.5)
+    top_speed_m_s: float = key(0.1, "highest speed of the force loop [m/s]", 0.001, 1.0)
+    acceleration_m_s2: float = key(1.2, "acceleration the force loop counts on [m/s^2]", 0.05, 20.0)
+    force_rate_n_s: float = key(800.0, "fastest rise of the force [N/s]", 1.0, 1e5)
+    stiff_first: float = key(5.0, "stiffness at first touch, as a multiple of the drawn one [-]", 1.0, 50.0)
+
+
+@dataclass(frozen=True)
 class ControllerConfig:
     """Gains of the shipped control laws (paper 1, eq. 5-7)."""
 
     name: str = key(
         "hybrid-pi",
-        "hybrid-pi, hybrid-pi-position, position, admittance, impedance-position, force-mode or FILE.py:CLASS",
+        "hybrid-pi, hybrid-adaptive, hybrid-pi-position, position, admittance, impedance-position, force-mode or "
+        "FILE.py:CLASS",
     )
     look_ahead_s: float = key(0.1, "T_a: time in which a position or angle error is taken back [s]", 0.01, 10.0)
     position_p: float = key(0.2, "kpp of eq. 6, on the velocity error [-]", 0.0, 0.95)
@@ -144,6 +170,7 @@ class ControllerConfig:
     moment_tilt_limit_rad: float = key(
         math.radians(2.0), "how far the moment loop may tilt the tool from the planned axis [rad]", 0.0, 0.5
     )
+    adaptive: AdaptiveConfig = field(default_factory=AdaptiveConfig)
     baselines: BaselinesConfig = field(default_factory=BaselinesConfig)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from polish_sim.config import ControllerConfig
+from polish_sim.control.adaptive import hybrid_adaptive
 from polish_sim.control.baselines import admittance, force_mode, impedance_position
 from polish_sim.control.compiled import LAW_SIGNATURE, CompiledController, Controller
 from polish_sim.control.hybrid_laws import gains_of, hybrid_pi, hybrid_pi_position, position
@@ -15,6 +16,7 @@ __all__ = ["CONTROLLERS", "LAW_SIGNATURE", "CompiledController", "Controller", "
 CONTROLLERS: Mapping[str, Callable[[ControllerConfig], CompiledController]] = MappingProxyType(
     {
         "hybrid-pi": hybrid_pi,
+        "hybrid-adaptive": hybrid_adaptive,
         "hybrid-pi-position": hybrid_pi_position,
         "position": position,
         "admittance": admittance,

@@ -1,0 +1,165 @@
+"""The composition: position, orientation and moment as in ``hybrid-pi``, tool z by the adaptive laws (layer 7).
+
+Context: [its length | gains of the hybrid | gains of the laws | memory of the hybrid | memory along z].
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numba import carray, cfunc, njit
+from numpy.typing import NDArray
+
+from polish_sim.control.adaptive.delay import expect_delay, measure_delay, remember_command, under_way
+from polish_sim.control.adaptive.force_loop import begin_contact, change_stiffness, observe_force, pace_of
+from polish_sim.control.adaptive.gains import GAINS_SIZE, AdaptiveGains, gains_in
+from polish_sim.control.adaptive.inertia import own_force
+from polish_sim.control.adaptive.memory import MEMORY_SIZE, PressMemory, memory_in
+from polish_sim.control.adaptive.sensing import as_sensed
+from polish_sim.control.adaptive.stiffness import refine_stiffness, restart_fit
+from polish_sim.control.adaptive.touch_down import (
+    fell_back,
+    hand_over,
+    is_armed,
+    quickest_stop,
+    seek_speed,
+    smooth_reading,
+    speed_limit,
+    watch_air,
+)
+from polish_sim.control.compiled import LAW_SIGNATURE
+from polish_sim.control.hybrid import STATE_SIZE, hybrid_state_of, position_by_velocity, replace_along_z
+from polish_sim.control.hybrid_laws import GAINS_SIZE as HYBRID_GAINS
+from polish_sim.control.hybrid_laws import turn_and_level
+from polish_sim.control.position import PositionGains
+from polish_sim.control.signals import (
+    ANSWER_SIZE,
+    MEASUREMENT_SIZE,
+    TARGET_SIZE,
+    Measurement,
+    Target,
+    measurement_of,
+    target_of,
+)
+
+Array = NDArray[np.float64]
+
+LAWS_AT = 1 + HYBRID_GAINS
+HYBRID_AT = LAWS_AT + GAINS_SIZE
+MEMORY_AT = HYBRID_AT + STATE_SIZE
+CONTEXT_SIZE = MEMORY_AT + MEMORY_SIZE
+
+_LANDING = 0.3  # until the landing is over by this much, stiffness is learned
+
+
+@njit(cache=True)
+def step_hybrid_adaptive(context: Array, m: Measurement, t: Target, twist: Array) -> None:
+    """Controller ``hybrid-adaptive``."""
+    h, dt = context[1:], m.clock[1]
+    g, memory = gains_in(context[LAWS_AT:]), memory_in(context[MEMORY_AT:])
+    hybrid = hybrid_state_of(context[HYBRID_AT:])
+    position_by_velocity(m, t, PositionGains(h[0], h[1], h[2]), dt, hybrid, twist)
+    turn_and_level(h, dt, m, t, hybrid, twist)
+    by_position = along_z(m, twist)
+    speed = press(g, memory, m, t, by_position, 0.0, 0.0, dt)
+    replace_along_z(m, speed, twist)
+    remember_command(memory, speed)
+
+
+@njit(cache=True)
+def along_z(m: Measurement, twist: Array) -> float:
+    """Speed along tool z [m/s]."""
+    z = m.rotation[:, 2]
+    return float(z[0] * twist[0] + z[1] * twist[1] + z[2] * twist[2])
+
+
+@njit(cache=True)
+def press(
+    g: AdaptiveGains,
+    memory: PressMemory,
+    m: Measurement,
+    t: Target,
+    by_position: float,
+    expected: float,
+    expected_then: float,
+    dt: float,
+) -> float:
+    """Speed along tool z [m/s]: the laws along z in turn.
+
+    Args:
+        g: Gains.
+        memory: Memory.
+        m: Measurement.
+        t: Target.
+        by_position: Speed the position law asks for, the answer in the air [m/s].
+        expected: Speed along z that the path asks for at this moment to keep the force [m/s].
+        expected_then: The same when today's command acts [m/s].
+        dt: Control cycle [s].
+    """
+    expect_delay(g, memory)
+    speed = along_z(m, m.twist)
+    pressing = speed - expected
+    memory.force[2] += pressing * dt
+    own = own_force(g, memory, speed, pressing if memory.air[5] > 0.0 else 0.0, dt)
+    seen = as_sensed(g, memory, memory.force[2], own, dt)
+    reading = m.wrench[2] - seen.own
+    if not _touches(g, memory, t, along_z(m, t.twist), seen.path, reading, dt):
+        measure_delay(g, memory, speed, dt)
+        return by_position if t.contact[0] == 0.0 else seek_speed(memory)
+    state = memory.force
+    state[5] += dt
+    if g.estimates > 0.0 and state[4] < _LANDING:
+        stiffness = refine_stiffness(g, memory, g.stiffness, seen.path, reading, pressing, dt)
+        change_stiffness(memory, stiffness, seen.path)
+    pace = pace_of(g, state[3], memory.delay[0], np.sqrt(memory.air[2]), state[5])
+    force = observe_force(memory, pace.observer, seen.path, reading, state[4], dt)
+    travel = (t.force[0] - force) / state[3] - under_way(memory, dt)
+    wanted = quickest_stop(g, travel, pace.crossover, speed_limit(g, memory, state[3]))
+    wanted += expected_then - hand_over(g, memory, wanted, dt) * state[1] / state[3]
+    step = g.acceleration * dt
+    return min(max(wanted, memory.delay[3] - step), memory.delay[3] + step)
+
+
+@njit(cache=True)
+def _touches(
+    g: AdaptiveGains, memory: PressMemory, t: Target, planned: float, path: float, reading: float, dt: float
+) -> bool:
+    """Whether the tool touches: by the target's word, by its own, and by noise only until the reading falls back."""
+    air, controlled = memory.air, t.contact[0] > 0.0
+    if air[7] > 0.0 and not controlled:
+        air[0], air[5] = 0.0, 0.0
+    air[7] = t.contact[0]
+    if g.touch_down == 0.0:
+        first = controlled and air[5] == 0.0
+        air[5] = t.contact[0]
+    elif air[5] > 0.0:
+        smooth_reading(memory, reading, dt)
+        air[5] = 0.0 if fell_back(memory) else 1.0
+        first = False
+    else:
+        if not controlled:
+            air[6] = max(air[6], planned)
+        noticed = watch_air(memory, reading, planned > 1e-5 or controlled, dt)
+        first = noticed or (controlled and not is_armed(memory))
+        air[5] = 1.0 if first else 0.0
+    if first:
+        force = max(air[3], 0.0) if g.touch_down > 0.0 else reading
+        begin_contact(memory, g.stiffness * (g.stiff_first if g.estimates > 0.0 else 1.0), path, force)
+        restart_fit(memory, path, force)
+    return bool(air[5] > 0.0)
+
+
+@cache
+def hybrid_adaptive_law() -> Any:
+    """Compiled entry of ``hybrid-adaptive``, made at first use."""
+
+    @cfunc(LAW_SIGNATURE, cache=True)
+    def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
+        m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
+        t = target_of(carray(target, TARGET_SIZE))
+        length = int(carray(context, 1)[0])
+        step_hybrid_adaptive(carray(context, length), m, t, carray(twist, ANSWER_SIZE))
+
+    return law

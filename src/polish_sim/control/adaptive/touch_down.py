@@ -1,0 +1,117 @@
+"""Law ``touch-down``: notice the part, press on it as fast as robot and springs allow, stop at the set force (layer 7).
+
+Contact is what the air was not: in the air mean and variance of the reading are learned, and the part is there once the
+reading, at one of two low-passes (30 Hz for fast approaches, 5 Hz for slow ones), leaves the mean by five standard
+deviations. Where the reading falls back it was noise, and the tool goes on as before.
+
+The speed then follows from the travel still to go, as for the quickest stop at an acceleration a without overshoot:
+v = w x near the end, v = sqrt(2 a (x - a / 2 w^2)) before. It starts at the speed of the approach, grows with the
+evidence of contact, and is bounded by the force's rate of rise. Nothing is integrated until the force has landed.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from polish_sim.control.adaptive.gains import AdaptiveGains
+from polish_sim.control.adaptive.memory import PressMemory
+from polish_sim.control.filters import low_pass_step
+
+_FAST_HZ, _SLOW_HZ = 30.0, 5.0
+_FAST_SHARE, _SLOW_SHARE = 0.52, 0.24  # of a reading's deviation (80 Hz) that these low-passes let through
+_SIGMAS = 5.0
+_FAST_LEAST, _SLOW_LEAST = 0.4, 0.3  # smallest rise that counts as contact [N]
+_ARMED = 0.15  # time in the air before the statistics are believed [s]
+_AIR_MEMORY = 0.4  # [s]
+_LARGEST_OFFSET = 1.5  # of the reading in the air [N]
+_SURE = 2.0  # rise at which contact is beyond doubt [N]
+_SEEK_SLOWEST, _SEEK_FASTEST = 0.002, 0.02  # towards a part that should be there [m/s]
+_BRAKING = 0.8  # share of the robot's acceleration that is planned with
+_LANDED = 0.01  # speed below which the landing ends [m/s]
+_LANDING_ENDS = 0.15  # time in which the observer's rate is faded in [s]
+
+
+@njit(cache=True)
+def smooth_reading(memory: PressMemory, reading: float, dt: float) -> None:
+    """Keep the two low-passed readings up to date [N]."""
+    air = memory.air
+    air[3] = low_pass_step(air[3], reading, _FAST_HZ, dt)
+    air[4] = low_pass_step(air[4], reading, _SLOW_HZ, dt)
+
+
+@njit(cache=True)
+def watch_air(memory: PressMemory, reading: float, approaching: bool, dt: float) -> bool:
+    """Learn what the reading [N] is like in the air; True once it is not like that any more."""
+    air = memory.air
+    if not approaching:
+        air[0] = 0.0
+        return False
+    air[0] += dt
+    if air[0] <= 1.5 * dt:
+        air[1], air[2], air[3], air[4] = reading, 0.0, reading, reading
+        return False
+    smooth_reading(memory, reading, dt)
+    sigma = math.sqrt(air[2])
+    fast = max(_FAST_LEAST, _SIGMAS * _FAST_SHARE * sigma)
+    slow = max(_SLOW_LEAST, _SIGMAS * _SLOW_SHARE * sigma)
+    if air[0] > _ARMED and (air[3] - air[1] > fast or air[4] - air[1] > slow):
+        return True
+    share, off = dt / min(air[0], _AIR_MEMORY), reading - air[1]
+    air[1] = min(max(air[1] + share * off, -_LARGEST_OFFSET), _LARGEST_OFFSET)
+    air[2] += share * (off * off - air[2])
+    return False
+
+
+@njit(cache=True)
+def is_armed(memory: PressMemory) -> bool:
+    """Whether the air has been watched for long enough to tell contact from noise."""
+    return bool(memory.air[0] > _ARMED)
+
+
+@njit(cache=True)
+def fell_back(memory: PressMemory) -> bool:
+    """Whether the reading is again what it was in the air."""
+    air = memory.air
+    return bool(air[3] - air[1] < 0.25 * max(_FAST_LEAST, _SIGMAS * _FAST_SHARE * math.sqrt(air[2])))
+
+
+@njit(cache=True)
+def seek_speed(memory: PressMemory) -> float:
+    """Speed towards a part that should be there [m/s]."""
+    return min(max(memory.air[6], _SEEK_SLOWEST), _SEEK_FASTEST)
+
+
+@njit(cache=True)
+def speed_limit(g: AdaptiveGains, memory: PressMemory, stiffness: float) -> float:
+    """Highest speed along tool z for the evidence of contact there is and a ``stiffness`` [N/m]; result [m/s]."""
+    if g.touch_down == 0.0:
+        return g.speed
+    evidence = min(max((memory.air[3] - memory.air[1]) / _SURE, 0.0), 1.0)
+    believed = min(seek_speed(memory) + evidence * g.speed, g.speed)
+    return min(believed, max(g.force_rate / stiffness, _SEEK_SLOWEST))
+
+
+@njit(cache=True)
+def quickest_stop(g: AdaptiveGains, travel: float, crossover: float, limit: float) -> float:
+    """Speed at which a travel still to go [m] is ended soonest without going too far [m/s]."""
+    far = abs(travel)
+    speed = crossover * far
+    if g.touch_down > 0.0:
+        a = _BRAKING * g.acceleration
+        bend = a / (crossover * crossover)
+        if far > bend:
+            speed = math.sqrt(2.0 * a * (far - 0.5 * bend))
+    speed = min(speed, limit)
+    return speed if travel >= 0.0 else -speed
+
+
+@njit(cache=True)
+def hand_over(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float) -> float:
+    """How far the landing is over, 0 to 1: once the wanted speed is small the observer's rate is faded in."""
+    if g.touch_down == 0.0:
+        memory.force[4] = 1.0
+    elif abs(speed) < _LANDED:
+        memory.force[4] = min(1.0, memory.force[4] + dt / _LANDING_ENDS)
+    return memory.force[4]
