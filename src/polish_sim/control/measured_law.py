@@ -1,0 +1,151 @@
+"""A control law of the force loop made linear by asking it: any controller, the shipped ones and a user's (layer 7).
+
+The law is let down onto the modelled plant until it presses steadily, so that what it estimates has settled. Then its
+inputs are frozen and one of them is nudged for a single cycle; how the answer differs from the unnudged one is its
+impulse response.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.control.laws import Controller
+from polish_sim.control.loop_model import Plant, Setup, build_plant
+from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, Measurement, Target, measurement_of, target_of
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+START = -0.002  # of the pad below the surface [m]
+APPROACH = 0.004  # [m/s]
+TOUCHING = 2.0  # reading that counts as contact [N]
+RAMP_S = 0.35  # time in which the target goes down to its depth
+PRESSED_S = 2.5  # time the law has to settle
+RESPONSE_S = 3.0  # length of the impulse responses
+NUDGE_N, NUDGE_M_S = 1e-3, 1e-6
+AXIS = -1.0  # tool z points down in the base frame
+
+
+class MeasuredLaw(NamedTuple):
+    """Changes of the answer from step to step after a nudge of one cycle; they must have died away at the end."""
+
+    force: Array
+    """Of the reading [m/(s N)], shape (n,)."""
+    motion: Array
+    """Of the tool's velocity [-], shape (n,)."""
+
+    def by_force(self, z: Complex) -> Complex:
+        """Of the force reading [m/(s N)]."""
+        return _sum_up(self.force, z)
+
+    def by_motion(self, z: Complex) -> Complex:
+        """Of the tool's velocity, its place moving with it [-]."""
+        return _sum_up(self.motion, z)
+
+
+def measure_law(controller: Controller, setup: Setup, force: float, nominal_stiffness: float) -> MeasuredLaw:
+    """Make a controller linear about steady pressing.
+
+    Args:
+        controller: The controller; it is reset.
+        setup: The plant it presses on while it settles.
+        force: Force to press with [N].
+        nominal_stiffness: What the plan takes head and pad for, in series [N/m].
+
+    Returns:
+        Its impulse responses.
+    """
+    kernels = []
+    at_rest = _answers(controller, setup, force, nominal_stiffness, 0.0, 0.0)
+    for nudge_n, nudge_m_s in ((NUDGE_N, 0.0), (0.0, NUDGE_M_S)):
+        nudged = _answers(controller, setup, force, nominal_stiffness, nudge_n, nudge_m_s)
+        kernels.append(np.diff(nudged - at_rest, prepend=0.0) / (nudge_n + nudge_m_s))
+    return MeasuredLaw(*kernels)
+
+
+def _answers(
+    controller: Controller, setup: Setup, force: float, stiffness: float, nudge_n: float, nudge_m_s: float
+) -> Array:
+    """Speeds along the tool axis asked for after a nudge [m/s], inputs frozen, shape (n,)."""
+    stand = _Stand(setup, force, stiffness)
+    controller.reset(setup.dt)
+    while stand.pressed < PRESSED_S:
+        stand.press_on(_along(controller.step(stand.measurement, stand.target)))
+    stand.freeze()
+    answers = np.empty(round(RESPONSE_S / setup.dt))
+    for k in range(len(answers)):
+        stand.show(nudge_n if k == 0 else 0.0, nudge_m_s if k == 0 else 0.0, nudge_m_s * setup.dt)
+        answers[k] = _along(controller.step(stand.measurement, stand.target))
+    return answers
+
+
+def _along(answer: Array) -> float:
+    return AXIS * float(answer[2])
+
+
+def _sum_up(kernel: Array, z: Complex) -> Complex:
+    """Transfer of a law whose answer's changes after an impulse are ``kernel``."""
+    powers = np.exp(-np.outer(np.log(z), np.arange(len(kernel))))
+    return (powers @ kernel) / (1.0 - 1.0 / z)
+
+
+class _Stand:
+    """The modelled plant with contact made and lost, and what the host reads of it."""
+
+    def __init__(self, setup: Setup, force: float, stiffness: float) -> None:
+        self.setup = setup
+        self.touching: Plant = build_plant(setup)
+        self.free: Plant = build_plant(setup._replace(pad_stiffness=0.0, pad_damping=0.0))
+        self.state = np.zeros(7)
+        self.state[[0, 1, 4]] = START
+        self.samples, self.commands = np.zeros(setup.sensor_steps + 1), np.zeros(setup.command_steps + 1)
+        self.depth, self.goal, self.speed = START, force / stiffness, APPROACH
+        self.pressed, self.time = 0.0, 0.0
+        flat, wanted = np.zeros(MEASUREMENT_SIZE), np.zeros(TARGET_SIZE)
+        self.measurement: Measurement = measurement_of(flat)
+        self.target: Target = target_of(wanted)
+        self.measurement.rotation[:] = self.target.rotation[:] = np.diag([1.0, -1.0, -1.0])
+        self.measurement.clock[1], self.target.force[0] = setup.dt, force
+        self.shown = np.zeros(3)
+        self._show(*self._read())
+
+    def press_on(self, command: float) -> None:
+        """Take a command and go on by one step."""
+        self.commands = np.concatenate([[command], self.commands[:-1]])
+        plant = self._plant()
+        self.state = plant.A @ self.state + plant.B * self.commands[-1]
+        self.samples = np.concatenate([[self._plant().reading @ self.state], self.samples[:-1]])
+        touching = self.target.contact[0] > 0.0
+        if touching:
+            self.pressed += self.setup.dt
+            left = max(RAMP_S - self.pressed, self.setup.dt)
+            self.speed = (self.goal - self.depth) / left if self.pressed < RAMP_S else 0.0
+        elif self.samples[-1] > TOUCHING:
+            self.target.contact[0] = 1.0
+        self.depth += self.speed * self.setup.dt
+        self._show(*self._read())
+
+    def freeze(self) -> None:
+        """Keep what the host reads now."""
+        self.shown = np.array(self._read())
+        self.shown[1] = 0.0
+
+    def show(self, force: float, velocity: float, place: float) -> None:
+        """Let the host read the frozen values and a nudge on them."""
+        self._show(self.shown[0] + force, self.shown[1] + velocity, self.shown[2] + place)
+
+    def _plant(self) -> Plant:
+        return self.touching if self.state[1] > 0.0 else self.free
+
+    def _read(self) -> tuple[float, float, float]:
+        return float(self.samples[-1]), float(self.state[2]), float(self.state[0])
+
+    def _show(self, reading: float, velocity: float, place: float) -> None:
+        m, t = self.measurement, self.target
+        self.time += self.setup.dt
+        m.clock[0] = self.time
+        m.wrench[2], m.twist[2], m.position[2] = reading, AXIS * velocity, AXIS * place
+        t.position[2], t.twist[2] = AXIS * self.depth, AXIS * self.speed
