@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.control.course import Course
 from polish_sim.control.laws import Controller
 from polish_sim.control.loop_model import Plant, Setup, build_plant
 from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, Measurement, Target, measurement_of, target_of
@@ -66,11 +67,23 @@ def measure_law(controller: Controller, setup: Setup, force: float, nominal_stif
     return MeasuredLaw(*kernels)
 
 
+def flat_course(force: float, stiffness: float) -> Course:
+    """What lies ahead of a tool that holds one point of a plane with a force [N] on springs [N/m]."""
+    rows = np.zeros(3)
+    return Course(
+        0.001, rows + force / stiffness, rows, rows + stiffness, np.zeros((3, 2)), np.zeros((3, 2)), rows,
+        np.zeros((3, 3)), np.full(3, -1),
+    )  # fmt: skip
+
+
 def _answers(
     controller: Controller, setup: Setup, force: float, stiffness: float, nudge_n: float, nudge_m_s: float
 ) -> Array:
     """Speeds along the tool axis asked for after a nudge [m/s], inputs frozen, shape (n,)."""
     stand = _Stand(setup, force, stiffness)
+    prepare = getattr(controller, "prepare", None)
+    if callable(prepare):
+        prepare(flat_course(force, stiffness))
     controller.reset(setup.dt)
     while stand.pressed < PRESSED_S:
         stand.press_on(_along(controller.step(stand.measurement, stand.target)))

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Loop = Callable[[Complex], Complex]
 """Open loop L(z), closed by 1 + L = 0."""
+SLOWEST = 0.2
+"""Modes that grow more slowly count as stable [1/s]."""
 
 
 def force_loop(setup: Setup, law: LinearLaw) -> Loop:
@@ -87,19 +89,26 @@ def growth(matrix: Array, dt: float) -> float:
     return math.log(max(float(np.abs(np.linalg.eigvals(matrix)).max()), 1e-12)) / dt
 
 
-def growing_modes(loop: Loop, dt: float, rate: float = 0.2) -> int:
-    """Number of closed-loop poles that grow faster than a rate, by counting turns about -1 (Nyquist).
-
-    The contour |z| = exp(rate dt) keeps clear of the integrators at z = 1; the open loop must have no poles beyond it.
+def growing_modes(loop: Loop, dt: float) -> int:
+    """Number of closed-loop poles that grow, by counting turns about -1 (Nyquist).
 
     Args:
-        loop: L(z).
+        loop: L(z); its own poles must be inside ``contour``.
         dt: Control cycle [s].
-        rate: [1/s].
 
     Returns:
-        How many; 0 means stable but for modes slower than the rate.
+        How many; 0 means stable but for modes slower than ``SLOWEST``.
     """
-    omega = np.concatenate([[0.0], np.geomspace(1e-3, math.pi / dt, 3000)])
-    angle = np.unwrap(np.angle(1.0 + loop(np.exp((rate + 1j * omega) * dt))))
+    return turns_about_minus_one(loop(contour(dt)))
+
+
+def contour(dt: float) -> Complex:
+    """Upper half of the circle |z| = exp(SLOWEST dt), which keeps clear of the integrators at z = 1, shape (n,)."""
+    omega = np.concatenate([[0.0], np.geomspace(1e-3, math.pi / dt, 2500)])
+    return np.exp((SLOWEST + 1j * omega) * dt)
+
+
+def turns_about_minus_one(response: Complex) -> int:
+    """How often an open loop on ``contour`` and its mirror image goes clockwise around -1."""
+    angle = np.unwrap(np.angle(1.0 + response))
     return -round(2.0 * (angle[-1] - angle[0]) / (2.0 * math.pi))

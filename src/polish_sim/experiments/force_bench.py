@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.analysis.score_figures import LARGEST_OSCILLATION, LEAST_ALLOWED_N
 from polish_sim.cell import RealPart
 from polish_sim.config import Scenario
-from polish_sim.control import Controller, Measurement, Target, build_controller
+from polish_sim.control import Controller, Course, Measurement, Target, build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
 from polish_sim.experiments.force import place_force
 from polish_sim.experiments.part_setup import reach_path
@@ -25,15 +26,19 @@ QUIET = (
 )  # fmt: skip
 START_HEIGHT = 0.002  # of the tool above the part [m]
 APPROACH_SPEED = 0.004  # [m/s]
-RESTLESS_N = 0.05  # swing of the force, peak to peak, below which the loop counts as at rest
+AT_REST_N = 0.05  # swing of the force, peak to peak, below which the loop is at rest
 DYING = 0.9  # a swing that shrinks by this factor in a window is dying away
 WINDOW_S = 0.8
+FORCE_LIMIT_N = 90.0
 
 
 class Rest(NamedTuple):
     """How a loop ended."""
 
+    resting: bool
+    """No swing, or one that dies away."""
     stable: bool
+    """Resting, or a swing as small as the scorecard allows: friction of the joints can keep a small one up."""
     swing: float
     """Of the exact force, peak to peak in the last window [N]."""
     frequency: float
@@ -50,19 +55,23 @@ class Bench(NamedTuple):
 
 
 def quiet(scenario: Scenario) -> Scenario:
-    """A scenario of ``force`` without noise, on the part as drawn, come down to slowly."""
+    """A scenario of ``force`` without noise, on the part as drawn, come down to slowly; forces stop nothing early."""
     calm = override(scenario, list(QUIET))
-    return replace(calm, process=replace(calm.process, approach_speed_m_s=APPROACH_SPEED))
+    return replace(
+        calm,
+        process=replace(calm.process, approach_speed_m_s=APPROACH_SPEED),
+        safety=replace(calm.safety, force_limit_n=FORCE_LIMIT_N),
+    )
 
 
 def build_bench(scenario: Scenario) -> Bench:
-    """Place the part of a scenario, for cells that differ in springs, latencies and controllers only."""
+    """Place the part of a scenario, for cells that differ in latencies and controllers, and in no softer springs."""
     calm = quiet(scenario)
     place = place_force(calm)
     low = place.path.positions_work.copy()
     low[0] = low[1] + START_HEIGHT * place.path.axes_work[1]
     path = replace(place.path, positions_work=low, s=np.array([0.0, START_HEIGHT]))
-    place = place._replace(path=path, reach=reach_path(calm, place.mesh, path))
+    place = replace(place, path=path, reach=reach_path(calm, place.mesh, path))
     return Bench(place, build_part(calm, place))
 
 
@@ -71,6 +80,12 @@ class LouderLaw:
 
     def __init__(self, controller: Controller, gain: float) -> None:
         self._controller, self._gain = controller, gain
+
+    def prepare(self, course: Course) -> None:
+        """Pass on what lies ahead, to a controller that prepares for it."""
+        prepare = getattr(self._controller, "prepare", None)
+        if callable(prepare):
+            prepare(course)
 
     def reset(self, cycle_s: float) -> None:
         """Forget everything."""
@@ -120,10 +135,11 @@ def judge_rest(force: Array, scenario: Scenario) -> Rest:
     dt, wanted = scenario.simulation.timestep_s, scenario.process.contact_force_n
     rows, asked = round(WINDOW_S / dt), round(scenario.process.hold_s / dt)
     if len(force) < asked - 1 or len(force) < 2 * rows:
-        return Rest(False, np.inf, np.nan, np.nan)
+        return Rest(False, False, np.inf, np.nan, np.nan)
     before, last = force[-2 * rows : -rows], force[-rows:]
     swing, earlier = float(np.ptp(last)), float(np.ptp(before))
     spectrum = np.abs(np.fft.rfft((last - last.mean()) * np.hanning(rows), 8 * rows))
     frequency = 2.0 * np.pi * float(np.argmax(spectrum)) / (8 * rows * dt)
-    stable = swing < RESTLESS_N or swing < DYING * earlier
-    return Rest(stable, swing, frequency, float(last.mean()) - wanted)
+    resting = swing < AT_REST_N or swing < DYING * earlier
+    allowed = 2.0 * max(LEAST_ALLOWED_N, LARGEST_OSCILLATION * wanted)
+    return Rest(resting, resting or swing <= allowed, swing, frequency, float(last.mean()) - wanted)

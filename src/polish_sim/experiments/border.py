@@ -1,0 +1,174 @@
+"""Where the force loop breaks: margins and the border of stability, from the linear model and in the cell (layer 9)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cell import Observer, Silent
+from polish_sim.config import Scenario
+from polish_sim.control import build_controller
+from polish_sim.control.border_line import longest_latency, share_latency, with_springs
+from polish_sim.control.linear_law import LinearLaw
+from polish_sim.control.loop_model import setup_of
+from polish_sim.control.margins import Margins, margins
+from polish_sim.control.measured_law import measure_law
+from polish_sim.control.stability import force_loop, response_of
+from polish_sim.experiments.force_bench import Bench, Rest, build_bench, press
+
+Array = NDArray[np.float64]
+
+SCALES = (0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 3.5, 5.0)
+"""Of the springs, for the border in the cell [-]."""
+LATENCIES = (0.002, 0.005, 0.008, 0.014, 0.02, 0.03, 0.045, 0.06)
+"""Totals, for the border in the cell [s]."""
+FINE_SCALES = tuple(float(s) for s in np.geomspace(0.1, 10.0, 33))
+FINE_LATENCIES = tuple(0.001 * n for n in range(1, 91))
+ACCURACY = 1.02  # to which a gain margin is sought
+MOST_GAIN, MOST_DELAY_S = 64.0, 0.25
+
+
+class SimulatedMargins(NamedTuple):
+    """What the cell's loop really bears."""
+
+    gain: float
+    """[-]; infinite beyond ``MOST_GAIN``."""
+    gain_frequency: float
+    """Of the swing just beyond it [rad/s]."""
+    delay: float
+    """[s]; infinite beyond ``MOST_DELAY_S``."""
+    delay_frequency: float
+    """[rad/s]"""
+
+
+class Border(NamedTuple):
+    """Stability over springs and latency, controller by controller."""
+
+    scales: Array
+    """Of the springs, in the cell [-], shape (n,)."""
+    latencies: Array
+    """Totals, in the cell [s], shape (m,)."""
+    rests: dict[str, list[list[Rest]]]
+    """How each run ended, by controller, latency and scale."""
+    line_scales: Array
+    """Of the springs, by the linear model [-], shape (k,)."""
+    lines: dict[str, Array]
+    """Latency up to which the linear model is stable [s], by controller, shape (k,)."""
+
+
+def linear_law_of(scenario: Scenario, scale: float = 1.0) -> LinearLaw:
+    """The force law of a scenario's controller made linear, settled on springs ``scale`` times as stiff as drawn."""
+    setup = setup_of(replace(scenario, head=replace(scenario.head, spring_scale=1.0)))
+    return measure_law(
+        build_controller(scenario.controller), with_springs(setup, scale), scenario.process.contact_force_n,
+        setup.stiffness,
+    )  # fmt: skip
+
+
+def analytic_margins(scenario: Scenario) -> Margins:
+    """Margins of a scenario's force loop by the linear model, the law settled on the scenario's springs."""
+    setup = setup_of(scenario)
+    law = linear_law_of(scenario, scenario.head.spring_scale)
+    return margins(response_of(force_loop(setup, law), setup.dt))
+
+
+def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) -> SimulatedMargins:
+    """Margins found in the cell, by making the loop louder or later until it no longer comes to rest.
+
+    Args:
+        scenario: An experiment ``force``.
+        bench: Its bench.
+        friction: Whether the joints have their Coulomb friction. The linear model has none; with it a loop also
+            counts as unstable when it keeps up a small swing.
+
+    Returns:
+        The margins and the frequencies at which the loop swings just beyond them.
+    """
+
+    def louder(gain: float) -> Rest:
+        return press(bench, scenario, gain, friction)
+
+    def later(factor: float) -> Rest:
+        delay = scenario.robot.command_latency_s + MOST_DELAY_S * math.log(factor) / math.log(MOST_GAIN)
+        late = replace(scenario, robot=replace(scenario.robot, command_latency_s=delay))
+        return press(bench, late, 1.0, friction)
+
+    gain, gain_rest = _seek(louder, ACCURACY)
+    factor, delay_rest = _seek(later, math.exp(0.001 * math.log(MOST_GAIN) / MOST_DELAY_S))
+    delay = MOST_DELAY_S * math.log(factor) / math.log(MOST_GAIN) if math.isfinite(factor) else math.inf
+    return SimulatedMargins(gain, gain_rest.frequency, delay, delay_rest.frequency)
+
+
+def _seek(run: Callable[[float], Rest], accuracy: float) -> tuple[float, Rest]:
+    """Largest factor from 1 to ``MOST_GAIN`` at which a run comes to rest, by halving, and the rest just beyond."""
+    low, high = 1.0, MOST_GAIN
+    beyond = run(high)
+    if beyond.resting:
+        return math.inf, beyond
+    while high / low > accuracy:
+        middle = math.sqrt(low * high)
+        rest = run(middle)
+        if rest.resting:
+            low = middle
+        else:
+            high, beyond = middle, rest
+    return math.sqrt(low * high), beyond
+
+
+def measure_border(
+    scenario: Scenario,
+    controllers: Sequence[str],
+    observer: Observer | None = None,
+    scales: Sequence[float] = SCALES,
+    latencies: Sequence[float] = LATENCIES,
+) -> Border:
+    """Stability over springs and latency, simulated and by the linear model, nothing retuned.
+
+    Args:
+        scenario: An experiment ``force``; its springs and latencies play no role.
+        controllers: Names, or FILE.py:CLASS.
+        observer: Told of the progress.
+        scales: Springs of head and pad by what plan and controller take them for, for the cell [-].
+        latencies: Totals, for the cell [s].
+
+    Returns:
+        The border.
+    """
+    observer = observer or Silent()
+    observer.stage("set up")
+    softest = replace(scenario, head=replace(scenario.head, spring_scale=min(scales)))
+    bench = build_bench(softest)
+    total, done = len(controllers) * len(scales) * len(latencies), 0
+    rests: dict[str, list[list[Rest]]] = {}
+    for name in controllers:
+        observer.stage(f"press, {name}")
+        rests[name] = []
+        for latency in latencies:
+            rests[name].append([press(bench, _at(scenario, name, scale, latency)) for scale in scales])
+            done += len(scales)
+            observer.progress(done, total)
+    lines = {name: border_line(scenario, name, FINE_SCALES) for name in controllers}
+    return Border(np.array(scales), np.array(latencies), rests, np.array(FINE_SCALES), lines)
+
+
+def border_line(scenario: Scenario, name: str, scales: Sequence[float]) -> Array:
+    """Latency up to which the linear model of a controller is stable [s], for each scale of the springs, shape (n,)."""
+    drawn = _at(scenario, name, 1.0, scenario.sensor.latency_s + scenario.robot.command_latency_s)
+    setup = setup_of(drawn)
+    return np.array([longest_latency(with_springs(setup, s), linear_law_of(drawn, s), FINE_LATENCIES) for s in scales])
+
+
+def _at(scenario: Scenario, name: str, scale: float, latency: float) -> Scenario:
+    shared = share_latency(latency)
+    return replace(
+        scenario,
+        controller=replace(scenario.controller, name=name),
+        head=replace(scenario.head, spring_scale=scale),
+        sensor=replace(scenario.sensor, latency_s=shared.sensor),
+        robot=replace(scenario.robot, command_latency_s=shared.command),
+    )
