@@ -57,7 +57,7 @@ def same(one: RunLog, other: RunLog) -> bool:
     return all(np.array_equal(one[name], other[name]) for name in one.names)
 
 
-@pytest.mark.parametrize("name", ["hybrid-pi", "position"])
+@pytest.mark.parametrize("name", ["hybrid-pi", "position", "admittance", "impedance-position", "force-mode"])
 @pytest.mark.parametrize("every", [1, 2])
 def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(
     flat: RealPart, tmp_path: Path, name: str, every: int

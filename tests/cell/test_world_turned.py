@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import CellRun
+from polish_sim.control import CONTROLLERS
 from polish_sim.spatial import transform
 from tests.cell.cells import EVERY_STEP, TOUCH, along_tool, cell_for, ideal, joints_at, part_under, pressing_job
 from tests.cell.fields import sphere
@@ -24,7 +25,7 @@ def run_turned(angle: float, controller: str) -> CellRun:
     return cell.run()
 
 
-@pytest.mark.parametrize("controller", ["hybrid-pi", "hybrid-pi-position", "position"])
+@pytest.mark.parametrize("controller", [*CONTROLLERS])
 @pytest.mark.parametrize("angle", [-1.0, 0.3])
 def test_every_quantity_in_tool_and_joint_space_is_the_same(controller: str, angle: float) -> None:
     here, there = run_turned(0.0, controller), run_turned(angle, controller)
