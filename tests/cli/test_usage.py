@@ -54,7 +54,7 @@ def test_the_version_is_the_package_s(polish_sim: Callable[..., object]) -> None
         (["run", "arc", "--feed", "fast"], "--feed"),
         (["run", "arc", "--seeds", "0"], "--seeds"),
         (["run", "arc", "--seeds", "2", "--video"], "leave --seeds out"),
-        (["run", "arc", "--controller", "pid"], "unknown controller 'pid'. Known: FILE.py:CLASS, admittance, force-mode"),
+        (["run", "arc", "--controller", "pid"], "unknown controller 'pid'. Known: FILE.py:CLASS, admittance"),
         (["run", "arc", "--controller", "gone.py:Mine"], "'gone.py' does not exist"),
         (["run", "surface", "--part", "gone.stl"], "gone.stl"),
         (["run", "surface", "--pattern", "zigzag"], "unknown pattern 'zigzag'. Known: "),

@@ -1,0 +1,126 @@
+"""The baselines' laws have the response their equations have, and their gains follow from the cell as stated."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from polish_sim.config import ControllerConfig, HeadConfig, PadConfig
+from polish_sim.control import CONTROLLERS, Controller
+from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, Measurement, Target, measurement_of, target_of
+from polish_sim.models import robot_model_path
+from tests.control.signals import Array, measurement_from, target_near
+
+CONFIG = ControllerConfig()
+BASELINES = ("admittance", "impedance-position", "force-mode")
+DT = 0.001
+
+
+def pressing(force: float = 0.0, speed: float = 0.0) -> tuple[Measurement, Target]:
+    """A tool at rest on its target, z along base z, wanted to press with 20 N."""
+    m, t = measurement_of(np.zeros(MEASUREMENT_SIZE)), target_of(np.zeros(TARGET_SIZE))
+    m.rotation[:] = t.rotation[:] = np.eye(3)
+    m.wrench[2], m.twist[2], m.clock[1] = force, speed, DT
+    t.force[0], t.contact[0] = 20.0, 1.0
+    return m, t
+
+
+def controller(name: str, config: ControllerConfig = CONFIG) -> Controller:
+    made = CONTROLLERS[name](config)
+    made.reset(DT)
+    return made
+
+
+def speeds(name: str, force: float, count: int, config: ControllerConfig = CONFIG) -> Array:
+    """Speed along tool z at every step while the reading stays at a force [N] and the tool is held in place."""
+    law, (m, t) = controller(name, config), pressing(force)
+    return np.array([law.step(m, t)[2] for _ in range(count)])
+
+
+def roomy(**changes: float) -> ControllerConfig:
+    """Without a speed limit in the way."""
+    return replace(CONFIG, force_limit_m_s=1.0, baselines=replace(CONFIG.baselines, **changes))
+
+
+def test_the_virtual_mass_is_twice_what_the_sensor_carries_and_its_damper_critical_on_the_nominal_springs() -> None:
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
+    carried = model.body("tool_mount").mass[0] + model.body("head").mass[0]
+    own, k = CONFIG.baselines, 1.0 / (1.0 / HeadConfig().stiffness_n_m + 1.0 / PadConfig().stiffness_n_m)
+    assert own.mass_kg == pytest.approx(2.0 * carried)
+    assert own.damping_n_s_m == pytest.approx(2.0 * math.sqrt(k * own.mass_kg), rel=1e-3)
+    assert own.stiffness_n_m == pytest.approx(k / 5.0)
+
+
+def test_a_constant_force_error_brings_the_admittance_to_error_over_damping_with_its_time_constant() -> None:
+    time_constant = CONFIG.baselines.mass_kg / CONFIG.baselines.damping_n_s_m
+    answer = speeds("admittance", 15.0, 200, roomy())
+    t = DT * np.arange(1, 201)
+    expected = 5.0 / CONFIG.baselines.damping_n_s_m * (1.0 - np.exp(-t / time_constant))
+    np.testing.assert_allclose(answer, expected, rtol=0.04)
+    assert answer[-1] == pytest.approx(5.0 / CONFIG.baselines.damping_n_s_m, rel=1e-3)
+
+
+def test_a_constant_force_error_moves_the_impedance_by_error_over_stiffness() -> None:
+    """Held in place the position loop asks for the offset over the look-ahead in the end."""
+    answer = speeds("impedance-position", 15.0, 4000, roomy())
+    offset = 5.0 / CONFIG.baselines.stiffness_n_m
+    assert answer[-1] == pytest.approx(offset / CONFIG.look_ahead_s, rel=1e-3)
+
+
+def test_force_mode_answers_every_second_millisecond_and_keeps_its_speed_without_damping() -> None:
+    answer = speeds("force-mode", 15.0, 20, roomy(mode_damping=0.0))
+    np.testing.assert_array_equal(answer[1::2][:-1], answer[2::2])
+    mass = CONFIG.baselines.mode_mass_kg / CONFIG.baselines.mode_gain_scaling
+    np.testing.assert_allclose(np.diff(answer[1::2]), 5.0 / mass * 0.002)
+    law, (m, t) = controller("force-mode", roomy(mode_damping=0.0)), pressing(20.0, speed=0.01)
+    np.testing.assert_allclose([law.step(m, t)[2] for _ in range(50)], 0.01)
+
+
+def test_force_mode_loses_the_damping_s_share_of_its_speed_every_step() -> None:
+    law, (m, t) = controller("force-mode", roomy(mode_damping=0.3)), pressing(20.0, speed=0.01)
+    answer = np.array([law.step(m, t)[2] for _ in range(12)])
+    np.testing.assert_allclose(answer[1::2], 0.01 * 0.7 ** np.arange(1, 7))
+
+
+@pytest.mark.parametrize("name", BASELINES)
+@pytest.mark.parametrize("speed", [-0.02, 0.0, 0.02])
+def test_force_control_begins_at_the_speed_the_tool_has(name: str, speed: float) -> None:
+    law, (m, t) = controller(name), pressing(20.0, speed)
+    assert law.step(m, t)[2] == pytest.approx(speed, rel=0.08, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_no_baseline_asks_for_more_than_the_speed_limit_and_none_winds_up(name: str) -> None:
+    law, (m, t) = controller(name), pressing(-500.0)
+    pushed = [law.step(m, t)[2] for _ in range(500)]
+    assert max(pushed) == pytest.approx(CONFIG.force_limit_m_s)
+    m.wrench[2] = 520.0
+    back = np.array([law.step(m, t)[2] for _ in range(100)])
+    assert (back < 0.0).argmax() < 20
+
+
+@pytest.mark.parametrize("name", BASELINES)
+@pytest.mark.parametrize("seed", range(3))
+def test_everything_but_tool_z_is_as_in_hybrid_pi(name: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    m = measurement_from(rng)
+    for contact in (0.0, 1.0):
+        t = target_near(m, rng, contact)
+        ours, hybrid = controller(name).step(m, t), controller("hybrid-pi").step(m, t)
+        across = np.eye(3) - np.outer(m.rotation[:, 2], m.rotation[:, 2]) * contact
+        np.testing.assert_allclose(across @ ours[:3], across @ hybrid[:3], atol=1e-12)
+        np.testing.assert_array_equal(ours[3:], hybrid[3:])
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_a_second_contact_begins_afresh(name: str) -> None:
+    law, (m, t) = controller(name), pressing(0.0)
+    first = [law.step(m, t)[2] for _ in range(100)]
+    t.contact[0] = 0.0
+    law.step(m, t)
+    t.contact[0] = 1.0
+    np.testing.assert_allclose([law.step(m, t)[2] for _ in range(100)], first, atol=1e-12)
