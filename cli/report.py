@@ -17,6 +17,7 @@ Runs = Annotated[list[Path], typer.Argument(help="Run folders made by 'run'.", s
 def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
     # Lazy: --help must not wait for matplotlib.
+    from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
     from polish_sim.analysis.report import draw_comparison, draw_plots, save_plots
     from polish_sim.analysis.run_record import read_record, write_json
     from polish_sim.cli.outcome import show_figures
@@ -26,6 +27,8 @@ def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
     with claimed(out, f"report-{experiment}", overwrite) as folder:
         plots = draw_plots(records[0]) if len(records) == 1 else draw_comparison(records)
         save_plots(folder.draft, plots)
+        if len(records) == 1 and records[0].removal is not None:
+            write_removal_mesh(folder.draft / REMOVAL_MESH, records[0].removal)
         write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
     columns = {f"{record.name} ({record.scenario.controller.name})": record.metrics for record in records}
     show_figures(experiment, f"{experiment}: {len(records)} run{'s' if len(records) > 1 else ''}", columns)

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from polish_sim.analysis.cell_plot import plot_cell
+from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
 from polish_sim.analysis.report import draw_plots, save_plots
 from polish_sim.analysis.run_record import RunRecord, package_versions, write_record
 from polish_sim.cell import Observer
@@ -45,6 +46,8 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
             record, result = simulate(scenario, way, draft, observer)
             observer.stage("draw")
             save_plots(draft, draw_plots(record))
+            if record.removal is not None:
+                write_removal_mesh(draft / REMOVAL_MESH, record.removal)
         if not (draft / CELL_PICTURE).exists() and len(record.log):
             save_plots(draft, {CELL_PICTURE: plot_cell(record)})
     except KeyboardInterrupt:

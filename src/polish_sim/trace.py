@@ -33,3 +33,5 @@ class Trace(NamedTuple):
     """How far the part has moved from where it lay at rest, base frame, shape (n, 3)."""
     pad_travel_m: Array
     """How far the head's spring is compressed."""
+    spindle_rad_s: Array
+    """Speed of the spindle."""

@@ -17,6 +17,11 @@ HOLLOW = (204, 121, 167)
 BARE = (213, 94, 0)
 """Colour of what it never comes to."""
 
+COMMENT = (
+    "lengths in mm; exposure_s: seconds under the pad; strict: within 0.55 step-overs of the path; "
+    "hollow: tighter than the pad"
+)
+
 
 def write_coverage_mesh(file: Path, found: Inspection) -> None:
     """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_s, strict and hollow.
@@ -41,7 +46,8 @@ def write_coverage_mesh(file: Path, found: Inspection) -> None:
     vertices["exposure_s"], vertices["strict"], vertices["hollow"] = quality.exposure.times, found.strict, hollow
     triangles = np.zeros(len(mesh.triangles), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
     triangles["count"], triangles["corners"] = 3, mesh.triangles
-    file.write_bytes(_header(vertices, len(triangles)).encode("ascii") + vertices.tobytes() + triangles.tobytes())
+    header = ply_header(vertices, len(triangles), COMMENT)
+    file.write_bytes(header.encode("ascii") + vertices.tobytes() + triangles.tobytes())
 
 
 def hollow_vertices(found: Inspection) -> NDArray[np.bool_]:
@@ -61,14 +67,14 @@ def _colors(times: Array, hollow: NDArray[np.bool_]) -> NDArray[np.uint8]:
     return colors
 
 
-def _header(vertices: NDArray[np.void], faces: int) -> str:
+def ply_header(vertices: NDArray[np.void], faces: int, comment: str) -> str:
+    """Header of a binary PLY file with these vertices, so many triangles and a comment of one line."""
     kinds = {"f": "float", "u": "uchar"}
     names = vertices.dtype.names or ()
     lines = [
         "ply",
         "format binary_little_endian 1.0",
-        "comment lengths in mm; exposure_s: seconds under the pad; strict: within 0.55 step-overs of the path; "
-        "hollow: tighter than the pad",
+        f"comment {comment}",
         f"element vertex {len(vertices)}",
         *(f"property {kinds[vertices.dtype[name].kind]} {name}" for name in names),
         f"element face {faces}",

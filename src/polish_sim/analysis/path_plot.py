@@ -76,7 +76,7 @@ def plot_plan(result: PlanResult) -> Figure:
     _draw_leads(solid, flat, path, shown)
     _draw_axes(solid, path, shown, frame)
     _finish(figure, solid, flat, result, scale, frame)
-    _fill(solid, np.concatenate([vertices, shown]))
+    fill_view(solid, np.concatenate([vertices, shown]))
     return figure
 
 
@@ -159,7 +159,7 @@ def _what(plan: PlanConfig) -> str:
     return Path(plan.file).name if plan.file else plan.pattern.capitalize()
 
 
-def _fill(solid: Any, points: Array) -> None:
+def fill_view(solid: Any, points: Array) -> None:
     """Zoom and shift the view so that points (n, 3) fill it."""
     low, high = points.min(axis=0), points.max(axis=0)
     solid.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))

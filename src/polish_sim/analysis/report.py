@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from polish_sim.analysis.arc_plot import plot_arc, plot_arc_runs
 from polish_sim.analysis.force_plot import plot_force, plot_force_runs
 from polish_sim.analysis.peaks_plot import plot_peaks
+from polish_sim.analysis.removal_plot import plot_removal, plot_removal_runs
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.seeds_plot import plot_seeds
 from polish_sim.analysis.surface_plot import plot_surface_force, plot_surface_runs
@@ -33,8 +34,10 @@ COMPARISONS: Final[Mapping[str, Mapping[str, Callable[[Sequence[RunRecord]], Fig
 
 def draw_plots(record: RunRecord) -> dict[str, Figure]:
     """Draw the figures of a run, by file name; a run without a row has none."""
-    plots = PLOTS[record.scenario.experiment]
-    return {name: plot(record) for name, plot in plots.items()} if len(record.log) else {}
+    if not len(record.log):
+        return {}
+    plots = {name: plot(record) for name, plot in PLOTS[record.scenario.experiment].items()}
+    return plots | ({"removal.png": plot_removal(record)} if removed_something(record) else {})
 
 
 def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
@@ -49,7 +52,13 @@ def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
             f"runs of different experiments ({', '.join(sorted(experiments))}) cannot be put side by side: "
             "give runs of one experiment."
         )
-    return {name: plot(records) for name, plot in COMPARISONS[experiments.pop()].items()}
+    plots = {name: plot(records) for name, plot in COMPARISONS[experiments.pop()].items()}
+    return plots | ({"removal.png": plot_removal_runs(records)} if all(map(removed_something, records)) else {})
+
+
+def removed_something(record: RunRecord) -> bool:
+    """Whether a run has a map of what it took off, and took off anything."""
+    return record.removal is not None and record.removal.mean > 0.0
 
 
 def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:

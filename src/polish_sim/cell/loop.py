@@ -95,7 +95,7 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         turn = cell.job.process.pass_index[cell.sequence.row[0]]
         record_state(
             recorder, count, t, phase, engine.qpos, engine.qvel, m, target, cell.wrench, cell.speedl_state.twist,
-            engine.qpos[6], turn, cell.motion.rest, cell.part.position,
+            engine.qpos[6], turn, cell.motion.rest, cell.part.position, cell.spindle.state[1],
         )  # fmt: skip
         mj_step2(engine.model, engine.data)
         record_reading(recorder, count, engine.sensordata, engine.qfrc_actuator)

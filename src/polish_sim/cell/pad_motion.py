@@ -42,7 +42,7 @@ class PadMotion(NamedTuple):
     """Exact contact force along the pad's axis, integrated over the step [N s], shape (k,)."""
 
 
-def pad_motion(log: RunLog, trace: Trace, part: RealPart, pad_radius: float, spin: float) -> PadMotion:
+def pad_motion(log: RunLog, trace: Trace, part: RealPart, pad_radius: float) -> PadMotion:
     """Cut a run into steps.
 
     Args:
@@ -50,7 +50,6 @@ def pad_motion(log: RunLog, trace: Trace, part: RealPart, pad_radius: float, spi
         trace: Its exact quantities at every physics step.
         part: The real part, for its pose.
         pad_radius: [m]
-        spin: Speed of the spindle about the tool axis [rad/s].
 
     Returns:
         The steps in contact, in order.
@@ -69,7 +68,8 @@ def pad_motion(log: RunLog, trace: Trace, part: RealPart, pad_radius: float, spi
     centers, velocities = 0.5 * (faces[1:] + faces[:-1]), np.diff(faces, axis=0) / times[:, None]
     outward = -turns.as_matrix()[:, :, 2]
     axes = unit(outward[1:] + outward[:-1])
-    turning = (turns[1:] * turns[:-1].inv()).as_rotvec() / times[:, None] - spin * axes
+    spin = np.interp(0.5 * (marks[1:] + marks[:-1]), time, trace.spindle_rad_s)
+    turning = (turns[1:] * turns[:-1].inv()).as_rotvec() / times[:, None] - spin[:, None] * axes
     columns = (marks[1:], centers, axes, velocities, turning, times, gained)
     return PadMotion(*(np.ascontiguousarray(column[gained > 0.0]) for column in columns))
 

@@ -67,6 +67,7 @@ def _put(row: Array, start: int, values: Array, count: int) -> None:
 def record_state(
     recorder: Recorder, count: int, t: float, phase: float, q: Array, qd: Array, m: Measurement, target: Target,
     true_wrench: Array, command: Array, travel: float, turn: int, part_rest: Array, part_position: Array,
+    spin: float,
 ) -> None:  # fmt: skip
     """Record this instant, before the engine moves on; the sensor's raw reading follows in ``record_reading``.
 
@@ -85,6 +86,7 @@ def record_state(
         turn: Turn of the path.
         part_rest: Origin of the part's frame at rest [m], shape (3,).
         part_position: Origin of the part's frame now [m], shape (3,).
+        spin: Speed of the spindle [rad/s].
     """
     force = true_wrench[2]
     recorder.span[0] = min(recorder.span[0], force)
@@ -94,6 +96,7 @@ def record_state(
     _trace_step(trace, t, phase, force, speed, m, target, travel)
     for i in range(3):
         trace[12 + i] = part_position[i] - part_rest[i]
+    trace[15] = spin
     recorder.filled[1] += 1
     if count % recorder.every:
         return
@@ -158,4 +161,5 @@ def trace_from(block: Array) -> Trace:
         block[:, 10],
         block[:, 12:15],
         block[:, 11],
+        block[:, 15],
     )

@@ -31,7 +31,7 @@ def remove_material(scenario: Scenario, place: Workplace, part: RealPart, run: C
     """Sum Preston's law up over a finished run; the loop is not slowed down by it.
 
     Args:
-        scenario: Pad, spindle, wear coefficient.
+        scenario: Pad and wear coefficient.
         place: The nominal part, its region and the path.
         part: The part the pad met.
         run: The run.
@@ -43,8 +43,7 @@ def remove_material(scenario: Scenario, place: Workplace, part: RealPart, run: C
     nodes = place_nodes(
         place.surface, place.region, part, touched(place.shape, place.path, pad.radius_m, part.field.band)
     )
-    spin = scenario.spindle.speed_rpm * 2.0 * math.pi / 60.0
-    motion = pad_motion(run.log, run.trace, part, pad.radius_m, spin)
+    motion = pad_motion(run.log, run.trace, part, pad.radius_m)
     removed = expose_nodes(nodes.pressed, motion, part.field, pad.radius_m, pad.stiffness_n_m * head.spring_scale)
     own = len(nodes.mesh.vertices)
     pressed = float(motion.impulses.sum())

@@ -1,0 +1,236 @@
+"""What a run took off the part, as a picture: in 3D, from above, as a distribution; runs side by side (layer 8c)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from polish_sim.analysis.path_plot import AMBIENT, FACTS_AT, LIGHT, TICKS, TOWARDS_VIEWER, fill_view
+from polish_sim.analysis.removal_figures import OVER, UNDER
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, new_figure, styled
+from polish_sim.analysis.view_frame import axis_name, view_frame
+from polish_sim.geometry.lighter_mesh import lighter_mesh
+from polish_sim.removal import RemovalMap
+from polish_sim.spatial import unit
+
+Array = NDArray[np.float64]
+
+MM, MICRO = 1e3, 1e6
+MOST_FACETS = 20_000
+TOP = 2.0
+"""Removal over its mean at which the colours end."""
+BARE = "#3A0010"
+"""Where nothing was removed."""
+SCALE: Final = Normalize(0.0, TOP)
+SHADED = 0.35
+"""How much of a facet's brightness is light and shade; the rest is its colour's own."""
+BINS = 80
+RELATIVE, PER_TENTH = "removal / its mean", "share of the area per 0.1 [%]"
+
+
+def removal_colors() -> Colormap:
+    """Blue for too little, red for too much, pale in between; one dark colour for nothing at all."""
+    colors = colormaps["RdYlBu_r"].copy()
+    colors.set_under(BARE)
+    return colors
+
+
+@styled
+def plot_removal(record: RunRecord) -> Figure:
+    """Draw a run's removal over the part.
+
+    Args:
+        record: A run with its removal.
+
+    Returns:
+        The figure: 3D, from above, and how the area is shared out.
+    """
+    removal = _of(record)
+    figure = new_figure(15.0, 5.4)
+    solid: Any = figure.add_subplot(1, 3, 1, projection="3d", computed_zorder=False)
+    flat, share = figure.add_subplot(1, 3, 2), figure.add_subplot(1, 3, 3)
+    frame = view_frame(removal.up)
+    _draw_solid(solid, removal, frame)
+    _draw_flat(flat, removal, frame)
+    _color_bar(figure, flat, removal)
+    _draw_shares(share, record)
+    figure.suptitle(
+        f"Removal, {record.scenario.controller.name}, {_pattern(record)}\n",
+        x=0.01, ha="left", fontsize=11.5, fontweight="bold",
+    )  # fmt: skip
+    figure.text(0.01, FACTS_AT, "     ".join(_facts(record)), fontsize=9.0, color="#444444", va="top")
+    return figure
+
+
+@styled
+def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
+    """Draw the removal of several runs from above, each over its own mean, and their distributions over each other.
+
+    Args:
+        records: Runs with their removal.
+
+    Returns:
+        The figure.
+    """
+    columns = min(len(records), 4)
+    rows = math.ceil(len(records) / columns)
+    figure = new_figure(3.4 * columns + 4.4, 0.5 + 3.9 * rows)
+    maps, side = figure.subfigures(1, 2, width_ratios=(3.4 * columns + 0.6, 3.8))
+    grid = maps.subplots(rows, columns, squeeze=False).ravel()
+    share = side.subplots()
+    for index, (record, flat) in enumerate(zip(records, grid, strict=False)):
+        removal, color = _of(record), SERIES[index % len(SERIES)]
+        _draw_flat(flat, removal, view_frame(removal.up))
+        flat.set_title(f"{_name(record)}\n{_spread(record)}", fontsize=9.0, color=color)
+        share.plot(*_outline(removal), color=color, label=_name(record))
+    for flat in grid[len(records) :]:
+        flat.set_visible(False)
+    bar = maps.colorbar(ScalarMappable(SCALE, removal_colors()), ax=list(grid), shrink=0.8, pad=0.02, extend="max")
+    bar.set_label(RELATIVE)
+    _mark_bands(share)
+    share.legend(loc="upper right")
+    share.set(
+        xlabel="removal / its mean", ylabel="share of the area per 0.1 [%]", xlim=(0.0, TOP + 0.5), ylim=(0.0, None)
+    )
+    figure.suptitle("Removal, side by side", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    return figure
+
+
+def _of(record: RunRecord) -> RemovalMap:
+    assert record.removal is not None
+    return record.removal
+
+
+def _name(record: RunRecord) -> str:
+    return f"{record.scenario.controller.name}, {_pattern(record)} ({record.name})"
+
+
+def _pattern(record: RunRecord) -> str:
+    return "given path" if record.scenario.plan.file else record.scenario.plan.pattern
+
+
+def _shown(removal: RemovalMap) -> Array:
+    """Removal over its mean; what was not touched at all lies below the scale."""
+    return np.where(removal.exposure > 0.0, removal.relative, -1.0)
+
+
+def _draw_solid(solid: Any, removal: RemovalMap, frame: Array) -> None:
+    vertices = removal.vertices @ frame.T * MM
+    light = lighter_mesh(vertices, removal.triangles.astype(np.int32), MOST_FACETS)
+    values = _shown(removal)
+    if len(light.vertices) < len(vertices):
+        values = values[cKDTree(vertices).query(light.vertices)[1]]
+    corners = light.vertices[light.faces]
+    normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    seen = np.flatnonzero(normals @ TOWARDS_VIEWER > 0.0)
+    seen = seen[np.argsort(corners[seen].mean(axis=1) @ TOWARDS_VIEWER)]
+    # A facet with a bare corner is bare: a mean would give it a colour of its own.
+    of_facet = np.where((values[light.faces] < 0.0).any(axis=1), -1.0, values[light.faces].mean(axis=1))[seen]
+    colors = np.asarray(removal_colors()(SCALE(of_facet)))
+    bright = AMBIENT + (1.0 - AMBIENT) * np.clip(normals[seen] @ LIGHT, 0.0, 1.0)
+    colors[:, :3] *= (1.0 - SHADED + SHADED * bright)[:, None]
+    solid.add_collection3d(Poly3DCollection(corners[seen], facecolors=colors, edgecolors=colors, lw=0.3, zorder=1))
+    border = vertices[removal.border]
+    near = (removal.normals[removal.border].mean(axis=1) @ frame.T) @ TOWARDS_VIEWER > 0.0
+    solid.add_collection3d(Line3DCollection(border[near], colors="black", lw=0.8, zorder=2))
+    fill_view(solid, vertices)
+
+
+def _draw_flat(flat: Axes, removal: RemovalMap, frame: Array) -> None:
+    vertices = removal.vertices @ frame.T * MM
+    above = (removal.normals[removal.triangles] @ frame[2]).min(axis=1) > 0.0
+    flat.tripcolor(
+        vertices[:, 0], vertices[:, 1], removal.triangles[above], _shown(removal), norm=SCALE, cmap=removal_colors(),
+        shading="gouraud", rasterized=True,
+    )  # fmt: skip
+    flat.add_collection(LineCollection(list(vertices[removal.border][..., :2]), colors="black", lw=0.8))
+    flat.set_aspect("equal")
+    flat.grid(False)
+    right, back, _ = (axis_name(direction) for direction in frame)
+    flat.set(xlabel=f"to the right ({right}) [mm]", ylabel=f"to the back ({back}) [mm]")
+    flat.xaxis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
+
+
+def _color_bar(figure: Figure, axes: Axes, removal: RemovalMap) -> None:
+    mappable = ScalarMappable(SCALE, removal_colors())
+    bar = figure.colorbar(mappable, ax=axes, shrink=0.85, pad=0.02, extend="both" if _bare(removal) else "max")
+    if not removal.absolute:
+        bar.set_label(f"{RELATIVE} (dark: none)" if _bare(removal) else RELATIVE)
+        return
+    depth = MICRO * removal.preston_1_pa * removal.mean
+    bar.set_label("removal [µm] (dark: none)" if _bare(removal) else "removal [µm]")
+    ticks = np.linspace(0.0, TOP, 9)
+    bar.set_ticks(ticks.tolist(), labels=[f"{depth * tick:.3g}" for tick in ticks])
+
+
+def _bare(removal: RemovalMap) -> bool:
+    return bool((removal.exposure <= 0.0).any())
+
+
+def _draw_shares(axes: Axes, record: RunRecord) -> None:
+    removal, m = _of(record), record.metrics
+    edges, shares = _histogram(removal)
+    axes.stairs(shares, edges, fill=True, color=GREY, alpha=0.75)
+    _mark_bands(axes)
+    top = 1.25 * float(shares.max(initial=1e-9))
+    for x, share, color, text in (
+        (0.5 * UNDER, m["under_polished_share"], BLUE, f"under {UNDER:g}"),
+        (OVER + 0.5 * (TOP - OVER), m["over_polished_share"], ORANGE, f"over {OVER:g}"),
+    ):
+        axes.text(x, 0.97 * top, f"{text}\n{100.0 * share:.1f}%", color=color, ha="center", va="top", fontsize=9.5)
+    for name, style in (("removal_p5", ":"), ("removal_p95", ":")):
+        axes.axvline(m[name], color=GREY, lw=1.0, ls=style)
+        axes.text(m[name], 0.02 * top, f" {name[-3:].strip('_')} {m[name]:.2f}", rotation=90, va="bottom", ha="right")
+    axes.set(
+        xlabel="removal / its mean", ylabel="share of the area per 0.1 [%]", xlim=(0.0, TOP + 0.25), ylim=(0.0, top)
+    )
+
+
+def _mark_bands(axes: Axes) -> None:
+    axes.axvspan(0.0, UNDER, color=BLUE, alpha=0.12, lw=0, zorder=0)
+    axes.axvspan(OVER, 100.0, color=ORANGE, alpha=0.12, lw=0, zorder=0)
+    axes.axvline(1.0, color=GREY, lw=1.0, ls="--")
+
+
+def _histogram(removal: RemovalMap) -> tuple[Array, Array]:
+    """Edges of classes of removal over its mean, and the share of the area in each per 0.1 [%]."""
+    edges = np.linspace(0.0, TOP + 0.5, BINS + 1)
+    found, _ = np.histogram(removal.relative, edges, weights=removal.areas)
+    return edges, 100.0 * found / removal.areas.sum() * 0.1 / (edges[1] - edges[0])
+
+
+def _outline(removal: RemovalMap) -> tuple[Array, Array]:
+    edges, shares = _histogram(removal)
+    return 0.5 * (edges[1:] + edges[:-1]), shares
+
+
+def _spread(record: RunRecord) -> str:
+    m = record.metrics
+    return (
+        f"std {100.0 * m['removal_cv']:.0f}%, under {100.0 * m['under_polished_share']:.1f}%, "
+        f"over {100.0 * m['over_polished_share']:.1f}%"
+    )
+
+
+def _facts(record: RunRecord) -> tuple[str, ...]:
+    m, removal = record.metrics, _of(record)
+    if removal.absolute:
+        amount = f"mean {MICRO * m['removal_mean_m']:.3g} µm, {1e9 * m['removal_volume_m3']:.3g} mm³"
+    else:
+        amount = f"pressure x way {m['exposure_mean_n_m']:.3g} N/m on average"
+    untouched = f"{100.0 * m['unpolished_share']:.2f}% of the area untouched"
+    return amount, f"standard deviation {100.0 * m['removal_cv']:.1f}% of the mean", untouched

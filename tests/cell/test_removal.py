@@ -1,0 +1,226 @@
+"""Preston's law on the pad's pressure against closed forms: a flat pad, a straight pass, a pad on a ball."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import dblquad
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell.pad_motion import PadMotion, pad_motion
+from polish_sim.cell.pressed_nodes import PressedNodes
+from polish_sim.cell.removal import Removed, expose_nodes
+from polish_sim.geometry.distance.distance_field import DistanceField
+from polish_sim.trace import Trace
+from tests.analysis.synthetic import log_of, trace_of
+from tests.cell.fields import part_at, plane, sphere
+
+Array = NDArray[np.float64]
+
+R = 0.025
+STIFFNESS = 20000.0
+SPIN = 628.3
+FINE = 0.00125
+"""Distance between nodes a run with this pad has [m]."""
+
+
+@pytest.fixture(scope="module")
+def flat() -> DistanceField:
+    return plane()
+
+
+def level_nodes(spacing: float, half: float = 0.055) -> PressedNodes:
+    """A skewed grid of nodes on the plane z = 0, so that no row of them runs along an axis."""
+    count = math.ceil(1.5 * half / spacing)
+    i, j = np.meshgrid(np.arange(-count, count + 1), np.arange(-count, count + 1), indexing="ij")
+    x, y = spacing * (i + 0.37), spacing * (j + 0.11)
+    c, s = math.cos(0.4), math.sin(0.4)
+    places = np.stack([c * x - s * y, s * x + c * y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    places = places[np.abs(places[:, :2]).max(axis=1) < half]
+    return PressedNodes(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)), np.full(len(places), spacing**2))
+
+
+def steps(centers: Array, velocity: Array, dt: float, force: float = 20.0, spin: float = SPIN) -> PadMotion:
+    """A pad pressed flat from above, moved at a constant velocity, for dt at each of its places."""
+    n = len(centers)
+    axes = np.tile([0.0, 0.0, 1.0], (n, 1))
+    return PadMotion(
+        dt * np.arange(1, n + 1), centers, axes, np.tile(velocity, (n, 1)), -spin * axes, np.full(n, dt),
+        np.full(n, force * dt),
+    )  # fmt: skip
+
+
+def pressed_still(field: DistanceField, spacing: float, force: float, **changes: float) -> Removed:
+    motion = steps(np.array([[0.0, 0.0, -force / STIFFNESS]]), np.zeros(3), 1.0, force, **changes)
+    return expose_nodes(level_nodes(spacing), motion, field, R, STIFFNESS)
+
+
+@pytest.mark.parametrize("force", [1.0, 20.0])
+def test_a_disc_that_turns_on_the_spot_removes_two_thirds_of_force_times_rim_speed(
+    flat: DistanceField, force: float
+) -> None:
+    assert pressed_still(flat, FINE, force).gained[0] == pytest.approx(2.0 / 3.0 * force * SPIN * R, rel=0.01)
+
+
+def test_the_volume_comes_closer_to_the_closed_form_with_finer_nodes(flat: DistanceField) -> None:
+    true = 2.0 / 3.0 * 20.0 * SPIN * R
+    errors = [abs(pressed_still(flat, spacing, 20.0).gained[0] / true - 1.0) for spacing in (5e-3, 2.5e-3, 1.25e-3)]
+    assert errors[0] < 0.05
+    assert errors[1] < 0.01
+    assert errors[2] < 0.002
+
+
+def test_the_field_carries_the_exact_force_before_it_is_scaled(flat: DistanceField) -> None:
+    assert pressed_still(flat, FINE, 20.0).carried[0] == pytest.approx(20.0, rel=0.01)
+
+
+def test_spindle_and_feed_add_up_as_velocities(flat: DistanceField) -> None:
+    spin, feed = 1.0, 0.02
+    motion = steps(np.array([[0.0, 0.0, -0.001]]), np.array([feed, 0.0, 0.0]), 1.0, 20.0, spin)
+    gained = expose_nodes(level_nodes(FINE), motion, flat, R, STIFFNESS).gained[0]
+
+    def speed(r: float, angle: float) -> float:
+        return r * math.hypot(feed - spin * r * math.sin(angle), spin * r * math.cos(angle))
+
+    mean = dblquad(speed, 0.0, 2.0 * math.pi, 0.0, R)[0] / (math.pi * R**2)
+    assert gained == pytest.approx(20.0 * mean, rel=0.01)
+
+
+def test_without_a_spindle_the_feed_alone_removes_force_times_way(flat: DistanceField) -> None:
+    motion = steps(np.array([[0.0, 0.0, -0.001]]), np.array([0.03, 0.0, 0.0]), 2.0, 20.0, spin=0.0)
+    assert expose_nodes(level_nodes(FINE), motion, flat, R, STIFFNESS).gained[0] == pytest.approx(20.0 * 0.06, rel=1e-9)
+
+
+def straight_pass(field: DistanceField, feed: float, spin: float = SPIN, step: float = 0.0005) -> Removed:
+    """Once along x, from well outside to well outside of the middle."""
+    x = np.arange(-0.026, 0.026, step) + 0.5 * step
+    centers = np.stack([x, np.zeros_like(x), np.full_like(x, -0.001)], axis=1)
+    return expose_nodes(
+        level_nodes(FINE), steps(centers, np.array([feed, 0.0, 0.0]), step / feed, 20.0, spin), field, R, STIFFNESS
+    )
+
+
+@pytest.mark.parametrize("spin", [SPIN, 1.5])
+def test_a_straight_pass_leaves_the_profile_of_the_chords(flat: DistanceField, spin: float) -> None:
+    feed = 0.02
+    nodes = level_nodes(FINE)
+    passed = np.abs(nodes.positions[:, 0]) < 0.0009
+    y = nodes.positions[passed, 1]
+    found = straight_pass(flat, feed, spin).exposure[passed]
+    # Along a chord the speed is sqrt(u^2 + spin^2 x^2) with u across it: its integral in closed form.
+    chord, across = np.sqrt(np.maximum(R**2 - y**2, 0.0)), np.abs(feed + spin * y)
+    long = np.hypot(across, spin * chord)
+    integral = chord * long + across**2 / spin * np.arcsinh(spin * chord / across)
+    expected = 20.0 / (math.pi * R**2) * integral / feed
+    inside = np.abs(y) < 0.95 * R
+    np.testing.assert_allclose(found[inside], expected[inside], rtol=0.03)
+    assert found[inside].mean() == pytest.approx(expected[inside].mean(), rel=0.01)
+    assert found[np.abs(y) > R].max(initial=0.0) == 0.0
+
+
+def test_a_pass_at_double_feed_takes_half(flat: DistanceField) -> None:
+    slow, fast = straight_pass(flat, 0.02).exposure, straight_pass(flat, 0.04).exposure
+    np.testing.assert_allclose(fast, 0.5 * slow, rtol=2e-3)
+
+
+def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face() -> None:
+    radius, depth = 0.1, 0.0015
+    field = sphere(radius, 0.0005)
+    grid = level_nodes(FINE, 0.03).positions[:, :2]
+    height = np.sqrt(radius**2 - (grid**2).sum(axis=1)) - radius
+    places = np.column_stack([grid, height])
+    normals = (places + [0.0, 0.0, radius]) / radius
+    nodes = PressedNodes(places, normals, FINE**2 / normals[:, 2])
+    motion = steps(np.array([[0.0, 0.0, -depth]]), np.zeros(3), 1.0, 1.0)
+    removed = expose_nodes(nodes, motion, field, R, STIFFNESS)
+    # The spring under a place at r is as deep as the ball reaches beyond it, and leans with the ball.
+    r = np.hypot(*grid.T)
+    away = np.hypot(r, radius - depth)
+    bedding = STIFFNESS / (math.pi * R**2)
+    deep = bedding * np.maximum(radius - away, 0.0) * (r < R)
+    rim = math.sqrt(radius**2 - (radius - depth) ** 2)
+    ring = np.linspace(0.0, rim, 4001)
+    reach = np.hypot(ring, radius - depth)
+    carried = np.trapezoid(bedding * (radius - reach) * (radius - depth) / reach * 2.0 * math.pi * ring, ring)
+    assert removed.carried[0] == pytest.approx(carried, rel=0.005)
+    # Per area of the ball, and scaled from what the field carries to the force of 1 N.
+    pressure = deep * normals[:, 2] / carried
+    near = (r > 0.002) & (r < 0.9 * rim)
+    np.testing.assert_allclose(removed.exposure[near], sliding(grid, normals)[near] * pressure[near], rtol=0.03)
+    assert removed.exposure[r > rim + 0.001].max() == 0.0
+
+
+def sliding(grid: Array, normals: Array) -> Array:
+    """Speed along the part of a face that turns about z [m/s]: what of it points into the part does not slide."""
+    moved = SPIN * np.column_stack([grid[:, 1], -grid[:, 0], np.zeros(len(grid))])
+    return np.linalg.norm(moved - (moved * normals).sum(axis=1)[:, None] * normals, axis=1)
+
+
+def run_of(
+    feed: float = 0.02, dt: float = 1e-3, turn: Rotation | None = None, drift: float = 0.0
+) -> tuple[Trace, Array]:
+    """A pass of 30 mm over a plane by a robot that stands turned: the trace, and its constant tool quaternion."""
+    turn = turn or Rotation.identity()
+    time = np.arange(0.0, 0.03 / feed, dt)
+    tip = np.stack([feed * time - 0.015, np.zeros_like(time), np.full_like(time, -0.004)], axis=1)
+    shift = np.outer(drift * time, [0.0, 0.0, 1.0])
+    down = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))
+    trace = trace_of(
+        np.full(len(time), 2, np.int8),
+        normal_force_n=np.full(len(time), 20.0),
+        tcp_position_m=turn.apply(tip + shift),
+        part_shift_m=turn.apply(shift),
+        tcp_speed_m_s=np.full(len(time), feed),
+        pad_travel_m=np.full(len(time), 0.003),
+        spindle_rad_s=np.full(len(time), SPIN),
+    )
+    return trace, (turn * down).as_quat(scalar_first=True)
+
+
+def exposed(field: DistanceField, trace: Trace, quaternion: Array, every: int, turn: Rotation | None = None) -> Removed:
+    log = log_of(trace, every)
+    columns = dict(log.columns) | {"tcp_quaternion_wxyz": np.tile(quaternion, (len(log), 1))}
+    part = part_at(field, (turn or Rotation.identity()).as_matrix())
+    return expose_nodes(level_nodes(FINE), pad_motion(type(log)(columns), trace, part, R), field, R, STIFFNESS)
+
+
+def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way(flat: DistanceField) -> None:
+    removed = exposed(flat, *run_of(), every=4)
+    assert removed.carried == pytest.approx(20.0, rel=0.01)
+    assert removed.gained.sum() == pytest.approx(2.0 / 3.0 * 20.0 * SPIN * R * 1.5, rel=0.01)
+
+
+def test_a_world_turned_removes_the_same(flat: DistanceField) -> None:
+    turn = Rotation.from_euler("xyz", [0.4, -1.1, 2.0])
+    straight = exposed(flat, *run_of(), every=4)
+    turned = exposed(flat, *run_of(turn=turn), every=4, turn=turn)
+    np.testing.assert_allclose(turned.exposure, straight.exposure, rtol=1e-6, atol=1e-9 * straight.exposure.max())
+
+
+def test_how_often_rows_are_logged_changes_nothing(flat: DistanceField) -> None:
+    often, seldom = (exposed(flat, *run_of(), every=every) for every in (1, 500))
+    np.testing.assert_allclose(seldom.exposure, often.exposure, rtol=1e-12)
+
+
+def test_a_part_that_moves_with_the_tool_is_polished_as_one_at_rest(flat: DistanceField) -> None:
+    still, moving = exposed(flat, *run_of(), every=4), exposed(flat, *run_of(drift=0.01), every=4)
+    np.testing.assert_allclose(moving.exposure, still.exposure, rtol=1e-3, atol=1e-3 * still.exposure.max())
+
+
+def test_nodes_beside_the_region_take_their_share_of_the_force(flat: DistanceField) -> None:
+    nodes = level_nodes(FINE)
+    motion = steps(np.array([[0.0, 0.0, -0.001]]), np.zeros(3), 1.0)
+    everywhere = expose_nodes(nodes, motion, flat, R, STIFFNESS).exposure
+    left = nodes.positions[:, 0] < 0.0
+    assert float(nodes.areas[left] @ everywhere[left]) == pytest.approx(0.5 * float(nodes.areas @ everywhere), rel=0.02)
+
+
+def test_a_pad_in_the_air_removes_nothing(flat: DistanceField) -> None:
+    trace, _ = run_of()
+    lifted = trace._replace(normal_force_n=np.zeros(len(trace.time_s)))
+    motion = pad_motion(log_of(trace), lifted, part_at(flat), R)
+    assert len(motion.times) == 0
+    assert expose_nodes(level_nodes(FINE), motion, flat, R, STIFFNESS).exposure.max() == 0.0
