@@ -13,10 +13,9 @@ from scipy.spatial.transform import Rotation
 from polish_sim.cell.pad_motion import PadMotion, pad_motion
 from polish_sim.cell.pressed_nodes import PressedNodes
 from polish_sim.cell.removal import Removed, expose_nodes
-from polish_sim.geometry.distance.distance_field import DistanceField
 from polish_sim.trace import Trace
 from tests.analysis.synthetic import log_of, trace_of
-from tests.cell.fields import part_at, plane, sphere
+from tests.cell.fields import part_at, plane
 
 Array = NDArray[np.float64]
 
@@ -25,11 +24,6 @@ STIFFNESS = 20000.0
 SPIN = 628.3
 FINE = 0.00125
 """Distance between nodes a run with this pad has [m]."""
-
-
-@pytest.fixture(scope="module")
-def flat() -> DistanceField:
-    return plane()
 
 
 def level_nodes(spacing: float, half: float = 0.055) -> PressedNodes:
@@ -53,34 +47,32 @@ def steps(centers: Array, velocity: Array, dt: float, force: float = 20.0, spin:
     )  # fmt: skip
 
 
-def pressed_still(field: DistanceField, spacing: float, force: float, **changes: float) -> Removed:
+def pressed_still(spacing: float, force: float, **changes: float) -> Removed:
     motion = steps(np.array([[0.0, 0.0, -force / STIFFNESS]]), np.zeros(3), 1.0, force, **changes)
-    return expose_nodes(level_nodes(spacing), motion, field, R, STIFFNESS)
+    return expose_nodes(level_nodes(spacing), motion, R, STIFFNESS)
 
 
 @pytest.mark.parametrize("force", [1.0, 20.0])
-def test_a_disc_that_turns_on_the_spot_removes_two_thirds_of_force_times_rim_speed(
-    flat: DistanceField, force: float
-) -> None:
-    assert pressed_still(flat, FINE, force).gained[0] == pytest.approx(2.0 / 3.0 * force * SPIN * R, rel=0.01)
+def test_a_disc_that_turns_on_the_spot_removes_two_thirds_of_force_times_rim_speed(force: float) -> None:
+    assert pressed_still(FINE, force).gained[0] == pytest.approx(2.0 / 3.0 * force * SPIN * R, rel=0.01)
 
 
-def test_the_volume_comes_closer_to_the_closed_form_with_finer_nodes(flat: DistanceField) -> None:
+def test_the_volume_comes_closer_to_the_closed_form_with_finer_nodes() -> None:
     true = 2.0 / 3.0 * 20.0 * SPIN * R
-    errors = [abs(pressed_still(flat, spacing, 20.0).gained[0] / true - 1.0) for spacing in (5e-3, 2.5e-3, 1.25e-3)]
+    errors = [abs(pressed_still(spacing, 20.0).gained[0] / true - 1.0) for spacing in (5e-3, 2.5e-3, 1.25e-3)]
     assert errors[0] < 0.05
     assert errors[1] < 0.01
     assert errors[2] < 0.002
 
 
-def test_the_field_carries_the_exact_force_before_it_is_scaled(flat: DistanceField) -> None:
-    assert pressed_still(flat, FINE, 20.0).carried[0] == pytest.approx(20.0, rel=0.01)
+def test_the_field_carries_the_exact_force_before_it_is_scaled() -> None:
+    assert pressed_still(FINE, 20.0).carried[0] == pytest.approx(20.0, rel=0.01)
 
 
-def test_spindle_and_feed_add_up_as_velocities(flat: DistanceField) -> None:
+def test_spindle_and_feed_add_up_as_velocities() -> None:
     spin, feed = 1.0, 0.02
     motion = steps(np.array([[0.0, 0.0, -0.001]]), np.array([feed, 0.0, 0.0]), 1.0, 20.0, spin)
-    gained = expose_nodes(level_nodes(FINE), motion, flat, R, STIFFNESS).gained[0]
+    gained = expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).gained[0]
 
     def speed(r: float, angle: float) -> float:
         return r * math.hypot(feed - spin * r * math.sin(angle), spin * r * math.cos(angle))
@@ -89,27 +81,27 @@ def test_spindle_and_feed_add_up_as_velocities(flat: DistanceField) -> None:
     assert gained == pytest.approx(20.0 * mean, rel=0.01)
 
 
-def test_without_a_spindle_the_feed_alone_removes_force_times_way(flat: DistanceField) -> None:
+def test_without_a_spindle_the_feed_alone_removes_force_times_way() -> None:
     motion = steps(np.array([[0.0, 0.0, -0.001]]), np.array([0.03, 0.0, 0.0]), 2.0, 20.0, spin=0.0)
-    assert expose_nodes(level_nodes(FINE), motion, flat, R, STIFFNESS).gained[0] == pytest.approx(20.0 * 0.06, rel=1e-9)
+    assert expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).gained[0] == pytest.approx(20.0 * 0.06, rel=1e-9)
 
 
-def straight_pass(field: DistanceField, feed: float, spin: float = SPIN, step: float = 0.0005) -> Removed:
+def straight_pass(feed: float, spin: float = SPIN, step: float = 0.0005) -> Removed:
     """Once along x, from well outside to well outside of the middle."""
     x = np.arange(-0.026, 0.026, step) + 0.5 * step
     centers = np.stack([x, np.zeros_like(x), np.full_like(x, -0.001)], axis=1)
     return expose_nodes(
-        level_nodes(FINE), steps(centers, np.array([feed, 0.0, 0.0]), step / feed, 20.0, spin), field, R, STIFFNESS
+        level_nodes(FINE), steps(centers, np.array([feed, 0.0, 0.0]), step / feed, 20.0, spin), R, STIFFNESS
     )
 
 
 @pytest.mark.parametrize("spin", [SPIN, 1.5])
-def test_a_straight_pass_leaves_the_profile_of_the_chords(flat: DistanceField, spin: float) -> None:
+def test_a_straight_pass_leaves_the_profile_of_the_chords(spin: float) -> None:
     feed = 0.02
     nodes = level_nodes(FINE)
     passed = np.abs(nodes.positions[:, 0]) < 0.0009
     y = nodes.positions[passed, 1]
-    found = straight_pass(flat, feed, spin).exposure[passed]
+    found = straight_pass(feed, spin).exposure[passed]
     # Along a chord the speed is sqrt(u^2 + spin^2 x^2) with u across it: its integral in closed form.
     chord, across = np.sqrt(np.maximum(R**2 - y**2, 0.0)), np.abs(feed + spin * y)
     long = np.hypot(across, spin * chord)
@@ -121,21 +113,20 @@ def test_a_straight_pass_leaves_the_profile_of_the_chords(flat: DistanceField, s
     assert found[np.abs(y) > R].max(initial=0.0) == 0.0
 
 
-def test_a_pass_at_double_feed_takes_half(flat: DistanceField) -> None:
-    slow, fast = straight_pass(flat, 0.02).exposure, straight_pass(flat, 0.04).exposure
+def test_a_pass_at_double_feed_takes_half() -> None:
+    slow, fast = straight_pass(0.02).exposure, straight_pass(0.04).exposure
     np.testing.assert_allclose(fast, 0.5 * slow, rtol=2e-3)
 
 
 def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face() -> None:
     radius, depth = 0.1, 0.0015
-    field = sphere(radius, 0.0005)
     grid = level_nodes(FINE, 0.03).positions[:, :2]
     height = np.sqrt(radius**2 - (grid**2).sum(axis=1)) - radius
     places = np.column_stack([grid, height])
     normals = (places + [0.0, 0.0, radius]) / radius
     nodes = PressedNodes(places, normals, FINE**2 / normals[:, 2])
     motion = steps(np.array([[0.0, 0.0, -depth]]), np.zeros(3), 1.0, 1.0)
-    removed = expose_nodes(nodes, motion, field, R, STIFFNESS)
+    removed = expose_nodes(nodes, motion, R, STIFFNESS)
     # The spring under a place at r is as deep as the ball reaches beyond it, and leans with the ball.
     r = np.hypot(*grid.T)
     away = np.hypot(r, radius - depth)
@@ -180,47 +171,47 @@ def run_of(
     return trace, (turn * down).as_quat(scalar_first=True)
 
 
-def exposed(field: DistanceField, trace: Trace, quaternion: Array, every: int, turn: Rotation | None = None) -> Removed:
+def exposed(trace: Trace, quaternion: Array, every: int, turn: Rotation | None = None) -> Removed:
     log = log_of(trace, every)
     columns = dict(log.columns) | {"tcp_quaternion_wxyz": np.tile(quaternion, (len(log), 1))}
-    part = part_at(field, (turn or Rotation.identity()).as_matrix())
-    return expose_nodes(level_nodes(FINE), pad_motion(type(log)(columns), trace, part, R), field, R, STIFFNESS)
+    part = part_at(plane(), (turn or Rotation.identity()).as_matrix())
+    return expose_nodes(level_nodes(FINE), pad_motion(type(log)(columns), trace, part, R), R, STIFFNESS)
 
 
-def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way(flat: DistanceField) -> None:
-    removed = exposed(flat, *run_of(), every=4)
+def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way() -> None:
+    removed = exposed(*run_of(), every=4)
     assert removed.carried == pytest.approx(20.0, rel=0.01)
     assert removed.gained.sum() == pytest.approx(2.0 / 3.0 * 20.0 * SPIN * R * 1.5, rel=0.01)
 
 
-def test_a_world_turned_removes_the_same(flat: DistanceField) -> None:
+def test_a_world_turned_removes_the_same() -> None:
     turn = Rotation.from_euler("xyz", [0.4, -1.1, 2.0])
-    straight = exposed(flat, *run_of(), every=4)
-    turned = exposed(flat, *run_of(turn=turn), every=4, turn=turn)
+    straight = exposed(*run_of(), every=4)
+    turned = exposed(*run_of(turn=turn), every=4, turn=turn)
     np.testing.assert_allclose(turned.exposure, straight.exposure, rtol=1e-6, atol=1e-9 * straight.exposure.max())
 
 
-def test_how_often_rows_are_logged_changes_nothing(flat: DistanceField) -> None:
-    often, seldom = (exposed(flat, *run_of(), every=every) for every in (1, 500))
+def test_how_often_rows_are_logged_changes_nothing() -> None:
+    often, seldom = (exposed(*run_of(), every=every) for every in (1, 500))
     np.testing.assert_allclose(seldom.exposure, often.exposure, rtol=1e-12)
 
 
-def test_a_part_that_moves_with_the_tool_is_polished_as_one_at_rest(flat: DistanceField) -> None:
-    still, moving = exposed(flat, *run_of(), every=4), exposed(flat, *run_of(drift=0.01), every=4)
+def test_a_part_that_moves_with_the_tool_is_polished_as_one_at_rest() -> None:
+    still, moving = exposed(*run_of(), every=4), exposed(*run_of(drift=0.01), every=4)
     np.testing.assert_allclose(moving.exposure, still.exposure, rtol=1e-3, atol=1e-3 * still.exposure.max())
 
 
-def test_nodes_beside_the_region_take_their_share_of_the_force(flat: DistanceField) -> None:
+def test_nodes_beside_the_region_take_their_share_of_the_force() -> None:
     nodes = level_nodes(FINE)
     motion = steps(np.array([[0.0, 0.0, -0.001]]), np.zeros(3), 1.0)
-    everywhere = expose_nodes(nodes, motion, flat, R, STIFFNESS).exposure
+    everywhere = expose_nodes(nodes, motion, R, STIFFNESS).exposure
     left = nodes.positions[:, 0] < 0.0
     assert float(nodes.areas[left] @ everywhere[left]) == pytest.approx(0.5 * float(nodes.areas @ everywhere), rel=0.02)
 
 
-def test_a_pad_in_the_air_removes_nothing(flat: DistanceField) -> None:
+def test_a_pad_in_the_air_removes_nothing() -> None:
     trace, _ = run_of()
     lifted = trace._replace(normal_force_n=np.zeros(len(trace.time_s)))
-    motion = pad_motion(log_of(trace), lifted, part_at(flat), R)
+    motion = pad_motion(log_of(trace), lifted, part_at(plane()), R)
     assert len(motion.times) == 0
-    assert expose_nodes(level_nodes(FINE), motion, flat, R, STIFFNESS).exposure.max() == 0.0
+    assert expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).exposure.max() == 0.0

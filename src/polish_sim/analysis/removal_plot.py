@@ -14,6 +14,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -89,7 +90,8 @@ def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
     columns = min(len(records), 4)
     rows = math.ceil(len(records) / columns)
     figure = new_figure(3.4 * columns + 4.4, 0.5 + 3.9 * rows)
-    maps, side = figure.subfigures(1, 2, width_ratios=(3.4 * columns + 0.6, 3.8))
+    parts: Any = figure.subfigures(1, 2, width_ratios=(3.4 * columns + 0.6, 3.8))
+    maps, side = parts
     grid = maps.subplots(rows, columns, squeeze=False).ravel()
     share = side.subplots()
     for index, (record, flat) in enumerate(zip(records, grid, strict=False)):
@@ -153,10 +155,8 @@ def _draw_solid(solid: Any, removal: RemovalMap, frame: Array) -> None:
 def _draw_flat(flat: Axes, removal: RemovalMap, frame: Array) -> None:
     vertices = removal.vertices @ frame.T * MM
     above = (removal.normals[removal.triangles] @ frame[2]).min(axis=1) > 0.0
-    flat.tripcolor(
-        vertices[:, 0], vertices[:, 1], removal.triangles[above], _shown(removal), norm=SCALE, cmap=removal_colors(),
-        shading="gouraud", rasterized=True,
-    )  # fmt: skip
+    seen = Triangulation(vertices[:, 0], vertices[:, 1], removal.triangles[above])
+    flat.tripcolor(seen, _shown(removal), norm=SCALE, cmap=removal_colors(), shading="gouraud", rasterized=True)
     flat.add_collection(LineCollection(list(vertices[removal.border][..., :2]), colors="black", lw=0.8))
     flat.set_aspect("equal")
     flat.grid(False)

@@ -32,6 +32,7 @@ REACH = 1.1
 ROUNDS = 8
 ON_SURFACE = 1e-6  # distance at which a node lies on a surface [m]
 ALIKE = 0.3  # least cosine between the drawing's normal and the real one for a step along it [-]
+EDGE_TURN = 0.9  # further apart than this cosine the real normal is an edge's: the drawing's is taken [-]
 _WHOLE = 1.0 - 1e-9
 
 
@@ -154,4 +155,6 @@ def _project(field, normals, positions, slopes):  # type: ignore[no-untyped-def]
         size = math.sqrt(gx * gx + gy * gy + gz * gz)
         if size > 0.0 and abs(d) < 0.1 * field.spacing and gx * nx + gy * ny + gz * nz > 0.0:
             positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
-            slopes[i, 0], slopes[i, 1], slopes[i, 2] = gx / size, gy / size, gz / size
+            if gx * nx + gy * ny + gz * nz > EDGE_TURN * size:
+                nx, ny, nz = gx / size, gy / size, gz / size
+            slopes[i, 0], slopes[i, 1], slopes[i, 2] = nx, ny, nz

@@ -1,7 +1,9 @@
 """Preston's law on the pad's pressure: pressure x sliding speed x time at every node (nodes, motion -> exposure; 8a).
 
-The pad is the elastic foundation of ``contact``, with a spring under every node instead of its hundred: each is as deep
-below the part as the signed distance says. Each step's field is scaled so that it carries the exact force.
+The pad is the elastic foundation of ``contact``, with a spring under every node instead of its hundred. Its depth is
+taken along the pad's axis and leant by the node's normal, which is the distance to the surface but for terms of second
+order, and which, unlike it, does not fade out towards the part's edges. Each step's field is scaled so that it carries
+the exact force.
 """
 
 from __future__ import annotations
@@ -15,8 +17,6 @@ from numpy.typing import NDArray
 
 from polish_sim.cell.pad_motion import PadMotion
 from polish_sim.cell.pressed_nodes import PressedNodes
-from polish_sim.geometry.distance.distance_field import DistanceField
-from polish_sim.geometry.distance.field_lookup import look_up
 from polish_sim.planning.quality.point_grid import build_point_grid
 
 Array = NDArray[np.float64]
@@ -25,6 +25,8 @@ CELL = 0.35
 """Side of the cells nodes are looked up by, in pad radii."""
 FACING = 0.1
 """Least cosine between a node's normal and the pad's axis for the pad to press on it [-]."""
+DEEPEST = 0.5
+"""How far up its axis a pad finds nodes, in its radii."""
 
 
 class Removed(NamedTuple):
@@ -38,15 +40,12 @@ class Removed(NamedTuple):
     """Mean force of the field along the pad's axis before it was scaled [N], shape (k,); zero: no node was touched."""
 
 
-def expose_nodes(
-    nodes: PressedNodes, motion: PadMotion, field: DistanceField, pad_radius: float, stiffness: float
-) -> Removed:
+def expose_nodes(nodes: PressedNodes, motion: PadMotion, pad_radius: float, stiffness: float) -> Removed:
     """Carry the pad over the nodes.
 
     Args:
         nodes: Nodes of the real part.
         motion: Steps of the pad, in the same frame.
-        field: Signed distance of the real part.
         pad_radius: [m]
         stiffness: Of the whole disc pressed flat [N/m].
 
@@ -57,15 +56,14 @@ def expose_nodes(
     # Neighbours in space are neighbours in memory.
     order = grid.items
     sorted_nodes = PressedNodes(*(np.ascontiguousarray(column[order]) for column in nodes))
-    found = _carry(sorted_nodes, motion, field, grid, pad_radius, stiffness / (math.pi * pad_radius**2))
+    found = _carry(sorted_nodes, motion, grid, pad_radius, stiffness / (math.pi * pad_radius**2))
     exposure = np.empty(len(order))
     exposure[order] = found[0]
     return Removed(exposure, found[1], found[2])
 
 
 @njit(cache=True, error_model="numpy")
-def _carry(nodes, motion, field, grid, radius, bedding):  # type: ignore[no-untyped-def]
-    bricks = field.bricks.reshape(-1)
+def _carry(nodes, motion, grid, radius, bedding):  # type: ignore[no-untyped-def]
     exposure, gained, carried = np.zeros(len(nodes.areas)), np.zeros(len(motion.times)), np.zeros(len(motion.times))
     under, force, power = np.empty(len(nodes.areas), np.int64), np.empty(len(nodes.areas)), np.empty(len(nodes.areas))
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
@@ -73,7 +71,7 @@ def _carry(nodes, motion, field, grid, radius, bedding):  # type: ignore[no-unty
         center, axis = motion.centers[k], motion.axes[k]
         for d in range(3):
             # A disc's half width, and as far up the axis as a pad can be pressed in.
-            reach = radius * math.sqrt(max(1.0 - axis[d] * axis[d], 0.0)) + field.band * abs(axis[d])
+            reach = radius * math.sqrt(max(1.0 - axis[d] * axis[d], 0.0)) + DEEPEST * radius * abs(axis[d])
             low[d] = max(math.floor((center[d] - reach - grid.low[d]) / grid.cell), 0)
             high[d] = min(math.floor((center[d] + reach - grid.low[d]) / grid.cell), grid.size[d] - 1) + 1
         if low[2] >= high[2]:
@@ -85,8 +83,8 @@ def _carry(nodes, motion, field, grid, radius, bedding):  # type: ignore[no-unty
                 first, last = grid.first[row + low[2]], grid.first[row + high[2]]
                 number = _find_under(nodes.positions, nodes.normals, first, last, center, axis, radius, under, number)
         _press_nodes(
-            nodes.positions, nodes.normals, nodes.areas, field, bricks, center, axis, motion.velocities[k],
-            motion.turning[k], bedding, under, number, force, power,
+            nodes.positions, nodes.normals, nodes.areas, center, axis, motion.velocities[k], motion.turning[k],
+            bedding, under, number, force, power,
         )  # fmt: skip
         total = 0.0
         for t in range(number):
@@ -116,24 +114,22 @@ def _find_under(positions, normals, first, last, center, axis, radius, under, nu
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _press_nodes(  # type: ignore[no-untyped-def]
-    positions, normals, areas, field, bricks, center, axis, velocity, turning, bedding, under, number, force, power
+    positions, normals, areas, center, axis, velocity, turning, bedding, under, number, force, power
 ):
     """Force on each node along the pad's axis [N], and force along the part's normal x sliding speed [W]."""
-    per_metre = 1.0 / field.spacing
     cx, cy, cz, ax, ay, az = center[0], center[1], center[2], axis[0], axis[1], axis[2]
     ux, uy, uz, wx, wy, wz = velocity[0], velocity[1], velocity[2], turning[0], turning[1], turning[2]
     for t in range(number):
         q = under[t]
         nx, ny, nz = normals[q, 0], normals[q, 1], normals[q, 2]
         rx, ry, rz = positions[q, 0] - cx, positions[q, 1] - cy, positions[q, 2] - cz
-        # The spring that stands under the node, at the pad's face; its share of the disc is the node's shadow.
-        height = rx * ax + ry * ay + rz * az
+        height, facing = rx * ax + ry * ay + rz * az, nx * ax + ny * ay + nz * az
+        # The spring under the node, at the pad's face: as deep as the part is thick there, across its surface; its
+        # share of the disc is the node's shadow.
+        push = bedding * height * facing * areas[q] * facing
         sx, sy, sz = rx - height * ax, ry - height * ay, rz - height * az
-        distance, gx, gy, gz = look_up(field, bricks, per_metre, cx + sx, cy + sy, cz + sz)
-        slope = math.sqrt(gx * gx + gy * gy + gz * gz + 1e-30)
-        push = bedding * max(-distance, 0.0) * areas[q] * (nx * ax + ny * ay + nz * az)
         vx, vy, vz = ux + wy * sz - wz * sy, uy + wz * sx - wx * sz, uz + wx * sy - wy * sx
         along = vx * nx + vy * ny + vz * nz
         vx, vy, vz = vx - along * nx, vy - along * ny, vz - along * nz
-        force[t] = push * max((gx * ax + gy * ay + gz * az) / slope, 0.0)
+        force[t] = push * facing
         power[t] = push * math.sqrt(vx * vx + vy * vy + vz * vz)

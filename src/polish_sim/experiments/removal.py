@@ -44,7 +44,7 @@ def remove_material(scenario: Scenario, place: Workplace, part: RealPart, run: C
         place.surface, place.region, part, touched(place.shape, place.path, pad.radius_m, part.field.band)
     )
     motion = pad_motion(run.log, run.trace, part, pad.radius_m)
-    removed = expose_nodes(nodes.pressed, motion, part.field, pad.radius_m, pad.stiffness_n_m * head.spring_scale)
+    removed = expose_nodes(nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale)
     own = len(nodes.mesh.vertices)
     pressed = float(motion.impulses.sum())
     removal = RemovalMap(
