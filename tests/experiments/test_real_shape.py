@@ -15,6 +15,7 @@ from polish_sim.errors import MeshError
 from polish_sim.experiments import default_scenario, prepare_force, run_experiment
 from polish_sim.experiments.assembly import build_part
 from polish_sim.experiments.force import place_force
+from polish_sim.experiments.real_shape import shape_figures
 from polish_sim.geometry import field_distance
 from polish_sim.models import workpiece_path
 from polish_sim.models.parts import part
@@ -30,17 +31,18 @@ def on_plate(*changes: str) -> Scenario:
     return override(default_scenario("force"), ["part.file=plate", *AS_DRAWN, *changes])
 
 
+def line_on_plate() -> ToolPath:
+    """A path along x over the plate's top."""
+    count = len(ACROSS)
+    positions = np.column_stack([ACROSS, 0.0 * ACROSS, np.full(count, 0.020)])
+    axes = np.tile([0.0, 0.0, 1.0], (count, 1))
+    segment, turns = np.full(count, PROCESS, np.int8), np.zeros(count, np.int64)
+    return ToolPath(positions, axes, ACROSS - ACROSS[0], turns, segment, np.zeros(count))
+
+
 def distances(scenario: Scenario, points: np.ndarray) -> list[float]:
     """Signed distance [m] of points (n, 3) of the work frame from what the pad meets along a line over the plate."""
-    count = len(ACROSS)
-    positions, axes = (
-        np.column_stack([ACROSS, 0.0 * ACROSS, np.full(count, 0.020)]),
-        np.tile([0.0, 0.0, 1.0], (count, 1)),
-    )
-    segment, turns = np.full(count, PROCESS, np.int8), np.zeros(count, np.int64)
-    path = ToolPath(positions, axes, ACROSS - ACROSS[0], turns, segment, np.zeros(count))
-    place = place_force(scenario)
-    met = build_part(scenario, replace(place, path=path))
+    met = build_part(scenario, replace(place_force(scenario), path=line_on_plate()))
     return [field_distance(met.field, *point) for point in points]
 
 
@@ -103,3 +105,12 @@ def test_a_real_part_elsewhere_or_in_another_unit_is_refused(
     solid.export(tmp_path / "other.stl")
     with pytest.raises(MeshError, match=message):
         prepare_force(on_plate(f"part.real_file={tmp_path / 'other.stl'}"))
+
+
+def test_the_figures_say_how_far_the_real_part_lies_from_the_drawing() -> None:
+    scenario = on_plate("part.real_file=plate_ramp")
+    shape, path = place_force(scenario).shape, line_on_plate()
+    facts = shape_figures(shape, path)["real_part"]
+    assert facts["lowest_m"] == pytest.approx(0.0, abs=1e-6)
+    assert facts["highest_m"] == pytest.approx(0.0045, abs=1e-6)
+    assert shape_figures(place_force(on_plate()).shape, path) == {}

@@ -6,7 +6,7 @@ the drawing's frame and unit; displacement, rotation and form error come on top.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +76,25 @@ def touched(shape: RealShape, path: ToolPath, pad_radius: float, depth: float) -
         return Touch(positions, axes, pad_radius, depth)
     there = shape.surface.closest(positions).positions
     return Touch(np.vstack([positions, there]), np.vstack([axes, axes]), pad_radius, depth)
+
+
+def shape_figures(shape: RealShape, path: ToolPath) -> dict[str, Any]:
+    """How far the real part, before it is displaced and bent, lies from the drawing along the path.
+
+    Args:
+        shape: The real part.
+        path: The path on the nominal one.
+
+    Returns:
+        ``real_part``: lowest and highest place above the path [m] and what its mesh needed; empty without a mesh of
+        its own.
+    """
+    if not shape.given:
+        return {}
+    positions, axes = path.positions_work[path.process], path.axes_work[path.process]
+    above = np.sum((shape.surface.closest(positions).positions - positions) * axes, axis=1)
+    facts = {"lowest_m": float(above.min()), "highest_m": float(above.max()), "notes": list(shape.mesh.notes)}
+    return {"real_part": facts}
 
 
 def _check_place(shape: RealShape, mesh: PartMesh, config: PartConfig, positions: Array) -> None:

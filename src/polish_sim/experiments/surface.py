@@ -12,7 +12,7 @@ from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
 from polish_sim.experiments.part_setup import check_set_points, path_done, reach_path
 from polish_sim.experiments.placement import Reach
-from polish_sim.experiments.real_shape import RealShape, real_shape
+from polish_sim.experiments.real_shape import RealShape, real_shape, shape_figures
 from polish_sim.experiments.removal import remove_material
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.planning import PlanResult, coverage_until, plan_part
@@ -89,6 +89,7 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     figures |= measure_removal(removal.map)
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
     figures |= cell.payload_errors._asdict()
+    figures |= shape_figures(task.shape, path)
     return RunResult(
         scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map
     )  # fmt: skip
