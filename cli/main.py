@@ -13,6 +13,7 @@ import typer
 from polish_sim import __version__
 from polish_sim.cli import console
 from polish_sim.cli.boundary import execute
+from polish_sim.cli.calibrate import calibrate
 from polish_sim.cli.config import config
 from polish_sim.cli.demo import demo
 from polish_sim.cli.inspect import inspect
@@ -56,6 +57,7 @@ commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part.
 commands.command("inspect", cls=PanelledCommand, short_help="The quality of any tool path on a part.")(inspect)
 commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force or surface.")(run)
 commands.command("score", short_help="Score a controller by a fixed battery of cases.")(score)
+commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload.")
 commands.command("report", short_help="Plots and tables again from saved runs.")(report)
 commands.command("config", short_help="The full default config as TOML.")(config)
 commands.command("list", short_help="What ships with the package.")(list_names)

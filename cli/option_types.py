@@ -157,6 +157,16 @@ Controller = Annotated[
     str | None,
     _option(RUN, "--controller", "NAME", "A shipped one of 'polish-sim list' (default hybrid-pi), or FILE.py:CLASS."),
 ]
+Calibration = Annotated[
+    Path | None,
+    _option(
+        RUN,
+        "--calibration",
+        "FILE",
+        "calibration.toml of 'calibrate payload': the tool whose weight is compensated; default: calibrated before "
+        "the run.",
+    ),
+]
 Seed = Annotated[int | None, _option(RUN, "--seed", "N", "Seed of everything random; default 0.")]
 Seeds = Annotated[int | None, _option(RUN, "--seeds", "N", "Run this many seeds, counting up from --seed.", least=1)]
 DryRun = Annotated[bool, _option(RUN, "--dry-run", None, "Plan and check the reach, do not simulate.")]

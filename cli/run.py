@@ -43,6 +43,7 @@ def run(
     feed: o.Feed = None,
     spindle_rpm: o.SpindleSpeed = None,
     controller: o.Controller = None,
+    calibration: o.Calibration = None,
     seed: o.Seed = None,
     seeds: o.Seeds = None,
     dry_run: o.DryRun = False,
@@ -62,6 +63,7 @@ def run(
         raise InputError("--view and --video show one run: leave --seeds out.")
     prepare_headless()
     # Lazy: the simulator takes a second to load, --help must not wait for it.
+    from polish_sim.calibration import read_calibrated_tool
     from polish_sim.cli.given_plan import take_plan
     from polish_sim.cli.seeds import run_seeds
     from polish_sim.cli.simulation import check_reach, run_once
@@ -69,6 +71,8 @@ def run(
     from polish_sim.planning import PATTERNS
 
     scenario = build_scenario(default_scenario(experiment), given, config, set_ or [])
+    if scenario.payload.file:
+        read_calibrated_tool(Path(scenario.payload.file))  # a bad one is refused before the plan is made
     plan = None
     source = path or (Path(scenario.plan.file) if scenario.plan.file else None)
     if source is not None:

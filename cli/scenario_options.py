@@ -61,6 +61,9 @@ OPTIONS: Final[Mapping[str, Target]] = {
     "--feed": Target("process", "feed_m_s", MM_S),
     "--pad-diameter": Target("pad", "radius_m", DIAMETER),
     "--spindle-rpm": Target("spindle", "speed_rpm", PER_MINUTE),
+    "--calibration": Target("payload", "file"),
+    "--poses": Target("payload", "poses"),
+    "--noise": Target("sensor", "force_noise_n", NEWTON),
 }
 
 TRIPLES: Final[Mapping[str, Target]] = {
@@ -107,7 +110,7 @@ def build_scenario(base: Scenario, given: Mapping[str, Any], config: Path | None
         raise ConfigError(f"'{config}' is for the experiment '{scenario.experiment}', not '{base.experiment}'.")
     for option, value in given.items():
         if value is not None and option != "--overlap":
-            scenario = merge(scenario, _table(option, value), "")
+            scenario = merge(scenario, _table(option, str(value) if isinstance(value, Path) else value), "")
     scenario = override(scenario, assignments)
     # The overlap is a share of the pad, whoever set that.
     if given.get("--overlap") is not None:
@@ -132,11 +135,11 @@ def _overlapping(scenario: Scenario, stepover: float | None, overlap: float) -> 
 
 
 def _placed(scenario: Scenario) -> Scenario:
-    """Name the part's files from the root, so that the written config runs from any folder."""
-    for key in ("file", "real_file"):
-        file = Path(getattr(scenario.part, key))
+    """Name the files of part and payload from the root, so that the written config runs from any folder."""
+    for section in ("part", "payload"):
+        file = Path(getattr(scenario, section).file)
         if file.is_file():
-            scenario = merge(scenario, {"part": {key: str(file.resolve())}}, "")
+            scenario = merge(scenario, {section: {"file": str(file.resolve())}}, "")
     return scenario
 
 

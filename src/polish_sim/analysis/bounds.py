@@ -80,6 +80,25 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
             Claim("over_polished_share", "removal above 1.5 x its mean", "%", 100.0),
             _PATH_DONE,
         ),
+        "calibrate-payload": (
+            Claim("mass_error_relative", "mass error", "%", 100.0, high=0.01),
+            Claim("center_error_m", "centre error", "mm", 1e3, high=1e-3),
+            Claim("residual_force_max_n", "force left, worst of 200 poses", "N", 1.0, high=0.3),
+            Claim("residual_force_tared_max_n", "  tared in one of them", "N", 1.0, high=0.3),
+            Claim("compensation_error_max_n", "  worst possible pose, no noise", "N", 1.0, high=0.3),
+            Claim("residual_rms_n", "residual of the fit, force, rms", "N", 1.0),
+            Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m", 1e3),
+            Claim("condition", "condition of the poses", "", 1.0),
+            Claim("drift_600s_rms_n", "idle force in 600 s, tared once, rms", "N", 1.0),
+            Claim("drift_600s_retared_rms_n", "  tared every 60 s, rms", "N", 1.0),
+        ),
+        "calibrate-payload-data": (
+            Claim("mass_std_relative", "mass, std", "%", 100.0, high=0.01),
+            Claim("center_std_max_m", "centre, std of its worst axis", "mm", 1e3, high=1e-3),
+            Claim("residual_rms_n", "residual of the fit, force, rms", "N", 1.0),
+            Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m", 1e3),
+            Claim("condition", "condition of the poses", "", 1.0),
+        ),
     }
 )
 

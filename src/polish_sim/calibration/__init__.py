@@ -10,6 +10,7 @@ from polish_sim.calibration.outliers import fit_without_outliers
 from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, ReadingNoise, fit_payload, payload_regressor
 from polish_sim.calibration.poses import PosePlan, plan_payload_poses
 from polish_sim.calibration.readings import PayloadReadings
+from polish_sim.calibration.readings_file import read_readings, residual_table
 
 __all__ = [
     "GRAVITY",
@@ -24,5 +25,7 @@ __all__ = [
     "payload_regressor",
     "plan_payload_poses",
     "read_calibrated_tool",
+    "read_readings",
+    "residual_table",
     "write_calibration",
 ]

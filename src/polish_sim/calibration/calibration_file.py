@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.calibration.payload import PayloadEstimate
+from polish_sim.calibration.payload import GRAVITY, PayloadEstimate
 from polish_sim.errors import InputError
 
 Array = NDArray[np.float64]
@@ -54,6 +54,8 @@ def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
             "drift_zero_s": estimate.zero_time,
         }
     return figures | {
+        "mass_std_relative": estimate.mass_std / estimate.mass,
+        "center_std_max_m": float(estimate.center_std.max()),
         "residual_rms_n": float(np.sqrt(np.mean(estimate.residuals[estimate.used, :3] ** 2))),
         "residual_rms_nm": float(np.sqrt(np.mean(estimate.residuals[estimate.used, 3:] ** 2))),
         "readings": len(estimate.used),
@@ -62,10 +64,10 @@ def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
     }
 
 
-def write_calibration(file: Path, estimate: PayloadEstimate, gravity: float) -> None:
+def write_calibration(file: Path, estimate: PayloadEstimate) -> None:
     """Write calibration.toml."""
     figures = {"kind": KIND} | estimate_figures(estimate)
-    figures |= {"gravity_m_s2": gravity, "covariance": estimate.covariance.tolist()}
+    figures |= {"gravity_m_s2": GRAVITY, "covariance": estimate.covariance.tolist()}
     lines = [f"{name} = {_literal(value)}" for name, value in figures.items()]
     file.write_text(_HEAD + "\n".join(lines) + "\n", encoding="utf-8")
 

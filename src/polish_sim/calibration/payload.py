@@ -78,6 +78,10 @@ class PayloadEstimate:
         """Drift of the bias [N/s, N m/s], shape (6,); zero if it was not asked for."""
         return self.theta[DRIFT] if len(self.theta) > 10 else np.zeros(6)
 
+    def bias_at(self, time: float) -> Array:
+        """Bias at a moment [s], with what it has drifted [N, N m], shape (6,)."""
+        return np.asarray(self.bias + self.drift * (time - self.zero_time))
+
     @property
     def mass_std(self) -> float:
         """[kg]"""

@@ -20,10 +20,10 @@ PAN, LIFT, ELBOW, WRIST_2 = 1.3, -1.59, 1.51, -0.5 * math.pi
 """Joints that stay as they are [rad]: the wrist half a metre before the base and 0.7 m above the table."""
 TOOL_DOWN = -0.5 * math.pi - LIFT - ELBOW
 """Wrist 1 with the tool straight down [rad]; less lifts the tool away from the arm, by pi straight up."""
-WRIST_SPEED = 1.0
-"""Mean speed of the joint with the longest way between two poses [rad/s]."""
-SHORTEST_MOVE = 0.5
-"""Time for the shortest way [s]."""
+WRIST_SPEED = 0.6
+"""Mean speed of the joint with the longest way between two poses, at most [rad/s]."""
+WRIST_ACCELERATION = 1.5
+"""Its acceleration, at most [rad/s^2]: 0.42 m from the wrist the tool keeps below the robot's 1.2 m/s^2."""
 LEAST_POSES = 4
 
 
@@ -40,8 +40,27 @@ class PosePlan(NamedTuple):
     @property
     def move_times(self) -> Array:
         """Time for the way to each pose from the one before [s], shape (n,); 0 to the first."""
-        longest = np.abs(np.diff(self.q, axis=0)).max(axis=1)
-        return np.concatenate([[0.0], np.maximum(longest / WRIST_SPEED, SHORTEST_MOVE)])
+        return np.array([0.0, *(move_time(a, b) for a, b in zip(self.q[:-1], self.q[1:], strict=True))])
+
+
+def move_time(q_from: Array, q_to: Array) -> float:
+    """Time for the way between two poses [s], see ``move``."""
+    longest = float(np.abs(q_to - q_from).max())
+    return max(longest / WRIST_SPEED, math.pi * math.sqrt(0.5 * longest / WRIST_ACCELERATION))
+
+
+def move(q_from: Array, q_to: Array, share: Array) -> Array:
+    """The way from one pose to another: all joints together, from rest to rest along half a cosine.
+
+    Args:
+        q_from: Joint angles [rad], shape (6,).
+        q_to: Joint angles [rad], shape (6,).
+        share: Share of the time, 0 to 1, shape (k,).
+
+    Returns:
+        Joint angles [rad], shape (k, 6).
+    """
+    return np.asarray(q_from + 0.5 * (1.0 - np.cos(math.pi * share))[:, None] * (q_to - q_from))
 
 
 @cache
@@ -70,7 +89,7 @@ def plan_payload_poses(count: int) -> PosePlan:
     q = np.tile([PAN, LIFT, ELBOW, TOOL_DOWN, WRIST_2, 0.0], (count, 1))
     q[:, 3] -= tilt[order]
     q[:, 5] = azimuth[order]
-    R = forward_many(q)[:, :3, :3].copy()
+    R = np.ascontiguousarray(forward_many(q)[:, :3, :3])
     for array in (q, R):
         array.flags.writeable = False
     return PosePlan(q, R, condition_of(payload_regressor(R[:, 2, :], None, 1.0)))

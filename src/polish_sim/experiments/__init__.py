@@ -10,6 +10,12 @@ from polish_sim.cell import Observer
 from polish_sim.config import PartConfig, Scenario, SpindleConfig
 from polish_sim.errors import unknown_name
 from polish_sim.experiments.arc import prepare_arc, run_arc
+from polish_sim.experiments.calibrate_payload import (
+    PAYLOAD_SCENARIO,
+    PayloadCalibration,
+    calibrate_from,
+    run_payload_calibration,
+)
 from polish_sim.experiments.force import prepare_force, run_force
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult
@@ -101,14 +107,18 @@ def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer:
 
 __all__ = [
     "EXPERIMENTS",
+    "PAYLOAD_SCENARIO",
     "CheckedPath",
+    "PayloadCalibration",
     "RunResult",
     "SurfaceTask",
+    "calibrate_from",
     "check_experiment",
     "default_scenario",
     "prepare_surface",
     "run_arc",
     "run_experiment",
     "run_force",
+    "run_payload_calibration",
     "run_surface",
 ]

@@ -1,0 +1,119 @@
+"""Runs a calibration of the payload for its command and writes its folder; imported only inside commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from polish_sim.analysis.payload_plot import DriftData, ResidualData, plot_drift, plot_residuals
+from polish_sim.analysis.report import save_plots
+from polish_sim.analysis.run_record import CONFIG, METRICS, package_versions, write_json
+from polish_sim.calibration import read_readings, residual_table, write_calibration
+from polish_sim.cli import console
+from polish_sim.cli.outcome import Outcome
+from polish_sim.cli.seeds import aggregate
+from polish_sim.config import Scenario
+from polish_sim.experiments import PayloadCalibration, calibrate_from, run_payload_calibration
+from polish_sim.kernel_cache import is_warm, use_kernel_cache
+from polish_sim.scenario_file import to_toml
+
+SIMULATED, MEASURED = "calibrate-payload", "calibrate-payload-data"
+
+
+def one_seed(scenario: Scenario, drift: bool, draft: Path) -> Outcome:
+    """Calibrate one simulated robot and write its folder."""
+    if not is_warm(use_kernel_cache()):
+        console.note("first start: the kernels are compiled once, which takes about a minute")
+    with console.progress() as observer:
+        found = run_payload_calibration(scenario, drift, observer)
+        observer.stage("draw")
+        _write(draft, found)
+    _show_estimate(found)
+    return Outcome(SIMULATED, f"payload, seed {scenario.seed}", {"this calibration": found.figures})
+
+
+def many_seeds(scenario: Scenario, drift: bool, seeds: Sequence[int], draft: Path) -> Outcome:
+    """Calibrate with each seed, a folder each; what is checked is the worst seed of each figure."""
+    runs: dict[int, Mapping[str, Any]] = {}
+    interrupted = False
+    with console.progress() as observer:
+        observer.stage(f"calibrate {len(seeds)} seeds")
+        try:
+            for seed in seeds:
+                found = run_payload_calibration(replace(scenario, seed=seed), drift)
+                folder = draft / f"seed-{seed:04d}"
+                folder.mkdir()
+                _write(folder, found)
+                runs[seed] = found.figures
+                observer.progress(len(runs), len(seeds))
+        except KeyboardInterrupt:
+            if not runs:
+                raise
+            interrupted = True
+    mean, worst = aggregate(SIMULATED, list(runs.values()))
+    table = {"experiment": SIMULATED, "seeds": list(runs), "mean": mean, "worst": worst}
+    write_json(draft / METRICS, table | {"runs": runs, "versions": package_versions()})
+    columns = {"mean": mean, "worst seed": worst}
+    return Outcome(SIMULATED, f"payload, {len(runs)} seeds", columns, interrupted=interrupted)
+
+
+def from_data(file: Path, drift: bool, draft: Path) -> Outcome:
+    """Calibrate from a file of a real robot's poses and readings and write its folder."""
+    found = calibrate_from(read_readings(file), drift)
+    _write(draft, found)
+    _show_estimate(found)
+    return Outcome(MEASURED, f"payload from {file.name}", {"this calibration": found.figures})
+
+
+def _write(folder: Path, found: PayloadCalibration) -> None:
+    estimate, readings = found.estimate, found.readings
+    write_calibration(folder / "calibration.toml", estimate)
+    (folder / "residuals.csv").write_text(residual_table(readings, estimate, found.q), encoding="utf-8")
+    write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
+    if found.scenario is not None:
+        (folder / CONFIG).write_text(to_toml(found.scenario), encoding="utf-8")
+    data = ResidualData(
+        readings.time, estimate.residuals, estimate.noise, estimate.used, returned=found.scenario is not None
+    )
+    plots = {"residuals.png": plot_residuals(data, "Calibration of the payload", _facts(found))}
+    if found.long_run is not None:
+        plots["drift.png"] = plot_drift(DriftData(*found.long_run))
+    save_plots(folder, plots)
+
+
+def _facts(found: PayloadCalibration) -> list[str]:
+    estimate = found.estimate
+    x, y, z = 1e3 * estimate.center
+    std = 1e3 * float(estimate.center_std.max())
+    return [
+        f"mass {estimate.mass:.4f} ± {estimate.mass_std:.4f} kg",
+        f"centre ({x:.2f}, {y:.2f}, {z:.2f}) ± {std:.2f} mm",
+        f"noise {estimate.noise[0]:.2g} N, {1e3 * estimate.noise[3]:.2g} mN m",
+    ]
+
+
+def _show_estimate(found: PayloadCalibration) -> None:
+    """Print what was found, each number with its standard deviation, and which readings were left out."""
+    estimate = found.estimate
+    for number in np.flatnonzero(~estimate.used) + 1:
+        console.note(f"note: reading {number} does not fit the others and was left out. Did something touch the tool?")
+    rows = [["mass", "kg", f"{estimate.mass:.5f}", f"{estimate.mass_std:.2g}"]]
+    groups: list[tuple[str, str, float, Any, Any]] = [
+        ("centre", "mm", 1e3, estimate.center, estimate.center_std),
+        ("force bias", "N", 1.0, estimate.bias[:3], estimate.bias_std[:3]),
+        ("torque bias", "mN m", 1e3, estimate.bias[3:], estimate.bias_std[3:]),
+    ]
+    if len(estimate.theta) > 10:
+        groups.append(("force drift", "mN/s", 1e3, estimate.drift[:3], estimate.drift_std[:3]))
+        groups.append(("torque drift", "mN m/s", 1e3, estimate.drift[3:], estimate.drift_std[3:]))
+    if "drift_return_n" in found.figures:
+        std = [found.figures["drift_return_n_std"]] * 3
+        groups.append(("force back in the first pose", "N", 1.0, found.figures["drift_return_n"], std))
+    for name, unit, scale, values, deviations in groups:
+        for axis, value, deviation in zip("xyz", values, deviations, strict=True):
+            rows.append([f"{name} {axis}", unit, f"{scale * value:.4f}", f"{scale * deviation:.2g}"])
+    console.table("tool and sensor, sensor axes", ["estimate", "unit", "value", "std"], rows)

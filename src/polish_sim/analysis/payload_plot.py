@@ -1,0 +1,112 @@
+"""A payload's calibration as pictures: residuals pose by pose, drift over the calibration and over a long run (8c)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, head, new_figure, styled
+
+Array = NDArray[np.float64]
+
+AXES, _COLOURS = "xyz", (BLUE, ORANGE, PINK)
+
+
+class ResidualData(NamedTuple):
+    """What is left of the readings after the fit."""
+
+    time: Array
+    """[s], shape (n,)."""
+    residuals: Array
+    """[N, N m], shape (n, 6)."""
+    noise: Array
+    """Standard deviation of one reading [N, N m], shape (6,)."""
+    used: NDArray[np.bool_]
+    """Which readings the fit rests on, shape (n,)."""
+    returned: bool
+    """Whether the last reading is in the first one's pose."""
+
+
+@styled
+def plot_residuals(data: ResidualData, title: str, facts: Sequence[str]) -> Figure:
+    """Residuals of force and torque in every pose, and over time, with bands of one and two noise deviations."""
+    figure = new_figure(10.0, 6.0)
+    grid = figure.subplots(2, 2, sharey="row", width_ratios=(1.35, 1.0))
+    number = np.arange(1, len(data.time) + 1)
+    groups = ((slice(0, 3), 1.0, "force residual [N]"), (slice(3, 6), 1e3, "torque residual [mN m]"))
+    for (bars, over_time), (rows, scale, label) in zip(grid, groups, strict=True):
+        values, noise = data.residuals[:, rows] * scale, data.noise[rows][0] * scale
+        for axes in (bars, over_time):
+            _noise_band(axes, noise)
+        for axis in range(3):
+            bars.bar(number + 0.25 * (axis - 1), values[:, axis], 0.22, color=_COLOURS[axis], label=AXES[axis])
+            over_time.plot(data.time, values[:, axis], ".-", color=_COLOURS[axis], ms=5, lw=0.9, label=AXES[axis])
+        for k in np.flatnonzero(~data.used):
+            bars.axvspan(k + 0.55, k + 1.45, color=GREY, alpha=0.35, lw=0)
+            over_time.axvline(data.time[k], color=GREY, alpha=0.5, lw=4)
+        bars.set_ylabel(label)
+        bars.set_xlim(0.3, len(number) + 0.7)
+        # An outlier would flatten everything else.
+        reach = max(4.0 * noise, 1.1 * float(np.abs(values[data.used]).max(initial=0.0)), 1e-9)
+        bars.set_ylim(-reach, reach)
+    grid[0, 0].legend(loc="upper right", ncols=3)
+    grid[1, 0].set_xlabel("reading" + (" (the last is in the first one's pose)" if data.returned else ""))
+    grid[1, 1].set_xlabel("time [s]; a slope would be drift")
+    head(figure, grid[0, 0], title, facts)
+    return figure
+
+
+def _noise_band(axes: Axes, noise: float) -> None:
+    for times, alpha in ((2.0, 0.10), (1.0, 0.14)):
+        axes.axhspan(-times * noise, times * noise, color=GREEN, alpha=alpha, lw=0, zorder=0)
+    axes.axhline(0.0, color=GREEN, lw=0.9, ls="--", zorder=1)
+
+
+class DriftData(NamedTuple):
+    """The force an idle host reads over a long time."""
+
+    time: Array
+    """[s], shape (n,)."""
+    tared_once: Array
+    """[N], shape (n, 3)."""
+    tared_again: Array
+    """[N], shape (n, 3)."""
+    retare: float
+    """Time between tares [s]."""
+    walk: float
+    """The sensor's drift, rms after one second [N/sqrt(s)]."""
+
+
+@styled
+def plot_drift(data: DriftData) -> Figure:
+    """What drift adds to a force in a long run, tared once and tared anew, with the random walk's own spread.
+
+    What goes beyond the spread is the tare's own noise, which stays in every force until the next tare.
+    """
+    figure = new_figure(9.0, 4.6)
+    once, again = figure.subplots(1, 2, sharey=True)
+    total = float(data.time[-1] + data.time[0])
+    moments = np.linspace(0.0, total, 1201)
+    for axes, values, age, title in (
+        (once, data.tared_once, moments, "tared once, at the start"),
+        (again, data.tared_again, np.mod(moments, data.retare), f"tared every {data.retare:g} s, as between strokes"),
+    ):
+        spread = data.walk * np.sqrt(age)
+        axes.fill_between(moments, -2.0 * spread, 2.0 * spread, color=GREY, alpha=0.18, lw=0, label="drift, 2 sigma")
+        for axis in range(3):
+            axes.plot(data.time, values[:, axis], color=_COLOURS[axis], lw=1.0, label=f"{AXES[axis]}, 5 s mean")
+        axes.set_xlabel("time [s]")
+        axes.set_title(title, fontsize=9.0, fontweight="normal", color="#444444")
+    once.set_ylabel("force read while nothing touches [N]")
+    once.legend(loc="upper left", ncols=2)
+    figure.suptitle(
+        f"Drift of the wrist sensor, {data.walk:g} N/sqrt(s): {data.walk * np.sqrt(total):.2g} N rms after "
+        f"{total:.0f} s, {data.walk * np.sqrt(data.retare):.2g} N between tares",
+        x=0.01, ha="left", fontsize=11.0, fontweight="bold",
+    )  # fmt: skip
+    return figure

@@ -1,0 +1,122 @@
+"""The robot visits poses in free space, stands still in each and reads its wrist sensor (layer 9)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.calibration import PayloadReadings
+from polish_sim.calibration.poses import move, move_time
+from polish_sim.cell import Cell, Job, Observer, build_scene, no_part, tool_on_flange
+from polish_sim.cell.cell import CellRun
+from polish_sim.config import Scenario
+from polish_sim.control import build_controller
+from polish_sim.errors import CalibrationError, ProtectiveStop
+from polish_sim.motion import forward_many
+from polish_sim.motion.trajectory import PathTable, build_path_table
+
+Array = NDArray[np.float64]
+
+CLOCK_FEED = 0.1
+"""The path's length stands for time: so many metres a second, standing still included."""
+ROW_S = 0.01  # between rows of the path [s]
+START_S = 0.5  # until the path's clock has come up to speed [s]
+AT_REST_RAD_S = 2e-3
+"""No joint may be faster while the sensor is read."""
+
+
+class Visit(NamedTuple):
+    """The way through some poses and when the robot stands still in each."""
+
+    table: PathTable
+    windows: Array
+    """First and last place of the path at which readings are averaged [m], shape (n, 2)."""
+
+
+def plan_visit(q: Array, settle: float, average: float) -> Visit:
+    """Through poses, standing still in each.
+
+    Args:
+        q: Joint angles of the poses [rad], shape (n, 6).
+        settle: Time to stand still before readings are taken [s].
+        average: Time over which they are taken [s].
+
+    Returns:
+        The way, the tool's path as a function of time.
+    """
+    rows, times, windows, now = [q[:1]], [np.zeros(1)], [], START_S
+    for k, pose in enumerate(q):
+        if k:
+            duration = move_time(q[k - 1], pose)
+            share = np.linspace(0.0, 1.0, max(2, math.ceil(duration / ROW_S)))[1:]
+            rows.append(move(q[k - 1], pose, share))
+            times.append(now + duration * share)
+            now += duration
+        still = np.arange(1, max(2, math.ceil((settle + average) / ROW_S)) + 1) * ROW_S
+        rows.append(np.tile(pose, (len(still), 1)))
+        times.append(now + still)
+        windows.append([now + settle, now + settle + average])
+        now = float(times[-1][-1])
+    T_base_tool = forward_many(np.concatenate(rows)) @ tool_on_flange()
+    place = CLOCK_FEED * np.concatenate(times)
+    table = build_path_table(T_base_tool[:, :3, 3], T_base_tool[:, :3, :3], place, spacing=0.5 * CLOCK_FEED * ROW_S)
+    return Visit(table, CLOCK_FEED * np.array(windows))
+
+
+def visiting_cell(scenario: Scenario, visit: Visit, q_start: Array, rng: np.random.Generator) -> Cell:
+    """A cell in free space, spindle off, whose host compensates nothing: it reads the sensor as it is."""
+    start = build_path_table(
+        visit.table.positions[:1], Rotation.from_quat(visit.table.quaternions[:1], scalar_first=True).as_matrix()
+    )
+    job = Job(
+        travel=start, lead_in=start, process=visit.table, depth=0.0, force=0.0, contact=0.0,
+        approach_speed=CLOCK_FEED, feed=CLOCK_FEED, threshold=math.inf, search_depth=0.0, hold=0.0,
+        feed_time=math.inf, lift=0.0, start_s=0.0,
+    )  # fmt: skip
+    cell = Cell(
+        scenario, build_scene(scenario, None, None), no_part(), [job], q_start,
+        build_controller(scenario.controller), rng,
+    )  # fmt: skip
+    cell.compensate(0.0, np.zeros(3))
+    return cell
+
+
+def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, PayloadReadings]:
+    """Visit the poses and average the readings in each.
+
+    Raises:
+        ProtectiveStop: The robot stopped on its way.
+        CalibrationError: It did not stand still where readings were taken.
+        KeyboardInterrupt: The user broke off.
+    """
+    run = cell.run(observer)
+    if run.interrupted:
+        raise KeyboardInterrupt
+    if run.stop_reason:
+        raise ProtectiveStop(f"protective stop on the way through the poses: {run.stop_reason}.")
+    place, log = run.log["path_s_m"], run.log
+    times, frames, means = [], [], []
+    for number, (first, last) in enumerate(visit.windows, 1):
+        rows = (place >= first) & (place <= last)
+        speed = float(np.abs(log["qd_rad_s"][rows]).max(initial=0.0))
+        if not rows.any() or speed > AT_REST_RAD_S:
+            raise CalibrationError(
+                f"the arm did not stand still in pose {number} (a joint still moved at {speed:.2g} rad/s): raise "
+                "payload.settle_s, or payload.average_s if the log is too thin."
+            )
+        times.append(float(log["time_s"][rows].astype(np.float64).mean()))
+        frames.append(log["tcp_quaternion_wxyz"][rows][-1].astype(np.float64))
+        means.append(log["wrench_measured_tool"][rows].astype(np.float64).mean(axis=0))
+    R_base_sensor = Rotation.from_quat(np.array(frames), scalar_first=True).as_matrix()
+    return run, PayloadReadings(np.array(times), R_base_sensor, _at_sensor(cell, np.array(means)))
+
+
+def _at_sensor(cell: Cell, tared: Array) -> Array:
+    """What the sensor read, from the host's tared wrenches about the tool point, shape (n, 6)."""
+    found = tared + cell.tare
+    found[:, 3:] += np.cross(cell.carried.lever, found[:, :3])
+    return found
