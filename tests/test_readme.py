@@ -19,10 +19,10 @@ PYTHON = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 @pytest.mark.parametrize("line", TYPED)
 def test_every_command_line_names_existing_commands_and_options(line: str) -> None:
     name, *words = line.split()
-    group = typer.main.get_command(commands)
-    known = group.commands  # type: ignore[attr-defined]
-    assert name in known
-    options = {option for parameter in known[name].params for option in parameter.opts}
+    command = typer.main.get_command(commands).commands[name]  # type: ignore[attr-defined]
+    if hasattr(command, "commands"):  # a group: the next word names the command
+        command = command.commands[words[0]]
+    options = {option for parameter in command.params for option in parameter.opts}
     assert {word for word in words if word.startswith("--")} <= options | {"--help"}
 
 

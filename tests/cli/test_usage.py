@@ -46,7 +46,7 @@ def test_the_version_is_the_package_s(polish_sim: Callable[..., object]) -> None
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["runn"], "Known: config, demo"),
+        (["runn"], "Known: calibrate, config, demo"),
         (["run", "circle"], "unknown experiment 'circle'. Known: arc, force, surface"),
         (["config", "circle"], "unknown experiment 'circle'. Known: arc, force, surface"),
         (["run"], "experiment"),
@@ -72,6 +72,15 @@ def test_the_version_is_the_package_s(polish_sim: Callable[..., object]) -> None
         (["run", "force", "--contact-force", "-5"], "--contact-force -5"),
         (["run", "force", "--config", "gone.toml"], "gone.toml"),
         (["report", "gone"], "'gone' is not a run folder"),
+        (["run", "force", "--calibration", "gone.toml"], "cannot read the calibration 'gone.toml'"),
+        (["calibrate"], "Missing command. Known: payload."),
+        (["calibrate", "tcp"], "Known: payload."),
+        (["calibrate", "payload", "--poses", "3"], "'payload.poses' = 3 is outside 4 to 500"),
+        (["calibrate", "payload", "--noise", "-1"], "--noise -1 is outside 0 to 20 N"),
+        (["calibrate", "payload", "--data", "gone.csv"], "cannot read the readings 'gone.csv'"),
+        (["calibrate", "payload", "--data", "gone.csv", "--poses", "9"], "--poses would change nothing with --data"),
+        (["calibrate", "payload", "--set", "sensor.force_range_n=5"], "force z is at the end of its range"),
+        (["calibrate", "payload", "--set", "payload.settle_s=0.05", "--set", "controller.look_ahead_s=2"], "still"),
     ],
 )
 def test_wrong_words_are_one_message_with_code_2_and_nothing_written(

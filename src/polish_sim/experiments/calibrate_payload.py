@@ -99,8 +99,7 @@ def run_payload_calibration(
     poses = plan_payload_poses(payload.poses)
     q = np.concatenate([poses.q, poses.q[:1]])
     visit = plan_visit(q, payload.settle_s, payload.average_s)
-    free = replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
-    cell = visiting_cell(free, visit, q[0], streams[SENSOR_STREAM])
+    cell = visiting_cell(_in_free_space(scenario), visit, q[0], streams[SENSOR_STREAM])
     observer.stage(f"visit {payload.poses} poses and the first again")
     run, readings = run_visit(cell, visit, observer)
     _check_range(cell, readings)
@@ -120,6 +119,15 @@ def run_payload_calibration(
         "seed": scenario.seed,
     }
     return PayloadCalibration(scenario, readings, estimate, figures, q, long_run)
+
+
+def _in_free_space(scenario: Scenario) -> Scenario:
+    """Spindle off, and no limit on a force that is the tool's own weight: it is not known yet."""
+    return replace(
+        scenario,
+        spindle=replace(scenario.spindle, speed_rpm=0.0),
+        safety=replace(scenario.safety, force_limit_n=1e4, torque_limit_nm=1e3),
+    )
 
 
 def _check_range(cell: Cell, readings: PayloadReadings) -> None:
@@ -204,5 +212,5 @@ def idle_force(cell: Cell, rng: np.random.Generator) -> LongRun:
     read = read_at_rest(cell.sensor, cell.idle_sensor(), load, np.zeros(count), 0.0, TARE_TIME, rng)[:, :3]
     latest = np.arange(count) // a_tare * a_tare
     once, again = ((read - tare).reshape(-1, a_value, 3).mean(axis=1) for tare in (read[0], read[latest]))
-    time = VALUE_S * (np.arange(len(once)) + 0.5)
+    time: Array = VALUE_S * (np.arange(len(once)) + 0.5)
     return LongRun(time, once, again, RETARE_S, cell.scenario.sensor.force_drift_n_s)

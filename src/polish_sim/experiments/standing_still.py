@@ -48,7 +48,8 @@ def plan_visit(q: Array, settle: float, average: float) -> Visit:
     Returns:
         The way, the tool's path as a function of time.
     """
-    rows, times, windows, now = [q[:1]], [np.zeros(1)], [], START_S
+    rows, windows, now = [q[:1]], [], START_S
+    times: list[Array] = [np.zeros(1)]
     for k, pose in enumerate(q):
         if k:
             duration = move_time(q[k - 1], pose)

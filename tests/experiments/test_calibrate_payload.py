@@ -1,0 +1,167 @@
+"""The robot visits its poses, and finds the tool it really carries; every run believes what such a calibration says."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from polish_sim.analysis.bounds import CLAIMS, shortfalls
+from polish_sim.calibration import plan_payload_poses, write_calibration
+from polish_sim.calibration.poses import move
+from polish_sim.cell import weight_of
+from polish_sim.errors import CalibrationError, InputError
+from polish_sim.experiments import PAYLOAD_SCENARIO, PayloadCalibration, default_scenario, run_payload_calibration
+from polish_sim.experiments.force import prepare_force
+from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
+from polish_sim.experiments.tool_payload import believe_tool, readings_at_rest
+from polish_sim.scenario_file import override
+from tests.cell.cells import IDEAL_SENSOR, cell_for, free_job, tool_pose
+
+HERE = tool_pose(0.0, -0.5, 0.3)
+
+
+@pytest.fixture(scope="module")
+def calibrated() -> PayloadCalibration:
+    return run_payload_calibration(PAYLOAD_SCENARIO)
+
+
+def test_an_ideal_sensor_gives_the_tool_to_the_last_digits_of_the_log() -> None:
+    """The log keeps wrenches and orientations in single precision, and the arm creeps by nanometres."""
+    figures = run_payload_calibration(override(PAYLOAD_SCENARIO, IDEAL_SENSOR)).figures
+    assert figures["mass_error_relative"] < 1e-5
+    assert figures["center_error_m"] < 1e-6
+    assert figures["compensation_error_max_n"] < 1e-4
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_with_the_default_sensor_every_claim_is_met(seed: int) -> None:
+    figures = run_payload_calibration(override(PAYLOAD_SCENARIO, [f"seed={seed}"])).figures
+    assert {claim.figure for claim in CLAIMS["calibrate-payload"]} <= set(figures)
+    assert shortfalls("calibrate-payload", figures) == []
+
+
+def test_the_same_seed_gives_the_same_readings(calibrated: PayloadCalibration) -> None:
+    again = run_payload_calibration(PAYLOAD_SCENARIO)
+    assert again.readings.wrenches.tobytes() == calibrated.readings.wrenches.tobytes()
+    assert again.figures["residual_force_max_n"] == calibrated.figures["residual_force_max_n"]
+
+
+def test_it_returns_to_the_first_pose_to_see_the_drift(calibrated: PayloadCalibration) -> None:
+    first, last = calibrated.readings.R_base_sensor[[0, -1]]
+    np.testing.assert_allclose(last, first, atol=1e-4)
+    assert len(calibrated.readings) == PAYLOAD_SCENARIO.payload.poses + 1
+
+
+def test_a_steady_drift_is_found_where_it_is_asked_for() -> None:
+    """A walk of 0.1 N/sqrt(s): nothing else is that large, so the return to the first pose shows it."""
+    scenario = override(PAYLOAD_SCENARIO, [*IDEAL_SENSOR, "sensor.force_drift_n_s=0.1"])
+    found = run_payload_calibration(scenario, drift=True)
+    trend = found.estimate.drift[:3] * found.figures["drift_return_s"]
+    np.testing.assert_allclose(trend, found.figures["drift_return_n"], atol=0.5)
+    assert np.linalg.norm(found.figures["drift_return_n"]) > 0.3
+
+
+def test_the_plan_spreads_gravity_over_the_sensor_close_to_the_best_possible() -> None:
+    for count in (6, 12, 40):
+        assert plan_payload_poses(count).condition < np.sqrt(1.5) * 1.1
+
+
+@pytest.mark.parametrize("count", [4, 12, 30])
+def test_the_way_through_the_poses_touches_nothing_and_stays_clear_of_the_table(count: int) -> None:
+    scenario = default_scenario("force")
+    place = prepare_force(scenario)
+    model, data = place.cell.model, mujoco.MjData(place.cell.model)  # the part's cell has the table
+    q = plan_payload_poses(count).q
+    for start, end in zip(q, np.roll(q, -1, axis=0), strict=True):
+        for joints in move(start, end, np.linspace(0.0, 1.0, 30)):
+            data.qpos[:6] = joints
+            mujoco.mj_forward(model, data)
+            assert data.ncon == 0
+            assert data.site("tool").xpos[2] > 0.25
+
+
+def test_readings_at_rest_are_those_of_the_moving_cell_up_to_noise(calibrated: PayloadCalibration) -> None:
+    """What every run does without moving the arm, and what the arm does: the same tool, the same accuracy."""
+    cell = cell_for(PAYLOAD_SCENARIO, free_job(HERE))
+    readings = readings_at_rest(cell, np.random.default_rng(0))
+    exact = weight_of(cell.carried, readings.R_base_sensor) + cell.sensor.bias
+    noise = readings.wrenches - exact
+    assert noise[:, :3].std() == pytest.approx(0.5 / np.sqrt(500.0), rel=0.4)
+    assert noise[:, 3:].std() == pytest.approx(0.02 / np.sqrt(500.0), rel=0.4)
+    still = calibrated.readings.R_base_sensor[:12]
+    np.testing.assert_allclose(readings.R_base_sensor, still, atol=2e-3)
+
+
+def test_the_belief_of_a_run_is_as_good_as_the_calibration_and_costs_little() -> None:
+    errors, spent = [], []
+    for seed in range(20):
+        cell = cell_for(override(default_scenario("force"), [f"seed={seed}"]), free_job(HERE))
+        begun = time.process_time()
+        believe_tool(cell, random_streams(seed)[PAYLOAD_STREAM])
+        spent.append(time.process_time() - begun)
+        errors.append(cell.payload_errors)
+    mass, center = np.array(errors).T
+    assert np.abs(mass).max() < 0.01 * cell.carried.mass
+    assert np.abs(mass).max() > 0.0
+    assert center.max() < 1e-3
+    assert np.median(spent) < 0.05
+
+
+def test_a_planted_mass_error_comes_on_top_of_the_calibration() -> None:
+    scenario = override(default_scenario("force"), [*IDEAL_SENSOR, "sensor.payload_mass_error=0.2"])
+    cell = cell_for(scenario, free_job(HERE))
+    believe_tool(cell, np.random.default_rng(0))
+    assert cell.payload_errors.payload_mass_error_kg == pytest.approx(0.2 * cell.carried.mass, rel=1e-6)
+
+
+def test_a_run_believes_the_file_it_is_given(calibrated: PayloadCalibration, tmp_path: Path) -> None:
+    file = tmp_path / "calibration.toml"
+    write_calibration(file, calibrated.estimate)
+    cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_job(HERE))
+    believe_tool(cell, np.random.default_rng(0))
+    assert cell.kernel.payload.mass == calibrated.estimate.mass
+    np.testing.assert_array_equal(cell.kernel.payload.center, calibrated.estimate.center)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("mass_kg = 2.0\n", "not the calibration of a payload"),
+        ('kind = "tcp"\n', "kind = 'tcp'"),
+        ('kind = "payload"\nmass_kg = -2\ncenter_m = [0, 0, 0.1]\n', "mass_kg is -2"),
+        ('kind = "payload"\nmass_kg = "2"\ncenter_m = [0, 0, 0.1]\n', "mass_kg is '2'"),
+        ('kind = "payload"\nmass_kg = 2\ncenter_m = [0, 0]\n', "wanted three numbers"),
+        ('kind = "payload"\nmass_kg = 2\ncenter_m = [0, 0, nan]\n', "wanted three numbers"),
+        ("kind = \n", "not valid TOML"),
+    ],
+)
+def test_a_file_that_is_no_calibration_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    file = tmp_path / "calibration.toml"
+    file.write_text(text, encoding="utf-8")
+    cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_job(HERE))
+    with pytest.raises(InputError, match=said.replace("[", r"\[")):
+        believe_tool(cell, np.random.default_rng(0))
+
+
+def test_the_noise_of_a_run_does_not_hang_on_its_calibration() -> None:
+    """A generator of its own: the sensor's bias and noise stay what they are."""
+    one, two = (
+        prepare_force(override(default_scenario("force"), [f"payload.poses={count}"])).cell for count in (4, 20)
+    )
+    np.testing.assert_array_equal(one.sensor.bias, two.sensor.bias)
+    assert one.rng.standard_normal() == two.rng.standard_normal()
+    assert one.kernel.payload.mass != two.kernel.payload.mass
+
+
+def test_a_saturated_sensor_is_named() -> None:
+    with pytest.raises(CalibrationError, match=r"torque . is at the end of its range.*sensor\.torque_range_nm"):
+        run_payload_calibration(override(PAYLOAD_SCENARIO, ["sensor.torque_range_nm=1", "payload.poses=6"]))
+
+
+def test_with_strokes_a_minute_apart_a_tare_before_each_holds_a_drift_ten_times_worse() -> None:
+    figures = run_payload_calibration(override(PAYLOAD_SCENARIO, ["sensor.force_drift_n_s=0.02"])).figures
+    assert figures["drift_600s_retared_rms_n"] < 0.5 * figures["drift_600s_rms_n"]
