@@ -122,9 +122,10 @@ def run_payload_calibration(
 
 
 def _in_free_space(scenario: Scenario) -> Scenario:
-    """Spindle off, and no limit on a force that is the tool's own weight: it is not known yet."""
+    """Spindle off, nothing to press on, and no limit on a force that is the tool's own weight: it is not known yet."""
     return replace(
         scenario,
+        pad=replace(scenario.pad, damping_s_m=0.0),
         spindle=replace(scenario.spindle, speed_rpm=0.0),
         safety=replace(scenario.safety, force_limit_n=1e4, torque_limit_nm=1e3),
     )
