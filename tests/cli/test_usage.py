@@ -79,7 +79,7 @@ def test_the_version_is_the_package_s(polish_sim: Callable[..., object]) -> None
         (["calibrate", "payload", "--noise", "-1"], "--noise -1 is outside 0 to 20 N"),
         (["calibrate", "payload", "--data", "gone.csv"], "cannot read the readings 'gone.csv'"),
         (["calibrate", "payload", "--data", "gone.csv", "--poses", "9"], "--poses would change nothing with --data"),
-        (["calibrate", "payload", "--set", "sensor.force_range_n=5"], "force z is at the end of its range"),
+        (["calibrate", "payload", "--set", "sensor.force_range_n=5"], "is at the end of its range in pose 1"),
         (["calibrate", "payload", "--set", "payload.settle_s=0.05", "--set", "controller.look_ahead_s=2"], "still"),
     ],
 )

@@ -213,5 +213,5 @@ def idle_force(cell: Cell, rng: np.random.Generator) -> LongRun:
     read = read_at_rest(cell.sensor, cell.idle_sensor(), load, np.zeros(count), 0.0, TARE_TIME, rng)[:, :3]
     latest = np.arange(count) // a_tare * a_tare
     once, again = ((read - tare).reshape(-1, a_value, 3).mean(axis=1) for tare in (read[0], read[latest]))
-    time: Array = VALUE_S * (np.arange(len(once)) + 0.5)
+    time = np.asarray(VALUE_S * (np.arange(len(once)) + 0.5))
     return LongRun(time, once, again, RETARE_S, cell.scenario.sensor.force_drift_n_s)

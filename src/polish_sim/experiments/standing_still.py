@@ -55,11 +55,11 @@ def plan_visit(q: Array, settle: float, average: float) -> Visit:
             duration = move_time(q[k - 1], pose)
             share = np.linspace(0.0, 1.0, max(2, math.ceil(duration / ROW_S)))[1:]
             rows.append(move(q[k - 1], pose, share))
-            times.append(now + duration * share)
+            times.append(np.asarray(now + duration * share))
             now += duration
         still = np.arange(1, max(2, math.ceil((settle + average) / ROW_S)) + 1) * ROW_S
         rows.append(np.tile(pose, (len(still), 1)))
-        times.append(now + still)
+        times.append(np.asarray(now + still))
         windows.append([now + settle, now + settle + average])
         now = float(times[-1][-1])
     T_base_tool = forward_many(np.concatenate(rows)) @ tool_on_flange()
