@@ -43,7 +43,7 @@ COLUMNS: Mapping[str, tuple[int, str]] = MappingProxyType(
     }
 )
 # Added after the run where they are known; older logs and other experiments go without.
-ADDED: Mapping[str, tuple[int, str]] = MappingProxyType({"exposure_nm": (0, "N m")})
+LATER: Mapping[str, tuple[int, str]] = MappingProxyType({"exposure_nm": (0, "N m")})
 _INTEGER = {"pass_index": np.int32, "phase": np.int8}
 _DOUBLE = {"time_s", "tcp_position_m", "target_position_m"}
 
@@ -80,8 +80,8 @@ def from_rows(rows: Array) -> RunLog:
 
 
 def with_column(log: RunLog, name: str, values: Array) -> RunLog:
-    """The log with one of the columns ``ADDED`` after the run, values (n,) or (n, k)."""
-    if name not in ADDED or len(values) != len(log):
+    """The log with one of the columns ``LATER`` after the run, values (n,) or (n, k)."""
+    if name not in LATER or len(values) != len(log):
         raise ValueError(f"'{name}' with {len(values)} rows does not belong in a log of {len(log)} rows")
     column = np.array(values, dtype=np.float64)
     column.setflags(write=False)

@@ -47,6 +47,8 @@ TOWARDS_VIEWER = np.array(
 LIGHT = np.array([-0.57, -0.37, 0.73])
 AMBIENT = 0.42
 TICKS = 6
+LEAST_HEIGHT = 0.02
+"""Of what is drawn in 3D, over its width."""
 FACTS_AT = 0.935
 """Height of the line of figures, under the heading."""
 TINT = np.array([0.93, 0.95, 1.0])
@@ -162,6 +164,8 @@ def _what(plan: PlanConfig) -> str:
 def fill_view(solid: Any, points: Array) -> None:
     """Zoom and shift the view so that points (n, 3) fill it."""
     low, high = points.min(axis=0), points.max(axis=0)
+    # A level part has no height of its own, a view needs some.
+    high = np.maximum(high, low + LEAST_HEIGHT * (high - low).max())
     solid.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     solid.set_box_aspect(high - low)
     solid.view_init(elev=ELEVATION, azim=AZIMUTH)

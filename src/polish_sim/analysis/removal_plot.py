@@ -45,9 +45,7 @@ RELATIVE, PER_TENTH = "removal / its mean", "share of the area per 0.1 [%]"
 
 def removal_colors() -> Colormap:
     """Blue for too little, red for too much, pale in between; one dark colour for nothing at all."""
-    colors = colormaps["RdYlBu_r"].copy()
-    colors.set_under(BARE)
-    return colors
+    return colormaps["RdYlBu_r"].with_extremes(under=BARE)
 
 
 @styled

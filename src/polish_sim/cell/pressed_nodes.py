@@ -26,6 +26,7 @@ Ints = NDArray[np.int64]
 
 EDGE = 0.08
 """Longest edge of the nodes' triangles in pad radii; they lie about 0.6 of it apart."""
+ACROSS_BORDER = 0.5
 MOST_NODES = 300_000
 REACH = 1.1
 """Surfaces this many pad radii from the path are not under the pad."""
@@ -88,6 +89,9 @@ def surroundings(surface: Surface, region: Region, touch: Touch, longest: float)
     facing = np.einsum("ij,ij->i", turned, touch.axes[nearest]) > FACING
     facets = np.flatnonzero(~whole & facing)
     corners = np.broadcast_to(np.eye(3), (len(facets), 3, 3))
+    # Of a facet the region's border cuts a piece is in or out as its middle is: smaller ones are more exact.
+    cut = np.isin(np.arange(len(surface.faces)), region.facets)
+    limits = np.where(cut, ACROSS_BORDER * longest, longest)
     done: list[tuple[Ints, Array]] = []
     while len(facets):
         places = surface.vertices[surface.faces[facets]]
@@ -95,7 +99,7 @@ def surroundings(surface: Surface, region: Region, touch: Touch, longest: float)
         sides = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=2)
         away, _ = tree.query(points.mean(axis=1))
         near = away < REACH * touch.pad_radius + sides.max(axis=1)
-        small = near & (sides.max(axis=1) <= longest)
+        small = near & (sides.max(axis=1) <= limits[facets])
         done.append((facets[small], corners[small]))
         rows = np.flatnonzero(near & ~small)
         facets, corners = np.repeat(facets[rows], 2), _halved(corners[rows], sides[rows].argmax(axis=1))
@@ -106,10 +110,10 @@ def surroundings(surface: Surface, region: Region, touch: Touch, longest: float)
     areas = surface.facet_areas[owners] * np.abs(np.linalg.det(shares))
     positions, normals = surface.evaluate(owners.astype(np.int32), shares.mean(axis=1))
     outside = np.ones(len(owners), dtype=bool)
-    cut = np.isin(owners, region.facets)
-    if cut.any():
-        closest = region.surface.closest(positions[cut]).positions
-        outside[cut] = np.linalg.norm(closest - positions[cut], axis=1) > ON_SURFACE
+    on_cut = cut[owners]
+    if on_cut.any():
+        closest = region.surface.closest(positions[on_cut]).positions
+        outside[on_cut] = np.linalg.norm(closest - positions[on_cut], axis=1) > ON_SURFACE
     return PressedNodes(positions[outside], normals[outside], areas[outside])
 
 

@@ -1,0 +1,128 @@
+"""Figures of a removal map, its files, and its pictures from what was saved."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from polish_sim.analysis.removal_figures import measure_removal
+from polish_sim.analysis.removal_mesh import write_removal_mesh
+from polish_sim.analysis.report import draw_comparison, draw_plots
+from polish_sim.analysis.run_record import REMOVAL, RunRecord, read_record, write_record
+from polish_sim.config import Scenario
+from polish_sim.errors import InputError
+from polish_sim.log import LATER, RunLog, read_log, with_column, write_log
+from polish_sim.removal import read_removal, write_removal
+from tests.analysis.synthetic import bumpy_path, log_of, removal_map, surface_trace
+
+UNEVEN = np.concatenate([[0.0, 0.4], np.ones(16), [1.6, 2.0]])
+"""Mean one; a twentieth of the area each of nothing, too little, and twice too much."""
+
+
+def test_the_shares_of_the_area_below_half_and_above_one_and_a_half_means_are_counted() -> None:
+    figures = measure_removal(removal_map(3e5 * UNEVEN))
+    assert figures["under_polished_share"] == pytest.approx(0.10)
+    assert figures["over_polished_share"] == pytest.approx(0.10)
+    assert figures["unpolished_share"] == pytest.approx(0.05)
+    assert figures["removal_max"] == pytest.approx(2.0)
+    assert figures["removal_cv"] == pytest.approx(math.sqrt(float(np.mean((UNEVEN - 1.0) ** 2))))
+    assert figures["exposure_mean_n_m"] == pytest.approx(3e5)
+    assert figures["exposure_nm"] == pytest.approx(3e5 * 40 * 1e-4)
+
+
+def test_an_even_removal_has_no_spread() -> None:
+    figures = measure_removal(removal_map(np.full(20, 7.0)))
+    assert figures["removal_cv"] == pytest.approx(0.0, abs=1e-12)
+    assert (figures["removal_p5"], figures["removal_p95"]) == pytest.approx((1.0, 1.0))
+
+
+def test_depth_and_volume_are_known_only_with_a_wear_coefficient() -> None:
+    relative, absolute = measure_removal(removal_map(3e5 * UNEVEN)), measure_removal(removal_map(3e5 * UNEVEN, 1e-13))
+    assert math.isnan(relative["removal_volume_m3"])
+    assert math.isnan(relative["removal_mean_m"])
+    assert absolute["removal_mean_m"] == pytest.approx(3e-8)
+    assert absolute["removal_max_m"] == pytest.approx(6e-8)
+    assert absolute["removal_volume_m3"] == pytest.approx(3e-8 * 40 * 1e-4)
+    assert absolute["removal_cv"] == relative["removal_cv"]
+
+
+def test_where_nothing_was_removed_at_all_nothing_is_said_of_its_spread() -> None:
+    figures = measure_removal(removal_map(np.zeros(20)))
+    assert math.isnan(figures["removal_cv"])
+    assert figures["unpolished_share"] == pytest.approx(1.0)
+
+
+def test_a_map_reads_back_as_it_was_written(tmp_path: Path) -> None:
+    removal = removal_map(3e5 * UNEVEN, 1e-13)
+    write_removal(tmp_path / REMOVAL, removal)
+    back = read_removal(tmp_path / REMOVAL)
+    assert measure_removal(back) == pytest.approx(measure_removal(removal), rel=1e-6)
+    np.testing.assert_array_equal(back.triangles, removal.triangles)
+    assert [entry.name for entry in tmp_path.iterdir()] == [REMOVAL]
+
+
+def test_a_damaged_map_is_an_input_error_that_names_it(tmp_path: Path) -> None:
+    (tmp_path / REMOVAL).write_bytes(b"not a map")
+    with pytest.raises(InputError, match=REMOVAL):
+        read_removal(tmp_path / REMOVAL)
+
+
+def test_the_mesh_carries_the_exposure_in_millimetres_and_a_colour(tmp_path: Path) -> None:
+    removal = removal_map(3e5 * UNEVEN, 1e-13)
+    write_removal_mesh(tmp_path / "removal.ply", removal)
+    mesh = trimesh.load(tmp_path / "removal.ply", process=False)
+    np.testing.assert_allclose(mesh.vertices, 1e3 * removal.vertices, atol=1e-4)
+    data = mesh.metadata["_ply_raw"]["vertex"]["data"]
+    np.testing.assert_allclose(data["exposure_n_m"].ravel(), removal.exposure, rtol=1e-6)
+    np.testing.assert_allclose(data["removal_m"].ravel(), 1e-13 * removal.exposure, rtol=1e-6)
+    assert mesh.visual.vertex_colors.shape == (40, 4)
+
+
+@pytest.fixture
+def run() -> RunRecord:
+    path = bumpy_path(bumps=2, length=0.1)
+    removal = removal_map(3e5 * UNEVEN)
+    log = log_of(surface_trace(path))
+    log = with_column(log, "exposure_nm", np.linspace(0.0, 1.0, len(log)))
+    figures = {"force_mean_n": 20.0, **measure_removal(removal)}
+    return RunRecord("run", Scenario(), figures, log, path, removal)
+
+
+def test_a_saved_run_is_drawn_again_alone_and_beside_others(run: RunRecord, tmp_path: Path) -> None:
+    write_record(tmp_path, run)
+    back = read_record(tmp_path)
+    assert "removal.png" in draw_plots(back)
+    assert "removal.png" in draw_comparison([back, back, run])
+
+
+@pytest.mark.parametrize("kept", [None, "nothing removed"])
+def test_a_run_without_removal_is_drawn_without_its_map(run: RunRecord, kept: str | None) -> None:
+    bare = replace(run, removal=removal_map(np.zeros(20)) if kept else None)
+    assert "removal.png" not in draw_plots(bare)
+    assert "removal.png" not in draw_comparison([run, bare])
+
+
+def test_with_a_wear_coefficient_the_colours_are_micrometres(run: RunRecord) -> None:
+    removal = removal_map(3e5 * UNEVEN, 1e-13)
+    figure = draw_plots(replace(run, removal=removal, metrics=measure_removal(removal)))["removal.png"]
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert any("µm" in label for label in labels), labels
+
+
+def test_a_log_from_before_the_exposure_was_logged_still_reads(tmp_path: Path) -> None:
+    log = log_of(surface_trace(bumpy_path(bumps=2, length=0.1)))
+    write_log(tmp_path / "log.npz", log)
+    assert not set(LATER) & set(read_log(tmp_path / "log.npz").names)
+
+
+def test_a_column_added_to_a_log_must_fit_it(run: RunRecord) -> None:
+    log = RunLog(run.log.columns)
+    with pytest.raises(ValueError, match="exposure_nm"):
+        with_column(log, "exposure_nm", np.zeros(len(log) + 1))
+    with pytest.raises(ValueError, match="heat_j"):
+        with_column(log, "heat_j", np.zeros(len(log)))
