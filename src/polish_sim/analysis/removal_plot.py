@@ -96,16 +96,16 @@ def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
         removal, color = _of(record), SERIES[index % len(SERIES)]
         _draw_flat(flat, removal, view_frame(removal.up))
         flat.set_title(f"{_name(record)}\n{_spread(record)}", fontsize=9.0, color=color)
-        share.plot(*_outline(removal), color=color, label=_name(record))
+        share.plot(*_outline(removal), color=color)
+        if index % columns:
+            flat.set_ylabel("")
     for flat in grid[len(records) :]:
         flat.set_visible(False)
     bar = maps.colorbar(ScalarMappable(SCALE, removal_colors()), ax=list(grid), shrink=0.8, pad=0.02, extend="max")
     bar.set_label(RELATIVE)
     _mark_bands(share)
-    share.legend(loc="upper right")
-    share.set(
-        xlabel="removal / its mean", ylabel="share of the area per 0.1 [%]", xlim=(0.0, TOP + 0.5), ylim=(0.0, None)
-    )
+    share.set_title("colours as over the maps", fontsize=9.0, fontweight="normal")
+    share.set(xlabel=RELATIVE, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.5), ylim=(0.0, None))
     figure.suptitle("Removal, side by side", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     return figure
 
@@ -190,12 +190,10 @@ def _draw_shares(axes: Axes, record: RunRecord) -> None:
         (OVER + 0.5 * (TOP - OVER), m["over_polished_share"], ORANGE, f"over {OVER:g}"),
     ):
         axes.text(x, 0.97 * top, f"{text}\n{100.0 * share:.1f}%", color=color, ha="center", va="top", fontsize=9.5)
-    for name, style in (("removal_p5", ":"), ("removal_p95", ":")):
-        axes.axvline(m[name], color=GREY, lw=1.0, ls=style)
-        axes.text(m[name], 0.02 * top, f" {name[-3:].strip('_')} {m[name]:.2f}", rotation=90, va="bottom", ha="right")
-    axes.set(
-        xlabel="removal / its mean", ylabel="share of the area per 0.1 [%]", xlim=(0.0, TOP + 0.25), ylim=(0.0, top)
-    )
+    for name, side in (("p5", "right"), ("p95", "left")):
+        axes.axvline(m[f"removal_{name}"], color=GREY, lw=1.0, ls=":")
+        axes.text(m[f"removal_{name}"], 0.7 * top, f" {name} {m[f'removal_{name}']:.2f} ", ha=side, color=GREY)
+    axes.set(xlabel=RELATIVE, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.25), ylim=(0.0, top))
 
 
 def _mark_bands(axes: Axes) -> None:
