@@ -282,7 +282,7 @@ class SimulationConfig:
 class Scenario:
     """One run, complete."""
 
-    experiment: str = key("surface", "arc, force or surface")
+    experiment: str = key("surface", "arc, force, surface or calibrate-payload")
     seed: int = key(0, "seed of everything random in the run", 0, 2**63 - 1)
     part: PartConfig = field(default_factory=PartConfig)
     plan: PlanConfig = field(default_factory=PlanConfig)

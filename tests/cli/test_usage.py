@@ -80,7 +80,10 @@ def test_the_version_is_the_package_s(polish_sim: Callable[..., object]) -> None
         (["calibrate", "payload", "--data", "gone.csv"], "cannot read the readings 'gone.csv'"),
         (["calibrate", "payload", "--data", "gone.csv", "--poses", "9"], "--poses would change nothing with --data"),
         (["calibrate", "payload", "--set", "sensor.force_range_n=5"], "is at the end of its range in pose 1"),
-        (["calibrate", "payload", "--set", "payload.settle_s=0.05", "--set", "controller.look_ahead_s=2"], "still"),
+        (
+            ["calibrate", "payload", "--set", "payload.average_s=0.01", "--set", "simulation.log_rate_hz=2"],
+            "no row of the log is in the 0.01 s of readings in pose 1",
+        ),
     ],
 )
 def test_wrong_words_are_one_message_with_code_2_and_nothing_written(

@@ -22,7 +22,7 @@ from polish_sim.cell.sequence import TARE_TIME
 from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, SENSOR_STREAM, random_streams
-from polish_sim.experiments.standing_still import plan_visit, run_visit, visiting_cell
+from polish_sim.experiments.standing_still import patience, plan_visit, run_visit, visiting_cell
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ def run_payload_calibration(
     streams, payload = random_streams(scenario.seed), scenario.payload
     poses = plan_payload_poses(payload.poses)
     q = np.concatenate([poses.q, poses.q[:1]])
-    visit = plan_visit(q, payload.settle_s, payload.average_s)
+    visit = plan_visit(q, payload.settle_s, payload.average_s, patience(scenario.robot))
     cell = visiting_cell(_in_free_space(scenario), visit, q[0], streams[SENSOR_STREAM])
     observer.stage(f"visit {payload.poses} poses and the first again")
     run, readings = run_visit(cell, visit, observer)

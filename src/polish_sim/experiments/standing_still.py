@@ -13,7 +13,7 @@ from polish_sim.calibration import PayloadReadings
 from polish_sim.calibration.poses import move, move_time
 from polish_sim.cell import Cell, Job, Observer, build_scene, no_part, tool_on_flange
 from polish_sim.cell.cell import CellRun
-from polish_sim.config import Scenario
+from polish_sim.config import RobotConfig, Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop
 from polish_sim.motion import forward_many
@@ -25,6 +25,8 @@ CLOCK_FEED = 0.1
 """The path's length stands for time: so many metres a second, standing still included."""
 ROW_S = 0.01  # between rows of the path [s]
 START_S = 0.5  # until the path's clock has come up to speed [s]
+USUAL_LINEAR, USUAL_ANGULAR = 1.2, 3.0
+"""Acceleration limits of the robot with which it keeps up [m/s^2, rad/s^2]."""
 AT_REST_RAD_S = 2e-3
 """No joint may be faster while the sensor is read."""
 
@@ -37,13 +39,20 @@ class Visit(NamedTuple):
     """First and last place of the path at which readings are averaged [m], shape (n, 2)."""
 
 
-def plan_visit(q: Array, settle: float, average: float) -> Visit:
+def patience(robot: RobotConfig) -> float:
+    """How much longer than planned a robot with low acceleration limits gets for its ways [-]."""
+    shares = (USUAL_LINEAR / robot.linear_acceleration_m_s2, USUAL_ANGULAR / robot.angular_acceleration_rad_s2)
+    return math.sqrt(max(1.0, *shares))
+
+
+def plan_visit(q: Array, settle: float, average: float, patience: float = 1.0) -> Visit:
     """Through poses, standing still in each.
 
     Args:
         q: Joint angles of the poses [rad], shape (n, 6).
         settle: Time to stand still before readings are taken [s].
         average: Time over which they are taken [s].
+        patience: Factor on the time of the ways [-].
 
     Returns:
         The way, the tool's path as a function of time.
@@ -52,7 +61,7 @@ def plan_visit(q: Array, settle: float, average: float) -> Visit:
     times: list[Array] = [np.zeros(1)]
     for k, pose in enumerate(q):
         if k:
-            duration = move_time(q[k - 1], pose)
+            duration = patience * move_time(q[k - 1], pose)
             share = np.linspace(0.0, 1.0, max(2, math.ceil(duration / ROW_S)))[1:]
             rows.append(move(q[k - 1], pose, share))
             times.append(np.asarray(now + duration * share))
@@ -103,11 +112,16 @@ def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, Pa
     times, frames, means = [], [], []
     for number, (first, last) in enumerate(visit.windows, 1):
         rows = (place >= first) & (place <= last)
-        speed = float(np.abs(log["qd_rad_s"][rows]).max(initial=0.0))
-        if not rows.any() or speed > AT_REST_RAD_S:
+        if not rows.any():
             raise CalibrationError(
-                f"the arm did not stand still in pose {number} (a joint still moved at {speed:.2g} rad/s): raise "
-                "payload.settle_s, or payload.average_s if the log is too thin."
+                f"no row of the log is in the {(last - first) / CLOCK_FEED:.3g} s of readings in pose {number}. Raise "
+                "payload.average_s or simulation.log_rate_hz."
+            )
+        speed = float(np.abs(log["qd_rad_s"][rows]).max())
+        if speed > AT_REST_RAD_S:
+            raise CalibrationError(
+                f"the arm did not stand still in pose {number}: a joint still moved at {speed:.2g} rad/s. Raise "
+                "payload.settle_s."
             )
         times.append(float(log["time_s"][rows].astype(np.float64).mean()))
         frames.append(log["tcp_quaternion_wxyz"][rows][-1].astype(np.float64))
