@@ -26,7 +26,9 @@ TOUCHING = 2.0  # reading that counts as contact [N]
 RAMP_S = 0.35  # time in which the target goes down to its depth
 PRESSED_S = 2.5  # time the law has to settle
 RESPONSE_S = 3.0  # length of the impulse responses
+SETTLED = 0.05  # share of the force, and of the springs' way in a second, that a settled law may be off
 NUDGE_N, NUDGE_M_S = 1e-3, 1e-6
+_BLOCK = 64
 AXIS = -1.0  # tool z points down in the base frame
 
 
@@ -37,6 +39,8 @@ class MeasuredLaw(NamedTuple):
     """Of the reading [m/(s N)], shape (n,)."""
     motion: Array
     """Of the tool's velocity [-], shape (n,)."""
+    settled: bool
+    """Whether the law pressed steadily with the wanted force before it was nudged; else this is not its law."""
 
     def by_force(self, z: Complex) -> Complex:
         """Of the force reading [m/(s N)]."""
@@ -60,11 +64,12 @@ def measure_law(controller: Controller, setup: Setup, force: float, nominal_stif
         Its impulse responses.
     """
     kernels = []
-    at_rest = _answers(controller, setup, force, nominal_stiffness, 0.0, 0.0)
+    at_rest, reading = _answers(controller, setup, force, nominal_stiffness, 0.0, 0.0)
     for nudge_n, nudge_m_s in ((NUDGE_N, 0.0), (0.0, NUDGE_M_S)):
-        nudged = _answers(controller, setup, force, nominal_stiffness, nudge_n, nudge_m_s)
+        nudged, _ = _answers(controller, setup, force, nominal_stiffness, nudge_n, nudge_m_s)
         kernels.append(np.diff(nudged - at_rest, prepend=0.0) / (nudge_n + nudge_m_s))
-    return MeasuredLaw(*kernels)
+    settled = abs(reading - force) < SETTLED * force and abs(float(at_rest[0])) < SETTLED * force / setup.stiffness
+    return MeasuredLaw(kernels[0], kernels[1], settled)
 
 
 def flat_course(force: float, stiffness: float) -> Course:
@@ -78,8 +83,8 @@ def flat_course(force: float, stiffness: float) -> Course:
 
 def _answers(
     controller: Controller, setup: Setup, force: float, stiffness: float, nudge_n: float, nudge_m_s: float
-) -> Array:
-    """Speeds along the tool axis asked for after a nudge [m/s], inputs frozen, shape (n,)."""
+) -> tuple[Array, float]:
+    """Speeds along the tool axis asked for after a nudge [m/s], inputs frozen, shape (n,), and the frozen reading."""
     stand = _Stand(setup, force, stiffness)
     prepare = getattr(controller, "prepare", None)
     if callable(prepare):
@@ -92,7 +97,7 @@ def _answers(
     for k in range(len(answers)):
         stand.show(nudge_n if k == 0 else 0.0, nudge_m_s if k == 0 else 0.0, nudge_m_s * setup.dt)
         answers[k] = _along(controller.step(stand.measurement, stand.target))
-    return answers
+    return answers, float(stand.shown[0])
 
 
 def _along(answer: Array) -> float:
@@ -100,9 +105,13 @@ def _along(answer: Array) -> float:
 
 
 def _sum_up(kernel: Array, z: Complex) -> Complex:
-    """Transfer of a law whose answer's changes after an impulse are ``kernel``."""
-    powers = np.exp(-np.outer(np.log(z), np.arange(len(kernel))))
-    return (powers @ kernel) / (1.0 - 1.0 / z)
+    """Transfer of a law whose answer's changes after an impulse are ``kernel``: sum kernel_n z^-n / (1 - 1/z)."""
+    blocks = np.pad(kernel, (0, -len(kernel) % _BLOCK)).reshape(-1, _BLOCK)
+    sums = np.exp(-np.outer(np.log(z), np.arange(_BLOCK))) @ blocks.T
+    total, step = np.zeros_like(z), z ** -float(_BLOCK)
+    for k in range(sums.shape[1] - 1, -1, -1):
+        total = total * step + sums[:, k]
+    return total / (1.0 - 1.0 / z)
 
 
 class _Stand:

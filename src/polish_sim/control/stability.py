@@ -104,7 +104,7 @@ def growing_modes(loop: Loop, dt: float) -> int:
 
 def contour(dt: float) -> Complex:
     """Upper half of the circle |z| = exp(SLOWEST dt), which keeps clear of the integrators at z = 1, shape (n,)."""
-    omega = np.concatenate([[0.0], np.geomspace(1e-3, math.pi / dt, 2500)])
+    omega = np.concatenate([[0.0], np.geomspace(1e-2, math.pi / dt, 1200)])
     return np.exp((SLOWEST + 1j * omega) * dt)
 
 

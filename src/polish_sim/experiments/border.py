@@ -10,16 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.analysis.rest import Border, Rest
 from polish_sim.cell import Observer, Silent
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.control.border_line import longest_latency, share_latency, with_springs
-from polish_sim.control.linear_law import LinearLaw
 from polish_sim.control.loop_model import setup_of
 from polish_sim.control.margins import Margins, margins
-from polish_sim.control.measured_law import measure_law
+from polish_sim.control.measured_law import MeasuredLaw, measure_law
 from polish_sim.control.stability import force_loop, response_of
-from polish_sim.experiments.force_bench import Bench, Rest, build_bench, press
+from polish_sim.experiments.force_bench import Bench, build_bench, press
 
 Array = NDArray[np.float64]
 
@@ -27,8 +27,8 @@ SCALES = (0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 3.5, 5.0)
 """Of the springs, for the border in the cell [-]."""
 LATENCIES = (0.002, 0.005, 0.008, 0.014, 0.02, 0.03, 0.045, 0.06)
 """Totals, for the border in the cell [s]."""
-FINE_SCALES = tuple(float(s) for s in np.geomspace(0.1, 10.0, 33))
-FINE_LATENCIES = tuple(0.001 * n for n in range(1, 91))
+FINE_SCALES = tuple(float(s) for s in np.geomspace(0.1, 10.0, 21))
+FINE_LATENCIES = tuple(0.001 * n for n in range(1, 121))
 ACCURACY = 1.02  # to which a gain margin is sought
 MOST_GAIN, MOST_DELAY_S = 64.0, 0.25
 
@@ -46,22 +46,7 @@ class SimulatedMargins(NamedTuple):
     """[rad/s]"""
 
 
-class Border(NamedTuple):
-    """Stability over springs and latency, controller by controller."""
-
-    scales: Array
-    """Of the springs, in the cell [-], shape (n,)."""
-    latencies: Array
-    """Totals, in the cell [s], shape (m,)."""
-    rests: dict[str, list[list[Rest]]]
-    """How each run ended, by controller, latency and scale."""
-    line_scales: Array
-    """Of the springs, by the linear model [-], shape (k,)."""
-    lines: dict[str, Array]
-    """Latency up to which the linear model is stable [s], by controller, shape (k,)."""
-
-
-def linear_law_of(scenario: Scenario, scale: float = 1.0) -> LinearLaw:
+def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
     """The force law of a scenario's controller made linear, settled on springs ``scale`` times as stiff as drawn."""
     setup = setup_of(replace(scenario, head=replace(scenario.head, spring_scale=1.0)))
     return measure_law(
@@ -157,10 +142,18 @@ def measure_border(
 
 
 def border_line(scenario: Scenario, name: str, scales: Sequence[float]) -> Array:
-    """Latency up to which the linear model of a controller is stable [s], for each scale of the springs, shape (n,)."""
+    """Latency up to which the linear model of a controller is stable [s], for each scale of the springs, shape (n,).
+
+    The law is the one that has settled on these springs at the scenario's latency; where it does not settle, the one
+    settled on the springs of the drawing.
+    """
     drawn = _at(scenario, name, 1.0, scenario.sensor.latency_s + scenario.robot.command_latency_s)
-    setup = setup_of(drawn)
-    return np.array([longest_latency(with_springs(setup, s), linear_law_of(drawn, s), FINE_LATENCIES) for s in scales])
+    setup, longest = setup_of(drawn), np.zeros(len(scales))
+    at_home = linear_law_of(drawn)
+    for k, scale in enumerate(scales):
+        law = linear_law_of(drawn, scale)
+        longest[k] = longest_latency(with_springs(setup, scale), law if law.settled else at_home, FINE_LATENCIES)
+    return longest
 
 
 def _at(scenario: Scenario, name: str, scale: float, latency: float) -> Scenario:

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.analysis.score_figures import LARGEST_OSCILLATION, LEAST_ALLOWED_N
+from polish_sim.analysis.rest import Rest, judge_rest
+from polish_sim.analysis.rows import PROCESS
 from polish_sim.cell import RealPart
 from polish_sim.config import Scenario
 from polish_sim.control import Controller, Course, Measurement, Target, build_controller
@@ -26,25 +27,7 @@ QUIET = (
 )  # fmt: skip
 START_HEIGHT = 0.002  # of the tool above the part [m]
 APPROACH_SPEED = 0.004  # [m/s]
-AT_REST_N = 0.05  # swing of the force, peak to peak, below which the loop is at rest
-DYING = 0.9  # a swing that shrinks by this factor in a window is dying away
-WINDOW_S = 0.8
 FORCE_LIMIT_N = 90.0
-
-
-class Rest(NamedTuple):
-    """How a loop ended."""
-
-    resting: bool
-    """No swing, or one that dies away."""
-    stable: bool
-    """Resting, or a swing as small as the scorecard allows: friction of the joints can keep a small one up."""
-    swing: float
-    """Of the exact force, peak to peak in the last window [N]."""
-    frequency: float
-    """Of that swing [rad/s]."""
-    offset: float
-    """Mean force less the wanted one in the last window [N]."""
 
 
 class Bench(NamedTuple):
@@ -119,27 +102,6 @@ def press(bench: Bench, scenario: Scenario, gain: float = 1.0, friction: bool = 
     if gain != 1.0:
         cell.use_controller(LouderLaw(build_controller(calm.controller), gain))
     trace = cell.run().trace
-    return judge_rest(trace.normal_force_n[trace.phase == 2], calm)
-
-
-def judge_rest(force: Array, scenario: Scenario) -> Rest:
-    """Whether a force held constant has come to rest, from its last two windows.
-
-    Args:
-        force: Exact force of the hold at every step [N], shape (n,).
-        scenario: Time step, force wanted and time held.
-
-    Returns:
-        How it ended.
-    """
-    dt, wanted = scenario.simulation.timestep_s, scenario.process.contact_force_n
-    rows, asked = round(WINDOW_S / dt), round(scenario.process.hold_s / dt)
-    if len(force) < asked - 1 or len(force) < 2 * rows:
-        return Rest(False, False, np.inf, np.nan, np.nan)
-    before, last = force[-2 * rows : -rows], force[-rows:]
-    swing, earlier = float(np.ptp(last)), float(np.ptp(before))
-    spectrum = np.abs(np.fft.rfft((last - last.mean()) * np.hanning(rows), 8 * rows))
-    frequency = 2.0 * np.pi * float(np.argmax(spectrum)) / (8 * rows * dt)
-    resting = swing < AT_REST_N or swing < DYING * earlier
-    allowed = 2.0 * max(LEAST_ALLOWED_N, LARGEST_OSCILLATION * wanted)
-    return Rest(resting, resting or swing <= allowed, swing, frequency, float(last.mean()) - wanted)
+    held = trace.normal_force_n[trace.phase == PROCESS]
+    whole = len(held) >= round(calm.process.hold_s / calm.simulation.timestep_s) - 1
+    return judge_rest(held if whole else held[:0], calm.process.contact_force_n, calm.simulation.timestep_s)
