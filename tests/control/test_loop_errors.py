@@ -33,4 +33,4 @@ def test_slow_waves_are_taken_out_and_quick_ones_pass_to_the_springs() -> None:
     setup = setup_of(FORCE)
     error = np.abs(surface_error(setup, hybrid_pi_linear(FORCE.controller, setup.dt))(np.array([0.1, 100.0])))
     assert error[0] < 0.01 * 5000.0
-    assert error[1] > 5000.0
+    assert error[1] > 0.9 * 5000.0

@@ -96,7 +96,7 @@ def tracking_bound(scenario: Scenario, feed: float, wavelengths: tuple[float, fl
     sample = min(SAMPLE_S, wavelengths[0] / feed / LEAST_SAMPLES)
     noise = scenario.sensor.force_noise_n / math.sqrt(sample * scenario.sensor.rate_hz) / k
     ages = latency + (np.arange(min(round(PAST_M / feed / sample), 1200)) + 0.5) * sample
-    past = -feed * ages
+    past: Array = np.asarray(-feed * ages, dtype=np.float64)
     between = _covariance(past[:, None], past[None, :], scenario, wavelengths)
     ahead = _covariance(past, np.zeros(1), scenario, wavelengths)
     here = float(_covariance(np.zeros(1), np.zeros(1), scenario, wavelengths)[0])
