@@ -31,6 +31,9 @@ Cases = Annotated[
 ]
 Reach = Annotated[bool, typer.Option("--reach", help="The cases behind the figures asked, instead of the battery.")]
 Ablate = Annotated[bool, typer.Option("--ablate", help="Leave out one law of the controller after the other.")]
+Border = Annotated[
+    bool, typer.Option("--border", help="Search springs and latencies up to which it stays stable, instead of scoring.")
+]
 List = Annotated[bool, typer.Option("--list", help="List the cases and what is run in each.")]
 Check = Annotated[bool, typer.Option("--check", help="Exit with 1 when a figure falls short of what is asked of it.")]
 Set = Annotated[
@@ -53,6 +56,7 @@ def score(
     case: Cases = None,
     reach: Reach = False,
     ablate: Ablate = False,
+    border: Border = False,
     list_: List = False,
     check: Check = False,
     set_: Set = None,
@@ -74,5 +78,11 @@ def score(
     own = user_entry(controller, set_ or [], "with --set" if set_ else "")
     entries = [own, *ablations(own)] if ablate else [own, *([user_entry(against)] if against is not None else [])]
     check_entries(cases, entries)
+    if border:
+        from polish_sim.cli.border import border_and_tell
+
+        if set_ or ablate:
+            raise InputError("--border knows controllers as they ship: leave --set and --ablate out.")
+        return border_and_tell(entries, open_folder(out))
     wish = Wish(cases, tuple(entries), seeds or (SEEDS_OF_REACH if reach else SEEDS), reach, ablate, workers)
     return score_and_tell(wish, open_folder(out), check)

@@ -133,7 +133,7 @@ def _write(folder: Path, wish: Wish, score: Score, verdicts: Sequence[tuple[Entr
             for case in score.cases
             if asked.applies(case.name)
         ]
-        put(folder, "score.png", _png(plot_score(score.rows, moving, limits)))
+        put(folder, "score.png", png_of(plot_score(score.rows, moving, limits)))
 
 
 def _facts(score: Score) -> dict[str, Any]:
@@ -174,7 +174,8 @@ def _ablation_page(wish: Wish, score: Score) -> str:
     return f"\n## What each law of `{wish.entries[0].label}` is worth\n\n{grid}\n"
 
 
-def _png(figure: Figure) -> bytes:
+def png_of(figure: Figure) -> bytes:
+    """A figure as the bytes of a PNG."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()

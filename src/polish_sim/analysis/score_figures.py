@@ -85,7 +85,7 @@ def measure_score(trace: Trace, wanted: Array, moving: bool, whole: bool) -> dic
     window = fed if moving else since & (time >= time[contact] + STEADY_AFTER_S)
     landing = since & ~fed if moving else since
     steady = error[window]
-    lost = float(np.sum(fed & (force <= CONTACT_N)) * _step(time))
+    lost = float(np.sum(since & fed & (force <= CONTACT_N)) * _step(time))
     swing = oscillation(time[window], steady)
     settled = settling_time(time[since], error[since], 1.0) if whole and not moving else math.nan
     figures = {

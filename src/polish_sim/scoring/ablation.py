@@ -36,7 +36,7 @@ def ablations(entry: Entry) -> list[Entry]:
         Entry(
             f"without {law}",
             entry.name,
-            (*entry.settings, f"{KEY}={','.join(other for other in laws if other != law)}"),
+            (*entry.settings, f"{KEY}={' '.join(other for other in laws if other != law)}"),
         )
         for law in laws
     ]

@@ -82,12 +82,13 @@ def _latencies() -> list[Case]:
 
 
 def _noises() -> list[Case]:
+    # A threshold of contact below five times the noise is crossed in the air.
     return [
         _hold(
-            f"noise-{n}", f"sensor noise {n} N rms per sample, approach 20 mm/s", f"sensor.force_noise_n={n}",
-            _APPROACH_20,
+            f"noise-{n}", f"sensor noise {n} N rms per sample, contact threshold {threshold:g} N, approach 20 mm/s",
+            f"sensor.force_noise_n={n}", f"process.contact_threshold_n={threshold}", _APPROACH_20,
         )
-        for n in (0, 1, 2)
+        for n, threshold in ((0, 2.0), (1, 2.7), (2, 5.4))
     ]  # fmt: skip
 
 

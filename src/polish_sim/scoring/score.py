@@ -121,7 +121,7 @@ def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Ent
     """
     label = f"{name} {remark}".strip()
     file, separator, class_name = name.rpartition(":")
-    if separator and file.endswith(".py"):
+    if separator and Path(file).is_file():  # one that is missing is named as it was given
         name = f"{Path(file).resolve()}:{class_name}"
     return Entry(label, name, tuple(settings))
 

@@ -1,0 +1,95 @@
+"""`polish-sim score --border`: springs and latencies up to which controllers stay stable; imported only inside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from polish_sim.analysis.border_plot import plot_border
+from polish_sim.analysis.rest import Border
+from polish_sim.analysis.run_record import package_versions
+from polish_sim.cli import console
+from polish_sim.cli.boundary import DONE
+from polish_sim.cli.score_folder import put
+from polish_sim.cli.scoring import png_of
+from polish_sim.experiments import default_scenario
+from polish_sim.experiments.border import measure_border
+from polish_sim.scoring import Entry, locked
+
+
+def border_and_tell(entries: Sequence[Entry], folder: Path) -> int:
+    """Search the border of stability in the cell and in the linear model, draw and tell it.
+
+    Args:
+        entries: The controllers; settings of their own are not known here.
+        folder: Existing folder to write into.
+
+    Returns:
+        The exit code.
+    """
+    with locked(folder), console.progress() as observer:
+        found = measure_border(default_scenario("force"), [entry.name for entry in entries], observer)
+        border = _labelled(found, entries)
+        observer.stage("draw")
+        facts = _facts(border)
+        put(
+            folder,
+            "border.json",
+            json.dumps(facts | {"versions": package_versions()}, indent=1, allow_nan=False) + "\n",
+        )
+        put(folder, "border.png", png_of(plot_border(border)))
+    for entry in entries:
+        console.table(
+            f"stable up to this latency, {entry.label}", ["springs", "in the cell [ms]", "linear model [ms]"],
+            _rows(facts["controllers"][entry.label], border),
+        )  # fmt: skip
+    console.say(f"folder: {folder}")
+    return DONE
+
+
+def _labelled(border: Border, entries: Sequence[Entry]) -> Border:
+    labels = {entry.name: entry.label for entry in entries}
+    return border._replace(
+        rests={labels[name]: rests for name, rests in border.rests.items()},
+        lines={labels[name]: line for name, line in border.lines.items()},
+    )
+
+
+def _facts(border: Border) -> dict[str, Any]:
+    """The border as JSON: what each run did, and the longest latency that is stable by scale of the springs."""
+    controllers = {}
+    for name, rests in border.rests.items():
+        stable = np.array([[rest.stable for rest in row] for row in rests])
+        line = np.interp(np.log(border.scales), np.log(border.line_scales), border.lines[name])
+        controllers[name] = {
+            "stable": stable.tolist(),
+            "swing_n": [[float(rest.swing) for rest in row] for row in rests],
+            "latency_stable_s": [_longest(border, column) for column in stable.T],
+            "latency_stable_model_s": [float(value) for value in line],
+        }
+    return {
+        "spring_scales": border.scales.tolist(),
+        "latencies_s": border.latencies.tolist(),
+        "controllers": controllers,
+    }
+
+
+def _longest(border: Border, stable: Any) -> float | None:
+    """The longest latency up to which every run was stable [s]; None if already the shortest was not."""
+    count = len(stable) if stable.all() else int(np.argmin(stable))
+    return float(border.latencies[count - 1]) if count else None
+
+
+def _rows(found: dict[str, Any], border: Border) -> list[list[str]]:
+    rows = []
+    for scale, cell, model in zip(
+        border.scales, found["latency_stable_s"], found["latency_stable_model_s"], strict=True
+    ):
+        all_of_it = cell is not None and cell == border.latencies[-1]
+        told = "none" if cell is None else f"{'>= ' if all_of_it else ''}{1e3 * cell:.0f}"
+        rows.append([f"{scale:g} x", told, f"{1e3 * model:.0f}"])
+    return rows

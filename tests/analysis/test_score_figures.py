@@ -1,0 +1,156 @@
+"""Figures of a scorecard row on runs whose force is a formula."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from polish_sim.analysis.score_figures import DEFINITIONS, measure_score, oscillation
+from polish_sim.trace import Trace
+from tests.analysis.synthetic import DT, force_trace, trace_of
+
+Array = NDArray[np.float64]
+
+
+def held(force: Array, before_s: float = 1.0) -> Trace:
+    """In the air, then this force, the first 0.35 s of it touch-down."""
+    air = np.zeros(round(before_s / DT))
+    landing = round(0.35 / DT)
+    phase = np.concatenate([0 * air, np.ones(landing), np.full(len(force) - landing, 2.0)]).astype(np.int8)
+    return trace_of(phase, normal_force_n=np.concatenate([air, force]))
+
+
+def scored(trace: Trace, moving: bool = False, whole: bool = True, wanted: float = 20.0) -> dict[str, float]:
+    return measure_score(trace, np.full(len(trace.time_s), wanted), moving, whole)
+
+
+def seconds(length: float) -> Array:
+    return np.arange(0.0, length, DT)
+
+
+def test_a_first_order_rise_settles_after_tau_ln_20_and_has_no_overshoot() -> None:
+    row = scored(force_trace(tau=0.1))
+    contact = -0.1 * math.log(1.0 - 0.5 / 20.0)  # above 0.5 N
+    assert row["settling_1n_s"] == pytest.approx(0.1 * math.log(20.0) - contact, abs=2 * DT)
+    assert row["overshoot_n"] == 0.0
+    assert row["peak_force_n"] == pytest.approx(20.0, abs=1e-6)
+    assert row["max_error_n"] == pytest.approx(20.0 * math.exp(-5.0) * math.exp(-contact / 0.1), rel=0.02)
+    assert row["stable"]
+
+
+def test_a_steady_offset_is_all_of_rms_p95_and_max_and_never_settles() -> None:
+    row = scored(held(np.full(4000, 23.0)))
+    for figure in ("rms_error_n", "p95_error_n", "max_error_n", "mean_error_n", "overshoot_n"):
+        assert row[figure] == pytest.approx(3.0)
+    assert row["std_n"] == pytest.approx(0.0, abs=1e-9)
+    assert row["settling_1n_s"] is None
+    assert row["stable"]
+
+
+def test_rms_and_p95_of_a_sine_are_those_of_a_sine() -> None:
+    t = seconds(4.5)
+    row = scored(held(20.0 + 1.5 * np.sin(2.0 * np.pi * 2.0 * t)))
+    assert row["rms_error_n"] == pytest.approx(1.5 / math.sqrt(2.0), rel=1e-3)
+    assert row["p95_error_n"] == pytest.approx(1.5 * math.sin(0.95 * math.pi / 2.0), rel=1e-2)
+    assert row["max_error_n"] == pytest.approx(1.5, rel=1e-4)
+
+
+def test_the_steady_window_begins_half_a_second_after_contact() -> None:
+    force = np.full(4000, 20.0)
+    force[300:499] = 28.0
+    row = scored(held(force))
+    assert row["max_error_n"] == 0.0
+    assert row["overshoot_n"] == 8.0
+    force[501] = 25.0
+    assert scored(held(force))["max_error_n"] == 5.0
+
+
+def test_contact_lost_counts_from_the_end_of_touch_down() -> None:
+    bounce = np.full(4000, 20.0)
+    bounce[100:200] = 0.0
+    assert scored(held(bounce))["contact_lost_s"] == 0.0
+    assert scored(held(bounce))["stable"]
+    bounce[2000:2050] = 0.4
+    row = scored(held(bounce))
+    assert row["contact_lost_s"] == pytest.approx(0.05)
+    assert not row["stable"]
+
+
+@pytest.mark.parametrize("hertz", [5.0, 12.0, 40.0])
+def test_a_limit_cycle_is_not_stable_and_its_amplitude_is_found(hertz: float) -> None:
+    t = seconds(4.5)
+    small, large = (scored(held(20.0 + size * np.sin(2.0 * np.pi * hertz * t))) for size in (1.5, 3.0))
+    assert large["oscillation_n"] == pytest.approx(3.0, rel=0.2)  # a moving mean takes some of 5 Hz
+    assert small["stable"]
+    assert not large["stable"]
+
+
+def test_a_growing_oscillation_is_not_stable_before_it_is_large() -> None:
+    t = seconds(4.5)
+    wave = np.sin(2.0 * np.pi * 8.0 * t)
+    growing = scored(held(20.0 + 0.02 * np.exp(1.0 * t) * wave))
+    assert growing["oscillation_n"] < 2.0
+    assert not growing["stable"]
+    assert scored(held(20.0 + 1.8 * np.exp(-1.0 * t) * wave))["stable"]
+
+
+def test_a_force_that_follows_a_slow_part_is_no_oscillation() -> None:
+    t = seconds(6.0)
+    row = scored(held(20.0 + 4.0 * np.sin(2.0 * np.pi * 0.5 * t)))
+    assert row["oscillation_n"] < 0.5
+    assert row["stable"]
+
+
+def test_the_oscillation_allowed_grows_with_the_wanted_force() -> None:
+    t = seconds(4.5)
+    wave = 3.0 * np.sin(2.0 * np.pi * 10.0 * t)
+    assert not scored(held(20.0 + wave), wanted=20.0)["stable"]
+    assert scored(held(50.0 + wave), wanted=50.0)["stable"]
+
+
+def test_along_a_path_the_window_is_the_feed_and_overshoot_ends_where_it_begins() -> None:
+    force = np.full(4000, 20.0)
+    force[100] = 26.0
+    force[1000] = 24.0
+    row = scored(held(force), moving=True)
+    assert row["overshoot_n"] == 6.0
+    assert row["max_error_n"] == 4.0
+    assert row["peak_force_n"] == 26.0
+    assert row["settling_1n_s"] is None
+
+
+def test_the_error_is_against_the_force_wanted_at_that_place() -> None:
+    trace = held(np.full(4000, 20.0))
+    wanted = np.full(len(trace.time_s), 20.0)
+    wanted[-500:] = 18.0
+    assert measure_score(trace, wanted, True, True)["max_error_n"] == 2.0
+
+
+def test_the_retract_does_not_count() -> None:
+    trace = force_trace()
+    assert trace.normal_force_n[trace.phase == 3].max() == 0.0
+    assert scored(trace)["contact_lost_s"] == 0.0
+
+
+def test_a_run_that_was_stopped_is_not_stable_and_has_not_settled() -> None:
+    row = scored(held(np.full(4000, 20.0)), whole=False)
+    assert not row["stable"]
+    assert row["settling_1n_s"] is None
+    assert row["max_error_n"] == 0.0
+
+
+def test_without_contact_nothing_is_defined() -> None:
+    row = scored(held(np.zeros(1000)))
+    assert row.pop("stable") is False
+    assert set(row.values()) == {None}
+
+
+def test_a_window_too_short_to_judge_has_no_oscillation() -> None:
+    assert all(map(math.isnan, oscillation(seconds(0.2), seconds(0.2))))
+
+
+def test_every_figure_has_its_definition() -> None:
+    assert set(scored(force_trace())) <= set(DEFINITIONS)

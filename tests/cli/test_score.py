@@ -1,0 +1,142 @@
+"""`polish-sim score` as a user calls it, on a small part of the battery."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+Polish = Callable[..., tuple[int, str, str]]
+
+PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
+TWO = ["--case", "step-10", "--case", "approach-20", "--seeds", "1", "--workers", "1"]
+FILES = {"score.json", "score.md", "score.png", "metrics.json", "rows.jsonl"}
+
+
+def read(file: Path) -> dict[str, object]:
+    loaded = json.loads(file.read_text())
+    assert isinstance(loaded, dict)
+    return loaded
+
+
+def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(polish_sim: Polish, tmp_path: Path) -> None:
+    code, out, err = polish_sim("score", *TWO, "--against", "position", "--check", "--out", "s")
+    assert code == 1, err  # hybrid-pi settles later than asked
+    assert {file.name for file in (tmp_path / "s").iterdir()} == FILES
+    assert out.splitlines()[-1] == "folder: s"
+    assert "worst case of hybrid-pi" in out
+    assert "never" in out  # position does not come within 1 N
+    score = read(tmp_path / "s/score.json")
+    assert score["controllers"] == ["hybrid-pi", "position"]
+    assert score["seeds"] == 1
+    assert set(score) >= {"cases", "worst_case", "rows", "versions", "definitions"}
+    rows = score["rows"]
+    assert isinstance(rows, list)
+    assert [(row["controller"], row["case"]) for row in rows] == [
+        ("hybrid-pi", "step-10"),
+        ("hybrid-pi", "approach-20"),
+        ("position", "step-10"),
+        ("position", "approach-20"),
+    ]
+    assert {"controllers", "cases", "seeds", "worst_case"} <= set(read(tmp_path / "s/metrics.json"))
+    page = (tmp_path / "s/score.md").read_text()
+    assert "### approach-20" in page
+    assert "worst, change" in page
+    assert (tmp_path / "s/score.png").stat().st_size > 10_000
+
+    lines = (tmp_path / "s/rows.jsonl").read_text()
+    code, again, err = polish_sim("score", *TWO, "--against", "position", "--out", "s")
+    assert code == 0
+    assert "4 of 4 runs" in err
+    assert again == out
+    assert (tmp_path / "s/rows.jsonl").read_text() == lines
+
+
+def test_a_user_s_file_is_scored_the_same_way(polish_sim: Polish, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return t.twist\n"
+    )
+    words = ["--case", "step-10", "--seeds", "1", "--workers", "1", "--out", "s"]
+    assert polish_sim("score", "--controller", "mine.py:Down", *words)[0] == 0
+    score = read(tmp_path / "s/score.json")
+    assert score["controllers"] == ["mine.py:Down"]
+    assert isinstance(score["rows"], list)
+    assert score["rows"][0]["duration"] > 3.0
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--controller", "hybrid-pie"], "unknown controller 'hybrid-pie'. Known: "),
+        (["--against", "hybrid-pie"], "unknown controller 'hybrid-pie'. Known: "),
+        (["--controller", "none.py:X"], "'none.py' does not exist"),
+        (["--case", "step-11"], "unknown case 'step-11'. Known: "),
+        (["--set", "controller.fore_p=1"], "unknown key 'controller.fore_p'"),
+        (["--against", "hybrid-pi"], "compared with itself"),
+        (["--ablate"], "--ablate leaves out laws of 'hybrid-adaptive'"),
+        (["--ablate", "--against", "position"], "leave --against out"),
+        (["--seeds", "0"], "--seeds"),
+        (["--out", "full"], "is not a score"),
+    ],
+)
+def test_what_cannot_be_scored_is_one_line_and_writes_nothing(
+    polish_sim: Polish, tmp_path: Path, words: list[str], told: str
+) -> None:
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full/thesis.tex").touch()
+    code, out, err = polish_sim("score", *words)
+    assert (code, out) == (2, "")
+    assert told in err.replace("\n", " ")
+    assert err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["full"]
+
+
+def test_the_list_names_every_case_without_running_any(polish_sim: Polish, tmp_path: Path) -> None:
+    code, out, _ = polish_sim("score", "--list")
+    assert code == 0
+    assert "freeform-60" in out
+    assert not list(tmp_path.iterdir())
+
+
+def _begun(tmp_path: Path, rows: int) -> subprocess.Popen[str]:
+    """A score under way that has written some rows."""
+    words = ["score", "--case", "noise-*", "--seeds", "20", "--workers", "2", "--out", "cut"]
+    run = subprocess.Popen([*PROGRAM, *words], cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    file = tmp_path / "cut/rows.jsonl"
+    while not file.exists() or file.read_bytes().count(b"\n") < rows:
+        assert run.poll() is None, run.communicate()[1]
+        time.sleep(0.05)
+    return run
+
+
+def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -> None:
+    with _begun(tmp_path, 3) as run:
+        run.send_signal(signal.SIGINT)
+        out, err = run.communicate()
+    assert run.returncode == 130, err
+    assert "Traceback" not in err
+    assert "--out cut" in err
+    assert "worst case of hybrid-pi" in out
+    figures = read(tmp_path / "cut/metrics.json")
+    assert isinstance(figures["runs"], int)
+    assert 3 <= figures["runs"] < 60
+    assert figures["runs_missing"] == 60 - figures["runs"]
+
+
+@pytest.mark.skipif(not hasattr(os, "SIGKILL"), reason="needs SIGKILL")
+def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(polish_sim: Polish, tmp_path: Path) -> None:
+    with _begun(tmp_path, 4) as run:
+        run.kill()
+        run.communicate()
+    words = ["score", "--case", "noise-1", "--seeds", "3", "--workers", "1"]
+    code, _, err = polish_sim(*words, "--out", "cut")
+    assert code == 0, err
+    assert polish_sim(*words, "--out", "whole")[0] == 0
+    assert read(tmp_path / "cut/score.json")["rows"] == read(tmp_path / "whole/score.json")["rows"]

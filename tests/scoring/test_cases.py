@@ -1,0 +1,102 @@
+"""The battery as data: every case is a scenario that can be run, and names lead to cases."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from polish_sim.errors import InputError
+from polish_sim.scoring import BATTERY, BATTERY_ASKED, REACH, REACH_CASES, Case, Entry, choose_cases, judge, user_entry
+from polish_sim.scoring.battery import latency_settings
+from polish_sim.scoring.case import Draw
+from polish_sim.scoring.row import Task, setup_key
+
+PI = Entry("hybrid-pi", "hybrid-pi")
+
+
+@pytest.mark.parametrize("case", [*BATTERY, *REACH_CASES], ids=lambda case: case.name)
+def test_every_case_is_a_scenario_of_the_config(case: Case) -> None:
+    scenario = case.scenario(PI, 3)
+    assert scenario.seed == 3
+    assert scenario.controller.name == "hybrid-pi"
+    assert scenario.experiment == case.experiment
+    assert case.text
+
+
+def test_names_are_unique_and_every_figure_asked_has_a_case() -> None:
+    for cases, asked in ((BATTERY, BATTERY_ASKED), (REACH_CASES, REACH)):
+        names = [case.name for case in cases]
+        assert len(set(names)) == len(names)
+        assert all(any(one.applies(name) for name in names) for one in asked)
+
+
+@pytest.mark.parametrize(("total_ms", "sensor", "command"), [(8, 0.002, 0.006), (20, 0.005, 0.015), (2, 0.001, 0.001)])
+def test_latency_is_shared_one_to_three_as_in_the_default_cell(total_ms: int, sensor: float, command: float) -> None:
+    scenario = Case("x", "x", "force", latency_settings(total_ms)).scenario(PI, 0)
+    assert scenario.sensor.latency_s == pytest.approx(sensor)
+    assert scenario.robot.command_latency_s == pytest.approx(command)
+
+
+def test_the_main_job_is_scored_with_its_defaults() -> None:
+    (case,) = choose_cases(REACH_CASES, ["reach-freeform-10"])
+    assert case.settings == ()
+
+
+def test_cases_are_chosen_by_name_or_pattern_in_the_battery_s_order() -> None:
+    names = [case.name for case in choose_cases(BATTERY, ["step-20", "latency-*", "step-10"])]
+    assert names == ["step-10", "step-20", "latency-2", "latency-4", "latency-12", "latency-20"]
+    assert choose_cases(BATTERY, []) == BATTERY
+
+
+def test_an_unknown_case_lists_those_there_are() -> None:
+    with pytest.raises(InputError, match=r"unknown case 'freefrom-10'. Known: .*freeform-10"):
+        choose_cases(BATTERY, ["freefrom-10"])
+
+
+def test_a_draw_depends_on_the_seed_alone_and_stays_in_its_range() -> None:
+    case = Case("x", "x", "surface", draws=(Draw("process.feed_m_s", 0.01, 0.06),))
+    feeds = [case.scenario(PI, seed).process.feed_m_s for seed in range(20)]
+    assert feeds == [case.scenario(PI, seed).process.feed_m_s for seed in range(20)]
+    assert len(set(feeds)) == 20
+    assert 0.01 <= min(feeds) < 0.02 < 0.05 < max(feeds) <= 0.06
+
+
+def test_a_user_s_file_is_found_from_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").touch()
+    entry = user_entry("mine.py:Press", ["controller.force_p_m_sn=0.01"])
+    assert entry.label == "mine.py:Press"
+    assert Path(entry.name.partition(":")[0]).is_absolute()
+    assert entry.name.endswith("/mine.py:Press")
+    assert user_entry("position").name == "position"
+
+
+def test_rows_share_a_set_up_exactly_when_plan_part_and_seed_agree() -> None:
+    slow, fast = choose_cases(BATTERY, ["freeform-10", "freeform-30"])
+    off = choose_cases(BATTERY, ["part-3mm"])[0]
+    assert setup_key(slow.scenario(PI, 1)) == setup_key(fast.scenario(PI, 1))
+    assert setup_key(slow.scenario(PI, 1)) != setup_key(slow.scenario(PI, 2))
+    assert setup_key(slow.scenario(PI, 1)) != setup_key(off.scenario(PI, 1))
+    soft = choose_cases(BATTERY, ["stiffness-0.2"])[0].scenario(PI, 1)
+    assert setup_key(soft) != setup_key(replace(soft, head=replace(soft.head, spring_scale=1.0)))
+
+
+def test_the_worst_seed_decides_and_an_undefined_figure_never_passes() -> None:
+    rows = [
+        {"case": "approach-20", "controller": "x", "seed": seed, "settling_1n_s": value, "overshoot_n": 0.1}
+        | {"std_n": 0.1, "max_error_n": 0.2, "peak_force_n": 21.0, "stable": True}
+        for seed, value in enumerate([0.1, 0.2, 0.3])
+    ]
+    settling = judge(BATTERY_ASKED, rows)[0]
+    assert (settling.worst, settling.met, settling.worst_case) == (0.3, False, "approach-20, seed 2")
+    assert settling.mean == pytest.approx(0.2)
+    rows[1]["settling_1n_s"] = None
+    settling = judge(BATTERY_ASKED, rows)[0]
+    assert (settling.worst, settling.met, settling.worst_case) == (None, False, "approach-20, seed 1")
+    assert all(verdict.met for verdict in judge(BATTERY_ASKED, rows)[1:])
+
+
+def test_a_task_can_be_sent_and_counted() -> None:
+    assert len({Task(case, PI, seed) for case in BATTERY for seed in (0, 1)}) == 2 * len(BATTERY)

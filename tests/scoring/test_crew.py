@@ -1,0 +1,90 @@
+"""Tasks shared out to real processes, some of which are killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from polish_sim.scoring.crew import CrewError, work_off
+
+
+def double(task: int) -> int:
+    return 2 * task
+
+
+def die_once(task: tuple[str, int]) -> int:
+    """Kill the own process the first time an odd number comes."""
+    folder, number = task
+    mark = Path(folder) / str(number)
+    if number % 2 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def die(task: int) -> int:
+    if task == 1:
+        os._exit(7)
+    return task
+
+
+def perish(_task: int) -> int:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return 0
+
+
+def fail(task: int) -> int:
+    raise ValueError(f"no {task}")
+
+
+def test_every_task_is_done_once_whatever_the_number_of_processes() -> None:
+    for workers in (1, 3):
+        results = list(work_off(range(7), double, lambda task: task % 2, workers))
+        assert sorted((r.task, r.value) for r in results) == [(n, 2 * n) for n in range(7)]
+        assert {r.trouble for r in results} == {None}
+
+
+def test_one_process_keeps_to_a_group_while_it_lasts() -> None:
+    order = [r.task for r in work_off(range(6), double, lambda task: task % 2, 1)]
+    assert order == [0, 2, 4, 1, 3, 5]
+
+
+def test_a_killed_process_is_told_and_its_task_done_by_another(tmp_path: Path) -> None:
+    tasks = [(str(tmp_path), number) for number in range(3)]
+    results = list(work_off(tasks, die_once, lambda task: task[1], 2))
+    assert sorted(r.value for r in results if r.trouble is None) == [0, 1, 2]
+    (trouble,) = [r.trouble for r in results if r.trouble is not None]
+    assert "killed (signal 9)" in trouble
+    assert "tried again" in trouble
+
+
+def test_a_task_that_kills_twice_is_left_out_and_the_others_are_done() -> None:
+    results = list(work_off(range(4), die, lambda task: 0, 1))
+    assert sorted(r.value for r in results if r.trouble is None) == [0, 2, 3]
+    troubles = [r.trouble for r in results if r.trouble is not None]
+    assert len(troubles) == 2
+    assert "ended with code 7" in troubles[0]
+    assert "left out" in troubles[1]
+
+
+def test_where_everything_dies_the_crew_gives_up_and_says_what_to_do() -> None:
+    with pytest.raises(CrewError, match=r"4 worker processes in a row died.*memory.*--workers 1"):
+        list(work_off(range(9), perish, lambda task: task, 2))
+
+
+def test_an_error_in_the_work_is_raised_with_its_traceback() -> None:
+    with pytest.raises(RuntimeError, match=r"(?s)Traceback.*ValueError: no 5"):
+        list(work_off([5], fail, lambda task: 0, 1))
+
+
+def test_breaking_off_leaves_no_process_behind() -> None:
+    with closing(work_off(range(100), double, lambda task: task, 2)) as results:
+        next(iter(results))
+        children = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
+        before = children.read_text().split() if children.exists() else []
+    after = children.read_text().split() if children.exists() else []
+    assert len(after) <= max(0, len(before) - 1)

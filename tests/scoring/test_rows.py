@@ -1,0 +1,134 @@
+"""Rows: measured in the simulator, kept on disk, found again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from polish_sim.errors import InputError
+from polish_sim.scoring import Entry, Score, Task, choose_cases, locked, measure_row, run_score, user_entry
+from polish_sim.scoring.battery import BATTERY
+from polish_sim.scoring.case import Case
+from polish_sim.scoring.journal import ROWS, Journal, row_key
+
+PI = Entry("hybrid-pi", "hybrid-pi")
+SHORT = Case("short", "a short hold", "force", ("process.hold_s=1.5",))
+OTHER = Case("other", "a short hold of 10 N", "force", ("process.hold_s=1.5", "process.contact_force_n=10"))
+KEYS = {
+    "case", "controller", "seed", "settling_1n_s", "overshoot_n", "rms_error_n", "p95_error_n", "max_error_n",
+    "peak_force_n", "contact_lost_s", "stable", "protective_stop", "duration",
+}  # fmt: skip
+
+CONTROLLER = """
+class Press:
+    def reset(self, cycle_s):
+        pass
+
+    def step(self, measurement, target):
+        {body}
+"""
+
+
+def scored(folder: Path, seeds: int = 1, workers: int = 1, *cases: Case) -> tuple[Score, list[int]]:
+    measured: list[int] = []
+    return run_score(
+        cases or (SHORT, OTHER), [PI], seeds, folder, lambda done, _all, _told: measured.append(done), workers
+    ), measured
+
+
+def test_a_row_has_the_contract_s_keys_and_is_the_same_again() -> None:
+    row = measure_row(Task(SHORT, PI, 4))
+    assert set(row) >= KEYS
+    assert (row["case"], row["controller"], row["seed"]) == ("short", "hybrid-pi", 4)
+    assert row["stable"]
+    assert row["protective_stop"] is None
+    assert measure_row(Task(SHORT, PI, 4)) == row
+    assert measure_row(Task(SHORT, PI, 5)) != row
+
+
+def test_what_ran_before_in_the_process_does_not_show_in_a_row() -> None:
+    moving = replace(choose_cases(BATTERY, ["moving-1hz"])[0], settings=("part.motion_m=0.0005", "process.hold_s=1.5"))
+    alone = measure_row(Task(SHORT, PI, 0))
+    measure_row(Task(moving, PI, 0))
+    measure_row(Task(OTHER, PI, 0))
+    assert measure_row(Task(SHORT, PI, 0)) == alone
+
+
+def test_rows_are_the_same_whatever_the_number_of_processes(tmp_path: Path) -> None:
+    scores = []
+    for workers in (1, 2):
+        folder = tmp_path / str(workers)
+        folder.mkdir()
+        scores.append(scored(folder, 2, workers)[0])
+    assert scores[0].rows == scores[1].rows
+    assert [(row["case"], row["seed"]) for row in scores[0].rows] == [
+        ("short", 0), ("short", 1), ("other", 0), ("other", 1),
+    ]  # fmt: skip
+
+
+def test_a_score_goes_on_where_it_was_even_after_a_torn_line(tmp_path: Path) -> None:
+    whole = scored(tmp_path)[0]
+    lines = (tmp_path / ROWS).read_bytes().splitlines(keepends=True)
+    (tmp_path / ROWS).write_bytes(lines[0] + lines[1][:40])
+    again, measured = scored(tmp_path)
+    assert measured == [1, 2]
+    assert again.rows == whole.rows
+    assert len((tmp_path / ROWS).read_bytes().splitlines()) == 2
+    assert scored(tmp_path)[1] == [2]
+
+
+def test_a_damaged_line_is_passed_over(tmp_path: Path) -> None:
+    whole = scored(tmp_path)[0]
+    content = (tmp_path / ROWS).read_bytes()
+    (tmp_path / ROWS).write_bytes(b'not json\n{"key": 3}\n' + content)
+    assert scored(tmp_path)[0].rows == whole.rows
+
+
+def test_more_seeds_measure_only_what_is_missing(tmp_path: Path) -> None:
+    scored(tmp_path)
+    assert scored(tmp_path, 2)[1] == [2, 3, 4]
+
+
+def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(CONTROLLER.format(body="return target.twist"))
+    task = Task(SHORT, user_entry(f"{file}:Press"), 0)
+    key = row_key(task)
+    assert row_key(task) == key
+    assert row_key(task._replace(seed=1)) != key
+    assert row_key(task._replace(case=replace(SHORT, settings=("process.hold_s=2",)))) != key
+    file.write_text(CONTROLLER.format(body="return 0 * target.twist"))
+    assert row_key(task) != key
+
+
+def test_a_user_s_controller_that_fails_is_a_protective_stop_and_not_stable(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(CONTROLLER.format(body="raise ValueError('lost my gains')"))
+    row = measure_row(Task(SHORT, user_entry(f"{file}:Press"), 0))
+    assert "lost my gains" in row["protective_stop"]
+    assert not row["stable"]
+    assert row["settling_1n_s"] is None
+
+
+def test_a_case_that_cannot_be_set_up_says_so_and_has_no_figures() -> None:
+    far = Case("far", "out of reach", "force", ("part.pose=[3.0, 0.0, 0.0, 0.0, 0.0, 0.0]",))
+    row = measure_row(Task(far, PI, 0))
+    assert row["protective_stop"].startswith("not run: the robot cannot do this path")
+    assert not row["stable"]
+    assert row["max_error_n"] is None
+
+
+def test_undefined_figures_are_null_on_disk(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    journal.add(Task(SHORT, PI, 0), {"case": "short", "rms_error_n": float("nan")})
+    assert "null" in (tmp_path / ROWS).read_text()
+    found = Journal(tmp_path).row(Task(SHORT, PI, 0))
+    assert found is not None
+    assert found["rms_error_n"] is None
+
+
+def test_two_scores_do_not_write_into_one_folder(tmp_path: Path) -> None:
+    with locked(tmp_path), pytest.raises(InputError, match="another score is at work"), locked(tmp_path):
+        pass
