@@ -1,0 +1,29 @@
+"""`python -m benchmarks.stability_border FILE.png [CONTROLLER ...]`: where the force loop breaks, model and cell."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from polish_sim.kernel_cache import use_kernel_cache
+
+use_kernel_cache()
+
+from polish_sim.analysis.border_plot import plot_border  # noqa: E402 - the cache must be chosen before numba loads
+from polish_sim.experiments import default_scenario  # noqa: E402
+from polish_sim.experiments.border import measure_border  # noqa: E402
+
+CONTROLLERS = ("hybrid-pi", "admittance", "hybrid-adaptive")
+
+
+def main() -> None:
+    border = measure_border(default_scenario("force"), sys.argv[2:] or CONTROLLERS)
+    plot_border(border).savefig(Path(sys.argv[1]))
+    for name, rows in border.rests.items():
+        rests = [rest for row in rows for rest in row]
+        print(f"  {name:20s}{sum(r.stable for r in rests):4d} of {len(rests)} runs stable, of them", end="")
+        print(f"{sum(r.resting for r in rests):4d} at rest")
+
+
+if __name__ == "__main__":
+    main()
