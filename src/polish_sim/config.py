@@ -93,7 +93,12 @@ class ProcessConfig:
     feed_m_s: float = key(0.01, "speed along the path [m/s]", 1e-4, 0.5)
     approach_speed_m_s: float = key(0.005, "speed of the approach [m/s]", 1e-4, 0.1)
     hold_s: float = key(4.0, "how long `force` holds after first contact [s]", 1.0, 600.0)
-    contact_threshold_n: float = key(2.0, "measured force that counts as contact [N]", 0.1, 50.0)
+    contact_threshold_n: float = key(
+        2.0, "measured force that counts as contact; if the sensor is noisier, 5 sigma of its noise do [N]", 0.1, 50.0
+    )
+    tare: str = key(
+        "start", "the sensor is zeroed in free space at the start of the run, or before all strokes: strokes"
+    )
     search_depth_m: float = key(0.01, "how far past the nominal surface contact is sought [m]", 0.0, 0.1)
     preston_1_pa: float = key(
         0.0, "wear coefficient of Preston's law, removal = this x pressure x way; 0 = unknown, removal relative [1/Pa]",
@@ -260,13 +265,29 @@ class SpindleConfig:
 class SafetyConfig:
     """When the simulated robot stops itself."""
 
-    force_limit_n: float = key(80.0, "measured force at which the robot stops [N]", 1.0, 1e4)
+    force_limit_n: float = key(50.0, "measured force at which the robot stops [N]", 1.0, 1e4)
     torque_limit_nm: float = key(10.0, "measured torque at which the robot stops [N m]", 0.1, 1e3)
     singular_value_limit: float = key(
         0.02, "smallest singular value of the Jacobian at which the robot stops [-]", 0.0, 1.0
     )
     contact_lost_s: float = key(2.0, "longest time without contact during the process [s]", 0.01, 1e6)
     sensor_timeout_s: float = key(0.02, "longest time an unchanged sensor reading is believed [s]", 0.002, 10.0)
+    jump_limit_n: float = key(9.0, "largest jump of the sensor's reading within 5 ms, 0 = any [N]", 0.0, 1e4)
+    offset_limit_m: float = key(0.005, "how far the surface may be from where it was planned [m]", 1e-4, 0.2)
+    stop_latency_s: float = key(0.004, "from a protective stop to the brakes [s]", 0.0, 0.1)
+    stop_deceleration_m_s2: float = key(4.0, "deceleration of a protective stop [m/s^2]", 0.1, 50.0)
+    retract_speed_m_s: float = key(
+        0.05, "speed at which the tool is taken off the part after a stop [m/s]", 0.001, 0.25
+    )
+
+
+@dataclass(frozen=True)
+class FaultsConfig:
+    """What goes wrong in the run, on purpose."""
+
+    events: str = key(
+        "", "NAME@TIME, ...: seconds from the start, or contact+TIME; 'polish-sim list faults' names them; empty = none"
+    )
 
 
 @dataclass(frozen=True)
@@ -295,4 +316,5 @@ class Scenario:
     pad: PadConfig = field(default_factory=PadConfig)
     spindle: SpindleConfig = field(default_factory=SpindleConfig)
     safety: SafetyConfig = field(default_factory=SafetyConfig)
+    faults: FaultsConfig = field(default_factory=FaultsConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)

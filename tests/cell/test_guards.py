@@ -1,4 +1,4 @@
-"""Protective stops: each with its reason, at its moment, the log kept up to it."""
+"""Protective stops: each with its reason, at its moment, the log whole."""
 
 from __future__ import annotations
 
@@ -32,9 +32,19 @@ NOISY = ["sensor.force_noise_n=0.5", "sensor.torque_noise_nm=0.02", EVERY_STEP]
 
 
 def keeps_its_log(run: CellRun) -> None:
-    """Every step up to the stop is there, in log and trace."""
+    """Every step is there, in log and trace: up to the stop and on until the robot stands."""
     assert len(run.log) == run.steps == len(run.trace.time_s)
-    assert run.log["time_s"][-1] == pytest.approx((run.steps - 1) * 0.001)
+    np.testing.assert_allclose(run.log["time_s"], 0.001 * np.arange(run.steps), atol=1e-9)
+    if run.stop_reason is None:
+        return
+    np.testing.assert_array_equal(run.trace.phase[stopped_at(run) + 1 :], 3)
+    assert run.trace.phase[stopped_at(run) - 1] != 3
+
+
+def stopped_at(run: CellRun) -> int:
+    """Step at which the guard spoke."""
+    assert run.safety.protective_stop_time_s is not None
+    return round(run.safety.protective_stop_time_s / 0.001)
 
 
 @pytest.fixture(scope="module")
@@ -48,18 +58,19 @@ def test_a_missing_part_is_sought_to_the_search_depth_and_no_further(flat: RealP
     assert run.stop_reason is not None
     assert "no contact" in run.stop_reason
     assert "process.search_depth_m" in run.stop_reason
-    sought = run.trace.tcp_position_m[0, 2] - run.trace.tcp_position_m[-1, 2]
+    sought = run.trace.tcp_position_m[0, 2] - run.trace.tcp_position_m[:, 2].min()
     assert sought == pytest.approx(0.005 + 0.010, abs=2e-4)
-    assert set(run.trace.phase) == {0}
+    assert set(run.trace.phase) == {0, 3}
     keeps_its_log(run)
 
 
 def test_too_much_force_stops_at_the_measured_limit(flat: RealPart) -> None:
-    run = cell_for(ideal("force", EVERY_STEP, "safety.force_limit_n=12"), pressing_job(), part=flat).run()
+    scenario = ideal("force", EVERY_STEP, "safety.force_limit_n=12", "process.contact_force_n=10")
+    run = cell_for(scenario, pressing_job(), part=flat).run()
     assert run.stop_reason == "measured force above safety.force_limit_n"
     measured = np.linalg.norm(run.log["wrench_measured_tool"][:, :3], axis=1)
-    assert measured[-1] > 12.0
-    assert measured[:-1].max() <= 12.0
+    assert measured[stopped_at(run)] > 12.0
+    assert measured[: stopped_at(run)].max() <= 12.0
     keeps_its_log(run)
 
 
@@ -70,8 +81,8 @@ def test_too_much_torque_stops_at_the_measured_limit(flat: RealPart) -> None:
     run = cell_for(scenario, pressing_job(), part=leaning).run()
     assert run.stop_reason == "measured torque above safety.torque_limit_nm"
     measured = np.linalg.norm(run.log["wrench_measured_tool"][:, 3:], axis=1)
-    assert measured[-1] > 0.1
-    assert measured[:-1].max() <= 0.1
+    assert measured[stopped_at(run)] > 0.1
+    assert measured[: stopped_at(run)].max() <= 0.1
 
 
 def test_a_sensor_that_no_longer_changes_is_a_fault(flat: RealPart) -> None:
@@ -85,7 +96,7 @@ def test_a_sensor_that_no_longer_changes_is_a_fault(flat: RealPart) -> None:
     cell = cell_for(ideal("force", *NOISY), pressing_job(), part=flat)
     run = cell.run(Unplug())
     assert run.stop_reason == "wrist sensor reading frozen"
-    assert run.steps == pytest.approx(700 + 20, abs=3)
+    assert stopped_at(run) == pytest.approx(700 + 20, abs=3)
     keeps_its_log(run)
 
 
@@ -99,8 +110,8 @@ def test_contact_lost_over_an_edge_stops_after_its_time(flat: RealPart) -> None:
     scenario = ideal("force", EVERY_STEP, "safety.contact_lost_s=0.3", "controller.name=position")
     run = cell_for(scenario, pressing_job(slide=0.12), part=flat).run()
     assert run.stop_reason == "contact lost for longer than safety.contact_lost_s"
-    touching = np.flatnonzero(run.log["wrench_measured_tool"][:, 2] >= 2.0)  # a tenth of 20 N
-    assert run.steps - 1 - touching[-1] == pytest.approx(300, abs=2)
+    touching = np.flatnonzero(run.log["wrench_measured_tool"][: stopped_at(run), 2] >= 2.0)  # a tenth of 20 N
+    assert stopped_at(run) - touching[-1] == pytest.approx(300, abs=2)
     assert run.trace.tcp_position_m[-1, 0] > 0.06  # the plane's edge
     keeps_its_log(run)
 

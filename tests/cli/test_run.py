@@ -74,7 +74,7 @@ def test_without_check_a_figure_that_falls_short_is_shown_and_the_code_is_0(poli
 
 
 def test_a_protective_stop_is_3_with_its_reason_and_the_log_kept(polish_sim: Polish, tmp_path: Path) -> None:
-    code, _, err = polish_sim(*FORCE, "--set", "safety.force_limit_n=8", "--out", "stopped")
+    code, _, err = polish_sim(*FORCE, "--set", "faults.events=controller-nan@2.6", "--out", "stopped")
     assert code == 3
     reason = metrics_of(tmp_path / "stopped")["protective_stop"]
     assert isinstance(reason, str)

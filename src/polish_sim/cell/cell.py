@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,17 +14,20 @@ from polish_sim.cell.carried import carried_payload
 from polish_sim.cell.contact import RealPart, build_pad
 from polish_sim.cell.crash_points import crash_points
 from polish_sim.cell.engine import register_engine
-from polish_sim.cell.guards import CONTROLLER_ERROR, REASONS, Guards
+from polish_sim.cell.faults import FaultClock, parse_events
+from polish_sim.cell.guards import CONTROLLER_ERROR, REASONS, build_guards
 from polish_sim.cell.interrupts import interrupts_noted
-from polish_sim.cell.kernel import ARRIVED, CLOCK, STATUS_SIZE, STOP, CellKernel, EngineViews
+from polish_sim.cell.kernel import ARRIVED, CLOCK, ENDED, STATUS_SIZE, STOP, CellKernel, engine_views
 from polish_sim.cell.limits import check_rates, check_step_limits
 from polish_sim.cell.loop import advance
 from polish_sim.cell.observer import Observer, Silent
 from polish_sim.cell.part_motion import build_part_motion
+from polish_sim.cell.protective_stop import build_stop_motion
 from polish_sim.cell.python_law import PythonLaw
 from polish_sim.cell.recorder import build_recorder, trace_from
+from polish_sim.cell.safety_record import SafetyRecord, record_safety
 from polish_sim.cell.sequence import Job, begin_next_stroke, build_sequence_state, expected_duration
-from polish_sim.cell.speedl import SpeedlModel, build_speedl_state
+from polish_sim.cell.speedl import build_speedl, build_speedl_state
 from polish_sim.cell.spindle import build_spindle
 from polish_sim.cell.wrist_sensor import SensorModel, SensorState, build_sensor
 from polish_sim.config import Scenario
@@ -34,7 +36,6 @@ from polish_sim.control.laws import CompiledController, Controller
 from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, WHOLE_FEED
 from polish_sim.errors import InputError, ReachError
 from polish_sim.log import RunLog, from_rows
-from polish_sim.motion import JOINT_LIMITS
 from polish_sim.trace import Trace
 
 Array = NDArray[np.float64]
@@ -53,6 +54,8 @@ class CellRun(NamedTuple):
     steps: int
     wall_s: float
     """Time spent stepping [s]."""
+    safety: SafetyRecord
+    """What came of faults and guards."""
 
 
 class PayloadErrors(NamedTuple):
@@ -104,6 +107,8 @@ class Cell:
         check_step_limits(scenario, self._tangential_mass(), part.field.band)
         check_rates(scenario)
         self.carried = carried_payload(model, self.data)
+        self.faults = FaultClock(parse_events(scenario.faults.events))
+        self._touched: str | None = None
         self.strokes = tuple(strokes)
         self.kernel = self._build_kernel(part, self.strokes[0], q_start)
         self.compensate(self.carried.mass, self.carried.center)
@@ -179,20 +184,24 @@ class Cell:
         draws = np.empty((0, DRAWS))
         with interrupts_noted() as interrupt:
             for stroke in self.strokes:
-                kernel = self.kernel._replace(job=stroke)
                 if status[ARRIVED]:
                     status[ARRIVED] = 0.0
-                    begin_next_stroke(kernel.sequence)
-                while status[STOP] == 0.0 and status[ARRIVED] == 0.0 and not interrupt.seen:
+                    begin_next_stroke(self.kernel.sequence)
+                while status[ENDED] == 0.0 and status[ARRIVED] == 0.0 and not interrupt.seen:
+                    self.kernel = self.faults.inject_due(self.kernel._replace(job=stroke))
+                    steps = self.faults.steps_to_next(self.kernel, chunk)
                     # What a stroke left over goes on to the next: the noise must not depend on the chunks.
                     draws = np.concatenate([draws, self.rng.standard_normal((chunk - len(draws), DRAWS))])
-                    advance(kernel, recorder, self.law, draws, chunk)
+                    advance(self.kernel, recorder, self.law, draws, steps)
                     draws = draws[recorder.filled[1] :]
+                    # Returns at the stop, before the retract: what touches then is what stopped it.
+                    if status[STOP] and self._touched is None:
+                        self._touched = self._touching()
                     rows.append(recorder.rows[: recorder.filled[0]].copy())
                     traces.append(recorder.trace[: recorder.filled[1]].copy())
                     watcher.progress(min(status[CLOCK] * dt, total), total)
                     watcher.frame(self.model, self.data)
-                if interrupt.seen or status[STOP]:
+                if interrupt.seen or status[ENDED]:
                     break
         if not rows:
             raise KeyboardInterrupt
@@ -200,10 +209,11 @@ class Cell:
         return CellRun(
             from_rows(np.concatenate(rows)),
             trace_from(np.concatenate(traces)),
-            self._stop_reason() if status[STOP] else None,
+            self._stop_reason(),
             interrupt.seen or self._was_interrupted(),
             sum(len(t) for t in traces),
             wall,
+            record_safety(self.kernel, self.faults),
         )
 
     def _attach(self, controller: Controller) -> object:
@@ -218,15 +228,18 @@ class Cell:
         return isinstance(self.law, PythonLaw) and isinstance(self.law.error, KeyboardInterrupt)
 
     def _stop_reason(self) -> str | None:
+        """Why the robot stopped; an interrupt within a controller is no stop."""
         code = float(self.kernel.status[STOP])
+        if code == 0.0 or self._was_interrupted():
+            return None
         if code == CONTROLLER_ERROR and isinstance(self.law, PythonLaw):
-            if self._was_interrupted():
-                return None
             return f"{REASONS[code]}: {type(self.law.error).__name__}: {self.law.error}"
-        return f"{REASONS[code]} ({self._touching()} touch)" if self.data.ncon else REASONS[code]
+        return f"{REASONS[code]} ({self._touched} touch)" if self._touched else REASONS[code]
 
     def _touching(self) -> str:
-        """The first two bodies the engine sees in contact, by their geoms' names."""
+        """The first two bodies the engine sees in contact, by their geoms' names; empty if there are none."""
+        if not self.data.ncon:
+            return ""
         return " and ".join(self.model.geom(int(g)).name for g in self.data.contact[0].geom)
 
     def _tangential_mass(self) -> float:
@@ -256,7 +269,8 @@ class Cell:
             build_speedl_state(speedl, q_start),
             job,
             build_sequence_state(),
-            self._guards(),
+            build_guards(scenario, *crash_points(self.model)),
+            build_stop_motion(scenario, scenario.plan.clearance_m if job.contact else 0.0),
             np.zeros(MEASUREMENT_SIZE),
             np.zeros(TARGET_SIZE),
             WHOLE_FEED.copy(),
@@ -266,67 +280,3 @@ class Cell:
             np.zeros((5, 3)),
             np.zeros(STATUS_SIZE),
         )
-
-    def _sensor_is_restless(self) -> bool:
-        """Whether the reading must change: without noise a robot at rest is no fault."""
-        sensor = self.scenario.sensor
-        return min(sensor.force_noise_n - sensor.force_quantum_n, sensor.torque_noise_nm) > 0.0
-
-    def _guards(self) -> Guards:
-        safety = self.scenario.safety
-        points, bodies = crash_points(self.model)
-        return Guards(
-            safety.force_limit_n,
-            safety.torque_limit_nm,
-            safety.contact_lost_s,
-            safety.sensor_timeout_s if self._sensor_is_restless() else math.inf,
-            safety.singular_value_limit,
-            points,
-            bodies,
-            np.zeros(1),
-        )
-
-
-def build_speedl(scenario: Scenario) -> SpeedlModel:
-    """The robot's velocity interface as a scenario wants it."""
-    robot, dt = scenario.robot, scenario.simulation.timestep_s
-    return SpeedlModel(
-        round(robot.command_latency_s / dt),
-        robot.linear_acceleration_m_s2,
-        robot.angular_acceleration_rad_s2,
-        robot.command_timeout_s,
-        robot.joint_speed_limit_rad_s,
-        JOINT_LIMITS[:, 0].copy(),
-        JOINT_LIMITS[:, 1].copy(),
-        2.0 * scenario.safety.singular_value_limit,
-    )
-
-
-def engine_views(model: mujoco.MjModel, data: mujoco.MjData) -> EngineViews:
-    """Take addresses and live views once; they stay valid as long as model and data live."""
-    head = model.body("head").id
-    return EngineViews(
-        model._address,
-        data._address,
-        float(model.opt.timestep),
-        data.qpos,
-        data.qvel,
-        data.ctrl,
-        data.xanchor,
-        data.xaxis,
-        data.xpos,
-        data.xmat,
-        data.xipos,
-        data.cvel,
-        data.subtree_com,
-        data.site_xpos,
-        data.site_xmat,
-        data.xfrc_applied,
-        data.cfrc_ext,
-        data.qfrc_actuator,
-        data.sensordata,
-        model.site("tool").id,
-        model.site("pad").id,
-        head,
-        int(model.body_rootid[head]),
-    )

@@ -1,4 +1,4 @@
-"""Protective stops: the conditions under which the simulated robot stops itself (layer 8a)."""
+"""Protective stops: the conditions under which the simulated robot stops itself, and what each is called (layer 8a)."""
 
 from __future__ import annotations
 
@@ -8,17 +8,15 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.cell.wrist_sensor import SensorState
-from polish_sim.control.signals import Measurement, Target
-from polish_sim.geometry.distance.distance_field import DistanceField, field_distance
+from polish_sim.config import Scenario
 
 Array = NDArray[np.float64]
 
 FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
 MISSING, CONTROLLER_NAN, JOINT_LIMIT, UNSTABLE, ENGINE_CONTACT, CONTROLLER_ERROR = 7.0, 8.0, 9.0, 10.0, 11.0, 12.0
+NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, LOW, RISEN, FALLEN = 13.0, 14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0
 
 REASONS: Mapping[float, str] = MappingProxyType(
     {
@@ -26,18 +24,28 @@ REASONS: Mapping[float, str] = MappingProxyType(
         TORQUE: "measured torque above safety.torque_limit_nm",
         LOST: "contact lost for longer than safety.contact_lost_s",
         FROZEN: "wrist sensor reading frozen",
+        NO_READING: "wrist sensor reading missing",
+        JUMP: "wrist sensor reading jumped by more than safety.jump_limit_n",
         SINGULAR: "near a singularity of the arm",
         CRASH: "tool, wrist or forearm ran into the part",
         MISSING: "no contact down to process.search_depth_m below the nominal surface: is the part there?",
+        HIGH: "the part is higher than planned: contact found more than safety.offset_limit_m above its surface",
+        LOW: "the part is lower than planned: contact found more than safety.offset_limit_m below its surface",
+        RISEN: "the surface has risen by more than safety.offset_limit_m since the force was first held",
+        FALLEN: "the surface has fallen away by more than safety.offset_limit_m: has the part or the reading drifted?",
+        SPINDLE: "the spindle is below 80% of its speed",
         CONTROLLER_NAN: "the controller returned a value that is not finite",
+        CONTROLLER_ERROR: "the controller raised an error",
+        SILENT_HOST: "no command from the host for longer than robot.command_timeout_s",
         JOINT_LIMIT: "a joint reached the end of its range",
         UNSTABLE: "the simulation became unstable",
         ENGINE_CONTACT: "links of the robot touched each other or the table",
-        CONTROLLER_ERROR: "the controller raised an error",
     }
 )
 
-_CRASH_ROUNDS = 16  # the links' points are looked at in turn, all within this many steps
+FOLLOW_S = 0.005  # the reading is compared with itself, smoothed over this time
+SPINDLE_SHARE = 0.8  # of the commanded speed, at least
+HELD_S = 0.1  # the force within a quarter of what is wanted for this long counts as held
 
 
 class Guards(NamedTuple):
@@ -51,54 +59,46 @@ class Guards(NamedTuple):
     """[s]"""
     sensor_timeout: float
     """[s]"""
+    jump: float
+    """Of the reading against itself smoothed [N]; infinite for none."""
     singular_value: float
     """[-]"""
+    offset: float
+    """Of the surface from where it was planned [m]."""
     points: Array
     """Sample points on the links, body frames [m], shape (k, 3)."""
     bodies: NDArray[np.int64]
     """Body of each point, shape (k,)."""
     lost: Array
     """Time without contact so far [s], shape (1,)."""
+    smooth: Array
+    """The reading's force, smoothed, sensor frame [N], shape (3,)."""
+    held: Array
+    """Time the force has been held [s], offset of the tool when it first was [m], 1 once it was; shape (3,)."""
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def check_guards(
-    guards: Guards, m: Measurement, target: Target, sensor: SensorState, weakest: float, field: DistanceField,
-    R_base_part: Array, p_base_part: Array, xpos: Array, xmat: Array, t: float, count: int, dt: float,
-) -> float:  # fmt: skip
-    """Code of the first condition that is met, 0 if none; see ``REASONS``."""
-    w = m.wrench
-    if math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2) > guards.force:
-        return FORCE
-    if math.sqrt(w[3] ** 2 + w[4] ** 2 + w[5] ** 2) > guards.torque:
-        return TORQUE
-    if t - sensor.clock[2] > guards.sensor_timeout and t > 2.0 * guards.sensor_timeout:
-        return FROZEN
-    if weakest < guards.singular_value:
-        return SINGULAR
-    in_process = target.contact[0] > 0.0
-    guards.lost[0] = guards.lost[0] + dt if in_process and w[2] < 0.1 * target.force[0] else 0.0
-    if guards.lost[0] > guards.contact_lost:
-        return LOST
-    if _crashed(guards, field, R_base_part, p_base_part, xpos, xmat, count % _CRASH_ROUNDS):
-        return CRASH
-    return 0.0
+def build_guards(scenario: Scenario, points: Array, bodies: NDArray[np.int64]) -> Guards:
+    """Limits of a scenario.
 
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _crashed(
-    guards: Guards, field: DistanceField, R_base_part: Array, p_base_part: Array, xpos: Array, xmat: Array, first: int
-) -> bool:
-    near = 0.5 * field.spacing  # a sheet thinner than the grid is nowhere negative, but never further than this
-    for i in range(first, guards.points.shape[0], _CRASH_ROUNDS):
-        body, p = guards.bodies[i], guards.points[i]
-        R = xmat[body]
-        x = xpos[body, 0] + R[0] * p[0] + R[1] * p[1] + R[2] * p[2] - p_base_part[0]
-        y = xpos[body, 1] + R[3] * p[0] + R[4] * p[1] + R[5] * p[2] - p_base_part[1]
-        z = xpos[body, 2] + R[6] * p[0] + R[7] * p[1] + R[8] * p[2] - p_base_part[2]
-        wx = R_base_part[0, 0] * x + R_base_part[1, 0] * y + R_base_part[2, 0] * z
-        wy = R_base_part[0, 1] * x + R_base_part[1, 1] * y + R_base_part[2, 1] * z
-        wz = R_base_part[0, 2] * x + R_base_part[1, 2] * y + R_base_part[2, 2] * z
-        if field_distance(field, wx, wy, wz) < near:
-            return True
-    return False
+    Args:
+        scenario: The scenario.
+        points: Sample points on the links, body frames [m], shape (k, 3).
+        bodies: Body of each point, shape (k,).
+    """
+    safety, sensor = scenario.safety, scenario.sensor
+    # Without noise a robot at rest reads the same all the time, which is no fault.
+    restless = min(sensor.force_noise_n - sensor.force_quantum_n, sensor.torque_noise_nm) > 0.0
+    return Guards(
+        safety.force_limit_n,
+        safety.torque_limit_nm,
+        safety.contact_lost_s,
+        safety.sensor_timeout_s if restless else math.inf,
+        safety.jump_limit_n or math.inf,
+        safety.singular_value_limit,
+        safety.offset_limit_m,
+        points,
+        bodies,
+        np.zeros(1),
+        np.zeros(3),
+        np.zeros(3),
+    )

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.cell.contact import Pad, RealPart
 from polish_sim.cell.guards import Guards
 from polish_sim.cell.part_motion import PartMotion
+from polish_sim.cell.protective_stop import StopMotion
 from polish_sim.cell.sequence import Job, SequenceState
 from polish_sim.cell.speedl import SpeedlModel, SpeedlState
 from polish_sim.cell.spindle import Spindle
@@ -18,6 +20,7 @@ from polish_sim.cell.wrist_sensor import Payload, SensorModel, SensorState
 Array = NDArray[np.float64]
 
 CLOCK, REQUESTS, STOP, TOUCHED, TARES, ARRIVED = 0, 1, 2, 3, 4, 5
+SPREAD, ENDED, STOP_TIME, BLOCKED, CONTACT_TIME, PAUSE, MUTE, POISON, PYTHON_ERROR = 6, 7, 8, 9, 10, 11, 12, 13, 14
 STATUS_SIZE = 16
 
 
@@ -30,6 +33,9 @@ class EngineViews(NamedTuple):
     """Physics step [s]."""
     qpos: Array
     qvel: Array
+    qacc: Array
+    speeds_before: Array
+    """Speeds before the engine's last step, shape (7,)."""
     ctrl: Array
     xanchor: Array
     xaxis: Array
@@ -37,6 +43,8 @@ class EngineViews(NamedTuple):
     xmat: Array
     xipos: Array
     cvel: Array
+    cdof: Array
+    cinert: Array
     subtree_com: Array
     site_xpos: Array
     site_xmat: Array
@@ -46,6 +54,8 @@ class EngineViews(NamedTuple):
     sensordata: Array
     tool_site: int
     pad_site: int
+    sensor_site: int
+    mount_body: int
     head_body: int
     root_body: int
 
@@ -66,6 +76,7 @@ class CellKernel(NamedTuple):
     job: Job
     sequence: SequenceState
     guards: Guards
+    stop: StopMotion
     measurement: Array
     target: Array
     twist: Array
@@ -78,4 +89,47 @@ class CellKernel(NamedTuple):
     scratch: Array
     """Work array, shape (5, 3)."""
     status: Array
-    """Step count, requests sent, stop code, first contact seen, tare samples, done; shape (STATUS_SIZE,)."""
+    """What the loop and its callers tell each other, one number each, shape (STATUS_SIZE,):
+
+    CLOCK steps taken, REQUESTS sent to the robot, STOP code of the protective stop and STOP_TIME [s], TOUCHED 1 after
+    the exact first contact of the stroke and CONTACT_TIME of the run's first [s], TARES samples zeroed from and SPREAD
+    their sum of squares, ARRIVED 1 when the job is done, ENDED 1 when the run is over, BLOCKED 1 while a joint
+    is at its end, PAUSE 1 to return at first contact, PYTHON_ERROR 1 when a Python law raised. Of faults: MUTE 1 when
+    the host no longer sends, POISON 1 when the controller answers nonsense.
+    """
+
+
+def engine_views(model: mujoco.MjModel, data: mujoco.MjData) -> EngineViews:
+    """Take addresses and live views once; they stay valid as long as model and data live."""
+    head = model.body("head").id
+    return EngineViews(
+        model._address,
+        data._address,
+        float(model.opt.timestep),
+        data.qpos,
+        data.qvel,
+        data.qacc,
+        data.qvel.copy(),
+        data.ctrl,
+        data.xanchor,
+        data.xaxis,
+        data.xpos,
+        data.xmat,
+        data.xipos,
+        data.cvel,
+        data.cdof,
+        data.cinert,
+        data.subtree_com,
+        data.site_xpos,
+        data.site_xmat,
+        data.xfrc_applied,
+        data.cfrc_ext,
+        data.qfrc_actuator,
+        data.sensordata,
+        model.site("tool").id,
+        model.site("pad").id,
+        model.site("sensor").id,
+        model.body("tool_mount").id,
+        head,
+        int(model.body_rootid[head]),
+    )

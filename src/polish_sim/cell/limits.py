@@ -9,6 +9,8 @@ from polish_sim.errors import ConfigError
 
 TURNS_PER_STEP = 0.2  # of the spindle, at most: its imbalance must be seen five times a turn
 
+LEAST_ROOM = 1.2  # of the force at which the robot stops over the force it is to hold
+
 
 def check_step_limits(scenario: Scenario, tangential_mass: float, modelled: float) -> None:
     """Refuse a scenario whose contact would be unstable at its time step.
@@ -36,6 +38,12 @@ def check_step_limits(scenario: Scenario, tangential_mass: float, modelled: floa
             "head.mass_kg."
         )
     force = scenario.process.contact_force_n
+    if scenario.safety.force_limit_n < LEAST_ROOM * force:
+        raise ConfigError(
+            f"safety.force_limit_n = {scenario.safety.force_limit_n:g} leaves no room above the {force:g} N to be "
+            f"held: the robot would stop at the first overshoot. Raise it to {LEAST_ROOM * force:g} or more, or lower "
+            "process.contact_force_n (--contact-force)."
+        )
     drag = pad.friction * force * dt / (pad.friction_smoothing_m_s * tangential_mass)
     if drag >= 1.0:
         raise ConfigError(

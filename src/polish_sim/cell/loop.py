@@ -14,9 +14,29 @@ from numpy.typing import NDArray
 
 from polish_sim.cell.contact import press_pad
 from polish_sim.cell.engine import mj_step1, mj_step2
-from polish_sim.cell.guards import CONTROLLER_NAN, ENGINE_CONTACT, JOINT_LIMIT, MISSING, UNSTABLE, check_guards
-from polish_sim.cell.kernel import ARRIVED, CLOCK, REQUESTS, STOP, TARES, TOUCHED, CellKernel, EngineViews
+from polish_sim.cell.felt_inertia import correct_reading, keep_speeds
+from polish_sim.cell.guards import CONTROLLER_ERROR, CONTROLLER_NAN, ENGINE_CONTACT, JOINT_LIMIT, MISSING, UNSTABLE
+from polish_sim.cell.kernel import (
+    ARRIVED,
+    BLOCKED,
+    CLOCK,
+    CONTACT_TIME,
+    ENDED,
+    MUTE,
+    PAUSE,
+    POISON,
+    PYTHON_ERROR,
+    REQUESTS,
+    SPREAD,
+    STOP,
+    STOP_TIME,
+    TARES,
+    TOUCHED,
+    CellKernel,
+    EngineViews,
+)
 from polish_sim.cell.part_motion import move_part
+from polish_sim.cell.protective_stop import SENT, STAGE, STANDING, steer_stop
 from polish_sim.cell.recorder import Recorder, record_reading, record_state
 from polish_sim.cell.sequence import (
     APPROACH,
@@ -32,8 +52,9 @@ from polish_sim.cell.sequence import (
 )
 from polish_sim.cell.speedl import SpeedlState, limit_acceleration, pass_request, resolve_joints
 from polish_sim.cell.spindle import pull_of_imbalance, turn_spindle
-from polish_sim.cell.wrist_sensor import SensorState, sample_sensor, tool_wrench
-from polish_sim.control.signals import Measurement, measurement_of, target_of
+from polish_sim.cell.watch import check_guards, check_reading
+from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
+from polish_sim.control.signals import Measurement, Target, measurement_of, target_of
 
 Array = NDArray[np.float64]
 
@@ -43,7 +64,8 @@ FIRST_CONTACT_N = 0.5  # exact force at which the log's touch-down begins
 
 @njit(cache=True, error_model="numpy")
 def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int) -> None:  # type: ignore[no-untyped-def]
-    """Run the cell for at most ``steps`` physics steps; ends early when the job is done or a guard stops it.
+    """Run the cell for at most ``steps`` physics steps; or to where the caller has a look: the job is done, a guard
+    spoke, the robot stands after a stop, first contact if it is waited for.
 
     Args:
         cell: The cell.
@@ -67,52 +89,107 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         _see(engine, m, jacobian)
         sample_sensor(cell.sensor, cell.sensor_state, t, engine.sensordata, draws[k])
         tool_wrench(cell.payload, cell.sensor_state, m.rotation, m.wrench)
-        if count % cell.control_every == 0:
-            dt = engine.dt * cell.control_every
-            m.clock[0], m.clock[1] = t, dt
-            if cell.sequence.stage[0] == TARE and cell.sequence.stage[1] >= TARE_START:
-                status[TARES] += 1.0
-                _tare(cell.sensor_state, m.wrench, status[TARES])
-            found = advance_sequence(cell.job, cell.sequence, m.wrench[2], cell.twist[6], dt, target)
-            law(cell.context.ctypes, cell.measurement.ctypes, cell.target.ctypes, cell.twist.ctypes)
-            status[REQUESTS] += 1.0
-            if not found:
-                status[STOP] = MISSING
-            for i in range(7):
-                if not math.isfinite(cell.twist[i]):
-                    status[STOP] = CONTROLLER_NAN
         if status[STOP] == 0.0:
-            pass_request(cell.speedl, cell.speedl_state, cell.twist, status[REQUESTS], engine.dt)
-            limit_acceleration(cell.speedl, cell.speedl_state, engine.dt)
-            if not resolve_joints(cell.speedl, cell.speedl_state, jacobian, engine.dt):
-                status[STOP] = JOINT_LIMIT
-            _drive(cell.speedl_state, engine.ctrl)
-        if cell.sequence.stage[0] == TRAVEL:
-            status[TOUCHED] = 0.0
-        elif cell.wrench[2] > FIRST_CONTACT_N:
-            status[TOUCHED] = 1.0
-        phase = _phase(cell.sequence.stage[0], status[TOUCHED])
+            _stop(status, check_reading(cell, t), t)
+        if status[STOP] == 0.0 and count % cell.control_every == 0:
+            if not _look_ahead(cell, m, target, t):
+                _stop(status, MISSING, t)
+            law(cell.context.ctypes, cell.measurement.ctypes, cell.target.ctypes, cell.twist.ctypes)
+            _take_answer(cell, t)
+        _command(cell, m, jacobian, t)
+        _note_contact(cell, t)
+        phase = 3.0 if status[STOP] != 0.0 else _phase(cell.sequence.stage[0], status[TOUCHED])
         turn = cell.job.process.pass_index[cell.sequence.row[0]]
         record_state(
             recorder, count, t, phase, engine.qpos, engine.qvel, m, target, cell.wrench, cell.speedl_state.twist,
             engine.qpos[6], turn, cell.motion.rest, cell.part.position, cell.spindle.state[1],
         )  # fmt: skip
+        keep_speeds(engine)
         mj_step2(engine.model, engine.data)
+        correct_reading(engine)
         record_reading(recorder, count, engine.sensordata, engine.qfrc_actuator)
         status[CLOCK] += 1.0
-        if not math.isfinite(engine.qvel[0] + engine.qvel[6]):
-            status[STOP] = UNSTABLE
-        elif status[STOP] == 0.0 and count % LOOK_EVERY == 0 and _links_touch(engine):
-            status[STOP] = ENGINE_CONTACT
-        elif status[STOP] == 0.0:
-            status[STOP] = check_guards(
-                cell.guards, m, target, cell.sensor_state, cell.speedl_state.clock[2], cell.part.coarse,
-                cell.part.rotation, cell.part.position, engine.xpos, engine.xmat, t, count, engine.dt,
-            )  # fmt: skip
-        if cell.sequence.stage[0] == DONE:
-            status[ARRIVED] = 1.0
-        if status[STOP] != 0.0 or status[ARRIVED] != 0.0:
+        if _is_over(cell, m, target, count, t):
             return
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _stop(status: Array, code: float, t: float) -> None:
+    """Latch a protective stop, if there is a reason for one: the first stays."""
+    if code != 0.0 and status[STOP] == 0.0:
+        status[STOP], status[STOP_TIME] = code, t
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _look_ahead(cell: CellKernel, m: Measurement, target: Target, t: float) -> bool:
+    """The host's cycle up to its law: zero the sensor while it is time, move the target on; False without contact."""
+    dt, stage, status = cell.engine.dt * cell.control_every, cell.sequence.stage, cell.status
+    m.clock[0], m.clock[1] = t, dt
+    if stage[0] == TARE:
+        if stage[1] >= TARE_START:
+            _tare(cell, m.wrench)
+        else:
+            status[TARES] = status[SPREAD] = 0.0
+    return bool(advance_sequence(cell.job, cell.sequence, m.wrench[2], cell.twist[6], dt, target))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _take_answer(cell: CellKernel, t: float) -> None:
+    """Send what the law answered, unless it is no number or the host has fallen silent."""
+    if cell.status[POISON] != 0.0:
+        cell.twist[2] = math.nan
+    for i in range(7):
+        if not math.isfinite(cell.twist[i]):
+            _stop(cell.status, CONTROLLER_NAN, t)
+    if cell.status[PYTHON_ERROR] != 0.0:
+        _stop(cell.status, CONTROLLER_ERROR, t)
+    if cell.status[STOP] == 0.0 and cell.status[MUTE] == 0.0:
+        cell.status[REQUESTS] += 1.0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _command(cell: CellKernel, m: Measurement, jacobian: Array, t: float) -> None:
+    """The robot's part: the request that arrives now, or the protective stop; down to the joint servos."""
+    status, robot, dt, firmness = cell.status, cell.speedl_state, cell.engine.dt, 1.0
+    if status[STOP] == 0.0 or cell.stop.state[STAGE] == SENT:
+        pass_request(cell.speedl, robot, cell.twist, status[REQUESTS], dt)
+    if status[STOP] != 0.0:
+        firmness = steer_stop(cell.stop, robot, m, status[BLOCKED] == 0.0, t - status[STOP_TIME], t, dt)
+    limit_acceleration(cell.speedl, robot, dt, firmness)
+    status[BLOCKED] = 0.0 if resolve_joints(cell.speedl, robot, jacobian, dt) else 1.0
+    if status[BLOCKED] != 0.0:
+        _stop(status, JOINT_LIMIT, t)
+    _drive(robot, cell.engine.ctrl)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _note_contact(cell: CellKernel, t: float) -> None:
+    """Note the exact first contact of the stroke, and of the run."""
+    if cell.sequence.stage[0] == TRAVEL:
+        cell.status[TOUCHED] = 0.0
+    elif cell.wrench[2] > FIRST_CONTACT_N:
+        cell.status[TOUCHED] = 1.0
+        if cell.status[CONTACT_TIME] == 0.0:
+            cell.status[CONTACT_TIME] = t
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _is_over(cell: CellKernel, m: Measurement, target: Target, count: int, t: float) -> bool:
+    """Ask the guards; whether the run or the stroke ends with this step."""
+    status, e = cell.status, cell.engine
+    if not math.isfinite(e.qvel[0] + e.qvel[6]):
+        status[STOP], status[STOP_TIME], status[ENDED] = UNSTABLE, t, 1.0
+    elif status[STOP] == 0.0 and count % LOOK_EVERY == 0 and _links_touch(e):
+        _stop(status, ENGINE_CONTACT, t)
+    elif status[STOP] == 0.0:
+        _stop(status, check_guards(cell, m, target, count), t)
+    if status[STOP] != 0.0:
+        status[ENDED] = max(status[ENDED], 1.0 if cell.stop.state[STAGE] == STANDING else 0.0)
+    elif cell.sequence.stage[0] == DONE:
+        status[ARRIVED] = 1.0
+    just_touched = status[PAUSE] != 0.0 and status[CONTACT_TIME] == t
+    just_stopped = status[STOP] != 0.0 and status[STOP_TIME] == t
+    return status[ENDED] != 0.0 or status[ARRIVED] != 0.0 or just_touched or just_stopped
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -169,10 +246,16 @@ def _see(e: EngineViews, m: Measurement, jacobian: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _tare(sensor: SensorState, wrench: Array, n: float) -> None:
-    """Zero the sensor: running mean of the compensated wrench while the robot stands still."""
+def _tare(cell: CellKernel, wrench: Array) -> None:
+    """Zero the sensor: running mean of the compensated wrench while the robot stands still, and its noise."""
+    status = cell.status
+    status[TARES] += 1.0
+    n = status[TARES]
     for i in range(6):
-        sensor.tare[i] += wrench[i] / n
+        cell.sensor_state.tare[i] += wrench[i] / n
+    if n > 1.0:
+        status[SPREAD] += wrench[2] ** 2 * (n - 1.0) / n
+        cell.sequence.floor[0] = 5.0 * math.sqrt(status[SPREAD] / (n - 1.0))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

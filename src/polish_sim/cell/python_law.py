@@ -9,8 +9,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from polish_sim.cell.guards import CONTROLLER_ERROR
-from polish_sim.cell.kernel import STOP
+from polish_sim.cell.kernel import ENDED, PYTHON_ERROR
 from polish_sim.control.laws import LAW_SIGNATURE, Controller
 from polish_sim.control.signals import ANSWER_SIZE, WHOLE_FEED, measurement_of, target_of
 
@@ -53,4 +52,6 @@ class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
         except BaseException as error:
             self.error = error
             self._twist[:] = WHOLE_FEED
-            self._status[STOP] = CONTROLLER_ERROR
+            self._status[PYTHON_ERROR] = 1.0
+            if isinstance(error, KeyboardInterrupt):
+                self._status[ENDED] = 1.0

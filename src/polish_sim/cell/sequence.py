@@ -60,6 +60,8 @@ class Job(NamedTuple):
     """Height of the retract [m]; 0 ends the run without one."""
     start_s: float
     """Arc length of the plan at the first process point [m]."""
+    retare: float = 0.0
+    """1 if the sensor is zeroed again before this stroke."""
 
 
 class SequenceState(NamedTuple):
@@ -77,6 +79,8 @@ class SequenceState(NamedTuple):
     """Work array, shape (3,)."""
     row: NDArray[np.int64]
     """Row of the process table, shape (1,)."""
+    floor: Array
+    """Five standard deviations of the measured force in free space: less is no contact [N], shape (1,)."""
 
 
 def begin_next_stroke(state: SequenceState) -> None:
@@ -88,7 +92,7 @@ def begin_next_stroke(state: SequenceState) -> None:
 def build_sequence_state() -> SequenceState:
     """Fresh memory, at the start of the tare."""
     return SequenceState(
-        np.zeros(2), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3), np.zeros(1, np.int64)
+        np.zeros(2), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3), np.zeros(1, np.int64), np.zeros(1)
     )
 
 
@@ -124,11 +128,11 @@ def advance_sequence(
     """
     state.stage[1] += dt
     stage = state.stage[0]
-    touching = measured_force > job.threshold
+    touching = measured_force > max(job.threshold, state.floor[0])
     if stage == TARE and state.stage[1] >= TARE_START + TARE_TIME - 0.5 * dt:
         _enter(state, APPROACH if job.contact > 0.0 else PROCESS)
     elif stage == TRAVEL and state.path[0] >= job.travel.length:
-        _enter(state, APPROACH)
+        _enter(state, TARE if job.retare > 0.0 else APPROACH)
         state.path[0], state.path[1] = 0.0, 0.0
     elif stage in (APPROACH, SEEK):
         if touching:

@@ -14,8 +14,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.config import Scenario
+from polish_sim.motion import JOINT_LIMITS
+
 Array = NDArray[np.float64]
 
+SPARE = 200  # steps the latency can grow by while running
 _PROBE_EVERY = 8  # steps between looks at how near a singularity is
 
 
@@ -44,7 +48,7 @@ class SpeedlState(NamedTuple):
     """Memory of the interface."""
 
     line: Array
-    """Requests under way: twist and its number, shape (latency + 1, 7)."""
+    """Requests under way: twist and its number, shape (latency + SPARE + 1, 7)."""
     twist: Array
     """Tool velocity commanded now, shape (6,)."""
     request: Array
@@ -61,10 +65,25 @@ class SpeedlState(NamedTuple):
     """Work arrays: a 6x6 matrix and two vectors, shape (8, 6)."""
 
 
+def build_speedl(scenario: Scenario) -> SpeedlModel:
+    """The robot's velocity interface as a scenario wants it."""
+    robot, dt = scenario.robot, scenario.simulation.timestep_s
+    return SpeedlModel(
+        round(robot.command_latency_s / dt),
+        robot.linear_acceleration_m_s2,
+        robot.angular_acceleration_rad_s2,
+        robot.command_timeout_s,
+        robot.joint_speed_limit_rad_s,
+        JOINT_LIMITS[:, 0].copy(),
+        JOINT_LIMITS[:, 1].copy(),
+        2.0 * scenario.safety.singular_value_limit,
+    )
+
+
 def build_speedl_state(model: SpeedlModel, joints: Array) -> SpeedlState:
     """Fresh memory of a robot at rest at ``joints`` [rad], shape (6,)."""
     return SpeedlState(
-        np.zeros((model.latency + 1, 7)),
+        np.zeros((model.latency + SPARE + 1, 7)),
         np.zeros(6),
         np.zeros(7),
         np.array([0.0, 0.0, 1.0]),
@@ -87,12 +106,13 @@ def pass_request(model: SpeedlModel, state: SpeedlState, requested: Array, numbe
         dt: Physics step [s].
     """
     state.clock[0] += 1.0
-    slot = int(state.clock[0]) % (model.latency + 1)
+    length = state.line.shape[0]
+    slot = int(state.clock[0]) % length
     for i in range(6):
         state.line[slot, i] = requested[i]
     state.line[slot, 6] = number
-    due = (slot + 1) % (model.latency + 1)
-    if state.line[due, 6] != state.request[6]:
+    due = (slot - model.latency) % length
+    if state.line[due, 6] > state.request[6]:
         for i in range(7):
             state.request[i] = state.line[due, i]
         state.clock[1] = 0.0
@@ -101,10 +121,10 @@ def pass_request(model: SpeedlModel, state: SpeedlState, requested: Array, numbe
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def limit_acceleration(model: SpeedlModel, state: SpeedlState, dt: float) -> None:
-    """Move the commanded twist toward the acting request within the acceleration limits."""
+def limit_acceleration(model: SpeedlModel, state: SpeedlState, dt: float, firmness: float = 1.0) -> None:
+    """Move the commanded twist toward the acting request within ``firmness`` times the acceleration limits."""
     alive = 1.0 if state.clock[1] < model.timeout else 0.0
-    for start, limit in ((0, model.acceleration), (3, model.angular_acceleration)):
+    for start, limit in ((0, firmness * model.acceleration), (3, firmness * model.angular_acceleration)):
         x = alive * state.request[start] - state.twist[start]
         y = alive * state.request[start + 1] - state.twist[start + 1]
         z = alive * state.request[start + 2] - state.twist[start + 2]

@@ -36,6 +36,10 @@ class SensorModel(NamedTuple):
     """Time between samples [s]."""
     delay: int
     """Samples from measuring to reading; one more step passes in the engine."""
+    creep: Array
+    """Steady drift per sample (force; torque), shape (6,): of a faulty sensor."""
+    reach: float = 1.0
+    """1 if the reading reaches the host; of a faulty sensor 0 (zeros arrive) or not a number."""
 
 
 class SensorState(NamedTuple):
@@ -88,6 +92,7 @@ def build_sensor(config: SensorConfig, rng: np.random.Generator) -> tuple[Sensor
         blend,
         period,
         delay,
+        np.zeros(6),
     )
     state = SensorState(
         np.zeros(6), np.zeros(6), np.zeros((delay + 1, 6)), np.zeros(6), np.zeros(6), np.array([0.0, 0.0, 0.0])
@@ -118,7 +123,7 @@ def sample_sensor(model: SensorModel, state: SensorState, t: float, exact: Array
     slot = int(state.clock[0]) % (model.delay + 1)
     changed = False
     for i in range(6):
-        state.drift[i] += model.drift[i] * draws[6 + i]
+        state.drift[i] += model.drift[i] * draws[6 + i] + model.creep[i]
         value = exact[i] + model.bias[i] + state.drift[i] + model.noise[i] * draws[i]
         value = min(max(value, -model.range[i]), model.range[i])
         if model.quantum[i] > 0.0:
@@ -128,7 +133,7 @@ def sample_sensor(model: SensorModel, state: SensorState, t: float, exact: Array
             for k in range(model.delay + 1):
                 state.line[k, i] = state.filtered[i]
         state.line[slot, i] = state.filtered[i]
-        arriving = state.line[(slot + 1) % (model.delay + 1), i]
+        arriving = model.reach * state.line[(slot + 1) % (model.delay + 1), i]
         changed = changed or arriving != state.reading[i]
         state.reading[i] = arriving
     if changed:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.cell import Job, tool_on_flange
 from polish_sim.cell.sequence import feed_acceleration
 from polish_sim.config import ProcessConfig, Scenario
-from polish_sim.errors import PlanError
+from polish_sim.errors import PlanError, unknown_name
 from polish_sim.experiments.placement import (
     Reach,
     check_whole_path,
@@ -30,6 +30,7 @@ from polish_sim.spatial import apply
 
 Array = NDArray[np.float64]
 
+TARES = ("start", "strokes")
 SENSOR_STREAM, PART_STREAM, PAYLOAD_STREAM = 0, 1, 2
 
 
@@ -110,6 +111,8 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
         The jobs in order, in the base frame.
     """
     process, depths = scenario.process, pressing_depths(scenario, path)
+    if process.tare not in TARES:
+        raise unknown_name("moment to tare", process.tare, TARES)
     rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
     nominal = apply(reach.T_base_work, path.positions_work)
     pressed_in = apply(reach.T_base_work, pressed(path, depths).positions_work)
@@ -146,6 +149,7 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
                 feed_time=left,
                 lift=_lift_off(lift, float(depths[first]), float(depths[last])),
                 start_s=float(path.s[first]),
+                retare=1.0 if jobs and process.tare == "strokes" else 0.0,
             )
         )
         left -= table.feed_length / process.feed_m_s

@@ -46,12 +46,15 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
         T_base_work: Nominal pose of the part, shape (4, 4), or None without a part.
 
     Returns:
-        path_done, protective_stop, interrupted, T_base_work, simulated_s, wall_s, real_time_factor, steps, seed.
+        path_done, protective_stop, what ``SafetyRecord`` names, peak_force_n (of the whole run), interrupted,
+        T_base_work, simulated_s, wall_s, real_time_factor, steps, seed.
     """
     simulated = run.steps * scenario.simulation.timestep_s
     return {
         "path_done": path_done,
         "protective_stop": run.stop_reason,
+        **run.safety._asdict(),
+        "peak_force_n": float(run.trace.normal_force_n.max()),
         "interrupted": run.interrupted,
         "T_base_work": None if T_base_work is None else T_base_work.tolist(),
         "simulated_s": simulated,

@@ -1,0 +1,173 @@
+"""Injected faults: each at its step, with the reason it should give, the force bounded, the tool off the part."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from polish_sim.cell import Cell, CellRun, Silent
+from polish_sim.cell.faults import FAULTS, FaultEvent, parse_events
+from polish_sim.cell.guards import (
+    CONTROLLER_NAN,
+    FALLEN,
+    FROZEN,
+    HIGH,
+    JUMP,
+    LOW,
+    MISSING,
+    NO_READING,
+    REASONS,
+    RISEN,
+    SILENT_HOST,
+    SPINDLE,
+)
+from polish_sim.cell.part_motion import SHIFT_SPEED
+from polish_sim.errors import ConfigError, InputError
+from polish_sim.experiments import default_scenario
+from polish_sim.scenario_file import override
+from tests.cell.cells import EVERY_STEP, NOMINAL_PART, cell_for, part_under, pressing_job
+from tests.cell.fields import plane
+
+MOST_N = 60.0  # exact force no fault may lead to
+
+
+def faulty(events: str, *changes: str, hold: float = 2.0, slide: float = 0.0) -> Cell:
+    """A cell with the default noise, pressing on a plane 5 mm below."""
+    scenario = override(default_scenario("force"), [*NOMINAL_PART, EVERY_STEP, "faults.events=" + events, *changes])
+    return cell_for(scenario, pressing_job(hold=hold, slide=slide, lift=0.01), part=part_under(plane()))
+
+
+def ends_well(run: CellRun) -> None:
+    """Whatever happened: bounded force, whole log, tool off the part, reason and brakes in time."""
+    assert run.trace.normal_force_n.max() < MOST_N
+    np.testing.assert_allclose(run.trace.time_s, 0.001 * np.arange(run.steps), atol=1e-9)
+    assert len(run.log) == run.steps
+    assert np.all(run.trace.normal_force_n[-50:] == 0.0)
+    assert run.safety.faults_missed == ()
+    if run.stop_reason is not None:
+        assert run.safety.stop_delay_s is not None
+        assert run.safety.stop_delay_s <= 0.020
+        assert run.safety.retracted is True
+
+
+AT_ONCE = {
+    "sensor-dropout": NO_READING,
+    "sensor-zeros": NO_READING,
+    "sensor-jump": JUMP,
+    "sensor-drop": JUMP,
+    "controller-nan": CONTROLLER_NAN,
+}
+
+
+@pytest.mark.parametrize(("name", "code"), AT_ONCE.items())
+@pytest.mark.parametrize("when", ["0.8", "contact+0.02", "contact+1"])
+def test_what_the_host_can_see_at_once_stops_within_20_ms(name: str, code: float, when: str) -> None:
+    run = faulty(f"{name}@{when}").run()
+    assert run.stop_reason == REASONS[code]
+    assert run.safety.fault_to_stop_s is not None
+    assert run.safety.fault_to_stop_s <= 0.020
+    ends_well(run)
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "delay"),
+    [
+        ("sensor-frozen", FROZEN, 0.020),
+        ("command-lost", SILENT_HOST, 0.106),
+        ("spindle-stop", SPINDLE, 0.100),  # a fifth of the 0.5 s it runs down in
+    ],
+)
+def test_what_shows_by_its_absence_stops_when_its_time_is_over(name: str, code: float, delay: float) -> None:
+    run = faulty(f"{name}@contact+1", "spindle.speed_rpm=6000").run()
+    assert run.stop_reason == REASONS[code]
+    assert run.safety.fault_to_stop_s == pytest.approx(delay, abs=0.004)
+    ends_well(run)
+
+
+@pytest.mark.parametrize(
+    ("name", "code"), [("part-high", RISEN), ("part-low", FALLEN), ("part-missing", FALLEN), ("sensor-drift", FALLEN)]
+)
+def test_a_surface_that_leaves_its_place_under_the_pad_is_noticed(name: str, code: float) -> None:
+    run = faulty(f"{name}@contact+1", hold=12.0).run()
+    assert run.stop_reason == REASONS[code]
+    ends_well(run)
+
+
+def test_a_part_that_rises_by_10_mm_is_followed_for_5() -> None:
+    run = faulty("part-high@contact+1").run()
+    assert run.safety.fault_to_stop_s == pytest.approx(0.005 / SHIFT_SPEED, abs=0.1)
+    stopped = round((run.safety.protective_stop_time_s or 0.0) / 0.001)
+    assert run.trace.part_shift_m[stopped, 2] == pytest.approx(0.005, abs=0.002)
+    assert run.trace.part_shift_m[-1, 2] == pytest.approx(0.010)
+
+
+@pytest.mark.parametrize(("name", "code"), [("part-high", HIGH), ("part-low", LOW), ("part-missing", MISSING)])
+def test_a_part_that_is_not_where_it_was_planned_is_noticed_when_it_is_touched(name: str, code: float) -> None:
+    job = pressing_job(height=0.02)._replace(search_depth=0.02 if name == "part-low" else 0.01)
+    run = cell_for(faulty(f"{name}@0").scenario, job, part=part_under(plane())).run()
+    assert run.stop_reason == REASONS[code]
+    assert run.trace.normal_force_n.max() < 10.0
+    ends_well(run)
+
+
+@pytest.mark.parametrize("name", ["sensor-noise", "latency-jump", "part-shift", "part-loose", "friction-jump"])
+def test_what_no_guard_must_notice_keeps_the_force_bounded_all_the_same(name: str) -> None:
+    ends_well(faulty(f"{name}@contact+0.5", slide=0.01).run())
+
+
+def test_every_fault_has_its_sentence_and_is_tested_here_or_by_the_random_injections() -> None:
+    assert len({fault.text for fault in FAULTS.values()}) == len(FAULTS)
+    assert all(len(f"{name}  {fault.text}") < 110 for name, fault in FAULTS.items())
+
+
+def test_a_fault_happens_at_its_step_whoever_looks_on() -> None:
+    class Onlooker(Silent):
+        frame_every_s = 0.007
+
+    runs = [faulty("part-shift@0.7304, sensor-dropout@contact+0.1234").run(onlooker) for onlooker in (None, Onlooker())]
+    assert runs[0].safety == runs[1].safety
+    assert runs[0].safety.fault_time_s == pytest.approx(0.731)
+    np.testing.assert_array_equal(runs[0].trace.normal_force_n, runs[1].trace.normal_force_n)
+    force = runs[0].trace.normal_force_n
+    contact = runs[0].trace.time_s[np.argmax(force > 0.5)]
+    assert runs[0].safety.protective_stop_time_s == pytest.approx(contact + 0.124, abs=1e-6)
+
+
+def test_without_faults_the_run_is_the_same_to_the_bit() -> None:
+    plain, waiting = faulty("").run(), faulty("sensor-dropout@100").run()
+    np.testing.assert_array_equal(plain.trace.normal_force_n, waiting.trace.normal_force_n)
+    assert waiting.safety.faults_missed == ("sensor-dropout@100",)
+    assert waiting.safety.fault_time_s is None
+
+
+def test_events_are_read_as_they_are_written() -> None:
+    events = parse_events("sensor-dropout@3.2, part-high@contact+0.5")
+    assert events == (FaultEvent("sensor-dropout", 3.2), FaultEvent("part-high", 0.5, after_contact=True))
+    assert ", ".join(map(str, events)) == "sensor-dropout@3.2, part-high@contact+0.5"
+    assert parse_events("") == ()
+
+
+@pytest.mark.parametrize(
+    "wrong", ["sensor-dropout", "sensor-dropout@", "sensor-dropout@soon", "part-high@-1", "part-high@contact"]
+)
+def test_an_event_without_its_time_is_refused(wrong: str) -> None:
+    with pytest.raises(ConfigError, match="NAME@TIME"):
+        parse_events(wrong)
+
+
+def test_an_unknown_fault_lists_the_known_ones() -> None:
+    with pytest.raises(InputError, match=r"part-missing, .*sensor-dropout"):
+        parse_events("gremlins@3")
+
+
+def test_noise_five_times_stronger_raises_the_threshold_of_contact_and_the_robot_still_finds_the_part() -> None:
+    """2.5 N a sample, 1.24 N after the 80 Hz low-pass: five of that are 6.2 N, three times the threshold."""
+    cell = faulty("", "sensor.force_noise_n=2.5", hold=1.0)
+    run = cell.run()
+    floor = cell.kernel.sequence.floor[0]
+    blend = 1.0 - math.exp(-2.0 * math.pi * 80.0 * 0.001)
+    assert floor == pytest.approx(5.0 * 2.5 * math.sqrt(blend / (2.0 - blend)), rel=0.2)
+    assert run.stop_reason is None
+    assert run.trace.normal_force_n[run.trace.phase == 2].min() > 5.0

@@ -1,0 +1,164 @@
+"""After a guard spoke: brakes, retract, standstill; the log goes on, the controller is not asked any more."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from polish_sim.cell import CellRun
+from polish_sim.cell.guards import REASONS, SILENT_HOST
+from polish_sim.control.signals import WHOLE_FEED
+from polish_sim.motion import JOINT_LIMITS
+from tests.cell.cells import (
+    EVERY_STEP,
+    TOUCH,
+    along_tool,
+    cell_for,
+    free_job,
+    ideal,
+    joints_at,
+    part_under,
+    path_through,
+    pressing_job,
+    tool_pose,
+)
+from tests.cell.fields import plane
+from tests.cell.pressing import Array
+
+DT = 0.001
+
+
+def stopped_run(*changes: str) -> CellRun:
+    """Press 20 N on a plane until the sensor's reading is lost, half a second after contact."""
+    scenario = ideal("force", EVERY_STEP, "faults.events=sensor-dropout@contact+0.5", *changes)
+    return cell_for(scenario, pressing_job(hold=2.0), part=part_under(plane())).run()
+
+
+@pytest.fixture(scope="module")
+def stopped() -> CellRun:
+    return stopped_run()
+
+
+def after(run: CellRun) -> slice:
+    assert run.safety.protective_stop_time_s is not None
+    return slice(round(run.safety.protective_stop_time_s / DT), None)
+
+
+def test_the_tool_goes_back_by_the_clearance_along_its_axis_and_stands_there(stopped: CellRun) -> None:
+    way = stopped.trace.tcp_position_m[after(stopped)]
+    assert way[-1, 2] - way[0, 2] == pytest.approx(0.030, abs=0.002)
+    assert np.linalg.norm((way - way[0])[:, :2], axis=1).max() < 2e-4
+    assert stopped.trace.normal_force_n[-1] == 0.0
+    assert stopped.trace.tcp_speed_m_s[-1] < 5e-3
+    assert stopped.safety.retracted is True
+    assert stopped.safety.retract_m == pytest.approx(0.030, abs=0.002)
+
+
+def test_it_goes_back_at_its_speed_and_no_faster(stopped: CellRun) -> None:
+    speed = stopped.trace.tcp_speed_m_s[after(stopped)]
+    assert speed.max() == pytest.approx(0.05, rel=0.05)
+    slow = stopped_run("safety.retract_speed_m_s=0.02")
+    assert slow.trace.tcp_speed_m_s[after(slow)].max() < 0.023
+    assert slow.safety.retracted is True
+
+
+def test_the_stop_never_presses_harder(stopped: CellRun) -> None:
+    force = stopped.trace.normal_force_n[after(stopped)]
+    assert force.max() < force[0] + 0.3
+    lifted = np.argmax(force == 0.0)
+    assert np.diff(force[:lifted]).max() < 0.05
+
+
+def test_the_brakes_come_on_after_the_latency_of_the_stop(stopped: CellRun) -> None:
+    assert stopped.safety.stop_delay_s == pytest.approx(0.004, abs=1e-9)
+    assert stopped_run("safety.stop_latency_s=0.011").safety.stop_delay_s == pytest.approx(0.011, abs=1e-9)
+
+
+@pytest.mark.parametrize(("speed", "deceleration"), [(0.1, 4.0), (0.1, 1.0), (0.05, 4.0)])
+def test_the_braking_distance_is_v_squared_over_twice_the_deceleration(speed: float, deceleration: float) -> None:
+    """In free space, braked on the way; before the brakes the robot goes on for the stop's latency."""
+    poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)
+    scenario = ideal(
+        "arc", EVERY_STEP, "faults.events=controller-nan@1.4", f"safety.stop_deceleration_m_s2={deceleration}"
+    )
+    run = cell_for(scenario, free_job(*poses, feed=speed)).run()
+    way = run.trace.tcp_position_m[after(run)]
+    gone = float(np.linalg.norm(way[-1] - way[0]))
+    assert gone == pytest.approx(speed * 0.004 + speed**2 / (2.0 * deceleration), rel=0.1, abs=3e-4)
+    assert run.safety.retracted is None  # nothing to retract from
+
+
+def test_the_log_is_whole_and_in_phase_3_to_the_end(stopped: CellRun) -> None:
+    np.testing.assert_allclose(stopped.trace.time_s, DT * np.arange(stopped.steps), atol=1e-9)
+    np.testing.assert_array_equal(stopped.trace.phase[after(stopped)], 3)
+    assert not np.any(stopped.trace.phase[: after(stopped).start] == 3)
+    assert len(stopped.log) == stopped.steps
+
+
+class Insane:
+    """Answers well until told not to, and counts who asks."""
+
+    def __init__(self) -> None:
+        self.asked: list[float] = []
+
+    def reset(self, cycle_s: float) -> None:
+        self.asked = []
+
+    def step(self, measurement: Any, target: Any) -> Array:
+        self.asked.append(float(measurement.clock[0]))
+        if len(self.asked) > 600:
+            raise RuntimeError("broken")
+        return np.array([0.0, 0.0, -0.01, 0.0, 0.0, 0.0]) + WHOLE_FEED[:6]
+
+
+def test_a_stopped_robot_does_not_ask_the_controller_any_more() -> None:
+    law = Insane()
+    run = cell_for(
+        ideal("force", EVERY_STEP), pressing_job(height=0.03), part=part_under(plane()), controller=law
+    ).run()
+    assert run.stop_reason == f"{REASONS[12.0]}: RuntimeError: broken"
+    assert len(law.asked) == 601
+    assert run.steps > 700
+    assert run.safety.retracted is True
+
+
+def test_a_host_that_falls_silent_is_noticed_by_the_robot_when_its_last_command_runs_out() -> None:
+    scenario = ideal("force", EVERY_STEP, "faults.events=command-lost@contact+0.5")
+    run = cell_for(scenario, pressing_job(hold=2.0), part=part_under(plane())).run()
+    assert run.stop_reason == REASONS[SILENT_HOST]
+    assert run.safety.fault_to_stop_s == pytest.approx(0.1 + 0.006, abs=0.003)
+    assert run.safety.retracted is True
+
+
+def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can() -> None:
+    """The shoulder or elbow range is cut to what the retract of 30 mm would need half of."""
+    scenario = ideal("force", EVERY_STEP, "faults.events=sensor-dropout@contact+0.5")
+    cell = cell_for(scenario, pressing_job(hold=2.0), part=part_under(plane()))
+    pressed, lifted = joints_at(tool_pose(0.0, -0.5, 0.096)), joints_at(tool_pose(0.0, -0.5, 0.112))
+    joint = int(np.argmax(np.abs(lifted - pressed)))
+    limits = cell.kernel.speedl.highest if lifted[joint] > pressed[joint] else cell.kernel.speedl.lowest
+    limits[joint] = lifted[joint]
+    run = cell.run()
+    assert run.stop_reason == "wrist sensor reading missing"
+    assert run.safety.retracted is False
+    assert run.safety.retract_m == pytest.approx(0.016, abs=0.003)
+    assert run.trace.normal_force_n[-1] == 0.0
+    assert np.all((run.log["q_rad"] > JOINT_LIMITS[:, 0]) & (run.log["q_rad"] < JOINT_LIMITS[:, 1]))
+
+
+def test_the_sensor_is_zeroed_again_before_a_stroke_if_it_is_to_be() -> None:
+    above, way_down = along_tool(TOUCH, z=-0.01), along_tool(TOUCH, z=-0.005)
+    first = pressing_job(hold=0.5, lift=0.01)
+    second = first._replace(travel=path_through(above, way_down))
+    part, drift, last = part_under(plane()), 0.2, {}
+    for retare in (0.0, 1.0):
+        cell = cell_for(ideal("force", EVERY_STEP), first, second._replace(retare=retare), part=part)
+        cell.kernel.sensor.creep[2] = 0.001 * drift
+        run = cell.run()
+        last[retare] = run.trace.normal_force_n[run.trace.phase == 2][-1]
+        since_tare = run.trace.time_s[run.trace.phase == 2][-1] - 0.3
+        if retare == 0.0:
+            assert last[retare] == pytest.approx(20.0 - drift * since_tare, abs=0.2)
+    assert last[1.0] - last[0.0] > drift * 2.5
