@@ -6,9 +6,11 @@ rate r (a part that rises or sinks):
 
     F = b + k z,    e = reading - own forces - (b + k z as sensed),    db/dt = r + 2 w_o e,    dr/dt = w_o^2 e.
 
-The command is u = w_c (F_set - F) / k - (travel under way) w_c - r / k. With the right k the loop is an integrator on
-the encoders, w_c / s with the command's delay taken out by the travel under way; a ramp of the part leaves no error,
-and a limited command winds nothing up, because the observer sees the travel that was really done.
+The command is u = w_c ((F_set - F) / k - travel under way) - r / k. With the right k the loop is an integrator on the
+encoders, w_c / s with the command's delay taken out by the travel under way. A resting part leaves no error; one that
+rises at a speed v leaves k v T, T the lags of command and sensor (0.2 N at 4 mm/s): to extrapolate it costs a tenth
+more noise and half the damping on soft springs at 20 ms. A limited command winds nothing up, because the observer sees
+the travel that was really done.
 """
 
 from __future__ import annotations

@@ -21,8 +21,8 @@ from polish_sim.control.adaptive.sensing import as_sensed
 from polish_sim.control.adaptive.stiffness import refine_stiffness, restart_fit
 from polish_sim.control.adaptive.touch_down import (
     fell_back,
-    hand_over,
     is_armed,
+    note_landing,
     quickest_stop,
     seek_speed,
     smooth_reading,
@@ -115,9 +115,11 @@ def press(
         change_stiffness(memory, stiffness, seen.path)
     pace = pace_of(g, state[3], memory.delay[0], np.sqrt(memory.air[2]), state[5])
     force = observe_force(memory, pace.observer, seen.path, reading, state[4], dt)
+    rate = state[4] * state[1]
     travel = (t.force[0] - force) / state[3] - under_way(memory, dt)
     wanted = quickest_stop(g, travel, pace.crossover, speed_limit(g, memory, state[3]))
-    wanted += expected_then - hand_over(g, memory, wanted, dt) * state[1] / state[3]
+    note_landing(g, memory, wanted, dt)
+    wanted += expected_then - rate / state[3]
     step = g.acceleration * dt
     return min(max(wanted, memory.delay[3] - step), memory.delay[3] + step)
 

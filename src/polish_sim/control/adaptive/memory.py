@@ -31,8 +31,8 @@ class PressMemory(NamedTuple):
     delay: Array
     """Command delay [s], commanded less done travel [m], slowed command [m/s], last command [m/s], shape (4,)."""
     air: Array
-    """Time watched [s]; mean and variance of the reading in the air [N, N^2]; the reading at two low-passes [N];
-    whether the tool touches; fastest approach [m/s]; the target's contact before, shape (8,)."""
+    """Time watched [s]; mean of the reading in the air [N], variance of its noise [N^2]; the reading at two low-passes
+    [N]; whether the tool touches; fastest approach [m/s]; the target's contact before, shape (8,)."""
     fit: Array
     """Weight, mean travel [m], mean force [N], spread of the travel [m^2], of both [N m], shape (5,)."""
     force: Array

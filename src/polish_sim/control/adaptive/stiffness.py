@@ -19,7 +19,7 @@ from polish_sim.control.adaptive.memory import PressMemory
 _MEMORY = 0.05  # [s]
 _EXCITED = 0.004  # slower motion teaches nothing [m/s]
 _CONFIDENCE = 2.0  # standard deviations
-_SOFTEST = 0.1  # of the nominal stiffness
+_SOFTEST, _STIFFEST = 0.1, 10.0  # of the nominal stiffness
 
 
 @njit(cache=True)
@@ -45,7 +45,8 @@ def refine_stiffness(
         dt: Control cycle [s].
 
     Returns:
-        Upper end of what the stiffness may be [N/m], within 0.1 to ``stiff_first`` times the nominal one.
+        Upper end of what the stiffness may be [N/m], within 0.1 to 10 times the nominal one, and while the
+        travel says nothing ``stiff_first`` times it.
     """
     fit = memory.fit
     if abs(pressing) > _EXCITED:
@@ -60,5 +61,6 @@ def refine_stiffness(
         fit[4] = kept * (fit[4] + share * dz * df)
     spread = fit[3] + 1e-16
     sigma = 2.0 * max(math.sqrt(memory.air[2]), 0.2)  # a low-passed reading is worth a quarter of a fresh one
-    upper = fit[4] / spread + _CONFIDENCE * sigma / math.sqrt(spread)
-    return min(max(upper, _SOFTEST * nominal), g.stiff_first * nominal)
+    slope, doubt = fit[4] / spread, _CONFIDENCE * sigma / math.sqrt(spread)
+    upper = min(slope + doubt, max(g.stiff_first * nominal, slope))
+    return min(max(upper, _SOFTEST * nominal), _STIFFEST * nominal)

@@ -1,8 +1,9 @@
 """Law ``touch-down``: notice the part, press on it as fast as robot and springs allow, stop at the set force (layer 7).
 
-Contact is what the air was not: in the air mean and variance of the reading are learned, and the part is there once the
-reading, at one of two low-passes (30 Hz for fast approaches, 5 Hz for slow ones), leaves the mean by five standard
-deviations. Where the reading falls back it was noise, and the tool goes on as before.
+Contact is what the air was not: in the air the reading's mean is learned, and its noise from what a low-pass takes off,
+which a rising force leaves alone. The part is there once the reading, at one of two low-passes (30 Hz for fast
+approaches, 5 Hz for slow ones), leaves the mean by five standard deviations. Where it falls back it was noise, and the
+tool goes on as before.
 
 The speed then follows from the travel still to go, as for the quickest stop at an acceleration a without overshoot:
 v = w x near the end, v = sqrt(2 a (x - a / 2 w^2)) before. It starts at the speed of the approach, grows with the
@@ -20,14 +21,16 @@ from polish_sim.control.adaptive.memory import PressMemory
 from polish_sim.control.filters import low_pass_step
 
 _FAST_HZ, _SLOW_HZ = 30.0, 5.0
-_FAST_SHARE, _SLOW_SHARE = 0.52, 0.24  # of a reading's deviation (80 Hz) that these low-passes let through
+_FAST_SHARE, _SLOW_SHARE = 0.58, 0.25  # of a reading's deviation (80 Hz) that these low-passes let through
+_ROUGH_SHARE = 0.73  # of its variance that the faster low-pass takes off
 _SIGMAS = 5.0
 _FAST_LEAST, _SLOW_LEAST = 0.4, 0.3  # smallest rise that counts as contact [N]
 _ARMED = 0.15  # time in the air before the statistics are believed [s]
 _AIR_MEMORY = 0.4  # [s]
 _LARGEST_OFFSET = 1.5  # of the reading in the air [N]
 _SURE = 2.0  # rise at which contact is beyond doubt [N]
-_SEEK_SLOWEST, _SEEK_FASTEST = 0.002, 0.02  # towards a part that should be there [m/s]
+_SEEK_SLOWEST, _SEEK_FASTEST = 0.005, 0.02  # towards a part that should be there [m/s]
+_FOUND = 0.2  # contact that lasted this long was the part [s]
 _BRAKING = 0.8  # share of the robot's acceleration that is planned with
 _LANDED = 0.01  # speed below which the landing ends [m/s]
 _LANDING_ENDS = 0.15  # time in which the observer's rate is faded in [s]
@@ -53,15 +56,20 @@ def watch_air(memory: PressMemory, reading: float, approaching: bool, dt: float)
         air[1], air[2], air[3], air[4] = reading, 0.0, reading, reading
         return False
     smooth_reading(memory, reading, dt)
-    sigma = math.sqrt(air[2])
-    fast = max(_FAST_LEAST, _SIGMAS * _FAST_SHARE * sigma)
-    slow = max(_SLOW_LEAST, _SIGMAS * _SLOW_SHARE * sigma)
-    if air[0] > _ARMED and (air[3] - air[1] > fast or air[4] - air[1] > slow):
+    slow_rise = max(_SLOW_LEAST, _SIGMAS * _SLOW_SHARE * math.sqrt(air[2]))
+    if is_armed(memory) and (air[3] - air[1] > fast_rise(memory) or air[4] - air[1] > slow_rise):
         return True
-    share, off = dt / min(air[0], _AIR_MEMORY), reading - air[1]
-    air[1] = min(max(air[1] + share * off, -_LARGEST_OFFSET), _LARGEST_OFFSET)
-    air[2] += share * (off * off - air[2])
+    share, rough = dt / min(air[0], _AIR_MEMORY), reading - air[3]
+    air[1] += share * (reading - air[1])
+    air[1] = min(max(air[1], -_LARGEST_OFFSET), _LARGEST_OFFSET)
+    air[2] += share * (rough * rough / _ROUGH_SHARE - air[2])
     return False
+
+
+@njit(cache=True)
+def fast_rise(memory: PressMemory) -> float:
+    """Rise of the faster low-pass above the air that only contact explains [N]."""
+    return max(_FAST_LEAST, _SIGMAS * _FAST_SHARE * math.sqrt(memory.air[2]))
 
 
 @njit(cache=True)
@@ -73,13 +81,14 @@ def is_armed(memory: PressMemory) -> bool:
 @njit(cache=True)
 def fell_back(memory: PressMemory) -> bool:
     """Whether the reading is again what it was in the air."""
-    air = memory.air
-    return bool(air[3] - air[1] < 0.25 * max(_FAST_LEAST, _SIGMAS * _FAST_SHARE * math.sqrt(air[2])))
+    return bool(memory.air[3] - memory.air[1] < 0.25 * fast_rise(memory))
 
 
 @njit(cache=True)
 def seek_speed(memory: PressMemory) -> float:
-    """Speed towards a part that should be there [m/s]."""
+    """Speed towards a part that should be there: as in the approach, quicker where contact was lost [m/s]."""
+    if memory.force[5] > _FOUND:
+        return _SEEK_FASTEST
     return min(max(memory.air[6], _SEEK_SLOWEST), _SEEK_FASTEST)
 
 
@@ -108,10 +117,9 @@ def quickest_stop(g: AdaptiveGains, travel: float, crossover: float, limit: floa
 
 
 @njit(cache=True)
-def hand_over(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float) -> float:
-    """How far the landing is over, 0 to 1: once the wanted speed is small the observer's rate is faded in."""
+def note_landing(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float) -> None:
+    """Keep how far the landing is over: it ends once the wanted speed [m/s] is small, and the rate is faded in."""
     if g.touch_down == 0.0:
         memory.force[4] = 1.0
     elif abs(speed) < _LANDED:
         memory.force[4] = min(1.0, memory.force[4] + dt / _LANDING_ENDS)
-    return memory.force[4]

@@ -1,0 +1,96 @@
+"""A plant in closed form: late commands, the tool an integrator, a spring to press on, a late and noisy sensor."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.control.compiled import CompiledController
+from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, Measurement, Target, measurement_of, target_of
+
+Array = NDArray[np.float64]
+DT = 0.001
+
+
+class Plant(NamedTuple):
+    """What the controller does not know."""
+
+    stiffness: float = 5000.0
+    """[N/m]"""
+    command_delay: int = 8
+    """[cycles]"""
+    sensor_delay: int = 2
+    """[cycles]"""
+    noise: float = 0.0
+    """White, before the sensor's low-pass, rms [N]."""
+    mass: float = 2.0
+    """Carried by the sensor [kg]."""
+    rise: float = 0.0
+    """Speed of the part towards the tool after 0.6 s [m/s]."""
+    acceleration: float = 1.2
+    """[m/s^2]"""
+    gap: float = 0.008
+    """From the tool to the part at first [m]."""
+
+
+class Run(NamedTuple):
+    """Time from first contact on, and the exact force."""
+
+    time: Array
+    force: Array
+
+
+def measurement_at_rest() -> Measurement:
+    m = measurement_of(np.zeros(MEASUREMENT_SIZE))
+    m.rotation[:] = np.eye(3)
+    m.clock[1] = DT
+    return m
+
+
+def target_to_press(force: float = 20.0) -> Target:
+    t = target_of(np.zeros(TARGET_SIZE))
+    t.rotation[:] = np.eye(3)
+    t.force[0] = force
+    return t
+
+
+def land(
+    controller: CompiledController, plant: Plant, approach: float = 0.02, seconds: float = 1.5, set_force: float = 20.0
+) -> Run:
+    """Come down on the spring at ``approach`` [m/s]; the target's contact begins when 2 N are measured."""
+    rng, blend = np.random.default_rng(0), 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
+    controller.reset(DT)
+    m, t = measurement_at_rest(), target_to_press(set_force)
+    commands, readings = deque([0.0] * (plant.command_delay + 1)), deque([0.0] * (plant.sensor_delay + 1))
+    z = v = sensed = planned = 0.0
+    forces: list[float] = []
+    while len(forces) < seconds / DT:
+        part = plant.gap - plant.rise * max(0.0, len(forces) * DT - 0.6)
+        force = plant.stiffness * max(z - part, 0.0)
+        if force > 0.5 or forces:
+            forces.append(force)
+        m.position[2], m.twist[2], m.wrench[2] = z, v, readings.popleft()
+        if m.wrench[2] > max(2.0, 2.7 * plant.noise):
+            t.contact[0] = 1.0
+        planned = 0.0 if t.contact[0] else min(planned + 0.05 * DT, approach)
+        t.twist[2] = planned
+        t.position[2] = z if t.contact[0] else t.position[2] + planned * DT
+        commands.append(float(controller.step(m, t)[2]))
+        step = plant.acceleration * DT
+        before, v = v, v + min(max(commands.popleft() - v, -step), step)
+        z += v * DT
+        load = force + plant.mass * (v - before) / DT + plant.noise * float(rng.standard_normal())
+        sensed += blend * (load - sensed)
+        readings.append(sensed)
+        m.clock[0] += DT
+    return Run(DT * np.arange(len(forces)), np.array(forces))
+
+
+def settling(run: Run, wanted: float, band: float = 1.0) -> float:
+    """Time after which the force stays within a band [s]."""
+    outside = np.flatnonzero(np.abs(run.force - wanted) > band)
+    return float(run.time[min(outside[-1] + 1, len(run.time) - 1)])

@@ -1,0 +1,167 @@
+"""Each law of hybrid-adaptive by itself, against what it should find."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from polish_sim.config import AdaptiveConfig
+from polish_sim.control.adaptive.delay import measure_delay, remember_command, under_way
+from polish_sim.control.adaptive.force_loop import begin_contact, change_stiffness, observe_force, pace_of
+from polish_sim.control.adaptive.gains import LAWS, AdaptiveGains, adaptive_gains, gains_in
+from polish_sim.control.adaptive.inertia import own_force
+from polish_sim.control.adaptive.memory import MEMORY_SIZE, PressMemory, memory_in
+from polish_sim.control.adaptive.sensing import as_sensed
+from polish_sim.control.adaptive.stiffness import refine_stiffness, restart_fit
+from polish_sim.control.adaptive.touch_down import quickest_stop, watch_air
+
+DT = 0.001
+GAINS = adaptive_gains(AdaptiveConfig())
+
+
+def fresh() -> PressMemory:
+    return memory_in(np.zeros(MEMORY_SIZE))
+
+
+def test_gains_keep_their_places_in_the_context() -> None:
+    row = np.arange(float(len(GAINS)))
+    assert gains_in(row) == AdaptiveGains(*row)
+
+
+def test_views_of_the_memory_do_not_overlap_and_fill_it() -> None:
+    flat = np.zeros(MEMORY_SIZE)
+    for view in memory_in(flat):
+        view += 1.0
+    np.testing.assert_array_equal(flat, 1.0)
+
+
+def test_a_ramp_is_shown_as_late_as_the_sensor_is() -> None:
+    """A ramp of speed v through latency T and corner f lags by v (T + 1/(2 pi f)), half a cycle for the hold."""
+    memory, speed = fresh(), 0.02
+    for k in range(400):
+        seen = as_sensed(GAINS, memory, speed * k * DT, 3.0, DT)
+    lag = (speed * 399 * DT - seen.path) / speed
+    assert lag == pytest.approx(0.002 + 1.0 / (2.0 * math.pi * 80.0) - 0.5 * DT, abs=1e-4)
+    assert seen.own == pytest.approx(3.0)
+
+
+def test_the_tools_own_force_is_mass_times_acceleration() -> None:
+    memory = fresh()
+    forces = [own_force(GAINS, memory, 0.5 * k * DT, 0.0, DT) for k in range(10)]
+    assert forces[0] == 0.0
+    np.testing.assert_allclose(forces[1:], 2.0 * 0.5)
+    off = GAINS._replace(inertia=0.0)
+    assert own_force(off, memory, 1.0, 0.0, DT) == 0.0
+
+
+def test_the_dampers_force_builds_up_within_its_lag() -> None:
+    memory = fresh()
+    memory.force[3] = GAINS.stiffness
+    forces = [own_force(GAINS, memory, 0.05, 0.05, DT) for _ in range(50)]
+    lag = 1.0 - math.exp(-2 * DT / GAINS.damping_lag)
+    assert forces[1] == pytest.approx(GAINS.damping * 0.05 * lag)
+    assert forces[-1] == pytest.approx(GAINS.damping * 0.05)
+
+
+@pytest.mark.parametrize("cycles", [4, 9, 15, 25])
+@pytest.mark.parametrize("speed", [0.002, 0.02])
+def test_the_commands_delay_is_measured_on_the_way_down(cycles: int, speed: float) -> None:
+    """A command shows in the encoders ``cycles`` later; when the next one is chosen, one less are under way."""
+    memory = fresh()
+    memory.delay[0] = GAINS.command_delay
+    commands = [min(speed, 0.05 * k * DT) for k in range(1500)]
+    for k, command in enumerate(commands):
+        measure_delay(GAINS, memory, commands[k - cycles] if k >= cycles else 0.0, DT)
+        remember_command(memory, command)
+    assert memory.delay[0] == pytest.approx((cycles - 1) * DT, abs=0.0005)
+    assert under_way(memory, DT) == pytest.approx(speed * (cycles - 1) * DT, rel=0.01)
+
+
+@pytest.mark.parametrize("stiffness", [1000.0, 5000.0, 25000.0, 40000.0])
+def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness: float) -> None:
+    rng, memory = np.random.default_rng(0), fresh()
+    memory.air[2] = 0.25**2
+    restart_fit(memory, 0.0, 0.0)
+    speed, found, k = 0.02, [], 0
+    while stiffness * speed * k * DT < 8.0:
+        path = speed * k * DT
+        found.append(refine_stiffness(GAINS, memory, 5000.0, path, stiffness * path + 0.25 * rng.normal(), speed, DT))
+        k += 1
+    assert found[0] == pytest.approx(25000.0)
+    assert min(found) > 0.9 * min(stiffness, 25000.0)
+    assert found[-1] == pytest.approx(stiffness, rel=0.35)
+
+
+def test_a_tool_at_rest_learns_nothing_about_springs() -> None:
+    rng, memory = np.random.default_rng(0), fresh()
+    restart_fit(memory, 0.0, 0.0)
+    for _ in range(2000):
+        known = refine_stiffness(GAINS, memory, 5000.0, 1e-5 * rng.normal(), rng.normal(), 0.0005, DT)
+    assert known == pytest.approx(25000.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.25, 1.0])
+def test_a_minute_of_air_is_not_taken_for_contact_and_a_part_is_noticed_soon(noise: float) -> None:
+    rng, memory, blend = np.random.default_rng(1), fresh(), 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
+    white = noise / math.sqrt(blend / (2.0 - blend))
+    reading, rise, noticed = 0.0, 0.0, False
+    for k in range(70000):
+        rise = 0.1 * (k - 60000) if k > 60000 else 0.0
+        reading += blend * (white * rng.normal() - reading)
+        if watch_air(memory, reading + 0.7 + rise, True, DT):
+            noticed = True
+            break
+        assert k < 60000 + 300
+    assert noticed
+    assert k >= 60000
+    assert rise < 1.0 + 5.0 * noise
+
+
+@pytest.mark.parametrize("travel", [0.0003, 0.004, 0.02])
+def test_the_quickest_stop_ends_where_it_should_and_brakes_no_harder_than_the_robot(travel: float) -> None:
+    left, speeds = travel, []
+    for _ in range(600):
+        speeds.append(quickest_stop(GAINS, left, 40.0, 0.1))
+        left -= speeds[-1] * DT
+        assert left >= 0.0
+    assert left < 0.01 * travel
+    assert max(-np.diff(speeds)) < GAINS.acceleration * DT
+    assert max(speeds) <= 0.1
+    assert quickest_stop(GAINS, -travel, 40.0, 0.1) == -speeds[0]
+
+
+def test_the_loop_is_no_faster_than_delay_inertia_and_noise_allow() -> None:
+    usual = pace_of(GAINS, 5000.0, 0.012, 0.25, 1.0)
+    assert usual.crossover <= GAINS.delay_share / 0.012
+    for stiffness in (500.0, 1000.0, 5000.0):
+        pace = pace_of(GAINS, stiffness, 0.005, 0.25, 1.0)
+        mass = GAINS.mass * GAINS.mass_doubt
+        assert 2.0 * pace.crossover * pace.observer * mass / stiffness <= 0.5 + 1e-12
+    assert pace_of(GAINS, 5000.0, 0.03, 0.25, 1.0).crossover <= 0.5 / 0.03
+    assert pace_of(GAINS, 5000.0, 0.012, 1.0, 1.0).observer < 0.5 * usual.observer
+
+
+def test_the_observer_knows_the_force_before_the_sensor_shows_it() -> None:
+    """The tool presses by travel alone; the reading is 4 ms late, the estimate is not."""
+    memory, k, z = fresh(), 5000.0, 0.0
+    begin_contact(memory, k, 0.0, 0.0)
+    for n in range(1000):
+        z = 0.002 * math.sin(2.0 * math.pi * 5.0 * n * DT)
+        memory.force[2] = z
+        seen = as_sensed(GAINS, memory, z, 0.0, DT)
+        force = observe_force(memory, 40.0, seen.path, k * seen.path, 1.0, DT)
+        assert force == pytest.approx(k * z, abs=1e-9)
+
+
+def test_believing_another_stiffness_does_not_make_the_sensor_surprise() -> None:
+    memory = fresh()
+    begin_contact(memory, 25000.0, 0.001, 3.0)
+    memory.force[2] = 0.001
+    change_stiffness(memory, 5000.0, 0.001)
+    assert observe_force(memory, 40.0, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)
+
+
+def test_every_law_is_on_unless_left_out() -> None:
+    assert AdaptiveConfig().laws.split() == list(LAWS)
