@@ -171,6 +171,16 @@ Seed = Annotated[int | None, _option(RUN, "--seed", "N", "Seed of everything ran
 Seeds = Annotated[int | None, _option(RUN, "--seeds", "N", "Run this many seeds, counting up from --seed.", least=1)]
 DryRun = Annotated[bool, _option(RUN, "--dry-run", None, "Plan and check the reach, do not simulate.")]
 Check = Annotated[bool, _option(RUN, "--check", None, "Exit with 1 when a figure falls short of what is asked of it.")]
+Faults = Annotated[
+    list[str] | None,
+    _option(
+        RUN,
+        "--fault",
+        "NAME@TIME",
+        "Inject a fault so many seconds from the start, or NAME@contact+TIME from first contact; may be repeated. "
+        "'polish-sim list faults' names them.",
+    ),
+]
 View = Annotated[bool, _option(RUN, "--view", None, "Watch the run in the MuJoCo viewer.")]
 
 # Config

@@ -22,13 +22,17 @@ class Outcome:
     stops: tuple[str, ...] = ()
     """Protective stops, each with its reason."""
     interrupted: bool = False
+    notes: tuple[str, ...] = ()
+    """What else is to be told."""
 
     def show(self) -> None:
         """Print why the run ended early, if it did, and the table of figures."""
         if self.interrupted:
             console.note("interrupted: what was recorded up to now is kept.")
         for reason in self.stops:
-            console.note(f"error: protective stop: {reason}. The log up to then is kept.")
+            console.note(f"error: protective stop: {reason}. The log is kept, to the end of the retract.")
+        for text in self.notes:
+            console.note(text)
         show_figures(self.experiment, self.title, self.columns, self._checked)
 
     def exit_code(self, check: bool) -> int:

@@ -46,6 +46,7 @@ def run(
     calibration: o.Calibration = None,
     seed: o.Seed = None,
     seeds: o.Seeds = None,
+    fault: o.Faults = None,
     dry_run: o.DryRun = False,
     check: o.Check = False,
     view: o.View = False,
@@ -64,6 +65,7 @@ def run(
     prepare_headless()
     # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.calibration import read_calibrated_tool
+    from polish_sim.cell import parse_events
     from polish_sim.cli.given_plan import take_plan
     from polish_sim.cli.seeds import run_seeds
     from polish_sim.cli.simulation import check_reach, run_once
@@ -73,6 +75,7 @@ def run(
     scenario = build_scenario(default_scenario(experiment), given, config, set_ or [])
     if scenario.payload.file:
         read_calibrated_tool(Path(scenario.payload.file))  # a bad one is refused before the plan is made
+    parse_events(scenario.faults.events)
     plan = None
     source = path or (Path(scenario.plan.file) if scenario.plan.file else None)
     if source is not None:

@@ -72,7 +72,7 @@ TRIPLES: Final[Mapping[str, Target]] = {
 }
 """Options of the form X,Y,Z."""
 
-OTHERS: Final = ("--overlap", "--part-pose", "--log-rate", "--seed")
+OTHERS: Final = ("--overlap", "--part-pose", "--log-rate", "--seed", "--fault")
 """Options with a reading of their own."""
 
 
@@ -192,6 +192,8 @@ def _numbers(text: str, count: int) -> list[float]:
 def _table(option: str, value: Any) -> dict[str, Any]:
     if option == "--seed":
         return {"seed": value}
+    if option == "--fault":
+        return {"faults": {"events": ", ".join(value)}}
     if option == "--part-pose":
         return {"part": {"pose": parse_pose(value)}}
     if option == "--log-rate":

@@ -48,8 +48,15 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
     stops = [
         f"seed {seed}: {figures['protective_stop']}" for seed, figures in runs.items() if figures["protective_stop"]
     ]
+    missed = [
+        f"seed {seed}: the fault {event} did not happen, the run was over before."
+        for seed, figures in runs.items()
+        for event in figures["faults_missed"]
+    ]
     title = f"{scenario.experiment}, {scenario.controller.name}, {len(runs)} seeds"
-    return Outcome(scenario.experiment, title, {"mean": mean, "worst seed": worst}, tuple(stops), interrupted)
+    return Outcome(
+        scenario.experiment, title, {"mean": mean, "worst seed": worst}, tuple(stops), interrupted, tuple(missed)
+    )
 
 
 def aggregate(experiment: str, runs: Sequence[Figures]) -> tuple[dict[str, float], dict[str, float]]:

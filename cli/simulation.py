@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from polish_sim.analysis.cell_plot import plot_cell
 from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
@@ -61,7 +62,14 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
         {"this run": record.metrics},
         (result.stop_reason,) if result.stop_reason else (),
         result.interrupted or broken_off,
+        tuple(_of_faults(record.metrics)),
     )
+
+
+def _of_faults(metrics: Mapping[str, Any]) -> Iterator[str]:
+    """Faults that did not happen because the run was over before."""
+    for event in metrics["faults_missed"]:
+        yield f"the fault {event} did not happen: the run was over after {metrics['simulated_s']:.1f} s."
 
 
 def simulate(

@@ -169,3 +169,28 @@ def test_an_interrupt_of_many_seeds_keeps_those_that_ended(tmp_path: Path) -> No
     assert isinstance(kept, list)
     assert 1 <= len(kept) < 40
     assert sorted(folder.name for folder in (tmp_path / "cut").glob("seed-*")) == [f"seed-{s:04d}" for s in kept]
+
+
+def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim: Polish, tmp_path: Path) -> None:
+    code, _, err = polish_sim(*FORCE, "--fault", "sensor-dropout@contact+0.5", "--fault", "part-low@60", "--out", "a")
+    assert code == 3
+    assert "wrist sensor reading missing" in err
+    assert "part-low@60 did not happen: the run was over after" in err
+    first = metrics_of(tmp_path / "a")
+    assert first["retracted"] is True
+    assert first["stop_delay_s"] <= 0.02
+    log = read_log(tmp_path / "a/log.npz")
+    assert log["phase"][-1] == 3
+    assert log["normal_force_n"][-1] == 0.0
+    assert polish_sim("run", "force", "--config", "a/config.toml", "--out", "b")[0] == 3
+    assert (tmp_path / "a/log.npz").read_bytes() == (tmp_path / "b/log.npz").read_bytes()
+
+
+@pytest.mark.parametrize(("fault", "told"), [("gremlins@3", "sensor-frozen"), ("part-high", "NAME@TIME")])
+def test_a_fault_that_makes_no_sense_is_refused_before_the_work(
+    polish_sim: Polish, tmp_path: Path, fault: str, told: str
+) -> None:
+    code, _, err = polish_sim(*FORCE, "--fault", fault, "--out", "run")
+    assert code == 2
+    assert told in err
+    assert not (tmp_path / "run").exists()

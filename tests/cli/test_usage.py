@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from polish_sim import __version__
+from polish_sim.cell import FAULTS
 from polish_sim.cli.main import commands
 
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
@@ -119,6 +120,18 @@ def test_a_bad_config_names_the_key_and_writes_nothing(
     assert code == 2
     assert said in err
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_list_of_one_kind_says_what_each_is(polish_sim: Callable[..., object]) -> None:
+    code, out, _ = polish_sim("list", "faults")
+    assert code == 0
+    lines = out.splitlines()
+    assert len(lines) == len(FAULTS)
+    assert any(line.startswith("part-high") and "20 mm/s" in line for line in lines)
+    code, _, err = polish_sim("list", "robots")
+    assert code == 2
+    assert "parts" in err
+    assert "faults" in err
 
 
 def test_list_names_what_ships(polish_sim: Callable[..., object]) -> None:

@@ -4,6 +4,7 @@ from polish_sim.cell.carried import weight_of
 from polish_sim.cell.cell import Cell, CellRun
 from polish_sim.cell.contact import RealPart, build_pad, press_pad
 from polish_sim.cell.course import build_course
+from polish_sim.cell.faults import FAULTS, parse_events
 from polish_sim.cell.observer import Observer, Silent
 from polish_sim.cell.real_part import Touch, build_real_part, no_part
 from polish_sim.cell.rest import read_at_rest
@@ -11,6 +12,7 @@ from polish_sim.cell.scene import build_scene, tool_on_flange
 from polish_sim.cell.sequence import Job
 
 __all__ = [
+    "FAULTS",
     "Cell",
     "CellRun",
     "Job",
@@ -23,6 +25,7 @@ __all__ = [
     "build_real_part",
     "build_scene",
     "no_part",
+    "parse_events",
     "press_pad",
     "read_at_rest",
     "tool_on_flange",
