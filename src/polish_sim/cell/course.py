@@ -29,7 +29,7 @@ APART = 2.5  # times that reach along the path: nearer places are the same stran
 ROUNDS = 30
 CLOSE_N = 1e-4  # force to which the statics are solved [N]
 LONGEST_STEP = 0.002  # of the search for the depth [m]
-FURTHEST = 0.02  # the pad is sought this far from its planned place [m]
+FURTHEST = 0.03  # the pad is sought this far from its planned place [m]
 
 
 class _Poses(NamedTuple):
@@ -38,8 +38,10 @@ class _Poses(NamedTuple):
     positions: Array
     rotations: Array
     turning: Array
+    bending: Array
     curvature: Array
     force: Array
+    feed: Array
 
 
 class _Statics(NamedTuple):
@@ -87,7 +89,9 @@ def build_course(scenario: Scenario, strokes: Sequence[Job], drawn: DistanceFiel
         statics.moment,
         statics.tilt_stiffness,
         poses.curvature,
+        poses.bending,
         poses.turning,
+        poses.feed,
         nearest_earlier(unpressed, SPACING, REACH * scenario.plan.stepover_m),
     )
 
@@ -134,22 +138,27 @@ def _stroke_of_rows(strokes: Sequence[Job], rows: int) -> Ints:
 
 def _poses(job: Job, s: Array) -> _Poses:
     """Poses of one stroke at arc lengths of the plan (n,) [m], held at its ends."""
-    positions, rotations, turning = np.empty((len(s), 3)), np.empty((len(s), 3, 3)), np.empty((len(s), 3))
-    curvature, force = np.empty(len(s)), np.empty(len(s))
-    _sample(job.process, s - job.start_s, positions, rotations, turning, curvature, force)
-    return _Poses(positions, rotations, turning, curvature, job.force * force)
+    n, table = len(s), job.process
+    tangents = np.gradient(table.tangents, table.spacing, axis=0)
+    rows = np.clip(((s - job.start_s) / table.spacing).astype(np.int64), 0, len(tangents) - 1)
+    poses = _Poses(
+        np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3)), np.linalg.norm(tangents, axis=1)[rows],
+        table.curvature[rows], np.empty(n), np.empty(n),
+    )  # fmt: skip
+    _sample(table, s - job.start_s, poses.positions, poses.rotations, poses.turning, poses.force, poses.feed)
+    return poses._replace(force=job.force * poses.force, feed=job.feed * poses.feed)
 
 
 @njit(cache=True)
 def _sample(
-    table: PathTable, places: Array, positions: Array, rotations: Array, turning: Array, curvature: Array, force: Array
+    table: PathTable, places: Array, positions: Array, rotations: Array, turning: Array, force: Array, feed: Array
 ) -> None:
     tangent, quaternion = np.empty(3), np.empty(4)
     for i in range(len(places)):
-        row = sample_path(table, places[i], positions[i], tangent, quaternion, turning[i])
+        sample_path(table, places[i], positions[i], tangent, quaternion, turning[i])
         rotation_from_quaternion(quaternion, rotations[i])
-        curvature[i] = table.curvature[row]
         force[i] = sample_share(table, table.force_share, places[i])
+        feed[i] = sample_share(table, table.feed_share, places[i])
 
 
 @njit(cache=True, error_model="numpy")
@@ -175,15 +184,17 @@ def _solve(field, x, y, k_point, k_head, positions, rotations, forces):  # type:
     surplus, stiffness = np.empty(count), np.empty(count)
     moment, tilt_stiffness = np.empty((count, 2)), np.empty((count, 2))
     nodes, sums = field.bricks.reshape(-1), np.empty(7)
-    u = 0.0
+    u = -forces[0] / k_head  # on a flat part the pad is there
     for i in range(count):
         p, R = positions[i], rotations[i]
         for _ in range(ROUNDS):
-            _press_disc(field, nodes, x, y, k_point, p, R, u, forces[i] / k_head, sums)
+            _press_disc(field, nodes, x, y, k_point, p, R, u, sums)
             short = forces[i] - sums[0]
             if abs(short) < CLOSE_N:
                 break
             step = short / sums[1] if sums[1] > 0.0 else LONGEST_STEP
+            if sums[6] > 0.0:
+                step = -LONGEST_STEP  # deeper than the field knows
             u = min(max(u + min(max(step, -LONGEST_STEP), LONGEST_STEP), -FURTHEST), FURTHEST)
         surplus[i] = u + forces[i] / k_head
         stiffness[i] = sums[1] * k_head / (sums[1] + k_head)
@@ -193,13 +204,14 @@ def _solve(field, x, y, k_point, k_head, positions, rotations, forces):  # type:
 
 
 @njit(cache=True, error_model="numpy")
-def _press_disc(field, nodes, x, y, k, p, R, u, travel, sums):  # type: ignore[no-untyped-def]
-    """Force and stiffness along tool z, moments about tool x and y and their tilt stiffness at a force, into ``sums``.
+def _press_disc(field, nodes, x, y, k, p, R, u, sums):  # type: ignore[no-untyped-def]
+    """Press the disc, its face ``u`` [m] beyond a pose, on the part.
 
-    The pad's face is ``u`` [m] beyond the pose, the tool point ``travel`` [m] further.
+    Into ``sums``: force along tool z and its stiffness, moments about x and y through the middle of the face, their
+    stiffness against tilting at the same force, points too deep for the field; shape (7,).
     """
     force = slope = moment_x = moment_y = 0.0
-    slope_x = slope_y = slope_xx = slope_yy = 0.0
+    slope_x = slope_y = slope_xx = slope_yy = buried = 0.0
     per_metre = 1.0 / field.spacing
     for q in range(len(x)):
         a, b = x[q], y[q]
@@ -210,19 +222,20 @@ def _press_disc(field, nodes, x, y, k, p, R, u, travel, sums):  # type: ignore[n
             p[2] + a * R[2, 0] + b * R[2, 1] + u * R[2, 2],
         )  # fmt: skip
         size = math.sqrt(gx * gx + gy * gy + gz * gz)
-        if distance >= 0.0 or size == 0.0:
+        if distance >= 0.0:
             continue
-        # The pad's push on the part, tool axes.
-        nx = -(R[0, 0] * gx + R[1, 0] * gy + R[2, 0] * gz) / size
-        ny = -(R[0, 1] * gx + R[1, 1] * gy + R[2, 1] * gz) / size
+        if size == 0.0:
+            buried += 1.0
+            continue
+        # The part of its push on the part that goes along tool z.
         nz = -(R[0, 2] * gx + R[1, 2] * gy + R[2, 2] * gz) / size
         push, rise = -k * distance, k * nz * nz
         force += push * nz
         slope += rise
-        moment_x += push * (b * nz + travel * ny)
-        moment_y += push * (-travel * nx - a * nz)
+        moment_x, moment_y = moment_x + push * nz * b, moment_y - push * nz * a
         slope_x, slope_y = slope_x + rise * b, slope_y + rise * a
         slope_xx, slope_yy = slope_xx + rise * b * b, slope_yy + rise * a * a
     sums[0], sums[1], sums[2], sums[3] = force, slope, moment_x, moment_y
     sums[4] = slope_xx - slope_x * slope_x / slope if slope > 0.0 else 0.0
     sums[5] = slope_yy - slope_y * slope_y / slope if slope > 0.0 else 0.0
+    sums[6] = buried

@@ -27,12 +27,17 @@ class Course(NamedTuple):
     stiffness: Array
     """Change of the force with that depth, head spring and touching part of the pad in series [N/m], shape (n,)."""
     moment: Array
-    """Moment about tool x and y, tool point, of the tool on the part at that depth [N m], shape (n, 2)."""
+    """Moment of the pad's pressure on the part about tool x and y through the middle of the pad's face [N m], shape
+    (n, 2). Friction acts in that face and has no part in it."""
     tilt_stiffness: Array
     """Change of that moment with a tilt of the tool about its own axis at the same force [N m/rad], shape (n, 2)."""
     curvature: Array
     """Normal curvature along the path [1/m], shape (n,)."""
+    bending: Array
+    """Curvature of the planned path in space [1/m], shape (n,)."""
     turning: Array
     """Planned rotation of the tool per arc length, base frame [rad/m], shape (n, 3)."""
+    feed: Array
+    """Planned speed along the path [m/s], shape (n,)."""
     neighbour: NDArray[np.int64]
     """Row of the nearest place on an earlier turn, -1 where there is none within about a step-over, shape (n,)."""
