@@ -143,7 +143,22 @@ class AdaptiveConfig:
     top_speed_m_s: float = key(0.1, "highest speed of the force loop [m/s]", 0.001, 1.0)
     acceleration_m_s2: float = key(1.2, "acceleration the force loop counts on [m/s^2]", 0.05, 20.0)
     force_rate_n_s: float = key(800.0, "fastest rise of the force [N/s]", 1.0, 1e5)
+    tool_center_m: float = key(0.1226, "height of the mass the sensor carries above the tool point [m]", 0.0, 1.0)
     stiff_first: float = key(5.0, "stiffness at first touch, as a multiple of the drawn one [-]", 1.0, 50.0)
+    feed_error_n: float = key(1.0, "force error for which the feed is slowed [N]", 0.05, 50.0)
+    feed_least: float = key(0.1, "share of the planned feed that is always granted [-]", 0.02, 1.0)
+    angular_acceleration_rad_s2: float = key(6.0, "angular acceleration the feed counts on [rad/s^2]", 0.05, 100.0)
+    learning_length_m: float = key(0.005, "the surface found is averaged over this length of the path [m]", 0.001, 0.1)
+    learning_gain: float = key(0.9, "share of what one turn found that the next one expects [-]", 0.0, 1.0)
+    normal_rate_1_s: float = key(3.0, "share of the pad's tilt on the part taken back per time [1/s]", 0.0, 20.0)
+    normal_limit_rad: float = key(
+        math.radians(10.0), "largest correction of the planned axis by the pad's moment [rad]", 0.0, 0.5
+    )
+    normal_turning_rad_s: float = key(0.3, "fastest correction of the planned axis [rad/s]", 0.001, 3.0)
+    head_stiffness_n_m: float = key(20000.0 / 3.0, "spring between tool point and pad, as drawn [N/m]", 10.0, 1e7)
+    pad_tilt_stiffness_nm_rad: float = key(
+        3.125, "disc pressed flat against tilting, k_pad R^2 / 4, as drawn [N m/rad]", 1e-3, 1e5
+    )
 
 
 @dataclass(frozen=True)

@@ -67,8 +67,8 @@ def pack_ahead(course: Course, share: Array) -> Array:
     smooth = gaussian_filter1d(course.surplus, SMOOTHING_M / course.spacing, mode="nearest")
     slope = np.gradient(smooth, course.spacing) if n > 1 else np.zeros(n)
     columns = [
-        course.depth, smooth, slope, course.stiffness, *course.turning.T, *course.moment.T, *course.tilt_stiffness.T, share,
-        course.neighbour, *np.zeros((MEMORY_COLUMNS, n)),
+        course.depth, smooth, slope, course.stiffness, *course.turning.T, *course.moment.T, *course.tilt_stiffness.T,
+        share, course.neighbour, *np.zeros((MEMORY_COLUMNS, n)),
     ]  # fmt: skip
     return np.concatenate([[course.spacing, n], *columns]).astype(np.float64)
 

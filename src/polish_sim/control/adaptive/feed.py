@@ -70,11 +70,12 @@ def followable_share(course: Course, can: Abilities) -> Array:
             can.error * can.bandwidth / (UNFORESEEN * course.stiffness * np.abs(slope)),
             np.sqrt(OF_LIMIT * can.acceleration / push),
             np.sqrt(OF_LIMIT * can.angular_acceleration / turning_change),
-            course.feed,
+            np.maximum(course.feed, 1e-6),
         ])  # fmt: skip
     allowed = limits.min(axis=0)
+    feed = np.maximum(course.feed, 1e-6)
     braking = max(0.05, 2.0 * float(course.feed.max()))  # the sequence's own ramp [m/s^2]
-    return np.asarray(np.minimum(_eased(allowed, 2.0 * braking * course.spacing) / course.feed, 1.0))
+    return np.asarray(np.minimum(_eased(allowed, 2.0 * braking * course.spacing) / feed, 1.0))
 
 
 @njit(cache=True)

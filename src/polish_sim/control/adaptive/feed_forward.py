@@ -43,7 +43,7 @@ def _scale(ratio: float) -> float:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def planned_press_rate(
-    ahead: Ahead, m: Measurement, t: Target, wanted_z: Array, look_ahead: float, ratio: float, gains: FeedForwardGains
+    ahead: Ahead, m: Measurement, t: Target, wanted: Array, look_ahead: float, ratio: float, gains: FeedForwardGains
 ) -> float:
     """Velocity along the tool's own z that keeps the force as the path is followed [m/s].
 
@@ -54,16 +54,18 @@ def planned_press_rate(
         ahead: What lies ahead.
         m: Measurement.
         t: Target.
-        wanted_z: Tool axis the orientation loop aims at, base frame, shape (3,).
+        wanted: Orientation the turning loop aims at, R_base_tool, shape (3, 3).
         look_ahead: How long from now the velocity is wanted [s].
         ratio: Drawn stiffness by the real one [-].
         gains: The gains.
     """
     speed = t.path[2]
+    if speed <= 0.0 or t.contact[0] == 0.0:
+        return 0.0
     slope = at(ahead.slope, ahead.spacing, t.path[0] + speed * look_ahead)
     rate = slope * speed * _scale(ratio)
     for i in range(3):
-        rate += t.twist[i] * (t.rotation[i, 2] + m.rotation[i, 2] - wanted_z[i])
+        rate += t.twist[i] * (t.rotation[i, 2] + m.rotation[i, 2] - wanted[i, 2])
     return gains.weight * rate
 
 

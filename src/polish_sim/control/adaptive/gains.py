@@ -55,6 +55,8 @@ class AdaptiveGains(NamedTuple):
     """1 if the law ``stiffness`` is on, else 0."""
     inertia: float
     """1 if the law is on, else 0."""
+    mass_height: float
+    """Of the carried mass' centre above the tool point [m]."""
 
 
 GAINS_SIZE = len(AdaptiveGains._fields)
@@ -87,6 +89,7 @@ def adaptive_gains(config: AdaptiveConfig) -> AdaptiveGains:
         float("touch-down" in on),
         float("stiffness" in on),
         float("inertia" in on),
+        config.tool_center_m,
     )
 
 
@@ -105,8 +108,8 @@ def laws_of(config: AdaptiveConfig) -> frozenset[str]:
 
 @njit(cache=True)
 def gains_in(row: NDArray) -> AdaptiveGains:  # type: ignore[type-arg]
-    """The gains as they stand in the context, from row (19,)."""
+    """The gains as they stand in the context, from row (20,)."""
     return AdaptiveGains(
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9],
-        row[10], row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18],
+        row[10], row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18], row[19],
     )  # fmt: skip

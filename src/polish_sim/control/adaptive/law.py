@@ -1,6 +1,7 @@
 """The composition: position, orientation and moment as in ``hybrid-pi``, tool z by the adaptive laws (layer 7).
 
-Context: [its length | gains of the hybrid | gains of the laws | memory of the hybrid | memory along z].
+Context: [its length | gains: hybrid | laws along z | laws of the path | memory: hybrid | along z | of the path | what
+lies ahead on the path].
 """
 
 from __future__ import annotations
@@ -12,11 +13,24 @@ import numpy as np
 from numba import carray, cfunc, njit
 from numpy.typing import NDArray
 
+from polish_sim.control.adaptive.ahead import Ahead, ahead_of
 from polish_sim.control.adaptive.delay import expect_delay, measure_delay, remember_command, under_way
+from polish_sim.control.adaptive.feed import granted_feed
+from polish_sim.control.adaptive.feed_forward import lead_turning, planned_press_rate, planned_surplus
 from polish_sim.control.adaptive.force_loop import begin_contact, change_stiffness, observe_force, pace_of
 from polish_sim.control.adaptive.gains import GAINS_SIZE, AdaptiveGains, gains_in
 from polish_sim.control.adaptive.inertia import own_force
+from polish_sim.control.adaptive.learning import learn, learned_rate
 from polish_sim.control.adaptive.memory import MEMORY_SIZE, PressMemory, memory_in
+from polish_sim.control.adaptive.normal import level_by_moment, tilted_target
+from polish_sim.control.adaptive.path_gains import (
+    PATH_GAINS_SIZE,
+    PATH_MEMORY_SIZE,
+    PathGains,
+    PathMemory,
+    path_gains_in,
+    path_memory_in,
+)
 from polish_sim.control.adaptive.sensing import as_sensed
 from polish_sim.control.adaptive.stiffness import refine_stiffness, restart_fit
 from polish_sim.control.adaptive.touch_down import (
@@ -30,9 +44,17 @@ from polish_sim.control.adaptive.touch_down import (
     watch_air,
 )
 from polish_sim.control.compiled import LAW_SIGNATURE
-from polish_sim.control.hybrid import STATE_SIZE, hybrid_state_of, position_by_velocity, replace_along_z
+from polish_sim.control.hybrid import (
+    STATE_SIZE,
+    HybridState,
+    hybrid_state_of,
+    position_by_velocity,
+    replace_along_z,
+    turn_to_target,
+)
 from polish_sim.control.hybrid_laws import GAINS_SIZE as HYBRID_GAINS
 from polish_sim.control.hybrid_laws import turn_and_level
+from polish_sim.control.orientation import OrientationGains
 from polish_sim.control.position import PositionGains
 from polish_sim.control.signals import (
     ANSWER_SIZE,
@@ -47,9 +69,11 @@ from polish_sim.control.signals import (
 Array = NDArray[np.float64]
 
 LAWS_AT = 1 + HYBRID_GAINS
-HYBRID_AT = LAWS_AT + GAINS_SIZE
+PATH_GAINS_AT = LAWS_AT + GAINS_SIZE
+HYBRID_AT = PATH_GAINS_AT + PATH_GAINS_SIZE
 MEMORY_AT = HYBRID_AT + STATE_SIZE
-CONTEXT_SIZE = MEMORY_AT + MEMORY_SIZE
+PATH_AT = MEMORY_AT + MEMORY_SIZE
+AHEAD_AT = PATH_AT + PATH_MEMORY_SIZE
 
 _LANDING = 0.3  # until the landing is over by this much, stiffness is learned
 
@@ -60,12 +84,62 @@ def step_hybrid_adaptive(context: Array, m: Measurement, t: Target, twist: Array
     h, dt = context[1:], m.clock[1]
     g, memory = gains_in(context[LAWS_AT:]), memory_in(context[MEMORY_AT:])
     hybrid = hybrid_state_of(context[HYBRID_AT:])
+    ahead, path = ahead_of(context[AHEAD_AT:]), path_memory_in(context[PATH_AT:])
+    p = path_gains_in(context[PATH_GAINS_AT:])
     position_by_velocity(m, t, PositionGains(h[0], h[1], h[2]), dt, hybrid, twist)
-    turn_and_level(h, dt, m, t, hybrid, twist)
+    turn(h, p, ahead, path, m, t, hybrid, dt, twist)
     by_position = along_z(m, twist)
-    speed = press(g, memory, m, t, by_position, 0.0, 0.0, dt)
+    ratio = g.stiffness / memory.force[3] if memory.force[3] > 0.0 else 1.0
+    expected = expected_rate(p, ahead, path, m, t, 0.0, ratio, dt)
+    expected_then = expected_rate(p, ahead, path, m, t, memory.delay[0], ratio, 0.0)
+    speed = press(g, memory, m, t, by_position, expected, expected_then, dt)
     replace_along_z(m, speed, twist)
     remember_command(memory, speed)
+    look_back(g, p, memory, ahead, path, m, t, ratio, dt, twist)
+
+
+@njit(cache=True)
+def turn(
+    h: Array, p: PathGains, ahead: Ahead, path: PathMemory, m: Measurement, t: Target, hybrid: HybridState, dt: float,
+    twist: Array,
+) -> None:  # fmt: skip
+    """Angular part of the twist: to the planned axis, corrected by what the pad's moment says of the surface."""
+    level_by_moment(ahead, m, t, p.normal, dt, path.normal)
+    tilted_target(t, path.normal, path.wanted)
+    if p.normal.weight > 0.0:
+        corrected = Target(t.position, path.wanted, t.twist, t.force, t.contact, t.path)
+        turn_to_target(m, corrected, OrientationGains(h[0], h[5], h[6], h[7]), dt, path.nothing, hybrid, twist)
+    else:
+        turn_and_level(h, dt, m, t, hybrid, twist)
+    lead_turning(ahead, t, p.forward, twist)
+
+
+@njit(cache=True)
+def expected_rate(
+    p: PathGains, ahead: Ahead, path: PathMemory, m: Measurement, t: Target, look_ahead: float, ratio: float, dt: float
+) -> float:
+    """Speed along tool z that drawing and neighbour turn say the path asks for ``look_ahead`` [s] from now [m/s]."""
+    planned = planned_press_rate(ahead, m, t, path.wanted, look_ahead, ratio, p.forward)
+    return planned + learned_rate(ahead, t, look_ahead, p.learning, dt, path.neighbour)
+
+
+@njit(cache=True)
+def look_back(
+    g: AdaptiveGains, p: PathGains, memory: PressMemory, ahead: Ahead, path: PathMemory, m: Measurement, t: Target,
+    ratio: float, dt: float, twist: Array,
+) -> None:  # fmt: skip
+    """What the force now believed in teaches: where the surface is, and how fast to feed."""
+    state = memory.force
+    if memory.air[5] == 0.0 or state[3] == 0.0:
+        twist[6] = 1.0
+        return
+    error = t.force[0] - (state[0] + state[3] * state[2])
+    height = 0.0
+    for i in range(3):
+        height += t.rotation[i, 2] * (m.position[i] - t.position[i])
+    offset = height + error / state[3] - planned_surplus(ahead, t, ratio, p.forward)
+    learn(ahead, t, offset, p.learning, dt, path.learning)
+    twist[6] = granted_feed(ahead, t, error, p.feed, dt, path.feed)
 
 
 @njit(cache=True)
@@ -102,7 +176,7 @@ def press(
     speed = along_z(m, m.twist)
     pressing = speed - expected
     memory.force[2] += pressing * dt
-    own = own_force(g, memory, speed, pressing if memory.air[5] > 0.0 else 0.0, dt)
+    own = own_force(g, memory, m, speed, pressing if memory.air[5] > 0.0 else 0.0, dt)
     seen = as_sensed(g, memory, memory.force[2], own, dt)
     reading = m.wrench[2] - seen.own
     if not _touches(g, memory, t, along_z(m, t.twist), seen.path, reading, dt):

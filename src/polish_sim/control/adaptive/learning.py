@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.control.adaptive.ahead import Ahead, at
+from polish_sim.control.adaptive.ahead import Ahead
 from polish_sim.control.signals import Target
 
 Array = NDArray[np.float64]
@@ -68,9 +68,7 @@ def learn(ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: floa
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def learned_rate(
-    ahead: Ahead, t: Target, look_ahead: float, gains: LearningGains, dt: float, state: Array
-) -> float:
+def learned_rate(ahead: Ahead, t: Target, look_ahead: float, gains: LearningGains, dt: float, state: Array) -> float:
     """Velocity along the tool axis that the neighbouring turn says will be needed [m/s].
 
     Args:
