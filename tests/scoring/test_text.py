@@ -1,0 +1,139 @@
+"""Tables and words of a score whose rows are known beforehand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from polish_sim.analysis.score_plot import Limit, plot_score
+from polish_sim.errors import InputError
+from polish_sim.scoring import (
+    BATTERY_ASKED,
+    Case,
+    Entry,
+    Score,
+    ablation_table,
+    ablations,
+    breaking,
+    judge,
+    markdown,
+    overview,
+    summarize,
+    verdict_table,
+    worst_case,
+)
+from polish_sim.scoring.summary import Spread, spread
+
+A, B = Entry("alpha", "hybrid-pi"), Entry("beta", "position")
+HOLD, PATH = Case("approach-20", "a hold", "force", ("process.hold_s=2",)), Case("freeform-60", "a path", "surface")
+
+
+def row(case: Case, entry: Entry, seed: int, **changed: Any) -> dict[str, Any]:
+    settled = None if case.moving else 0.2
+    whole = {
+        "case": case.name, "controller": entry.label, "seed": seed, "settling_1n_s": settled, "overshoot_n": 0.5,
+        "rms_error_n": 0.1, "p95_error_n": 0.2, "max_error_n": 0.4 + 0.1 * seed, "peak_force_n": 20.5,
+        "contact_lost_s": 0.0, "stable": True, "mean_error_n": 0.0, "std_n": 0.1, "oscillation_n": 0.1,
+        "peaks_error_n": None, "protective_stop": None, "duration": 5.0,
+    }  # fmt: skip
+    return whole | changed
+
+
+def score_of(*rows: dict[str, Any], entries: tuple[Entry, ...] = (A, B)) -> Score:
+    return Score((HOLD, PATH), entries, 2, rows, len(rows), interrupted=False)
+
+
+BROKEN = row(HOLD, B, 1, settling_1n_s=None, stable=False, max_error_n=30.0, contact_lost_s=1.5, oscillation_n=25.0)
+BOTH = score_of(
+    row(HOLD, A, 0), row(HOLD, A, 1), row(PATH, A, 0), row(PATH, A, 1),
+    row(HOLD, B, 0), BROKEN, row(PATH, B, 0), row(PATH, B, 1),
+)  # fmt: skip
+
+
+def test_mean_and_worst_and_no_worst_where_a_seed_has_none() -> None:
+    assert spread([1.0, 3.0, 2.0]) == Spread(2.0, 3.0)
+    assert spread([1.0, None]) == Spread(1.0, None)
+    assert spread([None, None]) == Spread(None, None)
+
+
+def test_the_overview_says_never_only_where_settling_is_defined() -> None:
+    headings, rows = overview(summarize(BOTH.cases, BOTH.entries, BOTH.rows), means=False)
+    settling = headings.index("settling [s]")
+    assert [line[settling] for line in rows] == ["0.2", "never", "-", "-"]
+    assert [line[0] for line in rows] == ["approach-20", "", "freeform-60", ""]
+    assert [line[-1] for line in rows] == ["2/2", "1/2", "2/2", "2/2"]
+
+
+def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error() -> None:
+    summaries = summarize(BOTH.cases, BOTH.entries, BOTH.rows)
+    worst = worst_case(summaries, B)
+    assert worst is not None
+    assert (worst["case"], worst["seed"], worst["stable"]) == ("approach-20", 1, False)
+    best = worst_case(summaries, A)
+    assert best is not None
+    assert best["max_error_n"] == pytest.approx(0.5)
+    assert breaking(summaries, A) == []
+    (line,) = breaking(summaries, B)
+    assert line.startswith("approach-20: 1 of 2 runs, contact lost for 0.75 s")
+
+
+def test_a_protective_stop_is_named_where_it_breaks() -> None:
+    stopped = row(HOLD, A, 0, stable=False, protective_stop="measured force above the limit", max_error_n=None)
+    (line,) = breaking(summarize((HOLD,), (A,), [stopped]), A)
+    assert line == "approach-20: 1 of 1 runs, measured force above the limit"
+
+
+def test_the_page_has_each_case_with_the_change_of_its_worst_run() -> None:
+    better = score_of(row(PATH, A, 0, max_error_n=1.0), row(PATH, B, 0, max_error_n=4.0))
+    page = markdown(better, [(A, judge(BATTERY_ASKED, better.rows_of(A)))])
+    assert "| max [N] | 1 | 4 | 1 | 4 | -3 (-75%) |" in page
+    assert "a hold. `run force` with `process.hold_s=2`." in page
+    assert "Nowhere in these cases." in page
+    assert "**stable**: no protective stop" in page
+
+
+def test_the_table_asked_says_no_with_the_run_that_falls_short() -> None:
+    _, rows = verdict_table(judge(BATTERY_ASKED, BOTH.rows_of(B)))
+    settling = rows[0]
+    assert settling[4] == "never"
+    assert settling[-2:] == ["approach-20, seed 1", "NO"]
+
+
+def test_what_a_law_is_worth_is_how_much_a_figure_grows_without_it() -> None:
+    without = Entry("without feed", "hybrid-adaptive")
+    rows = [
+        row(HOLD, A, 0),
+        row(PATH, A, 0),
+        row(HOLD, without, 0),
+        row(PATH, without, 0, max_error_n=2.4, stable=False),
+    ]
+    headings, (line,) = ablation_table(score_of(*rows, entries=(A, without)))
+    cells = dict(zip(headings, line, strict=True))
+    assert cells["law left out"] == "feed"
+    assert cells["max [N]: mean change / most, where"] == "+1 / +2 freeform-60"
+    assert cells["unstable runs"] == "+1"
+
+
+def test_each_law_of_the_composed_controller_is_left_out_once() -> None:
+    entries = ablations(Entry("hybrid-adaptive", "hybrid-adaptive", ("controller.adaptive.crossover_rad_s=30",)))
+    scenarios = [HOLD.scenario(entry, 0) for entry in entries]
+    laws = [set(scenario.controller.adaptive.laws.split()) for scenario in scenarios]
+    whole = set().union(*laws)
+    assert len(entries) == len(whole) >= 3
+    assert [whole - left for left in laws] == [{entry.label.removeprefix("without ")} for entry in entries]
+    assert {scenario.controller.adaptive.crossover_rad_s for scenario in scenarios} == {30.0}
+    with pytest.raises(InputError, match="not composed"):
+        ablations(A)
+
+
+def test_every_run_is_a_dot_and_an_unstable_one_a_cross() -> None:
+    figure = plot_score(
+        BOTH.rows, {"approach-20": False, "freeform-60": True}, [Limit("approach-20", "max_error_n", 1.0)]
+    )
+    settling, _, largest, _ = figure.axes
+    markers = [line.get_marker() for line in largest.lines]
+    assert markers.count("o") == 7
+    assert markers.count("x") == 1
+    assert len(settling.lines) == 4  # not along the path
+    assert [float(line.get_xdata()[0]) for line in largest.lines if line.get_marker() == "None"] == [1.0]
