@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -130,7 +129,7 @@ def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -
     assert figures["runs_missing"] == 60 - figures["runs"]
 
 
-@pytest.mark.skipif(not hasattr(os, "SIGKILL"), reason="needs SIGKILL")
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
 def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(polish_sim: Polish, tmp_path: Path) -> None:
     with _begun(tmp_path, 4) as run:
         run.kill()
