@@ -9,6 +9,7 @@ from polish_sim.scoring.case import Case
 
 _FLAT = ("part.file=plate", "plan.pattern=raster", "plan.raster_direction=[1.0, 0.0, 0.0]", "plan.stepover_m=0.025")
 _FREEFORM = ("part.file=freeform", "plan.stepover_m=0.016")
+_FAR_OFF = "safety.offset_limit_m=0.01"  # what is to be followed is no reason to stop
 _APPROACH_20 = "process.approach_speed_m_s=0.02"
 
 
@@ -99,7 +100,7 @@ def _surprises() -> list[Case]:
         ),
         _flat(
             "ramp-8deg", "plate at 30 mm/s, the real one with an 8 deg ramp across the strokes", 30, 18,
-            "part.real_file=plate_ramp",
+            "part.real_file=plate_ramp", _FAR_OFF,
         ),
         _hold(
             "moving-1hz", "20 N on a plate that moves up and down by 0.5 mm at 1 Hz, held 6 s", "part.motion_m=0.0005",
@@ -133,9 +134,15 @@ def _rigid() -> list[Case]:
 
 def _errors() -> list[Case]:
     return [
-        _freeform("part-3mm", "freeform at 30 mm/s, the part 3 mm off its place", 30, "part.displacement_m=0.003"),
         _freeform(
-            "part-2deg", "freeform at 30 mm/s, the part turned by 2 deg", 30, f"part.rotation_rad={math.radians(2.0)}"
+            "part-3mm", "freeform at 30 mm/s, the part 3 mm off its place", 30, "part.displacement_m=0.003", _FAR_OFF
+        ),
+        _freeform(
+            "part-2deg",
+            "freeform at 30 mm/s, the part turned by 2 deg",
+            30,
+            f"part.rotation_rad={math.radians(2.0)}",
+            _FAR_OFF,
         ),
         _freeform(
             "payload-20", "freeform at 30 mm/s, payload taken for 20% too heavy", 30, "sensor.payload_mass_error=0.2"

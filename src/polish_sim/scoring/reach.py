@@ -43,7 +43,7 @@ REACH_CASES: Final = (
         "freeform, 16 mm step-over, whole path at 10 to 60 mm/s, the part up to 3 mm and 2 deg off and bent by up to "
         "0.5 mm",
         "surface",
-        ("plan.stepover_m=0.016",),
+        ("plan.stepover_m=0.016", "safety.offset_limit_m=0.01"),
         (
             Draw("process.feed_m_s", 0.01, 0.06),
             Draw("process.approach_speed_m_s", 0.002, 0.02),
