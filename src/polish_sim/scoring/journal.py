@@ -23,7 +23,7 @@ from polish_sim.scoring.row import Row, Task
 ROWS: Final = "rows.jsonl"
 
 _PACKAGE: Final = Path(__file__).resolve().parent.parent
-_NO_PART_IN_ROWS: Final = ("cli", "scoring/journal", "scoring/crew", "scoring/score", "analysis/score_plot")
+_NO_PART_IN_ROWS: Final = ("cli", "crew", "scoring/journal", "scoring/score", "analysis/score_plot")
 
 
 class Journal:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from polish_sim.control import build_controller
+from polish_sim.crew import work_off
 from polish_sim.errors import InputError
 from polish_sim.scoring.case import Case, Entry
-from polish_sim.scoring.crew import work_off
 from polish_sim.scoring.journal import Journal
 from polish_sim.scoring.row import Row, Task, measure_row, setup_key
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from polish_sim.scoring.crew import CrewError, work_off
+from polish_sim.crew import CrewError, work_off
 
 
 def double(task: int) -> int:

@@ -1,4 +1,4 @@
-"""Work shared out to processes that may die, each task's result as it comes (layer 10).
+"""Work shared out to processes that may die, each task's result as it comes (layer 0).
 
 A pool of the standard library breaks as a whole when one of its processes is killed; here the one that died is named,
 another takes its place, and its task is tried once more.
@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
+import sys
 import traceback
-from collections.abc import Callable, Generator, Hashable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -117,9 +118,23 @@ def _hire(work: Callable[[Any], Any]) -> _Worker:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(theirs, work), daemon=True)
-    process.start()
+    with _deaf_children():
+        process.start()
     theirs.close()
     return _Worker(process, ours)
+
+
+@contextmanager
+def _deaf_children() -> Iterator[None]:
+    """Processes begun in the block never hear Ctrl-C, not even while they start up; this one hears it afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _hand_out(queue: _Queue, worker: _Worker) -> None:
@@ -173,6 +188,7 @@ def _dismiss(crew: list[_Worker]) -> None:
 def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
     """Life of a worker: it ends when nobody listens any more. The parent alone hears Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.stdout = sys.stderr  # what a user's controller prints is not part of the tables
     use_kernel_cache()
     with suppress(EOFError, OSError):
         while True:
