@@ -39,9 +39,6 @@ class Arm(NamedTuple):
     """Servos: damping ratio [-]."""
     mount_mass: float = 1.7
     """What hangs on the sensor before the head's spring [kg]."""
-    surplus: float = 1.0
-    """Share of the engine's surplus of inertia that the sensor's reading holds: its accelerations leave the damping of
-    the servos for later in the step and come out too large; 1 as the engine has them, 0 for the motion's own [-]."""
     drag: float = 0.0
     """Friction of the joints as a damper [N s/m], see ``friction_drag``."""
 
@@ -163,9 +160,8 @@ def build_plant(setup: Setup) -> Plant:
     mass = np.diag([arm.mass, setup.head_mass])
     implicit = mass + h * np.array([[D + arm.drag + c, -c], [-c, c]])
     step = h * np.linalg.inv(implicit)
-    # Inertia felt by the sensor: of the forces as the engine counts them, or of the motion they lead to.
-    felt = np.array([arm.mount_mass / arm.mass, 1.0]) * arm.surplus
-    felt = felt + np.array([arm.mount_mass, setup.head_mass]) @ step / h * (1.0 - arm.surplus)
+    # Inertia felt by the sensor, of the motion the forces lead to.
+    felt = np.array([arm.mount_mass, setup.head_mass]) @ step / h
     A, B = np.eye(7), np.zeros(7)
     A[2:4] += step @ pull
     B[2:4] = step @ pull_command
