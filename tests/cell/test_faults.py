@@ -171,3 +171,11 @@ def test_noise_five_times_stronger_raises_the_threshold_of_contact_and_the_robot
     assert floor == pytest.approx(5.0 * 2.5 * math.sqrt(blend / (2.0 - blend)), rel=0.2)
     assert run.stop_reason is None
     assert run.trace.normal_force_n[run.trace.phase == 2].min() > 5.0
+
+
+def test_a_part_that_rises_while_the_tool_touches_down_is_noticed_too() -> None:
+    run = faulty("part-high@contact+0.05").run()
+    assert run.stop_reason == REASONS[RISEN]
+    # It goes on to be pressed in by 4 mm first; what it has risen counts from where contact was found.
+    assert run.safety.fault_to_stop_s == pytest.approx(0.009 / SHIFT_SPEED, abs=0.1)
+    ends_well(run)

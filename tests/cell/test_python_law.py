@@ -85,15 +85,17 @@ def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(
         ("target.speed", "AttributeError"),
     ],
 )
-def test_a_failing_step_is_a_protective_stop_with_its_reason_and_the_log_up_to_it(
+def test_a_failing_step_is_a_protective_stop_with_its_reason_and_the_log_whole(
     flat: RealPart, tmp_path: Path, answer: str, told: str
 ) -> None:
     run = run_with(flat, tmp_path, FAILS.format(answer=answer))
     assert run.stop_reason is not None
     assert run.stop_reason.startswith("the controller ")
     assert told in run.stop_reason
-    assert run.steps == 901
-    assert len(run.log) == 901
+    assert run.safety.protective_stop_time_s == pytest.approx(0.9)
+    assert run.trace.phase[899] != 3
+    assert set(run.trace.phase[900:]) == {3}
+    assert len(run.log) == run.steps
     assert np.all(np.isfinite(run.log["q_rad"]))
 
 
@@ -123,7 +125,7 @@ def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_t
     assert watch.cycle_s == 0.004
     np.testing.assert_allclose(cycles, 0.004)
     np.testing.assert_allclose(times, 0.004 * np.arange(len(times)), atol=1e-12)
-    assert len(times) == -(-run.steps // 4)
+    assert len(times) == int(np.sum(run.trace.phase < 3)) // 4 + 1  # the cycle of the stop is the last
 
 
 def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error(flat: RealPart) -> None:
@@ -140,3 +142,4 @@ def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error(flat: RealPart)
     assert run.interrupted
     assert run.stop_reason is None
     assert run.steps == 502
+    assert run.safety.protective_stop_time_s is None

@@ -31,7 +31,7 @@ REASONS: Mapping[float, str] = MappingProxyType(
         MISSING: "no contact down to process.search_depth_m below the nominal surface: is the part there?",
         HIGH: "the part is higher than planned: contact found more than safety.offset_limit_m above its surface",
         LOW: "the part is lower than planned: contact found more than safety.offset_limit_m below its surface",
-        RISEN: "the surface has risen by more than safety.offset_limit_m since the force was first held",
+        RISEN: "the surface has risen by more than safety.offset_limit_m",
         FALLEN: "the surface has fallen away by more than safety.offset_limit_m: has the part or the reading drifted?",
         SPINDLE: "the spindle is below 80% of its speed",
         CONTROLLER_NAN: "the controller returned a value that is not finite",
@@ -74,7 +74,7 @@ class Guards(NamedTuple):
     smooth: Array
     """The reading's force, smoothed, sensor frame [N], shape (3,)."""
     held: Array
-    """Time the force has been held [s], offset of the tool when it first was [m], 1 once it was; shape (3,)."""
+    """Time the force has been held [s], tool's depth at contact, then when it first was [m], 1 once it was; (3,)."""
 
 
 def build_guards(scenario: Scenario, points: Array, bodies: NDArray[np.int64]) -> Guards:

@@ -52,6 +52,4 @@ class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
         except BaseException as error:
             self.error = error
             self._twist[:] = WHOLE_FEED
-            self._status[PYTHON_ERROR] = 1.0
-            if isinstance(error, KeyboardInterrupt):
-                self._status[ENDED] = 1.0
+            self._status[ENDED if isinstance(error, KeyboardInterrupt) else PYTHON_ERROR] = 1.0

@@ -88,10 +88,11 @@ def check_guards(cell: CellKernel, m: Measurement, target: Target, count: int) -
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _check_surface(cell: CellKernel, m: Measurement, target: Target) -> float:
-    """Whether the surface is where it was planned: when contact is found, and while the force is held.
+    """Whether the surface is where it was planned: when contact is found, and from then on.
 
-    What the springs give way by is only known once the force is held; from there on the tool's offset from the plan
-    is the surface's. Until then it may be what springs five times softer than planned would need.
+    What the springs give way by is only known once the force is held in the process; from there on the tool's offset
+    from the plan is the surface's. Until then the tool may go as deep as springs five times softer than planned need,
+    but not above where it found contact.
     """
     guards, held, stage = cell.guards, cell.guards.held, cell.sequence.stage
     if target.contact[0] == 0.0:
@@ -100,22 +101,22 @@ def _check_surface(cell: CellKernel, m: Measurement, target: Target) -> float:
     offset = 0.0
     for i in range(3):
         offset += target.rotation[i, 2] * (m.position[i] - target.position[i])
+    # Depth of the tool below the planned surface, which the target is pressed in by the job's depth.
+    depth = offset + (cell.sequence.path[2] if stage[0] == TOUCH_DOWN else cell.job.depth)
     if stage[0] == TOUCH_DOWN and stage[1] == 0.0:
-        depth = cell.sequence.path[2] + offset
+        held[0], held[1], held[2] = 0.0, depth, 0.0
         if abs(depth) > guards.offset:
             return LOW if depth > 0.0 else HIGH
-    force = target.force[0]
+    room = guards.offset
     if held[2] == 0.0:
-        holding = stage[0] != TOUCH_DOWN and abs(m.wrench[2] - force) < 0.25 * force
+        room += _DEEPEST * cell.job.depth
+        holding = stage[0] != TOUCH_DOWN and abs(m.wrench[2] - target.force[0]) < 0.25 * target.force[0]
         held[0] = held[0] + cell.engine.dt if holding else 0.0
         if held[0] >= HELD_S:
-            held[1], held[2] = offset, 1.0
-        room = guards.offset + _DEEPEST * cell.job.depth
-    else:
-        room = guards.offset
-    if offset - held[1] > room:
+            held[1], held[2] = depth, 1.0
+    if depth - held[1] > room:
         return FALLEN
-    return RISEN if offset - held[1] < -room else 0.0
+    return RISEN if depth - held[1] < -guards.offset else 0.0
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
