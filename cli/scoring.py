@@ -154,8 +154,8 @@ def _tell(wish: Wish, score: Score, verdicts: Sequence[tuple[Entry, Sequence[Ver
     if not score.rows:
         return
     left = 2 if len(score.entries) > 1 else 1
-    title = f"score, worst of {score.seeds} seeds (means in score.md)" if score.seeds > 1 else "score, one seed"
-    console.table(title, *overview(summaries, means=False), left=left)
+    seeds = f"worst of {score.seeds} seeds (means in score.md)" if score.seeds > 1 else "one seed"
+    console.table(f"score [s, N], {seeds}", *overview(summaries, means=False), left=left)
     if wish.ablate:
         console.table("what each law is worth", *ablation_table(score), left=2)
     for entry, own in verdicts if not wish.ablate else verdicts[:1]:

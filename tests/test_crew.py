@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -88,3 +92,41 @@ def test_breaking_off_leaves_no_process_behind() -> None:
         before = children.read_text().split() if children.exists() else []
     after = children.read_text().split() if children.exists() else []
     assert len(after) <= max(0, len(before) - 1)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_workers_do_not_outlive_a_parent_that_is_killed(tmp_path: Path) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    with subprocess.Popen([sys.executable, str(script)], cwd=tmp_path) as parent:
+        until(lambda: (tmp_path / "worker").exists() and (tmp_path / "worker").read_text() != "")
+        worker = int((tmp_path / "worker").read_text())
+        parent.kill()
+    until(lambda: not alive(worker))
+
+
+PARENT = """
+import os, pathlib, time
+from polish_sim.crew import work_off
+
+def sleep(task):
+    pathlib.Path("worker").write_text(str(os.getpid()))
+    time.sleep(600)
+
+if __name__ == "__main__":
+    list(work_off([1], sleep, lambda task: 0, 1))
+"""
+
+
+def alive(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().split()[2] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def until(happened: Callable[[], bool], seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.05)

@@ -7,8 +7,10 @@ another takes its place, and its task is tried once more.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -188,6 +190,7 @@ def _dismiss(crew: list[_Worker]) -> None:
 def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
     """Life of a worker: it ends when nobody listens any more. The parent alone hears Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
     sys.stdout = sys.stderr  # what a user's controller prints is not part of the tables
     use_kernel_cache()
     with suppress(EOFError, OSError):
@@ -198,3 +201,11 @@ def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
             except Exception as raised:
                 value, error = None, "".join(traceback.format_exception(raised))
             pipe.send((value, error))
+
+
+def _leave_with_parent() -> None:
+    """End this process as soon as the one that hired it is gone, killed in the middle of a task or not."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)

@@ -132,3 +132,12 @@ def test_undefined_figures_are_null_on_disk(tmp_path: Path) -> None:
 def test_two_scores_do_not_write_into_one_folder(tmp_path: Path) -> None:
     with locked(tmp_path), pytest.raises(InputError, match="another score is at work"), locked(tmp_path):
         pass
+
+
+def test_a_controller_that_grants_half_the_feed_is_seen_to_slow_down(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("import numpy as np\n" + CONTROLLER.format(body="return np.append(target.twist, 0.5)"))
+    line = replace(choose_cases(BATTERY, ["flat-30"])[0], settings=("part.file=plate", "process.max_feed_s=2"))
+    slow, whole = (measure_row(Task(line, user_entry(name), 0)) for name in (f"{file}:Press", "hybrid-pi"))
+    assert whole["slowed"] < 0.1  # the ramp
+    assert slow["slowed"] == pytest.approx(0.5 + 0.5 * whole["slowed"], abs=0.05)

@@ -35,7 +35,7 @@ def row(case: Case, entry: Entry, seed: int, **changed: Any) -> dict[str, Any]:
         "case": case.name, "controller": entry.label, "seed": seed, "settling_1n_s": settled, "overshoot_n": 0.5,
         "rms_error_n": 0.1, "p95_error_n": 0.2, "max_error_n": 0.4 + 0.1 * seed, "peak_force_n": 20.5,
         "contact_lost_s": 0.0, "stable": True, "mean_error_n": 0.0, "std_n": 0.1, "oscillation_n": 0.1,
-        "peaks_error_n": None, "protective_stop": None, "duration": 5.0,
+        "peaks_error_n": None, "protective_stop": None, "duration": 5.0, "slowed": None,
     }  # fmt: skip
     return whole | changed
 
@@ -59,7 +59,7 @@ def test_mean_and_worst_and_no_worst_where_a_seed_has_none() -> None:
 
 def test_the_overview_says_never_only_where_settling_is_defined() -> None:
     headings, rows = overview(summarize(BOTH.cases, BOTH.entries, BOTH.rows), means=False)
-    settling = headings.index("settling [s]")
+    settling = headings.index("settling")
     assert [line[settling] for line in rows] == ["0.2", "never", "-", "-"]
     assert [line[0] for line in rows] == ["approach-20", "", "freeform-60", ""]
     assert [line[-1] for line in rows] == ["2/2", "1/2", "2/2", "2/2"]

@@ -57,6 +57,7 @@ DEFINITIONS: Final[Mapping[str, str]] = MappingProxyType(
         "mean_error_n": "mean of the error in the window",
         "std_n": "standard deviation of the error in the window",
         "oscillation_n": "the amplitude by which `stable` judges",
+        "slowed": "path cases: share of the wanted feed the controller did not drive, ramps included [-]",
         "peaks_error_n": "path cases: mean over the curvature peaks of the path of the largest error within 15 mm",
     }
 )

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polish_sim.analysis.peaks import curvature_peaks, errors_at_peaks
 from polish_sim.analysis.rows import PROCESS
@@ -95,7 +96,14 @@ def _figures(task: Task, scenario: Scenario, place: Workplace, run: CellRun) -> 
     path_s = trace.path_s_m[fed]
     passed = peaks[peaks <= (path_s[-1] if len(path_s) else -np.inf)]
     at_peaks = errors_at_peaks(path_s, (trace.normal_force_n - wanted)[fed], passed).at_peaks_n
-    return figures | {"peaks_error_n": None if np.isnan(at_peaks) else float(at_peaks)}
+    known = None if np.isnan(at_peaks) else float(at_peaks)
+    return figures | {"peaks_error_n": known, "slowed": _slowed(scenario, path_s) if task.case.moving else None}
+
+
+def _slowed(scenario: Scenario, path_s: NDArray[np.float64]) -> float | None:
+    """Share of the wanted feed that was not driven [-]; the places on the path at the steps of the feed, shape (n,)."""
+    planned = len(path_s) * scenario.simulation.timestep_s * scenario.process.feed_m_s
+    return 1.0 - float(path_s[-1] - path_s[0]) / planned if len(path_s) > 1 else None
 
 
 def _done(scenario: Scenario, place: Workplace, run: CellRun) -> bool:
@@ -139,7 +147,7 @@ _PLACES, _PARTS = _Memory(), _Memory()
 _NOTHING: Final[Row] = dict.fromkeys(
     (
         "settling_1n_s", "overshoot_n", "rms_error_n", "p95_error_n", "max_error_n", "peak_force_n", "contact_lost_s",
-        "mean_error_n", "std_n", "oscillation_n", "peaks_error_n",
+        "mean_error_n", "std_n", "oscillation_n", "peaks_error_n", "slowed",
     )
 ) | {"stable": False}  # fmt: skip
 

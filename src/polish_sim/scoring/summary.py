@@ -17,8 +17,13 @@ SHOWN: Final[Mapping[str, str]] = {
     "max_error_n": "max [N]",
     "peak_force_n": "peak force [N]",
     "contact_lost_s": "lost [s]",
+    "slowed": "slowed [-]",
 }
 """Figures of the tables and their headings."""
+
+
+SHORT: Final = ("settling", "overshoot", "RMS", "p95", "max", "peak", "lost", "slowed")
+"""The same for the screen, where N and s are said in the title."""
 
 
 class Spread(NamedTuple):

@@ -9,7 +9,7 @@ from polish_sim.analysis.score_figures import DEFINITIONS
 from polish_sim.scoring.case import Entry
 from polish_sim.scoring.reach import Verdict
 from polish_sim.scoring.score import Score
-from polish_sim.scoring.summary import SHOWN, Spread, Summary, summarize, worst_case
+from polish_sim.scoring.summary import SHORT, SHOWN, Spread, Summary, summarize, worst_case
 
 Table = tuple[list[str], list[list[str]]]
 """Headings and rows."""
@@ -27,13 +27,13 @@ def overview(summaries: Sequence[Summary], means: bool = True) -> Table:
 
     Args:
         summaries: The summaries.
-        means: Whether means are shown beside the worst.
+        means: Whether means are shown beside the worst, under headings with units.
 
     Returns:
         Headings and rows.
     """
     several = len({summary.entry for summary in summaries}) > 1
-    headings = ["case", *(["controller"] if several else []), *SHOWN.values(), "stable"]
+    headings = ["case", *(["controller"] if several else []), *(SHOWN.values() if means else SHORT), "stable"]
     rows, before = [], ""
     for summary in summaries:
         name = summary.case.name if summary.case.name != before else ""
