@@ -40,13 +40,13 @@ REACH_CASES: Final = (
     *_grid(),
     Case(
         "reach-random",
-        "freeform, 16 mm step-over, whole path at 10 to 60 mm/s, the part up to 3 mm and 2 deg off and bent by up to "
-        "0.5 mm",
+        "freeform, 16 mm step-over, whole path at 20 to 60 mm/s, landing at 5 to 20 mm/s, the part up to 3 mm and "
+        "2 deg off and bent by up to 0.5 mm",
         "surface",
         ("plan.stepover_m=0.016", "safety.offset_limit_m=0.01"),
         (
-            Draw("process.feed_m_s", 0.01, 0.06),
-            Draw("process.approach_speed_m_s", 0.002, 0.02),
+            Draw("process.feed_m_s", 0.02, 0.06),
+            Draw("process.approach_speed_m_s", 0.005, 0.02),
             Draw("part.displacement_m", 0.0, 0.003),
             Draw("part.rotation_rad", 0.0, math.radians(2.0)),
             Draw("part.form_error_m", 0.0, 0.0005),
