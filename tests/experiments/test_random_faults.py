@@ -1,0 +1,21 @@
+"""Random faults in random runs, a few; `python -m benchmarks.faults --count 200` does the many."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.faults import RUNS, Injection, draw, inject
+from polish_sim.cell import FAULTS
+
+
+@pytest.mark.parametrize("injection", draw(200, seed=3)[:6], ids=lambda one: f"{one.fault}-{one.experiment}")
+def test_no_fault_leads_to_60_newton_or_loses_the_log_or_leaves_the_tool_on_the_part(injection: Injection) -> None:
+    assert inject(injection).wrong == ()
+
+
+def test_every_fault_is_drawn_about_as_often() -> None:
+    drawn = draw(200)
+    for name in FAULTS:
+        assert abs(sum(one.fault == name for one in drawn) - 200 / len(FAULTS)) <= 1
+    assert {one.experiment for one in drawn} == set(RUNS)
+    assert draw(200) == drawn
