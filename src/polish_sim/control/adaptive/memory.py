@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 LINE = 64
 """Cycles the delay lines hold."""
-MEMORY_SIZE = 3 * LINE + 30
+MEMORY_SIZE = 3 * LINE + 31
 
 
 class PressMemory(NamedTuple):
@@ -32,7 +32,8 @@ class PressMemory(NamedTuple):
     """Command delay [s], commanded less done travel [m], slowed command [m/s], last command [m/s], shape (4,)."""
     air: Array
     """Time watched [s]; mean of the reading in the air [N], variance of its noise [N^2]; the reading at two low-passes
-    [N]; whether the tool touches; fastest approach [m/s]; the target's contact before, shape (8,)."""
+    [N]; whether the tool touches; fastest approach [m/s]; the target's contact before; variance of the faster
+    low-passed reading [N^2], shape (9,)."""
     fit: Array
     """Weight, mean travel [m], mean force [N], spread of the travel [m^2], of both [N m], shape (5,)."""
     force: Array
@@ -42,7 +43,7 @@ class PressMemory(NamedTuple):
 
 @njit(cache=True)
 def memory_in(flat: Array) -> PressMemory:
-    """Named views of a flat memory, shape (222,)."""
+    """Named views of a flat memory, shape (223,)."""
     n = 3 * LINE
     return PressMemory(
         flat[0:64],
@@ -51,7 +52,7 @@ def memory_in(flat: Array) -> PressMemory:
         flat[n : n + 4],
         flat[n + 4 : n + 7],
         flat[n + 7 : n + 11],
-        flat[n + 11 : n + 19],
-        flat[n + 19 : n + 24],
-        flat[n + 24 : n + 30],
+        flat[n + 11 : n + 20],
+        flat[n + 20 : n + 25],
+        flat[n + 25 : n + 31],
     )

@@ -1,9 +1,9 @@
 """Law ``touch-down``: notice the part, press on it as fast as robot and springs allow, stop at the set force (layer 7).
 
-Contact is what the air was not: in the air the reading's mean is learned, and its noise from what a low-pass takes off,
-which a rising force leaves alone. The part is there once the reading, at one of two low-passes (30 Hz for fast
-approaches, 5 Hz for slow ones), leaves the mean by five standard deviations. Where it falls back it was noise, and the
-tool goes on as before.
+Contact is what the air was not: in the air the reading's mean is learned, and its noise, from what a low-pass takes off
+and from what it leaves (values beyond two deviations count as two: a rising force must not pass for noise). The part is
+there once the reading, at one of two low-passes (30 Hz for fast approaches, 5 Hz for slow ones), leaves the mean by
+five standard deviations. Where it falls back it was noise, and the tool goes on as before.
 
 The speed then follows from the travel still to go, as for the quickest stop at an acceleration a without overshoot:
 v = w x near the end, v = sqrt(2 a (x - a / 2 w^2)) before. It starts at the speed of the approach, grows with the
@@ -26,9 +26,9 @@ _ROUGH_SHARE = 0.73  # of its variance that the faster low-pass takes off
 _SIGMAS = 5.0
 _FAST_LEAST, _SLOW_LEAST = 0.4, 0.3  # smallest rise that counts as contact [N]
 _ARMED = 0.15  # time in the air before the statistics are believed [s]
-_AIR_MEMORY = 0.4  # [s]
+_AIR_MEMORY, _NOISE_MEMORY = 0.4, 1.0  # [s]
 _LARGEST_OFFSET = 1.5  # of the reading in the air [N]
-_SURE = 2.0  # rise at which contact is beyond doubt [N]
+_SURE = 1.5  # further rise at which contact is beyond doubt [N]
 _SEEK_SLOWEST, _SEEK_FASTEST = 0.005, 0.02  # towards a part that should be there [m/s]
 _FOUND = 0.2  # contact that lasted this long was the part [s]
 _BRAKING = 0.8  # share of the robot's acceleration that is planned with
@@ -53,13 +53,15 @@ def watch_air(memory: PressMemory, reading: float, approaching: bool, dt: float)
         return False
     air[0] += dt
     if air[0] <= 1.5 * dt:
-        air[1], air[2], air[3], air[4] = reading, 0.0, reading, reading
+        air[1], air[2], air[3], air[4], air[8] = reading, 0.0, reading, reading, 0.0
         return False
     smooth_reading(memory, reading, dt)
-    slow_rise = max(_SLOW_LEAST, _SIGMAS * _SLOW_SHARE * math.sqrt(air[2]))
+    slow_rise = max(_SLOW_LEAST, _SLOW_SHARE / _FAST_SHARE * _SIGMAS * _deviation(memory))
     if is_armed(memory) and (air[3] - air[1] > fast_rise(memory) or air[4] - air[1] > slow_rise):
         return True
-    share, rough = dt / min(air[0], _AIR_MEMORY), reading - air[3]
+    share, rough, off = dt / min(air[0], _AIR_MEMORY), reading - air[3], air[3] - air[1]
+    counted = min(off * off, 4.0 * air[8]) if is_armed(memory) else off * off
+    air[8] += dt / min(air[0], _NOISE_MEMORY) * (counted - air[8])
     air[1] += share * (reading - air[1])
     air[1] = min(max(air[1], -_LARGEST_OFFSET), _LARGEST_OFFSET)
     air[2] += share * (rough * rough / _ROUGH_SHARE - air[2])
@@ -69,7 +71,13 @@ def watch_air(memory: PressMemory, reading: float, approaching: bool, dt: float)
 @njit(cache=True)
 def fast_rise(memory: PressMemory) -> float:
     """Rise of the faster low-pass above the air that only contact explains [N]."""
-    return max(_FAST_LEAST, _SIGMAS * _FAST_SHARE * math.sqrt(memory.air[2]))
+    return max(_FAST_LEAST, _SIGMAS * _deviation(memory))
+
+
+@njit(cache=True)
+def _deviation(memory: PressMemory) -> float:
+    """Of the faster low-passed reading in the air: what white noise would do, or what it did if that is more [N]."""
+    return math.sqrt(max(_FAST_SHARE * _FAST_SHARE * memory.air[2], memory.air[8]))
 
 
 @njit(cache=True)
@@ -97,7 +105,8 @@ def speed_limit(g: AdaptiveGains, memory: PressMemory, stiffness: float) -> floa
     """Highest speed along tool z for the evidence of contact there is and a ``stiffness`` [N/m]; result [m/s]."""
     if g.touch_down == 0.0:
         return g.speed
-    evidence = min(max((memory.air[3] - memory.air[1]) / _SURE, 0.0), 1.0)
+    rise = memory.air[3] - memory.air[1] - fast_rise(memory)
+    evidence = min(max(rise / _SURE, 0.0), 1.0)
     believed = min(seek_speed(memory) + evidence * g.speed, g.speed)
     return min(believed, max(g.force_rate / stiffness, _SEEK_SLOWEST))
 
