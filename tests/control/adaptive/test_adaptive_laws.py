@@ -16,9 +16,11 @@ from polish_sim.control.adaptive.memory import MEMORY_SIZE, PressMemory, memory_
 from polish_sim.control.adaptive.sensing import as_sensed
 from polish_sim.control.adaptive.stiffness import refine_stiffness, restart_fit
 from polish_sim.control.adaptive.touch_down import quickest_stop, watch_air
+from tests.control.adaptive.plant import measurement_at_rest
 
 DT = 0.001
 GAINS = adaptive_gains(AdaptiveConfig())
+STILL = measurement_at_rest()
 
 
 def fresh() -> PressMemory:
@@ -49,17 +51,17 @@ def test_a_ramp_is_shown_as_late_as_the_sensor_is() -> None:
 
 def test_the_tools_own_force_is_mass_times_acceleration() -> None:
     memory = fresh()
-    forces = [own_force(GAINS, memory, 0.5 * k * DT, 0.0, DT) for k in range(10)]
+    forces = [own_force(GAINS, memory, STILL, 0.5 * k * DT, 0.0, DT) for k in range(10)]
     assert forces[0] == 0.0
     np.testing.assert_allclose(forces[1:], 2.0 * 0.5)
     off = GAINS._replace(inertia=0.0)
-    assert own_force(off, memory, 1.0, 0.0, DT) == 0.0
+    assert own_force(off, memory, STILL, 1.0, 0.0, DT) == 0.0
 
 
 def test_the_dampers_force_builds_up_within_its_lag() -> None:
     memory = fresh()
     memory.force[3] = GAINS.stiffness
-    forces = [own_force(GAINS, memory, 0.05, 0.05, DT) for _ in range(50)]
+    forces = [own_force(GAINS, memory, STILL, 0.05, 0.05, DT) for _ in range(50)]
     lag = 1.0 - math.exp(-2 * DT / GAINS.damping_lag)
     assert forces[1] == pytest.approx(GAINS.damping * 0.05 * lag)
     assert forces[-1] == pytest.approx(GAINS.damping * 0.05)
