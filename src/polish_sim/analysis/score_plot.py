@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
 from polish_sim.analysis.style import GREEN, GREY, SERIES, new_figure, styled
 
@@ -72,6 +73,7 @@ def _draw_panel(
     right = 1.6 * max([*known, 10.0 * panel.least])
     axes.set_xscale("log")
     axes.set_xlim(0.8 * panel.least, 1.4 * right)
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel(panel.label)
     axes.grid(axis="y", visible=False)
     for index in range(0, len(cases), 2):

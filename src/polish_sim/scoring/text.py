@@ -104,7 +104,9 @@ def _intro(score: Score) -> str:
     missing = score.wanted - len(score.rows)
     told = f" **{missing} of {score.wanted} rows are missing.**" if missing else ""
     seeds = _count(score.seeds, "seed")
-    return f"{len(score.rows)} runs, {seeds} per case; mean / worst over the seeds, exact contact force.{told}"
+    return (
+        f"{_count(len(score.rows), 'run')}, {seeds} per case; mean / worst over the seeds, exact contact force.{told}"
+    )
 
 
 def _count(number_of: int, thing: str) -> str:
