@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.run_record import package_versions
 from polish_sim.analysis.score_figures import DEFINITIONS
-from polish_sim.analysis.score_plot import Limit, plot_score
+from polish_sim.analysis.score_plot import Limit, plot_ablation, plot_score
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
 from polish_sim.cli.score_folder import put
@@ -26,6 +26,7 @@ from polish_sim.scoring import (
     Entry,
     Score,
     Verdict,
+    ablation_ratios,
     ablation_table,
     breaking,
     judge,
@@ -125,7 +126,9 @@ def _write(folder: Path, wish: Wish, score: Score, verdicts: Sequence[tuple[Entr
     if wish.ablate:
         page += _ablation_page(wish, score)
     put(folder, "score.md", page)
-    if score.rows:
+    if score.rows and wish.ablate:
+        put(folder, "score.png", png_of(plot_ablation(ablation_ratios(score))))
+    elif score.rows:
         moving = {case.name: case.moving for case in score.cases}
         limits = [
             Limit(case.name, asked.figure, asked.most)
@@ -157,7 +160,7 @@ def _tell(wish: Wish, score: Score, verdicts: Sequence[tuple[Entry, Sequence[Ver
     seeds = f"worst of {score.seeds} seeds (means in score.md)" if score.seeds > 1 else "one seed"
     console.table(f"score [s, N], {seeds}", *overview(summaries, means=False), left=left)
     if wish.ablate:
-        console.table("what each law is worth", *ablation_table(score), left=2)
+        console.table("without each law: mean change and largest [s, N]", *ablation_table(score, places=False))
     for entry, own in verdicts if not wish.ablate else verdicts[:1]:
         if own:
             console.table(f"what is asked: {entry.label}", *verdict_table(own))

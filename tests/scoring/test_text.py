@@ -13,6 +13,7 @@ from polish_sim.scoring import (
     Case,
     Entry,
     Score,
+    ablation_ratios,
     ablation_table,
     ablations,
     breaking,
@@ -111,8 +112,13 @@ def test_what_a_law_is_worth_is_how_much_a_figure_grows_without_it() -> None:
     headings, (line,) = ablation_table(score_of(*rows, entries=(A, without)))
     cells = dict(zip(headings, line, strict=True))
     assert cells["law left out"] == "feed"
-    assert cells["max [N]: mean change / most, where"] == "+1 / +2 freeform-60"
+    assert cells["max [N]: mean, most"] == "+1, +2 in freeform-60"
+    assert cells["settling [s]: mean, most"] == "+0, +0 in approach-20"
     assert cells["unstable runs"] == "+1"
+    assert ablation_ratios(score_of(*rows, entries=(A, without)))["feed"]["max_error_n"] == {
+        "approach-20": 1.0,
+        "freeform-60": pytest.approx(6.0),
+    }
 
 
 def test_each_law_of_the_composed_controller_is_left_out_once() -> None:

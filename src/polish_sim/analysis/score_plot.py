@@ -36,6 +36,7 @@ PANELS: Final = (
     _Panel("overshoot_n", "overshoot [N]", 0.02),
 )
 _ROW_INCH: Final = 0.27
+_WORTH_A_NAME: Final = 1.2
 
 
 @styled
@@ -64,6 +65,41 @@ def plot_score(rows: Sequence[Mapping[str, Any]], cases: Mapping[str, bool], lim
     figure.suptitle(f"Score: {' and '.join(labels)}", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     figure.legend(handles=_legend(labels, bool(limits)), loc="outside lower center", ncols=len(labels) + 3)
     return figure
+
+
+@styled
+def plot_ablation(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
+    """Draw how much figures grow when a law is left out.
+
+    Args:
+        ratios: The figure without the law by the figure with it, by law, figure and case.
+
+    Returns:
+        The figure: every case a dot, right of 1 where the law helps; the case that grows most is named.
+    """
+    laws = list(ratios)
+    figure = new_figure(12.0, 1.4 + 0.5 * len(laws))
+    panels = figure.subplots(1, len(PANELS), sharey=True)
+    for axes, panel in zip(panels, PANELS, strict=True):
+        axes.set_xscale("log")
+        axes.axvline(1.0, color=GREEN, lw=1.2, zorder=1)
+        for y, law in enumerate(laws):
+            _draw_ratios(axes, y, ratios[law].get(panel.figure, {}))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel(f"{panel.label.partition(' [')[0]}, without / with")
+    panels[0].set_yticks(range(len(laws)), laws)
+    panels[0].set_ylim(len(laws) - 0.4, -0.6)
+    figure.suptitle("What each law is worth: it is left out", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    return figure
+
+
+def _draw_ratios(axes: Axes, y: int, by_case: Mapping[str, float]) -> None:
+    axes.plot(list(by_case.values()), [y] * len(by_case), "o", ms=3.6, color=SERIES[0], alpha=0.6)
+    if by_case and max(by_case.values()) > _WORTH_A_NAME:
+        case = max(by_case, key=lambda name: by_case[name])
+        axes.annotate(
+            case, (by_case[case], y), xytext=(0, 5), textcoords="offset points", ha="right", fontsize=7.0, color=GREY
+        )
 
 
 def _draw_panel(

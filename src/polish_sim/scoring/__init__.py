@@ -1,6 +1,6 @@
 """The scorecard: a fixed battery of cases, run over the cores, told as tables and one figure (layer 10)."""
 
-from polish_sim.scoring.ablation import ablation_table, ablations
+from polish_sim.scoring.ablation import ablation_ratios, ablation_table, ablations
 from polish_sim.scoring.battery import BATTERY
 from polish_sim.scoring.case import Case, Entry, choose_cases
 from polish_sim.scoring.journal import locked
@@ -20,6 +20,7 @@ __all__ = [
     "Score",
     "Task",
     "Verdict",
+    "ablation_ratios",
     "ablation_table",
     "ablations",
     "breaking",

@@ -22,7 +22,10 @@ _FIGURES: Final = {
     "overshoot_n": "overshoot [N]",
     "rms_error_n": "RMS [N]",
     "max_error_n": "max [N]",
+    "slowed": "slowed [-]",
 }
+_WITHOUT: Final = "without "
+_NOTHING: Final = 5e-4  # a smaller change is none
 
 
 def ablations(entry: Entry) -> list[Entry]:
@@ -42,45 +45,65 @@ def ablations(entry: Entry) -> list[Entry]:
     ]
 
 
-def ablation_table(score: Score) -> Table:
+def ablation_table(score: Score, places: bool = True) -> Table:
     """For each law: how much each figure grows without it, over the cases on average and in the case it grows most.
 
     Args:
         score: A score whose first controller is the whole one and the others lack a law each.
+        places: Whether the case of the largest change is named.
 
     Returns:
         Headings and rows; a positive change is what the law is worth.
     """
-    summaries = summarize(score.cases, score.entries, score.rows)
-    whole = {s.case.name: s for s in summaries if s.entry == score.entries[0]}
-    headings = ["law left out"]
-    headings += [f"{label}: mean change / most, where" for label in _FIGURES.values()] + ["unstable runs"]
+    whole = {s.case.name: s for s in _of(score, score.entries[0])}
+    headings = ["law left out", *(f"{label}: mean, most" if places else label for label in _FIGURES.values())]
     rows = []
     for entry in score.entries[1:]:
-        own = [s for s in summaries if s.entry == entry and s.case.name in whole]
-        cells = [_changes([(whole[s.case.name], s) for s in own], figure) for figure in _FIGURES]
-        more = sum(len(s.rows) - s.stable for s in own) - sum(
-            len(whole[s.case.name].rows) - whole[s.case.name].stable for s in own
-        )
-        rows.append([entry.label.removeprefix("without "), *cells, f"{more:+d}"])
-    return headings, rows
+        pairs = [(whole[s.case.name], s) for s in _of(score, entry) if s.case.name in whole]
+        cells = [_told(_changes(pairs, figure), places) for figure in _FIGURES]
+        more = sum(with_it.stable - without.stable for with_it, without in pairs)
+        rows.append([entry.label.removeprefix(_WITHOUT), *cells, f"{more:+d}"])
+    return [*headings, "unstable runs"], rows
 
 
-def _changes(pairs: list[tuple[Summary, Summary]], figure: str) -> str:
+def ablation_ratios(score: Score) -> dict[str, dict[str, dict[str, float]]]:
+    """Each figure without a law by what it is with it, by law, figure and case; where both are known and not zero."""
+    whole = {s.case.name: s for s in _of(score, score.entries[0])}
+    ratios: dict[str, dict[str, dict[str, float]]] = {}
+    for entry in score.entries[1:]:
+        law = ratios.setdefault(entry.label.removeprefix(_WITHOUT), {figure: {} for figure in _FIGURES})
+        for summary in _of(score, entry):
+            for figure in _FIGURES:
+                before = whole[summary.case.name].figures[figure].mean if summary.case.name in whole else None
+                after = summary.figures[figure].mean
+                if before and after:
+                    law[figure][summary.case.name] = after / before
+    return ratios
+
+
+def _of(score: Score, entry: Entry) -> list[Summary]:
+    return [s for s in summarize(score.cases, score.entries, score.rows) if s.entry == entry]
+
+
+def _changes(pairs: list[tuple[Summary, Summary]], figure: str) -> dict[str, float]:
     changes = {}
     for with_it, without in pairs:
         before, after = with_it.figures[figure].mean, without.figures[figure].mean
         if before is not None and after is not None:
             changes[with_it.case.name] = after - before
+    return changes
+
+
+def _told(changes: dict[str, float], places: bool) -> str:
     if not changes:
         return "-"
     most = max(changes, key=lambda name: abs(changes[name]))
     mean = sum(changes.values()) / len(changes)
-    return f"{_signed(mean)} / {_signed(changes[most])} {most}"
+    return f"{_signed(mean)}, {_signed(changes[most])}" + (f" in {most}" if places else "")
 
 
 def _signed(value: float) -> str:
-    return ("+" if value >= 0.0 else "") + number(value)
+    return ("+" if value >= 0.0 else "") + number(value if abs(value) >= _NOTHING else 0.0)
 
 
 def _laws(entry: Entry) -> list[str]:

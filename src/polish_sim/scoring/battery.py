@@ -26,6 +26,11 @@ def _freeform(name: str, text: str, feed_mm_s: float, *settings: str) -> Case:
     return Case(name, text, "surface", (*_FREEFORM, f"process.feed_m_s={feed_mm_s / 1e3}", *settings))
 
 
+def spring_settings(scale: float) -> tuple[str, str]:
+    """Springs of head and pad by what the controller takes them for; soft ones give way further than a part may lie."""
+    return f"head.spring_scale={scale}", f"safety.offset_limit_m={0.03 if scale < 1.0 else 0.005}"
+
+
 def latency_settings(total_ms: float) -> tuple[str, str]:
     """A total latency, shared between sensor and command 1:3 as in the default cell (8 = 2 + 6 ms)."""
     sensor = max(total_ms / 4.0, 1.0)
@@ -66,7 +71,7 @@ def _springs() -> list[Case]:
     return [
         _hold(
             f"stiffness-{x:g}", f"springs of head and pad {x:g} x what the controller takes them for, approach 20 mm/s",
-            f"head.spring_scale={x}", _APPROACH_20,
+            *spring_settings(x), _APPROACH_20,
         )
         for x in (0.2, 0.5, 2.0, 5.0)
     ]  # fmt: skip

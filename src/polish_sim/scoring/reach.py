@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any, Final, NamedTuple
 
-from polish_sim.scoring.battery import latency_settings
+from polish_sim.scoring.battery import latency_settings, spring_settings
 from polish_sim.scoring.case import Case, Draw
 from polish_sim.scoring.row import Row
 
@@ -24,7 +24,7 @@ def _grid() -> tuple[Case, ...]:
             f"reach-springs-{springs:g}x-{latency}ms",
             f"20 N on a plate, springs {springs:g} x, {latency} ms in all, approach 20 mm/s",
             "force",
-            (f"head.spring_scale={springs}", *latency_settings(latency), _APPROACH_20),
+            (*spring_settings(springs), *latency_settings(latency), _APPROACH_20),
         )
         for springs in SPRINGS
         for latency in LATENCIES_MS
