@@ -147,6 +147,7 @@ def test_events_are_read_as_they_are_written() -> None:
     assert events == (FaultEvent("sensor-dropout", 3.2), FaultEvent("part-high", 0.5, after_contact=True))
     assert ", ".join(map(str, events)) == "sensor-dropout@3.2, part-high@contact+0.5"
     assert parse_events("") == ()
+    assert parse_events(" part-low @ contact + 0.5 ,") == (FaultEvent("part-low", 0.5, after_contact=True),)
 
 
 @pytest.mark.parametrize(

@@ -233,7 +233,7 @@ class Cell:
         if code == 0.0 or self._was_interrupted():
             return None
         if code == CONTROLLER_ERROR and isinstance(self.law, PythonLaw):
-            return f"{REASONS[code]}: {type(self.law.error).__name__}: {self.law.error}"
+            return f"{REASONS[code]}: {type(self.law.error).__name__}: {' '.join(str(self.law.error).split())}"
         return f"{REASONS[code]} ({self._touched} touch)" if self._touched else REASONS[code]
 
     def _touching(self) -> str:

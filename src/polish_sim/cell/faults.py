@@ -166,7 +166,7 @@ def parse_events(text: str) -> tuple[FaultEvent, ...]:
 
 def _parse_event(entry: str) -> FaultEvent:
     name, at, when = entry.partition("@")
-    name, when = name.strip(), when.strip()
+    name, when = name.strip(), when.replace(" ", "")
     after_contact = when.startswith("contact+")
     try:
         time = float(when.removeprefix("contact+"))
