@@ -96,9 +96,7 @@ class ProcessConfig:
     contact_threshold_n: float = key(
         2.0, "measured force that counts as contact; if the sensor is noisier, 5 sigma of its noise do [N]", 0.1, 50.0
     )
-    tare: str = key(
-        "start", "the sensor is zeroed in free space at the start of the run, or before all strokes: strokes"
-    )
+    tare: str = key("start", "when the sensor is zeroed in free space: start (of the run) or strokes (before each one)")
     search_depth_m: float = key(0.01, "how far past the nominal surface contact is sought [m]", 0.0, 0.1)
     preston_1_pa: float = key(
         0.0, "wear coefficient of Preston's law, removal = this x pressure x way; 0 = unknown, removal relative [1/Pa]",

@@ -77,7 +77,7 @@ def plot_plan(result: PlanResult) -> Figure:
     _draw_contact(solid, flat, path, shown, frame, scale)
     _draw_leads(solid, flat, path, shown)
     _draw_axes(solid, path, shown, frame)
-    _finish(figure, solid, flat, result, scale, frame)
+    _finish(figure, flat, result, scale, frame)
     fill_view(solid, np.concatenate([vertices, shown]))
     return figure
 
@@ -177,7 +177,7 @@ def fill_view(solid: Any, points: Array) -> None:
         setattr(solid.viewLim, axis, (place - half, place + half))
 
 
-def _finish(figure: Figure, solid: Any, flat: Axes, result: PlanResult, scale: Normalize, frame: Array) -> None:
+def _finish(figure: Figure, flat: Axes, result: PlanResult, scale: Normalize, frame: Array) -> None:
     flat.set_aspect("equal")
     flat.autoscale_view()
     right, back, _ = (axis_name(direction) for direction in frame)

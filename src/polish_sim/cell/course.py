@@ -44,6 +44,21 @@ class _Poses(NamedTuple):
     feed: Array
 
 
+class _Press(NamedTuple):
+    """What a disc pressed on the part feels; the sums over its points."""
+
+    force: float
+    """Along tool z [N]."""
+    slope: float
+    """Its change with depth [N/m]."""
+    moment: tuple[float, float]
+    """About tool x and y through the middle of the face [N m]."""
+    tilt_stiffness: tuple[float, float]
+    """Change of that moment with a tilt at the same force [N m/rad]."""
+    buried: int
+    """Points too deep for the field."""
+
+
 class _Statics(NamedTuple):
     """Columns of the course that the contact gives."""
 
@@ -183,35 +198,32 @@ def _solve(field, x, y, k_point, k_head, positions, rotations, forces):  # type:
     count = len(positions)
     surplus, stiffness = np.empty(count), np.empty(count)
     moment, tilt_stiffness = np.empty((count, 2)), np.empty((count, 2))
-    nodes, sums = field.bricks.reshape(-1), np.empty(7)
+    nodes = field.bricks.reshape(-1)
     u = -forces[0] / k_head  # on a flat part the pad is there
     for i in range(count):
         p, R = positions[i], rotations[i]
         for _ in range(ROUNDS):
-            _press_disc(field, nodes, x, y, k_point, p, R, u, sums)
-            short = forces[i] - sums[0]
+            disc = _press_disc(field, nodes, x, y, k_point, p, R, u)
+            short = forces[i] - disc.force
             if abs(short) < CLOSE_N:
                 break
-            step = short / sums[1] if sums[1] > 0.0 else LONGEST_STEP
-            if sums[6] > 0.0:
+            step = short / disc.slope if disc.slope > 0.0 else LONGEST_STEP
+            if disc.buried > 0:
                 step = -LONGEST_STEP  # deeper than the field knows
             u = min(max(u + min(max(step, -LONGEST_STEP), LONGEST_STEP), -FURTHEST), FURTHEST)
         surplus[i] = u + forces[i] / k_head
-        stiffness[i] = sums[1] * k_head / (sums[1] + k_head)
+        stiffness[i] = disc.slope * k_head / (disc.slope + k_head)
         for a in range(2):
-            moment[i, a], tilt_stiffness[i, a] = sums[2 + a], sums[4 + a]
+            moment[i, a], tilt_stiffness[i, a] = disc.moment[a], disc.tilt_stiffness[a]
     return surplus, stiffness, moment, tilt_stiffness
 
 
 @njit(cache=True, error_model="numpy")
-def _press_disc(field, nodes, x, y, k, p, R, u, sums):  # type: ignore[no-untyped-def]
-    """Press the disc, its face ``u`` [m] beyond a pose, on the part.
-
-    Into ``sums``: force along tool z and its stiffness, moments about x and y through the middle of the face, their
-    stiffness against tilting at the same force, points too deep for the field; shape (7,).
-    """
+def _press_disc(field, nodes, x, y, k, p, R, u):  # type: ignore[no-untyped-def]
+    """Press the disc, its face ``u`` [m] beyond a pose, on the part."""
     force = slope = moment_x = moment_y = 0.0
-    slope_x = slope_y = slope_xx = slope_yy = buried = 0.0
+    slope_x = slope_y = slope_xx = slope_yy = 0.0
+    buried = 0
     per_metre = 1.0 / field.spacing
     for q in range(len(x)):
         a, b = x[q], y[q]
@@ -225,7 +237,7 @@ def _press_disc(field, nodes, x, y, k, p, R, u, sums):  # type: ignore[no-untype
         if distance >= 0.0:
             continue
         if size == 0.0:
-            buried += 1.0
+            buried += 1
             continue
         # The part of its push on the part that goes along tool z.
         nz = -(R[0, 2] * gx + R[1, 2] * gy + R[2, 2] * gz) / size
@@ -235,7 +247,6 @@ def _press_disc(field, nodes, x, y, k, p, R, u, sums):  # type: ignore[no-untype
         moment_x, moment_y = moment_x + push * nz * b, moment_y - push * nz * a
         slope_x, slope_y = slope_x + rise * b, slope_y + rise * a
         slope_xx, slope_yy = slope_xx + rise * b * b, slope_yy + rise * a * a
-    sums[0], sums[1], sums[2], sums[3] = force, slope, moment_x, moment_y
-    sums[4] = slope_xx - slope_x * slope_x / slope if slope > 0.0 else 0.0
-    sums[5] = slope_yy - slope_y * slope_y / slope if slope > 0.0 else 0.0
-    sums[6] = buried
+    tilt_x = slope_xx - slope_x * slope_x / slope if slope > 0.0 else 0.0
+    tilt_y = slope_yy - slope_y * slope_y / slope if slope > 0.0 else 0.0
+    return _Press(force, slope, (moment_x, moment_y), (tilt_x, tilt_y), buried)

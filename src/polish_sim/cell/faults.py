@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.cell.kernel import CLOCK, CONTACT_TIME, MUTE, PAUSE, POISON, CellKernel
+from polish_sim.cell.spindle import DRIVE
+from polish_sim.cell.wrist_sensor import NEXT
 from polish_sim.errors import ConfigError, unknown_name
 
 JUMP_N = 20.0
@@ -45,7 +47,7 @@ def _sensor_zeros(cell: CellKernel) -> CellKernel:
 
 
 def _sensor_frozen(cell: CellKernel) -> CellKernel:
-    cell.sensor_state.clock[1] = math.inf
+    cell.sensor_state.clock[NEXT] = math.inf
     return cell
 
 
@@ -111,7 +113,7 @@ def _part_loose(cell: CellKernel) -> CellKernel:
 
 
 def _spindle_stop(cell: CellKernel) -> CellKernel:
-    cell.spindle.state[2] = 0.0
+    cell.spindle.state[DRIVE] = 0.0
     return cell
 
 

@@ -47,6 +47,8 @@ FOLLOW_S = 0.005  # the reading is compared with itself, smoothed over this time
 SPINDLE_SHARE = 0.8  # of the commanded speed, at least
 HELD_S = 0.1  # the force within a quarter of what is wanted for this long counts as held
 
+HELD, DEPTH, WAS_HELD = 0, 1, 2  # of ``Guards.held``
+
 
 class Guards(NamedTuple):
     """Limits and what they watch."""

@@ -51,7 +51,7 @@ from polish_sim.cell.sequence import (
     advance_sequence,
 )
 from polish_sim.cell.speedl import SpeedlState, limit_acceleration, pass_request, resolve_joints
-from polish_sim.cell.spindle import pull_of_imbalance, turn_spindle
+from polish_sim.cell.spindle import SPIN, pull_of_imbalance, turn_spindle
 from polish_sim.cell.watch import check_guards, check_reading
 from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
 from polish_sim.control.signals import Measurement, Target, measurement_of, target_of
@@ -102,7 +102,7 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         turn = cell.job.process.pass_index[cell.sequence.row[0]]
         record_state(
             recorder, count, t, phase, engine.qpos, engine.qvel, m, target, cell.wrench, cell.speedl_state.twist,
-            engine.qpos[6], turn, cell.motion.rest, cell.part.position, cell.spindle.state[1],
+            engine.qpos[6], turn, cell.motion.rest, cell.part.position, cell.spindle.state[SPIN],
         )  # fmt: skip
         keep_speeds(engine)
         mj_step2(engine.model, engine.data)
@@ -204,7 +204,7 @@ def _press(cell: CellKernel) -> None:
     velocity[0] = e.cvel[head, 3] + turning[1] * rz - turning[2] * ry - moving[0]
     velocity[1] = e.cvel[head, 4] + turning[2] * rx - turning[0] * rz - moving[1]
     velocity[2] = e.cvel[head, 5] + turning[0] * ry - turning[1] * rx - moving[2]
-    press_pad(cell.pad, cell.part, cell.spindle.state[1], R_base_pad, center, velocity, turning, force, torque)
+    press_pad(cell.pad, cell.part, cell.spindle.state[SPIN], R_base_pad, center, velocity, turning, force, torque)
     _moment_at(force, torque, center, e.xipos[head], moment)
     for i in range(3):
         e.xfrc_applied[head, i] = force[i]

@@ -59,9 +59,10 @@ def move_part(motion: PartMotion, t: float, dt: float, position: Array) -> None:
         dt: Physics step [s].
         position: Written: origin of its work frame [m], shape (3,).
     """
-    phase = motion.swing[1] * (t - motion.swing[2])
-    height = motion.swing[0] * math.sin(phase)
-    speed = motion.swing[0] * motion.swing[1] * math.cos(phase)
+    amplitude, frequency, start = motion.swing[0], motion.swing[1], motion.swing[2]
+    phase = frequency * (t - start)
+    height = amplitude * math.sin(phase)
+    speed = amplitude * frequency * math.cos(phase)
     left = 0.0
     for i in range(3):
         left += (motion.goal[i] - motion.shift[i]) ** 2

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.cell.speedl import SpeedlState
+from polish_sim.cell.speedl import AGE, SpeedlState
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Measurement
 
@@ -93,7 +93,7 @@ def steer_stop(
     elif state[STAGE] == ENDING and _at_rest(robot):
         _turn_to(state, STANDING)
     going = stop.speed if state[STAGE] == GOING_BACK else 0.0
-    robot.clock[1] = 0.0
+    robot.clock[AGE] = 0.0
     for i in range(3):
         robot.request[i], robot.request[3 + i] = going * stop.axis[i], 0.0
     return 1.0 if state[STAGE] == GOING_BACK else stop.firmness

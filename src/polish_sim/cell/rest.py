@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.cell.wrist_sensor import SensorModel, SensorState, sample_sensor
+from polish_sim.cell.wrist_sensor import NEXT, SensorModel, SensorState, sample_sensor
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def _average(sensor: SensorModel, state: SensorState, load: Array, draws: Array,
     """Mean over the samples after the first ``wait`` ones."""
     count = draws.shape[0] - wait
     for k in range(draws.shape[0]):
-        sample_sensor(sensor, state, state.clock[1], load, draws[k])
+        sample_sensor(sensor, state, state.clock[NEXT], load, draws[k])
         if k >= wait:
             for i in range(6):
                 mean[i] += state.reading[i] / count

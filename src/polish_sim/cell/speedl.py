@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 SPARE = 200  # steps the latency can grow by while running
 _PROBE_EVERY = 8  # steps between looks at how near a singularity is
 
+STEPS, AGE, WEAKEST = 0, 1, 2  # of the clock
+NUMBER = 6  # of a request, behind its twist
+
 
 class SpeedlModel(NamedTuple):
     """Limits of the interface."""
@@ -105,25 +108,25 @@ def pass_request(model: SpeedlModel, state: SpeedlState, requested: Array, numbe
         number: Counts the host's requests; an unchanged number ages.
         dt: Physics step [s].
     """
-    state.clock[0] += 1.0
+    state.clock[STEPS] += 1.0
     length = state.line.shape[0]
-    slot = int(state.clock[0]) % length
+    slot = int(state.clock[STEPS]) % length
     for i in range(6):
         state.line[slot, i] = requested[i]
-    state.line[slot, 6] = number
+    state.line[slot, NUMBER] = number
     due = (slot - model.latency) % length
-    if state.line[due, 6] > state.request[6]:
+    if state.line[due, NUMBER] > state.request[NUMBER]:
         for i in range(7):
             state.request[i] = state.line[due, i]
-        state.clock[1] = 0.0
+        state.clock[AGE] = 0.0
     else:
-        state.clock[1] += dt
+        state.clock[AGE] += dt
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def limit_acceleration(model: SpeedlModel, state: SpeedlState, dt: float, firmness: float = 1.0) -> None:
     """Move the commanded twist toward the acting request within ``firmness`` times the acceleration limits."""
-    alive = 1.0 if state.clock[1] < model.timeout else 0.0
+    alive = 1.0 if state.clock[AGE] < model.timeout else 0.0
     for start, limit in ((0, firmness * model.acceleration), (3, firmness * model.angular_acceleration)):
         x = alive * state.request[start] - state.twist[start]
         y = alive * state.request[start + 1] - state.twist[start + 1]
@@ -149,11 +152,11 @@ def resolve_joints(model: SpeedlModel, state: SpeedlState, jacobian: Array, dt: 
         False if a joint would leave its range; it is held there.
     """
     A, y = state.work[0:6], state.work[6]
-    if int(state.clock[0]) % _PROBE_EVERY == 0:
+    if int(state.clock[STEPS]) % _PROBE_EVERY == 0:
         _gram(jacobian, 0.0, A)
-        state.clock[2] = _weakest_direction(A, state.probe, y)
+        state.clock[WEAKEST] = _weakest_direction(A, state.probe, y)
     # Damping grows from nothing at the onset, so that the inverse is exact away from singularities.
-    damping = 0.5 * max(model.damping_onset - state.clock[2], 0.0)
+    damping = 0.5 * max(model.damping_onset - state.clock[WEAKEST], 0.0)
     _gram(jacobian, damping * damping, A)
     _cholesky(A)
     _solve(A, state.twist, y)

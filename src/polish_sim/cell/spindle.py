@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 RUN_DOWN_S = 0.5  # from full speed to rest when the drive fails
 
+ANGLE, SPIN, DRIVE = 0, 1, 2  # of the state
+
 
 class Spindle(NamedTuple):
     """What turns and what pulls."""
@@ -43,9 +45,9 @@ def build_spindle(config: SpindleConfig) -> Spindle:
 def turn_spindle(spindle: Spindle, dt: float) -> None:
     """Turn it on by one step; after a failure of its drive it runs down evenly."""
     state = spindle.state
-    wanted = state[2] * spindle.commanded
-    state[1] = max(wanted, state[1] - spindle.commanded * dt / RUN_DOWN_S)
-    state[0] = (state[0] + state[1] * dt) % (2.0 * math.pi)
+    wanted = state[DRIVE] * spindle.commanded
+    state[SPIN] = max(wanted, state[SPIN] - spindle.commanded * dt / RUN_DOWN_S)
+    state[ANGLE] = (state[ANGLE] + state[SPIN] * dt) % (2.0 * math.pi)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -57,7 +59,7 @@ def pull_of_imbalance(spindle: Spindle, R_base_head: Array, force: Array) -> Non
         R_base_head: Orientation of the head, its z axis the spindle's, shape (9,).
         force: Changed: force on the head's centre of mass [N], base, shape (3,).
     """
-    pull = spindle.imbalance * spindle.state[1] ** 2
-    x, y = pull * math.cos(spindle.state[0]), pull * math.sin(spindle.state[0])
+    pull = spindle.imbalance * spindle.state[SPIN] ** 2
+    x, y = pull * math.cos(spindle.state[ANGLE]), pull * math.sin(spindle.state[ANGLE])
     for i in range(3):
         force[i] += R_base_head[3 * i] * x + R_base_head[3 * i + 1] * y

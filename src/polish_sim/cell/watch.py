@@ -13,10 +13,12 @@ from numba import njit
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.guards import (
     CRASH,
+    DEPTH,
     FALLEN,
     FOLLOW_S,
     FORCE,
     FROZEN,
+    HELD,
     HELD_S,
     HIGH,
     JUMP,
@@ -29,10 +31,14 @@ from polish_sim.cell.guards import (
     SPINDLE,
     SPINDLE_SHARE,
     TORQUE,
+    WAS_HELD,
     Guards,
 )
 from polish_sim.cell.kernel import CellKernel, EngineViews
 from polish_sim.cell.sequence import TARE, TOUCH_DOWN
+from polish_sim.cell.speedl import AGE, NUMBER, WEAKEST
+from polish_sim.cell.spindle import SPIN
+from polish_sim.cell.wrist_sensor import CHANGED
 from polish_sim.control.signals import Measurement, Target
 from polish_sim.geometry.distance.distance_field import field_distance
 
@@ -50,7 +56,7 @@ def check_reading(cell: CellKernel, t: float) -> float:
         size += abs(sensor.reading[i])
     if not math.isfinite(finite) or size == 0.0:
         return NO_READING
-    if t - sensor.clock[2] > guards.sensor_timeout and t > 2.0 * guards.sensor_timeout:
+    if t - sensor.clock[CHANGED] > guards.sensor_timeout and t > 2.0 * guards.sensor_timeout:
         return FROZEN
     share = cell.engine.dt / FOLLOW_S if t > 0.0 else 1.0
     for i in range(3):
@@ -68,11 +74,11 @@ def check_guards(cell: CellKernel, m: Measurement, target: Target, count: int) -
         return FORCE
     if math.sqrt(w[3] ** 2 + w[4] ** 2 + w[5] ** 2) > guards.torque:
         return TORQUE
-    if robot.clock[2] < guards.singular_value:
+    if robot.clock[WEAKEST] < guards.singular_value:
         return SINGULAR
-    if robot.request[6] > 0.0 and robot.clock[1] >= cell.speedl.timeout:
+    if robot.request[NUMBER] > 0.0 and robot.clock[AGE] >= cell.speedl.timeout:
         return SILENT_HOST
-    if cell.job.contact > 0.0 and cell.spindle.state[1] < SPINDLE_SHARE * cell.spindle.commanded:
+    if cell.job.contact > 0.0 and cell.spindle.state[SPIN] < SPINDLE_SHARE * cell.spindle.commanded:
         return SPINDLE
     moved = _check_surface(cell, m, target)
     if moved != 0.0:
@@ -96,7 +102,7 @@ def _check_surface(cell: CellKernel, m: Measurement, target: Target) -> float:
     """
     guards, held, stage = cell.guards, cell.guards.held, cell.sequence.stage
     if target.contact[0] == 0.0:
-        held[0] = held[1] = held[2] = 0.0
+        held[HELD] = held[DEPTH] = held[WAS_HELD] = 0.0
         return 0.0
     offset = 0.0
     for i in range(3):
@@ -104,19 +110,19 @@ def _check_surface(cell: CellKernel, m: Measurement, target: Target) -> float:
     # Depth of the tool below the planned surface, which the target is pressed in by the job's depth.
     depth = offset + (cell.sequence.path[2] if stage[0] == TOUCH_DOWN else cell.job.depth)
     if stage[0] == TOUCH_DOWN and stage[1] == 0.0:
-        held[0], held[1], held[2] = 0.0, depth, 0.0
+        held[HELD], held[DEPTH], held[WAS_HELD] = 0.0, depth, 0.0
         if abs(depth) > guards.offset:
             return LOW if depth > 0.0 else HIGH
     room = guards.offset
-    if held[2] == 0.0:
+    if held[WAS_HELD] == 0.0:
         room += _DEEPEST * cell.job.depth
         holding = stage[0] != TOUCH_DOWN and abs(m.wrench[2] - target.force[0]) < 0.25 * target.force[0]
-        held[0] = held[0] + cell.engine.dt if holding else 0.0
-        if held[0] >= HELD_S:
-            held[1], held[2] = depth, 1.0
-    if depth - held[1] > room:
+        held[HELD] = held[HELD] + cell.engine.dt if holding else 0.0
+        if held[HELD] >= HELD_S:
+            held[DEPTH], held[WAS_HELD] = depth, 1.0
+    if depth - held[DEPTH] > room:
         return FALLEN
-    return RISEN if depth - held[1] < -guards.offset else 0.0
+    return RISEN if depth - held[DEPTH] < -guards.offset else 0.0
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 GRAVITY = 9.81  # [m/s^2], MuJoCo's default and the model's
 
+SAMPLES, NEXT, CHANGED = 0, 1, 2  # of the clock
+
 
 class SensorModel(NamedTuple):
     """Parameters of the sensor, per axis (force; torque), shape (6,) each."""
@@ -115,12 +117,12 @@ def sample_sensor(model: SensorModel, state: SensorState, t: float, exact: Array
         exact: Exact wrench at the sensor plane (force [N]; torque [N m]), shape (6,).
         draws: Standard normal numbers for noise and drift, shape (12,).
     """
-    if t < state.clock[1] - 1e-9:
+    if t < state.clock[NEXT] - 1e-9:
         return
-    first = state.clock[0] == 0.0
-    state.clock[0] += 1.0
-    state.clock[1] += model.period
-    slot = int(state.clock[0]) % (model.delay + 1)
+    first = state.clock[SAMPLES] == 0.0
+    state.clock[SAMPLES] += 1.0
+    state.clock[NEXT] += model.period
+    slot = int(state.clock[SAMPLES]) % (model.delay + 1)
     changed = False
     for i in range(6):
         state.drift[i] += model.drift[i] * draws[6 + i] + model.creep[i]
@@ -137,7 +139,7 @@ def sample_sensor(model: SensorModel, state: SensorState, t: float, exact: Array
         changed = changed or arriving != state.reading[i]
         state.reading[i] = arriving
     if changed:
-        state.clock[2] = t
+        state.clock[CHANGED] = t
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

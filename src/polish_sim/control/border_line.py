@@ -12,7 +12,7 @@ from polish_sim.control.linear_law import LinearLaw
 from polish_sim.control.loop_model import Setup, build_plant, plant_response
 from polish_sim.control.stability import contour, turns_about_minus_one
 
-SHORTEST_SENSOR_S = 0.001
+SHORTEST_SENSOR_MS = 1
 
 
 class Latency(NamedTuple):
@@ -25,9 +25,9 @@ class Latency(NamedTuple):
 
 
 def share_latency(total: float) -> Latency:
-    """Share a latency [s] between sensor and command as the default cell does, 1 : 3, in whole milliseconds."""
-    sensor = max(round(250.0 * total) / 1000.0, SHORTEST_SENSOR_S)
-    return Latency(sensor, max(round(1000.0 * total) / 1000.0 - sensor, 0.0))
+    """Share a latency [s] between sensor and command as the default cell does (8 = 2 + 6 ms), in whole milliseconds."""
+    sensor_ms = max(round(250.0 * total), SHORTEST_SENSOR_MS)
+    return Latency(sensor_ms / 1000.0, max(round(1000.0 * total) - sensor_ms, 0) / 1000.0)
 
 
 def with_latency(setup: Setup, latency: Latency) -> Setup:

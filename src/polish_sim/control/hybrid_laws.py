@@ -45,7 +45,7 @@ def step_hybrid_pi(context: Array, m: Measurement, t: Target, twist: Array) -> N
     """Controller ``hybrid-pi``: eq. 6 and 7 with force along tool z and moment about tool y in contact."""
     g, dt = context, m.clock[1]
     state = hybrid_state_of(context[GAINS_SIZE:])
-    position_by_velocity(m, t, PositionGains(g[0], g[1], g[2]), dt, state, twist)
+    position_by_velocity(m, t, position_gains(g), dt, state, twist)
     _turn_and_press(g, dt, m, t, state, twist)
 
 
@@ -63,8 +63,8 @@ def step_position(context: Array, m: Measurement, t: Target, twist: Array) -> No
     """Controller ``position``: eq. 6 and 7 on all six axes, no force control."""
     g, dt = context, m.clock[1]
     state = hybrid_state_of(context[GAINS_SIZE:])
-    position_by_velocity(m, t, PositionGains(g[0], g[1], g[2]), dt, state, twist)
-    turn_to_target(m, t, OrientationGains(g[0], g[5], g[6], g[7]), dt, np.zeros(3), state, twist)
+    position_by_velocity(m, t, position_gains(g), dt, state, twist)
+    turn_to_target(m, t, orientation_gains(g), dt, np.zeros(3), state, twist)
 
 
 @njit(cache=True)
@@ -89,7 +89,7 @@ def turn_and_level(g: Array, dt: float, m: Measurement, t: Target, state: Hybrid
         state: Memory.
         twist: The twist; its angular part is written.
     """
-    turning = OrientationGains(g[0], g[5], g[6], g[7])
+    turning = orientation_gains(g)
     if t.contact[0] == 0.0:
         for i in range(3):
             state.moment[i] = 0.0
@@ -97,6 +97,18 @@ def turn_and_level(g: Array, dt: float, m: Measurement, t: Target, state: Hybrid
         return
     turn_to_target(m, t, turning, dt, m.rotation[:, 1].copy(), state, twist)
     level_about_y(m, t, PiGains(g[11], g[12], g[13], g[15]), g[14], g[0], dt, state, twist)
+
+
+@njit(cache=True)
+def position_gains(g: Array) -> PositionGains:
+    """Gains of eq. 6 among a law's gains, see ``gains_of``, shape (16,)."""
+    return PositionGains(g[0], g[1], g[2])
+
+
+@njit(cache=True)
+def orientation_gains(g: Array) -> OrientationGains:
+    """Gains of eq. 7 among a law's gains, see ``gains_of``, shape (16,)."""
+    return OrientationGains(g[0], g[5], g[6], g[7])
 
 
 @cache

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from polish_sim.control.border_line import share_latency
 from polish_sim.scoring.case import Case
 
 _FLAT = ("part.file=plate", "plan.pattern=raster", "plan.raster_direction=[1.0, 0.0, 0.0]", "plan.stepover_m=0.025")
 _FREEFORM = ("part.file=freeform", "plan.stepover_m=0.016")
 _FAR_OFF = "safety.offset_limit_m=0.01"  # what is to be followed is no reason to stop
-_APPROACH_20 = "process.approach_speed_m_s=0.02"
+APPROACH_20 = "process.approach_speed_m_s=0.02"
 
 
 def _hold(name: str, text: str, *settings: str) -> Case:
@@ -32,9 +33,9 @@ def spring_settings(scale: float) -> tuple[str, str]:
 
 
 def latency_settings(total_ms: float) -> tuple[str, str]:
-    """A total latency, shared between sensor and command 1:3 as in the default cell (8 = 2 + 6 ms)."""
-    sensor = max(total_ms / 4.0, 1.0)
-    return f"sensor.latency_s={sensor / 1e3}", f"robot.command_latency_s={(total_ms - sensor) / 1e3}"
+    """A total latency, shared between sensor and command as in the default cell."""
+    shared = share_latency(total_ms / 1e3)
+    return f"sensor.latency_s={shared.sensor}", f"robot.command_latency_s={shared.command}"
 
 
 def _steps() -> list[Case]:
@@ -71,7 +72,7 @@ def _springs() -> list[Case]:
     return [
         _hold(
             f"stiffness-{x:g}", f"springs of head and pad {x:g} x what the controller takes them for, approach 20 mm/s",
-            *spring_settings(x), _APPROACH_20,
+            *spring_settings(x), APPROACH_20,
         )
         for x in (0.2, 0.5, 2.0, 5.0)
     ]  # fmt: skip
@@ -81,7 +82,7 @@ def _latencies() -> list[Case]:
     return [
         _hold(
             f"latency-{ms}", f"{ms} ms from contact to motion, sensor and command 1:3, approach 20 mm/s",
-            *latency_settings(ms), _APPROACH_20,
+            *latency_settings(ms), APPROACH_20,
         )
         for ms in (2, 4, 12, 20)
     ]  # fmt: skip
@@ -91,7 +92,7 @@ def _noises() -> list[Case]:
     return [
         _hold(
             f"noise-{n}", f"sensor noise {n} N rms per sample, approach 20 mm/s", f"sensor.force_noise_n={n}",
-            _APPROACH_20,
+            APPROACH_20,
         )
         for n in (0, 1, 2)
     ]  # fmt: skip
@@ -109,7 +110,7 @@ def _surprises() -> list[Case]:
         ),
         _hold(
             "moving-1hz", "20 N on a plate that moves up and down by 0.5 mm at 1 Hz, held 6 s", "part.motion_m=0.0005",
-            "part.motion_hz=1", "process.hold_s=6", _APPROACH_20,
+            "part.motion_hz=1", "process.hold_s=6", APPROACH_20,
         ),
     ]  # fmt: skip
 
@@ -118,7 +119,7 @@ def _spindles() -> list[Case]:
     return [
         _hold(
             "spindle-6000", "spindle at 6000 rpm, friction 0.3, imbalance G6.3, approach 20 mm/s",
-            "spindle.speed_rpm=6000", "spindle.imbalance_m_s=0.0063", _APPROACH_20,
+            "spindle.speed_rpm=6000", "spindle.imbalance_m_s=0.0063", APPROACH_20,
         ),
         _freeform(
             "alias-125hz", "freeform at 30 mm/s, sensor at 125 Hz: the spindle's 100 Hz shows as 25 Hz", 30,

@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any, Final, NamedTuple
 
-from polish_sim.scoring.battery import latency_settings, spring_settings
+from polish_sim.scoring.battery import APPROACH_20, latency_settings, spring_settings
 from polish_sim.scoring.case import Case, Draw
 from polish_sim.scoring.row import Row
 
-_APPROACH_20: Final = "process.approach_speed_m_s=0.02"
 SPRINGS: Final = (0.2, 0.5, 1.0, 2.0, 5.0)
 """Real springs by what the controller takes them for [-]."""
 LATENCIES_MS: Final = (2, 4, 8, 12, 20)
@@ -24,7 +23,7 @@ def _grid() -> tuple[Case, ...]:
             f"reach-springs-{springs:g}x-{latency}ms",
             f"20 N on a plate, springs {springs:g} x, {latency} ms in all, approach 20 mm/s",
             "force",
-            (*spring_settings(springs), *latency_settings(latency), _APPROACH_20),
+            (*spring_settings(springs), *latency_settings(latency), APPROACH_20),
         )
         for springs in SPRINGS
         for latency in LATENCIES_MS
@@ -32,7 +31,7 @@ def _grid() -> tuple[Case, ...]:
 
 
 REACH_CASES: Final = (
-    Case("reach-step", "20 N on a flat plate, approach 20 mm/s, held 4 s", "force", (_APPROACH_20,)),
+    Case("reach-step", "20 N on a flat plate, approach 20 mm/s, held 4 s", "force", (APPROACH_20,)),
     Case("reach-freeform-10", "the main job as it is: freeform, 8 mm step-over, whole path at 10 mm/s", "surface"),
     Case(
         "reach-freeform-30", "the main job at 30 mm/s, whole path", "surface", ("process.feed_m_s=0.03",)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from polish_sim.analysis.peaks import curvature_peaks, errors_at_peaks
 from polish_sim.analysis.rows import PROCESS
 from polish_sim.analysis.score_figures import measure_score
-from polish_sim.cell import CellRun, RealPart
+from polish_sim.cell import CellRun
 from polish_sim.config import Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part, modelled_depth
@@ -64,13 +64,13 @@ def measure_row(task: Task) -> Row:
 
 def setup_key(scenario: Scenario) -> Hashable:
     """What place and real part of a scenario depend on: rows that share it share their set-up."""
-    return _part_key(scenario)
+    return _place_key(scenario), scenario.part, modelled_depth(scenario), scenario.seed
 
 
 def _measure(task: Task) -> Row:
     scenario = task.scenario
     place = _PLACES.get(_place_key(scenario), lambda: _place(scenario))
-    part = _PARTS.get(_part_key(scenario), lambda: build_part(scenario, place))
+    part = _PARTS.get(setup_key(scenario), lambda: build_part(scenario, place))
     hold, lift = (0.0, scenario.plan.clearance_m) if task.case.moving else (scenario.process.hold_s, 0.0)
     run = build_cell(scenario, place, part, hold, lift).run()
     if run.interrupted:
@@ -123,10 +123,6 @@ def _place_key(scenario: Scenario) -> Hashable:
     return scenario.experiment, part, scenario.plan, scenario.pad, forces
 
 
-def _part_key(scenario: Scenario) -> Hashable:
-    return _place_key(scenario), scenario.part, modelled_depth(scenario), scenario.seed
-
-
 class _Memory:
     """The last few things made, by key."""
 
@@ -150,5 +146,3 @@ _NOTHING: Final[Row] = dict.fromkeys(
         "mean_error_n", "std_n", "oscillation_n", "peaks_error_n", "slowed",
     )
 ) | {"stable": False}  # fmt: skip
-
-__all__ = ["RealPart", "Row", "Task", "measure_row", "setup_key"]

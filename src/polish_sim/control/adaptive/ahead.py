@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from polish_sim.control.course import Course
-from polish_sim.control.signals import Target
 
 Array = NDArray[np.float64]
 
@@ -106,9 +105,3 @@ def at(column: Array, spacing: float, s: float) -> float:
     place = min(max(s / spacing, 0.0), n - 1.000001)
     row = int(place)
     return column[row] + (place - row) * (column[row + 1] - column[row])
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def local_stiffness(ahead: Ahead, t: Target) -> float:
-    """Stiffness the drawing promises at the present place [N/m]; 0 where nothing is known."""
-    return at(ahead.stiffness, ahead.spacing, t.path[0])

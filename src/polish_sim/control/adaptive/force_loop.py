@@ -22,7 +22,7 @@ from numba import njit
 
 from polish_sim.control.adaptive.gains import AdaptiveGains
 from polish_sim.control.adaptive.inertia import unknown_mass
-from polish_sim.control.adaptive.memory import PressMemory
+from polish_sim.control.adaptive.memory import AGE, AT_NO_TRAVEL, LANDED, RATE, STIFFNESS, TRAVEL, PressMemory
 
 _MASS_SHARE = 0.5  # of its command the loop may feed back through unknown inertia
 _NOISE_POWER = 0.6  # the observer slows with noise to this power
@@ -66,14 +66,15 @@ def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age:
 def begin_contact(memory: PressMemory, stiffness: float, path: float, force: float) -> None:
     """Start the observer at what is read: travel ``path`` [m] as sensed, ``force`` [N]."""
     state = memory.force
-    state[0], state[1], state[3], state[4], state[5] = force - stiffness * path, 0.0, stiffness, 0.0, 0.0
+    state[AT_NO_TRAVEL], state[STIFFNESS] = force - stiffness * path, stiffness
+    state[RATE] = state[LANDED] = state[AGE] = 0.0
 
 
 @njit(cache=True)
 def change_stiffness(memory: PressMemory, stiffness: float, path: float) -> None:
     """Believe another stiffness [N/m] without a jump of what the sensor should show at travel ``path`` [m]."""
-    memory.force[0] -= (stiffness - memory.force[3]) * path
-    memory.force[3] = stiffness
+    memory.force[AT_NO_TRAVEL] -= (stiffness - memory.force[STIFFNESS]) * path
+    memory.force[STIFFNESS] = stiffness
 
 
 @njit(cache=True)
@@ -89,7 +90,7 @@ def observe_force(memory: PressMemory, corner: float, path: float, reading: floa
         dt: Control cycle [s].
     """
     state = memory.force
-    surprise = reading - (state[0] + state[3] * path)
-    state[0] += dt * (state[1] + 2.0 * corner * surprise)
-    state[1] += dt * landed * corner * corner * surprise
-    return float(state[0] + state[3] * state[2])
+    surprise = reading - (state[AT_NO_TRAVEL] + state[STIFFNESS] * path)
+    state[AT_NO_TRAVEL] += dt * (state[RATE] + 2.0 * corner * surprise)
+    state[RATE] += dt * landed * corner * corner * surprise
+    return float(state[AT_NO_TRAVEL] + state[STIFFNESS] * state[TRAVEL])

@@ -18,7 +18,7 @@ import math
 from numba import njit
 
 from polish_sim.control.adaptive.gains import AdaptiveGains
-from polish_sim.control.adaptive.memory import PressMemory
+from polish_sim.control.adaptive.memory import DAMPER_SPEED, LAST_SPEED, MOVED, STIFFNESS, PressMemory
 from polish_sim.control.signals import Measurement
 
 
@@ -35,12 +35,12 @@ def own_force(g: AdaptiveGains, memory: PressMemory, m: Measurement, speed: floa
         dt: Control cycle [s].
     """
     motion = memory.motion
-    acceleration = (speed - motion[0]) / dt if motion[1] > 0.0 else 0.0
-    motion[0], motion[1] = speed, 1.0
+    acceleration = (speed - motion[LAST_SPEED]) / dt if motion[MOVED] > 0.0 else 0.0
+    motion[LAST_SPEED], motion[MOVED] = speed, 1.0
     acceleration += round_a_bend(g, m)
-    stiffer = max(memory.force[3] / g.stiffness, 0.05)
-    motion[2] += (1.0 - math.exp(-dt * stiffer / g.damping_lag)) * (pressing - motion[2])
-    return g.inertia * g.mass * acceleration + g.damping * motion[2]
+    stiffer = max(memory.force[STIFFNESS] / g.stiffness, 0.05)
+    motion[DAMPER_SPEED] += (1.0 - math.exp(-dt * stiffer / g.damping_lag)) * (pressing - motion[DAMPER_SPEED])
+    return g.inertia * g.mass * acceleration + g.damping * motion[DAMPER_SPEED]
 
 
 @njit(cache=True)

@@ -21,7 +21,25 @@ from polish_sim.control.adaptive.force_loop import begin_contact, change_stiffne
 from polish_sim.control.adaptive.gains import GAINS_SIZE, AdaptiveGains, gains_in
 from polish_sim.control.adaptive.inertia import own_force
 from polish_sim.control.adaptive.learning import learn, learned_rate
-from polish_sim.control.adaptive.memory import MEMORY_SIZE, PressMemory, memory_in
+from polish_sim.control.adaptive.memory import (
+    AGE,
+    AIR_VARIANCE,
+    APPROACH_SPEED,
+    AT_NO_TRAVEL,
+    DELAY,
+    FAST,
+    LANDED,
+    LAST_COMMAND,
+    MEMORY_SIZE,
+    RATE,
+    STIFFNESS,
+    TOLD,
+    TOUCHES,
+    TRAVEL,
+    WATCHED,
+    PressMemory,
+    memory_in,
+)
 from polish_sim.control.adaptive.normal import level_by_moment, tilted_target
 from polish_sim.control.adaptive.path_gains import (
     PATH_GAINS_SIZE,
@@ -53,9 +71,7 @@ from polish_sim.control.hybrid import (
     turn_to_target,
 )
 from polish_sim.control.hybrid_laws import GAINS_SIZE as HYBRID_GAINS
-from polish_sim.control.hybrid_laws import turn_and_level
-from polish_sim.control.orientation import OrientationGains
-from polish_sim.control.position import PositionGains
+from polish_sim.control.hybrid_laws import orientation_gains, position_gains, turn_and_level
 from polish_sim.control.signals import (
     ANSWER_SIZE,
     MEASUREMENT_SIZE,
@@ -86,16 +102,16 @@ def step_hybrid_adaptive(context: Array, m: Measurement, t: Target, twist: Array
     hybrid = hybrid_state_of(context[HYBRID_AT:])
     ahead, path = ahead_of(context[AHEAD_AT:]), path_memory_in(context[PATH_AT:])
     p = path_gains_in(context[PATH_GAINS_AT:])
-    position_by_velocity(m, t, PositionGains(h[0], h[1], h[2]), dt, hybrid, twist)
+    position_by_velocity(m, t, position_gains(h), dt, hybrid, twist)
     turn(h, p, ahead, path, m, t, hybrid, dt, twist)
     by_position = along_z(m, twist)
-    ratio = g.stiffness / memory.force[3] if memory.force[3] > 0.0 else 1.0
+    ratio = g.stiffness / memory.force[STIFFNESS] if memory.force[STIFFNESS] > 0.0 else 1.0
     expected = expected_rate(p, ahead, path, m, t, 0.0, ratio, dt)
-    expected_then = expected_rate(p, ahead, path, m, t, memory.delay[0], ratio, 0.0)
+    expected_then = expected_rate(p, ahead, path, m, t, memory.delay[DELAY], ratio, 0.0)
     speed = press(g, memory, m, t, by_position, expected, expected_then, dt)
     replace_along_z(m, speed, twist)
     remember_command(memory, speed)
-    look_back(g, p, memory, ahead, path, m, t, ratio, dt, twist)
+    look_back(p, memory, ahead, path, m, t, ratio, dt, twist)
 
 
 @njit(cache=True)
@@ -108,7 +124,7 @@ def turn(
     tilted_target(t, path.normal, path.wanted)
     if p.normal.weight > 0.0:
         corrected = Target(t.position, path.wanted, t.twist, t.force, t.contact, t.path)
-        turn_to_target(m, corrected, OrientationGains(h[0], h[5], h[6], h[7]), dt, path.nothing, hybrid, twist)
+        turn_to_target(m, corrected, orientation_gains(h), dt, path.nothing, hybrid, twist)
     else:
         turn_and_level(h, dt, m, t, hybrid, twist)
     lead_turning(ahead, t, p.forward, twist)
@@ -125,19 +141,19 @@ def expected_rate(
 
 @njit(cache=True)
 def look_back(
-    g: AdaptiveGains, p: PathGains, memory: PressMemory, ahead: Ahead, path: PathMemory, m: Measurement, t: Target,
+    p: PathGains, memory: PressMemory, ahead: Ahead, path: PathMemory, m: Measurement, t: Target,
     ratio: float, dt: float, twist: Array,
 ) -> None:  # fmt: skip
     """What the force now believed in teaches: where the surface is, and how fast to feed."""
     state = memory.force
-    if memory.air[5] == 0.0 or state[3] == 0.0:
+    if memory.air[TOUCHES] == 0.0 or state[STIFFNESS] == 0.0:
         twist[6] = 1.0
         return
-    error = t.force[0] - (state[0] + state[3] * state[2])
+    error = t.force[0] - (state[AT_NO_TRAVEL] + state[STIFFNESS] * state[TRAVEL])
     height = 0.0
     for i in range(3):
         height += t.rotation[i, 2] * (m.position[i] - t.position[i])
-    offset = height + error / state[3] - planned_surplus(ahead, t, ratio, p.forward)
+    offset = height + error / state[STIFFNESS] - planned_surplus(ahead, t, ratio, p.forward)
     learn(ahead, t, offset, p.learning, dt, path.learning)
     twist[6] = granted_feed(ahead, t, error, p.feed, dt, path.feed)
 
@@ -175,27 +191,27 @@ def press(
     expect_delay(g, memory)
     speed = along_z(m, m.twist)
     pressing = speed - expected
-    memory.force[2] += pressing * dt
-    own = own_force(g, memory, m, speed, pressing if memory.air[5] > 0.0 else 0.0, dt)
-    seen = as_sensed(g, memory, memory.force[2], own, dt)
+    memory.force[TRAVEL] += pressing * dt
+    own = own_force(g, memory, m, speed, pressing if memory.air[TOUCHES] > 0.0 else 0.0, dt)
+    seen = as_sensed(g, memory, memory.force[TRAVEL], own, dt)
     reading = m.wrench[2] - seen.own
     if not _touches(g, memory, t, along_z(m, t.twist), seen.path, reading, dt):
         measure_delay(g, memory, speed, dt)
         return by_position if t.contact[0] == 0.0 else seek_speed(memory)
     state = memory.force
-    state[5] += dt
-    if g.estimates > 0.0 and state[4] < _LANDING:
+    state[AGE] += dt
+    if g.estimates > 0.0 and state[LANDED] < _LANDING:
         stiffness = refine_stiffness(g, memory, g.stiffness, seen.path, reading, pressing, dt)
         change_stiffness(memory, stiffness, seen.path)
-    pace = pace_of(g, state[3], memory.delay[0], np.sqrt(memory.air[2]), state[5])
-    force = observe_force(memory, pace.observer, seen.path, reading, state[4], dt)
-    rate = state[4] * state[1]
-    travel = (t.force[0] - force) / state[3] - under_way(memory, dt)
-    wanted = quickest_stop(g, travel, pace.crossover, speed_limit(g, memory, state[3]))
+    pace = pace_of(g, state[STIFFNESS], memory.delay[DELAY], np.sqrt(memory.air[AIR_VARIANCE]), state[AGE])
+    force = observe_force(memory, pace.observer, seen.path, reading, state[LANDED], dt)
+    rate = state[LANDED] * state[RATE]
+    travel = (t.force[0] - force) / state[STIFFNESS] - under_way(memory, dt)
+    wanted = quickest_stop(g, travel, pace.crossover, speed_limit(g, memory, state[STIFFNESS]))
     note_landing(g, memory, wanted, dt)
-    wanted += expected_then - rate / state[3]
+    wanted += expected_then - rate / state[STIFFNESS]
     step = g.acceleration * dt
-    return min(max(wanted, memory.delay[3] - step), memory.delay[3] + step)
+    return min(max(wanted, memory.delay[LAST_COMMAND] - step), memory.delay[LAST_COMMAND] + step)
 
 
 @njit(cache=True)
@@ -204,27 +220,27 @@ def _touches(
 ) -> bool:
     """Whether the tool touches: by the target's word, by its own, and by noise only until the reading falls back."""
     air, controlled = memory.air, t.contact[0] > 0.0
-    if air[7] > 0.0 and not controlled:
-        air[0], air[5] = 0.0, 0.0
-    air[7] = t.contact[0]
+    if air[TOLD] > 0.0 and not controlled:
+        air[WATCHED], air[TOUCHES] = 0.0, 0.0
+    air[TOLD] = t.contact[0]
     if g.touch_down == 0.0:
-        first = controlled and air[5] == 0.0
-        air[5] = t.contact[0]
-    elif air[5] > 0.0:
+        first = controlled and air[TOUCHES] == 0.0
+        air[TOUCHES] = t.contact[0]
+    elif air[TOUCHES] > 0.0:
         smooth_reading(memory, reading, dt)
-        air[5] = 0.0 if fell_back(memory) else 1.0
+        air[TOUCHES] = 0.0 if fell_back(memory) else 1.0
         first = False
     else:
         if not controlled:
-            air[6] = max(air[6], planned)
+            air[APPROACH_SPEED] = max(air[APPROACH_SPEED], planned)
         noticed = watch_air(memory, reading, planned > 1e-5 or controlled, dt)
         first = noticed or (controlled and not is_armed(memory))
-        air[5] = 1.0 if first else 0.0
+        air[TOUCHES] = 1.0 if first else 0.0
     if first:
-        force = max(air[3], 0.0) if g.touch_down > 0.0 else reading
+        force = max(air[FAST], 0.0) if g.touch_down > 0.0 else reading
         begin_contact(memory, g.stiffness * (g.stiff_first if g.estimates > 0.0 else 1.0), path, force)
         restart_fit(memory, path, force)
-    return bool(air[5] > 0.0)
+    return bool(air[TOUCHES] > 0.0)
 
 
 @cache

@@ -17,6 +17,9 @@ from polish_sim.control.signals import Target
 
 Array = NDArray[np.float64]
 
+AVERAGE, BEGAN, LAST_ROW = 0, 1, 2
+FADING, SLOPE = 0, 1
+
 
 class LearningGains(NamedTuple):
     """Gains of the learning."""
@@ -46,25 +49,25 @@ def learn(ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: floa
             planned, see ``planned_surplus`` [m].
         gains: The gains.
         dt: Control cycle [s].
-        state: Averaged offset [m], whether it runs, last row written; shape (3,).
+        state: Averaged offset [m], arc length where it began [m] (0: it does not run), last row written; shape (3,).
     """
     speed = t.path[2]
     if t.contact[0] == 0.0 or speed <= 0.0 or ahead.learned.shape[0] < 2:
-        state[1] = 0.0
+        state[BEGAN] = 0.0
         return
     s = t.path[0]
     row = int((s - gains.length - speed * gains.sensor_delay) / ahead.spacing)
-    if state[1] == 0.0:
-        state[0], state[1], state[2] = offset, s, row
-    state[0] += min(speed * dt / gains.length, 1.0) * (offset - state[0])
+    if state[BEGAN] == 0.0:
+        state[AVERAGE], state[BEGAN], state[LAST_ROW] = offset, s, row
+    state[AVERAGE] += min(speed * dt / gains.length, 1.0) * (offset - state[AVERAGE])
     # The first stretch after a landing only fills the average.
-    if s - state[1] < 2.0 * gains.length:
-        state[2] = row
+    if s - state[BEGAN] < 2.0 * gains.length:
+        state[LAST_ROW] = row
         return
-    for k in range(max(int(state[2]) + 1, 0), min(row + 1, ahead.learned.shape[0])):
-        ahead.learned[k] = state[0]
+    for k in range(max(int(state[LAST_ROW]) + 1, 0), min(row + 1, ahead.learned.shape[0])):
+        ahead.learned[k] = state[AVERAGE]
         ahead.known[k] = 1.0
-    state[2] = max(row, state[2])
+    state[LAST_ROW] = max(row, state[LAST_ROW])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -81,7 +84,7 @@ def learned_rate(ahead: Ahead, t: Target, look_ahead: float, gains: LearningGain
     """
     speed, n = t.path[2], ahead.learned.shape[0]
     if gains.weight == 0.0 or n < 2 or t.contact[0] == 0.0:
-        state[0] = 0.0
+        state[FADING] = 0.0
         return 0.0
     s, h = t.path[0] + speed * look_ahead, gains.length
     before, after = _neighbour(ahead, s - h), _neighbour(ahead, s + h)
@@ -89,9 +92,9 @@ def learned_rate(ahead: Ahead, t: Target, look_ahead: float, gains: LearningGain
     found = before >= 0 and after >= 0 and h < span < 4.0 * h
     found = found and ahead.known[max(before, 0)] > 0.0 and ahead.known[max(after, 0)] > 0.0
     if found:
-        state[1] = (ahead.learned[after] - ahead.learned[before]) / (2.0 * h)
-    state[0] += min(dt / gains.fade_s, 1.0) * ((1.0 if found else 0.0) - state[0])
-    return gains.weight * gains.gain * state[0] * state[1] * speed
+        state[SLOPE] = (ahead.learned[after] - ahead.learned[before]) / (2.0 * h)
+    state[FADING] += min(dt / gains.fade_s, 1.0) * ((1.0 if found else 0.0) - state[FADING])
+    return gains.weight * gains.gain * state[FADING] * state[SLOPE] * speed
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -14,6 +14,14 @@ LINE = 64
 """Cycles the delay lines hold."""
 MEMORY_SIZE = 3 * LINE + 31
 
+# Slots of the memory's small arrays, as ``PressMemory`` describes them.
+SENSED_AT, SENSED_PATH, SENSED_OWN, SENT_AT = 0, 1, 2, 3
+LAST_SPEED, MOVED, DAMPER_SPEED = 0, 1, 2
+DELAY, BEHIND, SLOWED, LAST_COMMAND = 0, 1, 2, 3
+WATCHED, AIR_MEAN, AIR_VARIANCE, FAST, SLOW, TOUCHES, APPROACH_SPEED, TOLD, FAST_VARIANCE = 0, 1, 2, 3, 4, 5, 6, 7, 8
+WEIGHT, MEAN_PATH, MEAN_FORCE, SPREAD, CO_SPREAD = 0, 1, 2, 3, 4
+AT_NO_TRAVEL, RATE, TRAVEL, STIFFNESS, LANDED, AGE = 0, 1, 2, 3, 4, 5
+
 
 class PressMemory(NamedTuple):
     """All zero after a reset."""

@@ -20,6 +20,8 @@ from polish_sim.control.signals import Measurement, Target
 
 Array = NDArray[np.float64]
 
+TILT_X, TILT_Y, RATE_X, RATE_Y = 0, 1, 2, 3
+
 
 class NormalGains(NamedTuple):
     """Gains of the normal's correction."""
@@ -51,9 +53,9 @@ def level_by_moment(ahead: Ahead, m: Measurement, t: Target, gains: NormalGains,
         state: The correction about tool x and y [rad] and its rate [rad/s], shape (4,).
     """
     if gains.weight == 0.0 or t.contact[0] == 0.0 or m.wrench[2] < 0.25 * t.force[0]:
-        state[2] = state[3] = 0.0
+        state[RATE_X] = state[RATE_Y] = 0.0
         if t.contact[0] == 0.0:
-            state[0] = state[1] = 0.0
+            state[TILT_X] = state[TILT_Y] = 0.0
         return
     # From the tool point to the pad's face, which the head's spring has pushed back.
     travel = m.wrench[2] / gains.head_stiffness
@@ -65,14 +67,14 @@ def level_by_moment(ahead: Ahead, m: Measurement, t: Target, gains: NormalGains,
     stiff_x, stiff_y = at(ahead.tilt_x, ahead.spacing, s), at(ahead.tilt_y, ahead.spacing, s)
     if ahead.tilt_x.shape[0] < 2:
         stiff_x = stiff_y = gains.pad_tilt_stiffness
-    state[2] = _rate(moment_x, stiff_x, gains)
-    state[3] = _rate(moment_y, stiff_y, gains)
-    state[0] += state[2] * dt
-    state[1] += state[3] * dt
-    size = math.sqrt(state[0] * state[0] + state[1] * state[1])
+    state[RATE_X] = _rate(moment_x, stiff_x, gains)
+    state[RATE_Y] = _rate(moment_y, stiff_y, gains)
+    state[TILT_X] += state[RATE_X] * dt
+    state[TILT_Y] += state[RATE_Y] * dt
+    size = math.sqrt(state[TILT_X] * state[TILT_X] + state[TILT_Y] * state[TILT_Y])
     if size > gains.limit:
-        state[0] *= gains.limit / size
-        state[1] *= gains.limit / size
+        state[TILT_X] *= gains.limit / size
+        state[TILT_Y] *= gains.limit / size
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -86,7 +88,7 @@ def _rate(moment: float, stiffness: float, gains: NormalGains) -> float:
 @njit(cache=True, error_model="numpy", forceinline=True)
 def tilted_target(t: Target, state: Array, R_out: Array) -> None:
     """The planned orientation with the correction: ``R_out`` = R_target turned by the state about its own x and y."""
-    a, b = state[0], state[1]
+    a, b = state[TILT_X], state[TILT_Y]
     angle = math.sqrt(a * a + b * b)
     if angle < 1e-9:
         for i in range(3):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from numba import njit
 
 from polish_sim.control.adaptive.gains import AdaptiveGains
-from polish_sim.control.adaptive.memory import LINE, PressMemory
+from polish_sim.control.adaptive.memory import LINE, SENSED_AT, SENSED_OWN, SENSED_PATH, PressMemory
 from polish_sim.control.filters import low_pass_step
 
 
@@ -31,11 +31,11 @@ class Sensed(NamedTuple):
 def as_sensed(g: AdaptiveGains, memory: PressMemory, path: float, own: float, dt: float) -> Sensed:
     """Pass travel [m] and own forces [N] through the believed low-pass and latency of the sensor."""
     line = memory.line
-    line[1] = low_pass_step(line[1], path, g.sensor_hz, dt)
-    line[2] = low_pass_step(line[2], own, g.sensor_hz, dt)
-    here = int(line[0])
-    memory.path_line[here], memory.own_line[here] = line[1], line[2]
+    line[SENSED_PATH] = low_pass_step(line[SENSED_PATH], path, g.sensor_hz, dt)
+    line[SENSED_OWN] = low_pass_step(line[SENSED_OWN], own, g.sensor_hz, dt)
+    here = int(line[SENSED_AT])
+    memory.path_line[here], memory.own_line[here] = line[SENSED_PATH], line[SENSED_OWN]
     late = min(math.floor(g.sensor_latency / dt + 0.5), LINE - 1)
     then = (here - late) % LINE
-    line[0] = (here + 1) % LINE
+    line[SENSED_AT] = (here + 1) % LINE
     return Sensed(memory.path_line[then], memory.own_line[then])

@@ -14,7 +14,15 @@ import math
 from numba import njit
 
 from polish_sim.control.adaptive.gains import AdaptiveGains
-from polish_sim.control.adaptive.memory import PressMemory
+from polish_sim.control.adaptive.memory import (
+    AIR_VARIANCE,
+    CO_SPREAD,
+    MEAN_FORCE,
+    MEAN_PATH,
+    SPREAD,
+    WEIGHT,
+    PressMemory,
+)
 
 _MEMORY = 0.05  # [s]
 _EXCITED = 0.004  # slower motion teaches nothing [m/s]
@@ -26,7 +34,7 @@ _SOFTEST, _STIFFEST = 0.1, 10.0  # of the nominal stiffness
 def restart_fit(memory: PressMemory, path: float, force: float) -> None:
     """Forget everything but where the tool touched: ``path`` [m], ``force`` [N], as sensed."""
     fit = memory.fit
-    fit[0], fit[1], fit[2], fit[3], fit[4] = 0.0, path, force, 0.0, 0.0
+    fit[WEIGHT], fit[MEAN_PATH], fit[MEAN_FORCE], fit[SPREAD], fit[CO_SPREAD] = 0.0, path, force, 0.0, 0.0
 
 
 @njit(cache=True)
@@ -51,16 +59,17 @@ def refine_stiffness(
     fit = memory.fit
     if abs(pressing) > _EXCITED:
         kept = math.exp(-dt / _MEMORY)
-        weight = kept * fit[0] + 1.0
+        weight = kept * fit[WEIGHT] + 1.0
         share = (weight - 1.0) / weight
-        dz, df = path - fit[1], force - fit[2]
-        fit[0] = weight
-        fit[1] += dz / weight
-        fit[2] += df / weight
-        fit[3] = kept * (fit[3] + share * dz * dz)
-        fit[4] = kept * (fit[4] + share * dz * df)
-    spread = fit[3] + 1e-16
-    sigma = 2.0 * max(math.sqrt(memory.air[2]), 0.2)  # a low-passed reading is worth a quarter of a fresh one
-    slope, doubt = fit[4] / spread, _CONFIDENCE * sigma / math.sqrt(spread)
+        dz, df = path - fit[MEAN_PATH], force - fit[MEAN_FORCE]
+        fit[WEIGHT] = weight
+        fit[MEAN_PATH] += dz / weight
+        fit[MEAN_FORCE] += df / weight
+        fit[SPREAD] = kept * (fit[SPREAD] + share * dz * dz)
+        fit[CO_SPREAD] = kept * (fit[CO_SPREAD] + share * dz * df)
+    spread = fit[SPREAD] + 1e-16
+    # A low-passed reading is worth a quarter of a fresh one.
+    sigma = 2.0 * max(math.sqrt(memory.air[AIR_VARIANCE]), 0.2)
+    slope, doubt = fit[CO_SPREAD] / spread, _CONFIDENCE * sigma / math.sqrt(spread)
     upper = min(slope + doubt, max(g.stiff_first * nominal, slope))
     return min(max(upper, _SOFTEST * nominal), _STIFFEST * nominal)

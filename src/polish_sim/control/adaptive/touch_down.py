@@ -17,7 +17,18 @@ import math
 from numba import njit
 
 from polish_sim.control.adaptive.gains import AdaptiveGains
-from polish_sim.control.adaptive.memory import PressMemory
+from polish_sim.control.adaptive.memory import (
+    AGE,
+    AIR_MEAN,
+    AIR_VARIANCE,
+    APPROACH_SPEED,
+    FAST,
+    FAST_VARIANCE,
+    LANDED,
+    SLOW,
+    WATCHED,
+    PressMemory,
+)
 from polish_sim.control.filters import low_pass_step
 
 _FAST_HZ, _SLOW_HZ = 30.0, 5.0
@@ -40,8 +51,8 @@ _LANDING_ENDS = 0.15  # time in which the observer's rate is faded in [s]
 def smooth_reading(memory: PressMemory, reading: float, dt: float) -> None:
     """Keep the two low-passed readings up to date [N]."""
     air = memory.air
-    air[3] = low_pass_step(air[3], reading, _FAST_HZ, dt)
-    air[4] = low_pass_step(air[4], reading, _SLOW_HZ, dt)
+    air[FAST] = low_pass_step(air[FAST], reading, _FAST_HZ, dt)
+    air[SLOW] = low_pass_step(air[SLOW], reading, _SLOW_HZ, dt)
 
 
 @njit(cache=True)
@@ -49,22 +60,22 @@ def watch_air(memory: PressMemory, reading: float, approaching: bool, dt: float)
     """Learn what the reading [N] is like in the air; True once it is not like that any more."""
     air = memory.air
     if not approaching:
-        air[0] = 0.0
+        air[WATCHED] = 0.0
         return False
-    air[0] += dt
-    if air[0] <= 1.5 * dt:
-        air[1], air[2], air[3], air[4], air[8] = reading, 0.0, reading, reading, 0.0
+    air[WATCHED] += dt
+    if air[WATCHED] <= 1.5 * dt:
+        air[AIR_MEAN], air[AIR_VARIANCE], air[FAST], air[SLOW], air[FAST_VARIANCE] = reading, 0.0, reading, reading, 0.0
         return False
     smooth_reading(memory, reading, dt)
     slow_rise = max(_SLOW_LEAST, _SLOW_SHARE / _FAST_SHARE * _SIGMAS * _deviation(memory))
-    if is_armed(memory) and (air[3] - air[1] > fast_rise(memory) or air[4] - air[1] > slow_rise):
+    if is_armed(memory) and (air[FAST] - air[AIR_MEAN] > fast_rise(memory) or air[SLOW] - air[AIR_MEAN] > slow_rise):
         return True
-    share, rough, off = dt / min(air[0], _AIR_MEMORY), reading - air[3], air[3] - air[1]
-    counted = min(off * off, 4.0 * air[8]) if is_armed(memory) else off * off
-    air[8] += dt / min(air[0], _NOISE_MEMORY) * (counted - air[8])
-    air[1] += share * (reading - air[1])
-    air[1] = min(max(air[1], -_LARGEST_OFFSET), _LARGEST_OFFSET)
-    air[2] += share * (rough * rough / _ROUGH_SHARE - air[2])
+    share, rough, off = dt / min(air[WATCHED], _AIR_MEMORY), reading - air[FAST], air[FAST] - air[AIR_MEAN]
+    counted = min(off * off, 4.0 * air[FAST_VARIANCE]) if is_armed(memory) else off * off
+    air[FAST_VARIANCE] += dt / min(air[WATCHED], _NOISE_MEMORY) * (counted - air[FAST_VARIANCE])
+    air[AIR_MEAN] += share * (reading - air[AIR_MEAN])
+    air[AIR_MEAN] = min(max(air[AIR_MEAN], -_LARGEST_OFFSET), _LARGEST_OFFSET)
+    air[AIR_VARIANCE] += share * (rough * rough / _ROUGH_SHARE - air[AIR_VARIANCE])
     return False
 
 
@@ -77,27 +88,27 @@ def fast_rise(memory: PressMemory) -> float:
 @njit(cache=True)
 def _deviation(memory: PressMemory) -> float:
     """Of the faster low-passed reading in the air: what white noise would do, or what it did if that is more [N]."""
-    return math.sqrt(max(_FAST_SHARE * _FAST_SHARE * memory.air[2], memory.air[8]))
+    return math.sqrt(max(_FAST_SHARE * _FAST_SHARE * memory.air[AIR_VARIANCE], memory.air[FAST_VARIANCE]))
 
 
 @njit(cache=True)
 def is_armed(memory: PressMemory) -> bool:
     """Whether the air has been watched for long enough to tell contact from noise."""
-    return bool(memory.air[0] > _ARMED)
+    return bool(memory.air[WATCHED] > _ARMED)
 
 
 @njit(cache=True)
 def fell_back(memory: PressMemory) -> bool:
     """Whether the reading is again what it was in the air."""
-    return bool(memory.air[3] - memory.air[1] < 0.25 * fast_rise(memory))
+    return bool(memory.air[FAST] - memory.air[AIR_MEAN] < 0.25 * fast_rise(memory))
 
 
 @njit(cache=True)
 def seek_speed(memory: PressMemory) -> float:
     """Speed towards a part that should be there: as in the approach, quicker where contact was lost [m/s]."""
-    if memory.force[5] > _FOUND:
+    if memory.force[AGE] > _FOUND:
         return _SEEK_FASTEST
-    return min(max(memory.air[6], _SEEK_SLOWEST), _SEEK_FASTEST)
+    return min(max(memory.air[APPROACH_SPEED], _SEEK_SLOWEST), _SEEK_FASTEST)
 
 
 @njit(cache=True)
@@ -105,7 +116,7 @@ def speed_limit(g: AdaptiveGains, memory: PressMemory, stiffness: float) -> floa
     """Highest speed along tool z for the evidence of contact there is and a ``stiffness`` [N/m]; result [m/s]."""
     if g.touch_down == 0.0:
         return g.speed
-    rise = memory.air[3] - memory.air[1] - fast_rise(memory)
+    rise = memory.air[FAST] - memory.air[AIR_MEAN] - fast_rise(memory)
     evidence = min(max(rise / _SURE, 0.0), 1.0)
     believed = min(seek_speed(memory) + evidence * g.speed, g.speed)
     return min(believed, max(g.force_rate / stiffness, _SEEK_SLOWEST))
@@ -129,6 +140,6 @@ def quickest_stop(g: AdaptiveGains, travel: float, crossover: float, limit: floa
 def note_landing(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float) -> None:
     """Keep how far the landing is over: it ends once the wanted speed [m/s] is small, and the rate is faded in."""
     if g.touch_down == 0.0:
-        memory.force[4] = 1.0
+        memory.force[LANDED] = 1.0
     elif abs(speed) < _LANDED:
-        memory.force[4] = min(1.0, memory.force[4] + dt / _LANDING_ENDS)
+        memory.force[LANDED] = min(1.0, memory.force[LANDED] + dt / _LANDING_ENDS)

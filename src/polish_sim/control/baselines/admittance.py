@@ -24,10 +24,10 @@ from polish_sim.control.baselines.virtual_mass import (
     VirtualMass,
     baseline_gains,
     move_around,
-    own_gains,
     own_memory,
     push,
     speed_along_z,
+    virtual_mass,
 )
 from polish_sim.control.compiled import LAW_SIGNATURE, CompiledController
 from polish_sim.control.hybrid import replace_along_z
@@ -48,13 +48,13 @@ Array = NDArray[np.float64]
 def step_admittance(context: Array, m: Measurement, t: Target, twist: Array) -> None:
     """Controller ``admittance``; until contact the tool moves by position."""
     move_around(context, m, t, twist)
-    g, memory = own_gains(context), own_memory(context)
+    memory = own_memory(context)
     if t.contact[0] == 0.0:
         memory[STARTED] = 0.0
         return
     if memory[STARTED] == 0.0:
         memory[STARTED], memory[VELOCITY] = 1.0, speed_along_z(m)
-    rate = push(VirtualMass(g[0], g[1], 0.0, g[2]), t.force[0] - m.wrench[2], m.clock[1], memory)
+    rate = push(virtual_mass(context), t.force[0] - m.wrench[2], m.clock[1], memory)
     replace_along_z(m, rate, twist)
 
 
@@ -73,5 +73,5 @@ def admittance_law() -> Any:
 
 def admittance(config: ControllerConfig) -> CompiledController:
     """Admittance control along tool z."""
-    own = [config.baselines.mass_kg, config.baselines.damping_n_s_m, config.force_limit_m_s]
-    return CompiledController(baseline_gains(config, own), MEMORY, step_admittance, admittance_law)
+    body = VirtualMass(config.baselines.mass_kg, config.baselines.damping_n_s_m, 0.0, config.force_limit_m_s)
+    return CompiledController(baseline_gains(config, body), MEMORY, step_admittance, admittance_law)

@@ -16,7 +16,7 @@ latency of a host between itself and the servos; here it answers through the sam
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import carray, cfunc, njit
@@ -53,16 +53,25 @@ STEP_S = 0.002
 PASSED, SUM, READINGS = 3, 4, 5
 
 
+class ModeGains(NamedTuple):
+    """What the mode is told."""
+
+    mass: float
+    """Virtual mass M / scaling [kg]."""
+    damping: float
+    """Share of the speed lost per step [-]."""
+    limit: float
+    """Largest speed [m/s]."""
+
+
 @njit(cache=True)
-def mode_speed(error: float, dt: float, mass: float, damping: float, limit: float, memory: Array) -> float:
+def mode_speed(error: float, dt: float, gains: ModeGains, memory: Array) -> float:
     """Speed of the mode, renewed every 2 ms and held in between.
 
     Args:
         error: Fd - Fe [N].
         dt: Control cycle [s].
-        mass: Virtual mass M / scaling [kg].
-        damping: Share of the speed lost per step [-].
-        limit: Largest speed [m/s].
+        gains: The mode's gains.
         memory: Speed, and what came in since the last step.
 
     Returns:
@@ -72,9 +81,9 @@ def mode_speed(error: float, dt: float, mass: float, damping: float, limit: floa
     memory[SUM] += error
     memory[READINGS] += 1.0
     if memory[PASSED] >= STEP_S - 1e-9:
-        push = memory[SUM] / memory[READINGS] * memory[PASSED] / mass
-        kept = (1.0 - damping) ** (memory[PASSED] / STEP_S)
-        memory[VELOCITY] = min(max(kept * memory[VELOCITY] + push, -limit), limit)
+        push = memory[SUM] / memory[READINGS] * memory[PASSED] / gains.mass
+        kept = (1.0 - gains.damping) ** (memory[PASSED] / STEP_S)
+        memory[VELOCITY] = min(max(kept * memory[VELOCITY] + push, -gains.limit), gains.limit)
         memory[PASSED] = memory[SUM] = memory[READINGS] = 0.0
     return float(memory[VELOCITY])
 
@@ -83,14 +92,15 @@ def mode_speed(error: float, dt: float, mass: float, damping: float, limit: floa
 def step_force_mode(context: Array, m: Measurement, t: Target, twist: Array) -> None:
     """Controller ``force-mode``; until contact the tool moves by position."""
     move_around(context, m, t, twist)
-    g, memory = own_gains(context), own_memory(context)
+    own, memory = own_gains(context), own_memory(context)
     if t.contact[0] == 0.0:
         memory[STARTED] = 0.0
         return
     if memory[STARTED] == 0.0:
         memory[STARTED], memory[VELOCITY] = 1.0, speed_along_z(m)
         memory[PASSED] = memory[SUM] = memory[READINGS] = 0.0
-    replace_along_z(m, mode_speed(t.force[0] - m.wrench[2], m.clock[1], g[0], g[1], g[2], memory), twist)
+    gains = ModeGains(own[0], own[1], own[2])
+    replace_along_z(m, mode_speed(t.force[0] - m.wrench[2], m.clock[1], gains, memory), twist)
 
 
 @cache
@@ -109,5 +119,5 @@ def force_mode_law() -> Any:
 def force_mode(config: ControllerConfig) -> CompiledController:
     """A robot's own force mode along tool z."""
     mode = config.baselines
-    own = [mode.mode_mass_kg / mode.mode_gain_scaling, mode.mode_damping, config.force_limit_m_s]
-    return CompiledController(baseline_gains(config, own), MEMORY, step_force_mode, force_mode_law)
+    gains = ModeGains(mode.mode_mass_kg / mode.mode_gain_scaling, mode.mode_damping, config.force_limit_m_s)
+    return CompiledController(baseline_gains(config, gains), MEMORY, step_force_mode, force_mode_law)

@@ -24,13 +24,14 @@ from polish_sim.control.baselines.virtual_mass import (
     VirtualMass,
     baseline_gains,
     move_around,
-    own_gains,
     own_memory,
     push,
     speed_along_z,
+    virtual_mass,
 )
 from polish_sim.control.compiled import LAW_SIGNATURE, CompiledController
 from polish_sim.control.hybrid import replace_along_z
+from polish_sim.control.hybrid_laws import position_gains
 from polish_sim.control.signals import (
     ANSWER_SIZE,
     MEASUREMENT_SIZE,
@@ -48,7 +49,7 @@ Array = NDArray[np.float64]
 def step_impedance_position(context: Array, m: Measurement, t: Target, twist: Array) -> None:
     """Controller ``impedance-position``; until contact the tool moves by position."""
     move_around(context, m, t, twist)
-    g, memory, z = own_gains(context), own_memory(context), m.rotation[:, 2]
+    body, memory, z = virtual_mass(context), own_memory(context), m.rotation[:, 2]
     if t.contact[0] == 0.0:
         memory[STARTED] = 0.0
         return
@@ -59,9 +60,9 @@ def step_impedance_position(context: Array, m: Measurement, t: Target, twist: Ar
     if memory[STARTED] == 0.0:
         # Bumpless: where the tool is, as fast as it is.
         memory[STARTED], memory[VELOCITY], memory[OFFSET] = 1.0, speed_along_z(m) - planned, -short
-    given_way = push(VirtualMass(g[0], g[1], g[3], g[2]), t.force[0] - m.wrench[2], m.clock[1], memory)
-    rate = planned + given_way + (short + memory[OFFSET]) / context[0]
-    replace_along_z(m, min(max(rate, -g[2]), g[2]), twist)
+    given_way = push(body, t.force[0] - m.wrench[2], m.clock[1], memory)
+    rate = planned + given_way + (short + memory[OFFSET]) / position_gains(context).look_ahead
+    replace_along_z(m, min(max(rate, -body.limit), body.limit), twist)
 
 
 @cache
@@ -79,10 +80,6 @@ def impedance_position_law() -> Any:
 
 def impedance_position(config: ControllerConfig) -> CompiledController:
     """Position-based impedance control along tool z."""
-    own = [
-        config.baselines.mass_kg,
-        config.baselines.damping_n_s_m,
-        config.force_limit_m_s,
-        config.baselines.stiffness_n_m,
-    ]
-    return CompiledController(baseline_gains(config, own), MEMORY, step_impedance_position, impedance_position_law)
+    own = config.baselines
+    body = VirtualMass(own.mass_kg, own.damping_n_s_m, own.stiffness_n_m, config.force_limit_m_s)
+    return CompiledController(baseline_gains(config, body), MEMORY, step_impedance_position, impedance_position_law)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control.hybrid import STATE_SIZE, hybrid_state_of, position_by_velocity
-from polish_sim.control.hybrid_laws import GAINS_SIZE, gains_of, turn_and_level
-from polish_sim.control.position import PositionGains
+from polish_sim.control.hybrid_laws import GAINS_SIZE, gains_of, position_gains, turn_and_level
 from polish_sim.control.signals import Measurement, Target
 
 Array = NDArray[np.float64]
@@ -37,7 +36,7 @@ class VirtualMass(NamedTuple):
     """Largest speed [m/s]."""
 
 
-def baseline_gains(config: ControllerConfig, own: list[float]) -> Array:
+def baseline_gains(config: ControllerConfig, own: tuple[float, ...]) -> Array:
     """Gains of the loops around the law and its own, shape (24,)."""
     return np.concatenate([gains_of(config), own, np.zeros(OWN_GAINS - len(own))])
 
@@ -46,6 +45,13 @@ def baseline_gains(config: ControllerConfig, own: list[float]) -> Array:
 def own_gains(context: Array) -> Array:
     """A law's own gains, shape (8,)."""
     return context[GAINS_SIZE : GAINS_SIZE + OWN_GAINS]
+
+
+@njit(cache=True)
+def virtual_mass(context: Array) -> VirtualMass:
+    """The virtual mass of a law whose own gains it is."""
+    own = own_gains(context)
+    return VirtualMass(own[0], own[1], own[2], own[3])
 
 
 @njit(cache=True)
@@ -89,5 +95,5 @@ def move_around(context: Array, m: Measurement, t: Target, twist: Array) -> None
     """Everything but tool z as ``hybrid-pi`` does it: position by eq. 6, orientation by eq. 7, moment about tool y."""
     state = hybrid_state_of(context[GAINS_SIZE + OWN_GAINS :])
     dt = m.clock[1]
-    position_by_velocity(m, t, PositionGains(context[0], context[1], context[2]), dt, state, twist)
+    position_by_velocity(m, t, position_gains(context), dt, state, twist)
     turn_and_level(context, dt, m, t, state, twist)
