@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from polish_sim.cli import console
 from polish_sim.cli import option_types as o
@@ -12,7 +14,11 @@ from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.scenario_options import build_scenario, given_options
 from polish_sim.cli.sinks import open_sinks
+from polish_sim.config import Scenario
 from polish_sim.errors import InputError
+
+if TYPE_CHECKING:
+    from polish_sim.planning import ToolPath
 
 
 def run(
@@ -64,24 +70,12 @@ def run(
         raise InputError("--view and --video show one run: leave --seeds out.")
     prepare_headless()
     # Lazy: the simulator takes a second to load, --help must not wait for it.
-    from polish_sim.calibration import read_calibrated_tool
-    from polish_sim.cell import parse_events
-    from polish_sim.cli.given_plan import take_plan
     from polish_sim.cli.seeds import run_seeds
     from polish_sim.cli.simulation import check_reach, run_once
     from polish_sim.experiments import default_scenario
-    from polish_sim.planning import PATTERNS
 
     scenario = build_scenario(default_scenario(experiment), given, config, set_ or [])
-    if scenario.payload.file:
-        read_calibrated_tool(Path(scenario.payload.file))  # a bad one is refused before the plan is made
-    parse_events(scenario.faults.events)
-    plan = None
-    source = path or (Path(scenario.plan.file) if scenario.plan.file else None)
-    if source is not None:
-        plan, scenario = take_plan(source, scenario, given)
-    else:
-        refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
+    plan, scenario = _checked(scenario, given, path)
     if dry_run:
         check_reach(scenario, plan)
         return DONE
@@ -93,3 +87,20 @@ def run(
     outcome.show()
     console.say(f"folder: {folder.final}")
     return outcome.exit_code(check)
+
+
+def _checked(scenario: Scenario, given: Mapping[str, Any], path: Path | None) -> tuple[ToolPath | None, Scenario]:
+    """Refuse what cannot be run before anything is planned, and take the plan of a given path."""
+    from polish_sim.calibration import read_calibrated_tool
+    from polish_sim.cell import parse_events
+    from polish_sim.cli.given_plan import take_plan
+    from polish_sim.planning import PATTERNS
+
+    if scenario.payload.file:
+        read_calibrated_tool(Path(scenario.payload.file))
+    parse_events(scenario.faults.events)
+    source = path or (Path(scenario.plan.file) if scenario.plan.file else None)
+    if source is not None:
+        return take_plan(source, scenario, given)
+    refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
+    return None, scenario

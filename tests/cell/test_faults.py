@@ -39,7 +39,7 @@ def faulty(events: str, *changes: str, hold: float = 2.0, slide: float = 0.0) ->
     return cell_for(scenario, pressing_job(hold=hold, slide=slide, lift=0.01), part=part_under(plane()))
 
 
-def ends_well(run: CellRun) -> None:
+def assert_it_ends_well(run: CellRun) -> None:
     """Whatever happened: bounded force, whole log, tool off the part, reason and brakes in time."""
     assert run.trace.normal_force_n.max() < MOST_N
     np.testing.assert_allclose(run.trace.time_s, 0.001 * np.arange(run.steps), atol=1e-9)
@@ -68,7 +68,7 @@ def test_what_the_host_can_see_at_once_stops_within_20_ms(name: str, code: float
     assert run.stop_reason == REASONS[code]
     assert run.safety.fault_to_stop_s is not None
     assert run.safety.fault_to_stop_s <= 0.020
-    ends_well(run)
+    assert_it_ends_well(run)
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_what_shows_by_its_absence_stops_when_its_time_is_over(name: str, code: 
     run = faulty(f"{name}@contact+1", "spindle.speed_rpm=6000").run()
     assert run.stop_reason == REASONS[code]
     assert run.safety.fault_to_stop_s == pytest.approx(delay, abs=0.004)
-    ends_well(run)
+    assert_it_ends_well(run)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_what_shows_by_its_absence_stops_when_its_time_is_over(name: str, code: 
 def test_a_surface_that_leaves_its_place_under_the_pad_is_noticed(name: str, code: float) -> None:
     run = faulty(f"{name}@contact+1", hold=12.0).run()
     assert run.stop_reason == REASONS[code]
-    ends_well(run)
+    assert_it_ends_well(run)
 
 
 def test_a_part_that_rises_by_10_mm_is_followed_for_5() -> None:
@@ -109,15 +109,15 @@ def test_a_part_that_is_not_where_it_was_planned_is_noticed_when_it_is_touched(n
     run = cell_for(faulty(f"{name}@0").scenario, job, part=part_under(plane())).run()
     assert run.stop_reason == REASONS[code]
     assert run.trace.normal_force_n.max() < 10.0
-    ends_well(run)
+    assert_it_ends_well(run)
 
 
 @pytest.mark.parametrize("name", ["sensor-noise", "latency-jump", "part-shift", "part-loose", "friction-jump"])
 def test_what_no_guard_must_notice_keeps_the_force_bounded_all_the_same(name: str) -> None:
-    ends_well(faulty(f"{name}@contact+0.5", slide=0.01).run())
+    assert_it_ends_well(faulty(f"{name}@contact+0.5", slide=0.01).run())
 
 
-def test_every_fault_has_its_sentence_and_is_tested_here_or_by_the_random_injections() -> None:
+def test_every_fault_has_a_sentence_of_its_own_that_fits_a_line() -> None:
     assert len({fault.text for fault in FAULTS.values()}) == len(FAULTS)
     assert all(len(f"{name}  {fault.text}") < 110 for name, fault in FAULTS.items())
 
@@ -179,4 +179,4 @@ def test_a_part_that_rises_while_the_tool_touches_down_is_noticed_too() -> None:
     assert run.stop_reason == REASONS[RISEN]
     # It goes on to be pressed in by 4 mm first; what it has risen counts from where contact was found.
     assert run.safety.fault_to_stop_s == pytest.approx(0.009 / SHIFT_SPEED, abs=0.1)
-    ends_well(run)
+    assert_it_ends_well(run)
