@@ -103,6 +103,7 @@ def test_workers_do_not_outlive_a_parent_that_is_killed(tmp_path: Path) -> None:
         worker = int((tmp_path / "worker").read_text())
         parent.kill()
     until(lambda: not alive(worker))
+    assert not alive(worker)
 
 
 PARENT = """
