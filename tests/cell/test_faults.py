@@ -27,7 +27,7 @@ from polish_sim.cell.part_motion import SHIFT_SPEED
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from tests.cell.cells import EVERY_STEP, NOMINAL_PART, cell_for, part_under, pressing_job
+from tests.cell.cells import EVERY_STEP, NOMINAL_PART, cell_for, free_job, part_under, pressing_job, tool_pose
 from tests.cell.fields import plane
 
 MOST_N = 60.0  # exact force no fault may lead to
@@ -180,3 +180,10 @@ def test_a_part_that_rises_while_the_tool_touches_down_is_noticed_too() -> None:
     # It goes on to be pressed in by 4 mm first; what it has risen counts from where contact was found.
     assert run.safety.fault_to_stop_s == pytest.approx(0.009 / SHIFT_SPEED, abs=0.1)
     assert_it_ends_well(run)
+
+
+@pytest.mark.parametrize("event", ["part-high@1", "spindle-stop@1", "sensor-frozen@contact+1"])
+def test_a_fault_that_needs_a_part_is_refused_where_there_is_none(event: str) -> None:
+    scenario = override(default_scenario("arc"), [f"faults.events={event}"])
+    with pytest.raises(ConfigError, match=r"would change nothing"):
+        cell_for(scenario, free_job(tool_pose(0.0, -0.5, 0.2)))

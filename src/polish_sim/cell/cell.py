@@ -14,7 +14,7 @@ from polish_sim.cell.carried import carried_payload
 from polish_sim.cell.contact import RealPart, build_pad
 from polish_sim.cell.crash_points import crash_points
 from polish_sim.cell.engine import register_engine
-from polish_sim.cell.faults import FaultClock, parse_events
+from polish_sim.cell.faults import FaultClock, check_events, parse_events
 from polish_sim.cell.guards import CONTROLLER_ERROR, REASONS, build_guards
 from polish_sim.cell.interrupts import interrupts_noted
 from polish_sim.cell.kernel import ARRIVED, CLOCK, ENDED, STATUS_SIZE, STOP, CellKernel, engine_views
@@ -107,7 +107,9 @@ class Cell:
         check_step_limits(scenario, self._tangential_mass(), part.field.band)
         check_rates(scenario)
         self.carried = carried_payload(model, self.data)
-        self.faults = FaultClock(parse_events(scenario.faults.events))
+        events = parse_events(scenario.faults.events)
+        check_events(events, on_part=any(job.contact > 0.0 for job in strokes))
+        self.faults = FaultClock(events)
         self._touched: str | None = None
         self.strokes = tuple(strokes)
         self.kernel = self._build_kernel(part, self.strokes[0], q_start)

@@ -36,6 +36,8 @@ class Fault(NamedTuple):
     """What happens, one line."""
     inject: Inject
     """Makes it happen in a running cell."""
+    on_part: bool = False
+    """Whether it changes nothing without a part to press on."""
 
 
 def _sensor_dropout(cell: CellKernel) -> CellKernel:
@@ -133,13 +135,19 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         "command-lost": Fault("the host sends no more commands: speedl runs out by itself", _command_lost),
         "latency-jump": Fault(f"commands come {1e3 * LATENCY_S:g} ms later than before", _latency_jump),
         "controller-nan": Fault("the controller answers what is no number", _controller_nan),
-        "part-missing": Fault("the part is gone, at once", _part_missing),
-        "part-high": Fault(f"the part rises by {1e3 * PART_M:g} mm along its normal, at 20 mm/s", _part_along(PART_M)),
-        "part-low": Fault(f"the part sinks by {1e3 * PART_M:g} mm along its normal, at 20 mm/s", _part_along(-PART_M)),
-        "part-shift": Fault(f"the part slips aside by {1e3 * PART_M:g} mm, at 20 mm/s", _part_across),
-        "part-loose": Fault(f"the part shakes along its normal, {1e3 * SHAKE_M:g} mm at {SHAKE_HZ:g} Hz", _part_loose),
-        "spindle-stop": Fault("the spindle's drive fails: it runs down in 0.5 s", _spindle_stop),
-        "friction-jump": Fault(f"the pad's friction grows {FRICTION_TIMES:g} times", _friction_jump),
+        "part-missing": Fault("the part is gone, at once", _part_missing, on_part=True),
+        "part-high": Fault(
+            f"the part rises by {1e3 * PART_M:g} mm along its normal, at 20 mm/s", _part_along(PART_M), on_part=True
+        ),
+        "part-low": Fault(
+            f"the part sinks by {1e3 * PART_M:g} mm along its normal, at 20 mm/s", _part_along(-PART_M), on_part=True
+        ),
+        "part-shift": Fault(f"the part slips aside by {1e3 * PART_M:g} mm, at 20 mm/s", _part_across, on_part=True),
+        "part-loose": Fault(
+            f"the part shakes along its normal, {1e3 * SHAKE_M:g} mm at {SHAKE_HZ:g} Hz", _part_loose, on_part=True
+        ),
+        "spindle-stop": Fault("the spindle's drive fails: it runs down in 0.5 s", _spindle_stop, on_part=True),
+        "friction-jump": Fault(f"the pad's friction grows {FRICTION_TIMES:g} times", _friction_jump, on_part=True),
     }
 )
 
@@ -164,6 +172,21 @@ def parse_events(text: str) -> tuple[FaultEvent, ...]:
         ConfigError: An entry is not NAME@TIME.
     """
     return tuple(_parse_event(entry.strip()) for entry in text.split(",") if entry.strip())
+
+
+def check_events(events: tuple[FaultEvent, ...], on_part: bool) -> None:
+    """Refuse faults that would change nothing.
+
+    Args:
+        events: The planned faults.
+        on_part: Whether there is a part to press on.
+
+    Raises:
+        ConfigError: Naming the first such fault.
+    """
+    for event in events:
+        if not on_part and (FAULTS[event.name].on_part or event.after_contact):
+            raise ConfigError(f"the fault '{event}' would change nothing: there is no part to press on. Leave it out.")
 
 
 def _parse_event(entry: str) -> FaultEvent:
