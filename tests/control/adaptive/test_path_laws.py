@@ -1,0 +1,312 @@
+"""What the path tells: each law against its closed form, and what it is worth on a plant in closed form."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.config import ControllerConfig
+from polish_sim.control.adaptive.ahead import Ahead, ahead_of, at, forget, no_ahead, pack_ahead
+from polish_sim.control.adaptive.controller import AdaptiveController, hybrid_adaptive
+from polish_sim.control.adaptive.feed import Abilities, FeedGains, followable_share, granted_feed
+from polish_sim.control.adaptive.feed_forward import (
+    FeedForwardGains,
+    lead_turning,
+    planned_press_rate,
+    planned_surplus,
+)
+from polish_sim.control.adaptive.gains import adaptive_gains
+from polish_sim.control.adaptive.inertia import round_a_bend
+from polish_sim.control.adaptive.learning import LearningGains, learn, learned_rate
+from polish_sim.control.adaptive.normal import NormalGains, level_by_moment, tilted_target
+from polish_sim.control.signals import TARGET_SIZE, Measurement, Target, target_of
+from tests.control.adaptive.plant import measurement_at_rest
+from tests.control.adaptive.track import SPACING, SPRING, course_of, follow
+
+Array = NDArray[np.float64]
+
+CAN = Abilities(1.0, 40.0, 1.2, 6.0)
+ON = FeedForwardGains(0.01, 1.0)
+LEARN = LearningGains(0.005, 0.0, 0.1, 1.0, 1.0)
+NORMAL = NormalGains(3.0, 0.17, 0.3, 20000.0 / 3.0, 3.125, 1.0)
+FEED = FeedGains(1.0, 0.1, 0.1, 1.0)
+
+
+def fed_at(s: float, speed: float = 0.06) -> Target:
+    """A target in contact at a place of a straight path along x."""
+    t = target_of(np.zeros(TARGET_SIZE))
+    t.rotation[:], t.contact[0], t.force[0] = np.eye(3), 1.0, 20.0
+    t.path[0], t.path[2], t.twist[0] = s, speed, speed
+    return t
+
+
+def seen_with(**columns: Array) -> Ahead:
+    """What lies ahead: flat but for these columns of the course."""
+    n = len(next(iter(columns.values())))
+    course = course_of(np.zeros(n))._replace(**columns)
+    return ahead_of(pack_ahead(course, np.ones(n)))
+
+
+def in_degrees(m: Measurement, *axis: float) -> Measurement:
+    """The measurement of a tool turned by a rotation vector [deg]."""
+    m.rotation[:] = Rotation.from_rotvec(np.radians(axis)).as_matrix()
+    return m
+
+
+def test_columns_are_linear_between_rows_and_held_at_the_ends() -> None:
+    ahead = seen_with(stiffness=np.array([4000.0, 5000.0, 3000.0]))
+    assert at(ahead.stiffness, SPACING, 0.25 * SPACING) == pytest.approx(4250.0)
+    assert at(ahead.stiffness, SPACING, 1.0) == pytest.approx(3000.0, rel=1e-3)
+    assert at(ahead.stiffness, SPACING, -1.0) == 4000.0
+    assert at(ahead.stiffness, SPACING, SPACING) == pytest.approx(5000.0)
+
+
+def test_without_a_course_nothing_is_expected() -> None:
+    ahead, t, m = ahead_of(no_ahead()), fed_at(0.1), measurement_at_rest()
+    assert at(ahead.stiffness, ahead.spacing, 0.1) == 0.0
+    assert planned_press_rate(ahead, m, t, np.eye(3), 0.0, 1.0, ON) == 0.0
+    assert learned_rate(ahead, t, 0.0, LEARN, 0.001, np.zeros(2)) == 0.0
+    assert granted_feed(ahead, t, 0.0, FEED, 0.001, np.zeros(1)) == 1.0
+
+
+def test_what_was_learned_is_forgotten_and_what_was_drawn_is_not() -> None:
+    flat = pack_ahead(course_of(np.linspace(0.0, 0.001, 50)), np.ones(50))
+    drawn = flat.copy()
+    ahead = ahead_of(flat)
+    ahead.learned[:], ahead.known[:] = 1.0, 1.0
+    assert (flat != drawn).any()
+    forget(flat)
+    np.testing.assert_array_equal(flat, drawn)
+
+
+def test_the_tool_is_sent_down_a_slope_at_slope_times_feed() -> None:
+    ahead = seen_with(surplus=0.05 * SPACING * np.arange(200))
+    rate = planned_press_rate(ahead, measurement_at_rest(), fed_at(0.05), np.eye(3), 0.0, 1.0, ON)
+    assert rate == pytest.approx(0.05 * 0.06, rel=1e-3)
+    assert planned_surplus(ahead, fed_at(0.05), 1.0, ON) == pytest.approx(0.05 * 0.05, rel=1e-3)
+
+
+def test_springs_five_times_as_stiff_need_a_fifth_of_the_drawn_way() -> None:
+    ahead = seen_with(surplus=0.05 * SPACING * np.arange(200))
+    rates = [
+        planned_press_rate(ahead, measurement_at_rest(), fed_at(0.05), np.eye(3), 0.0, ratio, ON)
+        for ratio in (1.0, 0.2)
+    ]
+    assert rates[1] == pytest.approx(0.2 * rates[0])
+
+
+def test_the_rate_is_that_of_the_place_where_the_command_will_act() -> None:
+    surplus = np.where(np.arange(400) < 200, 0.0, 0.05 * SPACING * (np.arange(400) - 200))
+    ahead, before = seen_with(surplus=surplus), fed_at(0.09)
+    assert planned_press_rate(ahead, measurement_at_rest(), before, np.eye(3), 0.0, 1.0, ON) == pytest.approx(
+        0, abs=1e-6
+    )
+    rate = planned_press_rate(ahead, measurement_at_rest(), before, np.eye(3), 0.4, 1.0, ON)
+    assert rate == pytest.approx(0.05 * 0.06, rel=1e-2)
+
+
+def test_an_axis_that_lags_behind_runs_into_the_part_and_is_held_back() -> None:
+    """Leaning 1 deg against the feed, the tool's own z sees the motion: v sin(1 deg); a wanted lean is no lag."""
+    ahead, m = seen_with(surplus=np.zeros(200)), in_degrees(measurement_at_rest(), 0.0, 1.0, 0.0)
+    rate = planned_press_rate(ahead, m, fed_at(0.05), np.eye(3), 0.0, 1.0, ON)
+    assert rate == pytest.approx(0.06 * math.sin(math.radians(1.0)))
+    assert planned_press_rate(ahead, m, fed_at(0.05), m.rotation, 0.0, 1.0, ON) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_turning_is_led_by_its_change_over_the_look_ahead() -> None:
+    turning = np.zeros((400, 3))
+    turning[200:, 1] = 10.0
+    ahead, out = seen_with(turning=turning), np.zeros(7)
+    lead_turning(ahead, fed_at(0.0994), FeedForwardGains(0.02, 1.0), out)
+    np.testing.assert_allclose(out[3:6], [0.0, 10.0 * 0.06, 0.0], atol=1e-9)
+    out[:] = 0.0
+    lead_turning(ahead, fed_at(0.15), FeedForwardGains(0.01, 1.0), out)
+    np.testing.assert_allclose(out, 0.0, atol=1e-9)
+
+
+def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles() -> None:
+    """Tool point at v round a bend of radius R, centre l above it: v^2 / R + l (v / R)^2, towards the part."""
+    v, radius, height = 0.06, 0.06, 0.1226
+    m = measurement_at_rest()
+    # Over a convex part, z into it: moving along x the axis turns about -y.
+    m.twist[:] = v, 0.0, 0.0, 0.0, -v / radius, 0.0
+    gains = adaptive_gains(replace(ControllerConfig().adaptive, tool_center_m=height))
+    assert abs(round_a_bend(gains, m)) == pytest.approx(v**2 / radius + height * (v / radius) ** 2)
+
+
+def test_on_a_flat_part_all_of_the_feed_is_granted() -> None:
+    np.testing.assert_array_equal(followable_share(course_of(np.zeros(300)), CAN), 1.0)
+
+
+def test_before_a_sharp_corner_the_feed_falls_no_faster_than_it_may_grow_and_not_elsewhere() -> None:
+    """A corner of 3 mm radius takes half of 1.2 m/s^2 at sqrt(0.6 x 0.003) = 42 mm/s."""
+    bending = np.zeros(2000)
+    bending[1000:1040] = 1.0 / 0.003
+    course = course_of(np.zeros(2000), feed=0.06)._replace(bending=bending)
+    share = followable_share(course, CAN)
+    assert share.min() == pytest.approx(math.sqrt(0.6 * 0.003) / 0.06, rel=0.02)
+    assert (share[:900] == 1.0).all()
+    assert (share[1140:] == 1.0).all()
+    acceleration = np.abs(np.diff((0.06 * share) ** 2)) / (2.0 * SPACING)
+    assert acceleration.max() <= 0.12 + 1e-9
+
+
+def test_a_steep_slope_is_fed_so_slowly_that_its_unforeseen_part_stays_within_the_budget() -> None:
+    surplus = 0.5 * SPACING * np.arange(400)
+    share = followable_share(course_of(surplus, feed=0.1), CAN)
+    speed = 0.1 * share[200]
+    assert 0.3 * SPRING * 0.5 * speed / 40.0 == pytest.approx(1.0, rel=1e-3)
+
+
+def test_twice_the_budget_of_error_halves_the_feed_and_none_frees_it() -> None:
+    ahead, state = ahead_of(no_ahead()), np.zeros(1)
+    shares = [granted_feed(ahead, fed_at(0.1), 2.0, FEED, 0.001, state) for _ in range(1500)]
+    assert shares[0] == 1.0
+    assert shares[-1] == pytest.approx(0.5, rel=1e-3)
+    assert np.abs(np.diff(shares)).max() < 0.02
+    for _ in range(1500):
+        share = granted_feed(ahead, fed_at(0.1), 0.0, FEED, 0.001, state)
+    assert share == 1.0
+
+
+def test_however_wrong_the_force_some_feed_is_granted() -> None:
+    share = granted_feed(ahead_of(no_ahead()), fed_at(0.1), 0.0, FEED, 0.001, np.array([100.0]))
+    assert share == pytest.approx(FEED.least)
+
+
+def test_a_learned_ramp_is_stored_where_it_was_met() -> None:
+    """The average lags its length behind a ramp; what is stored does not."""
+    ahead, state = seen_with(surplus=np.zeros(800)), np.zeros(3)
+    for s in np.arange(0.0, 0.2, 0.06 * 0.001):
+        learn(ahead, fed_at(float(s)), 0.01 * s, LEARN, 0.001, state)
+    rows = np.arange(100, 300)
+    assert (ahead.known[rows] == 1.0).all()
+    np.testing.assert_allclose(ahead.learned[rows], 0.01 * SPACING * rows, atol=1.5e-5)
+    assert ahead.known[:10].sum() == 0.0
+
+
+def test_the_neighbours_slope_is_fed_forward_and_fades_out_where_the_neighbour_is_lost() -> None:
+    neighbour = np.where(np.arange(800) < 600, np.arange(800) - 400, -1)
+    ahead = seen_with(surplus=np.zeros(800), neighbour=neighbour)
+    ahead.learned[:], ahead.known[:] = 0.01 * SPACING * np.arange(800), 1.0
+    state = np.zeros(2)
+    for _ in range(1000):
+        rate = learned_rate(ahead, fed_at(0.25), 0.0, LEARN, 0.001, state)
+    assert rate == pytest.approx(0.01 * 0.06, rel=1e-3)
+    fading = [learned_rate(ahead, fed_at(0.35), 0.0, LEARN, 0.001, state) for _ in range(1000)]
+    assert fading[0] == pytest.approx(rate, rel=0.02)
+    assert abs(fading[-1]) < 1e-3 * rate
+    assert np.abs(np.diff(fading)).max() < 0.02 * rate
+
+
+def test_on_the_first_turn_nothing_is_fed_forward() -> None:
+    ahead = seen_with(surplus=np.zeros(800), neighbour=np.arange(800) - 400)
+    assert learned_rate(ahead, fed_at(0.25), 0.0, LEARN, 0.001, np.zeros(2)) == 0.0
+
+
+def level(ahead: Ahead, true_tilt: Array, noise: float, friction: float = 0.0, seconds: float = 6.0) -> Array:
+    """Close the loop on a part tilted about tool x and y [rad]; corrections (n, 2) [rad].
+
+    The pad's moment is its tilt stiffness times what is left of the tilt, seen about the tool point behind a spring.
+    """
+    rng, state, m = np.random.default_rng(1), np.zeros(4), measurement_at_rest()
+    track = []
+    for _ in range(round(1000 * seconds)):
+        moment = -3.125 * (true_tilt - state[:2])
+        travel = 20.0 / NORMAL.head_stiffness
+        m.wrench[:3] = friction, -0.5 * friction, 20.0
+        m.wrench[3:5] = moment + travel * np.array([m.wrench[1], -m.wrench[0]]) + noise * rng.standard_normal(2)
+        level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
+        track.append(state[:2].copy())
+    return np.array(track)
+
+
+def test_a_tilted_part_is_found_and_friction_does_not_matter() -> None:
+    found = level(ahead_of(no_ahead()), np.array([0.05, -0.08]), 0.0, friction=6.0)
+    np.testing.assert_allclose(found[-1], [0.05, -0.08], atol=1e-4)
+
+
+def test_a_ramp_of_eight_degrees_is_within_its_reach_and_no_more_than_ten() -> None:
+    assert level(ahead_of(no_ahead()), np.array([0.0, math.radians(8.0)]), 0.0)[-1, 1] == pytest.approx(
+        0.1396, abs=1e-3
+    )
+    assert np.linalg.norm(level(ahead_of(no_ahead()), np.array([0.4, 0.4]), 0.0)[-1]) == pytest.approx(0.17)
+
+
+def test_the_noise_of_the_sensor_turns_the_tool_by_less_than_two_milliradians() -> None:
+    found = level(ahead_of(no_ahead()), np.zeros(2), noise=0.02, seconds=20.0)
+    assert np.sqrt((found[2000:] ** 2).mean(axis=0)).max() < 0.002
+
+
+def test_the_moment_a_border_causes_on_the_drawing_does_not_turn_the_tool() -> None:
+    ahead = seen_with(moment=np.tile([0.1, -0.2], (200, 1)))
+    m, state = measurement_at_rest(), np.zeros(4)
+    m.wrench[2:5] = 20.0, 0.1, -0.2
+    for _ in range(3000):
+        level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
+    np.testing.assert_allclose(state[:2], 0.0, atol=1e-9)
+
+
+def test_the_planned_axis_is_turned_about_the_tools_own_axes() -> None:
+    t, R = fed_at(0.0), np.empty((3, 3))
+    t.rotation[:] = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
+    tilted_target(t, np.array([0.05, -0.1, 0.0, 0.0]), R)
+    expected = t.rotation @ Rotation.from_rotvec([0.05, -0.1, 0.0]).as_matrix()
+    np.testing.assert_allclose(R, expected, atol=1e-12)
+
+
+def controller(laws: str) -> AdaptiveController:
+    config = ControllerConfig()
+    return hybrid_adaptive(
+        replace(config, adaptive=replace(config.adaptive, laws="touch-down stiffness inertia " + laws))
+    )
+
+
+def wave(s: float) -> float:
+    """Up to 1 mm deep, slope up to 0.05, as at the crest of a freeform part [m]."""
+    return 0.0005 * (1.0 - math.cos(100.0 * s))
+
+
+def test_a_drawn_wave_is_followed_better_with_feed_forward() -> None:
+    rows = np.arange(700)
+    course = course_of(np.array([wave(SPACING * r) for r in rows]))
+    worst = []
+    for laws in ("", "feed-forward"):
+        law = controller(laws)
+        law.prepare(course)
+        places, errors = follow(law, wave, 0.3)
+        worst.append(float(np.abs(errors[places > 0.05]).max()))
+    assert worst[0] > 0.3
+    assert worst[1] < 0.7 * worst[0]
+
+
+def test_a_wave_that_was_not_drawn_is_followed_better_on_the_next_turn() -> None:
+    """Two equal turns of 0.4 m one after the other; nothing of the wave is in the course."""
+    length, rows = 0.4, np.arange(1700)
+
+    def unforeseen(s: float) -> float:
+        return 0.6 * wave(s % length)
+
+    course = course_of(np.zeros(len(rows)), neighbour=np.where(rows >= 800, rows - 800, -1))
+    law = controller("learning")
+    law.prepare(course)
+    places, errors = follow(law, unforeseen, 0.78)
+    first = np.abs(errors[(places > 0.1) & (places < 0.35)]).max()
+    second = np.abs(errors[(places > 0.5) & (places < 0.75)]).max()
+    assert first > 0.15
+    assert second < 0.75 * first
+
+
+def test_reset_forgets_the_run_and_keeps_the_course() -> None:
+    law = controller("feed-forward feed learning normal")
+    law.prepare(course_of(np.zeros(700)))
+    fresh = law.context.copy()
+    follow(law, wave, 0.1)
+    assert (law.context != fresh).any()
+    law.reset(0.001)
+    np.testing.assert_array_equal(law.context, fresh)
