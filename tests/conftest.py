@@ -5,8 +5,8 @@ import signal
 
 from polish_sim.kernel_cache import use_kernel_cache
 
-# Before anything imports the compiler or numpy: on matrices this small, threads of the linear algebra only wait for each
-# other, fifty times as long as the work takes.
+# Before anything imports the compiler or numpy: on matrices this small, threads of the linear algebra only wait for
+# each other, fifty times as long as the work takes.
 use_kernel_cache()
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
