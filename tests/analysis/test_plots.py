@@ -60,6 +60,15 @@ def test_a_run_stopped_before_contact_still_draws(make: Callable[[Trace], RunRec
     assert all((tmp_path / name).stat().st_size > 0 for name in plots)
 
 
+@pytest.mark.parametrize("make", RECORDS)
+def test_a_run_stopped_in_its_first_step_still_draws(make: Callable[[Trace], RunRecord]) -> None:
+    plots = draw_plots(make(trace_of(np.full(400, 3, np.int8))))
+    assert plots
+    shown = [text.get_text() for figure in plots.values() for axes in figure.axes for text in axes.texts]
+    shown += [axes.get_title(loc="left") for figure in plots.values() for axes in figure.axes]
+    assert not [text for text in shown if "nan" in text]
+
+
 def test_the_drawn_force_is_the_logged_one() -> None:
     record = surface_record()
     figure = draw_plots(record)["force.png"]

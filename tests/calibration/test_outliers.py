@@ -28,6 +28,13 @@ def test_touched_readings_are_left_out_and_named(knocks: dict[int, Array]) -> No
     assert max(abs(one.mass - MASS) for one, good in zip(found, right, strict=True) if good) < 0.01
 
 
+@pytest.mark.parametrize("knock", [1e2, 1e4, 1e6])
+def test_a_reading_however_far_off_is_left_out_and_the_tool_is_found(knock: float) -> None:
+    found = fit_without_outliers(knocked(np.random.default_rng(0), {4: knock * PUSH}))
+    assert set(np.flatnonzero(~found.used)) == {4}
+    assert found.mass == pytest.approx(MASS, rel=0.01)
+
+
 def test_honest_readings_are_kept() -> None:
     found = [fit_without_outliers(knocked(np.random.default_rng(seed), {})) for seed in range(300)]
     assert np.mean([one.used.all() for one in found]) > 0.99

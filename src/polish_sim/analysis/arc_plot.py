@@ -132,4 +132,4 @@ def _exaggeration(largest: float, radius: float) -> float:
 
 def _mm(metrics: object, key: str) -> str:
     value = metrics.get(key) if isinstance(metrics, dict) else None
-    return "-" if value is None else f"{value * 1e3:.3g}"
+    return "-" if value is None or np.isnan(value) else f"{value * 1e3:.3g}"

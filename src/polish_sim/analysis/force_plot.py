@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from polish_sim.analysis.response import first_contact
-from polish_sim.analysis.rows import before_retract, numbers
+from polish_sim.analysis.rows import Mask, before_retract, numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
+from polish_sim.log import RunLog
 
 Array = NDArray[np.float64]
 
@@ -35,12 +36,13 @@ def plot_force(record: RunRecord) -> Figure:
     axes = figure.add_subplot()
     target = record.scenario.process.contact_force_n
     time, force = response(record)
-    measured = numbers(record.log, "wrench_measured_tool")[before_retract(record.log), 2]
+    measured = numbers(record.log, "wrench_measured_tool")[_shown(record.log), 2]
     shade_band(axes, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
     axes.plot(time, measured, color=GREY, lw=0.6, alpha=0.7, label="as the controller measures it")
     axes.plot(time, force, color=BLUE, lw=1.5, label="exact contact force")
-    axes.axvline(0.0, color=ORANGE, lw=1.0)
-    axes.text(0.0, 0.5 * target, "first contact ", color=ORANGE, ha="right", va="center")
+    if first_contact(force) is not None:
+        axes.axvline(0.0, color=ORANGE, lw=1.0)
+        axes.text(0.0, 0.5 * target, "first contact ", color=ORANGE, ha="right", va="center")
     _mark_settling(axes, record.metrics.get("settling_time_3n_s"), target)
     _frame(axes, time, max(target + 2.5 * BAND_N, float(force.max(initial=0.0)) + BAND_N))
     head(figure, axes, f"Force control from first contact, {record.scenario.controller.name}", _facts(record))
@@ -77,12 +79,18 @@ def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
 
 
 def response(record: RunRecord) -> tuple[Array, Array]:
-    """Time since first contact [s] and exact force [N] of a log up to the retract, each shape (n,)."""
-    held = before_retract(record.log)
+    """Time since first contact, without one since the start [s], force [N], up to the retract, each shape (n,)."""
+    held = _shown(record.log)
     time = numbers(record.log, "time_s")[held]
     force = numbers(record.log, "normal_force_n")[held]
     contact = first_contact(force)
     return time - (time[contact] if contact is not None else time[0]), force
+
+
+def _shown(log: RunLog) -> Mask:
+    """The rows before the retract, shape (n,); all of them where a run stops at its very start."""
+    before = before_retract(log)
+    return before if before.any() else np.ones_like(before)
 
 
 def _mark_settling(axes: Axes, settling: float | None, target: float) -> None:
@@ -106,15 +114,19 @@ def _frame(axes: Axes, time: Array, top: float) -> None:
 def _facts(record: RunRecord) -> tuple[str, ...]:
     m = record.metrics
     return (
-        f"settling to ±3 N {_number(m.get('settling_time_3n_s')):.3f} s, to ±1 N "
-        f"{_number(m.get('settling_time_1n_s')):.3f} s",
-        f"overshoot {_number(m.get('overshoot_n')):.1f} N",
-        f"in ±3 N after 0.5 s: {100.0 * _number(m.get('steady_within_3n')):.1f}%",
+        f"settling to ±3 N {_text(m.get('settling_time_3n_s'), '.3f', ' s')}, "
+        f"to ±1 N {_text(m.get('settling_time_1n_s'), '.3f', ' s')}",
+        f"overshoot {_text(m.get('overshoot_n'), '.1f', ' N')}",
+        f"in ±3 N after 0.5 s: {_text(m.get('steady_within_3n'), '.1%', '')}",
     )
 
 
 def _end(time: Array) -> float:
     return float(time[-1])
+
+
+def _text(value: float | None, form: str, unit: str) -> str:
+    return "-" if value is None or math.isnan(value) else f"{value:{form}}{unit}"
 
 
 def _number(value: float | None) -> float:

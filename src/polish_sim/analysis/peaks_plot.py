@@ -38,9 +38,13 @@ def plot_peaks(record: RunRecord) -> Figure:
         axes.axvline(0.0, color=ORANGE, lw=0.9)
     force.set(ylabel="force - set force [N]")
     bend.set(xlabel="along the path, from the curvature peak [mm]", ylabel="curvature [1/m]")
-    fact = f"largest mean error {np.abs(errors.mean(axis=0)).max():.2f} N" if len(errors) else "no peak on the way"
+    fact = f"largest mean error {np.abs(errors.mean(axis=0)).max():.2f} N" if len(errors) else "no bend on the way"
+    bend.set_xlim(1e3 * offset[0], 1e3 * offset[-1])
     if len(errors):
         force.legend(loc="upper left")
+    else:
+        force.set_yticks([])
+        bend.set_yticks([])
     head(figure, force, f"Force where the path bends strongly, {record.scenario.controller.name}", (fact,))
     return figure
 

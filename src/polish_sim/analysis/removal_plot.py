@@ -192,7 +192,8 @@ def _draw_shares(axes: Axes, record: RunRecord) -> None:
         axes.text(x, 0.97 * top, f"{text}\n{100.0 * share:.1f}%", color=color, ha="center", va="top", fontsize=9.5)
     for name, side in (("p5", "right"), ("p95", "left")):
         axes.axvline(m[f"removal_{name}"], color=GREY, lw=1.0, ls=":")
-        axes.text(m[f"removal_{name}"], 0.7 * top, f" {name} {m[f'removal_{name}']:.2f} ", ha=side, color=GREY)
+        if UNDER <= m[f"removal_{name}"] <= TOP:  # elsewhere its name would lie beside the axes
+            axes.text(m[f"removal_{name}"], 0.7 * top, f" {name} {m[f'removal_{name}']:.2f} ", ha=side, color=GREY)
     axes.set(xlabel=RELATIVE, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.25), ylim=(0.0, top))
 
 

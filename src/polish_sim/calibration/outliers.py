@@ -42,20 +42,26 @@ def fit_without_outliers(readings: PayloadReadings, drift: bool = False, gravity
     Raises:
         CalibrationError: If the poses do not suffice, or more than a quarter of the readings do not fit.
     """
-    estimate = fit_payload(readings, None, drift, gravity)
     if len(readings) <= _LEAST_LEFT:
-        return estimate
-    X = payload_regressor(readings.up_sensor, readings.time - estimate.zero_time if drift else None, gravity)
+        return fit_payload(readings, None, drift, gravity)
+    check_identifiable(readings.up_sensor)
     limit = float(chi2.isf(CHANCE, 6))
-    used = _screened(X, readings.wrenches, limit)
+    # Screened before anything is fitted by squares: one reading far off would give a tool of negative mass.
+    used = _screened(_regressor(readings, float(readings.time.mean()), drift, gravity), readings.wrenches, limit)
     for _ in range(_ROUNDS):
         _check_share(used, readings)
         estimate = fit_payload(readings, None, drift, gravity, used)
+        X = _regressor(readings, estimate.zero_time, drift, gravity)
         fitting = _distances(X, readings.wrenches, estimate) <= limit
         if np.array_equal(fitting, used):
             break
         used = fitting
     return estimate
+
+
+def _regressor(readings: PayloadReadings, zero_time: float, drift: bool, gravity: float) -> Array:
+    """Derivative of the readings by theta, the drift counted from ``zero_time`` [s]."""
+    return payload_regressor(readings.up_sensor, readings.time - zero_time if drift else None, gravity)
 
 
 def _check_share(used: NDArray[np.bool_], readings: PayloadReadings) -> None:
