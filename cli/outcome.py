@@ -30,7 +30,8 @@ class Outcome:
         if self.interrupted:
             console.note("interrupted: what was recorded up to now is kept.")
         for reason in self.stops:
-            console.note(f"error: protective stop: {reason}. The log is kept, to the end of the retract.")
+            end = "" if reason.endswith("?") else "."
+            console.note(f"error: protective stop: {reason}{end} The log is kept, to the end of the retract.")
         for text in self.notes:
             console.note(text)
         show_figures(self.experiment, self.title, self.columns, self._checked)

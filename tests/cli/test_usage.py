@@ -139,3 +139,9 @@ def test_list_names_what_ships(polish_sim: Callable[..., object]) -> None:
     assert code == 0
     for name in ("freeform", "hybrid-pi", "position", "arc", "force", "surface", "spiral", "raster"):
         assert name in out
+
+
+def test_the_config_of_a_calibration_can_be_printed_too(polish_sim: Callable[..., tuple[int, str, str]]) -> None:
+    code, out, _ = polish_sim("config", "calibrate-payload")
+    assert code == 0
+    assert out.startswith('experiment = "calibrate-payload"')
