@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -67,9 +68,10 @@ def _facts(border: Border) -> dict[str, Any]:
         line = np.interp(np.log(border.scales), np.log(border.line_scales), border.lines[name])
         controllers[name] = {
             "stable": stable.tolist(),
-            "swing_n": [[float(rest.swing) for rest in row] for row in rests],
+            "at_rest": [[bool(rest.resting) for rest in row] for row in rests],
+            "swing_n": [[_finite(rest.swing) for rest in row] for row in rests],
             "latency_stable_s": [_longest(border, column) for column in stable.T],
-            "latency_stable_model_s": [float(value) for value in line],
+            "latency_stable_model_s": [_finite(value) for value in line],
         }
     return {
         "spring_scales": border.scales.tolist(),
@@ -84,6 +86,11 @@ def _longest(border: Border, stable: Any) -> float | None:
     return float(border.latencies[count - 1]) if count else None
 
 
+def _finite(value: float) -> float | None:
+    """A number as JSON has it: none where a run was stopped, or the model has no border."""
+    return float(value) if math.isfinite(value) else None
+
+
 def _rows(found: dict[str, Any], border: Border) -> list[list[str]]:
     rows = []
     for scale, cell, model in zip(
@@ -91,5 +98,5 @@ def _rows(found: dict[str, Any], border: Border) -> list[list[str]]:
     ):
         all_of_it = cell is not None and cell == border.latencies[-1]
         told = "none" if cell is None else f"{'>= ' if all_of_it else ''}{1e3 * cell:.0f}"
-        rows.append([f"{scale:g} x", told, f"{1e3 * model:.0f}"])
+        rows.append([f"{scale:g} x", told, "-" if model is None else f"{1e3 * model:.0f}"])
     return rows
