@@ -38,7 +38,7 @@ def plot_border(border: Border) -> Figure:
     _scale(panels[0], border)
     figure.suptitle("Where the force loop breaks, nothing retuned", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=6)
+    figure.legend(handles, labels, loc="outside lower center", ncols=3 if len(panels) < 3 else 6)
     return figure
 
 
