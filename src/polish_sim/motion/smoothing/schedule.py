@@ -1,6 +1,6 @@
 """When each segment of a chain is passed: its progress as cubic pieces of time (layer 6).
 
-Every rule answers in this form: FIR-filtered boxes are piecewise cubic, and so are corners with piecewise constant jerk.
+Every rule answers in this form: FIR-filtered boxes are piecewise cubic, corners of piecewise constant jerk too.
 """
 
 from __future__ import annotations
