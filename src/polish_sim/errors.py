@@ -32,6 +32,10 @@ class ReachError(PolishSimError):
     """A path the robot cannot follow; names the first bad point."""
 
 
+class SmoothingError(PolishSimError):
+    """Way points or limits no smooth motion can be made of; names the place."""
+
+
 class CalibrationError(PolishSimError):
     """Poses or readings that cannot tell what is to be calibrated; says what is missing."""
 

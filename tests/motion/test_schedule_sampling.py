@@ -1,0 +1,90 @@
+"""Pose and rates on a schedule, against finite differences of the pose alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from polish_sim.motion.smoothing.build import build_chain
+from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.smoothing.sampling import sample_schedule, turning
+from polish_sim.motion.smoothing.schedule import Schedule
+
+SEGMENTS = 6
+STEP = 1e-5
+EVERY = 0.3  # a segment begins [s]; each lasts 1 s: up to four at once
+
+
+@pytest.fixture(scope="module")
+def chain() -> Chain:
+    tips = np.random.default_rng(0).normal(size=(SEGMENTS + 1, 3))
+    return build_chain(tips, Rotation.random(SEGMENTS + 1, random_state=1).as_matrix())
+
+
+@pytest.fixture(scope="module")
+def schedule() -> Schedule:
+    """Each segment passed as 3 t^2 - 2 t^3, the third in two pieces of different shape."""
+    starts = EVERY * np.arange(SEGMENTS)
+    coefficients = np.tile([0.0, 0.0, 3.0, -2.0], (SEGMENTS, 1))
+    rows = np.array([0, 1, 2, 2, 3, 4, 5])
+    starts, coefficients, durations = starts[rows], coefficients[rows], np.ones(len(rows))
+    durations[2:4] = 0.4, 0.6
+    starts[3] += 0.4
+    coefficients[2] = 0.0, 0.0, 1.0, 0.0
+    value, slope = 0.16, 0.8
+    missing, gone = 1.0 - value, 0.6
+    coefficients[3] = (
+        value,
+        slope,
+        3.0 * missing / gone**2 - 2.0 * slope / gone,
+        slope / gone**2 - 2.0 * missing / gone**3,
+    )
+    return Schedule(rows, starts, durations, coefficients, float(starts[-1] + 1.0))
+
+
+@pytest.fixture(scope="module")
+def times(schedule: Schedule) -> np.ndarray:
+    drawn = np.random.default_rng(2).uniform(0.0, schedule.end, 200)
+    breaks = np.concatenate([schedule.starts, schedule.starts + schedule.durations])
+    return drawn[np.abs(drawn[:, None] - breaks).min(axis=1) > 1e-3]
+
+
+def test_every_derivative_is_the_slope_of_the_one_before(chain: Chain, schedule: Schedule, times: np.ndarray) -> None:
+    here = sample_schedule(chain, schedule, times)
+    after, before = (sample_schedule(chain, schedule, times + h) for h in (STEP, -STEP))
+    for k in range(3):
+        for found, late, early in zip(here[:2], after[:2], before[:2], strict=True):
+            np.testing.assert_allclose(found[:, k + 1], (late[:, k] - early[:, k]) / (2 * STEP), atol=1e-6)
+    for k in range(2):
+        np.testing.assert_allclose(here.spins[:, k + 1], (after.spins - before.spins)[:, k] / (2 * STEP), atol=1e-5)
+
+
+def test_the_angular_velocity_is_that_of_the_frame(chain: Chain, schedule: Schedule, times: np.ndarray) -> None:
+    after, before = (sample_schedule(chain, schedule, times + h).rotations for h in (STEP, -STEP))
+    turned = Rotation.from_matrix(after @ np.swapaxes(before, 1, 2)).as_rotvec() / (2 * STEP)
+    here = sample_schedule(chain, schedule, times)
+    np.testing.assert_allclose(here.spins[:, 0], turned, atol=1e-7)
+    np.testing.assert_array_equal(here.axes[:, 0], here.rotations[:, :, 2])
+
+
+def test_without_roll_and_overlap_the_axis_turns_at_the_tool_s_own_rate(chain: Chain) -> None:
+    alone = Schedule(np.array([0]), np.zeros(1), np.ones(1), np.array([[0.0, 0.0, 3.0, -2.0]]), 1.0)
+    flat = chain._replace(rolls=np.zeros(SEGMENTS))
+    here = sample_schedule(flat, alone, np.linspace(0.0, 1.0, 20)[1:-1])
+    np.testing.assert_allclose(turning(here.axes), here.spins, atol=1e-12)
+
+
+def test_it_rests_at_the_ends_and_passes_through_what_is_done(chain: Chain, schedule: Schedule) -> None:
+    here = sample_schedule(chain, schedule, np.array([-1.0, schedule.end, schedule.end + 1.0]))
+    np.testing.assert_array_equal(here.tips[:, 0], chain.tips[[0, -1, -1]])
+    np.testing.assert_array_equal(here.rotations, chain.rotations[[0, -1, -1]])
+    np.testing.assert_array_equal(here.tips[:, 1:], 0.0)
+    np.testing.assert_array_equal(here.spins, 0.0)
+
+
+def test_many_at_once_leave_no_step_where_one_ends(chain: Chain, schedule: Schedule) -> None:
+    for end in EVERY * np.arange(SEGMENTS - 1) + 1.0:
+        before, after = (sample_schedule(chain, schedule, np.array([end + h])) for h in (-1e-12, 1e-12))
+        for early, late in zip(before[:3], after[:3], strict=True):
+            np.testing.assert_allclose(early[:, :2], late[:, :2], atol=1e-10)
