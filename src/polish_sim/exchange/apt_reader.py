@@ -1,4 +1,4 @@
-"""Paths out of CAM systems: APT source and CLDATA text (GOTO points -> ToolPath).
+"""Paths out of CAM systems: APT source and CLDATA text (GOTO points -> WayPoints).
 
 The tool is on the part where it moves at a feed, in the air where it moves RAPID. What `apt_writer` notes in comments
 (segment, pass, force) is taken up, so that our own files come back whole.
@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import InputError
-from polish_sim.exchange.apt_words import IGNORED, Statement, refusal, statements
+from polish_sim.exchange.apt_words import IGNORED, REFUSED, Statement, refusal, statements, unknown_word
 from polish_sim.exchange.checks import checked_length, unit_axes
-from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, SEGMENTS, ToolPath
+from polish_sim.exchange.rapids import feeds_from_first, numbered_strokes, with_retract
+from polish_sim.exchange.way_points import Unknown, WayPoints
+from polish_sim.planning.toolpath import APPROACH, PROCESS, SEGMENTS, ToolPath
 
 Array = NDArray[np.float64]
 
@@ -51,7 +53,7 @@ class _Machine:
         return f"line {self.lines[row]}, point {row + 1}"
 
 
-def read_apt(file: Path, text: str) -> ToolPath:
+def read_apt(file: Path, text: str, unknown: Unknown) -> WayPoints:
     """Read APT source or CLDATA: UNITS, MULTAX, FROM, GOTO, FEDRAT, RAPID, TLAXIS; mm unless UNITS says otherwise.
 
     Raises:
@@ -65,9 +67,11 @@ def read_apt(file: Path, text: str) -> ToolPath:
         action = _ACTIONS.get(statement.word)
         if action is not None:
             action(machine, statement)
-        elif statement.word.split(maxsplit=1)[0] not in IGNORED:
+        elif statement.word.split("=")[-1].strip() in REFUSED:
             raise refusal(file, statement)
-    return _path(machine)
+        elif statement.word.split(maxsplit=1)[0] not in IGNORED:
+            unknown(unknown_word(file, statement))
+    return WayPoints(_path(machine), file, machine.place)
 
 
 def _goto(machine: _Machine, statement: Statement) -> None:
@@ -186,36 +190,17 @@ def _path(machine: _Machine) -> ToolPath:
     axes = unit_axes(machine.file, ("i", "j", "k"), table[:, 3:6], machine.place)
     segment = np.array(machine.segments, dtype=np.int8)
     noted = np.isfinite(table[:, 8]).all()
-    on_part = np.flatnonzero(segment == PROCESS)
-    if not len(on_part):
+    if not (segment == PROCESS).any():
         raise InputError(
             f"'{machine.file}': every GOTO is RAPID, nothing is done at a feed. Give the path with FEDRAT."
         )
-    if not noted:
-        segment[on_part[-1] + 1 :] = RETRACT
     return ToolPath(
         table[:, :3].copy(),
         axes,
         checked_length(machine.file, table[:, :3], machine.place),
-        table[:, 8].astype(np.int64) if noted else _strokes(segment),
-        segment,
+        table[:, 8].astype(np.int64) if noted else numbered_strokes(segment),
+        segment if noted else with_retract(segment),
         np.zeros(len(table)),
         table[:, 7].copy() if np.isfinite(table[:, 7]).all() else None,
-        _feeds(table[:, 6]),
+        feeds_from_first(table[:, 6]),
     )
-
-
-def _strokes(segment: NDArray[np.int8]) -> NDArray[np.int64]:
-    """Number the strokes: a new one begins where the tool comes down after it was in the air."""
-    down = (segment[1:] == PROCESS) & (segment[:-1] != PROCESS)
-    begins = np.concatenate([[False], down])
-    begins[int(np.flatnonzero(segment == PROCESS)[0])] = False
-    return np.cumsum(begins).astype(np.int64)
-
-
-def _feeds(feed: Array) -> Array | None:
-    """Feed at every point; before the first FEDRAT that first one holds."""
-    known = np.flatnonzero(np.isfinite(feed))
-    if not len(known):
-        return None
-    return np.where(np.arange(len(feed)) < known[0], feed[known[0]], feed)

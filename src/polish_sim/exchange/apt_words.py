@@ -85,11 +85,17 @@ def _is_prose(code: str) -> bool:
 
 
 def refusal(file: Path, statement: Statement) -> InputError:
-    """Say why a statement cannot be read."""
-    where = f"'{file}', line {statement.line}"
+    """Say why a statement that moves the tool cannot be read."""
     word = statement.word.split("=")[-1].strip()
-    if word in REFUSED:
-        return InputError(
-            f"{where}: {word} ({REFUSED[word]}) is not read. Post-process the path to GOTO points in one frame."
-        )
-    return InputError(f"{where}: unknown word '{statement.word[:40]}'. Read are {', '.join(KNOWN)}, points by GOTO.")
+    return InputError(
+        f"'{file}', line {statement.line}: {word} ({REFUSED.get(word, 'a moved frame')}) is not read. "
+        "Post-process the path to GOTO points in one frame."
+    )
+
+
+def unknown_word(file: Path, statement: Statement) -> InputError:
+    """Say that nobody knows a word."""
+    known = ", ".join(KNOWN)
+    return InputError(
+        f"'{file}', line {statement.line}: unknown word '{statement.word[:40]}'. Read are {known}, points by GOTO."
+    )

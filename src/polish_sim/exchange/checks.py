@@ -1,4 +1,4 @@
-"""What every path read from a file must satisfy: numbers, unit axes, no point twice (columns -> checked arrays)."""
+"""What every path read from a file must satisfy: numbers, unit axes, sane lengths (columns -> checked arrays)."""
 
 from __future__ import annotations
 
@@ -73,10 +73,10 @@ def unit_axes(file: Path, names: Sequence[str], axes: Array, place: Place) -> Ar
 
 
 def checked_length(file: Path, positions: Array, place: Place) -> Array:
-    """Arc length (n,) of points (n, 3) [m] of which no two in a row are the same.
+    """Arc length (n,) of points (n, 3) [m].
 
     Raises:
-        InputError: Fewer than two points, a point twice, or coordinates no robot reaches.
+        InputError: Fewer than two points, or coordinates no robot reaches.
     """
     far = np.flatnonzero(np.abs(positions).max(axis=1, initial=0.0) > LARGEST_M)
     if len(far):
@@ -86,7 +86,15 @@ def checked_length(file: Path, positions: Array, place: Place) -> Array:
         )
     if len(positions) < 2:
         raise InputError(f"'{file}' is no path: it has {_count(len(positions))}. Two are the least.")
-    s = arc_length(positions)
+    return arc_length(positions)
+
+
+def refuse_repeats(file: Path, s: Array, place: Place) -> None:
+    """Refuse points that stay where the one before is, arc lengths (n,) [m].
+
+    Raises:
+        InputError: One does; names the first.
+    """
     still = np.flatnonzero(np.diff(s) <= 0.0)
     if len(still):
         row = int(still[0])
@@ -94,7 +102,21 @@ def checked_length(file: Path, positions: Array, place: Place) -> Array:
             f"'{file}' is no path: points {row + 1} and {row + 2} are the same ({place(row + 1)}). "
             "Leave repeated points out."
         )
-    return s
+
+
+def refuse_unsorted(file: Path, name: str, values: Array, place: Place) -> None:
+    """Refuse a column (n,) that counts the way but falls.
+
+    Raises:
+        InputError: It does; names the first row out of order.
+    """
+    back = np.flatnonzero(np.diff(values) < 0.0)
+    if len(back):
+        row = int(back[0]) + 1
+        raise InputError(
+            f"'{file}', {place(row)}: {name} falls from {values[row - 1]:.9g} to {values[row]:.9g}. "
+            "The points are not in the order of the path: sort them."
+        )
 
 
 def _count(points: int) -> str:

@@ -1,4 +1,4 @@
-"""Paths held as named columns, in CSV or JSON (columns of text -> ToolPath); the columns a path is written in."""
+"""Paths held as named columns, in CSV or JSON (columns of text -> WayPoints); the columns a path is written in."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import InputError
-from polish_sim.exchange.checks import Place, checked_length, finite_column, positive_column, unit_axes
+from polish_sim.exchange.checks import Place, checked_length, finite_column, positive_column, refuse_unsorted, unit_axes
+from polish_sim.exchange.way_points import Unknown, WayPoints
 from polish_sim.planning.toolpath import PROCESS, SEGMENTS, ToolPath
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ class Table(NamedTuple):
         return np.stack([finite_column(self.file, name, self.columns[name], self.place) for name in names], axis=1)
 
 
-def read_csv(file: Path, text: str) -> ToolPath:
+def read_csv(file: Path, text: str, unknown: Unknown) -> WayPoints:
     """Read path.csv or a plain CSV; blank lines and lines that begin with # are left out.
 
     Raises:
@@ -67,7 +68,7 @@ def _rows(file: Path, source: Any) -> Any:
         raise InputError(f"'{file}', line {source.line_num}: not CSV ({error}). Export the path again.") from None
 
 
-def read_json(file: Path, text: str) -> ToolPath:
+def read_json(file: Path, text: str, unknown: Unknown) -> WayPoints:
     """Read a path.json.
 
     Raises:
@@ -101,11 +102,11 @@ def path_columns(path: ToolPath) -> dict[str, list[Any]]:
     return table
 
 
-def _path_of(table: Table) -> ToolPath:
+def _path_of(table: Table) -> WayPoints:
     readers: dict[tuple[str, ...], Callable[[Table], ToolPath]] = {OWN: _own_path, PLAIN: _plain_path}
     for names, reader in readers.items():
         if set(names) <= set(table.columns):
-            return reader(table)
+            return WayPoints(reader(table), table.file, table.place)
     raise InputError(
         f"'{table.file}' has the columns {', '.join(table.columns)}. Wanted: {', '.join(PLAIN)} "
         f"(mm, unit tool axis from the part to the tool), or {', '.join(OWN)}."
@@ -114,6 +115,7 @@ def _path_of(table: Table) -> ToolPath:
 
 def _own_path(table: Table) -> ToolPath:
     positions = table.numbers(*OWN[1:4])
+    refuse_unsorted(table.file, OWN[0], table.numbers(OWN[0])[:, 0], table.place)
     axes = unit_axes(table.file, OWN[4:7], table.numbers(*OWN[4:7]), table.place)
     names = [name.strip() for name in table.columns["segment"]]
     for row, name in enumerate(names):

@@ -8,34 +8,54 @@ from typing import Final
 
 from polish_sim.errors import InputError
 from polish_sim.exchange.apt_reader import read_apt
+from polish_sim.exchange.checks import refuse_repeats
 from polish_sim.exchange.columns import read_csv, read_json
+from polish_sim.exchange.gcode_reader import read_gcode
 from polish_sim.exchange.plan_folder import PATH_JSON
+from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_unknown
 from polish_sim.planning import ToolPath
 
-READERS: Final[Mapping[str, Callable[[Path, str], ToolPath]]] = {
-    ".csv": read_csv,
-    ".txt": read_csv,
+Reader = Callable[[Path, str, Unknown], WayPoints]
+
+READERS: Final[Mapping[str, Reader]] = {
+    **dict.fromkeys((".csv", ".txt"), read_csv),
     ".json": read_json,
-    ".apt": read_apt,
-    ".aptsource": read_apt,
-    ".cls": read_apt,
-    ".cl": read_apt,
-    ".ncl": read_apt,
+    **dict.fromkeys((".apt", ".aptsource", ".cls", ".cl", ".ncl"), read_apt),
+    **dict.fromkeys((".nc", ".ngc", ".gcode", ".cnc", ".tap"), read_gcode),
 }
 """Suffix of a file -> its reader; a new format is one file and a line here."""
 
 
-def read_path(source: str | Path) -> ToolPath:
-    """Read a tool path: a plan folder, path.json, path.csv, a plain CSV, or APT/CLDATA.
+def read_path(source: str | Path, unknown: Unknown = refuse_unknown) -> ToolPath:
+    """Read a tool path: a plan folder, path.json, path.csv, a plain CSV, APT/CLDATA, or G-code.
 
     A plain CSV has the columns x, y, z (mm, work frame) and i, j, k (unit tool axis from the part to the tool, as
     CLDATA), and may have force (N) and feed (mm/s); all its points are process points. docs/formats.md has the rest.
 
     Args:
         source: Folder or file.
+        unknown: Told of words that could be left out.
 
     Returns:
         The path in the work frame, not pressed in.
+
+    Raises:
+        InputError: The file cannot be read or is no path, or has a point twice; says where and what to do.
+    """
+    found = read_way_points(source, unknown)
+    refuse_repeats(found.file, found.path.s, found.place)
+    return found.path
+
+
+def read_way_points(source: str | Path, unknown: Unknown = refuse_unknown) -> WayPoints:
+    """Read a tool path as its file has it: points may repeat, and the tool may turn where it stands.
+
+    Args:
+        source: Folder or file, as in `read_path`.
+        unknown: Told of words that could be left out.
+
+    Returns:
+        The points and where in the file each stands.
 
     Raises:
         InputError: The file cannot be read or is no path; says where and what to do.
@@ -59,6 +79,6 @@ def read_path(source: str | Path) -> ToolPath:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(
-            f"'{file}' is not a text file. Give path.json, path.csv, a CSV of x,y,z,i,j,k or APT."
+            f"'{file}' is not a text file. Give path.json, path.csv, a CSV of x,y,z,i,j,k, APT or G-code."
         ) from None
-    return reader(file, text)
+    return reader(file, text, unknown)
