@@ -1,0 +1,88 @@
+"""Joint angles and their first three derivatives along a tool motion (layer 6; paper 4, eq. 15-21, exact).
+
+With x' the tool's twist (linear; angular) and J q' = x', each further derivative of q solves the same system:
+J q'' = x'' - J' q', J q''' = x''' - 2 J' q'' - J'' q'. What is subtracted is the tool's own acceleration and jerk when
+the joints have none, found by adding the links' motions up from the base.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.motion.arm_state import ArmState
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, error_model="numpy")
+def solve_rates(state: ArmState, orders: int) -> None:
+    """Joint rates that give the tool its wanted motion.
+
+    Args:
+        state: With the arm placed and the first ``orders`` rows of ``twists`` filled; as many of ``rates`` are written.
+        orders: 1 (q'), 2 (q' and q'') or 3.
+    """
+    _solve(state, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if orders > 1:
+        _solve_second(state)
+    if orders > 2:
+        _solve_third(state)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _solve(state: ArmState, row: int, x: float, y: float, z: float, a: float, b: float, c: float) -> None:
+    """rates[row] = inverse (twists[row] - (x, y, z; a, b, c))."""
+    t = state.twists
+    x, y, z = t[row, 0] - x, t[row, 1] - y, t[row, 2] - z
+    a, b, c = t[row, 3] - a, t[row, 4] - b, t[row, 5] - c
+    m = state.inverse
+    for i in range(6):
+        state.rates[row, i] = m[i, 0] * x + m[i, 1] * y + m[i, 2] * z + m[i, 3] * a + m[i, 4] * b + m[i, 5] * c
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_second(state: ArmState) -> None:
+    """q'' after q': every link's turning w and its derivative e without q'', from the base outwards."""
+    axes, links, q1 = state.axes, state.links, state.rates[0]
+    wx, wy, wz, ex, ey, ez = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    lx, ly, lz = 0.0, 0.0, 0.0
+    for k in range(6):
+        x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
+        ex += q1[k] * (wy * z - wz * y)
+        ey += q1[k] * (wz * x - wx * z)
+        ez += q1[k] * (wx * y - wy * x)
+        wx, wy, wz = wx + q1[k] * x, wy + q1[k] * y, wz + q1[k] * z
+        x, y, z = links[k, 0], links[k, 1], links[k, 2]
+        ux, uy, uz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        lx += ey * z - ez * y + wy * uz - wz * uy
+        ly += ez * x - ex * z + wz * ux - wx * uz
+        lz += ex * y - ey * x + wx * uy - wy * ux
+    _solve(state, 1, lx, ly, lz, ex, ey, ez)
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_third(state: ArmState) -> None:
+    """q''' after q' and q'': turning w, its derivative e with q'', its second derivative f without q'''."""
+    axes, links, q1, q2 = state.axes, state.links, state.rates[0], state.rates[1]
+    wx, wy, wz, ex, ey, ez = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    fx, fy, fz, lx, ly, lz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(6):
+        x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
+        ux, uy, uz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        a, b = q1[k], 2.0 * q2[k]
+        fx += b * ux + a * (ey * z - ez * y + wy * uz - wz * uy)
+        fy += b * uy + a * (ez * x - ex * z + wz * ux - wx * uz)
+        fz += b * uz + a * (ex * y - ey * x + wx * uy - wy * ux)
+        ex, ey, ez = ex + q2[k] * x + a * ux, ey + q2[k] * y + a * uy, ez + q2[k] * z + a * uz
+        wx, wy, wz = wx + a * x, wy + a * y, wz + a * z
+        x, y, z = links[k, 0], links[k, 1], links[k, 2]
+        ux, uy, uz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        vx = ey * z - ez * y + wy * uz - wz * uy
+        vy = ez * x - ex * z + wz * ux - wx * uz
+        vz = ex * y - ey * x + wx * uy - wy * ux
+        lx += fy * z - fz * y + 2.0 * (ey * uz - ez * uy) + wy * vz - wz * vy
+        ly += fz * x - fx * z + 2.0 * (ez * ux - ex * uz) + wz * vx - wx * vz
+        lz += fx * y - fy * x + 2.0 * (ex * uy - ey * ux) + wx * vy - wy * vx
+    _solve(state, 2, lx, ly, lz, fx, fy, fz)

@@ -1,0 +1,206 @@
+"""Joint angles and derivatives along one segment of a chain, by its progress, and along a motion in time (layer 6)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.errors import ReachError, place_in_mm
+from polish_sim.motion.arm_state import ArmState, new_arm_state, place_arm
+from polish_sim.motion.branch_inverse import inverse_on_branch
+from polish_sim.motion.joint_rates import solve_rates
+from polish_sim.motion.smoothing.arm import Arm, chain_in_base
+from polish_sim.motion.smoothing.chain import Chain
+
+Array = NDArray[np.float64]
+
+REACHED, UNREACHABLE, SINGULAR = 0, 1, 2
+
+
+class Segment(NamedTuple):
+    """One segment in the base frame; arrays may be views of a chain's rows."""
+
+    tip: Array
+    """Start [m], shape (3,)."""
+    rotation: Array
+    """R_base_tool at the start, shape (3, 3)."""
+    length: float
+    direction: Array
+    """Unit, or zero, shape (3,)."""
+    angle: float
+    turn_axis: Array
+    """Unit, or zero, shape (3,)."""
+    roll: float
+
+
+class JointRates(NamedTuple):
+    """Joint angles and their derivatives at n places."""
+
+    q: Array
+    """[rad], shape (n, 6)."""
+    first: Array
+    """By progress or time, shape (n, 6)."""
+    second: Array
+    third: Array
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def chain_segment(chain: Chain, k: int) -> Segment:
+    """Segment k of a chain that is given in the base frame."""
+    return Segment(
+        chain.tips[k],
+        chain.rotations[k],
+        chain.lengths[k],
+        chain.directions[k],
+        chain.angles[k],
+        chain.turn_axes[k],
+        chain.rolls[k],
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def tool_pose(segment: Segment, u: float, T: Array) -> None:
+    """Write T_base_tool, shape (4, 4), at progress u: exp(u angle n) R exp(u roll z)."""
+    R, n = segment.rotation, segment.turn_axis
+    c, s = math.cos(u * segment.roll), math.sin(u * segment.roll)
+    ct, st = math.cos(u * segment.angle), math.sin(u * segment.angle)
+    for column in range(3):
+        if column == 0:
+            x, y, z = c * R[0, 0] + s * R[0, 1], c * R[1, 0] + s * R[1, 1], c * R[2, 0] + s * R[2, 1]
+        elif column == 1:
+            x, y, z = c * R[0, 1] - s * R[0, 0], c * R[1, 1] - s * R[1, 0], c * R[2, 1] - s * R[2, 0]
+        else:
+            x, y, z = R[0, 2], R[1, 2], R[2, 2]
+        along = (1.0 - ct) * (n[0] * x + n[1] * y + n[2] * z)
+        T[0, column] = ct * x + st * (n[1] * z - n[2] * y) + along * n[0]
+        T[1, column] = ct * y + st * (n[2] * x - n[0] * z) + along * n[1]
+        T[2, column] = ct * z + st * (n[0] * y - n[1] * x) + along * n[2]
+    way = u * segment.length
+    for i in range(3):
+        T[i, 3] = segment.tip[i] + way * segment.direction[i]
+        T[3, i] = 0.0
+    T[3, 3] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def segment_twists(segment: Segment, T_base_tool: Array, twists: Array) -> None:
+    """Write first to third derivative of the tool's pose by u, as twists (3, 6): only the roll's axis turns."""
+    n, a, roll = segment.turn_axis, segment.angle, segment.roll
+    ox, oy, oz = T_base_tool[0, 2], T_base_tool[1, 2], T_base_tool[2, 2]
+    px, py, pz = a * (n[1] * oz - n[2] * oy), a * (n[2] * ox - n[0] * oz), a * (n[0] * oy - n[1] * ox)
+    for i in range(3):
+        twists[0, i] = segment.length * segment.direction[i]
+        twists[1, i] = 0.0
+        twists[2, i] = 0.0
+    twists[0, 3], twists[0, 4], twists[0, 5] = a * n[0] + roll * ox, a * n[1] + roll * oy, a * n[2] + roll * oz
+    twists[1, 3], twists[1, 4], twists[1, 5] = roll * px, roll * py, roll * pz
+    twists[2, 3] = roll * a * (n[1] * pz - n[2] * py)
+    twists[2, 4] = roll * a * (n[2] * px - n[0] * pz)
+    twists[2, 5] = roll * a * (n[0] * py - n[1] * px)
+
+
+@njit(cache=True, error_model="numpy")
+def reach_pose(state: ArmState, T_base_tool: Array, arm: Arm, q_near: Array) -> int:
+    """Bring the tool to a pose: joint angles on the branch of ``q_near``, the arm placed.
+
+    Args:
+        state: Work space; written.
+        T_base_tool: Wanted pose, shape (4, 4).
+        arm: Tool and robot.
+        q_near: Says which branch [rad], shape (6,).
+
+    Returns:
+        REACHED, UNREACHABLE or SINGULAR.
+    """
+    flange, T = state.scratch, arm.T_tool_flange
+    for i in range(3):
+        a, b, c = T_base_tool[i, 0], T_base_tool[i, 1], T_base_tool[i, 2]
+        for j in range(4):
+            flange[i, j] = a * T[0, j] + b * T[1, j] + c * T[2, j]
+        flange[i, 3] += T_base_tool[i, 3]
+    if not inverse_on_branch(flange, q_near, state.q):
+        return UNREACHABLE
+    return REACHED if place_arm(state, arm.T_flange_tool) else SINGULAR
+
+
+@njit(cache=True, error_model="numpy")
+def rates_at(state: ArmState, segment: Segment, u: float, arm: Arm, q_near: Array, T: Array) -> int:
+    """q and its three derivatives by progress at u of a segment, into ``state``.
+
+    Args:
+        state: Work space; q, rates and the arm's place are written.
+        segment: In the base frame.
+        u: Progress [-].
+        arm: Tool and robot.
+        q_near: Says which branch [rad], shape (6,); may be ``state.q``.
+        T: Work space, shape (4, 4).
+
+    Returns:
+        REACHED, UNREACHABLE or SINGULAR.
+    """
+    tool_pose(segment, u, T)
+    status = reach_pose(state, T, arm, q_near)
+    if status == REACHED:
+        segment_twists(segment, T, state.twists)
+        solve_rates(state, 3)
+    return status
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_rates(chain: Chain, nodes: Array, arm: Arm, state: ArmState, out: JointRates) -> tuple[int, int]:
+    """Rates at every node of every segment in order; (status, row) of the first that fails, or (REACHED, -1)."""
+    T = np.empty((4, 4))
+    state.q[:] = arm.q_start
+    for k in range(chain.lengths.shape[0]):
+        segment = chain_segment(chain, k)
+        for i in range(nodes.shape[0]):
+            row = k * nodes.shape[0] + i
+            status = rates_at(state, segment, nodes[i], arm, state.q, T)
+            if status != REACHED:
+                return status, row
+            for j in range(6):
+                out.q[row, j] = state.q[j]
+                out.first[row, j] = state.rates[0, j]
+                out.second[row, j] = state.rates[1, j]
+                out.third[row, j] = state.rates[2, j]
+    return REACHED, -1
+
+
+def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
+    """Joint angles and their derivatives by progress at the same nodes of every segment.
+
+    Args:
+        chain: In the work frame, n segments.
+        nodes: Progress of the places, rising, shape (m,); see `chebyshev_nodes`.
+        arm: Tool and robot.
+
+    Returns:
+        Arrays of shape (n, m, 6), per unit of progress: divide by length^k for derivatives by arc length.
+
+    Raises:
+        ReachError: A place cannot be reached, or is singular.
+    """
+    count = len(chain.lengths) * len(nodes)
+    out = JointRates(*(np.full((count, 6), np.nan) for _ in range(4)))
+    status, row = _fill_rates(chain_in_base(chain, arm), np.asarray(nodes, dtype=float), arm, new_arm_state(), out)
+    if status != REACHED:
+        k, i = divmod(row, len(nodes))
+        raise unreachable(status, k, chain.tips[k] + nodes[i] * chain.lengths[k] * chain.directions[k])
+    return JointRates(*(column.reshape(-1, len(nodes), 6) for column in out))
+
+
+def unreachable(status: int, segment: int, tip_work: Array) -> ReachError:
+    """Build the error for a place that no joint angles, or no joint speeds, belong to."""
+    place = f"segment {segment + 1}, at {place_in_mm(tip_work)} in the path's frame"
+    if status == UNREACHABLE:
+        return ReachError(f"the arm cannot reach {place}. Move the part or turn the tool.")
+    return ReachError(f"the arm is singular in {place}: joints would have to jump. Move the part or turn the tool.")
+
+
+def chebyshev_nodes(count: int) -> Array:
+    """Extremes of a Chebyshev polynomial on [0, 1], both ends included, rising, shape (count,)."""
+    return 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, count))
