@@ -280,5 +280,6 @@ class Cell:
             scenario.simulation.control_every,
             np.zeros(6),
             np.zeros((5, 3)),
+            np.zeros((6, 6)),
             np.zeros(STATUS_SIZE),
         )

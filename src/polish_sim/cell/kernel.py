@@ -88,6 +88,8 @@ class CellKernel(NamedTuple):
     """Exact wrench of the tool on the part, tool axes, tool point, shape (6,)."""
     scratch: Array
     """Work array, shape (5, 3)."""
+    jacobian: Array
+    """Of the tool point at this instant, shape (6, 6)."""
     status: Array
     """What the loop and its callers tell each other, one number each, shape (STATUS_SIZE,):
 
