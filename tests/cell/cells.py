@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import Cell, Job, RealPart, Silent, build_scene, no_part, tool_on_flange
+from polish_sim.cell.sequence import TRAVEL_PACE, feed_pace
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.control.laws import Controller
 from polish_sim.experiments import default_scenario
 from polish_sim.models import robot_model_path
 from polish_sim.motion import inverse_near
+from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import PathTable, build_path_table
 from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse, transform
@@ -62,11 +64,17 @@ def path_through(*poses: Array) -> PathTable:
     return build_path_table(stack[:, :3, 3], stack[:, :3, :3])
 
 
+def way_through(*poses: Array) -> TimedPath:
+    """A straight way through tool poses in free space, from rest to rest."""
+    return time_path(path_through(*poses), TRAVEL_PACE)
+
+
 def free_job(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Job:
     """Move through poses in free space and stay at the last."""
-    start = path_through(poses[0])
+    start, path = path_through(poses[0]), path_through(*poses)
     return Job(
-        travel=start, lead_in=start, process=path_through(*poses), depth=0.0, force=0.0, contact=0.0,
+        travel=way_through(poses[0]), lead_in=start, process=path,
+        motion=time_path(path, feed_pace(feed)), depth=0.0, force=0.0, contact=0.0,
         approach_speed=0.005, feed=feed, threshold=math.inf, search_depth=0.0, hold=hold, feed_time=math.inf,
         lift=0.0, start_s=0.0,
     )  # fmt: skip
@@ -78,9 +86,10 @@ def pressing_job(
     """Down from ``height`` [m] onto a nominal surface, pressed in by 4 mm for 20 N, then ``slide`` [m] along tool x."""
     depth = 0.004
     pressed = along_tool(T_base_touch, z=depth)
+    path = path_through(pressed, along_tool(pressed, x=slide))
     return Job(
-        travel=path_through(T_base_touch), lead_in=path_through(along_tool(T_base_touch, z=-height), T_base_touch),
-        process=path_through(pressed, along_tool(pressed, x=slide)), depth=depth, force=20.0, contact=1.0,
+        travel=way_through(T_base_touch), lead_in=path_through(along_tool(T_base_touch, z=-height), T_base_touch),
+        process=path, motion=time_path(path, feed_pace(0.01)), depth=depth, force=20.0, contact=1.0,
         approach_speed=0.005, feed=0.01, threshold=2.0, search_depth=0.01, hold=hold, feed_time=math.inf,
         lift=lift, start_s=0.0,
     )  # fmt: skip

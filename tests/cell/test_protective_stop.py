@@ -20,9 +20,9 @@ from tests.cell.cells import (
     ideal,
     joints_at,
     part_under,
-    path_through,
     pressing_job,
     tool_pose,
+    way_through,
 )
 from tests.cell.fields import plane
 from tests.cell.pressing import Array
@@ -151,7 +151,7 @@ def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can() -> None:
 def test_the_sensor_is_zeroed_again_before_a_stroke_if_it_is_to_be() -> None:
     above, way_down = along_tool(TOUCH, z=-0.01), along_tool(TOUCH, z=-0.005)
     first = pressing_job(hold=0.5, lift=0.01)
-    second = first._replace(travel=path_through(above, way_down))
+    second = first._replace(travel=way_through(above, way_down))
     part, drift, last = part_under(plane()), 0.2, {}
     for retare in (0.0, 1.0):
         cell = cell_for(ideal("force", EVERY_STEP), first, second._replace(retare=retare), part=part)

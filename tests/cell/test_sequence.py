@@ -13,9 +13,9 @@ from tests.cell.cells import (
     cell_for,
     ideal,
     part_under,
-    path_through,
     pressing_job,
     tool_pose,
+    way_through,
 )
 from tests.cell.fields import plane
 
@@ -112,7 +112,7 @@ def test_two_strokes_follow_each_other_through_free_space() -> None:
     second_touch = tool_pose(0.03, -0.48, 0.1)
     first, second = pressing_job(hold=0.5, lift=LIFT), pressing_job(second_touch, hold=0.5, lift=LIFT)
     above = along_tool(TOUCH, z=-LIFT)
-    second = second._replace(travel=path_through(above, along_tool(second_touch, z=-0.005)), start_s=0.1)
+    second = second._replace(travel=way_through(above, along_tool(second_touch, z=-0.005)), start_s=0.1)
     run = cell_for(ideal("force", EVERY_STEP), first, second, part=part_under(plane())).run()
     assert run.stop_reason is None
     changes = run.trace.phase[np.concatenate([[True], np.diff(run.trace.phase) != 0])]

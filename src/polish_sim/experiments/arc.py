@@ -10,12 +10,14 @@ import numpy as np
 
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.cell import Cell, Job, Observer, Silent, build_scene, no_part, tool_on_flange
+from polish_sim.cell.sequence import feed_pace
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.placement import Reach, check_whole_path, find_reach, tool_rotations
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.tool_payload import believe_tool
+from polish_sim.motion.timed_path import time_path
 from polish_sim.motion.trajectory import build_path_table
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 
@@ -74,8 +76,10 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     path, reach = prepare_arc()
     table = build_path_table(path.positions_work, tool_rotations(path.axes_work, reach.spin))
     start = build_path_table(path.positions_work[:1], tool_rotations(path.axes_work[:1], reach.spin))
+    pace = feed_pace(scenario.process.feed_m_s)
     job = Job(
-        travel=start, lead_in=start, process=table, depth=0.0, force=0.0, contact=0.0,
+        travel=time_path(start, pace), lead_in=start, process=table, motion=time_path(table, pace),
+        depth=0.0, force=0.0, contact=0.0,
         approach_speed=scenario.process.approach_speed_m_s, feed=scenario.process.feed_m_s,
         threshold=math.inf, search_depth=0.0, hold=0.0,
         feed_time=scenario.process.max_feed_s or math.inf, lift=0.0, start_s=0.0,

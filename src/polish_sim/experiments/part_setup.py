@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import Job, tool_on_flange
-from polish_sim.cell.sequence import feed_acceleration
+from polish_sim.cell.sequence import TRAVEL_PACE, feed_pace
 from polish_sim.config import ProcessConfig, Scenario
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.experiments.placement import (
@@ -24,7 +24,8 @@ from polish_sim.experiments.placement import (
 )
 from polish_sim.geometry import PartMesh
 from polish_sim.models import workpiece_names, workpiece_path
-from polish_sim.motion.trajectory import PathTable, build_path_table, with_set_points
+from polish_sim.motion.timed_path import TimedPath, time_path
+from polish_sim.motion.trajectory import build_path_table, with_set_points
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed
 from polish_sim.spatial import apply
 
@@ -131,13 +132,14 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
             path.s[during],
             None if path.force is None else path.force[during] / process.contact_force_n,
             None if path.feed is None else path.feed[during] / process.feed_m_s,
-            feed_acceleration(process.feed_m_s) / process.feed_m_s**2,
         )
+        motion = time_path(table, feed_pace(process.feed_m_s))
         jobs.append(
             Job(
                 travel=_travel(jobs, nominal[through], rotations[through]),
                 lead_in=build_path_table(nominal[before], rotations[before]),
                 process=table,
+                motion=motion,
                 depth=float(depths[first]),
                 force=process.contact_force_n,
                 contact=1.0,
@@ -152,7 +154,7 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
                 retare=1.0 if jobs and process.tare == "strokes" else 0.0,
             )
         )
-        left -= table.feed_length / process.feed_m_s
+        left -= motion.playing_time
         if left <= 0.0:
             break
     return jobs
@@ -200,11 +202,12 @@ def _last_approach(path: ToolPath, leave: int, first: int, lift: float) -> int:
     return leave + int(high[-1]) if len(high) else leave
 
 
-def _travel(jobs: list[Job], way: Array, rotations: Array) -> PathTable:
+def _travel(jobs: list[Job], way: Array, rotations: Array) -> TimedPath:
     """From above the end of the last stroke through the air to where the next way down begins."""
     if not jobs:
-        return build_path_table(way[:1], rotations[:1])
+        return time_path(build_path_table(way[:1], rotations[:1]), TRAVEL_PACE)
     last = jobs[-1]
     R_last = Rotation.from_quat(last.process.quaternions[-1], scalar_first=True).as_matrix()
     above = last.process.positions[-1] - (last.lift + last.depth) * R_last[:, 2]
-    return build_path_table(np.concatenate([above[None], way]), np.concatenate([R_last[None], rotations]))
+    table = build_path_table(np.concatenate([above[None], way]), np.concatenate([R_last[None], rotations]))
+    return time_path(table, TRAVEL_PACE)

@@ -13,10 +13,12 @@ from polish_sim.calibration import PayloadReadings
 from polish_sim.calibration.poses import move, move_time
 from polish_sim.cell import Cell, Job, Observer, build_scene, no_part, tool_on_flange
 from polish_sim.cell.cell import CellRun
+from polish_sim.cell.sequence import feed_pace
 from polish_sim.config import RobotConfig, Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop
 from polish_sim.motion import forward_many
+from polish_sim.motion.timed_path import time_path
 from polish_sim.motion.trajectory import PathTable, build_path_table
 
 Array = NDArray[np.float64]
@@ -82,8 +84,10 @@ def visiting_cell(scenario: Scenario, visit: Visit, q_start: Array, rng: np.rand
     start = build_path_table(
         visit.table.positions[:1], Rotation.from_quat(visit.table.quaternions[:1], scalar_first=True).as_matrix()
     )
+    pace = feed_pace(CLOCK_FEED)
     job = Job(
-        travel=start, lead_in=start, process=visit.table, depth=0.0, force=0.0, contact=0.0,
+        travel=time_path(start, pace), lead_in=start, process=visit.table,
+        motion=time_path(visit.table, pace), depth=0.0, force=0.0, contact=0.0,
         approach_speed=CLOCK_FEED, feed=CLOCK_FEED, threshold=math.inf, search_depth=0.0, hold=0.0,
         feed_time=math.inf, lift=0.0, start_s=0.0,
     )  # fmt: skip

@@ -1,0 +1,204 @@
+"""A motion over time as a dense table that compiled loops can sample at a clock of their own rate (layer 6)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.motion.trajectory import PathTable, sample_path
+
+Array = NDArray[np.float64]
+
+ROW_S = 0.005  # between rows; short against a jerk-limited corner [s]
+MOST_ROWS = 400_000  # longer motions get longer rows
+
+
+class TimedPath(NamedTuple):
+    """Poses and velocities at equal steps of a motion's own time, base frame.
+
+    Who plays it may let that time pass at any ``rate`` from 0 to 1: velocities then shrink by the rate.
+    """
+
+    spacing: float
+    """Time between rows [s]."""
+    duration: float
+    """[s]; 0 for a single pose."""
+    positions: Array
+    """Tool points [m], shape (n, 3)."""
+    velocities: Array
+    """[m/s], shape (n, 3)."""
+    quaternions: Array
+    """R_base_tool as wxyz, without sign jumps, shape (n, 4)."""
+    spins: Array
+    """Angular velocities [rad/s], base frame, shape (n, 3)."""
+    places: Array
+    """Arc length of the path the motion follows [m], never falling, shape (n,)."""
+    speeds: Array
+    """Its rate [m/s], shape (n,)."""
+    rates: Array
+    """Largest rate at which the motion may be played [-], in (0, 1], shape (n,)."""
+
+    @property
+    def playing_time(self) -> float:
+        """How long it takes at the largest rates [s]."""
+        slowness = 1.0 / self.rates
+        return self.duration * float(np.mean(0.5 * (slowness[1:] + slowness[:-1])))
+
+
+class Pace(NamedTuple):
+    """How fast a path is followed; all positive."""
+
+    speed: float
+    """[m/s]"""
+    acceleration: float
+    """[m/s^2]"""
+    jerk: float
+    """[m/s^3]"""
+
+
+def time_path(table: PathTable, pace: Pace) -> TimedPath:
+    """Follow a path at constant speed, from rest to rest with limited jerk along it.
+
+    Args:
+        table: The path; where its feed share is below its greatest one, the motion's rates say so.
+        pace: Speed at a feed share of 1; the path's bends are not slowed for.
+
+    Returns:
+        The motion.
+    """
+    top = pace.speed * float(table.feed_share.max())
+    speed, b, c = _ramp(table.length, pace._replace(speed=top))
+    duration = table.length / speed + b + c if table.length > 0.0 else 0.0
+    clock = row_times(duration)
+    places, speeds = _rest_to_rest(clock, table.length, speed, b, c)
+    n = len(clock)
+    motion = TimedPath(
+        float(clock[1] - clock[0]), duration, np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)),
+        places, speeds, np.ones(n),
+    )  # fmt: skip
+    _fill(table, motion)
+    feed = pace.speed * np.interp(places, np.arange(len(table.positions)) * table.spacing, table.feed_share)
+    return with_feed(motion, feed, pace.acceleration / top)
+
+
+def with_feed(motion: TimedPath, feed: Array, rate_change: float) -> TimedPath:
+    """Play a motion no faster than a feed that changes along it.
+
+    Args:
+        motion: The motion.
+        feed: Wanted speed along the path at the motion's rows [m/s], positive, shape (n,).
+        rate_change: How fast the rate may fall [1/s]; before a slow place it falls early enough.
+
+    Returns:
+        The motion with rates.
+    """
+    rates = np.minimum(1.0, feed / np.maximum(motion.speeds, 1e-12))
+    return motion._replace(rates=_eased(rates, 2.0 * rate_change * motion.spacing))
+
+
+def row_times(duration: float) -> Array:
+    """Times of the rows of a motion [s], shape (n,), n at least 2; a motion of no duration gets two equal ones."""
+    rows = min(max(2, math.ceil(duration / ROW_S) + 1), MOST_ROWS)
+    return np.linspace(0.0, duration if duration > 0.0 else ROW_S, rows)
+
+
+def _ramp(length: float, pace: Pace) -> tuple[float, float, float]:
+    """Top speed [m/s] a length allows, and the two boxes b >= c [s] whose convolution is the ramp up to it."""
+    v, a, j = pace
+    if length <= 0.0:
+        return v, 0.0, 0.0
+    knee = a * a / j  # speed from which the acceleration limit is reached [m/s]
+    if 2.0 * knee * a / j < length:
+        # v (v / a + a / j) = length, or the wanted speed
+        v = min(v, 0.5 * (math.sqrt(knee * knee + 4.0 * a * length) - knee))
+    else:
+        v = min(v, (0.25 * j * length * length) ** (1.0 / 3.0))
+    return (v, v / a, a / j) if v >= knee else (v, math.sqrt(v / j), math.sqrt(v / j))
+
+
+def _rest_to_rest(t: Array, length: float, speed: float, b: float, c: float) -> tuple[Array, Array]:
+    """Place [m] and speed [m/s] at times t (n,) of a motion that ramps up to ``speed`` and down again."""
+    if length <= 0.0:
+        return np.zeros(len(t)), np.zeros(len(t))
+    end = length / speed + b + c
+    early = t < 0.5 * end
+    near = np.where(early, t, end - t)
+    ramp = np.minimum(near, b + c)
+    cubes = ramp**3 - np.maximum(ramp - b, 0.0) ** 3 - np.maximum(ramp - c, 0.0) ** 3
+    squares = ramp**2 - np.maximum(ramp - b, 0.0) ** 2 - np.maximum(ramp - c, 0.0) ** 2
+    place = speed * (cubes / (6.0 * b * c) + np.maximum(near - (b + c), 0.0))
+    rate = np.asarray(speed * squares / (2.0 * b * c))
+    return np.asarray(np.where(early, place, length - place)), rate
+
+
+@njit(cache=True)
+def _fill(table: PathTable, motion: TimedPath) -> None:
+    for i in range(len(motion.places)):
+        sample_path(
+            table, motion.places[i], motion.positions[i], motion.velocities[i], motion.quaternions[i], motion.spins[i]
+        )
+        for axis in range(3):
+            motion.velocities[i, axis] *= motion.speeds[i]
+            motion.spins[i, axis] *= motion.speeds[i]
+
+
+@njit(cache=True)
+def _eased(rates: Array, gain: float) -> Array:
+    """Lower rates before slow places so that their square falls by no more than ``gain`` from row to row."""
+    out = rates.copy()
+    for row in range(len(out) - 2, -1, -1):
+        out[row] = min(out[row], math.sqrt(out[row + 1] ** 2 + gain))
+    return out
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def sample_motion(
+    motion: TimedPath, clock: float, position: Array, velocity: Array, quaternion: Array, spin: Array, place: Array
+) -> None:
+    """Evaluate a motion at its own time ``clock`` [s] (clamped to its ends).
+
+    Args:
+        motion: The motion.
+        clock: Time of the motion [s].
+        position: Written: tool point [m], shape (3,).
+        velocity: Written: its derivative [m/s], shape (3,).
+        quaternion: Written: R_base_tool as unit quaternion wxyz, shape (4,).
+        spin: Written: angular velocity [rad/s], shape (3,).
+        place: Written: arc length [m] and its rate [m/s], shape (2,) or longer.
+    """
+    last = motion.positions.shape[0] - 2
+    h = motion.spacing
+    share = min(max(clock, 0.0), motion.duration) / h
+    row = min(int(share), last)
+    u = share - row
+    h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
+    h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
+    d00, d10 = 6.0 * u * (u - 1.0), (1.0 - u) * (1.0 - 3.0 * u)
+    d11 = u * (3.0 * u - 2.0)
+    for i in range(3):
+        p0, p1 = motion.positions[row, i], motion.positions[row + 1, i]
+        v0, v1 = motion.velocities[row, i], motion.velocities[row + 1, i]
+        position[i] = h00 * p0 + h01 * p1 + h * (h10 * v0 + h11 * v1)
+        velocity[i] = d00 * (p0 - p1) / h + d10 * v0 + d11 * v1
+        spin[i] = (1.0 - u) * motion.spins[row, i] + u * motion.spins[row + 1, i]
+    size = 0.0
+    for i in range(4):
+        quaternion[i] = (1.0 - u) * motion.quaternions[row, i] + u * motion.quaternions[row + 1, i]
+        size += quaternion[i] ** 2
+    size = math.sqrt(size)
+    for i in range(4):
+        quaternion[i] /= size
+    place[0] = (1.0 - u) * motion.places[row] + u * motion.places[row + 1]
+    place[1] = (1.0 - u) * motion.speeds[row] + u * motion.speeds[row + 1]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def sample_rate(motion: TimedPath, clock: float) -> float:
+    """Largest rate at which a motion may be played at its own time ``clock`` [s]; exactly 1 between ones."""
+    share = min(max(clock, 0.0), motion.duration) / motion.spacing
+    row = min(int(share), motion.rates.shape[0] - 2)
+    return float(motion.rates[row] + (share - row) * (motion.rates[row + 1] - motion.rates[row]))

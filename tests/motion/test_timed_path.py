@@ -1,0 +1,96 @@
+"""A motion over time follows its path at the speed wanted, from rest to rest, with no jump of its acceleration."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.motion.timed_path import Pace, TimedPath, sample_motion, sample_rate, time_path
+from polish_sim.motion.trajectory import PathTable, build_path_table, with_set_points
+
+Array = NDArray[np.float64]
+
+PACE = Pace(0.01, 0.05, 1.25)
+RADIUS = 0.02
+
+
+class Sampled(NamedTuple):
+    positions: Array
+    velocities: Array
+    spins: Array
+    places: Array
+    speeds: Array
+
+
+def circle(turns: float = 1.0) -> PathTable:
+    angle = np.linspace(0.0, 2.0 * np.pi * turns, 400)
+    points = RADIUS * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    return build_path_table(points, Rotation.from_euler("z", angle[:, None]).as_matrix())
+
+
+def play(motion: TimedPath, clock: Array) -> Sampled:
+    n = len(clock)
+    out = Sampled(np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n))
+    place, quaternion = np.empty(2), np.empty(4)
+    for i, t in enumerate(clock):
+        sample_motion(motion, float(t), out.positions[i], out.velocities[i], quaternion, out.spins[i], place)
+        out.places[i], out.speeds[i] = place
+    return out
+
+
+def test_it_takes_the_length_over_the_speed_and_one_ramp() -> None:
+    table = circle()
+    motion = time_path(table, PACE)
+    assert motion.duration == pytest.approx(table.length / 0.01 + 0.01 / 0.05 + 0.05 / 1.25)
+    assert motion.playing_time == pytest.approx(motion.duration)
+
+
+@pytest.mark.parametrize("length", [1e-5, 4e-4, 2e-3, 0.1])
+def test_short_and_long_ways_keep_the_limits_and_arrive(length: float) -> None:
+    table = build_path_table(np.array([[0.0, 0, 0], [length, 0, 0]]), np.tile(np.eye(3), (2, 1, 1)))
+    motion = time_path(table, PACE)
+    dt = motion.duration / 4000.0
+    run = play(motion, np.arange(4001) * dt)
+    assert run.places[-1] == pytest.approx(length, rel=1e-9)
+    assert run.speeds.max() <= PACE.speed * (1 + 1e-9)
+    rows = np.diff(motion.speeds) / motion.spacing
+    assert np.abs(rows).max() <= PACE.acceleration * (1 + 1e-9)
+    assert np.abs(np.diff(rows)).max() <= PACE.jerk * motion.spacing * (1 + 1e-6)
+
+
+def test_velocity_and_spin_are_the_rates_of_position_and_orientation() -> None:
+    motion = time_path(circle(), PACE)
+    t = np.linspace(0.3, 12.0, 500)
+    step = 1e-4
+    before, now, after = play(motion, t - step), play(motion, t), play(motion, t + step)
+    np.testing.assert_allclose((after.positions - before.positions) / (2 * step), now.velocities, atol=2e-7)
+    np.testing.assert_allclose(now.spins, [[0.0, 0.0, 0.01 / RADIUS]] * len(t), atol=1e-4)
+    np.testing.assert_allclose(np.linalg.norm(now.velocities, axis=1), 0.01, rtol=1e-4)
+    np.testing.assert_allclose(np.linalg.norm(now.positions, axis=1), RADIUS, atol=1e-8)
+
+
+def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time() -> None:
+    s = np.array([0.0, 0.05, 0.06, 0.12])
+    table = with_set_points(circle(), s, None, np.array([2.0, 2.0, 0.5, 0.5]))
+    motion = time_path(table, PACE)
+    clock = np.arange(len(motion.places)) * motion.spacing
+    fed = motion.rates * motion.speeds
+    wanted = 0.01 * np.interp(motion.places, s, [2.0, 2.0, 0.5, 0.5])
+    assert np.all(fed <= wanted * 1.02)  # the corners of the feed lie between rows
+    assert fed[len(clock) // 8] == pytest.approx(0.02)
+    slowing = -np.diff(fed**2) / (2.0 * np.maximum(np.diff(motion.places), 1e-12))
+    assert slowing[20:-60].max() < 3.0 * PACE.acceleration
+    assert sample_rate(motion, 0.0) == pytest.approx(1.0)
+    assert motion.playing_time == pytest.approx(np.trapezoid(1.0 / motion.rates, clock), rel=1e-3)
+
+
+def test_a_single_pose_is_a_motion_of_no_duration() -> None:
+    motion = time_path(build_path_table(np.ones((1, 3)), np.eye(3)[None]), PACE)
+    assert motion.duration == 0.0
+    run = play(motion, np.array([0.0, 1.0]))
+    np.testing.assert_allclose(run.positions, 1.0)
+    np.testing.assert_allclose(run.velocities, 0.0)
