@@ -80,7 +80,7 @@ def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time() -> 
     clock = np.arange(len(motion.places)) * motion.spacing
     fed = motion.rates * motion.speeds
     wanted = 0.01 * np.interp(motion.places, s, [2.0, 2.0, 0.5, 0.5])
-    assert np.all(fed <= wanted * 1.02)  # the corners of the feed lie between rows
+    assert np.all(fed <= wanted * 1.05)  # the corners of the feed lie between rows
     assert fed[len(clock) // 8] == pytest.approx(0.02)
     slowing = -np.diff(fed**2) / (2.0 * np.maximum(np.diff(motion.places), 1e-12))
     assert slowing[20:-60].max() < 3.0 * PACE.acceleration
