@@ -105,7 +105,10 @@ def test_the_feed_time_ends_the_feed_early() -> None:
     job = pressing_job(slide=0.03)._replace(feed_time=1.0)
     run = cell_for(ideal("force", EVERY_STEP), job, part=part_under(plane())).run()
     assert span(run, 2) == pytest.approx(1.0, abs=0.002)
-    assert run.trace.path_s_m[-1] == pytest.approx(0.01 * (1.0 - 0.1), abs=1e-4)  # 0.2 s of ramp
+    ramps = 0.5 * (0.01 / 0.05 + 0.04) + 0.5 * (0.01 / 0.2 + 0.04)  # up, and down again before the time is over
+    assert run.trace.path_s_m[-1] == pytest.approx(0.01 * (1.0 - ramps), abs=1e-4)
+    targets = column(run, "target_position_m")[run.trace.phase == 2]
+    assert np.linalg.norm(targets[-1] - targets[-2]) < 1e-7
 
 
 def test_two_strokes_follow_each_other_through_free_space() -> None:

@@ -1,0 +1,89 @@
+"""Joint positions and speeds played on the simulated servos, nothing else: no contact, no control (layer 8a)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.cell.engine import mj_step, register_engine
+from polish_sim.cell.scene import build_scene
+from polish_sim.config import Scenario
+from polish_sim.errors import ProtectiveStop
+
+Array = NDArray[np.float64]
+
+JOINTS = 6
+
+
+class JointTargets(NamedTuple):
+    """What the servos are told, one row a step."""
+
+    q: Array
+    """Positions [rad], shape (n, 6)."""
+    qd: Array
+    """Speeds [rad/s], shape (n, 6)."""
+
+
+class Played(NamedTuple):
+    """What the joints did, one row a step, at the moment its target is given."""
+
+    q: Array
+    """[rad], shape (n, 6)."""
+    qd: Array
+    """[rad/s], shape (n, 6)."""
+    torque: Array
+    """Of the servos [N m], shape (n, 6)."""
+
+
+def play_joints(scenario: Scenario, targets: JointTargets, settle: float = 0.5) -> Played:
+    """Play joint targets on the robot of the cell, in free space, spindle at rest.
+
+    Args:
+        scenario: Robot, head and time step; a row of the targets is one step.
+        targets: From rest to rest, free of jumps.
+        settle: The robot stands at the first target this long before [s], so that gravity has settled.
+
+    Returns:
+        What the joints did.
+
+    Raises:
+        ProtectiveStop: The simulation ran away.
+    """
+    register_engine()
+    model = build_scene(scenario, None, None)
+    data = mujoco.MjData(model)
+    data.qpos[:JOINTS] = targets.q[0]
+    mujoco.mj_forward(model, data)
+    n = len(targets.q)
+    played = Played(np.empty((n, JOINTS)), np.empty((n, JOINTS)), np.empty((n, JOINTS)))
+    still = round(settle / float(model.opt.timestep))
+    _play(
+        (model._address, data._address), data.qpos, data.qvel, data.qfrc_actuator, data.ctrl,
+        (np.ascontiguousarray(targets.q), np.ascontiguousarray(targets.qd)), played, still,
+    )  # fmt: skip
+    if not np.isfinite(played.q).all():
+        raise ProtectiveStop("the simulated robot ran away while playing joint targets: lower simulation.timestep_s.")
+    return played
+
+
+@njit(cache=True, error_model="numpy")
+def _play(  # type: ignore[no-untyped-def]
+    engine, qpos: Array, qvel: Array, torques: Array, ctrl: Array, targets, played: Played, still: int
+) -> None:
+    model, data = engine
+    q, qd = targets
+    for step in range(-still, len(q)):
+        row = max(step, 0)
+        for j in range(JOINTS):
+            ctrl[2 * j] = q[row, j]
+            ctrl[2 * j + 1] = qd[row, j] if step >= 0 else 0.0
+            if step >= 0:
+                played.q[row, j], played.qd[row, j] = qpos[j], qvel[j]
+        mj_step(model, data)
+        if step >= 0:
+            for j in range(JOINTS):
+                played.torque[row, j] = torques[j]
