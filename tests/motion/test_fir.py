@@ -1,0 +1,150 @@
+"""The filtered box against exact rational arithmetic, and its peaks against the definition."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import chain as joined
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from polish_sim.motion.smoothing.fir import PIECES, box_pieces, box_progress, fir_schedule, peak_rates, sorted_times
+from polish_sim.motion.smoothing.stop_profile import stop_times
+
+SUBSETS = list(joined.from_iterable(combinations(range(3), k) for k in range(4)))
+FACTORIALS = (6, 2, 1, 1)
+
+
+def exact(triple: list[float], time: float, derivative: int) -> Fraction:
+    """The sum over the subsets, with fractions."""
+    times, t = [Fraction(value) for value in triple], Fraction(time)
+    total = Fraction(0)
+    for subset in SUBSETS:
+        late = t - sum((times[i] for i in subset), Fraction(0))
+        if late > 0:
+            total += (-1) ** len(subset) * late ** (3 - derivative)
+    return total / (FACTORIALS[derivative] * times[0] * times[1] * times[2])
+
+
+def triples(count: int, seed: int) -> np.ndarray:
+    """Times that differ by up to five orders, some equal."""
+    rng = np.random.default_rng(seed)
+    drawn = 10.0 ** rng.uniform(-4.0, 1.0, (count, 3))
+    drawn[::5, 1] = drawn[::5, 0]
+    drawn[::10, 2] = drawn[::10, 0]
+    return drawn
+
+
+def progress(triple: np.ndarray, time: float) -> np.ndarray:
+    rates = np.empty(4)
+    box_progress(*sorted_times(*triple), time, rates)
+    return rates
+
+
+def test_progress_and_derivatives_are_the_sum_over_subsets_to_1e_12() -> None:
+    rng = np.random.default_rng(1)
+    for triple in triples(300, 0):
+        for time in rng.uniform(0.0, triple.sum(), 8):
+            found = progress(triple, time)
+            size = 1.0 / np.cumprod(np.concatenate([[1.0], np.sort(triple)[::-1]]))
+            for derivative in range(3):
+                true = exact(list(triple), time, derivative)
+                assert abs(Fraction(found[derivative]) - true) <= 1e-12 * size[derivative]
+
+
+def test_the_third_derivative_too_away_from_its_steps() -> None:
+    rng = np.random.default_rng(2)
+    for triple in triples(300, 3):
+        steps = np.array([triple[list(subset)].sum() for subset in SUBSETS])
+        for time in rng.uniform(0.0, triple.sum(), 4):
+            if np.abs(steps - time).min() > 1e-9:
+                true = float(exact(list(triple), time, 3))
+                assert progress(triple, time)[3] == pytest.approx(true, rel=1e-12, abs=1e-12 / triple.prod())
+
+
+def test_it_begins_at_nought_and_ends_at_one() -> None:
+    for triple in triples(50, 4):
+        np.testing.assert_array_equal(progress(triple, 0.0)[:3], [0.0, 0.0, 0.0])
+        np.testing.assert_array_equal(progress(triple, -1.0), [0.0, 0.0, 0.0, 0.0])
+        np.testing.assert_array_equal(progress(triple, triple.sum() + 1.0), [1.0, 0.0, 0.0, 0.0])
+
+
+def test_times_of_nought_leave_the_box_with_fewer_filters() -> None:
+    assert progress(np.array([2.0, 0.0, 0.0]), 0.5)[0] == 0.25
+    np.testing.assert_allclose(progress(np.array([0.0, 2.0, 1.0]), 0.5)[:3], [1 / 16, 0.25, 0.5])
+
+
+def test_peaks_hold_and_are_reached_for_a_million_triples() -> None:
+    times = 10.0 ** np.random.default_rng(5).uniform(-3.0, 1.0, (1_000_000, 3))
+    peaks, found = peak_rates(times), subset_peaks(times)
+    for limit, reached in zip(peaks, found, strict=True):
+        assert np.count_nonzero(reached > limit * (1.0 + 1e-6)) == 0
+        assert np.count_nonzero(reached < limit * (1.0 - 1e-6)) == 0
+
+
+def subset_peaks(times: np.ndarray) -> list[np.ndarray]:
+    """Peaks by the definition: jerk between the steps, acceleration at them, speed at half time."""
+    sums = np.stack([times[:, list(subset)].sum(axis=1) for subset in SUBSETS], axis=1)
+    signs = np.array([(-1.0) ** len(subset) for subset in SUBSETS])
+    order = np.argsort(sums, axis=1)
+    steps, scale = np.take_along_axis(sums, order, axis=1), 1.0 / times.prod(axis=1)
+    third = np.cumsum(signs[order], axis=1)[:, :-1]
+    second = np.cumsum(third * np.diff(steps, axis=1), axis=1)
+    middle = np.maximum(0.5 * sums[:, -1:] - sums, 0.0)
+    real = np.diff(steps, axis=1) > 0.0
+    return [
+        0.5 * np.abs((signs * middle**2).sum(axis=1)) * scale,
+        np.abs(second).max(axis=1) * scale,
+        np.abs(np.where(real, third, 0.0)).max(axis=1) * scale,
+    ]
+
+
+def test_the_pieces_are_the_closed_form() -> None:
+    durations, coefficients = np.empty(PIECES), np.empty((PIECES, 4))
+    cases = np.concatenate([triples(100, 6), [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]])
+    for triple in cases:
+        count = box_pieces(*triple, durations, coefficients)
+        assert durations[:count].sum() == pytest.approx(triple.sum(), rel=1e-14)
+        begin = 0.0
+        for length, piece in zip(durations[:count], coefficients[:count], strict=True):
+            for share in (0.01, 0.5, 0.99):
+                t = share * length
+                true = progress(triple, begin + t)
+                assert piece @ t ** np.arange(4) == pytest.approx(true[0], abs=1e-13)
+                assert piece[1:] @ [1.0, 2.0 * t, 3.0 * t * t] == pytest.approx(true[1], rel=1e-9, abs=1e-12 * true[1])
+            begin += length
+
+
+def test_a_schedule_has_its_segments_pieces_in_order() -> None:
+    schedule = fir_schedule(np.array([0.0, 1.0]), np.array([[1.0, 0.2, 0.1], [2.0, 0.0, 0.5]]))
+    np.testing.assert_array_equal(schedule.segments, [0] * 7 + [1] * 3)
+    assert schedule.end == pytest.approx(3.5)
+    np.testing.assert_allclose(schedule.starts[7:], [1.0, 1.5, 3.0])
+
+
+def test_from_rest_to_rest_takes_four_cube_roots() -> None:
+    assert sum(stop_times(0.001, 10.0, 100.0, 10.0)) == pytest.approx(4.0 * np.cbrt(0.001 / 20.0))
+
+
+def test_no_profile_within_the_limits_is_shorter() -> None:
+    """Each limit is kept, and the profile is limited throughout, and a search finds no shorter one."""
+    rng = np.random.default_rng(7)
+    for length, v, a, j in 10.0 ** rng.uniform(-3.0, 3.0, (2000, 4)):
+        times = np.array(stop_times(length, v, a, j))
+        peaks = peak_rates(times)
+        ratios = [length * peaks.speed / v, length * peaks.acceleration / a, length * peaks.jerk / j]
+        assert max(ratios) <= 1.0 + 1e-9
+        assert times[0] >= (times[1] + times[2]) * (1.0 - 1e-12)
+        assert ratios[2] == pytest.approx(1.0) or ratios[0] == pytest.approx(1.0)
+        assert sum(times) <= shortest_by_search(length, v, a, j) * (1.0 + 1e-9)
+
+
+def shortest_by_search(length: float, v: float, a: float, j: float) -> float:
+    """Best of many times of symmetric jerk, acceleration, speed plateaus: from a grid of jerk and plateau times."""
+    ramp = np.geomspace(1e-4, 1.0, 60) * min(a / j, np.sqrt(v / j), np.cbrt(0.5 * length / j))
+    hold = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 60)])[:, None] * v / a
+    top = j * ramp * (ramp + hold)
+    way = top * (2.0 * ramp + hold)
+    time = 2.0 * (2.0 * ramp + hold) + (length - way) / top
+    return float(np.where((top <= v) & (way <= length), time, np.inf).min())
