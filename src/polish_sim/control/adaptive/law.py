@@ -206,7 +206,9 @@ def press(
     pace = pace_of(g, state[STIFFNESS], memory.delay[DELAY], np.sqrt(memory.air[AIR_VARIANCE]), state[AGE])
     force = observe_force(memory, pace.observer, seen.path, reading, state[LANDED], dt)
     rate = state[LANDED] * state[RATE]
-    travel = (t.force[0] - force) / state[STIFFNESS] - under_way(memory, dt)
+    # What the path will have asked for until then is no travel into the part.
+    asked = 0.5 * (expected + expected_then) * memory.delay[DELAY]
+    travel = (t.force[0] - force) / state[STIFFNESS] - (under_way(memory, dt) - asked)
     wanted = quickest_stop(g, travel, pace.crossover, speed_limit(g, memory, state[STIFFNESS]))
     note_landing(g, memory, wanted, dt)
     wanted += expected_then - rate / state[STIFFNESS]
