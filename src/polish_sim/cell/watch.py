@@ -116,7 +116,7 @@ def _check_surface(cell: CellKernel, m: Measurement, target: Target) -> float:
     room = guards.offset
     if held[WAS_HELD] == 0.0:
         room += _DEEPEST * cell.job.depth
-        holding = stage[0] != TOUCH_DOWN and abs(m.wrench[2] - target.force[0]) < 0.25 * target.force[0]
+        holding = stage[0] != TOUCH_DOWN and abs(m.wrench[2] - target.force[0]) < 0.1 * target.force[0]
         held[HELD] = held[HELD] + cell.engine.dt if holding else 0.0
         if held[HELD] >= HELD_S:
             held[DEPTH], held[WAS_HELD] = depth, 1.0
