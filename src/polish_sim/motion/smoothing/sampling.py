@@ -69,7 +69,7 @@ def sample_schedule(chain: Chain, schedule: Schedule, times: Array) -> Samples:
     times = np.ascontiguousarray(times, dtype=float)
     n = len(times)
     samples = Samples(np.empty((n, 4, 3)), np.empty((n, 4, 3)), np.empty((n, 3, 3)), np.empty((n, 3, 3)))
-    _sample_all(chain, schedule, index_schedule(chain, schedule), times, samples)
+    _sample_all(chain, schedule, index_schedule(chain, schedule), times, samples, np.empty(4))
     return samples
 
 
@@ -86,9 +86,10 @@ def turning(axes: Array) -> Array:
     return np.stack([np.cross(o, o1), np.cross(o, o2), np.cross(o1, o2) + np.cross(o, o3)], axis=1)
 
 
-@njit(cache=True, error_model="numpy")
-def _sample_all(chain: Chain, schedule: Schedule, index: ScheduleIndex, times: Array, out: Samples) -> None:
-    rates = np.empty(4)
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _sample_all(
+    chain: Chain, schedule: Schedule, index: ScheduleIndex, times: Array, out: Samples, rates: Array
+) -> None:
     for i in range(times.shape[0]):
         sample_at(chain, schedule, index, times[i], out.tips[i], out.axes[i], out.rotations[i], out.spins[i], rates)
 
@@ -139,6 +140,43 @@ def sample_at(
     for i in range(3):
         x, y = R[i, 0], R[i, 1]
         R[i, 0], R[i, 1] = cosine * x + sine * y, cosine * y - sine * x
+
+
+@njit(cache=True, error_model="numpy")
+def tip_between(
+    chain: Chain, schedule: Schedule, index: ScheduleIndex, first: int, stop: int, time: float, tip: Array, room: Array
+) -> None:
+    """Write the tip [m], shape (3,), at a time [s] at which no segments but ``first`` to ``stop - 1`` are under way.
+
+    ``room`` (4,) is room to work.
+    """
+    for i in range(3):
+        tip[i] = chain.tips[first, i]
+    for k in range(first, stop):
+        progress_at(schedule, index, k, time, room)
+        way = room[0] * chain.lengths[k]
+        for i in range(3):
+            tip[i] += way * chain.directions[k, i]
+
+
+@njit(cache=True, error_model="numpy")
+def axis_between(
+    chain: Chain, schedule: Schedule, index: ScheduleIndex, first: int, stop: int, time: float, axis: Array, room: Array
+) -> None:
+    """Write the tool axis, shape (3,), likewise."""
+    for i in range(3):
+        axis[i] = chain.axes[first, i]
+    for k in range(first, stop):
+        if chain.angles[k] == 0.0:
+            continue
+        progress_at(schedule, index, k, time, room)
+        n, phi = chain.turn_axes[k], chain.angles[k] * room[0]
+        cosine, sine, rest = math.cos(phi), math.sin(phi), 2.0 * math.sin(0.5 * phi) ** 2
+        x, y, z = axis[0], axis[1], axis[2]
+        along = rest * (n[0] * x + n[1] * y + n[2] * z)
+        axis[0] = cosine * x + sine * (n[1] * z - n[2] * y) + along * n[0]
+        axis[1] = cosine * y + sine * (n[2] * x - n[0] * z) + along * n[1]
+        axis[2] = cosine * z + sine * (n[0] * y - n[1] * x) + along * n[2]
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,0 +1,111 @@
+"""Deviations measured on motions whose deviation is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from polish_sim.errors import SmoothingError
+from polish_sim.motion.smoothing.build import build_chain, chain_from_axes
+from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.smoothing.deviation import measure_deviation, vertex_distances
+from polish_sim.motion.smoothing.fir import fir_schedule
+from polish_sim.motion.smoothing.sampling import sample_schedule
+from polish_sim.motion.smoothing.schedule import Schedule
+
+TRIPLE = np.array([0.1, 0.05, 0.02])
+
+
+def straight(tips: np.ndarray) -> Chain:
+    return build_chain(tips, np.tile(np.eye(3), (len(tips), 1, 1)))
+
+
+def overlapped(chain: Chain, overlap: float) -> Schedule:
+    n = len(chain.lengths)
+    return fir_schedule(np.arange(n) * (TRIPLE.sum() - overlap), np.tile(TRIPLE, (n, 1)))
+
+
+def test_stopping_everywhere_strays_nowhere() -> None:
+    chain = straight(np.random.default_rng(0).normal(size=(30, 3)))
+    found = measure_deviation(chain, overlapped(chain, 0.0), chain)
+    assert found.contour.value < 1e-15
+    assert found.vertex.value < 1e-15
+    assert found.axis.value == 0.0
+
+
+def test_a_path_that_crosses_itself_is_measured_on_its_own_strand() -> None:
+    """The corner at (1, 0) is cut; another strand runs through just there."""
+    tips = np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 1, 0], [0.97, 1, 0], [1.0, -1.0, 0]])
+    chain = straight(tips)
+    schedule = overlapped(chain, 0.07)
+    speed = 1.0 / 0.1
+    distances, _ = vertex_distances(chain, schedule, chain)
+    wanted = speed * np.sqrt(2.0) * (4 * 0.02**2 - 6 * 0.02 * 0.07 + 3 * 0.07**2) / (24 * 0.05)
+    assert distances[1] == pytest.approx(wanted, rel=1e-12)
+    assert measure_deviation(chain, schedule, chain).contour.value >= wanted / np.sqrt(2.0) * (1.0 - 1e-9)
+
+
+def test_merged_segments_are_measured_against_the_points_left_out() -> None:
+    """Along a chord of an arc the polyline is one sagitta away."""
+    angle = np.linspace(0.0, 0.2, 11)
+    arc = 0.05 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle), 0.0 * angle])
+    raw, chord = straight(arc), straight(arc[[0, 10]])
+    found = measure_deviation(chord, overlapped(chord, 0.0), raw)
+    sagitta = 0.05 * (1.0 - np.cos(0.1))
+    assert found.vertex.value == pytest.approx(sagitta, rel=1e-9)
+    assert found.contour.value == pytest.approx(sagitta * np.cos(0.01), rel=1e-6)  # the sides beside it are nearer
+
+
+def test_merged_turns_are_measured_against_the_axes_left_out() -> None:
+    axes = np.array([[0.0, 0, 1], [0.0, 0.001, 1], [0.002, 0, 1]])
+    raw = chain_from_axes(np.arange(3.0)[:, None] * [0.01, 0, 0], axes)
+    merged = chain_from_axes(raw.tips[[0, 2]], axes[[0, 2]])
+    found = measure_deviation(merged, overlapped(merged, 0.0), raw)
+    assert found.axis.value == pytest.approx(0.002 / (1.0 + np.sqrt(5.0)), rel=1e-5)  # as near to one arc as the other
+
+
+def test_a_chain_of_other_points_is_refused() -> None:
+    raw, other = straight(np.eye(3)), straight(np.eye(3) + [[0.0], [0.1], [0.0]])
+    with pytest.raises(SmoothingError, match="way point 1"):
+        measure_deviation(other, overlapped(other, 0.0), raw)
+
+
+def test_three_and_more_at_once_are_measured_as_dense_sampling_does() -> None:
+    rng = np.random.default_rng(3)
+    tips = np.cumsum(rng.normal(size=(12, 3)), axis=0) * 1e-3
+    axes = np.column_stack([0.05 * rng.normal(size=(12, 2)), -np.ones(12)])
+    chain = chain_from_axes(tips, axes)
+    schedule = overlapped(chain, 0.12)
+    found = measure_deviation(chain, schedule, chain)
+    times = np.linspace(0.0, schedule.end, 40_001)
+    samples = sample_schedule(chain, schedule, times)
+    to_vertex = np.linalg.norm(samples.tips[:, 0, None] - tips, axis=2).min(axis=0).max()
+    assert found.vertex.value == pytest.approx(to_vertex, rel=1e-5)
+    along = np.einsum("nkj,kj->nk", samples.tips[:, 0, None] - tips[:-1], chain.directions)
+    feet = tips[:-1] + np.clip(along, 0.0, chain.lengths)[..., None] * chain.directions
+    apart = np.linalg.norm(samples.tips[:, 0, None] - feet, axis=2)
+    assert found.contour.value >= apart.min(axis=1).max() * (1.0 - 1e-9)  # the whole polyline is nearer than a stretch
+    assert found.contour.value == pytest.approx(apart.min(axis=1).max(), rel=1e-4)
+
+
+def test_straight_on_at_equal_speed_and_full_overlap_the_speed_is_constant() -> None:
+    chain = straight(np.arange(6.0)[:, None] * [0.005, 0.0, 0.0])
+    schedule = overlapped(chain, 0.07)
+    times = np.linspace(0.07, schedule.end - 0.07, 501)
+    samples = sample_schedule(chain, schedule, times)
+    np.testing.assert_allclose(samples.tips[:, 1, 0], 0.05, rtol=1e-12)
+    np.testing.assert_allclose(samples.tips[:, 2], 0.0, atol=1e-12)
+
+
+def test_a_circle_in_full_overlap_shrinks_by_two_sincs() -> None:
+    """Chords follow one another every T1: a polygon, R sinc(w T1/2)^2 itself, filtered: sinc(w T2/2) sinc(w T3/2)."""
+    radius, count = 0.05, 720
+    angle = np.linspace(0.0, 2.0 * np.pi, count + 1)
+    chain = straight(radius * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]))
+    step, filters = 0.002, np.array([0.11, 0.06])
+    schedule = fir_schedule(np.arange(count) * step, np.tile([step, *filters], (count, 1)))
+    samples = sample_schedule(chain, schedule, np.linspace(0.3, 1.2, 200))
+    turning = 2.0 * np.pi / count / step
+    polygon = radius * np.sinc(1.0 / count) ** 2
+    wanted = polygon * np.prod(np.sinc(turning * filters / (2.0 * np.pi)))
+    np.testing.assert_allclose(np.linalg.norm(samples.tips[:, 0], axis=1), wanted, rtol=1e-8)
