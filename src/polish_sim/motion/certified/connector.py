@@ -20,7 +20,7 @@ CONNECTOR_PIECES = 7
 """Most pieces of constant jerk a connector has: up, hold, off; cruise; off, hold, down."""
 _STEPS = 60
 """More bisections than a float has bits to tell apart; Newton's method needs about five."""
-_PRECISION = 1e-13
+_PRECISION = 1e-10
 """The peak speed is found to this share of itself."""
 
 

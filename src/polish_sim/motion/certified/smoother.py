@@ -1,0 +1,143 @@
+"""The stream as Python sees it: feed way points, take pieces of the motion (layer 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import SmoothingError
+from polish_sim.motion.certified.corners import Tolerances
+from polish_sim.motion.certified.merge import Shares
+from polish_sim.motion.certified.stream import (
+    BLOCK,
+    OUT_ROWS,
+    OUT_SEGMENTS,
+    Outbox,
+    end_stream,
+    new_course,
+    new_stream,
+    take_points,
+)
+from polish_sim.motion.smoothing.limits import LimitValues, SmoothingLimits
+
+Array = NDArray[np.float64]
+
+MERGING_SHARE = 0.5
+"""Share of either tolerance that merging short chords may use; what it leaves goes to the corners."""
+
+
+class MotionPieces(NamedTuple):
+    """Segments of the merged chain that are decided on, and when each is passed (as in Schedule)."""
+
+    tips: Array
+    """Way points the segments end at [m], shape (m, 3)."""
+    rotations: Array
+    """Tool frames there, shape (m, 3, 3)."""
+    way_points: NDArray[np.int64]
+    """Their numbers among the way points fed, shape (m,)."""
+    segments: NDArray[np.int64]
+    """Segment of each row, counted from the path's start, shape (r,)."""
+    starts: Array
+    """[s], shape (r,)."""
+    durations: Array
+    """[s], shape (r,)."""
+    coefficients: Array
+    """Progress as a cubic in time, shape (r, 4)."""
+
+
+class Smoother:
+    """Smooths a path while it comes in.
+
+    A segment is given out once eight more are known or the path has ended. Segments are counted after merging: a
+    chord of up to 32 way points is one. Memory does not grow with the path.
+    """
+
+    def __init__(self, limits: SmoothingLimits, tolerance: float, axis_tolerance: float) -> None:
+        """Begin a path at rest.
+
+        Args:
+            limits: Of tool and joints.
+            tolerance: Largest distance of the tip from the path [m]; 0: exact stops.
+            axis_tolerance: The same for the tool's axis [rad].
+        """
+        if not (tolerance >= 0.0 and axis_tolerance >= 0.0):
+            raise SmoothingError(f"tolerances are {tolerance:g} m and {axis_tolerance:g} rad: 0 or more is needed.")
+        values = limits.values()
+        self._course = new_course(values, Tolerances(tolerance, axis_tolerance), _shares(values, tolerance, axis_tolerance))
+        self._stream = new_stream()
+
+    @property
+    def time(self) -> float:
+        """When the last segment given out has handed over to the next one [s]; after `finish` the cycle time."""
+        return float(self._stream.clock[0])
+
+    def feed(self, tips: Array, rotations: Array) -> MotionPieces:
+        """Take in way points.
+
+        Args:
+            tips: [m], shape (n, 3).
+            rotations: Tool frames there, third column the axis into the part, shape (n, 3, 3).
+
+        Returns:
+            What has become certain, often nothing.
+        """
+        tips, rotations = np.ascontiguousarray(tips, dtype=float), np.ascontiguousarray(rotations, dtype=float)
+        pieces = []
+        for i in range(0, len(tips), BLOCK):
+            take_points(self._stream, self._course, tips[i : i + BLOCK], rotations[i : i + BLOCK])
+            pieces.append(self._taken())
+        return pieces[0] if len(pieces) == 1 else join_pieces(pieces)
+
+    def finish(self) -> MotionPieces:
+        """End the path at rest.
+
+        Returns:
+            All that is left.
+        """
+        end_stream(self._stream, self._course)
+        return self._taken()
+
+    def _taken(self) -> MotionPieces:
+        """What the outbox holds, copied."""
+        box: Outbox = self._stream.outbox
+        m, r = int(self._stream.counters[OUT_SEGMENTS]), int(self._stream.counters[OUT_ROWS])
+        arrays = [a[:m].copy() for a in (box.tips, box.rotations, box.raw_ends)]
+        arrays += [a[:r].copy() for a in box.rows[:4]]
+        return MotionPieces(*arrays)
+
+
+def smooth_stream(
+    source: Iterable[tuple[Array, Array]], limits: SmoothingLimits, tolerance: float, axis_tolerance: float
+) -> Iterator[MotionPieces]:
+    """Smooth way points as an iterator gives them.
+
+    Args:
+        source: Chunks of (tips (n, 3), tool frames (n, 3, 3)) of any sizes.
+        limits: Of tool and joints.
+        tolerance: [m].
+        axis_tolerance: [rad].
+
+    Yields:
+        Pieces of the motion as soon as they are certain.
+    """
+    smoother = Smoother(limits, tolerance, axis_tolerance)
+    for tips, rotations in source:
+        pieces = smoother.feed(tips, rotations)
+        if len(pieces.way_points):
+            yield pieces
+    yield smoother.finish()
+
+
+def join_pieces(pieces: list[MotionPieces]) -> MotionPieces:
+    """Many pieces, in order, as one."""
+    return MotionPieces(*(np.concatenate(parts) for parts in zip(*pieces, strict=True)))
+
+
+def _shares(limits: LimitValues, tolerance: float, axis_tolerance: float) -> Shares:
+    """Merging pays where a segment is shorter than full speed covers while the acceleration builds up."""
+    length = limits.tip_speed * limits.tip_acceleration / limits.tip_jerk
+    turn = limits.axis_speed * limits.axis_acceleration / limits.axis_jerk
+    return Shares(MERGING_SHARE * tolerance, MERGING_SHARE * axis_tolerance, length, turn)
