@@ -1,4 +1,4 @@
-"""What the look-ahead keeps: a few hundred segments and corners, moved to the front when the end is reached (layer 6)."""
+"""What the look-ahead keeps: a few hundred segments and corners, moved to the front when full (layer 6)."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ LOOKAHEAD = 8
 """A segment is given out once so many (merged) ones after it are known."""
 CAPACITY = 192
 """Segments the buffers hold."""
-LEVELS = 64
+LEVELS = 12
 """States a corner may be passed in: from an exact stop (0) to its full kernel (the last one)."""
 SIZE, SPEED, ACCELERATION, DURATION = 0, 1, 2, 3
-"""What a state says of a corner: how much of either segment it takes [m], its speed and acceleration there, its time."""
+"""What a state says of a corner: how much of either segment it takes [m], speed and acceleration there, its time."""
 
 
 class Segments(NamedTuple):

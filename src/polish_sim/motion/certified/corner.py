@@ -1,65 +1,88 @@
-"""PLACEHOLDER until helper corner delivers."""
+"""A simple corner kernel: speed falls on the old and rises on the new segment at once (layer 6)."""
+
+from __future__ import annotations
+
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-PIECES = 4
+Array = NDArray[np.float64]
+
+PIECES = 2
+
+
 class CornerWeights(NamedTuple):
+    """What tip and axis do per generalised length on both sides: Gram numbers of two vectors."""
+
     tip_11: float
     tip_22: float
     tip_12: float
     axis_1: float
     axis_2: float
     axis_cosine: float
+
+
 class CornerLimits(NamedTuple):
+    """What the kernel may do."""
+
     speed: float
     acceleration: float
     jerk: float
     tip_tolerance: float
+    axis_speed: float
+    axis_acceleration: float
+    axis_jerk: float
     axis_tolerance: float
     segment_speed: float
     segment_acceleration: float
     segment_jerk: float
+
+
 class CornerShapes(NamedTuple):
-    x: np.ndarray
-class CornerKernel(NamedTuple):
+    """Table of shapes."""
+
+    table: Array
+
+
+class CornerFigures(NamedTuple):
+    """Size [m], speed [m/s], acceleration [m/s^2] and duration [s] of a kernel."""
+
     size: float
     speed: float
     acceleration: float
     duration: float
-    durations: np.ndarray
-    remaining: np.ndarray
-    gone: np.ndarray
-def corner_shapes():
+
+
+def corner_shapes() -> CornerShapes:
+    """Read the table."""
     return CornerShapes(np.zeros(1))
-@njit(cache=True)
-def corner_kernel(w, lim, shapes):
-    # norm of -d1 + d2 in tip terms
-    n = math.sqrt(max(w.tip_11 + w.tip_22 - 2 * w.tip_12, 0.0))
-    na = math.sqrt(max(w.axis_1**2 + w.axis_2**2 - 2 * w.axis_cosine * w.axis_1 * w.axis_2, 0.0))
-    Jg = min(lim.jerk / max(n, 1e-9), math.radians(2000) / max(na, 1e-9))
-    A = min(lim.acceleration / max(n, 1e-9), math.radians(100) / max(na, 1e-9))
-    eps = lim.tip_tolerance / max(n, 1e-9)
-    ax = max(w.axis_1, w.axis_2)
-    if ax > 0:
-        eps = min(eps, lim.axis_tolerance / ax)
-    V = lim.segment_speed
-    T = min((48 * eps / Jg) ** (1 / 3), 2 * math.sqrt(V / Jg), 2 * A / Jg)
-    v = Jg * T * T / 4
-    h = v * T / 2
-    durations = np.array([T / 2, T / 2, 0.0, 0.0])
-    a = np.zeros((4, 4)); b = np.zeros((4, 4))
-    a[0, 0] = h; a[0, 1] = -v; a[0, 3] = Jg / 6
-    t = T / 2
-    a[1, 0] = h - v * t + Jg / 6 * t**3
-    a[1, 1] = -v + Jg / 2 * t * t
-    a[1, 2] = Jg * t / 2
-    a[1, 3] = -Jg / 6
-    b[0, 3] = Jg / 6
-    b[1, 0] = Jg / 6 * t**3
-    b[1, 1] = Jg / 2 * t * t
-    b[1, 2] = Jg * t / 2
-    b[1, 3] = -Jg / 6
-    return CornerKernel(h, v, 0.0, T, durations, a, b)
+
+
+@njit(cache=True, error_model="numpy")
+def corner_kernel(
+    weights: CornerWeights, limits: CornerLimits, shapes: CornerShapes, durations: Array, remaining: Array, gone: Array
+) -> CornerFigures:
+    """Fill a kernel's pieces; stands in until the better shapes are there."""
+    w, big = weights, 1e-9
+    tip = max(math.sqrt(max(w.tip_11 + w.tip_22 - 2.0 * w.tip_12, 0.0)), big)
+    turn = w.axis_1**2 + w.axis_2**2 - 2.0 * w.axis_cosine * w.axis_1 * w.axis_2
+    axis = max(math.sqrt(max(turn, 0.0)), big)
+    jerk = min(limits.jerk / tip, limits.axis_jerk / axis)
+    acceleration = min(limits.acceleration / tip, limits.axis_acceleration / axis)
+    bend = min(limits.tip_tolerance / tip, limits.axis_tolerance / max(w.axis_1, w.axis_2, big))
+    T = min(
+        (48.0 * bend / jerk) ** (1.0 / 3.0), 2.0 * math.sqrt(limits.segment_speed / jerk), 2.0 * acceleration / jerk
+    )
+    speed, half = 0.25 * jerk * T * T, 0.5 * T
+    for p in range(2):
+        durations[p] = half
+    remaining[0, 0], remaining[0, 1], remaining[0, 2], remaining[0, 3] = speed * half, -speed, 0.0, jerk / 6.0
+    gone[0, 0], gone[0, 1], gone[0, 2], gone[0, 3] = 0.0, 0.0, 0.0, jerk / 6.0
+    cube = jerk / 6.0 * half**3
+    remaining[1, 0], remaining[1, 1], remaining[1, 2] = cube, -0.5 * speed, 0.5 * jerk * half
+    remaining[1, 3] = -jerk / 6.0
+    gone[1, 0], gone[1, 1], gone[1, 2], gone[1, 3] = cube, 0.5 * speed, 0.5 * jerk * half, -jerk / 6.0
+    return CornerFigures(speed * half, speed, 0.0, T)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from numba import njit
 
 from polish_sim.motion.certified.buffers import ACCELERATION, DURATION, LEVELS, SIZE, SPEED, Corners, Segments
-from polish_sim.motion.certified.connector import Ends, LineLimits, least_distance
+from polish_sim.motion.certified.connector import Ends, least_distance
 from polish_sim.motion.certified.corner import (
     PIECES,
-    CornerKernel,
+    CornerFigures,
     CornerLimits,
     CornerWeights,
 )
@@ -55,6 +56,9 @@ def corner_limits(segments: Segments, k: int, limits: LimitValues, tolerances: T
         limits.tip_acceleration,
         limits.tip_jerk,
         max(tolerances.tip - max(segments.used[k - 1, 0], segments.used[k, 0]), 0.0),
+        limits.axis_speed,
+        limits.axis_acceleration,
+        limits.axis_jerk,
         max(tolerances.axis - max(segments.used[k - 1, 1], segments.used[k, 1]), 0.0),
         min(old[0], new[0]),
         min(old[1], new[1]),
@@ -63,36 +67,66 @@ def corner_limits(segments: Segments, k: int, limits: LimitValues, tolerances: T
 
 
 @njit(cache=True, error_model="numpy")
-def add_corner(segments: Segments, corners: Corners, k: int, kernel: CornerKernel, slowed: float) -> None:
-    """Keep the kernel of corner ``k``, slowed in time, and lay out its states.
+def lines_slowing(segments: Segments, k: int, figures: CornerFigures) -> float:
+    """Factor on a kernel's times with which runs along both segments can begin and end at it, at least 1."""
+    factor = 1.0
+    for side in range(k - 1, k + 1):
+        limits = line_limits(segments, side)
+        if figures.acceleration > limits.acceleration:
+            factor = max(factor, math.sqrt(figures.acceleration / limits.acceleration))
+        peak = figures.speed / factor + 0.5 * figures.acceleration**2 / limits.jerk / factor**4
+        # Both terms fall at least as the factor grows.
+        factor *= max(peak / limits.speed, 1.0)
+    return factor
+
+
+@njit(cache=True, error_model="numpy")
+def slow_down(corners: Corners, k: int, figures: CornerFigures, factor: float) -> CornerFigures:
+    """Stretch the kernel of corner ``k`` in time.
+
+    Args:
+        corners: Changed at ``k``.
+        k: The corner.
+        figures: Of the kernel as it is.
+        factor: On its times, at least 1.
+
+    Returns:
+        The figures then.
+    """
+    for p in range(PIECES):
+        corners.durations[k, p] *= factor
+        rate = 1.0
+        for c in range(4):
+            corners.remaining[k, p, c] *= rate
+            corners.gone[k, p, c] *= rate
+            rate /= factor
+    return CornerFigures(
+        figures.size, figures.speed / factor, figures.acceleration / factor**2, figures.duration * factor
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def lay_out_states(segments: Segments, corners: Corners, k: int, figures: CornerFigures) -> None:
+    """Lay out the states of corner ``k``: its kernel at full size, smaller ones, an exact stop.
 
     Args:
         segments: Those on both sides are known.
         corners: Filled at ``k``.
         k: The corner.
-        kernel: At full size.
-        slowed: Factor on its times, at least 1.
+        figures: Of its kernel.
     """
-    for p in range(PIECES):
-        corners.durations[k, p] = kernel.durations[p] * slowed
-        rate = 1.0
-        for c in range(4):
-            corners.remaining[k, p, c] = kernel.remaining[p, c] * rate
-            corners.gone[k, p, c] = kernel.gone[p, c] * rate
-            rate /= slowed
     corners.chosen[k] = -1
-    largest = _largest_scale(segments, k, kernel.size)
-    state = (kernel.size, kernel.speed / slowed, kernel.acceleration / slowed**2, kernel.duration * slowed)
-    roomy = largest == 1.0 and _is_roomy(segments, k - 1, state) and _is_roomy(segments, k, state)
+    largest = _largest_scale(segments, k, figures.size)
+    roomy = largest == 1.0 and _is_roomy(segments, k - 1, figures) and _is_roomy(segments, k, figures)
     levels = 2 if roomy else LEVELS
     corners.levels[k] = levels
     for i in range(levels):
         scale = largest * i / (levels - 1)
         corners.scales[k, i] = scale
-        corners.states[k, i, SIZE] = state[0] * scale**3
-        corners.states[k, i, SPEED] = state[1] * scale**2
-        corners.states[k, i, ACCELERATION] = state[2] * scale
-        corners.states[k, i, DURATION] = state[3] * scale
+        corners.states[k, i, SIZE] = figures.size * scale**3
+        corners.states[k, i, SPEED] = figures.speed * scale**2
+        corners.states[k, i, ACCELERATION] = figures.acceleration * scale
+        corners.states[k, i, DURATION] = figures.duration * scale
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -103,8 +137,7 @@ def _largest_scale(segments: Segments, k: int, size: float) -> float:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _is_roomy(segments: Segments, k: int, state: tuple[float, float, float, float]) -> bool:
+def _is_roomy(segments: Segments, k: int, figures: CornerFigures) -> bool:
     """Whether half of segment ``k`` is enough for a corner and to stop before it: no smaller kernel is needed."""
-    limits = line_limits(segments, k)
-    fit = LineLimits(limits.speed, limits.acceleration, limits.jerk)
-    return 2.0 * (state[0] + least_distance(Ends(state[1], state[2], 0.0, 0.0), fit)) <= segments.spans[k]
+    to_stop = least_distance(Ends(figures.speed, figures.acceleration, 0.0, 0.0), line_limits(segments, k))
+    return 2.0 * (figures.size + to_stop) <= segments.spans[k]

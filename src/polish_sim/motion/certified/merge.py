@@ -29,6 +29,8 @@ class Run(NamedTuple):
     """[m], shape (MOST_MERGED + 1, 3)."""
     rotations: Array
     """Tool frames, shape (MOST_MERGED + 1, 3, 3)."""
+    feeds: Array
+    """Caps on the tip's speed on the way to them [m/s], shape (MOST_MERGED + 1,)."""
 
 
 class Shares(NamedTuple):
@@ -55,7 +57,7 @@ class Deviation(NamedTuple):
 
 def empty_run() -> Run:
     """A run without way points."""
-    return Run(np.zeros((MOST_MERGED + 1, 3)), np.zeros((MOST_MERGED + 1, 3, 3)))
+    return Run(np.zeros((MOST_MERGED + 1, 3)), np.zeros((MOST_MERGED + 1, 3, 3)), np.full(MOST_MERGED + 1, np.inf))
 
 
 @njit(cache=True, error_model="numpy")
@@ -136,7 +138,7 @@ def may_join(run: Run, last: int, shares: Shares) -> bool:
     """Whether a run may be led on to its way point ``last``: one of both parts is short, turns are small."""
     if last == 1:
         return True
-    if last > MOST_MERGED:
+    if last > MOST_MERGED - 1 or run.feeds[last] != run.feeds[last - 1]:
         return False
     if not (_is_short(run, 0, last - 1, shares) or _is_short(run, last - 1, last, shares)):
         return False

@@ -8,19 +8,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.errors import SmoothingError
+from polish_sim.errors import ReachError, SmoothingError, place_in_mm
 from polish_sim.motion.certified.corners import Tolerances
 from polish_sim.motion.certified.merge import Shares
 from polish_sim.motion.certified.stream import (
     BLOCK,
     OUT_ROWS,
     OUT_SEGMENTS,
+    SEGMENTS,
+    STATUS,
     Outbox,
     end_stream,
     new_course,
     new_stream,
     take_points,
 )
+from polish_sim.motion.segment_rates import REACHED, UNREACHABLE
+from polish_sim.motion.smoothing.arm import Arm
 from polish_sim.motion.smoothing.limits import LimitValues, SmoothingLimits
 
 Array = NDArray[np.float64]
@@ -55,39 +59,50 @@ class Smoother:
     chord of up to 32 way points is one. Memory does not grow with the path.
     """
 
-    def __init__(self, limits: SmoothingLimits, tolerance: float, axis_tolerance: float) -> None:
+    def __init__(
+        self, limits: SmoothingLimits, tolerance: float, axis_tolerance: float, arm: Arm | None = None
+    ) -> None:
         """Begin a path at rest.
 
         Args:
             limits: Of tool and joints.
             tolerance: Largest distance of the tip from the path [m]; 0: exact stops.
             axis_tolerance: The same for the tool's axis [rad].
+            arm: The robot; None: tool limits only.
         """
         if not (tolerance >= 0.0 and axis_tolerance >= 0.0):
             raise SmoothingError(f"tolerances are {tolerance:g} m and {axis_tolerance:g} rad: 0 or more is needed.")
         values = limits.values()
-        self._course = new_course(values, Tolerances(tolerance, axis_tolerance), _shares(values, tolerance, axis_tolerance))
-        self._stream = new_stream()
+        shares = _shares(values, tolerance, axis_tolerance)
+        self._course = new_course(values, Tolerances(tolerance, axis_tolerance), shares, arm)
+        self._stream = new_stream(arm)
 
     @property
     def time(self) -> float:
         """When the last segment given out has handed over to the next one [s]; after `finish` the cycle time."""
         return float(self._stream.clock[0])
 
-    def feed(self, tips: Array, rotations: Array) -> MotionPieces:
+    def feed(self, tips: Array, rotations: Array, feeds: Array | None = None) -> MotionPieces:
         """Take in way points.
 
         Args:
             tips: [m], shape (n, 3).
             rotations: Tool frames there, third column the axis into the part, shape (n, 3, 3).
+            feeds: Cap on the tip's speed on the way to each of them [m/s], shape (n,); the path's first one counts
+                for nothing. None: only the limits count.
 
         Returns:
             What has become certain, often nothing.
+
+        Raises:
+            ReachError: The robot cannot go to a way point, or not at any speed that can be proven.
         """
         tips, rotations = np.ascontiguousarray(tips, dtype=float), np.ascontiguousarray(rotations, dtype=float)
+        caps = np.full(len(tips), np.inf) if feeds is None else np.ascontiguousarray(feeds, dtype=float)
         pieces = []
         for i in range(0, len(tips), BLOCK):
-            take_points(self._stream, self._course, tips[i : i + BLOCK], rotations[i : i + BLOCK])
+            take_points(self._stream, self._course, tips[i : i + BLOCK], rotations[i : i + BLOCK], caps[i : i + BLOCK])
+            self._check()
             pieces.append(self._taken())
         return pieces[0] if len(pieces) == 1 else join_pieces(pieces)
 
@@ -98,19 +113,44 @@ class Smoother:
             All that is left.
         """
         end_stream(self._stream, self._course)
+        self._check()
         return self._taken()
+
+    def _check(self) -> None:
+        counters, chain = self._stream.counters, self._stream.segments.chain
+        if counters[STATUS] == REACHED:
+            return
+        k = int(counters[SEGMENTS])
+        start, end = place_in_mm(chain.tips[k]), place_in_mm(chain.tips[k + 1])
+        if counters[STATUS] == UNREACHABLE:
+            raise ReachError(f"the robot cannot reach all of the path between {start} and {end}. Move the part.")
+        raise ReachError(
+            f"between {start} and {end} the arm is so close to a singular position that no speed keeps its joints "
+            "within their limits. Move the part or turn the tool."
+        )
 
     def _taken(self) -> MotionPieces:
         """What the outbox holds, copied."""
         box: Outbox = self._stream.outbox
         m, r = int(self._stream.counters[OUT_SEGMENTS]), int(self._stream.counters[OUT_ROWS])
-        arrays = [a[:m].copy() for a in (box.tips, box.rotations, box.raw_ends)]
-        arrays += [a[:r].copy() for a in box.rows[:4]]
-        return MotionPieces(*arrays)
+        rows = box.rows
+        return MotionPieces(
+            box.tips[:m].copy(),
+            box.rotations[:m].copy(),
+            box.raw_ends[:m].copy(),
+            rows.segments[:r].copy(),
+            rows.starts[:r].copy(),
+            rows.durations[:r].copy(),
+            rows.coefficients[:r].copy(),
+        )
 
 
 def smooth_stream(
-    source: Iterable[tuple[Array, Array]], limits: SmoothingLimits, tolerance: float, axis_tolerance: float
+    source: Iterable[tuple[Array, Array]],
+    limits: SmoothingLimits,
+    tolerance: float,
+    axis_tolerance: float,
+    arm: Arm | None = None,
 ) -> Iterator[MotionPieces]:
     """Smooth way points as an iterator gives them.
 
@@ -119,11 +159,12 @@ def smooth_stream(
         limits: Of tool and joints.
         tolerance: [m].
         axis_tolerance: [rad].
+        arm: The robot; None: tool limits only.
 
     Yields:
         Pieces of the motion as soon as they are certain.
     """
-    smoother = Smoother(limits, tolerance, axis_tolerance)
+    smoother = Smoother(limits, tolerance, axis_tolerance, arm)
     for tips, rotations in source:
         pieces = smoother.feed(tips, rotations)
         if len(pieces.way_points):

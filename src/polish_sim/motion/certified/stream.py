@@ -20,11 +20,20 @@ from polish_sim.motion.certified.buffers import (
     new_segments,
 )
 from polish_sim.motion.certified.corner import CornerShapes, corner_kernel, corner_shapes
-from polish_sim.motion.certified.corners import Tolerances, add_corner, corner_limits, corner_weights
+from polish_sim.motion.certified.corners import (
+    Tolerances,
+    corner_limits,
+    corner_weights,
+    lay_out_states,
+    lines_slowing,
+    slow_down,
+)
 from polish_sim.motion.certified.emit import MOST_ROWS, Place, Rows, emit_segment, new_rows
-from polish_sim.motion.certified.line_limits import fill_tool_limits
 from polish_sim.motion.certified.merge import Run, Shares, chord_deviation, empty_run, may_join
+from polish_sim.motion.certified.robot import Robot, fill_limits, new_robot
 from polish_sim.motion.certified.window import best_before_stop, decide, decide_all, forget_past, reach_corner
+from polish_sim.motion.segment_rates import REACHED
+from polish_sim.motion.smoothing.arm import Arm
 from polish_sim.motion.smoothing.build import fill_segment
 from polish_sim.motion.smoothing.chain import Chain
 from polish_sim.motion.smoothing.limits import LimitValues
@@ -33,10 +42,10 @@ Array = NDArray[np.float64]
 
 BLOCK = 128
 """Way points taken in at once: what they give fits the outbox."""
-HELD, RAW, SEGMENTS, FIRST, GIVEN, OUT_SEGMENTS, OUT_ROWS = range(7)
+HELD, RAW, SEGMENTS, FIRST, GIVEN, OUT_SEGMENTS, OUT_ROWS, STATUS = range(8)
 """Counters: way points in the run; taken in; segments in the buffers; number of the buffers' first segment; next
-segment to give (in the buffers); segments and rows in the outbox."""
-COUNTERS = 7
+segment to give (in the buffers); segments and rows in the outbox; what went wrong, 0 if nothing."""
+COUNTERS = 8
 _ROOM = BLOCK + LOOKAHEAD + 2
 
 
@@ -60,6 +69,7 @@ class Course(NamedTuple):
     tolerances: Tolerances
     shares: Shares
     shapes: CornerShapes
+    arm: Arm | None
 
 
 class Stream(NamedTuple):
@@ -72,25 +82,32 @@ class Stream(NamedTuple):
     segments: Segments
     corners: Corners
     outbox: Outbox
+    robot: Robot
 
 
-def new_stream() -> Stream:
+def new_stream(arm: Arm | None) -> Stream:
     """A stream before its first way point."""
     outbox = Outbox(
         np.zeros((_ROOM, 3)), np.zeros((_ROOM, 3, 3)), np.zeros(_ROOM, dtype=np.int64), new_rows(_ROOM * MOST_ROWS)
     )
     return Stream(
-        np.zeros(COUNTERS, dtype=np.int64), np.zeros(1), empty_run(), new_segments(), new_corners(), outbox
+        np.zeros(COUNTERS, dtype=np.int64),
+        np.zeros(1),
+        empty_run(),
+        new_segments(),
+        new_corners(),
+        outbox,
+        new_robot(arm),
     )
 
 
-def new_course(limits: LimitValues, tolerances: Tolerances, shares: Shares) -> Course:
+def new_course(limits: LimitValues, tolerances: Tolerances, shares: Shares, arm: Arm | None) -> Course:
     """Put together what stays the same along a stream."""
-    return Course(limits, tolerances, shares, corner_shapes())
+    return Course(limits, tolerances, shares, corner_shapes(), arm)
 
 
 @njit(cache=True, error_model="numpy")
-def take_points(stream: Stream, course: Course, tips: Array, rotations: Array) -> None:
+def take_points(stream: Stream, course: Course, tips: Array, rotations: Array, feeds: Array) -> None:
     """Take in way points, at most BLOCK; the outbox is emptied first.
 
     Args:
@@ -98,10 +115,12 @@ def take_points(stream: Stream, course: Course, tips: Array, rotations: Array) -
         course: What stays the same.
         tips: [m], shape (n, 3).
         rotations: Tool frames, shape (n, 3, 3).
+        feeds: Cap on the tip's speed on the way to each of them [m/s], shape (n,).
     """
     stream.counters[OUT_SEGMENTS] = stream.counters[OUT_ROWS] = 0
     for i in range(tips.shape[0]):
-        _take_point(stream, course, tips[i], rotations[i])
+        if stream.counters[STATUS] == REACHED:
+            _take_point(stream, course, tips[i], rotations[i], feeds[i])
 
 
 @njit(cache=True, error_model="numpy")
@@ -121,22 +140,23 @@ def end_stream(stream: Stream, course: Course) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _take_point(stream: Stream, course: Course, tip: Array, rotation: Array) -> None:
+def _take_point(stream: Stream, course: Course, tip: Array, rotation: Array, feed: float) -> None:
     """Lead the run on to a way point, or close it and begin a new one."""
     counters, run = stream.counters, stream.run
     held = counters[HELD]
-    _store(run, held, tip, rotation)
+    _store(run, held, tip, rotation, feed)
     counters[RAW] += 1
     if held > 1 and not _joins(run, held, course.shares):
         _close_run(stream, course, held - 1, counters[RAW] - 2)
-        _store(run, 0, run.tips[held - 1], run.rotations[held - 1])
-        _store(run, 1, tip, rotation)
+        _store(run, 0, run.tips[held - 1], run.rotations[held - 1], run.feeds[held - 1])
+        _store(run, 1, tip, rotation, feed)
         held = 1
     counters[HELD] = held + 1
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _store(run: Run, i: int, tip: Array, rotation: Array) -> None:
+def _store(run: Run, i: int, tip: Array, rotation: Array, feed: float) -> None:
+    run.feeds[i] = feed
     for j in range(3):
         run.tips[i, j] = tip[j]
         for c in range(3):
@@ -165,22 +185,33 @@ def _close_run(stream: Stream, course: Course, last: int, raw_end: int) -> None:
     fill_segment(segments.chain, k)
     if segments.chain.lengths[k] == 0.0 and segments.chain.angles[k] == 0.0:
         return
-    fill_tool_limits(segments, k, course.limits)
+    counters[STATUS] = fill_limits(segments, k, stream.run.feeds[last], course.limits, course.arm, stream.robot)
+    if counters[STATUS] != REACHED:
+        return
     deviation = chord_deviation(stream.run, last)
     segments.used[k, 0], segments.used[k, 1] = deviation.tip, deviation.axis
     segments.raw_ends[k] = raw_end
     counters[SEGMENTS] = k + 1
     if k > 0:
-        kernel = corner_kernel(
-            corner_weights(segments, k), corner_limits(segments, k, course.limits, course.tolerances), course.shapes
-        )
-        add_corner(segments, corners, k, kernel, 1.0)
+        _add_corner(stream, course, k)
         reach_corner(segments, corners, k)
     if k - counters[GIVEN] == LOOKAHEAD:
         given = counters[GIVEN]
         decide(corners, given + 1, k, best_before_stop(segments, corners, k))
         forget_past(corners, given + 1, k)
         _give_segment(stream)
+
+
+@njit(cache=True, error_model="numpy")
+def _add_corner(stream: Stream, course: Course, k: int) -> None:
+    """Find the kernel of corner ``k`` and lay out its states."""
+    segments, corners = stream.segments, stream.corners
+    figures = corner_kernel(
+        corner_weights(segments, k), corner_limits(segments, k, course.limits, course.tolerances), course.shapes,
+        corners.durations[k], corners.remaining[k], corners.gone[k],
+    )  # fmt: skip
+    figures = slow_down(corners, k, figures, lines_slowing(segments, k, figures))
+    lay_out_states(segments, corners, k, figures)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -230,6 +261,7 @@ def _move_to_front(stream: Stream) -> None:
     for k in range(shift, count + 1):
         _move_corner(stream.corners, k, k - shift)
         _move_way_point(stream.segments.chain, k, k - shift)
+        stream.robot.q[k - shift] = stream.robot.q[k]
     for k in range(shift, count):
         _move_segment(stream.segments, k, k - shift)
     counters[FIRST] += shift
