@@ -27,6 +27,8 @@ LOOSE = 1.05
 """A piece is cut while its bounds exceed the values at its middle by more than this and bind."""
 FINEST = 1.0 / 64.0
 """Half width below which bounds are taken as they are, if confirmed [-]."""
+FASTEST, SHARPEST = 1e3, 1e9
+"""Stand-ins for what no limit binds [m/s, m/s^3]."""
 _SLACK = 1.0 - 1e-9
 
 
@@ -55,9 +57,11 @@ def tool_limits(segment: Segment, scale: float, limits: LimitValues, out: Array)
     """
     tip = segment.length / scale
     axis = segment.angle / scale
-    out[0] = min(limits.tip_speed / tip, limits.axis_speed / axis) * _SLACK
-    out[1] = min(limits.tip_acceleration / tip, limits.axis_acceleration / axis) * _SLACK
-    out[2] = min(limits.tip_jerk / tip, limits.axis_jerk / axis) * _SLACK
+    out[0] = min(limits.tip_speed / tip, limits.axis_speed / axis, FASTEST) * _SLACK
+    out[2] = min(limits.tip_jerk / tip, limits.axis_jerk / axis, SHARPEST) * _SLACK
+    # More than the square root is never reached on the way to full speed.
+    acceleration = min(limits.tip_acceleration / tip, limits.axis_acceleration / axis) * _SLACK
+    out[1] = min(acceleration, math.sqrt(out[0] * out[2]))
 
 
 @njit(cache=True, error_model="numpy")
@@ -193,8 +197,43 @@ def joint_limits(most: Array, scale: float, limits: LimitValues, out: Array) -> 
 
 
 @njit(cache=True, error_model="numpy")
+def lower_to_joints(
+    segment: Segment, scale: float, limits: LimitValues, arm: Arm, q_near: Array, motion: Array, work: SegmentWork
+) -> int:
+    """Lower speed, acceleration and jerk along a segment until all joints are in limits on all of it.
+
+    Args:
+        segment: In the base frame.
+        scale: Its generalised length l [m], positive.
+        limits: Of the joints.
+        arm: Tool and robot.
+        q_near: Joint angles near the segment's start [rad], shape (6,); overwritten by those at its end.
+        motion: V, A, J along l that the tool allows, finite; lowered.
+        work: Work space.
+
+    Returns:
+        REACHED, UNREACHABLE or SINGULAR (no speed can be proven).
+    """
+    status = bound_joints(segment, scale, limits, arm, q_near, motion, work)
+    if status != REACHED:
+        return status
+    joint_limits(work.most, scale, limits, motion)
+    e = work.enclosure
+    status = rates_at(e.arm, segment, 1.0, arm, e.arm.q, e.T)
+    for j in range(6):
+        q_near[j] = e.arm.q[j]
+    return status
+
+
+@njit(cache=True, error_model="numpy")
 def segment_limits(
-    segment: Segment, scale: float, limits: LimitValues, arm: Arm | None, q_near: Array, out: Array, work: SegmentWork
+    segment: Segment,
+    scale: float,
+    limits: LimitValues,
+    arm: Arm | None,
+    q_near: Array,
+    motion: Array,
+    work: SegmentWork,
 ) -> int:
     """Speed, acceleration and jerk along a segment, in limits of tool and joints on all of it.
 
@@ -203,22 +242,14 @@ def segment_limits(
         scale: Its generalised length l [m], positive.
         limits: Of tool and joints.
         arm: Tool and robot; None: tool limits only.
-        q_near: Joint angles near the segment's start [rad], shape (6,); overwritten by those at its end.
-        out: Written: V, A, J along l in its first three places.
+        q_near: As for `lower_to_joints`.
+        motion: Written: V, A, J along l in its first three places.
         work: Work space.
 
     Returns:
-        REACHED, UNREACHABLE or SINGULAR (no speed can be proven).
+        REACHED, UNREACHABLE or SINGULAR.
     """
-    tool_limits(segment, scale, limits, out)
+    tool_limits(segment, scale, limits, motion)
     if arm is None:
         return REACHED
-    status = bound_joints(segment, scale, limits, arm, q_near, out, work)
-    if status != REACHED:
-        return status
-    joint_limits(work.most, scale, limits, out)
-    e = work.enclosure
-    status = rates_at(e.arm, segment, 1.0, arm, e.arm.q, e.T)
-    for j in range(6):
-        q_near[j] = e.arm.q[j]
-    return status
+    return lower_to_joints(segment, scale, limits, arm, q_near, motion, work)

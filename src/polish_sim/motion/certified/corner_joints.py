@@ -1,0 +1,178 @@
+"""Joint speeds, accelerations and jerks of a corner kernel, bounded from the arm at the corner's way point (layer 6).
+
+At the way point J0 q' = x1 and = x2 give the joints' rates g1, g2 per length along both segments. In the kernel the
+joints do -g1 a^(n) + g2 b^(n), exactly, plus what comes from having moved away: the Jacobian differs from J0, the
+segments' turns are composed, and links that turn accelerate. All of that is bounded by norms, with the joints' own
+motion on the right side: a guess that implies something strictly smaller holds (as in `joint_enclosure`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.motion.arm_state import ArmState, new_arm_state
+from polish_sim.motion.certified.corner_extent import KernelControls, most_of_sum
+
+Array = NDArray[np.float64]
+
+
+class JointCorner(NamedTuple):
+    """Work space for one corner: the arm at its way point and the bounds, by order 0-3 of time derivative."""
+
+    arm: ArmState
+    T: Array
+    """T_base_tool, shape (4, 4)."""
+    gains: Array
+    """Norms of the inverse Jacobian's rows, linear and angular, and of the links [m], shape (3, 6)."""
+    sides: Array
+    """Joint rates per length of the old and the new segment, shape (2, 6)."""
+    turns: Array
+    """Norm of each link's turning per length of the old and the new segment [rad/m], shape (2, 6)."""
+    straight: Array
+    """Bounds of -g1 a + g2 b and its derivatives, shape (4, 6)."""
+    extra: Array
+    """Guessed bounds of what is added to them, shape (4, 6)."""
+    implied: Array
+    """What the guess implies, shape (4, 6)."""
+    composed: Array
+    """Bounds of the angular motion that composing both turns adds [rad..], shape (4,)."""
+
+
+def new_joint_corner() -> JointCorner:
+    """Fresh work space."""
+    return JointCorner(
+        new_arm_state(),
+        np.zeros((4, 4)),
+        np.zeros((3, 6)),
+        np.zeros((2, 6)),
+        np.zeros((2, 6)),
+        np.zeros((4, 6)),
+        np.zeros((4, 6)),
+        np.zeros((4, 6)),
+        np.zeros(4),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def fill_sides(corner: JointCorner, twists: Array) -> None:
+    """Write gains, joint rates and link turns of both sides.
+
+    Args:
+        corner: With the arm placed at the way point.
+        twists: (linear; angular) motion of the tool per length, of the old and the new segment, shape (2 or more, 6).
+    """
+    inverse, links, axes = corner.arm.inverse, corner.arm.links, corner.arm.axes
+    for i in range(6):
+        corner.gains[0, i] = math.sqrt(inverse[i, 0] ** 2 + inverse[i, 1] ** 2 + inverse[i, 2] ** 2)
+        corner.gains[1, i] = math.sqrt(inverse[i, 3] ** 2 + inverse[i, 4] ** 2 + inverse[i, 5] ** 2)
+        corner.gains[2, i] = math.sqrt(links[i, 0] ** 2 + links[i, 1] ** 2 + links[i, 2] ** 2)
+    for side in range(2):
+        x, y, z = 0.0, 0.0, 0.0
+        for i in range(6):
+            rate = 0.0
+            for j in range(6):
+                rate += inverse[i, j] * twists[side, j]
+            corner.sides[side, i] = rate
+            x, y, z = x + rate * axes[i, 0], y + rate * axes[i, 1], z + rate * axes[i, 2]
+            corner.turns[side, i] = math.sqrt(x * x + y * y + z * z)
+
+
+@njit(cache=True, error_model="numpy")
+def fill_straight(corner: JointCorner, controls: KernelControls) -> None:
+    """Write the bounds of what the joints do without having moved away from the way point."""
+    for i in range(6):
+        for order in range(4):
+            corner.straight[order, i] = most_of_sum(controls, order, corner.sides[0, i], corner.sides[1, i])
+
+
+@njit(cache=True, error_model="numpy")
+def fill_composed(corner: JointCorner, most: Array, turn: Array, roll: Array, sine: float) -> None:
+    """Write what composing two turns and a roll adds to the angular motion -x1 a + x2 b and its derivatives.
+
+    Args:
+        corner: ``composed`` is written.
+        most: Largest a, b and their derivatives, shape (2, 4).
+        turn: Turn of the tool axis per length of old and new segment [rad/m], shape (2,).
+        roll: Roll about it per length, shape (2,).
+        sine: Of the angle between both turn axes.
+    """
+    a, a1, a2, a3 = turn[0] * most[0, 0], turn[0] * most[0, 1], turn[0] * most[0, 2], turn[0] * most[0, 3]
+    b, b1, b2 = turn[1] * most[1, 0], turn[1] * most[1, 1], turn[1] * most[1, 2]
+    p, q = abs(roll[0]), abs(roll[1])
+    r, r1 = p * most[0, 0] + q * most[1, 0], p * most[0, 1] + q * most[1, 1]
+    r2, r3 = p * most[0, 2] + q * most[1, 2], p * most[0, 3] + q * most[1, 3]
+    away, swing = a + b, a1 + b1
+    corner.composed[0] = a * b * sine + r * away
+    corner.composed[1] = a1 * b * sine + r1 * away
+    corner.composed[2] = (a2 * b + a1 * b1) * sine + r2 * away + r1 * swing
+    corner.composed[3] = (a3 * b + 2.0 * a2 * b1 + a1 * (b2 + b1 * b1)) * sine
+    corner.composed[3] += r3 * away + 2.0 * r2 * swing + r1 * (a2 + b2 + 2.0 * swing * swing)
+
+
+@njit(cache=True, error_model="numpy")
+def _imply(corner: JointCorner, most: Array) -> None:
+    """Fill ``implied`` from the guess in ``extra``; orders: 0 the way, 1 to 3 speed, acceleration, jerk."""
+    straight, extra, turns = corner.straight, corner.extra, corner.turns
+    t, w, w1 = 0.0, 0.0, 0.0  # of the last link: rotation since the way point, angular velocity, its derivative
+    m0, m1, m2, m3, left_2, left_3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    linear_0, linear_1, linear_2, linear_3, s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(6):
+        q0, q1 = straight[0, k] + extra[0, k], straight[1, k] + extra[1, k]
+        q2, q3 = straight[2, k] + extra[2, k], straight[3, k] + extra[3, k]
+        # Axes turned away (m: times the joint's motion) and turning (left_2, left_3).
+        m0, m1, m2, m3 = m0 + q0 * t, m1 + q1 * t, m2 + q2 * t, m3 + q3 * t
+        left_2, left_3 = left_2 + q1 * w, left_3 + 2.0 * q2 * w + q1 * (w1 + w * w)
+        s0, s1, s2, s3 = s0 + extra[0, k], s1 + extra[1, k], s2 + extra[2, k], s3 + extra[3, k]
+        old, new = turns[0, k], turns[1, k]
+        t = old * most[0, 0] + new * most[1, 0] + s0 + m0
+        w = old * most[0, 1] + new * most[1, 1] + s1 + m1
+        sum_2 = old * most[0, 2] + new * most[1, 2] + s2 + m2
+        sum_3 = old * most[0, 3] + new * most[1, 3] + s3 + m3
+        w1 = sum_2 + left_2
+        length = corner.gains[2, k]
+        linear_0 += length * (m0 + t * t)
+        linear_1 += length * (m1 + w * t)
+        linear_2 += length * (m2 + sum_2 * t + left_2 + w * w)
+        linear_3 += length * (m3 + sum_3 * t + left_3 + w * (3.0 * w1 + w * w))
+    angular_2, angular_3 = m2 + left_2, m3 + left_3
+    for i in range(6):
+        linear, angular = corner.gains[0, i], corner.gains[1, i]
+        corner.implied[0, i] = linear * linear_0 + angular * (m0 + corner.composed[0])
+        corner.implied[1, i] = linear * linear_1 + angular * (m1 + corner.composed[1])
+        corner.implied[2, i] = linear * linear_2 + angular * (angular_2 + corner.composed[2])
+        corner.implied[3, i] = linear * linear_3 + angular * (angular_3 + corner.composed[3])
+
+
+@njit(cache=True, error_model="numpy")
+def confirm(corner: JointCorner, most: Array) -> bool:
+    """Find bounds of what is added; False if the kernel is too large for the arm so near to a singularity.
+
+    Args:
+        corner: With sides, straight and composed filled; ``extra`` is written.
+        most: Largest a, b and their derivatives, shape (2, 4).
+
+    Returns:
+        Whether a guess could be confirmed.
+    """
+    for order in range(4):
+        for i in range(6):
+            corner.extra[order, i] = 0.0
+    for _ in range(8):
+        _imply(corner, most)
+        confirmed = True
+        for order in range(4):
+            for i in range(6):
+                confirmed = confirmed and corner.implied[order, i] < corner.extra[order, i]
+        if confirmed:
+            return True
+        for order in range(4):
+            for i in range(6):
+                corner.extra[order, i] = 1.2 * corner.implied[order, i] + 1e-12
+                if not corner.extra[order, i] < 1e9:
+                    return False
+    return False
