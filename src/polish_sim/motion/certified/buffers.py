@@ -1,0 +1,85 @@
+"""What the look-ahead keeps: a few hundred segments and corners, moved to the front when full (layer 6)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.motion.certified.corner import PIECES
+from polish_sim.motion.smoothing.chain import Chain
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+LOOKAHEAD = 8
+"""A segment is given out once so many (merged) ones after it are known."""
+CAPACITY = 192
+"""Segments the buffers hold."""
+LEVELS = 12
+"""States a corner may be passed in: from an exact stop (0) to its full kernel (the last one)."""
+SIZE, SPEED, ACCELERATION, DURATION = 0, 1, 2, 3
+"""What a state says of a corner: how much of either segment it takes [m], speed and acceleration there, its time."""
+
+
+class Segments(NamedTuple):
+    """The merged chain as far as it is kept, and what may be done along each of its segments."""
+
+    chain: Chain
+    spans: Array
+    """Generalised length l of each segment [m]: of the tip, or of a turn worth as much time, shape (CAPACITY,)."""
+    limits: Array
+    """Speed, acceleration and jerk along l [m/s, m/s^2, m/s^3], shape (CAPACITY, 3)."""
+    used: Array
+    """What merging has used of tip and axis tolerance [m, rad], shape (CAPACITY, 2)."""
+    raw_ends: Indices
+    """Number of the way point each segment ends at, shape (CAPACITY,)."""
+
+
+class Corners(NamedTuple):
+    """Corner k lies between segments k - 1 and k."""
+
+    durations: Array
+    """Of the full kernel's pieces [s], shape (CAPACITY, PIECES)."""
+    remaining: Array
+    """Their cubics: what is left of the old segment [m], shape (CAPACITY, PIECES, 4)."""
+    gone: Array
+    """Their cubics: what is gone of the new segment [m], shape (CAPACITY, PIECES, 4)."""
+    scales: Array
+    """Scale of the kernel in each state: sizes grow as its cube, times as itself, shape (CAPACITY, LEVELS)."""
+    states: Array
+    """SIZE, SPEED, ACCELERATION and DURATION of each state, shape (CAPACITY, LEVELS, 4)."""
+    levels: Indices
+    """Number of states in use, shape (CAPACITY,)."""
+    costs: Array
+    """Least time up to the end of a corner passed in a state; infinite if it cannot be, shape (CAPACITY, LEVELS)."""
+    origins: Indices
+    """State of the corner before on the way there, shape (CAPACITY, LEVELS)."""
+    chosen: Indices
+    """The state that is decided on, -1 before that, shape (CAPACITY,)."""
+
+
+def new_segments() -> Segments:
+    """Buffers without a segment."""
+    n = CAPACITY
+    chain = Chain(
+        tips=np.zeros((n + 1, 3)), axes=np.zeros((n + 1, 3)), rotations=np.zeros((n + 1, 3, 3)),
+        lengths=np.zeros(n), directions=np.zeros((n, 3)), angles=np.zeros(n), turn_axes=np.zeros((n, 3)),
+        rolls=np.zeros(n),
+    )  # fmt: skip
+    return Segments(chain, np.zeros(n), np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n, dtype=np.int64))
+
+
+def new_corners() -> Corners:
+    """Buffers without a corner; the path begins at rest at corner 0."""
+    n = CAPACITY + 1
+    corners = Corners(
+        durations=np.zeros((n, PIECES)), remaining=np.zeros((n, PIECES, 4)), gone=np.zeros((n, PIECES, 4)),
+        scales=np.zeros((n, LEVELS)), states=np.zeros((n, LEVELS, 4)), levels=np.ones(n, dtype=np.int64),
+        costs=np.full((n, LEVELS), np.inf), origins=np.zeros((n, LEVELS), dtype=np.int64),
+        chosen=np.full(n, -1, dtype=np.int64),
+    )  # fmt: skip
+    corners.costs[0, 0] = 0.0
+    corners.chosen[0] = 0
+    return corners

@@ -1,0 +1,106 @@
+"""Where the joints are along the stream, and what they allow (layer 6)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.motion.certified.buffers import CAPACITY, Segments
+from polish_sim.motion.certified.segment_limits import SegmentWork, new_segment_work, segment_limits
+from polish_sim.motion.segment_rates import Segment
+from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.limits import LimitValues
+
+Array = NDArray[np.float64]
+
+FASTEST, SHARPEST = 1e3, 1e9
+"""Stand-ins for infinite limits [m/s, m/s^3]."""
+
+
+class Robot(NamedTuple):
+    """Joint angles at the way points kept, and work space."""
+
+    q: Array
+    """[rad], shape (CAPACITY + 1, 6)."""
+    vectors: Array
+    """Tip, direction and turn axis of two segments in the base frame, shape (2, 3, 3)."""
+    frames: Array
+    """Their start frames, shape (2, 3, 3)."""
+    work: SegmentWork
+
+
+def new_robot(arm: Arm | None) -> Robot:
+    """A robot at the start of a path."""
+    q = np.zeros((CAPACITY + 1, 6))
+    if arm is not None:
+        q[0] = arm.q_start
+    return Robot(q, np.zeros((2, 3, 3)), np.zeros((2, 3, 3)), new_segment_work())
+
+
+@njit(cache=True, error_model="numpy")
+def base_segment(segments: Segments, k: int, arm: Arm | None, robot: Robot, slot: int) -> Segment:
+    """Segment ``k`` as seen from the robot's base, kept in one of two slots."""
+    chain = segments.chain
+    if arm is None:
+        return Segment(
+            chain.tips[k], chain.rotations[k], chain.lengths[k], chain.directions[k],
+            chain.angles[k], chain.turn_axes[k], chain.rolls[k],
+        )  # fmt: skip
+    tip, direction, turn_axis = robot.vectors[slot, 0], robot.vectors[slot, 1], robot.vectors[slot, 2]
+    frame, T = robot.frames[slot], arm.T_base_work
+    for i in range(3):
+        tip[i], direction[i], turn_axis[i] = T[i, 3], 0.0, 0.0
+        for j in range(3):
+            tip[i] += T[i, j] * chain.tips[k, j]
+            direction[i] += T[i, j] * chain.directions[k, j]
+            turn_axis[i] += T[i, j] * chain.turn_axes[k, j]
+            frame[i, j] = (
+                T[i, 0] * chain.rotations[k, 0, j]
+                + T[i, 1] * chain.rotations[k, 1, j]
+                + T[i, 2] * chain.rotations[k, 2, j]
+            )
+    return Segment(tip, frame, chain.lengths[k], direction, chain.angles[k], turn_axis, chain.rolls[k])
+
+
+@njit(cache=True, error_model="numpy")
+def axis_radius(limits: LimitValues) -> float:
+    """Tip length that takes as long as a turn of the axis by one radian, at full speed [m]."""
+    if math.isinf(limits.axis_speed) or math.isinf(limits.tip_speed):
+        return 1.0
+    return limits.tip_speed / limits.axis_speed
+
+
+@njit(cache=True, error_model="numpy")
+def fill_limits(segments: Segments, k: int, feed: float, limits: LimitValues, arm: Arm | None, robot: Robot) -> int:
+    """Write generalised length of a segment and the limits along it, and the joints at its end.
+
+    Args:
+        segments: Filled at ``k``.
+        k: The segment; its geometry is known.
+        feed: Cap on the tip's speed [m/s].
+        limits: Of tool and joints.
+        arm: None: tool only.
+        robot: Joints at the segment's start; filled with those at its end.
+
+    Returns:
+        What `segment_limits` says.
+    """
+    chain, row = segments.chain, segments.limits[k]
+    turn = max(chain.angles[k], abs(chain.rolls[k]))
+    span = max(chain.lengths[k], turn * axis_radius(limits))
+    segments.spans[k] = span
+    q = robot.q[k + 1]
+    for j in range(6):
+        q[j] = robot.q[k, j]
+    status = segment_limits(base_segment(segments, k, arm, robot, 0), span, limits, arm, q, row, robot.work)
+    row[0] = min(row[0], FASTEST)
+    if chain.lengths[k] > 0.0:
+        row[0] = min(row[0], feed * span / chain.lengths[k])
+    row[2] = min(row[2], SHARPEST)
+    # More than this is never reached on the way to full speed.
+    row[1] = min(row[1], math.sqrt(row[0] * row[2]))
+    return int(status)

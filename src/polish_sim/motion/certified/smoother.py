@@ -1,0 +1,184 @@
+"""The stream as Python sees it: feed way points, take pieces of the motion (layer 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import ReachError, SmoothingError, place_in_mm
+from polish_sim.motion.certified.corners import Tolerances
+from polish_sim.motion.certified.merge import Shares
+from polish_sim.motion.certified.stream import (
+    BLOCK,
+    OUT_ROWS,
+    OUT_SEGMENTS,
+    SEGMENTS,
+    STATUS,
+    Outbox,
+    end_stream,
+    new_course,
+    new_stream,
+    take_points,
+)
+from polish_sim.motion.segment_rates import REACHED, UNREACHABLE
+from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.limits import LimitValues, SmoothingLimits
+
+Array = NDArray[np.float64]
+
+MERGING_SHARE = 0.5
+"""Share of either tolerance that merging short chords may use; what it leaves goes to the corners."""
+
+
+class MotionPieces(NamedTuple):
+    """Segments of the merged chain that are decided on, and when each is passed (as in Schedule)."""
+
+    tips: Array
+    """Way points the segments end at [m], shape (m, 3)."""
+    rotations: Array
+    """Tool frames there, shape (m, 3, 3)."""
+    way_points: NDArray[np.int64]
+    """Their numbers among the way points fed, shape (m,)."""
+    segments: NDArray[np.int64]
+    """Segment of each row, counted from the path's start, shape (r,)."""
+    starts: Array
+    """[s], shape (r,)."""
+    durations: Array
+    """[s], shape (r,)."""
+    coefficients: Array
+    """Progress as a cubic in time, shape (r, 4)."""
+
+
+class Smoother:
+    """Smooths a path while it comes in.
+
+    A segment is given out once eight more are known or the path has ended. Segments are counted after merging: a
+    chord of up to 32 way points is one. Memory does not grow with the path.
+    """
+
+    def __init__(
+        self, limits: SmoothingLimits, tolerance: float, axis_tolerance: float, arm: Arm | None = None
+    ) -> None:
+        """Begin a path at rest.
+
+        Args:
+            limits: Of tool and joints.
+            tolerance: Largest distance of the tip from the path [m]; 0: exact stops.
+            axis_tolerance: The same for the tool's axis [rad].
+            arm: The robot; None: tool limits only.
+        """
+        if not (tolerance >= 0.0 and axis_tolerance >= 0.0):
+            raise SmoothingError(f"tolerances are {tolerance:g} m and {axis_tolerance:g} rad: 0 or more is needed.")
+        values = limits.values()
+        shares = _shares(values, tolerance, axis_tolerance)
+        self._course = new_course(values, Tolerances(tolerance, axis_tolerance), shares, arm)
+        self._stream = new_stream(arm)
+
+    @property
+    def time(self) -> float:
+        """When the last segment given out has handed over to the next one [s]; after `finish` the cycle time."""
+        return float(self._stream.clock[0])
+
+    def feed(self, tips: Array, rotations: Array, feeds: Array | None = None) -> MotionPieces:
+        """Take in way points.
+
+        Args:
+            tips: [m], shape (n, 3).
+            rotations: Tool frames there, third column the axis into the part, shape (n, 3, 3).
+            feeds: Cap on the tip's speed on the way to each of them [m/s], shape (n,); the path's first one counts
+                for nothing. None: only the limits count.
+
+        Returns:
+            What has become certain, often nothing.
+
+        Raises:
+            ReachError: The robot cannot go to a way point, or not at any speed that can be proven.
+        """
+        tips, rotations = np.ascontiguousarray(tips, dtype=float), np.ascontiguousarray(rotations, dtype=float)
+        caps = np.full(len(tips), np.inf) if feeds is None else np.ascontiguousarray(feeds, dtype=float)
+        pieces = []
+        for i in range(0, len(tips), BLOCK):
+            take_points(self._stream, self._course, tips[i : i + BLOCK], rotations[i : i + BLOCK], caps[i : i + BLOCK])
+            self._check()
+            pieces.append(self._taken())
+        return pieces[0] if len(pieces) == 1 else join_pieces(pieces)
+
+    def finish(self) -> MotionPieces:
+        """End the path at rest.
+
+        Returns:
+            All that is left.
+        """
+        end_stream(self._stream, self._course)
+        self._check()
+        return self._taken()
+
+    def _check(self) -> None:
+        counters, chain = self._stream.counters, self._stream.segments.chain
+        if counters[STATUS] == REACHED:
+            return
+        k = int(counters[SEGMENTS])
+        start, end = place_in_mm(chain.tips[k]), place_in_mm(chain.tips[k + 1])
+        if counters[STATUS] == UNREACHABLE:
+            raise ReachError(f"the robot cannot reach all of the path between {start} and {end}. Move the part.")
+        raise ReachError(
+            f"between {start} and {end} the arm is so close to a singular position that no speed keeps its joints "
+            "within their limits. Move the part or turn the tool."
+        )
+
+    def _taken(self) -> MotionPieces:
+        """What the outbox holds, copied."""
+        box: Outbox = self._stream.outbox
+        m, r = int(self._stream.counters[OUT_SEGMENTS]), int(self._stream.counters[OUT_ROWS])
+        rows = box.rows
+        return MotionPieces(
+            box.tips[:m].copy(),
+            box.rotations[:m].copy(),
+            box.raw_ends[:m].copy(),
+            rows.segments[:r].copy(),
+            rows.starts[:r].copy(),
+            rows.durations[:r].copy(),
+            rows.coefficients[:r].copy(),
+        )
+
+
+def smooth_stream(
+    source: Iterable[tuple[Array, Array]],
+    limits: SmoothingLimits,
+    tolerance: float,
+    axis_tolerance: float,
+    arm: Arm | None = None,
+) -> Iterator[MotionPieces]:
+    """Smooth way points as an iterator gives them.
+
+    Args:
+        source: Chunks of (tips (n, 3), tool frames (n, 3, 3)) of any sizes.
+        limits: Of tool and joints.
+        tolerance: [m].
+        axis_tolerance: [rad].
+        arm: The robot; None: tool limits only.
+
+    Yields:
+        Pieces of the motion as soon as they are certain.
+    """
+    smoother = Smoother(limits, tolerance, axis_tolerance, arm)
+    for tips, rotations in source:
+        pieces = smoother.feed(tips, rotations)
+        if len(pieces.way_points):
+            yield pieces
+    yield smoother.finish()
+
+
+def join_pieces(pieces: list[MotionPieces]) -> MotionPieces:
+    """Many pieces, in order, as one."""
+    return MotionPieces(*(np.concatenate(parts) for parts in zip(*pieces, strict=True)))
+
+
+def _shares(limits: LimitValues, tolerance: float, axis_tolerance: float) -> Shares:
+    """Merging pays where a segment is shorter than full speed covers while the acceleration builds up."""
+    length = limits.tip_speed * limits.tip_acceleration / limits.tip_jerk
+    turn = limits.axis_speed * limits.axis_acceleration / limits.axis_jerk
+    return Shares(MERGING_SHARE * tolerance, MERGING_SHARE * axis_tolerance, length, turn)

@@ -1,0 +1,303 @@
+"""Way points in, schedule rows out, with a look-ahead of eight merged segments and constant memory (layer 6).
+
+Every way point goes the same way however many come at once, so the output does not depend on how the input is cut.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.motion.certified.buffers import (
+    CAPACITY,
+    LOOKAHEAD,
+    Corners,
+    Segments,
+    new_corners,
+    new_segments,
+)
+from polish_sim.motion.certified.corner import CornerShapes, corner_kernel, corner_shapes
+from polish_sim.motion.certified.corners import (
+    Tolerances,
+    corner_limits,
+    corner_weights,
+    lay_out_states,
+    lines_slowing,
+    slow_down,
+)
+from polish_sim.motion.certified.emit import MOST_ROWS, Place, Rows, emit_segment, new_rows
+from polish_sim.motion.certified.merge import Run, Shares, chord_deviation, empty_run, may_join
+from polish_sim.motion.certified.robot import Robot, fill_limits, new_robot
+from polish_sim.motion.certified.window import best_before_stop, decide, decide_all, forget_past, reach_corner
+from polish_sim.motion.segment_rates import REACHED
+from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.build import fill_segment
+from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.smoothing.limits import LimitValues
+
+Array = NDArray[np.float64]
+
+BLOCK = 128
+"""Way points taken in at once: what they give fits the outbox."""
+HELD, RAW, SEGMENTS, FIRST, GIVEN, OUT_SEGMENTS, OUT_ROWS, STATUS = range(8)
+"""Counters: way points in the run; taken in; segments in the buffers; number of the buffers' first segment; next
+segment to give (in the buffers); segments and rows in the outbox; what went wrong, 0 if nothing."""
+COUNTERS = 8
+_ROOM = BLOCK + LOOKAHEAD + 2
+
+
+class Outbox(NamedTuple):
+    """What is ready and not yet taken away."""
+
+    tips: Array
+    """Way points the segments end at [m], shape (m, 3)."""
+    rotations: Array
+    """Tool frames there, shape (m, 3, 3)."""
+    raw_ends: NDArray[np.int64]
+    """Their numbers among the way points taken in, shape (m,)."""
+    rows: Rows
+    """Of their schedule."""
+
+
+class Course(NamedTuple):
+    """What stays the same along a stream."""
+
+    limits: LimitValues
+    tolerances: Tolerances
+    shares: Shares
+    shapes: CornerShapes
+    arm: Arm | None
+
+
+class Stream(NamedTuple):
+    """All a stream remembers."""
+
+    counters: NDArray[np.int64]
+    clock: Array
+    """When the corner behind the next segment to give begins [s], shape (1,)."""
+    run: Run
+    segments: Segments
+    corners: Corners
+    outbox: Outbox
+    robot: Robot
+
+
+def new_stream(arm: Arm | None) -> Stream:
+    """A stream before its first way point."""
+    outbox = Outbox(
+        np.zeros((_ROOM, 3)), np.zeros((_ROOM, 3, 3)), np.zeros(_ROOM, dtype=np.int64), new_rows(_ROOM * MOST_ROWS)
+    )
+    return Stream(
+        np.zeros(COUNTERS, dtype=np.int64),
+        np.zeros(1),
+        empty_run(),
+        new_segments(),
+        new_corners(),
+        outbox,
+        new_robot(arm),
+    )
+
+
+def new_course(limits: LimitValues, tolerances: Tolerances, shares: Shares, arm: Arm | None) -> Course:
+    """Put together what stays the same along a stream."""
+    return Course(limits, tolerances, shares, corner_shapes(), arm)
+
+
+@njit(cache=True, error_model="numpy")
+def take_points(stream: Stream, course: Course, tips: Array, rotations: Array, feeds: Array) -> None:
+    """Take in way points, at most BLOCK; the outbox is emptied first.
+
+    Args:
+        stream: Changed.
+        course: What stays the same.
+        tips: [m], shape (n, 3).
+        rotations: Tool frames, shape (n, 3, 3).
+        feeds: Cap on the tip's speed on the way to each of them [m/s], shape (n,).
+    """
+    stream.counters[OUT_SEGMENTS] = stream.counters[OUT_ROWS] = 0
+    for i in range(tips.shape[0]):
+        if stream.counters[STATUS] == REACHED:
+            _take_point(stream, course, tips[i], rotations[i], feeds[i])
+
+
+@njit(cache=True, error_model="numpy")
+def end_stream(stream: Stream, course: Course) -> None:
+    """The path ends: the last run, then all that is left."""
+    counters = stream.counters
+    counters[OUT_SEGMENTS] = counters[OUT_ROWS] = 0
+    if counters[HELD] > 1:
+        _close_run(stream, course, counters[HELD] - 1, counters[RAW] - 1)
+    last = counters[SEGMENTS] - 1
+    if last >= 0:
+        state = best_before_stop(stream.segments, stream.corners, last)
+        decide_all(stream.corners, counters[GIVEN] + 1, last, state)
+        _set_stop(stream.corners, last + 1)
+        while counters[GIVEN] <= last:
+            _give_segment(stream)
+
+
+@njit(cache=True, error_model="numpy")
+def _take_point(stream: Stream, course: Course, tip: Array, rotation: Array, feed: float) -> None:
+    """Lead the run on to a way point, or close it and begin a new one."""
+    counters, run = stream.counters, stream.run
+    held = counters[HELD]
+    _store(run, held, tip, rotation, feed)
+    counters[RAW] += 1
+    if held > 1 and not _joins(run, held, course.shares):
+        _close_run(stream, course, held - 1, counters[RAW] - 2)
+        _store(run, 0, run.tips[held - 1], run.rotations[held - 1], run.feeds[held - 1])
+        _store(run, 1, tip, rotation, feed)
+        held = 1
+    counters[HELD] = held + 1
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _store(run: Run, i: int, tip: Array, rotation: Array, feed: float) -> None:
+    run.feeds[i] = feed
+    for j in range(3):
+        run.tips[i, j] = tip[j]
+        for c in range(3):
+            run.rotations[i, j, c] = rotation[j, c]
+
+
+@njit(cache=True, error_model="numpy")
+def _joins(run: Run, last: int, shares: Shares) -> bool:
+    """Whether a run may be led on to its way point ``last``."""
+    if not may_join(run, last, shares):
+        return False
+    deviation = chord_deviation(run, last)
+    return deviation.tip <= shares.tip and deviation.axis <= shares.axis
+
+
+@njit(cache=True, error_model="numpy")
+def _close_run(stream: Stream, course: Course, last: int, raw_end: int) -> None:
+    """The chord from the run's first way point to ``last``, number ``raw_end`` of all, becomes a segment."""
+    counters, segments, corners = stream.counters, stream.segments, stream.corners
+    if counters[SEGMENTS] == CAPACITY:
+        _move_to_front(stream)
+    k = counters[SEGMENTS]
+    if k == 0:
+        _set_way_point(segments, 0, stream.run, 0)
+    _set_way_point(segments, k + 1, stream.run, last)
+    fill_segment(segments.chain, k)
+    if segments.chain.lengths[k] == 0.0 and segments.chain.angles[k] == 0.0:
+        return
+    counters[STATUS] = fill_limits(segments, k, stream.run.feeds[last], course.limits, course.arm, stream.robot)
+    if counters[STATUS] != REACHED:
+        return
+    deviation = chord_deviation(stream.run, last)
+    segments.used[k, 0], segments.used[k, 1] = deviation.tip, deviation.axis
+    segments.raw_ends[k] = raw_end
+    counters[SEGMENTS] = k + 1
+    if k > 0:
+        _add_corner(stream, course, k)
+        reach_corner(segments, corners, k)
+    if k - counters[GIVEN] == LOOKAHEAD:
+        given = counters[GIVEN]
+        decide(corners, given + 1, k, best_before_stop(segments, corners, k))
+        forget_past(corners, given + 1, k)
+        _give_segment(stream)
+
+
+@njit(cache=True, error_model="numpy")
+def _add_corner(stream: Stream, course: Course, k: int) -> None:
+    """Find the kernel of corner ``k`` and lay out its states."""
+    segments, corners = stream.segments, stream.corners
+    figures = corner_kernel(
+        corner_weights(segments, k), corner_limits(segments, k, course.limits, course.tolerances), course.shapes,
+        corners.durations[k], corners.remaining[k], corners.gone[k],
+    )  # fmt: skip
+    figures = slow_down(corners, k, figures, lines_slowing(segments, k, figures))
+    lay_out_states(segments, corners, k, figures)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _set_way_point(segments: Segments, i: int, run: Run, source: int) -> None:
+    chain = segments.chain
+    for j in range(3):
+        chain.tips[i, j] = run.tips[source, j]
+        for c in range(3):
+            chain.rotations[i, j, c] = run.rotations[source, j, c]
+    size = 0.0
+    for j in range(3):
+        size += run.rotations[source, j, 2] ** 2
+    for j in range(3):
+        chain.axes[i, j] = run.rotations[source, j, 2] / np.sqrt(size)
+
+
+@njit(cache=True, error_model="numpy")
+def _set_stop(corners: Corners, k: int) -> None:
+    """The path ends at rest: state 0."""
+    corners.chosen[k] = 0
+    for c in range(4):
+        corners.states[k, 0, c] = 0.0
+    corners.scales[k, 0] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _give_segment(stream: Stream) -> None:
+    """Put the oldest segment into the outbox; both its corners are decided."""
+    counters, box, chain = stream.counters, stream.outbox, stream.segments.chain
+    k, m = counters[GIVEN], counters[OUT_SEGMENTS]
+    place = Place(k, counters[FIRST] + k, counters[OUT_ROWS])
+    row, time = emit_segment(stream.segments, stream.corners, box.rows, place, stream.clock[0])
+    for j in range(3):
+        box.tips[m, j] = chain.tips[k + 1, j]
+        for c in range(3):
+            box.rotations[m, j, c] = chain.rotations[k + 1, j, c]
+    box.raw_ends[m] = stream.segments.raw_ends[k]
+    stream.clock[0] = time
+    counters[GIVEN], counters[OUT_SEGMENTS], counters[OUT_ROWS] = k + 1, m + 1, row
+
+
+@njit(cache=True, error_model="numpy")
+def _move_to_front(stream: Stream) -> None:
+    """Move what is still needed to the front of the buffers."""
+    counters = stream.counters
+    shift, count = counters[GIVEN], counters[SEGMENTS]
+    for k in range(shift, count + 1):
+        _move_corner(stream.corners, k, k - shift)
+        _move_way_point(stream.segments.chain, k, k - shift)
+        stream.robot.q[k - shift] = stream.robot.q[k]
+    for k in range(shift, count):
+        _move_segment(stream.segments, k, k - shift)
+    counters[FIRST] += shift
+    counters[SEGMENTS] -= shift
+    counters[GIVEN] = 0
+
+
+@njit(cache=True, error_model="numpy")
+def _move_corner(corners: Corners, k: int, to: int) -> None:
+    corners.durations[to] = corners.durations[k]
+    corners.remaining[to] = corners.remaining[k]
+    corners.gone[to] = corners.gone[k]
+    corners.scales[to] = corners.scales[k]
+    corners.states[to] = corners.states[k]
+    corners.levels[to] = corners.levels[k]
+    corners.costs[to] = corners.costs[k]
+    corners.origins[to] = corners.origins[k]
+    corners.chosen[to] = corners.chosen[k]
+
+
+@njit(cache=True, error_model="numpy")
+def _move_way_point(chain: Chain, k: int, to: int) -> None:
+    chain.tips[to] = chain.tips[k]
+    chain.axes[to] = chain.axes[k]
+    chain.rotations[to] = chain.rotations[k]
+
+
+@njit(cache=True, error_model="numpy")
+def _move_segment(segments: Segments, k: int, to: int) -> None:
+    chain = segments.chain
+    chain.lengths[to] = chain.lengths[k]
+    chain.directions[to] = chain.directions[k]
+    chain.angles[to] = chain.angles[k]
+    chain.turn_axes[to] = chain.turn_axes[k]
+    chain.rolls[to] = chain.rolls[k]
+    segments.spans[to] = segments.spans[k]
+    segments.limits[to] = segments.limits[k]
+    segments.used[to] = segments.used[k]
+    segments.raw_ends[to] = segments.raw_ends[k]

@@ -1,0 +1,45 @@
+"""The rule ``certified``: short chords merged, corner kernels, fastest runs between them, a look-ahead (layer 6)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.motion.certified.smoother import Smoother, join_pieces
+from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.build import build_chain
+from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.smoothing.limits import SmoothingLimits
+from polish_sim.motion.smoothing.schedule import Schedule
+
+Array = NDArray[np.float64]
+
+
+def plan(
+    chain: Chain,
+    limits: SmoothingLimits,
+    tolerance: float,
+    axis_tolerance: float,
+    arm: Arm | None,
+    feeds: Array | None = None,
+) -> tuple[Chain, Schedule]:
+    """Schedule a chain within all limits and tolerances, proven on intervals.
+
+    Args:
+        chain: The path.
+        limits: Of tool and joints.
+        tolerance: Largest distance of the tip from the path [m].
+        axis_tolerance: The same for the tool's axis [rad].
+        arm: The robot; None: tool only.
+        feeds: Cap on the tip's speed on each segment [m/s], shape (n,); None: only the limits count.
+
+    Returns:
+        The chain with short segments merged, its way points a part of the given ones; its schedule.
+    """
+    smoother = Smoother(limits, tolerance, axis_tolerance, arm)
+    caps = None if feeds is None else np.concatenate([[np.inf], feeds])
+    pieces = join_pieces([smoother.feed(chain.tips, chain.rotations, caps), smoother.finish()])
+    merged = build_chain(
+        np.concatenate([chain.tips[:1], pieces.tips]), np.concatenate([chain.rotations[:1], pieces.rotations])
+    )
+    return merged, Schedule(pieces.segments, pieces.starts, pieces.durations, pieces.coefficients, smoother.time)
