@@ -1,0 +1,187 @@
+"""Joint torques as a linear function of inertial parameters: tau = Y(q, qd, qdd) pi (layer 8d).
+
+Newton-Euler in link frames (paper 3). Link j's wrench about its own origin is B_j pi_j; joint k feels of it
+s_kj . B_j pi_j, where s_kj = (z_k x r_kj; z_k) is the joint's screw at that origin, in the link's axes. The kernel
+takes complex numbers too: that is how derivatives are taken (`regressor_derivatives`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.motion.serial_chain import HINGE, ChainGeometry
+
+Array = NDArray[np.float64]
+
+STEP = 1e-30
+"""Size of the complex step: its square vanishes beside one."""
+
+
+def rigid_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Array:
+    """Regressor of many states.
+
+    Args:
+        chain: The chain of n joints.
+        q: Joint positions [rad or m], shape (m, n).
+        qd: Speeds, shape (m, n).
+        qdd: Accelerations, shape (m, n).
+
+    Returns:
+        Y, shape (m, n, 10 n): torques [N m or N] per unit of each link's ten parameters.
+    """
+    m, n = q.shape
+    Y = np.zeros((m, n, 10 * n))
+    fill_regressors(
+        chain, np.ascontiguousarray(q, np.float64), np.ascontiguousarray(qd, np.float64),
+        np.ascontiguousarray(qdd, np.float64), np.zeros((6, 3)), np.zeros((2, n, 3)), Y,
+    )  # fmt: skip
+    return Y
+
+
+def regressor_derivatives(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Array:
+    """Exact derivatives of the regressor by a complex step.
+
+    Args:
+        chain: The chain of n joints.
+        q: Positions, shape (m, n).
+        qd: Speeds, shape (m, n).
+        qdd: Accelerations, shape (m, n).
+
+    Returns:
+        dY / d(q, qd, qdd), shape (m, 3 n, n, 10 n).
+    """
+    m, n = q.shape
+    state = np.concatenate([q, qd, qdd], axis=1).astype(np.complex128)
+    out = np.empty((m, 3 * n, n, 10 * n))
+    work, chains, Y = (
+        np.zeros((6, 3), np.complex128),
+        np.zeros((2, n, 3), np.complex128),
+        np.zeros((m, n, 10 * n), np.complex128),
+    )
+    for column in range(3 * n):
+        stepped = state.copy()
+        stepped[:, column] += 1j * STEP
+        parts = [np.ascontiguousarray(stepped[:, n * k : n * (k + 1)]) for k in range(3)]
+        fill_regressors(chain, parts[0], parts[1], parts[2], work, chains, Y)
+        out[:, column] = Y.imag / STEP
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def fill_regressors(  # type: ignore[no-untyped-def]
+    chain: ChainGeometry, q, qd, qdd, motion, screws, Y
+) -> None:
+    """Fill regressors (m, n, 10 n) of m states; blocks below the diagonal are left as they are (zero).
+
+    Args:
+        chain: The chain.
+        q: Real or complex, shape (m, n).
+        qd: Shape (m, n).
+        qdd: Shape (m, n).
+        motion: Room for w, dw, a and three more vectors, shape (6, 3).
+        screws: Room for axes and arms of the joints below, shape (2, n, 3).
+        Y: What is filled.
+    """
+    for row in range(q.shape[0]):
+        _fill_one(chain, q[row], qd[row], qdd[row], motion, screws, Y[row])
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_one(chain: ChainGeometry, q, qd, qdd, motion, screws, Y) -> None:  # type: ignore[no-untyped-def]
+    w, dw, a = motion[0], motion[1], motion[2]
+    for x in range(3):
+        w[x] = 0.0 * q[0]
+        dw[x] = 0.0 * q[0]
+        a[x] = -chain.gravity[x] + 0.0 * q[0]
+    for j in range(q.shape[0]):
+        _step_outward(chain, j, q[j], qd[j], qdd[j], motion, screws)
+        for k in range(j + 1):
+            _fill_block(chain.kind[k], screws[0, k], screws[1, k], w, dw, a, Y[k], 10 * j)
+
+
+@njit(cache=True, error_model="numpy")
+def _step_outward(chain: ChainGeometry, j: int, q, qd, qdd, motion, screws) -> None:  # type: ignore[no-untyped-def]
+    """Carry motion and the joints' screws from link j - 1 to link j."""
+    w, dw, a = motion[0], motion[1], motion[2]
+    hinge = chain.kind[j] == HINGE
+    zx, zy, zz = chain.axis[j, 0], chain.axis[j, 1], chain.axis[j, 2]
+    fixed = chain.rotation[j]
+    # Where the new origin lies, seen from the old one, in the old axes.
+    px, py, pz = chain.position[j, 0] + 0.0 * q, chain.position[j, 1] + 0.0 * q, chain.position[j, 2] + 0.0 * q
+    if not hinge:
+        px += q * (fixed[0, 0] * zx + fixed[0, 1] * zy + fixed[0, 2] * zz)
+        py += q * (fixed[1, 0] * zx + fixed[1, 1] * zy + fixed[1, 2] * zz)
+        pz += q * (fixed[2, 0] * zx + fixed[2, 1] * zy + fixed[2, 2] * zz)
+    # Acceleration of the new origin.
+    ux, uy, uz = w[1] * pz - w[2] * py, w[2] * px - w[0] * pz, w[0] * py - w[1] * px
+    a[0] += dw[1] * pz - dw[2] * py + w[1] * uz - w[2] * uy
+    a[1] += dw[2] * px - dw[0] * pz + w[2] * ux - w[0] * uz
+    a[2] += dw[0] * py - dw[1] * px + w[0] * uy - w[1] * ux
+    # Turn back about the axis: v -> R^T v, first the fixed turn, then that of the joint.
+    c, s = (np.cos(q), np.sin(q)) if hinge else (1.0 + 0.0 * q, 0.0 * q)
+    _turn(fixed, zx, zy, zz, c, s, w)
+    _turn(fixed, zx, zy, zz, c, s, dw)
+    _turn(fixed, zx, zy, zz, c, s, a)
+    for k in range(j):
+        arm = screws[1, k]
+        arm[0] += px
+        arm[1] += py
+        arm[2] += pz
+        _turn(fixed, zx, zy, zz, c, s, arm)
+        _turn(fixed, zx, zy, zz, c, s, screws[0, k])
+    screws[0, j, 0], screws[0, j, 1], screws[0, j, 2] = zx + 0.0 * q, zy + 0.0 * q, zz + 0.0 * q
+    screws[1, j, 0], screws[1, j, 1], screws[1, j, 2] = 0.0 * q, 0.0 * q, 0.0 * q
+    # What the joint's own motion adds.
+    gx, gy, gz = w[1] * zz - w[2] * zy, w[2] * zx - w[0] * zz, w[0] * zy - w[1] * zx
+    if hinge:
+        dw[0] += gx * qd + zx * qdd
+        dw[1] += gy * qd + zy * qdd
+        dw[2] += gz * qd + zz * qdd
+        w[0] += zx * qd
+        w[1] += zy * qd
+        w[2] += zz * qd
+    else:
+        a[0] += 2.0 * gx * qd + zx * qdd
+        a[1] += 2.0 * gy * qd + zy * qdd
+        a[2] += 2.0 * gz * qd + zz * qdd
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _turn(fixed: Array, zx: float, zy: float, zz: float, c: Any, s: Any, v) -> None:  # type: ignore[no-untyped-def]
+    """v in the old axes becomes v in the new ones."""
+    x = fixed[0, 0] * v[0] + fixed[1, 0] * v[1] + fixed[2, 0] * v[2]
+    y = fixed[0, 1] * v[0] + fixed[1, 1] * v[1] + fixed[2, 1] * v[2]
+    z = fixed[0, 2] * v[0] + fixed[1, 2] * v[1] + fixed[2, 2] * v[2]
+    along = (1.0 - c) * (zx * x + zy * y + zz * z)
+    v[0] = c * x - s * (zy * z - zz * y) + zx * along
+    v[1] = c * y - s * (zz * x - zx * z) + zy * along
+    v[2] = c * z - s * (zx * y - zy * x) + zz * along
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _fill_block(kind: int, z, arm, w, dw, a, Y, first: int) -> None:  # type: ignore[no-untyped-def]
+    """What joint (axis z, arm from its origin to the link's) feels of the ten parameters of a link."""
+    if kind == HINGE:
+        nx, ny, nz = z[0], z[1], z[2]
+        lx, ly, lz = ny * arm[2] - nz * arm[1], nz * arm[0] - nx * arm[2], nx * arm[1] - ny * arm[0]
+    else:
+        nx, ny, nz = 0.0 * z[0], 0.0 * z[0], 0.0 * z[0]
+        lx, ly, lz = z[0], z[1], z[2]
+    Y[first] = lx * a[0] + ly * a[1] + lz * a[2]
+    # First moment: l . (dw x c + w x (w x c)) - n . (a x c).
+    along, w2 = lx * w[0] + ly * w[1] + lz * w[2], w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    Y[first + 1] = ly * dw[2] - lz * dw[1] + along * w[0] - w2 * lx + a[1] * nz - a[2] * ny
+    Y[first + 2] = lz * dw[0] - lx * dw[2] + along * w[1] - w2 * ly + a[2] * nx - a[0] * nz
+    Y[first + 3] = lx * dw[1] - ly * dw[0] + along * w[2] - w2 * lz + a[0] * ny - a[1] * nx
+    # Inertia: n . (I dw + w x I w) = n . I dw + (n x w) . I w.
+    px, py, pz = ny * w[2] - nz * w[1], nz * w[0] - nx * w[2], nx * w[1] - ny * w[0]
+    Y[first + 4] = nx * dw[0] + px * w[0]
+    Y[first + 5] = nx * dw[1] + ny * dw[0] + px * w[1] + py * w[0]
+    Y[first + 6] = ny * dw[1] + py * w[1]
+    Y[first + 7] = nx * dw[2] + nz * dw[0] + px * w[2] + pz * w[0]
+    Y[first + 8] = ny * dw[2] + nz * dw[1] + py * w[2] + pz * w[1]
+    Y[first + 9] = nz * dw[2] + pz * w[2]

@@ -1,0 +1,117 @@
+"""What a joint's torque is made of: rigid links, friction, rotors, offsets; all linear in their parameters (layer 8d).
+
+tau = Y(q, qd, qdd) pi + diag(qd) fv + diag(tanh(qd / vs)) fc + diag(qdd) Ia + f0          (paper 3)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import unknown_name
+from polish_sim.identification.regressor import rigid_regressor
+from polish_sim.motion.serial_chain import LINK_PARAMETERS, LINK_UNITS, SerialChain
+
+Array = NDArray[np.float64]
+
+SIGN_WIDTH: Final = 0.02
+"""Speed over which the sign of Coulomb friction is smoothed [rad/s]."""
+
+
+class States(NamedTuple):
+    """Joint states, one row a sample."""
+
+    q: Array
+    """[rad], shape (m, n)."""
+    qd: Array
+    """[rad/s], shape (m, n)."""
+    qdd: Array
+    """[rad/s^2], shape (m, n)."""
+
+    def rows(self, rows: slice | Array) -> States:
+        """Some of the samples."""
+        return States(self.q[rows], self.qd[rows], self.qdd[rows])
+
+
+class JointTerm(NamedTuple):
+    """A torque of each joint by itself: value times parameter."""
+
+    symbol: str
+    unit: str
+    value: Callable[[States], Array]
+    """Shape (m, n)."""
+    truth: Callable[[SerialChain], Array]
+    """What the robot's model says, shape (n,)."""
+
+
+TERMS: Final[dict[str, JointTerm]] = {
+    "viscous": JointTerm("fv", "N m s/rad", lambda x: x.qd, lambda chain: chain.damping),
+    "coulomb": JointTerm("fc", "N m", lambda x: np.tanh(x.qd / SIGN_WIDTH), lambda chain: chain.frictionloss),
+    "armature": JointTerm("Ia", "kg m^2", lambda x: x.qdd, lambda chain: chain.armature),
+    "offset": JointTerm("f0", "N m", lambda x: np.ones_like(x.q), lambda chain: np.zeros_like(chain.damping)),
+}
+"""Terms a model may have beside the rigid links."""
+FULL: Final = ("viscous", "coulomb", "armature", "offset")
+
+
+@dataclass(frozen=True)
+class TorqueModel:
+    """A chain and the terms its torques are made of; columns: ten a link, then each term's joints."""
+
+    chain: SerialChain
+    terms: tuple[str, ...] = FULL
+
+    def __post_init__(self) -> None:
+        for term in self.terms:
+            if term not in TERMS:
+                raise unknown_name("torque term", term, TERMS)
+
+    @property
+    def joints(self) -> int:
+        """Number of joints n."""
+        return len(self.chain.joints)
+
+    @property
+    def columns(self) -> int:
+        """Number of parameters p = 10 n + n for each term."""
+        return self.joints * (10 + len(self.terms))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A name for every column: ``m2``, ``Ixx3``, ``fv1``."""
+        links = [f"{name}{link + 1}" for link in range(self.joints) for name in LINK_PARAMETERS]
+        return (*links, *(f"{TERMS[term].symbol}{j + 1}" for term in self.terms for j in range(self.joints)))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of every column's parameter, rotations assumed."""
+        return (*(LINK_UNITS * self.joints), *(TERMS[term].unit for term in self.terms for _ in range(self.joints)))
+
+    def truth(self) -> Array:
+        """The parameters the chain's own model has, shape (p,)."""
+        return np.concatenate([self.chain.parameters.ravel(), *(TERMS[term].truth(self.chain) for term in self.terms)])
+
+    def regressor(self, states: States) -> Array:
+        """Regressor of all columns, shape (m, n, p)."""
+        n = self.joints
+        Y = np.zeros((len(states.q), n, self.columns))
+        Y[:, :, : 10 * n] = rigid_regressor(self.chain.geometry, *states)
+        diagonal = np.arange(n)
+        for number, term in enumerate(self.terms):
+            Y[:, diagonal, n * (10 + number) + diagonal] = TERMS[term].value(states)
+        return Y
+
+    def torque(self, states: States, parameters: Array) -> Array:
+        """Torques of all parameters (p,) [N m], shape (m, n)."""
+        return np.asarray(self.regressor(states) @ parameters)
+
+
+def random_states(
+    chain_joints: int, count: int, rng: np.random.Generator, scale: Sequence[float] = (3, 3, 9)
+) -> States:
+    """States uniform in +-``scale`` of position, speed and acceleration."""
+    return States(*(rng.uniform(-s, s, (count, chain_joints)) for s in scale))
