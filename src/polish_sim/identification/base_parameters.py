@@ -55,7 +55,7 @@ def base_of_rows(W: Array) -> BaseParameters:
     Returns:
         Kept columns, and how the others join them.
     """
-    R = np.linalg.qr(W, mode="r") if len(W) > W.shape[1] else W
+    R: Array = np.asarray(np.linalg.qr(W, mode="r")) if len(W) > W.shape[1] else W
     size = np.linalg.norm(R, axis=0)
     least = INDEPENDENT * float(size.max(initial=0.0))
     kept: list[int] = []

@@ -110,8 +110,6 @@ class TorqueModel:
         return np.asarray(self.regressor(states) @ parameters)
 
 
-def random_states(
-    chain_joints: int, count: int, rng: np.random.Generator, scale: Sequence[float] = (3, 3, 9)
-) -> States:
-    """States uniform in +-``scale`` of position, speed and acceleration."""
-    return States(*(rng.uniform(-s, s, (count, chain_joints)) for s in scale))
+def random_states(joints: int, count: int, rng: np.random.Generator) -> States:
+    """States uniform in +-3 rad, +-3 rad/s and +-9 rad/s^2, shape (count, joints) each."""
+    return States(*(rng.uniform(-size, size, (count, joints)) for size in (3.0, 3.0, 9.0)))
