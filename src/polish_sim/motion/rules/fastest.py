@@ -1,0 +1,65 @@
+"""The speed at which a segment takes least time, when its other times depend on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import SmoothingError
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+TriplesAt = Callable[[Array, Indices], Array]
+"""(speed (k,) [1/s], segments (k,)) -> filter times (k, 3) [s], the first at least the sum of the others; infinite
+where the joints' curvature alone takes up a limit at that speed."""
+
+_SLOWEST = 1e4  # times slower than the limit
+_COARSE, _FINE = 40, 12
+
+
+def fastest_triples(speed: Array, triples_at: TriplesAt) -> Array:
+    """Filter times of every segment at full speed, or at the lower speed that takes least time.
+
+    Full speed is kept where it is reached (the paper's case). Where the segment is too short for it, or a denominator
+    of eq. 24, 25, 30 is not positive at it (the paper's absolute value hides that), slower ones are searched.
+
+    Args:
+        speed: Largest rate of progress [1/s], shape (n,).
+        triples_at: Filter times at a speed.
+
+    Returns:
+        T1 >= T2 + T3 [s], shape (n, 3).
+
+    Raises:
+        SmoothingError: No speed keeps the limits.
+    """
+    everything = np.arange(len(speed))
+    triples = triples_at(speed, everything)
+    rows = np.flatnonzero(~(triples[:, 0] * speed <= 1.0 + 1e-12))
+    if len(rows) == 0:
+        return triples
+    low, high = speed[rows] / _SLOWEST, speed[rows]
+    for count in (_COARSE, _FINE, _FINE):
+        grid = high * (low / high) ** np.linspace(0.0, 1.0, count)[:, None]
+        times = np.stack([triples_at(row, rows).sum(axis=1) for row in grid])
+        best = np.argmin(times, axis=0)
+        columns = np.arange(len(rows))
+        high, low = grid[np.maximum(best - 1, 0), columns], grid[np.minimum(best + 1, count - 1), columns]
+    triples[rows] = triples_at(grid[best, columns], rows)
+    if not np.isfinite(triples).all():
+        k = int(np.argmin(np.isfinite(triples).all(axis=1)))
+        raise SmoothingError(f"no speed keeps the joint limits in segment {k + 1}: too near a singularity.")
+    return triples
+
+
+def stop_triples(speed: Array, acceleration: Array, jerk: Array) -> Array:
+    """Times of the fastest rest-to-rest motion of length 1 (`stop_times`), shape (n, 3)."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        ramp = acceleration / jerk
+        c = np.minimum(ramp, np.minimum(np.sqrt(speed / jerk), np.cbrt(0.5 / jerk)))
+        held = np.minimum(speed / acceleration, 0.5 * (np.sqrt(c * c + 4.0 / acceleration) - c))
+        b = np.where(c == ramp, np.maximum(c, held), c)
+    return np.stack([np.maximum(1.0 / speed, b + c), b, c], axis=1)

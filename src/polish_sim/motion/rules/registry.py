@@ -1,0 +1,14 @@
+"""The smoothing rules by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from polish_sim.motion.rules import joint_acceleration, joint_jerk
+from polish_sim.motion.rules.rule import Rule
+
+RULES: Mapping[str, Rule] = {
+    "joint-jerk": joint_jerk.plan,
+    "joint-acceleration": joint_acceleration.plan,
+}
+"""Name -> plan function."""
