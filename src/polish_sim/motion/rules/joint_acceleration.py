@@ -56,7 +56,7 @@ def _triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -
 
     def triples_at(speed: Array, rows: Indices) -> Array:
         base = stop_triples(speed, tool.acceleration[rows], tool.jerk[rows])
-        t2 = np.maximum(base[:, 1], _second_time(speed, rates.first[rows], rates.second[rows], limits))
+        t2 = np.maximum(base[:, 1], second_time(speed, rates.first[rows], rates.second[rows], limits))
         t3 = base[:, 2]
         return np.stack([np.maximum(1.0 / speed, t2 + t3), t2, t3], axis=1)
 
@@ -69,7 +69,7 @@ def capped_speed(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Ar
     return np.minimum(speed, 1.0 / np.maximum(fastest.max(axis=1), 1e-300))
 
 
-def _second_time(speed: Array, first: Array, second: Array, limits: SmoothingLimits) -> Array:
+def second_time(speed: Array, first: Array, second: Array, limits: SmoothingLimits) -> Array:
     """T2 of eq. 25 [s], shape (k,); infinite where the denominator is not positive."""
     sd = speed[:, None, None]
     left = np.asarray(limits.joint_acceleration) - np.abs(second) * sd**2

@@ -65,14 +65,14 @@ def _triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -
     def triples_at(speed: Array, rows: Indices) -> Array:
         part = JointRates(*(column[rows] for column in rates))
         base = stop_triples(speed, tool.acceleration[rows], tool.jerk[rows])
-        t2 = np.maximum(base[:, 1], _second_time(speed, part, limits))
-        t3 = np.maximum(base[:, 2], _third_time(speed, speed / t2, part, limits))
+        t2 = np.maximum(base[:, 1], second_time(speed, part, limits))
+        t3 = np.maximum(base[:, 2], third_time(speed, speed / t2, part, limits))
         return np.stack([np.maximum(1.0 / speed, t2 + t3), t2, t3], axis=1)
 
     return fastest_triples(capped_speed(tool.speed, rates, limits), triples_at)
 
 
-def _second_time(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
+def second_time(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
     """T2 of eq. 24 [s], shape (k,); infinite where a denominator is not positive."""
     sd = speed[:, None, None]
     left = np.asarray(limits.joint_acceleration) - np.sign(rates.first * _GAINING) * rates.second * sd**2
@@ -82,7 +82,7 @@ def _second_time(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Ar
     return needed.max(axis=(1, 2))
 
 
-def _third_time(speed: Array, acceleration: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
+def third_time(speed: Array, acceleration: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
     """T3 of eq. 30 [s], shape (k,); infinite where the denominator is not positive."""
     sd, sdd = speed[:, None, None], acceleration[:, None, None]
     bent = np.abs(rates.third * sd**3 + 3.0 * rates.second * _GAINING * sd * sdd)

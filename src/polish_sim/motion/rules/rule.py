@@ -25,8 +25,8 @@ class Smoothed(NamedTuple):
     """When they are passed."""
 
 
-Rule = Callable[[Chain, SmoothingLimits, float, float, Arm | None, Array | None], Smoothed]
-"""(chain, limits, tolerance [m], axis tolerance [rad], arm or None for the tool alone, feeds or None) -> Smoothed.
+Rule = Callable[[Chain, SmoothingLimits, float, float, Arm | None, Array | None], tuple[Chain, Schedule]]
+"""(chain, limits, tolerance [m], axis tolerance [rad], arm or None for the tool alone, feeds or None) -> `Smoothed`.
 
 Feeds are speed limits of the tip per segment [m/s], shape (n,), infinity where there is none.
 """

@@ -24,8 +24,8 @@ TOLERANCE = 0.02e-3
 """Of the tip [m]."""
 AXIS_TOLERANCE = math.radians(0.02)
 """Of the tool axis [rad]."""
-TRIAL_LIMITS = SmoothingLimits(joint_jerk=six(40.0))
-"""The paper's limits of the tool; of the joints such as bind on this path, as the lost ones did on the paper's."""
+TRIAL_LIMITS = SmoothingLimits(joint_acceleration=six(3.0))
+"""The paper's limits of the tool; of the joints such as just bind on this path, as the lost ones did on the paper's."""
 
 LENGTH = 0.535
 """Of the whole path [m]."""

@@ -1,0 +1,133 @@
+"""The rules of paper 4: its claims on its trial, and what they do where it says nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from polish_sim.motion.joint_motion import joint_motion
+from polish_sim.motion.rules import exact_stop, joint_acceleration, joint_jerk
+from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.rule import Smoothed
+from polish_sim.motion.rules.trial import AXIS_TOLERANCE, TOLERANCE, TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.motion.segment_rates import JointRates
+from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.build import build_chain
+from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.smoothing.deviation import measure_deviation
+from polish_sim.motion.smoothing.limits import SmoothingLimits, six
+from polish_sim.motion.smoothing.sampling import sample_schedule
+
+PAPER = (joint_jerk.plan, joint_acceleration.plan)
+
+
+@pytest.fixture(scope="module")
+def trial() -> Chain:
+    return build_chain(*trial_path())
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return trial_arm()
+
+
+def joint_peaks(smoothed: Smoothed, arm: Arm) -> np.ndarray:
+    """Largest speed, acceleration and jerk of each joint, shape (3, 6)."""
+    times = np.linspace(0.0, smoothed.schedule.end, 20_011)[1:-1] + 1e-7
+    samples = sample_schedule(*smoothed, times)
+    linear, angular = np.moveaxis(samples.tips[:, 1:], 1, 0), np.moveaxis(samples.spins, 1, 0)
+    rates = joint_motion(samples.tips[:, 0], samples.rotations, linear, angular, arm)
+    return np.stack([np.abs(column).max(axis=0) for column in rates[1:]])
+
+
+def test_the_trial_is_the_paper_s_as_far_as_that_is_known(trial: Chain) -> None:
+    assert len(trial.lengths) == 24
+    assert trial.lengths.sum() == pytest.approx(0.535, rel=1e-12)
+
+
+def test_the_paper_s_claims_hold_in_sign(trial: Chain, arm: Arm) -> None:
+    """Cycle 13.215 s against 13.169 s, joint jerk inside its limit against above it."""
+    ours, theirs = (plan(trial, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, arm) for plan in PAPER)
+    assert 1.0 < ours.schedule.end / theirs.schedule.end < 1.02
+    jerk = np.array(TRIAL_LIMITS.joint_jerk)
+    assert (joint_peaks(ours, arm)[2] / jerk).max() <= 1.0
+    assert (joint_peaks(theirs, arm)[2] / jerk).max() > 1.05
+
+
+@pytest.mark.parametrize("plan", PAPER)
+def test_vertices_are_passed_within_their_tolerance_and_use_it(plan, trial: Chain, arm: Arm) -> None:  # type: ignore[no-untyped-def]
+    smoothed = plan(trial, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, arm)
+    found = measure_deviation(*smoothed, trial)
+    assert 0.99 * TOLERANCE < found.vertex.value <= TOLERANCE * (1.0 + 1e-9)
+    assert found.contour.value <= TOLERANCE
+    assert found.axis.value <= AXIS_TOLERANCE
+
+
+@pytest.mark.parametrize("plan", PAPER)
+def test_no_tolerance_is_a_stop_at_every_way_point(plan, trial: Chain) -> None:  # type: ignore[no-untyped-def]
+    smoothed = plan(trial, SmoothingLimits(), 0.0, 0.0, None)
+    assert smoothed.schedule.end == pytest.approx(0.535 / 0.05 + 24 * 0.15)  # each stop costs v/a + a/j
+    assert smoothed.schedule.end == pytest.approx(exact_stop.plan(trial, SmoothingLimits()).schedule.end)
+    assert measure_deviation(*smoothed, trial).vertex.value < 1e-14
+
+
+def random_rates(seed: int) -> JointRates:
+    drawn = np.random.default_rng(seed).normal(size=(4, 50, 9, 6))
+    return JointRates(*(scale * column for scale, column in zip((1.0, 0.1, 0.05, 0.02), drawn, strict=True)))
+
+
+def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with() -> None:
+    rates, limits = random_rates(0), SmoothingLimits()
+    for speed in (0.5, 2.0, 6.0):
+        v = np.full(50, speed)
+        theirs = joint_acceleration.second_time(v, rates.first, rates.second, limits)
+        ours = joint_jerk.second_time(v, rates, limits)
+        assert np.all(ours <= theirs)
+        assert np.any(ours < theirs)
+
+
+def test_on_a_gantry_the_third_time_is_exact() -> None:
+    """Joint = tool: q' constant. A way back and forth overlaps two jerks; halved, they just fill the limit."""
+    limits = SmoothingLimits(joint_jerk=six(10.0))
+    first = np.zeros((1, 9, 6))
+    first[..., 0] = 0.1
+    rates = JointRates(first, first, 0.0 * first, 0.0 * first)
+    t3 = joint_jerk.third_time(np.array([2.0]), np.array([8.0]), rates, limits)
+    assert t3[0] == pytest.approx(0.1 * 8.0 / 5.0)
+
+
+def test_a_denominator_that_is_not_positive_lowers_the_speed(trial: Chain, arm: Arm) -> None:
+    """At 50 mm/s the curvature of the joint path alone takes 0.1 rad/s^2, twice what is allowed here."""
+    tight = replace(TRIAL_LIMITS, joint_acceleration=six(0.05))
+    for plan in PAPER:
+        smoothed = plan(trial, tight, TOLERANCE, AXIS_TOLERANCE, arm)
+        assert np.isfinite(smoothed.schedule.end)
+        assert joint_peaks(smoothed, arm)[1].max() < 2.0 * 0.05  # accelerations add at corners: the paper's gap
+
+
+def test_stops_keep_joint_limits_and_feeds(trial: Chain, arm: Arm) -> None:
+    tight = replace(TRIAL_LIMITS, joint_acceleration=six(0.4), joint_jerk=six(8.0))
+    smoothed = exact_stop.plan(trial, tight, arm=arm)
+    peaks = joint_peaks(smoothed, arm)
+    assert (peaks[1] / 0.4).max() < 1.005
+    assert (peaks[2] / 8.0).max() < 1.01
+    slow = exact_stop.plan(trial, SmoothingLimits(), feeds=np.full(24, 0.02))
+    speeds = np.linalg.norm(sample_schedule(*slow, np.linspace(0.0, slow.schedule.end, 5000)).tips[:, 1], axis=1)
+    assert speeds.max() == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_every_rule_turns_on_the_spot_and_takes_single_segments(name: str) -> None:
+    tips = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.01, 0, 0], [0.01, 0.01, 0]])
+    frames = Rotation.from_rotvec(np.array([[0.0, 0, 0], [0.0, 0, 0], [0.3, 0, 0], [0.3, 0, 0]])).as_matrix()
+    for count in (2, 4):
+        chain = build_chain(tips[:count], frames[:count])
+        smoothed = Smoothed(*RULES[name](chain, SmoothingLimits(), TOLERANCE, AXIS_TOLERANCE, None, None))
+        last = sample_schedule(*smoothed, np.array([smoothed.schedule.end]))
+        np.testing.assert_allclose(last.tips[0, 0], tips[count - 1], atol=1e-15)
+        found = measure_deviation(*smoothed, chain)
+        assert found.contour.value <= TOLERANCE * (1.0 + 1e-9)
+        assert found.axis.value <= AXIS_TOLERANCE * (1.0 + 1e-9)
