@@ -1,0 +1,175 @@
+"""`python -m benchmarks.smoothing_check --count 10000`: every rule on random paths; what breaks which limit, how often.
+
+Nothing of the planners' bounds is used. The motion is sampled between all changes of jerk, ends of each span included;
+the joints' motion is computed at every sample and confirmed by the arm's table alone (`arm_jets`); deviations are
+searched for along the trajectory. A limit counts as broken above 1 + 1e-6 of it, a tolerance above 1 + 1e-9.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import multiprocessing
+import time
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.kernel_cache import use_kernel_cache
+
+use_kernel_cache()
+
+from benchmarks.arm_jets import tool_jet  # noqa: E402 - the cache comes first
+from benchmarks.random_paths import RandomPath, draw_path  # noqa: E402
+from polish_sim.errors import PolishSimError  # noqa: E402
+from polish_sim.motion.joint_motion import joint_motion  # noqa: E402
+from polish_sim.motion.rules.registry import RULES  # noqa: E402
+from polish_sim.motion.smoothing.chain import Chain  # noqa: E402
+from polish_sim.motion.smoothing.deviation import measure_deviation  # noqa: E402
+from polish_sim.motion.smoothing.limits import SmoothingLimits  # noqa: E402
+from polish_sim.motion.smoothing.sampling import Samples, sample_schedule, turning  # noqa: E402
+from polish_sim.motion.smoothing.schedule import Schedule  # noqa: E402
+
+Array = NDArray[np.float64]
+
+LIMITS = SmoothingLimits()
+TOLERANCE, AXIS_TOLERANCE = 0.02e-3, math.radians(0.02)
+FIGURES = (
+    "tip speed", "tip acceleration", "tip jerk", "axis speed", "axis acceleration", "axis jerk",
+    "joint speed", "joint acceleration", "joint jerk", "tip tolerance", "axis tolerance",
+)  # fmt: skip
+SLACK = np.array([1e-6] * 9 + [1e-9] * 2)
+PLACES = (1e-9, 0.15, 0.5, 0.85, 1.0 - 1e-9)
+"""Of the samples in every span between changes of jerk [-]."""
+WRONG_TABLE = 1e-6
+"""Relative difference of the tool's derivatives by table and as sampled that stops the check."""
+
+
+class Judged(NamedTuple):
+    """How a rule did on one path."""
+
+    rule: str
+    kind: str
+    number: int
+    shares: Array
+    """Largest share of each of `FIGURES`, shape (11,); NaN if refused."""
+    end: float
+    """Cycle time [s]."""
+    refused: str
+    """Why the rule gave no motion; empty if it did."""
+
+
+def sample_times(schedule: Schedule) -> Array:
+    """Times in every span in which no piece begins or ends [s]."""
+    edges = np.unique(np.concatenate([schedule.starts, schedule.starts + schedule.durations]))
+    spans = np.diff(edges)
+    kept = spans > 1e-9
+    return np.asarray((edges[:-1][kept, None] + spans[kept, None] * np.array(PLACES)).ravel())
+
+
+def joint_shares(samples: Samples, path: RandomPath) -> Array:
+    """Largest shares of joint speed, acceleration and jerk, shape (3,); the joints' motion confirmed by the table."""
+    linear = np.ascontiguousarray(samples.tips[:, 1:].swapaxes(0, 1))
+    angular = np.ascontiguousarray(samples.spins.swapaxes(0, 1))
+    motion = joint_motion(samples.tips[:, 0], samples.rotations, linear, angular, path.arm)
+    jet = tool_jet(np.stack(motion), path.arm.T_flange_tool)
+    for order in range(4):
+        for column, wanted in ((3, samples.tips[:, order]), (2, samples.axes[:, order])):
+            found = jet[order][:, :3, column]
+            if np.abs(found - wanted).max() > WRONG_TABLE * (1.0 + np.abs(wanted).max()):
+                raise AssertionError(f"order {order}: the joints do not do what the tool does")
+    shares = [(np.abs(rate) / limit).max() for rate, limit in zip(motion[1:], LIMITS.values().joint, strict=True)]
+    return np.array(shares)
+
+
+def tool_shares(samples: Samples) -> Array:
+    """Largest shares of tip and axis speed, acceleration and jerk, shape (6,)."""
+    tip = np.linalg.norm(samples.tips[:, 1:], axis=2).max(axis=0)
+    axis = np.linalg.norm(turning(samples.axes), axis=2).max(axis=0)
+    values = LIMITS.values()
+    return np.asarray(np.concatenate([tip, axis]) / np.array(values[:6]))
+
+
+def judge_motion(chain: Chain, schedule: Schedule, path: RandomPath) -> Array:
+    """Largest share of each of `FIGURES`, shape (11,)."""
+    samples = sample_schedule(chain, schedule, sample_times(schedule))
+    deviation = measure_deviation(chain, schedule, path.chain)
+    strayed = [deviation.contour.value / TOLERANCE, deviation.axis.value / AXIS_TOLERANCE]
+    return np.concatenate([tool_shares(samples), joint_shares(samples, path), strayed])
+
+
+def judge_path(number: int, rules: tuple[str, ...], seed: int) -> list[Judged]:
+    """Every rule on one random path."""
+    path = draw_path(np.random.default_rng([seed, number]), number)
+    rows = []
+    for rule in rules:
+        try:
+            chain, schedule = RULES[rule](path.chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, path.arm)
+        except PolishSimError as error:
+            rows.append(Judged(rule, path.kind, number, np.full(11, np.nan), math.nan, str(error)))
+            continue
+        rows.append(Judged(rule, path.kind, number, judge_motion(chain, schedule, path), schedule.end, ""))
+    return rows
+
+
+def _judge_many(task: tuple[range, tuple[str, ...], int]) -> list[Judged]:
+    numbers, rules, seed = task
+    return [row for number in numbers for row in judge_path(number, rules, seed)]
+
+
+def judge(numbers: range, rules: tuple[str, ...], seed: int, workers: int) -> list[Judged]:
+    """Every rule on many random paths, in processes if more than one worker."""
+    tasks = [(numbers[i : i + 50], rules, seed) for i in range(0, len(numbers), 50)]
+    if workers == 1:
+        return [row for task in tasks for row in _judge_many(task)]
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as crew:
+        return [row for rows in crew.map(_judge_many, tasks) for row in rows]
+
+
+def print_table(rows: Iterable[Judged], rules: tuple[str, ...]) -> bool:
+    """Print counts and worst shares of every rule; return whether `certified` broke nothing."""
+    rows = list(rows)
+    by_rule = {rule: [row for row in rows if row.rule == rule] for rule in rules}
+    print(f"{'paths that break it (largest share)':22s}" + "".join(f"{rule:>24s}" for rule in rules))
+    shares = {
+        rule: np.array([row.shares for row in own if not row.refused]).reshape(-1, 11) for rule, own in by_rule.items()
+    }
+    for i, name in enumerate(FIGURES):
+        cells = [f"{int((s[:, i] > 1.0 + SLACK[i]).sum())} ({s[:, i].max(initial=0.0):.6f})" for s in shares.values()]
+        print(f"{name:35s}" + "".join(f"{cell:>24s}" for cell in cells))
+    print(f"{'refused':35s}" + "".join(f"{sum(bool(row.refused) for row in own):>24d}" for own in by_rule.values()))
+    both = [group for group in zip(*by_rule.values(), strict=True) if not any(row.refused for row in group)]
+    total = [sum(group[i].end for group in both) for i in range(len(rules))]
+    print(f"{f'time of {len(both)} paths done by all [s]':35s}" + "".join(f"{t:>24.2f}" for t in total))
+    good = bool((shares["certified"] <= 1.0 + SLACK).all()) if "certified" in shares else True
+    for row in sorted(by_rule.get("certified", []), key=lambda r: -np.nanmax(np.append(r.shares, 0.0)))[:3]:
+        if not row.refused:
+            worst = int(np.argmax(row.shares))
+            print(f"certified, path {row.number} ({row.kind}): {FIGURES[worst]} {row.shares[worst]:.9f}")
+    for row in [row for row in by_rule.get("certified", []) if row.refused][:3]:
+        print(f"certified refused path {row.number} ({row.kind}): {row.refused}")
+    return good
+
+
+def main() -> None:
+    """Run the check."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=1000, help="paths")
+    parser.add_argument("--first", type=int, default=0, help="number of the first path")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--rules", nargs="+", default=sorted(RULES), choices=sorted(RULES))
+    parser.add_argument("--workers", type=int, default=1)
+    given = parser.parse_args()
+    began = time.perf_counter()
+    rules = tuple(given.rules)
+    rows = judge(range(given.first, given.first + given.count), rules, given.seed, given.workers)
+    good = print_table(rows, rules)
+    print(f"{given.count} paths, seed {given.seed}, {time.perf_counter() - began:.0f} s")
+    raise SystemExit(0 if good else 1)
+
+
+if __name__ == "__main__":
+    main()
