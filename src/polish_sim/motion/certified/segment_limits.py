@@ -21,8 +21,8 @@ from polish_sim.motion.smoothing.limits import LimitValues
 
 Array = NDArray[np.float64]
 
-MOST_PIECES = 256
-"""A segment that needs more pieces runs into a singularity: none of its speeds can be proven."""
+MOST_PIECES = 20000
+"""A segment that needs more pieces (some 50 ms of work) runs through a singularity: no speed can be proven."""
 LOOSE = 1.05
 """A piece is cut while its bounds exceed the values at its middle by more than this and bind."""
 FINEST = 1.0 / 64.0
