@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.motion.rules.fastest import fastest_triples, stop_triples
+from polish_sim.motion.rules.fastest import fastest_triples, filter_times, stop_triples
 from polish_sim.motion.rules.joint_acceleration import capped_speed
-from polish_sim.motion.rules.progress_limits import ProgressLimits, rate_blocks, tool_limits
+from polish_sim.motion.rules.progress_limits import ProgressLimits
 from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.segment_rates import JointRates
 from polish_sim.motion.smoothing.arm import Arm
@@ -43,16 +43,13 @@ def plan(
     Returns:
         The chain and its schedule.
     """
-    tool = tool_limits(chain, limits, feeds)
-    triples = stop_triples(*tool)
-    if arm is not None:
-        for rows, rates in rate_blocks(chain, arm):
-            triples[rows] = _triples(ProgressLimits(*(column[rows] for column in tool)), rates, limits)
+    triples = filter_times(chain, limits, arm, feeds, block_triples)
     ends = np.cumsum(triples.sum(axis=1))
     return Smoothed(chain, fir_schedule(np.concatenate([[0.0], ends])[: len(triples)], triples))
 
 
-def _triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
+def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
+    """Filter times of a block of segments, shape (k, 3)."""
     first, second, third = (np.abs(column).max(axis=1) for column in rates[1:])
 
     def triples_at(speed: Array, rows: Indices) -> Array:

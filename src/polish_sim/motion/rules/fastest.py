@@ -1,4 +1,4 @@
-"""The speed at which a segment takes least time, when its other times depend on it."""
+"""Filter times of every segment, by one rule for the joints: at full speed, or the lower one that takes least time."""
 
 from __future__ import annotations
 
@@ -8,6 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import SmoothingError
+from polish_sim.motion.rules.progress_limits import ProgressLimits, rate_blocks, tool_limits
+from polish_sim.motion.segment_rates import JointRates
+from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.smoothing.limits import SmoothingLimits
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -16,8 +21,38 @@ TriplesAt = Callable[[Array, Indices], Array]
 """(speed (k,) [1/s], segments (k,)) -> filter times (k, 3) [s], the first at least the sum of the others; infinite
 where the joints' curvature alone takes up a limit at that speed."""
 
+BlockTriples = Callable[[ProgressLimits, JointRates, SmoothingLimits], Array]
+"""(tool's limits, joint derivatives (k, nodes, 6), limits) -> filter times of k segments (k, 3) [s]."""
+
 _SLOWEST = 1e4  # times slower than the limit
 _COARSE, _FINE = 40, 12
+
+
+def filter_times(
+    chain: Chain, limits: SmoothingLimits, arm: Arm | None, feeds: Array | None, block_triples: BlockTriples
+) -> Array:
+    """T1, T2, T3 of every segment.
+
+    Args:
+        chain: The segments.
+        limits: Of tool and joints.
+        arm: None leaves the joints out.
+        feeds: Speed limits of the tip per segment [m/s], shape (n,), or None.
+        block_triples: The rule for the joints.
+
+    Returns:
+        [s], shape (n, 3).
+
+    Raises:
+        ReachError: A place out of reach or singular.
+        SmoothingError: No speed keeps the joint limits.
+    """
+    tool = tool_limits(chain, limits, feeds)
+    triples = stop_triples(*tool)
+    if arm is not None:
+        for rows, rates in rate_blocks(chain, arm):
+            triples[rows] = block_triples(ProgressLimits(*(column[rows] for column in tool)), rates, limits)
+    return triples
 
 
 def fastest_triples(speed: Array, triples_at: TriplesAt) -> Array:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.motion.rules.fastest import fastest_triples, stop_triples
+from polish_sim.motion.rules.fastest import fastest_triples, filter_times, stop_triples
 from polish_sim.motion.rules.joint_acceleration import capped_speed
 from polish_sim.motion.rules.overlap import overlapped
-from polish_sim.motion.rules.progress_limits import NODES, ProgressLimits, rate_blocks, tool_limits
+from polish_sim.motion.rules.progress_limits import NODES, ProgressLimits
 from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.segment_rates import JointRates
 from polish_sim.motion.smoothing.arm import Arm
@@ -51,15 +51,11 @@ def plan(
         ReachError: A place out of reach or singular.
         SmoothingError: No speed keeps the joint limits.
     """
-    tool = tool_limits(chain, limits, feeds)
-    triples = stop_triples(*tool)
-    if arm is not None:
-        for rows, rates in rate_blocks(chain, arm):
-            triples[rows] = _triples(ProgressLimits(*(column[rows] for column in tool)), rates, limits)
+    triples = filter_times(chain, limits, arm, feeds, block_triples)
     return Smoothed(chain, overlapped(chain, triples, tolerance, axis_tolerance))
 
 
-def _triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
+def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
     """Filter times of a block of segments, shape (k, 3)."""
 
     def triples_at(speed: Array, rows: Indices) -> Array:

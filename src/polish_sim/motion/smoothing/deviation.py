@@ -46,6 +46,15 @@ class Deviation(NamedTuple):
     """Largest angle of the tool axis from the arcs between way points' axes [rad]."""
 
 
+class VertexDistances(NamedTuple):
+    """Of every raw way point."""
+
+    distances: Array
+    """From the tip's trajectory [m], shape (m,)."""
+    times: Array
+    """When the tip is nearest [s], shape (m,)."""
+
+
 def measure_deviation(chain: Chain, schedule: Schedule, raw: Chain) -> Deviation:
     """Measure a smoothed motion against its way points.
 
@@ -73,12 +82,12 @@ def measure_deviation(chain: Chain, schedule: Schedule, raw: Chain) -> Deviation
     return Deviation(contour, Place(float(distances[vertex]), float(times[vertex]), vertex), axis)
 
 
-def vertex_distances(chain: Chain, schedule: Schedule, raw: Chain) -> tuple[Array, Array]:
-    """Distance of every raw way point from the tip's trajectory [m], shape (m,), and when it is least [s], (m,)."""
-    distances, times = np.zeros((2, len(raw.tips)))
+def vertex_distances(chain: Chain, schedule: Schedule, raw: Chain) -> VertexDistances:
+    """Distance of every raw way point from the tip's trajectory, and when it is least; see `measure_deviation`."""
+    found = VertexDistances(*np.zeros((2, len(raw.tips))))
     index, places = index_schedule(chain, schedule), raw_places(chain, raw)
-    least_distances(chain, schedule, index, raw, places, distances, times, np.empty((3, 16)))
-    return distances, times
+    least_distances(chain, schedule, index, raw, places, *found, np.empty((3, 16)))
+    return found
 
 
 def raw_places(chain: Chain, raw: Chain) -> Indices:
