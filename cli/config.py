@@ -9,13 +9,26 @@ import typer
 from polish_sim.cli import console
 from polish_sim.scenario_file import to_toml
 
+LIMITS = "limits"
+"""Not an experiment, but a file of defaults as well."""
+
 
 def config(
-    experiment: Annotated[str, typer.Argument(help="arc, force, surface or calibrate-payload.", show_default=False)],
+    experiment: Annotated[
+        str, typer.Argument(help="arc, force, surface, calibrate-payload, or limits.", show_default=False)
+    ],
 ) -> None:
-    """Print the full default config of an experiment as TOML; `plan` and `inspect` take the keys of surface."""
+    """Print the full default config of an experiment as TOML; `plan` and `inspect` take the keys of surface.
+
+    For `smooth` it prints the default limits of tool and joints.
+    """
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.experiments import PAYLOAD_SCENARIO, default_scenario
+    from polish_sim.motion.smoothing.limits import SmoothingLimits
+    from polish_sim.motion.smoothing.limits_file import limits_toml
 
+    if experiment == LIMITS:
+        console.say(limits_toml(SmoothingLimits()).rstrip())
+        return
     calibrates = experiment == PAYLOAD_SCENARIO.experiment
     console.say(to_toml(PAYLOAD_SCENARIO if calibrates else default_scenario(experiment)).rstrip())

@@ -68,7 +68,7 @@ def plan_facts(source: Path) -> dict[str, Any]:
     document = json.loads(file.read_text(encoding="utf-8"))
     if not {"part", "plan"} <= set(document):
         raise InputError(f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV.")
-    return {"part": document["part"], "plan": document["plan"]}
+    return {"part": document["part"], "plan": document["plan"], "up": document.get("up")}
 
 
 def check_part(source: Path, name: str, part: Mapping[str, str]) -> None:

@@ -23,6 +23,7 @@ from polish_sim.cli.plan import plan
 from polish_sim.cli.report import report
 from polish_sim.cli.run import run
 from polish_sim.cli.score import score
+from polish_sim.cli.smooth import smooth
 from polish_sim.kernel_cache import use_kernel_cache
 
 commands = typer.Typer(
@@ -55,6 +56,7 @@ def _every_command(
 commands.command("demo", short_help="The whole main job on a shipped part.")(demo)
 commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part.")(plan)
 commands.command("inspect", cls=PanelledCommand, short_help="The quality of any tool path on a part.")(inspect)
+commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion along any tool path.")(smooth)
 commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force or surface.")(run)
 commands.command("score", short_help="Score a controller by a fixed battery of cases.")(score)
 commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload.")

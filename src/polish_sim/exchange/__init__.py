@@ -4,7 +4,7 @@ from polish_sim.exchange.formats import FORMATS, check_formats, export_plan
 from polish_sim.exchange.plan_folder import write_plan
 from polish_sim.exchange.reader import READERS, read_path, read_way_points
 from polish_sim.exchange.setup import ExportSetup, RobotTool
-from polish_sim.exchange.way_points import Unknown, WayPoints
+from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_unknown
 
 __all__ = [
     "FORMATS",
@@ -17,5 +17,6 @@ __all__ = [
     "export_plan",
     "read_path",
     "read_way_points",
+    "refuse_unknown",
     "write_plan",
 ]

@@ -39,10 +39,11 @@ class Reach(NamedTuple):
     """Over the path [-]."""
 
 
-class _Failure(NamedTuple):
+class Failure(NamedTuple):
     """The furthest a tried way got."""
 
     point: int
+    """The first pose it does not do."""
     reason: str
 
 
@@ -67,7 +68,12 @@ def tool_rotations(axes_base: Array, spin: float) -> Array:
 
 
 def find_reach(
-    positions: Array, axes: Array, placements: Iterator[Array], T_flange_tool: Array, above_table: bool
+    positions: Array,
+    axes: Array,
+    placements: Iterator[Array],
+    T_flange_tool: Array,
+    above_table: bool,
+    otherwise: str = "or polish a smaller --region",
 ) -> Reach:
     """Find a placement, tool spin and arm configuration that do a whole path.
 
@@ -77,6 +83,7 @@ def find_reach(
         placements: Candidate poses of the work frame in base, each (4, 4), best first.
         T_flange_tool: The tool on the flange, shape (4, 4).
         above_table: Whether elbow and wrist must stay above the table.
+        otherwise: What a user can do besides moving the part.
 
     Returns:
         The first way that keeps well away from singularities, else the best there is.
@@ -85,7 +92,7 @@ def find_reach(
         ReachError: If no way does the whole path; names the first bad point of the one that came furthest.
     """
     best: Reach | None = None
-    furthest = _Failure(-1, "")
+    furthest = Failure(-1, "")
     samples = np.unique(np.linspace(0, len(positions) - 1, _SAMPLES).astype(int))
     for T_base_work in placements:
         for spin in SPINS:
@@ -93,7 +100,7 @@ def find_reach(
             poses = transform(rotations, apply(T_base_work, positions[samples]))
             for q in _starts(poses[0] @ np.linalg.inv(T_flange_tool)):
                 joints = track(poses, T_flange_tool, q)
-                failure = _failure(joints, above_table)
+                failure = failure_of(joints, above_table)
                 if failure is None:
                     value = joints.smallest_singular_value
                     if best is None or value > best.smallest_singular_value + _CLEARLY_BETTER:
@@ -107,7 +114,7 @@ def find_reach(
         raise ReachError(
             f"the robot cannot do this path: at ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the part "
             f"{furthest.reason or 'the pose is out of reach'}. Move the part with --part-pose X,Y,Z,RX,RY,RZ (mm, deg) "
-            "or polish a smaller --region."
+            f"{otherwise}."
         )
     return best
 
@@ -120,7 +127,7 @@ def check_whole_path(reach: Reach, positions: Array, axes: Array, T_flange_tool:
     """
     rotations = tool_rotations(axes @ reach.T_base_work[:3, :3].T, reach.spin)
     joints = track(transform(rotations, apply(reach.T_base_work, positions)), T_flange_tool, reach.q_start)
-    failure = _failure(joints, False)
+    failure = failure_of(joints, False)
     if failure is not None:
         point = positions[failure.point] * 1e3
         raise ReachError(
@@ -169,17 +176,18 @@ def _starts(T_base_flange: Array) -> Array:
     return (found + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def _failure(joints: JointPath, above_table: bool) -> _Failure | None:
+def failure_of(joints: JointPath, above_table: bool) -> Failure | None:
+    """Why the arm does not do a sequence of poses; None if it does."""
     if joints.first_unreachable is not None:
-        return _Failure(joints.first_unreachable, "the pose is out of reach")
+        return Failure(joints.first_unreachable, "the pose is out of reach")
     if joints.first_beyond_limit is not None:
-        return _Failure(joints.first_beyond_limit, f"joint {(joints.limit_joint or 0) + 1} is beyond its range")
+        return Failure(joints.first_beyond_limit, f"joint {(joints.limit_joint or 0) + 1} is beyond its range")
     if joints.largest_step > _LARGEST_JUMP:
-        return _Failure(joints.largest_step_index, "the arm would have to jump between configurations")
+        return Failure(joints.largest_step_index, "the arm would have to jump between configurations")
     if above_table:
         heights = np.array([link_frames(q)[1:6, 2, 3].min() for q in joints.q[:: max(1, len(joints.q) // 10)]])
         if heights.min() < _LOWEST_JOINT:
-            return _Failure(0, "elbow or wrist would touch the table")
+            return Failure(0, "elbow or wrist would touch the table")
     return None
 
 

@@ -1,0 +1,199 @@
+"""`polish-sim smooth` as a user calls it."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polish_sim.cli.boundary import execute
+from polish_sim.cli.main import commands
+from polish_sim.motion.smoothing.limits import SmoothingLimits
+from polish_sim.motion.smoothing.limits_file import load_limits
+
+Polish = Callable[..., tuple[int, str, str]]
+HEAD = "x,y,z,i,j,k\n"
+ZIGZAG = HEAD + "0,0,20,0,0,1\n30,0,20,0,0,1\n40,20,20,0,0.1,0.994987437\n40,20,20,0,0,1\n10,30,20,0,0,1\n"
+FILES = {
+    "trajectory.npz", "trajectory.csv", "metrics.json", "limits.toml", "tool.png", "joints.png", "corners.png",
+}  # fmt: skip
+KEYS = {
+    "rule", "segments", "cycle_time_s", "tip_deviation_vertex_max_m", "tip_deviation_contour_max_m",
+    "axis_deviation_max_rad", "joint_speed_ratio_max", "joint_acceleration_ratio_max", "joint_jerk_ratio_max",
+    "tool_acceleration_ratio_max", "tool_jerk_ratio_max", "segments_per_s",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def smoothed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of one smoothed path, beside the path, made once."""
+    place = tmp_path_factory.mktemp("smoothed")
+    (place / "path.csv").write_text(ZIGZAG)
+    assert execute(commands, ["smooth", str(place / "path.csv"), "--out", str(place / "one")]) == 0
+    return place / "one"
+
+
+def metrics_of(folder: Path) -> dict[str, object]:
+    return json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+
+
+def test_files_and_figures_are_those_of_the_contract(smoothed: Path) -> None:
+    metrics = metrics_of(smoothed)
+    assert {file.name for file in smoothed.iterdir()} == FILES
+    assert set(metrics) >= KEYS
+    assert metrics["rule"] == "certified"
+    assert metrics["segments"] == 4
+    assert set(metrics["cycle_time_by_rule_s"]) == {"joint-jerk", "joint-acceleration", "certified"}
+    assert metrics["cycle_time_by_rule_s"]["certified"] == metrics["cycle_time_s"]
+
+
+def test_certified_keeps_tolerances_and_limits(smoothed: Path) -> None:
+    metrics = metrics_of(smoothed)
+    assert metrics["tip_deviation_contour_max_m"] <= 0.02e-3 * (1.0 + 1e-9)
+    assert metrics["axis_deviation_max_rad"] <= math.radians(0.02) * (1.0 + 1e-9)
+    for part in ("tool", "axis", "joint"):
+        for order in ("speed", "acceleration", "jerk"):
+            assert metrics[f"{part}_{order}_ratio_max"] <= 1.0 + 1e-9
+
+
+def test_every_peak_says_where_and_when(smoothed: Path) -> None:
+    peaks = metrics_of(smoothed)["peaks"]
+    assert len(peaks) == 3 * (2 + 6)
+    for peak in peaks.values():
+        assert 0.0 <= peak["time_s"] <= metrics_of(smoothed)["cycle_time_s"]
+        assert peak["after"].startswith("line ")
+        assert len(peak["tip_m"]) == 3
+
+
+def test_the_trajectory_is_sampled_evenly_from_first_to_last_point(smoothed: Path) -> None:
+    archive = np.load(smoothed / "trajectory.npz")
+    count = len(archive["time_s"])
+    shapes = {"tip_m": (count, 3), "axis": (count, 3), "q_rad": (count, 6), "qd_rad_s": (count, 6)}
+    assert {name: archive[name].shape for name in shapes} == shapes
+    assert np.diff(archive["time_s"])[:-1] == pytest.approx(0.002, abs=1e-12)
+    assert archive["time_s"][-1] == metrics_of(smoothed)["cycle_time_s"]
+    assert archive["tip_m"][[0, -1]] == pytest.approx(np.array([[0, 0, 0.02], [0.01, 0.03, 0.02]]), abs=1e-12)
+    assert archive["axis"][0] == pytest.approx([0.0, 0.0, 1.0])
+    assert np.linalg.norm(archive["axis"], axis=1) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_joint_speeds_are_those_of_the_joint_angles(smoothed: Path) -> None:
+    archive = np.load(smoothed / "trajectory.npz")
+    q, qd, t = archive["q_rad"][:-1], archive["qd_rad_s"][:-1], archive["time_s"][:-1]
+    assert np.abs((q[2:] - q[:-2]) / (t[2:] - t[:-2])[:, None] - qd[1:-1]).max() < 1e-4
+
+
+def test_csv_and_npz_say_the_same(smoothed: Path) -> None:
+    archive = np.load(smoothed / "trajectory.npz")
+    names = (smoothed / "trajectory.csv").read_text().splitlines()[0].split(",")
+    assert names[:7] == ["time_s", "x_m", "y_m", "z_m", "nx", "ny", "nz"]
+    table = np.loadtxt(smoothed / "trajectory.csv", delimiter=",", skiprows=1)
+    columns = np.column_stack([archive["time_s"], archive["tip_m"], archive["axis"], archive["q_rad"]])
+    assert np.abs(table - columns).max() <= 0.5e-9 * (1.0 + 1e-6)
+
+
+def test_the_limits_beside_a_trajectory_can_be_given_again(smoothed: Path) -> None:
+    again = load_limits(smoothed / "limits.toml").values()
+    for written, default in zip(again, SmoothingLimits().values(), strict=True):
+        assert written == pytest.approx(default)
+
+
+def test_the_tool_alone_needs_no_robot(polish_sim: Polish) -> None:
+    Path("far.csv").write_text(HEAD + "0,0,0,0,0,1\n9000,0,0,0,0,1\n9000,9000,0,0,0,1\n")
+    code, _, _ = polish_sim("smooth", "far.csv", "--no-joints", "--rate", 20, "--out", "out")
+    assert code == 0
+    assert {file.name for file in Path("out").iterdir()} == FILES - {"joints.png"}
+    metrics = metrics_of(Path("out"))
+    assert metrics["joint_jerk_ratio_max"] is None
+    assert metrics["cycle_time_s"] >= 18.0 / 0.05
+    assert "q_rad" not in np.load("out/trajectory.npz")
+
+
+def test_no_tolerance_means_exact_stops(polish_sim: Polish) -> None:
+    Path("path.csv").write_text(HEAD + "0,0,0,0,0,1\n5,0,0,0,0,1\n5,5,0,0,0,1\n")
+    words = ("--tolerance", 0, "--axis-tolerance", 0, "--no-joints")
+    assert polish_sim("smooth", "path.csv", *words, "--out", "out")[0] == 0
+    metrics = metrics_of(Path("out"))
+    assert metrics["tip_deviation_vertex_max_m"] < 1e-12
+    # Twice 5 mm: acceleration is reached, speed is not (paper 4's limits).
+    assert metrics["cycle_time_s"] == pytest.approx(2 * (0.05 + math.sqrt(0.05**2 + 4 * 0.005 / 0.5)), rel=1e-9)
+
+
+def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim: Polish) -> None:
+    Path("path.nc").write_text("G0 X0 Y0 Z50\nX50\nG1 X100 F600\nX150 F1200\n")
+    assert polish_sim("smooth", "path.nc", "--no-joints", "--rate", 1000, "--out", "out")[0] == 0
+    archive = np.load("out/trajectory.npz")
+    speed = np.linalg.norm(np.diff(archive["tip_m"], axis=0), axis=1)[:-1] / 0.001
+    x = archive["tip_m"][1:-1, 0]
+    assert speed[x < 0.049].max() == pytest.approx(0.05, rel=1e-6)
+    assert speed[(x > 0.051) & (x < 0.099)].max() == pytest.approx(0.01, rel=1e-6)
+    assert speed[x > 0.101].max() == pytest.approx(0.02, rel=1e-6)
+    assert polish_sim("smooth", "path.nc", "--no-joints", "--feed", 25, "--out", "fed")[0] == 0
+    assert metrics_of(Path("fed"))["peaks"]["tip_speed"]["value_m_s"] == pytest.approx(0.025)
+
+
+def test_another_rule_stands_beside_it(polish_sim: Polish, smoothed: Path) -> None:
+    shutil.copy(smoothed.parent / "path.csv", "path.csv")
+    code, out, _ = polish_sim("smooth", "path.csv", "--against", "joint-acceleration", "--no-joints", "--out", "out")
+    assert code == 0
+    assert metrics_of(Path("out"))["against"]["rule"] == "joint-acceleration"
+    assert "joint-acceleration" in out.splitlines()[2]
+
+
+def test_unknown_words_are_left_out_on_request(polish_sim: Polish) -> None:
+    Path("path.nc").write_text("G0 X0 Y0 Z50\nG1 X10 F600 U7\n")
+    assert "line 2, column 13: unknown word 'U7'" in polish_sim("smooth", "path.nc", "--no-joints", "--out", "out")[2]
+    code, _, err = polish_sim("smooth", "path.nc", "--no-joints", "--lenient", "--out", "out")
+    assert code == 0
+    assert "left out: 'path.nc', line 2, column 13: unknown word 'U7'" in err
+
+
+BAD = {
+    "one point": (HEAD + "0,0,0,0,0,1\n", (), "it has one point"),
+    "always the same point": (HEAD + "0,0,0,0,0,1\n0,0,0,0,0,1\n", (), "all points are the same"),
+    "not a number": (HEAD + "0,0,0,0,0,1\nnan,0,0,0,0,1\n", (), "line 3, point 2: x is 'nan'"),
+    "an axis of zero length": (HEAD + "0,0,0,0,0,1\n9,0,0,0,0,0\n", (), "line 3, point 2: the tool axis"),
+    "a value missing": (HEAD + "0,0,0,0,0,1\n9,0,0,0,0\n", (), "line 3: 5 values, the header names 6"),
+    "no axes": ("x,y,z\n0,0,0\n9,0,0\n", (), "Wanted: x, y, z, i, j, k"),
+    "a half turn": (HEAD + "0,0,0,0,0,1\n9,0,0,0,0,-1\n", (), "180 deg between line 2, point 1 and line 3, point 2"),
+    "out of reach": (HEAD + "0,0,0,0,0,1\n3000,0,0,0,0,1\n", (), "out of reach"),
+    "out of reach where it lies": (ZIGZAG, ("--part-pose", "5000,0,0,0,0,0"), "out of reach"),
+    "a pose that is none": (ZIGZAG, ("--part-pose", "1,2"), "six numbers"),
+    "no such rule": (ZIGZAG, ("--rule", "fast"), "unknown rule 'fast'. Known: certified, joint-acceleration"),
+    "a tolerance below zero": (ZIGZAG, ("--tolerance", "-1"), "--tolerance -1 is outside 0 to 10 mm"),
+    "a tolerance that is none": (ZIGZAG, ("--tolerance", "nan"), "--tolerance nan is outside"),
+    "a feed of zero": (ZIGZAG, ("--feed", "0"), "--feed 0 is outside"),
+    "no samples": (ZIGZAG, ("--rate", "0"), "--rate 0 is outside"),
+    "no limits there": (ZIGZAG, ("--limits", "none.toml"), "none.toml"),
+    "a limit of zero": (ZIGZAG, ("--limits", "zero.toml"), "tip.jerk_mm_s3"),
+    "a limit missing": (ZIGZAG, ("--limits", "short.toml"), "'tip.jerk_mm_s3' is missing"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_message_and_leaves_nothing(polish_sim: Polish, case: str) -> None:
+    text, words, message = BAD[case]
+    Path("path.csv").write_text(text)
+    Path("zero.toml").write_text("[tip]\nspeed_mm_s = 50\nacceleration_mm_s2 = 500\njerk_mm_s3 = 0\n")
+    Path("short.toml").write_text("[tip]\nspeed_mm_s = 50\nacceleration_mm_s2 = 500\n")
+    before = sorted(Path().iterdir())
+    code, out, err = polish_sim("smooth", "path.csv", *words, "--out", "out")
+    assert code == 2
+    assert out == ""
+    errors = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 1
+    assert message in errors[0]
+    assert sorted(Path().iterdir()) == before
+
+
+def test_points_out_of_order_are_named(polish_sim: Polish) -> None:
+    head = "s_m,x_m,y_m,z_m,nx,ny,nz,pass_index,segment\n"
+    Path("path.csv").write_text(head + "0,0,0,0,0,0,1,0,process\n2,2,0,0,0,0,1,0,process\n1,1,0,0,0,0,1,0,process\n")
+    code, _, err = polish_sim("smooth", "path.csv", "--out", "out")
+    assert code == 2
+    assert "line 4, point 3: s_m falls from 2 to 1" in err
