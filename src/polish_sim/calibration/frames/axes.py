@@ -1,0 +1,174 @@
+"""A robot's base from the circles its first two axes draw for a laser tracker (layer 8b).
+
+z1 is the first axis. x runs along the common normal of both axes, z1 x z2: on a UR5e the axes meet, so that the
+normal's foot is where they meet, but its direction is as good. The origin lies d1 below the foot on the first axis:
+its height follows from the robot's table, not from this measurement. Joint angles are not used (paper 2).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.stats import chi2
+
+from polish_sim.calibration.frames.circle import Circle
+from polish_sim.calibration.left_out import CHANCE
+from polish_sim.errors import CalibrationError
+from polish_sim.motion.kinematics import DH_A, DH_D
+from polish_sim.spatial import transform, unit
+
+Array = NDArray[np.float64]
+
+LEAST_AXES_ANGLE = np.radians(5.0)
+"""Least angle between the two axes [rad]."""
+SQUARE_TOLERANCE = np.radians(2.0)
+"""How far axes 1 and 2 may be from square, as they are on a UR5e [rad]."""
+RADIUS_SLACK = 0.35
+"""How far the target may be from the flange [m], when radii are compared with the arm's."""
+_STEP = 1e-5
+
+
+class BaseFrame(NamedTuple):
+    """A robot's base as the tracker sees it."""
+
+    T: Array
+    """T_tracker_base [m], shape (4, 4)."""
+    covariance: Array
+    """Of the origin's displacement [m] and a small rotation [rad], tracker axes, shape (6, 6)."""
+    gap: float
+    """Distance between the two axes [m]; 0 on a perfect UR5e."""
+    angle: float
+    """Angle between the two axes [rad]; 90 deg on a perfect UR5e."""
+
+
+def base_from_circles(first: Circle, second: Circle) -> BaseFrame:
+    """Base frame of a UR5e from the circles of joints 1 and 2, all other joints at zero, points in rising order.
+
+    Args:
+        first: Circle of joint 1.
+        second: Circle of joint 2, with joint 1 at zero.
+
+    Returns:
+        The frame and its covariance, to first order in the noise of both circles.
+
+    Raises:
+        CalibrationError: Axes nearly parallel or not square, or circles that cannot be the arm's.
+    """
+    _check_axes(first, second)
+    return _base(first, second, np.zeros(10), block_diag(first.covariance, second.covariance))
+
+
+def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
+    """The same, with what the arm's table says: axes 1 and 2 meet and are square.
+
+    Both circles give way as their covariances allow. Where they contradict the table by more than noise explains (one
+    in a million), the arm is not as its table says, and the frame is that of `base_from_circles`.
+
+    Raises:
+        CalibrationError: As `base_from_circles`.
+    """
+    _check_axes(first, second)
+    C = block_diag(first.covariance, second.covariance)
+    off = _off_table(first, second, np.zeros(10))
+    ahead, behind = ([_off_table(first, second, s * _STEP * row) for row in np.eye(10)] for s in (1.0, -1.0))
+    G = (np.array(ahead) - np.array(behind)).T / (2.0 * _STEP)
+    S = G @ C @ G.T
+    if off @ np.linalg.solve(S, off) > chi2.isf(CHANCE, 2):
+        return base_from_circles(first, second)
+    gain = C @ G.T @ np.linalg.inv(S)
+    return _base(first, second, -gain @ off, C - gain @ G @ C)
+
+
+def _base(first: Circle, second: Circle, step: Array, covariance: Array) -> BaseFrame:
+    """The frame after a step of both axes, with the covariance of what is stepped, shape (10, 10)."""
+    T = _frame(first, second, step)
+    J = np.column_stack([_slope(T, first, second, step, row) for row in np.eye(10)])
+    gap, angle = _off_table(first, second, np.zeros(10))
+    return BaseFrame(T, J @ covariance @ J.T, abs(float(gap)), float(angle + 0.5 * np.pi))
+
+
+def _off_table(first: Circle, second: Circle, step: Array) -> Array:
+    """Signed distance between both axes [m] and their angle less 90 deg [rad], after a step, shape (2,)."""
+    (c1, z1), (c2, z2) = _axes(first, second, step)
+    normal = unit(np.cross(z1, z2))
+    return np.array([(c2 - c1) @ normal, _angle(z1, z2) - 0.5 * np.pi])
+
+
+def _angle(a: Array, b: Array) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def _axes(first: Circle, second: Circle, step: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Both axes, a point and a direction each, after a step of centre (3) and tilt (2) of both."""
+    c1, z1 = first.center + step[:3], unit(first.frame @ np.array([step[3], step[4], 1.0]))
+    c2, z2 = second.center + step[5:8], unit(second.frame @ np.array([step[8], step[9], 1.0]))
+    return (c1, z1), (c2, z2)
+
+
+def _frame(first: Circle, second: Circle, step: Array) -> Array:
+    """The frame from both axes, each moved by its share of a step."""
+    (c1, z1), (c2, z2) = _axes(first, second, step)
+    across = np.cross(z1, z2)
+    x = unit(across)
+    # Foot of the common normal on the first axis.
+    foot = c1 + float(np.cross(c2 - c1, z2) @ across / (across @ across)) * z1
+    return transform(np.column_stack([x, np.cross(z1, x), z1]), foot - DH_D[0] * z1)
+
+
+def _slope(T: Array, first: Circle, second: Circle, step: Array, row: Array) -> Array:
+    """Slope of origin and rotation along one of ten parameters, tracker axes, shape (6,)."""
+    ahead, behind = (_frame(first, second, step + s * _STEP * row) for s in (1.0, -1.0))
+    turn = 0.5 * (ahead[:3, :3] - behind[:3, :3]) @ T[:3, :3].T
+    rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    return np.concatenate([0.5 * (ahead[:3, 3] - behind[:3, 3]), rotation]) / _STEP
+
+
+def _check_axes(first: Circle, second: Circle) -> None:
+    angle = _angle(first.axis, second.axis)
+    if min(angle, np.pi - angle) < LEAST_AXES_ANGLE:
+        raise CalibrationError(
+            f"axes 1 and 2 come out nearly parallel ({np.degrees(angle):.1f} deg): they have no common normal. Was the "
+            "same joint turned twice?"
+        )
+    _check_radii(first, second)
+    if abs(angle - 0.5 * np.pi) > SQUARE_TOLERANCE:
+        raise CalibrationError(
+            f"axes 1 and 2 come out {np.degrees(angle):.2f} deg apart, on a UR5e they are square: did another joint or "
+            "the robot's stand move?"
+        )
+    _check_sides(first, second)
+
+
+def _check_radii(first: Circle, second: Circle) -> None:
+    """Radii of the stretched arm, give or take the target's place on the flange: a wrong unit is far off."""
+    reach = abs(DH_A[1] + DH_A[2])
+    wanted = (np.hypot(reach, DH_D[3] + DH_D[5]), np.hypot(reach, DH_D[4]))
+    for axis, (circle, radius) in enumerate(zip((first, second), wanted, strict=True), 1):
+        if abs(circle.radius - radius) > RADIUS_SLACK:
+            raise CalibrationError(
+                f"the circle of axis {axis} has a radius of {1e3 * circle.radius:.4g} mm; with the UR5e stretched out "
+                f"(all other joints at zero) it is about {1e3 * radius:.0f} mm. Wrong unit, or joints not at zero?"
+            )
+
+
+def _check_sides(first: Circle, second: Circle) -> None:
+    """On which side of the axes the circles lie tells a mirror image, and points recorded backwards.
+
+    With all joints at zero the flange is d4 + d6 out along axis 2 and d5 below it.
+    """
+    foot = _frame(first, second, np.zeros(10))[:3, 3] + DH_D[0] * first.axis
+    backwards_2 = float((second.center - foot) @ second.axis) < 0.0
+    backwards_1 = float((first.center - foot) @ first.axis) > 0.0
+    if backwards_1 and backwards_2:
+        raise CalibrationError(
+            "the circles are the mirror image of a UR5e's: the measurements are left-handed. Two columns are swapped, "
+            "one has the wrong sign, or both arcs were recorded with falling joint angles."
+        )
+    if backwards_1 or backwards_2:
+        raise CalibrationError(
+            f"the arc of axis {1 if backwards_1 else 2} runs against the joint's positive sense: give its points in "
+            "the order of rising joint angle, the target within 90 mm of the flange's centre line."
+        )

@@ -1,0 +1,195 @@
+"""Plant a robot's base before a laser tracker, turn its axes or touch points, recover it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.calibration.frames import (
+    BaseFrame,
+    base_from_circles,
+    base_from_meeting_axes,
+    fit_circle,
+    fit_circle_without_outliers,
+    fit_frame,
+    fit_frame_without_outliers,
+    point_covariance,
+    relative_frame,
+)
+from polish_sim.errors import CalibrationError
+from polish_sim.motion import forward_many
+from polish_sim.spatial import apply, from_pose, inverse, transform
+
+Array = NDArray[np.float64]
+
+T_TRACKER_BASE = from_pose([2.5, -0.8, -0.4, 0.1, -0.2, 2.0])
+TARGET, SIGMA = np.array([-0.03, 0.02, 0.05]), 3e-5
+SECTORS = ((-60.0, 60.0), (-120.0, 0.0))
+
+
+def arc(joint: int, count: int = 200, offsets: Array | None = None, sector: tuple[float, float] | None = None) -> Array:
+    """Target seen by the tracker while one joint turns, angles rising; what encoders say plays no role."""
+    q = np.tile(np.zeros(6) if offsets is None else offsets, (count, 1))
+    q[:, joint] += np.radians(np.linspace(*(sector or SECTORS[joint]), count))
+    T = T_TRACKER_BASE @ forward_many(q)
+    return np.asarray(T[:, :3, :3] @ TARGET + T[:, :3, 3])
+
+
+def noisy(points: Array, rng: np.random.Generator) -> Array:
+    return points + SIGMA * rng.standard_normal(points.shape)
+
+
+def angle(R_a: Array, R_b: Array) -> float:
+    return float(Rotation.from_matrix(R_a.T @ R_b).magnitude())
+
+
+def test_an_exact_arc_gives_its_circle() -> None:
+    axis, center = np.array([2.0, -1.0, 2.0]) / 3.0, np.array([2.0, 1.0, -3.0])
+    side = np.cross(axis, [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    turn = np.linspace(0.0, 2.1, 30)[:, None]
+    found = fit_circle(center + 0.85 * (np.cos(turn) * side + np.sin(turn) * np.cross(axis, side)))
+    np.testing.assert_allclose(found.center, center, atol=1e-12)
+    np.testing.assert_allclose(found.axis, axis, atol=1e-12)
+    assert found.radius == pytest.approx(0.85, abs=1e-12)
+    assert found.arc == pytest.approx(2.1, abs=1e-9)
+
+
+def test_exact_arcs_give_the_base() -> None:
+    found = base_from_circles(fit_circle(arc(0)), fit_circle(arc(1)))
+    np.testing.assert_allclose(found.T, T_TRACKER_BASE, atol=2e-12)
+    assert found.gap < 1e-12
+
+
+def test_where_the_other_joints_stand_does_not_matter() -> None:
+    """Encoder offsets of the joints beyond: the target runs other circles about the same axes."""
+    offsets = np.concatenate([[0.0, 0.0], np.random.default_rng(3).uniform(-0.2, 0.2, 4)])
+    found = base_from_circles(fit_circle(arc(0, offsets=offsets)), fit_circle(arc(1, offsets=offsets)))
+    np.testing.assert_allclose(found.T, T_TRACKER_BASE, atol=2e-12)
+
+
+@pytest.mark.parametrize(("rule", "origin"), [(base_from_circles, 2.1e-5), (base_from_meeting_axes, 1.7e-5)])
+def test_the_base_is_as_good_as_asked_and_as_stated(rule: Callable[..., BaseFrame], origin: float) -> None:
+    rng, found, errors = np.random.default_rng(1), [], []
+    exact = [arc(0), arc(1)]
+    for _ in range(300):
+        base = rule(*(fit_circle(noisy(points, rng), SIGMA) for points in exact))
+        turn = Rotation.from_matrix(base.T[:3, :3] @ T_TRACKER_BASE[:3, :3].T).as_rotvec()
+        errors.append(np.concatenate([base.T[:3, 3] - T_TRACKER_BASE[:3, 3], turn]))
+        found.append(base)
+    errors, covariance = np.array(errors), found[0].covariance
+    # Mahalanobis distances average to the number of unknowns.
+    distance = np.einsum("na,ab,nb->n", errors, np.linalg.inv(covariance), errors)
+    assert np.mean(distance) == pytest.approx(6.0, abs=0.8)
+    assert np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, axis=1))) <= origin
+    z_axes = np.array([base.T[:3, 2] for base in found])
+    tilt = np.linalg.norm(np.cross(z_axes, T_TRACKER_BASE[:3, 2]), axis=1)
+    assert np.degrees(np.sqrt(np.mean(tilt**2))) <= 0.001
+
+
+def test_axes_that_do_not_meet_are_not_made_to() -> None:
+    shifted = arc(1) + 5e-4 * T_TRACKER_BASE[:3, 0]
+    rng = np.random.default_rng(4)
+    circles = fit_circle(noisy(arc(0), rng)), fit_circle(noisy(shifted, rng))
+    np.testing.assert_array_equal(base_from_meeting_axes(*circles).T, base_from_circles(*circles).T)
+    assert base_from_circles(*circles).gap == pytest.approx(5e-4, abs=6e-5)
+
+
+def test_a_wrong_reading_of_the_tracker_is_named() -> None:
+    points = noisy(arc(0), np.random.default_rng(2))
+    points[17] += [0.0, 2e-3, 0.0]
+    assert np.flatnonzero(~fit_circle_without_outliers(points).used).tolist() == [17]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "said"),
+    [
+        (arc(0), arc(0), "nearly parallel"),
+        (1e3 * arc(0), 1e3 * arc(1), "Wrong unit"),
+        (arc(0)[:, [1, 0, 2]], arc(1)[:, [1, 0, 2]], "left-handed"),
+        (arc(0), arc(1)[::-1], "arc of axis 2 runs against"),
+        (arc(0)[::-1], arc(1), "arc of axis 1 runs against"),
+        (arc(0), arc(3, sector=(-120.0, 0.0)), "axis 2 has a radius"),
+    ],
+)
+def test_arcs_of_no_ur5e_are_refused(first: Array, second: Array, said: str) -> None:
+    with pytest.raises(CalibrationError, match=said):
+        base_from_circles(fit_circle(first), fit_circle(second))
+
+
+@pytest.mark.parametrize(
+    ("points", "said"),
+    [
+        (arc(0)[:5], "5 points are too few for a circle"),
+        (np.outer(np.arange(9.0), [1.0, 2.0, 3.0]), "on a line"),
+        (np.ones((9, 3)), "in one place"),
+        (arc(0, sector=(0.0, 20.0)), "arc of 20 deg is too short"),
+    ],
+)
+def test_points_of_no_circle_are_refused(points: Array, said: str) -> None:
+    with pytest.raises(CalibrationError, match=said):
+        fit_circle(points)
+
+
+CLOUD = np.random.default_rng(8).uniform(-0.6, 0.6, (12, 3))
+
+
+def test_exact_points_give_the_frame() -> None:
+    np.testing.assert_allclose(fit_frame(apply(T_TRACKER_BASE, CLOUD), CLOUD).T, T_TRACKER_BASE, atol=1e-12)
+    np.testing.assert_allclose(fit_frame(apply(T_TRACKER_BASE, CLOUD[:3]), CLOUD[:3]).T, T_TRACKER_BASE, atol=1e-12)
+
+
+def test_errors_of_a_frame_from_points_are_as_stated() -> None:
+    rng, seen, distances = np.random.default_rng(9), apply(T_TRACKER_BASE, CLOUD), []
+    for _ in range(1500):
+        found = fit_frame(noisy(seen, rng), CLOUD, SIGMA)
+        turn = Rotation.from_matrix(found.T[:3, :3] @ T_TRACKER_BASE[:3, :3].T).as_rotvec()
+        error = np.concatenate([found.T[:3, 3] - T_TRACKER_BASE[:3, 3], turn])
+        distances.append(error @ np.linalg.solve(found.covariance, error))
+    assert np.mean(distances) == pytest.approx(6.0, rel=0.06)
+
+
+def test_one_point_off_is_named() -> None:
+    seen = noisy(apply(T_TRACKER_BASE, CLOUD), np.random.default_rng(1))
+    seen[5] += [0.0, 0.0, 2e-3]
+    assert np.flatnonzero(~fit_frame_without_outliers(seen, CLOUD).used).tolist() == [5]
+
+
+@pytest.mark.parametrize(
+    ("seen", "own", "said"),
+    [
+        (CLOUD[:2], CLOUD[:2], "2 points give no frame"),
+        (np.outer(np.arange(5.0), [1.0, 1.0, 0.0]), np.outer(np.arange(5.0), [0.0, 1.0, 1.0]), "lie on a line"),
+        (1e3 * CLOUD, CLOUD, "are units mixed"),
+        (CLOUD[:, [1, 0, 2]], CLOUD, "mirror image"),
+    ],
+)
+def test_points_that_give_no_frame_are_refused(seen: Array, own: Array, said: str) -> None:
+    with pytest.raises(CalibrationError, match=said):
+        fit_frame(seen, own)
+
+
+def test_covariance_of_a_base_in_another_is_that_of_the_errors() -> None:
+    rng = np.random.default_rng(10)
+    T_b = from_pose([1.0, 1.5, -0.3, 0.0, 0.1, -1.0])
+    root = [1e-5 * rng.standard_normal((6, 6)) for _ in range(2)]
+    _, stated = relative_frame(T_TRACKER_BASE, root[0] @ root[0].T, T_b, root[1] @ root[1].T)
+
+    def moved(T: Array, step: Array) -> Array:
+        return transform(Rotation.from_rotvec(step[3:]).as_matrix() @ T[:3, :3], T[:3, 3] + step[:3])
+
+    truth, errors = inverse(T_TRACKER_BASE) @ T_b, []
+    for _ in range(4000):
+        one = inverse(moved(T_TRACKER_BASE, root[0] @ rng.standard_normal(6))) @ moved(
+            T_b, root[1] @ rng.standard_normal(6)
+        )
+        turn = Rotation.from_matrix(one[:3, :3] @ truth[:3, :3].T).as_rotvec()
+        errors.append(np.concatenate([one[:3, 3] - truth[:3, 3], turn]))
+    np.testing.assert_allclose(np.cov(np.array(errors).T), stated, atol=0.08 * stated.max())
+    at_a_metre = point_covariance(stated, np.array([1.0, 0.0, 0.0]))
+    drawn = np.array(errors)[:, :3] + np.cross(np.array(errors)[:, 3:], [1.0, 0.0, 0.0])
+    np.testing.assert_allclose(np.cov(drawn.T), at_a_metre, atol=0.08 * at_a_metre.max())
