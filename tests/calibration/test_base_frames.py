@@ -72,8 +72,10 @@ def test_where_the_other_joints_stand_does_not_matter() -> None:
     np.testing.assert_allclose(found.T, T_TRACKER_BASE, atol=2e-12)
 
 
-@pytest.mark.parametrize(("rule", "origin"), [(base_from_circles, 2.1e-5), (base_from_meeting_axes, 1.7e-5)])
-def test_the_base_is_as_good_as_asked_and_as_stated(rule: Callable[..., BaseFrame], origin: float) -> None:
+@pytest.mark.parametrize(
+    ("rule", "origin", "tilt"), [(base_from_circles, 2.1e-5, 1.1e-3), (base_from_meeting_axes, 1.7e-5, 1e-3)]
+)
+def test_the_base_is_as_good_as_asked_and_as_stated(rule: Callable[..., BaseFrame], origin: float, tilt: float) -> None:
     rng, found, errors = np.random.default_rng(1), [], []
     exact = [arc(0), arc(1)]
     for _ in range(300):
@@ -87,8 +89,8 @@ def test_the_base_is_as_good_as_asked_and_as_stated(rule: Callable[..., BaseFram
     assert np.mean(distance) == pytest.approx(6.0, abs=0.8)
     assert np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, axis=1))) <= origin
     z_axes = np.array([base.T[:3, 2] for base in found])
-    tilt = np.linalg.norm(np.cross(z_axes, T_TRACKER_BASE[:3, 2]), axis=1)
-    assert np.degrees(np.sqrt(np.mean(tilt**2))) <= 0.001
+    sine = np.linalg.norm(np.cross(z_axes, T_TRACKER_BASE[:3, 2]), axis=1)
+    assert np.degrees(np.sqrt(np.mean(sine**2))) <= tilt
 
 
 def test_axes_that_do_not_meet_are_not_made_to() -> None:
