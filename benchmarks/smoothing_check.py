@@ -13,6 +13,7 @@ import multiprocessing
 import time
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -30,12 +31,12 @@ from polish_sim.motion.rules.registry import RULES  # noqa: E402
 from polish_sim.motion.smoothing.chain import Chain  # noqa: E402
 from polish_sim.motion.smoothing.deviation import measure_deviation  # noqa: E402
 from polish_sim.motion.smoothing.limits import SmoothingLimits  # noqa: E402
+from polish_sim.motion.smoothing.limits_file import load_limits  # noqa: E402
 from polish_sim.motion.smoothing.sampling import Samples, sample_schedule, turning  # noqa: E402
 from polish_sim.motion.smoothing.schedule import Schedule  # noqa: E402
 
 Array = NDArray[np.float64]
 
-LIMITS = SmoothingLimits()
 TOLERANCE, AXIS_TOLERANCE = 0.02e-3, math.radians(0.02)
 FIGURES = (
     "tip speed", "tip acceleration", "tip jerk", "axis speed", "axis acceleration", "axis jerk",
@@ -46,6 +47,15 @@ PLACES = (1e-9, 0.15, 0.5, 0.85, 1.0 - 1e-9)
 """Of the samples in every span between changes of jerk [-]."""
 WRONG_TABLE = 1e-6
 """Relative difference of the tool's derivatives by table and as sampled that stops the check."""
+
+
+class Task(NamedTuple):
+    """What a worker is asked."""
+
+    numbers: range
+    rules: tuple[str, ...]
+    seed: int
+    limits: SmoothingLimits
 
 
 class Judged(NamedTuple):
@@ -70,7 +80,7 @@ def sample_times(schedule: Schedule) -> Array:
     return np.asarray((edges[:-1][kept, None] + spans[kept, None] * np.array(PLACES)).ravel())
 
 
-def joint_shares(samples: Samples, path: RandomPath) -> Array:
+def joint_shares(samples: Samples, path: RandomPath, limits: SmoothingLimits) -> Array:
     """Largest shares of joint speed, acceleration and jerk, shape (3,); the joints' motion confirmed by the table."""
     linear = np.ascontiguousarray(samples.tips[:, 1:].swapaxes(0, 1))
     angular = np.ascontiguousarray(samples.spins.swapaxes(0, 1))
@@ -81,50 +91,49 @@ def joint_shares(samples: Samples, path: RandomPath) -> Array:
             found = jet[order][:, :3, column]
             if np.abs(found - wanted).max() > WRONG_TABLE * (1.0 + np.abs(wanted).max()):
                 raise AssertionError(f"order {order}: the joints do not do what the tool does")
-    shares = [(np.abs(rate) / limit).max() for rate, limit in zip(motion[1:], LIMITS.values().joint, strict=True)]
+    shares = [(np.abs(rate) / limit).max() for rate, limit in zip(motion[1:], limits.values().joint, strict=True)]
     return np.array(shares)
 
 
-def tool_shares(samples: Samples) -> Array:
+def tool_shares(samples: Samples, limits: SmoothingLimits) -> Array:
     """Largest shares of tip and axis speed, acceleration and jerk, shape (6,)."""
     tip = np.linalg.norm(samples.tips[:, 1:], axis=2).max(axis=0)
     axis = np.linalg.norm(turning(samples.axes), axis=2).max(axis=0)
-    values = LIMITS.values()
-    return np.asarray(np.concatenate([tip, axis]) / np.array(values[:6]))
+    return np.asarray(np.concatenate([tip, axis]) / np.array(limits.values()[:6]))
 
 
-def judge_motion(chain: Chain, schedule: Schedule, path: RandomPath) -> Array:
+def judge_motion(chain: Chain, schedule: Schedule, path: RandomPath, limits: SmoothingLimits) -> Array:
     """Largest share of each of `FIGURES`, shape (11,)."""
     samples = sample_schedule(chain, schedule, sample_times(schedule))
     deviation = measure_deviation(chain, schedule, path.chain)
     strayed = [deviation.contour.value / TOLERANCE, deviation.axis.value / AXIS_TOLERANCE]
-    return np.concatenate([tool_shares(samples), joint_shares(samples, path), strayed])
+    return np.concatenate([tool_shares(samples, limits), joint_shares(samples, path, limits), strayed])
 
 
-def judge_path(number: int, rules: tuple[str, ...], seed: int) -> list[Judged]:
+def judge_path(number: int, task: Task) -> list[Judged]:
     """Every rule on one random path."""
-    path = draw_path(np.random.default_rng([seed, number]), number)
+    path = draw_path(np.random.default_rng([task.seed, number]), number)
     rows = []
-    for rule in rules:
+    for rule in task.rules:
         try:
-            chain, schedule = RULES[rule](path.chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, path.arm)
+            chain, schedule = RULES[rule](path.chain, task.limits, TOLERANCE, AXIS_TOLERANCE, path.arm)
         except PolishSimError as error:
             rows.append(Judged(rule, path.kind, number, np.full(11, np.nan), math.nan, str(error)))
             continue
-        rows.append(Judged(rule, path.kind, number, judge_motion(chain, schedule, path), schedule.end, ""))
+        shares = judge_motion(chain, schedule, path, task.limits)
+        rows.append(Judged(rule, path.kind, number, shares, schedule.end, ""))
     return rows
 
 
-def _judge_many(task: tuple[range, tuple[str, ...], int]) -> list[Judged]:
-    numbers, rules, seed = task
-    return [row for number in numbers for row in judge_path(number, rules, seed)]
+def _judge_many(task: Task) -> list[Judged]:
+    return [row for number in task.numbers for row in judge_path(number, task)]
 
 
-def judge(numbers: range, rules: tuple[str, ...], seed: int, workers: int) -> list[Judged]:
+def judge(task: Task, workers: int) -> list[Judged]:
     """Every rule on many random paths, in processes if more than one worker."""
-    tasks = [(numbers[i : i + 50], rules, seed) for i in range(0, len(numbers), 50)]
+    tasks = [task._replace(numbers=task.numbers[i : i + 50]) for i in range(0, len(task.numbers), 50)]
     if workers == 1:
-        return [row for task in tasks for row in _judge_many(task)]
+        return [row for part in tasks for row in _judge_many(part)]
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as crew:
         return [row for rows in crew.map(_judge_many, tasks) for row in rows]
 
@@ -162,10 +171,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rules", nargs="+", default=sorted(RULES), choices=sorted(RULES))
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--limits", type=Path, help="TOML file of limits; the package's defaults if not given")
     given = parser.parse_args()
     began = time.perf_counter()
     rules = tuple(given.rules)
-    rows = judge(range(given.first, given.first + given.count), rules, given.seed, given.workers)
+    limits = SmoothingLimits() if given.limits is None else load_limits(given.limits)
+    task = Task(range(given.first, given.first + given.count), rules, given.seed, limits)
+    rows = judge(task, given.workers)
     good = print_table(rows, rules)
     print(f"{given.count} paths, seed {given.seed}, {time.perf_counter() - began:.0f} s")
     raise SystemExit(0 if good else 1)

@@ -134,3 +134,10 @@ def test_a_way_out_of_reach_is_named() -> None:
     chain, arm = one_segment(HOME, np.array([2.0, 0.0, 0.0]))
     with pytest.raises(ReachError, match="segment 1"):
         chain_rates(chain, chebyshev_nodes(9), arm)
+
+
+def test_a_joint_that_leaves_its_range_is_named() -> None:
+    q = HOME + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.0 * np.pi - 0.5])
+    chain, arm = one_segment(q, np.zeros(3), 0.0, 0.6)
+    with pytest.raises(ReachError, match="leaves its range in segment 1"):
+        chain_rates(chain, chebyshev_nodes(9), arm)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.motion import forward
+from polish_sim.motion import forward, link_frames
 from polish_sim.motion.certified.segment_limits import new_segment_work, segment_limits
-from polish_sim.motion.segment_rates import REACHED, SINGULAR, Segment, chain_rates, chain_segment
+from polish_sim.motion.segment_rates import BEYOND, REACHED, SINGULAR, Segment, chain_rates, chain_segment
 from polish_sim.motion.smoothing.arm import Arm, build_arm, chain_in_base
 from polish_sim.motion.smoothing.chain import Chain
 from polish_sim.motion.smoothing.limits import SmoothingLimits
@@ -112,19 +112,39 @@ def test_near_the_wrist_s_singularity_speeds_fall_and_stay_proven(q5: float) -> 
 
 
 def test_a_segment_through_a_singularity_is_refused() -> None:
+    """A tool point on wrist 2's axis, turned about that axis: wrist 2 goes from 0.05 rad through zero."""
     chain, arm, _ = next(random_segments(1, 4))
     q = arm.q_start.copy()
     q[4] = 0.05
-    T = forward(q) @ T_FLANGE_TOOL
-    turn = -forward(q)[:3, 0] * np.sin(q[5]) - forward(q)[:3, 1] * np.cos(q[5])
+    T_flange_tool = np.eye(4)
+    T_flange_tool[2, 3] = -0.0996
+    T = forward(q) @ T_flange_tool
     through = chain._replace(
         tips=np.repeat(T[None, :3, 3], 2, axis=0),
         rotations=np.repeat(T[None, :3, :3], 2, axis=0),
         lengths=np.zeros(1),
         angles=np.array([0.1]),
-        turn_axes=turn[None],
+        turn_axes=-link_frames(q)[None, 4, :3, 2],
         rolls=np.zeros(1),
     )
-    assert SINGULAR in {
-        proven(through._replace(turn_axes=s * turn[None]), arm._replace(q_start=q), 0.03, TIGHT)[0] for s in (1, -1)
-    }
+    arm = build_arm(np.eye(4), T_flange_tool, q)
+    assert proven(through, arm, 0.03, TIGHT)[0] == SINGULAR
+    assert proven(through._replace(turn_axes=-through.turn_axes), arm, 0.03, TIGHT)[0] == REACHED
+
+
+def test_a_joint_may_not_leave_its_range_inside_a_segment() -> None:
+    """Wrist 3 swings past 360 deg and back: 0.3 rad of roll from 6.0 on, 0.28 rad are left."""
+    chain, arm, _ = next(random_segments(1, 6))
+    q = arm.q_start.copy()
+    q[5] = 6.0
+    T = forward(q) @ T_FLANGE_TOOL
+    rolled = chain._replace(
+        tips=np.repeat(T[None, :3, 3], 2, axis=0),
+        rotations=np.repeat(T[None, :3, :3], 2, axis=0),
+        lengths=np.zeros(1),
+        angles=np.zeros(1),
+        rolls=np.array([0.3]),
+    )
+    plain = build_arm(np.eye(4), T_FLANGE_TOOL, q)
+    assert proven(rolled, plain, 0.1, TIGHT)[0] == BEYOND
+    assert proven(rolled._replace(rolls=np.array([0.25])), plain, 0.1, TIGHT)[0] == REACHED

@@ -13,12 +13,14 @@ from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.motion.arm_state import ArmState, new_arm_state, place_arm
 from polish_sim.motion.branch_inverse import inverse_on_branch
 from polish_sim.motion.joint_rates import solve_rates
+from polish_sim.motion.kinematics import JOINT_LIMITS
 from polish_sim.motion.smoothing.arm import Arm, chain_in_base
 from polish_sim.motion.smoothing.chain import Chain
 
 Array = NDArray[np.float64]
 
-REACHED, UNREACHABLE, SINGULAR = 0, 1, 2
+REACHED, UNREACHABLE, SINGULAR, BEYOND = 0, 1, 2, 3
+"""How a place was: within reach, out of reach, singular, reached with a joint beyond its range."""
 
 
 class Segment(NamedTuple):
@@ -104,6 +106,15 @@ def segment_twists(segment: Segment, T_base_tool: Array, twists: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def within_range(q: Array) -> bool:
+    """Whether all joints are within their range."""
+    inside = True
+    for j in range(6):
+        inside = inside and JOINT_LIMITS[j, 0] <= q[j] <= JOINT_LIMITS[j, 1]
+    return inside
+
+
+@njit(cache=True, error_model="numpy")
 def reach_pose(state: ArmState, T_base_tool: Array, arm: Arm, q_near: Array) -> int:
     """Bring the tool to a pose: joint angles on the branch of ``q_near``, the arm placed.
 
@@ -160,6 +171,8 @@ def _fill_rates(chain: Chain, nodes: Array, arm: Arm, state: ArmState, out: Join
         for i in range(nodes.shape[0]):
             row = k * nodes.shape[0] + i
             status = rates_at(state, segment, nodes[i], arm, state.q, T)
+            if status == REACHED and not within_range(state.q):
+                status = BEYOND
             if status != REACHED:
                 return status, row
             for j in range(6):
@@ -182,7 +195,7 @@ def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
         Arrays of shape (n, m, 6), per unit of progress: divide by length^k for derivatives by arc length.
 
     Raises:
-        ReachError: A place cannot be reached, or is singular.
+        ReachError: A place cannot be reached, is singular, or has a joint beyond its range.
     """
     count = len(chain.lengths) * len(nodes)
     out = JointRates(*(np.full((count, 6), np.nan) for _ in range(4)))
@@ -198,6 +211,8 @@ def unreachable(status: int, segment: int, tip_work: Array) -> ReachError:
     place = f"segment {segment + 1}, at {place_in_mm(tip_work)} in the path's frame"
     if status == UNREACHABLE:
         return ReachError(f"the arm cannot reach {place}. Move the part or turn the tool.")
+    if status == BEYOND:
+        return ReachError(f"a joint leaves its range in {place}. Begin with the joint turned back, or turn the tool.")
     return ReachError(f"the arm is singular in {place}: joints would have to jump. Move the part or turn the tool.")
 
 

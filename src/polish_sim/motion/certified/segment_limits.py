@@ -15,7 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.motion.certified.joint_enclosure import Enclosure, enclose, new_enclosure
-from polish_sim.motion.segment_rates import REACHED, SINGULAR, Segment, rates_at
+from polish_sim.motion.kinematics import JOINT_LIMITS
+from polish_sim.motion.segment_rates import BEYOND, REACHED, SINGULAR, Segment, rates_at, within_range
 from polish_sim.motion.smoothing.arm import Arm
 from polish_sim.motion.smoothing.limits import LimitValues
 
@@ -77,6 +78,16 @@ def _worst_share(rates: Array, scale: float, motion: Array, joint: Array) -> flo
     return worst
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _stays_in_range(q: Array, rates: Array, r: float) -> bool:
+    """Whether no joint can leave its range within r of the middle."""
+    for i in range(6):
+        way = r * rates[0, i]
+        if q[i] - way < JOINT_LIMITS[i, 0] or q[i] + way > JOINT_LIMITS[i, 1]:
+            return False
+    return True
+
+
 @njit(cache=True, error_model="numpy")
 def bound_joints(
     segment: Segment, scale: float, limits: LimitValues, arm: Arm, q_near: Array, motion: Array, work: SegmentWork
@@ -93,7 +104,7 @@ def bound_joints(
         work: Work space.
 
     Returns:
-        REACHED, UNREACHABLE or SINGULAR.
+        REACHED, UNREACHABLE, SINGULAR or BEYOND (a joint's range).
     """
     e, most = work.enclosure, work.most
     for i in range(3):
@@ -112,6 +123,11 @@ def bound_joints(
         if status != REACHED and width < FINEST:
             return status
         if status != REACHED or not enclose(e, r, fourth):
+            width *= 0.5
+            continue
+        if not _stays_in_range(e.arm.q, e.rates, r):
+            if not within_range(e.arm.q) or width < FINEST:
+                return BEYOND
             width *= 0.5
             continue
         share = _worst_share(e.rates, scale, motion, limits.joint)
@@ -212,7 +228,7 @@ def lower_to_joints(
         work: Work space.
 
     Returns:
-        REACHED, UNREACHABLE or SINGULAR (no speed can be proven).
+        REACHED, UNREACHABLE, SINGULAR (no speed can be proven) or BEYOND (a joint's range).
     """
     status = bound_joints(segment, scale, limits, arm, q_near, motion, work)
     if status != REACHED:
@@ -247,7 +263,7 @@ def segment_limits(
         work: Work space.
 
     Returns:
-        REACHED, UNREACHABLE or SINGULAR.
+        REACHED, UNREACHABLE, SINGULAR or BEYOND (a joint's range).
     """
     tool_limits(segment, scale, limits, motion)
     if arm is None:
