@@ -65,6 +65,7 @@ BAD = {
     "metres for millimetres": (HEAD + "1e6,0,20,0,0,1,5,1\n", "line 3, point 2: a coordinate beyond"),
     "a part of a pass": (OWN + "1,1,0,0,0,0,1,0.5,process\n", "line 3, point 2: pass_index is '0.5'"),
     "an unknown segment": (OWN + "1,1,0,0,0,0,1,0,jump\n", "line 3, point 2: unknown segment 'jump'"),
+    "a column twice": ("x,y,z,i,j,k,x\n0,0,20,0,0,1,3\n", "line 1: the header names x more than once"),
     "a huge field": ('x,y,z,i,j,k\n"' + 200_000 * "1" + '",0,0,0,0,1\n', "not CSV"),
 }
 

@@ -16,6 +16,7 @@ from polish_sim.calibration.payload import PayloadEstimate
 from polish_sim.calibration.readings import ROTATION_TOLERANCE, PayloadReadings
 from polish_sim.errors import InputError
 from polish_sim.exchange.checks import finite_column
+from polish_sim.exchange.named_columns import NamedColumns, read_named_columns
 
 Array = NDArray[np.float64]
 
@@ -89,7 +90,7 @@ def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Arra
     return out.getvalue()
 
 
-def _columns(file: Path) -> tuple[dict[str, list[str]], list[int]]:
+def _columns(file: Path) -> NamedColumns:
     """Columns of text by name, and the line each row stands on."""
     try:
         text = file.read_text(encoding="utf-8-sig")
@@ -97,22 +98,7 @@ def _columns(file: Path) -> tuple[dict[str, list[str]], list[int]]:
         raise InputError(f"cannot read the readings '{file}': {error.strerror}.") from error
     except UnicodeDecodeError as error:
         raise InputError(f"'{file}' is not a text file ({error.reason}). Give a CSV of poses and readings.") from error
-    source = csv.reader(io.StringIO(text), skipinitialspace=True)
-    rows, lines = [], []
-    try:
-        for row in source:
-            if any(value.strip() for value in row) and not row[0].startswith("#"):
-                rows.append([value.strip() for value in row])
-                lines.append(source.line_num)
-    except csv.Error as error:
-        raise InputError(f"'{file}', line {source.line_num}: not CSV ({error}).") from None
-    if len(rows) < 2:
-        raise InputError(f"'{file}' holds no readings. Wanted: a header line, then one reading per line.")
-    names = [name.lower() for name in rows[0]]
-    for row, line in zip(rows[1:], lines[1:], strict=True):
-        if len(row) != len(names):
-            raise InputError(f"'{file}', line {line}: {len(row)} values, the header names {len(names)}.")
-    return dict(zip(names, map(list, zip(*rows[1:], strict=True)), strict=False)), lines[1:]
+    return read_named_columns(file, text, "reading")
 
 
 def _need(file: Path, columns: Mapping[str, Any], names: Sequence[str]) -> None:

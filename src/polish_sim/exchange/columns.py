@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 
 from polish_sim.errors import InputError
 from polish_sim.exchange.checks import Place, checked_length, finite_column, positive_column, refuse_unsorted, unit_axes
+from polish_sim.exchange.named_columns import read_named_columns
 from polish_sim.exchange.way_points import Unknown, WayPoints
 from polish_sim.planning.toolpath import PROCESS, SEGMENTS, ToolPath
 
@@ -45,27 +44,8 @@ def read_csv(file: Path, text: str, unknown: Unknown) -> WayPoints:
     Raises:
         InputError: No points, wrong columns or a value that is none; names the line.
     """
-    source = csv.reader(io.StringIO(text), skipinitialspace=True)
-    rows, lines = [], []
-    for row in _rows(file, source):
-        if any(value.strip() for value in row) and not row[0].startswith("#"):
-            rows.append(row)
-            lines.append(source.line_num)
-    if len(rows) < 2:
-        raise InputError(f"'{file}' holds no points. Wanted: a header line, then one point per line.")
-    names = [name.strip().lower() for name in rows[0]]
-    for row, line in zip(rows[1:], lines[1:], strict=True):
-        if len(row) != len(names):
-            raise InputError(f"'{file}', line {line}: {len(row)} values, the header names {len(names)}.")
-    columns = dict(zip(names, map(list, zip(*rows[1:], strict=True)), strict=True))
-    return _path_of(Table(file, columns, lambda row: f"line {lines[row + 1]}, point {row + 1}"))
-
-
-def _rows(file: Path, source: Any) -> Any:
-    try:
-        yield from source
-    except csv.Error as error:
-        raise InputError(f"'{file}', line {source.line_num}: not CSV ({error}). Export the path again.") from None
+    columns, lines = read_named_columns(file, text, "point")
+    return _path_of(Table(file, columns, lambda row: f"line {lines[row]}, point {row + 1}"))
 
 
 def read_json(file: Path, text: str, unknown: Unknown) -> WayPoints:
