@@ -40,6 +40,10 @@ class CalibrationError(PolishSimError):
     """Poses or readings that cannot tell what is to be calibrated; says what is missing."""
 
 
+class IdentificationError(PolishSimError):
+    """A motion or a log that cannot tell a robot's dynamics; names what stays unknown."""
+
+
 class ProtectiveStop(PolishSimError):
     """The simulated robot stopped itself; what was recorded up to then is kept."""
 

@@ -44,6 +44,17 @@ def read_chain(model: mujoco.MjModel, joints: Sequence[str] | None = None) -> Se
     )  # fmt: skip
 
 
+def own_parameters(model: mujoco.MjModel, joints: Sequence[str]) -> Array:
+    """Ten parameters of each joint's own body, without what is welded to it or rides on it, shape (n, 10)."""
+    chosen = _joint_ids(model, joints)
+    own = [-1] * model.nbody
+    for number, joint in enumerate(chosen):
+        own[model.jnt_bodyid[joint]] = number
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return _inertias(model, data, chosen, own)
+
+
 def _joint_ids(model: mujoco.MjModel, joints: Sequence[str] | None) -> list[int]:
     names = [model.joint(j).name for j in range(model.njnt)]
     missing = [name for name in joints or () if name not in names]

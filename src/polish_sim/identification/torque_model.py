@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import unknown_name
-from polish_sim.identification.regressor import rigid_regressor
+from polish_sim.identification.regressor import regressor_derivatives, rigid_regressor
 from polish_sim.motion.serial_chain import LINK_PARAMETERS, LINK_UNITS, SerialChain
 
 Array = NDArray[np.float64]
@@ -44,18 +44,37 @@ class JointTerm(NamedTuple):
     unit: str
     value: Callable[[States], Array]
     """Shape (m, n)."""
+    slope: Callable[[States], States]
+    """Its derivatives by the joint's own position, speed and acceleration, shape (m, n) each."""
     truth: Callable[[SerialChain], Array]
     """What the robot's model says, shape (n,)."""
 
 
+def _slope_of_sign(states: States) -> States:
+    none = np.zeros_like(states.q)
+    return States(none, (1.0 - np.tanh(states.qd / SIGN_WIDTH) ** 2) / SIGN_WIDTH, none)
+
+
 TERMS: Final[dict[str, JointTerm]] = {
-    "viscous": JointTerm("fv", "N m s/rad", lambda x: x.qd, lambda chain: chain.damping),
-    "coulomb": JointTerm("fc", "N m", lambda x: np.tanh(x.qd / SIGN_WIDTH), lambda chain: chain.frictionloss),
-    "armature": JointTerm("Ia", "kg m^2", lambda x: x.qdd, lambda chain: chain.armature),
-    "offset": JointTerm("f0", "N m", lambda x: np.ones_like(x.q), lambda chain: np.zeros_like(chain.damping)),
-}
+    "coulomb": JointTerm(
+        "fc", "N m", lambda x: np.tanh(x.qd / SIGN_WIDTH), _slope_of_sign, lambda chain: chain.frictionloss
+    ),
+    "viscous": JointTerm(
+        "fv", "N m s/rad", lambda x: x.qd, lambda x: States(0.0 * x.q, np.ones_like(x.q), 0.0 * x.q),
+        lambda chain: chain.damping,
+    ),
+    "armature": JointTerm(
+        "Ia", "kg m^2", lambda x: x.qdd, lambda x: States(0.0 * x.q, 0.0 * x.q, np.ones_like(x.q)),
+        lambda chain: chain.armature,
+    ),
+    "offset": JointTerm(
+        "f0", "N m", lambda x: np.ones_like(x.q), lambda x: States(0.0 * x.q, 0.0 * x.q, 0.0 * x.q),
+        lambda chain: np.zeros_like(chain.damping),
+    ),
+}  # fmt: skip
 """Terms a model may have beside the rigid links."""
-FULL: Final = ("viscous", "coulomb", "armature", "offset")
+FULL: Final = ("coulomb", "viscous", "armature", "offset")
+"""Coulomb first: poses approached at one slow speed tell its sum with viscous friction, and that is its name."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +123,17 @@ class TorqueModel:
         for number, term in enumerate(self.terms):
             Y[:, diagonal, n * (10 + number) + diagonal] = TERMS[term].value(states)
         return Y
+
+    def regressor_slopes(self, states: States) -> Array:
+        """Derivatives of the regressor by position, speed and acceleration of each joint, shape (m, 3 n, n, p)."""
+        n = self.joints
+        slopes = np.zeros((len(states.q), 3 * n, n, self.columns))
+        slopes[..., : 10 * n] = regressor_derivatives(self.chain.geometry, *states)
+        joints = np.arange(n)
+        for number, term in enumerate(self.terms):
+            for part, values in enumerate(TERMS[term].slope(states)):
+                slopes[:, part * n + joints, joints, n * (10 + number) + joints] = values
+        return slopes
 
     def torque(self, states: States, parameters: Array) -> Array:
         """Torques of all parameters (p,) [N m], shape (m, n)."""

@@ -1,0 +1,127 @@
+"""The cell's arm as something to identify: chain, surroundings, what is believed of it, its torques (layer 9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cell.clearance import RobotClearance
+from polish_sim.cell.playback import JointTargets, play_joints
+from polish_sim.cell.scene import build_scene
+from polish_sim.cell.serial_chain import own_parameters, read_chain
+from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
+from polish_sim.identification.fourier import FourierMotion, started_and_stopped
+from polish_sim.identification.motion_limits import Clearance, MotionLimits
+from polish_sim.identification.physical import Drawing
+from polish_sim.identification.robot_log import RobotLog
+from polish_sim.identification.torque_model import States, TorqueModel
+
+Array = NDArray[np.float64]
+
+ARM_JOINTS: Final = (
+    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
+)  # fmt: skip
+STEP_S: Final = 2.5e-4
+"""Physics step: torques of an implicit step belong to its middle, so it is kept short."""
+RAMP_S: Final = 2.0
+SCENARIO: Final = Scenario(
+    experiment="identify", spindle=SpindleConfig(speed_rpm=0.0), simulation=SimulationConfig(timestep_s=STEP_S)
+)
+_TORQUE: Final = np.array([150.0] * 3 + [28.0] * 3)
+_LINK_DOUBT, _FRICTION_DOUBT = 0.15, 0.3
+
+
+@dataclass(frozen=True)
+class Arm:
+    """The simulated arm."""
+
+    scenario: Scenario
+    truth: TorqueModel
+    """With the parameters of the compiled model, which an identification does not see."""
+    carried: Array
+    """Tool and head, known from the payload's calibration, shape (6, 10)."""
+    servo_damping: Array
+    """Speed gain of the servos [N m s/rad], shape (6,)."""
+    clearance: RobotClearance
+
+    def near(self, q: Array) -> Clearance:
+        """Clearance of poses (m, 6)."""
+        return Clearance(*self.clearance.measure(q))
+
+
+def build_arm(terms: tuple[str, ...], scenario: Scenario = SCENARIO) -> Arm:
+    """Compile the cell in free space and read its arm.
+
+    Args:
+        terms: Terms of the torque model.
+        scenario: Head and tool; the robot's gravity compensation must be exact.
+    """
+    model = build_scene(replace(scenario, robot=replace(scenario.robot, payload_error=0.0)), None, None)
+    chain = read_chain(model, ARM_JOINTS)
+    carried = chain.parameters - own_parameters(model, ARM_JOINTS)
+    gains = -model.actuator_biasprm[:, 2]
+    return Arm(scenario, TorqueModel(chain, terms), carried, gains.copy(), RobotClearance(model, 6, also=("head_pad",)))
+
+
+def motion_limits() -> MotionLimits:
+    """Limits of exciting motions: the shoulder stays above, nearly full speed, the servos' torques less a tenth."""
+    turns = [[-0.9, 0.9], [-0.95, -0.05], [-0.85, 0.85], *[[-0.9, 0.9]] * 3]
+    return MotionLimits(np.array(turns) * np.pi, np.full(6, 3.0), np.full(6, 12.0), 0.9 * _TORQUE)
+
+
+def believe(arm: Arm, rng: np.random.Generator) -> Drawing:
+    """What a drawing might say: links some 15% off as a whole, friction and rotors 30% off, the tool known."""
+    chain, n = arm.truth.chain, 6
+    own = (chain.parameters - arm.carried) * np.exp(_LINK_DOUBT * rng.normal(size=(n, 1)))
+    friction = arm.truth.truth()[10 * n :]
+    guessed = friction * np.exp(_FRICTION_DOUBT * rng.normal(size=len(friction)))
+    return Drawing(np.concatenate([(own + arm.carried).ravel(), guessed]), arm.carried)
+
+
+def play_motion(arm: Arm, motion: FourierMotion, periods: int, rate: float) -> RobotLog:
+    """Play a periodic motion on the servos and log it without noise.
+
+    Args:
+        arm: The arm.
+        motion: The motion, entered and left along its own path.
+        periods: Whole periods to log.
+        rate: Of the log [Hz].
+
+    Returns:
+        The log, its time zero where the motion's is.
+    """
+    span = periods * motion.period
+    t: Array = np.arange(round((span + 2.0 * RAMP_S) / STEP_S) + 1) * np.float64(STEP_S)
+    states = started_and_stopped(motion, t, RAMP_S, float(t[-1]))
+    log = play_states(arm, states)
+    first, every = round(RAMP_S / STEP_S), round(1.0 / (rate * STEP_S))
+    rows = slice(first, first + round(span / STEP_S), every)
+    return RobotLog(np.asarray(t[rows] - RAMP_S), log.q[rows], log.torque[rows])
+
+
+def play_states(arm: Arm, states: States) -> RobotLog:
+    """Play joint targets, one a physics step, and log what happens, gravity in the torques.
+
+    The engine's step is implicit in speed: the torque that moves the robot is the servo's at the end of the step.
+    What the engine compensates of gravity is what a real servo would have to give, so it is added.
+    """
+    played = play_joints(arm.scenario, JointTargets(states.q, states.qd))
+    change = np.diff(played.qd, axis=0, append=played.qd[-1:])
+    given = played.torque - arm.servo_damping * change
+    # The mean of the steps before and after a sample belongs to the sample.
+    centred = 0.5 * (given + np.roll(given, 1, axis=0))
+    centred[0] = given[0]
+    time: Array = np.arange(len(given)) * np.float64(STEP_S)
+    return RobotLog(time, played.q, centred + _gravity(arm, played.q))
+
+
+def _gravity(arm: Arm, q: Array) -> Array:
+    still = np.zeros((2000, 6))
+    links = np.concatenate([arm.truth.chain.parameters.ravel(), np.zeros(6 * len(arm.truth.terms))])
+    parts = [q[first : first + 2000] for first in range(0, len(q), 2000)]
+    return np.concatenate(
+        [arm.truth.torque(States(part, still[: len(part)], still[: len(part)]), links) for part in parts]
+    )

@@ -1,0 +1,240 @@
+"""Motions that tell a robot's parameters best: Fourier series under limits, found by gradient descent (layer 8d).
+
+Limits enter as squares of what goes beyond them; the motion found is then shrunk until it respects every limit at
+every sample of a fine grid. Gradients are exact: the regressor's own derivatives, chained with the series' basis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from polish_sim.errors import IdentificationError
+from polish_sim.identification.base_parameters import BaseParameters
+from polish_sim.identification.fourier import FREQUENCY, HARMONICS, FourierMotion, fourier_basis
+from polish_sim.identification.information import STANDSTILL
+from polish_sim.identification.motion_limits import ClearanceCheck, MotionLimits
+from polish_sim.identification.objectives import Choice, Objective
+from polish_sim.identification.torque_model import States, TorqueModel
+
+Array = NDArray[np.float64]
+
+GRID: Final = 100
+"""Samples of a period while searching."""
+FINE: Final = 1000
+"""Samples of a period when limits are checked."""
+_MARGIN: Final = 0.98
+_PENALTY: Final = 30.0
+_SHRINK: Final = 0.98
+_LEAST: Final = 0.3
+_RESTARTS: Final = 4
+
+
+@dataclass(frozen=True)
+class ExcitationTask:
+    """What is to be excited, under which limits, for which use."""
+
+    model: TorqueModel
+    base: BaseParameters
+    parameters: Array
+    """What is believed of all parameters, for the torques' limits, shape (p,)."""
+    sigma: Array
+    """Expected torque noise [N m], shape (n,)."""
+    limits: MotionLimits
+    use: Array
+    """The task's own matrix G: mean of Y^T W Y over the motions that will be predicted, shape (r, r)."""
+    clearance: ClearanceCheck | None = None
+
+
+class Excitation(NamedTuple):
+    """A motion and what the search says of it."""
+
+    motion: FourierMotion
+    value: float
+    """Of the objective, on the fine grid, of the mean information of one sample."""
+    evaluations: int
+
+
+def use_matrix(model: TorqueModel, base: BaseParameters, states: States, sigma: Array) -> Array:
+    """G of a task: its mean information, so that trace(C G) is the predicted torques' summed variance in sigma^2."""
+    Y = model.regressor(states)[:, :, base.columns] / sigma[:, None]
+    flat = Y.reshape(-1, base.rank)
+    return np.asarray(flat.T @ flat / len(states.q))
+
+
+def random_motion(limits: MotionLimits, rng: np.random.Generator, share: float = 0.9) -> FourierMotion:
+    """A random series that keeps the limits of position, speed and acceleration with each joint's largest share."""
+    n = len(limits.speed)
+    center, half = limits.position.mean(axis=1), 0.5 * np.ptp(limits.position, axis=1)
+    coefficients = rng.normal(size=(n, 1 + 2 * HARMONICS))
+    coefficients[:, 0] = 0.0
+    states = FourierMotion(coefficients)(np.arange(FINE) / (FINE * FREQUENCY))
+    # The offset is drawn within what the amplitude leaves.
+    room = np.maximum(
+        np.abs(states.qd).max(0) / limits.speed, np.abs(states.qdd).max(0) / limits.acceleration
+    ) / share  # fmt: skip
+    reach = np.abs(states.q).max(0)
+    room = np.maximum(room, reach / (0.8 * half))
+    coefficients[:, 1:] /= room[:, None]
+    coefficients[:, 0] = center + rng.uniform(-1.0, 1.0, n) * (0.95 * half - reach / room)
+    return FourierMotion(coefficients)
+
+
+def allowed_motions(task: ExcitationTask, rng: np.random.Generator) -> Iterator[FourierMotion]:
+    """Random motions that respect every limit, one after the other."""
+    while True:
+        motion = shrunk(random_motion(task.limits, rng), task)
+        if motion is not None:
+            yield motion
+
+
+def shrunk(motion: FourierMotion, task: ExcitationTask) -> FourierMotion | None:
+    """The motion with amplitudes as large as every limit allows, None if a few tenths are too much."""
+    factor = 1.0
+    for samples in (GRID, FINE):
+        t = np.arange(samples) / samples * motion.period
+        while not _allowed(motion.scaled(factor)(t), task):
+            factor *= _SHRINK
+            if factor < _LEAST:
+                return None
+    return motion.scaled(factor)
+
+
+def _allowed(states: States, task: ExcitationTask) -> bool:
+    torque = task.model.torque(states, task.parameters)
+    if not task.limits.holds(states, torque, None):
+        return False
+    return task.clearance is None or task.limits.holds(states, torque, task.clearance(states.q).distance)
+
+
+def design(
+    task: ExcitationTask, choice: Choice, rng: np.random.Generator, starts: int = 1, iterations: int = 300
+) -> Excitation:
+    """Find a motion that makes an objective small under all limits.
+
+    Args:
+        task: What is to be told.
+        choice: What is made small.
+        rng: Draws the starts.
+        starts: Random motions to begin from.
+        iterations: Of the search from each.
+
+    Returns:
+        The best motion found.
+
+    Raises:
+        IdentificationError: No start led to a motion within the limits.
+    """
+    weighed = replace(task, sigma=choice.sigma(task.sigma))
+    search = Search(weighed, choice.judge)
+    best: Excitation | None = None
+    first = allowed_motions(task, rng)
+    for _start in range(starts):
+        start = next(first)
+        x = search.run(start.coefficients.ravel(), iterations)
+        motion = shrunk(FourierMotion(x.reshape(start.coefficients.shape)), task)
+        if motion is not None:
+            value = choice.judge(mean_information(weighed, motion), task.use).value
+            if best is None or value < best.value:
+                best = Excitation(motion, value, search.evaluations)
+    if best is None:
+        raise IdentificationError("no exciting motion keeps clear of the surroundings: widen the limits or start anew.")
+    return best._replace(evaluations=search.evaluations)
+
+
+def mean_information(task: ExcitationTask, motion: FourierMotion, samples: int = FINE) -> Array:
+    """Information of one sample of all torques, averaged over a period, shape (r, r)."""
+    states = motion(np.arange(samples) / samples * motion.period)
+    moving = np.abs(states.qd) > STANDSTILL
+    Y = task.model.regressor(states)[:, :, task.base.columns] * (moving / task.sigma)[:, :, None]
+    flat = Y.reshape(-1, task.base.rank)
+    return np.asarray(flat.T @ flat / samples)
+
+
+class Search:
+    """Cost and gradient by the coefficients, with the basis kept between calls."""
+
+    def __init__(self, task: ExcitationTask, objective: Objective) -> None:
+        self.task, self.objective, self.evaluations = task, objective, 0
+        self.basis = fourier_basis(np.arange(GRID) / (GRID * FREQUENCY))
+
+    def cost(self, x: Array) -> tuple[float, Array]:
+        """Objective plus penalties and its gradient, shape (n (1 + 2 k),)."""
+        self.evaluations += 1
+        task, n = self.task, self.task.model.joints
+        coefficients = x.reshape(n, -1)
+        states = States(*(part @ coefficients.T for part in self.basis))
+        slopes = task.model.regressor_slopes(states)
+        value, by_state = self._judge(states, slopes)
+        for price, slope in (self._motion_price(states), self._torque_price(states, slopes), self._near_price(states)):
+            value += price
+            by_state = by_state + slope
+        parts = np.split(by_state, 3, axis=1)
+        gradient = sum(part.T @ basis for part, basis in zip(parts, self.basis, strict=True))
+        return value, np.asarray(gradient).ravel()
+
+    def run(self, x: Array, iterations: int) -> Array:
+        """Descend; where a kink of the clearance stopped the search it begins anew from there."""
+        cost = np.inf
+        for _restart in range(_RESTARTS):
+            found = minimize(
+                self.cost, x, jac=True, method="L-BFGS-B", options={"maxiter": iterations, "maxcor": 20, "ftol": 1e-6}
+            )
+            x, gain, cost = found.x, cost - found.fun, float(found.fun)
+            iterations -= int(found.nit)
+            if iterations <= 0 or gain < 1e-2:
+                break
+        return x
+
+    def _judge(self, states: States, slopes: Array) -> tuple[float, Array]:
+        task, columns = self.task, self.task.base.columns
+        # Near standstill rows fade out smoothly: what decides at the end is a step.
+        u = (states.qd / STANDSTILL) ** 2
+        certainty = 1.0 / (task.sigma**2 * GRID)
+        weight, weight_slope = certainty * u**2 / (1.0 + u**2), certainty * 2.0 * u / (1.0 + u**2) ** 2
+        Y = task.model.regressor(states)[:, :, columns]
+        flat = Y * np.sqrt(weight)[:, :, None]
+        H = np.tensordot(flat, flat, axes=((0, 1), (0, 1)))
+        H[np.diag_indices_from(H)] *= 1.0 + 1e-12
+        judged = self.objective(H, task.use)
+        pull = Y @ judged.slope
+        by_state = np.einsum("mdjr,mjr->md", slopes[..., columns], 2.0 * weight[:, :, None] * pull, optimize=True)
+        of_speed = slice(task.model.joints, 2 * task.model.joints)
+        by_state[:, of_speed] += np.sum(pull * Y, axis=2) * weight_slope * 2.0 * states.qd / STANDSTILL**2
+        return judged.value, by_state
+
+    def _motion_price(self, states: States) -> tuple[float, Array]:
+        limits = self.task.limits
+        tight = MotionLimits(
+            limits.position, _MARGIN * limits.speed, _MARGIN * limits.acceleration, limits.torque, limits.clearance
+        )
+        over = tight.excess(states)
+        unit = States(0.5 * np.ptp(tight.position, axis=1), tight.speed, tight.acceleration)
+        price = _PENALTY * sum(float(np.sum(part**2)) for part in over)
+        return price, 2.0 * _PENALTY * np.hstack([part / size for part, size in zip(over, unit, strict=True)])
+
+    def _torque_price(self, states: States, slopes: Array) -> tuple[float, Array]:
+        task = self.task
+        ratio = task.model.torque(states, task.parameters) / (_MARGIN * task.limits.torque)
+        over = np.sign(ratio) * np.maximum(np.abs(ratio) - 1.0, 0.0)
+        by_state = slopes @ task.parameters / (_MARGIN * task.limits.torque)
+        return _PENALTY * float(np.sum(over**2)), 2.0 * _PENALTY * np.einsum("mdj,mj->md", by_state, over)
+
+    def _near_price(self, states: States) -> tuple[float, Array]:
+        task = self.task
+        slope = np.zeros((GRID, 3 * task.model.joints))
+        if task.clearance is None:
+            return 0.0, slope
+        near = task.clearance(states.q)
+        short = np.maximum(1.0 - (near.distance - task.limits.clearance) / _ROOM, 0.0)
+        slope[:, : task.model.joints] = -2.0 * _PENALTY / _ROOM * np.einsum("mp,mpn->mn", short, near.slope)
+        return _PENALTY * float(np.sum(short**2)), slope
+
+
+_ROOM: Final = 0.02
+"""Within this of the least clearance poses are pushed away [m]."""

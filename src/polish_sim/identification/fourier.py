@@ -1,0 +1,112 @@
+"""Periodic joint motions as Fourier series (layer 8d).
+
+    q = q0 + sum_k a_k / (k w) sin(k w t) - b_k / (k w) cos(k w t)          (paper 3)
+
+a_k and b_k are amplitudes of the speed [rad/s]. The series is linear in its coefficients: `fourier_basis`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.identification.torque_model import States
+
+Array = NDArray[np.float64]
+
+HARMONICS: Final = 5
+FREQUENCY: Final = 0.1
+"""Of the first harmonic [Hz]: a period of 10 s."""
+
+
+class FourierBasis(NamedTuple):
+    """What one unit of each coefficient (1, a_1.., b_1..) does; each of shape (m, 1 + 2 k)."""
+
+    q: Array
+    qd: Array
+    qdd: Array
+
+
+def fourier_basis(t: Array, frequency: float = FREQUENCY, harmonics: int = HARMONICS) -> FourierBasis:
+    """Basis of a Fourier series at times t [s], shape (m,)."""
+    w = 2.0 * np.pi * frequency * np.arange(1, harmonics + 1)
+    phase = np.outer(t, w)
+    c, s = np.cos(phase), np.sin(phase)
+    one = np.ones((len(t), 1))
+    return FourierBasis(
+        np.hstack([one, s / w, -c / w]), np.hstack([0.0 * one, c, s]), np.hstack([0.0 * one, -w * s, w * c])
+    )
+
+
+@dataclass(frozen=True)
+class FourierMotion:
+    """A periodic motion of n joints."""
+
+    coefficients: Array
+    """q0, a_1.., b_1.. of each joint, shape (n, 1 + 2 k)."""
+    frequency: float = FREQUENCY
+
+    @property
+    def harmonics(self) -> int:
+        """Number of harmonics k."""
+        return (self.coefficients.shape[1] - 1) // 2
+
+    @property
+    def period(self) -> float:
+        """[s]."""
+        return 1.0 / self.frequency
+
+    def __call__(self, t: Array) -> States:
+        """States at times t [s], shape (m,)."""
+        return States(*(part @ self.coefficients.T for part in fourier_basis(t, self.frequency, self.harmonics)))
+
+    def scaled(self, factor: float) -> FourierMotion:
+        """The same motion with all amplitudes times a factor, about the same centre."""
+        coefficients = self.coefficients.copy()
+        coefficients[:, 1:] *= factor
+        return FourierMotion(coefficients, self.frequency)
+
+
+def fit_fourier(t: Array, q: Array, frequency: float, harmonics: int) -> FourierMotion:
+    """Fit a series to measured positions: the derivatives come from the fit, not from differences.
+
+    Args:
+        t: Times [s], shape (m,).
+        q: Positions [rad], shape (m, n).
+        frequency: Of the first harmonic [Hz].
+        harmonics: How many; more than were commanded, because the servos add their own.
+
+    Returns:
+        The motion nearest in the sense of least squares.
+    """
+    basis = fourier_basis(t, frequency, harmonics).q
+    solution = np.linalg.solve(basis.T @ basis, basis.T @ q)
+    return FourierMotion(np.ascontiguousarray(solution.T), frequency)
+
+
+def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float) -> States:
+    """The motion entered from rest and left to rest along its own path, its clock wound up and down smoothly.
+
+    Args:
+        motion: The motion.
+        t: Times [s], shape (m,); the clock runs at full speed from ``ramp`` to ``end - ramp``.
+        ramp: How long winding up takes [s].
+        end: When it stands again [s].
+
+    Returns:
+        States; at ``t = ramp`` the motion is at its time zero.
+    """
+    up, down = np.clip(t / ramp, 0.0, 1.0), np.clip((end - t) / ramp, 0.0, 1.0)
+    # The clock's speed rises as 3 x^2 - 2 x^3; its integral over the ramp is half the ramp.
+    clock = np.where(
+        t < ramp, ramp * (up**3 - 0.5 * up**4) - 0.5 * ramp,
+        np.where(t > end - ramp, end - 1.5 * ramp - ramp * (down**3 - 0.5 * down**4), t - ramp),
+    )  # fmt: skip
+    speed = (3.0 * up**2 - 2.0 * up**3) * (3.0 * down**2 - 2.0 * down**3)
+    change = np.where(t < ramp, 6.0 * (up - up**2), np.where(t > end - ramp, -6.0 * (down - down**2), 0.0)) / ramp
+    states = motion(clock)
+    rate, rise = speed[:, None], change[:, None]
+    return States(states.q, states.qd * rate, states.qdd * rate**2 + states.qd * rise)

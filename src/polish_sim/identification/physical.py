@@ -1,0 +1,148 @@
+"""From base parameters to full ones a real body can have: pseudo-inertia above zero, friction not below (layer 8d).
+
+A body's pseudo-inertia J = [[Sigma, m c], [m c^T, m]], Sigma = tr(I)/2 - I, is positive exactly if a distribution of
+mass has these parameters. J = L L^T + a share of the drawing's, so every fit is consistent; directions that torques do
+not tell stay at the drawing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from polish_sim.identification.base_parameters import BaseParameters
+from polish_sim.identification.estimate import Estimate
+from polish_sim.identification.torque_model import TorqueModel
+from polish_sim.motion.serial_chain import inertia_at_origin
+
+Array = NDArray[np.float64]
+
+_FLOOR: Final = 1e-3
+"""Share of the drawing's pseudo-inertia every link keeps."""
+_PRIOR: Final = 1.0
+"""How far from the drawing parameters are expected, in sizes of the drawing's."""
+_LOWER: Final = np.tril_indices(4)
+_NOT_NEGATIVE: Final = ("coulomb", "viscous", "armature")
+
+
+def pseudo_inertia(parameters: Array) -> Array:
+    """Pseudo-inertia of ten parameters, shape (4, 4)."""
+    I = inertia_at_origin(parameters)  # noqa: E741
+    J = np.empty((4, 4))
+    J[:3, :3] = 0.5 * np.trace(I) * np.eye(3) - I
+    J[:3, 3] = J[3, :3] = parameters[1:4]
+    J[3, 3] = parameters[0]
+    return J
+
+
+def parameters_of(J: Array) -> Array:
+    """Ten parameters of a pseudo-inertia (4, 4), shape (10,)."""
+    I = np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3]  # noqa: E741
+    return np.array([J[3, 3], *J[:3, 3], I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+
+
+def is_consistent(parameters: Array) -> bool:
+    """Whether every link's parameters (n, 10) belong to a body with mass everywhere positive."""
+    return all(float(np.linalg.eigvalsh(pseudo_inertia(link))[0]) > 0.0 for link in parameters)
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What is believed of the robot before it is identified."""
+
+    parameters: Array
+    """All parameters of the torque model, physically consistent, shape (p,)."""
+    carried: Array
+    """Part of the links' parameters that is known and stays, such as a tool's, shape (n, 10)."""
+
+
+def fit_consistent(model: TorqueModel, base: BaseParameters, found: Estimate, drawing: Drawing) -> Array:
+    """Full parameters nearest to the estimated base, in its own covariance, that a body can have.
+
+    Args:
+        model: The torque model.
+        base: Its base.
+        found: What was estimated.
+        drawing: Where directions that torques do not tell stay.
+
+    Returns:
+        All parameters, shape (p,).
+    """
+    fit = _ConsistentFit(model, drawing)
+    whiten = np.linalg.cholesky(np.linalg.inv(_scaled(found))).T / found.std
+    size = fit.sizes()
+
+    def residuals(x: Array) -> Array:
+        pi = fit.parameters(x)
+        return np.concatenate([whiten @ (base.combination @ pi - found.theta), (pi - drawing.parameters) / size])
+
+    def slopes(x: Array) -> Array:
+        J = fit.slopes(x)
+        return np.vstack([whiten @ base.combination @ J, J / size[:, None]])
+
+    return fit.parameters(least_squares(residuals, fit.start(), jac=slopes, x_scale="jac", max_nfev=200).x)
+
+
+def _scaled(found: Estimate) -> Array:
+    return np.asarray(found.covariance / np.outer(found.std, found.std))
+
+
+class _ConsistentFit:
+    """Parameters as a function of free numbers: ten of L for each link, square roots of friction, offsets."""
+
+    def __init__(self, model: TorqueModel, drawing: Drawing) -> None:
+        self._model, self._drawing = model, drawing
+        n = model.joints
+        own = drawing.parameters[: 10 * n].reshape(n, 10) - drawing.carried
+        self._drawn = [pseudo_inertia(link) for link in own]
+        self._not_negative = np.repeat([term in _NOT_NEGATIVE for term in model.terms], n)
+
+    def start(self) -> Array:
+        """The numbers of the drawing."""
+        links = [np.linalg.cholesky((1.0 - _FLOOR) * J)[_LOWER] for J in self._drawn]
+        friction = self._drawing.parameters[10 * self._model.joints :]
+        return np.concatenate([*links, np.where(self._not_negative, np.sqrt(np.maximum(friction, 1e-4)), friction)])
+
+    def parameters(self, x: Array) -> Array:
+        """All parameters, shape (p,)."""
+        n = self._model.joints
+        links = []
+        for number, numbers in enumerate(x[: 10 * n].reshape(n, 10)):
+            L = _lower(numbers)
+            links.append(parameters_of(L @ L.T + _FLOOR * self._drawn[number]) + self._drawing.carried[number])
+        friction = x[10 * n :]
+        return np.concatenate([*links, np.where(self._not_negative, friction**2, friction)])
+
+    def slopes(self, x: Array) -> Array:
+        """Derivatives of the parameters by the numbers, shape (p, p)."""
+        n = self._model.joints
+        J = np.zeros((len(x), len(x)))
+        for number, numbers in enumerate(x[: 10 * n].reshape(n, 10)):
+            L, first = _lower(numbers), 10 * number
+            for k, (row, column) in enumerate(zip(*_LOWER, strict=True)):
+                E = np.zeros((4, 4))
+                E[row] = L[:, column]
+                J[first : first + 10, first + k] = parameters_of(E + E.T)
+        rest = np.arange(10 * n, len(x))
+        J[rest, rest] = np.where(self._not_negative, 2.0 * x[10 * n :], 1.0)
+        return J
+
+    def sizes(self) -> Array:
+        """How far every parameter is expected from the drawing, shape (p,)."""
+        n = self._model.joints
+        sizes = np.abs(self._drawing.parameters).copy()
+        for number, link in enumerate(self._drawing.parameters[: 10 * n].reshape(n, 10)):
+            inertia = 0.5 * float(link[[4, 6, 9]].sum())
+            arm = np.sqrt(inertia * link[0])
+            sizes[10 * number : 10 * number + 10] = [link[0], *[arm] * 3, *[inertia] * 6]
+        return np.asarray(_PRIOR * np.maximum(sizes, 0.1))
+
+
+def _lower(numbers: Array) -> Array:
+    L = np.zeros((4, 4))
+    L[_LOWER] = numbers
+    return L

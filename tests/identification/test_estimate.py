@@ -1,0 +1,96 @@
+"""A planted robot is recovered: exactly without noise, at the statistical bound with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from polish_sim.errors import IdentificationError
+from polish_sim.identification.estimate import estimate, held_out_error, require_rank
+from polish_sim.identification.information import cramer_rao, sum_samples
+from polish_sim.identification.stepwise import fit_motion_after, fit_rest, rest_rows, sum_rows
+from polish_sim.identification.torque_model import States
+from tests.identification.motions import SIGMA, known_robot, noisy
+
+KNOWN = known_robot()
+
+
+def test_torques_without_noise_give_the_parameters_back() -> None:
+    found = estimate(sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, KNOWN.torque))
+    np.testing.assert_allclose(found.theta, KNOWN.truth, atol=1e-8)
+    np.testing.assert_allclose(found.r_squared, 1.0, atol=1e-9)
+
+
+def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth() -> None:
+    rng = np.random.default_rng(0)
+    squares, covered = [], []
+    for _draw in range(50):
+        sums = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, noisy(KNOWN.torque, rng))
+        found = estimate(sums)
+        squares.append((found.theta - KNOWN.truth) ** 2)
+        covered.append(found.covers(KNOWN.truth))
+    bound = np.diag(cramer_rao(sums, SIGMA))
+    ratio = float(np.sqrt(np.mean(np.mean(squares, axis=0) / bound)))
+    # Fifty draws of fifty-eight correlated numbers tell this ratio to some 2%.
+    assert 0.95 < ratio < 1.05
+    assert 0.93 <= float(np.mean(covered)) <= 0.97
+
+
+def test_the_noise_of_every_joint_is_found_in_the_residuals() -> None:
+    torque = noisy(KNOWN.torque, np.random.default_rng(1))
+    found = estimate(sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, torque))
+    np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.05)
+
+
+def test_another_motion_is_predicted_within_the_noise() -> None:
+    other = known_robot(seed=5)
+    torque = noisy(KNOWN.torque, np.random.default_rng(2))
+    found = estimate(sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, torque))
+    error = held_out_error(KNOWN.model, KNOWN.base, found.theta, other.states, other.torque)
+    assert error.max() < 0.01
+
+
+def test_a_joint_that_stands_still_is_named_with_what_stays_unknown() -> None:
+    coefficients = KNOWN.motion.coefficients.copy()
+    coefficients[3, 1:] = 0.0
+    states = type(KNOWN.motion)(coefficients)(np.arange(1000) / 100.0)
+    sums = sum_samples(KNOWN.model, KNOWN.base, states, KNOWN.model.torque(states, KNOWN.model.truth()))
+    with pytest.raises(IdentificationError, match=r"wrist_1_joint did not move.*fc4.*fv4"):
+        require_rank(sums, KNOWN.base, KNOWN.model)
+
+
+def test_a_single_joint_that_moves_is_refused() -> None:
+    coefficients = KNOWN.motion.coefficients.copy()
+    coefficients[1:, 1:] = 0.0
+    states = type(KNOWN.motion)(coefficients)(np.arange(1000) / 100.0)
+    sums = sum_samples(KNOWN.model, KNOWN.base, states, KNOWN.model.torque(states, KNOWN.model.truth()))
+    with pytest.raises(IdentificationError, match=r"of 58 base parameters"):
+        require_rank(sums, KNOWN.base, KNOWN.model)
+
+
+def _approached_poses(rng: np.random.Generator) -> States:
+    q = np.repeat(rng.uniform(-2.5, 2.5, (60, 6)), 2, axis=0)
+    side = np.where(np.arange(120) % 2, 0.1, -0.1)[:, None] * np.ones(6)
+    return States(q, side, np.zeros_like(q))
+
+
+def test_steps_with_the_covariance_carried_are_the_joint_fit() -> None:
+    rng = np.random.default_rng(3)
+    poses = _approached_poses(rng)
+    rows = rest_rows(KNOWN.model, poses)
+    at_rest = noisy(rows @ KNOWN.model.truth(), rng)
+    moving = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, noisy(KNOWN.torque, rng))
+    stepwise = fit_motion_after(fit_rest(KNOWN.model, poses, at_rest, SIGMA), KNOWN.base, moving, SIGMA)
+    joint = estimate(moving.plus(sum_rows(rows, at_rest, KNOWN.base.columns)), sigma=SIGMA)
+    assert np.abs((stepwise.theta - joint.theta) / joint.std).max() < 1e-6
+    np.testing.assert_allclose(stepwise.std, joint.std, rtol=1e-6)
+
+
+def test_poses_at_rest_tell_sixteen_numbers_and_six_offsets() -> None:
+    rng = np.random.default_rng(4)
+    poses = _approached_poses(rng)
+    torque = noisy(rest_rows(KNOWN.model, poses) @ KNOWN.model.truth(), rng)
+    step = fit_rest(KNOWN.model, poses, torque)
+    assert step.base.rank == 22
+    truth = step.base.combination @ KNOWN.model.truth()
+    assert np.abs((step.found.theta - truth) / step.found.std).max() < 4.5

@@ -1,0 +1,83 @@
+"""Exciting motions keep their limits, their gradients are exact, and they tell more than random ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from polish_sim.cell.clearance import RobotClearance
+from polish_sim.identification.excitation import (
+    ExcitationTask,
+    Search,
+    allowed_motions,
+    design,
+    mean_information,
+    use_matrix,
+)
+from polish_sim.identification.fourier import fit_fourier, started_and_stopped
+from polish_sim.identification.motion_limits import Clearance
+from polish_sim.identification.objectives import OBJECTIVES
+from tests.identification.chains import arm_model
+from tests.identification.motions import LIMITS, SIGMA, known_robot
+
+KNOWN = known_robot(terms=("coulomb", "viscous"))
+OTHERS = [known_robot(200, ("coulomb", "viscous"), seed) for seed in range(10, 18)]
+USE = np.mean([use_matrix(KNOWN.model, KNOWN.base, other.states, SIGMA) for other in OTHERS], axis=0)
+ROBOT = RobotClearance(arm_model(), 6, also=("head_pad",))
+TASK = ExcitationTask(KNOWN.model, KNOWN.base, KNOWN.model.truth(), SIGMA, LIMITS, USE)
+
+
+@pytest.mark.parametrize("name", OBJECTIVES)
+def test_gradients_are_the_slopes_of_the_cost(name: str) -> None:
+    search = Search(replace(TASK, clearance=lambda q: Clearance(*ROBOT.measure(q))), OBJECTIVES[name].judge)
+    x, rng = 1.2 * KNOWN.motion.coefficients.ravel(), np.random.default_rng(0)
+    _, gradient = search.cost(x)
+    way, step = rng.normal(size=x.size), 1e-6
+    slope = (search.cost(x + step * way)[0] - search.cost(x - step * way)[0]) / (2.0 * step)
+    assert gradient @ way == pytest.approx(slope, rel=1e-3)
+
+
+def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones() -> None:
+    found = design(TASK, OBJECTIVES["i-optimal"], np.random.default_rng(1), iterations=60)
+    states = found.motion(np.linspace(0.0, 10.0, 997))
+    torque = KNOWN.model.torque(states, KNOWN.model.truth())
+    assert LIMITS.holds(states, torque, None)
+    random = allowed_motions(TASK, np.random.default_rng(2))
+    variances = [float(np.trace(np.linalg.solve(mean_information(TASK, next(random)), USE))) for _ in range(5)]
+    assert np.exp(found.value) < 0.6 * min(variances)
+
+
+def test_clearance_is_known_where_the_arm_stands_straight_up_and_negative_inside_itself() -> None:
+    up = np.array([[0.0, -np.pi / 2, 0.0, 0.0, 0.0, 0.0]])
+    folded = np.array([[0.0, -np.pi / 2, 3.1, 0.0, 0.0, 0.0]])
+    assert ROBOT.measure(up)[0].min() > 0.04
+    assert ROBOT.measure(folded)[0].min() < 0.0
+
+
+def test_slopes_of_clearance_are_those_of_distance() -> None:
+    q, step = np.random.default_rng(3).uniform(-2.5, 2.5, (40, 6)), 1e-6
+    distance, slope = ROBOT.measure(q)
+    # Just touching or just in sight: kinks.
+    plain = (distance > 0.002) & (distance < 0.049)
+    assert plain.sum() > 20
+    for joint in range(6):
+        ends = [ROBOT.measure(q + sign * step * np.eye(6)[joint])[0] for sign in (1.0, -1.0)]
+        np.testing.assert_allclose(slope[plain, joint], ((ends[0] - ends[1]) / (2 * step))[plain], atol=5e-3)
+
+
+def test_a_fitted_series_gives_the_accelerations_back() -> None:
+    t = np.arange(5000) / 500.0
+    states = KNOWN.motion(t)
+    fitted = fit_fourier(t, np.round(states.q / 5e-5) * 5e-5, KNOWN.motion.frequency, 20)(t)
+    assert np.abs(fitted.qdd - states.qdd).max() < 2e-3
+
+
+def test_the_motion_is_entered_and_left_from_rest_without_jumps() -> None:
+    t = np.linspace(0.0, 14.0, 14001)
+    states = started_and_stopped(KNOWN.motion, t, 2.0, 14.0)
+    assert np.abs(states.qd[[0, -1]]).max() < 1e-12
+    np.testing.assert_allclose(np.gradient(states.q, t, axis=0)[1:-1], states.qd[1:-1], atol=1e-4)
+    np.testing.assert_allclose(np.gradient(states.qd, t, axis=0)[2:-2], states.qdd[2:-2], atol=0.02)
+    np.testing.assert_allclose(states.q[2000], KNOWN.motion(np.zeros(1)).q[0], atol=1e-12)
