@@ -116,7 +116,8 @@ def require_rank(sums: JointSums, base: BaseParameters, model: TorqueModel) -> N
     said = f" {', '.join(still)} did not move." if still else ""
     raise IdentificationError(
         f"the motion tells {base.rank - hidden.shape[1]} of {base.rank} base parameters.{said} Not identifiable, or "
-        f"only in combination: {', '.join(names)}. Move every joint, at different speeds, in different poses of the others."
+        f"only in combination: {', '.join(names)}. Move every joint, at different speeds, in different poses of the "
+        "others."
     )
 
 
