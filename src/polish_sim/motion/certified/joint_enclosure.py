@@ -21,6 +21,9 @@ from polish_sim.motion.arm_state import ArmState, new_arm_state
 
 Array = NDArray[np.float64]
 
+MOST_GUESSES = 8
+HOPELESS = 2.5
+"""A guess that implies so many times itself will not settle."""
 _ROUNDING = 1.0 + 1e-9
 
 
@@ -204,7 +207,7 @@ def imply_fourth(e: Enclosure, r: float, fourth_twist: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def enclose(e: Enclosure, r: float, fourth_twist: float) -> bool:
+def enclose(e: Enclosure, r: float, fourth_twist: float) -> int:
     """Bound the joint derivatives within r of the middle.
 
     Args:
@@ -213,26 +216,27 @@ def enclose(e: Enclosure, r: float, fourth_twist: float) -> bool:
         fourth_twist: Bound of the angular part of x'''' on the piece [rad].
 
     Returns:
-        Whether a guess could be confirmed; if not, a smaller piece may do.
+        After how many guesses one was confirmed; 0 if none was, a smaller piece may do then.
     """
     measure_gains(e)
     measure_link_speeds(e)
     measure_drift(e)
     for i in range(6):
         e.rates[3, i] = 0.0
-    for _ in range(8):
+    for guess in range(1, MOST_GUESSES + 1):
         spread_rates(e, r)
         imply_fourth(e, r, fourth_twist)
-        confirmed = True
+        confirmed, worst = True, 0.0
         for i in range(6):
             confirmed = confirmed and e.implied[i] < e.rates[3, i]
+            worst = max(worst, e.implied[i] / e.rates[3, i])
         if confirmed:
             for i in range(6):
                 e.rates[3, i] = e.implied[i]
             spread_rates(e, r)
-            return True
+            return guess
+        if guess > 2 and not worst < HOPELESS:
+            return 0
         for i in range(6):
             e.rates[3, i] = 1.25 * e.implied[i] + 1e-12
-            if not e.rates[3, i] < 1e12:
-                return False
-    return False
+    return 0

@@ -30,6 +30,8 @@ FINEST = 1.0 / 64.0
 """Half width below which bounds are taken as they are, if confirmed [-]."""
 FASTEST, SHARPEST = 1e3, 1e9
 """Stand-ins for what no limit binds [m/s, m/s^3]."""
+FEW_GUESSES = 2
+"""A piece confirmed so soon may be followed by one twice as wide, where a dyadic grid has one."""
 _SLACK = 1.0 - 1e-9
 
 
@@ -122,7 +124,8 @@ def bound_joints(
         status = rates_at(e.arm, segment, start + r, arm, e.arm.q, e.T)
         if status != REACHED and width < FINEST:
             return status
-        if status != REACHED or not enclose(e, r, fourth):
+        guesses = enclose(e, r, fourth) if status == REACHED else 0
+        if guesses == 0:
             width *= 0.5
             continue
         if not _stays_in_range(e.arm.q, e.rates, r):
@@ -138,9 +141,8 @@ def bound_joints(
             for j in range(6):
                 most[i, j] = max(most[i, j], e.rates[i, j])
         start += width
-        # The next piece starts where a dyadic grid allows it to be as wide, or twice.
-        grown = 2.0 * width
-        width = grown if start < 1.0 and start % grown == 0.0 and start + grown <= 1.0 else width
+        if guesses <= FEW_GUESSES and start % (2.0 * width) == 0.0 and start + 2.0 * width <= 1.0:
+            width *= 2.0
     return REACHED
 
 
