@@ -14,9 +14,11 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 LOOKAHEAD = 8
-"""A segment is given out once so many (merged) ones after it are known."""
-CAPACITY = 192
+"""A line of segments is given out once so many lines after it are known."""
+CAPACITY = 448
 """Segments the buffers hold."""
+MOST_STRUNG = 12
+"""Most segments a line has."""
 LEVELS = 12
 """States a corner may be passed in: from an exact stop (0) to its full kernel (the last one)."""
 SIZE, SPEED, ACCELERATION, DURATION = 0, 1, 2, 3
@@ -31,14 +33,29 @@ class Segments(NamedTuple):
     """Generalised length l of each segment [m]: of the tip, or of a turn worth as much time, shape (CAPACITY,)."""
     limits: Array
     """Speed, acceleration and jerk along l [m/s, m/s^2, m/s^3], shape (CAPACITY, 3)."""
+    bends: Array
+    """Length [m] and largest speed [m/s] of the bend before each segment, shape (CAPACITY, 2)."""
     used: Array
     """What merging has used of tip and axis tolerance [m, rad], shape (CAPACITY, 2)."""
     raw_ends: Indices
     """Number of the way point each segment ends at, shape (CAPACITY,)."""
 
 
+class Lines(NamedTuple):
+    """Line k strings segments first[k] to first[k + 1] - 1 together; often it is just one."""
+
+    first: Indices
+    """Shape (CAPACITY + 1,)."""
+    spans: Array
+    """Generalised length [m], shape (CAPACITY,)."""
+    limits: Array
+    """Speed, acceleration and jerk of the law along it [m/s, m/s^2, m/s^3], shape (CAPACITY, 3)."""
+    rooms: Array
+    """What corners may take of its start and of its end [m], shape (CAPACITY, 2)."""
+
+
 class Corners(NamedTuple):
-    """Corner k lies between segments k - 1 and k."""
+    """Corner k lies between lines k - 1 and k."""
 
     durations: Array
     """Of the full kernel's pieces [s], shape (CAPACITY, PIECES)."""
@@ -68,7 +85,15 @@ def new_segments() -> Segments:
         lengths=np.zeros(n), directions=np.zeros((n, 3)), angles=np.zeros(n), turn_axes=np.zeros((n, 3)),
         rolls=np.zeros(n),
     )  # fmt: skip
-    return Segments(chain, np.zeros(n), np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n, dtype=np.int64))
+    return Segments(
+        chain, np.zeros(n), np.zeros((n, 3)), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n, dtype=np.int64)
+    )
+
+
+def new_lines() -> Lines:
+    """Buffers without a line."""
+    n = CAPACITY
+    return Lines(np.zeros(n + 1, dtype=np.int64), np.zeros(n), np.zeros((n, 3)), np.zeros((n, 2)))
 
 
 def new_corners() -> Corners:

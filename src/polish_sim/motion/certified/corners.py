@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from numba import njit
 
-from polish_sim.motion.certified.buffers import ACCELERATION, DURATION, LEVELS, SIZE, SPEED, Corners, Segments
-from polish_sim.motion.certified.connector import Ends, least_distance
+from polish_sim.motion.certified.buffers import ACCELERATION, DURATION, LEVELS, SIZE, SPEED, Corners, Lines, Segments
+from polish_sim.motion.certified.connector import Ends, LineLimits, least_distance
 from polish_sim.motion.certified.corner import (
     PIECES,
     CornerFigures,
@@ -30,7 +30,7 @@ class Tolerances(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def corner_weights(segments: Segments, k: int) -> CornerWeights:
-    """What tip and axis do per generalised length on both sides of corner ``k``."""
+    """What tip and axis do per generalised length on both sides of the corner before segment ``k``."""
     chain, old, new = segments.chain, k - 1, k
     tip_old, tip_new = chain.lengths[old] / segments.spans[old], chain.lengths[new] / segments.spans[new]
     along = cosine = 0.0
@@ -48,9 +48,10 @@ def corner_weights(segments: Segments, k: int) -> CornerWeights:
 
 
 @njit(cache=True, error_model="numpy")
-def corner_limits(segments: Segments, k: int, limits: LimitValues, tolerances: Tolerances) -> CornerLimits:
-    """What the kernel of corner ``k`` may do, and what merging has left of the tolerances."""
-    old, new = segments.limits[k - 1], segments.limits[k]
+def corner_limits(
+    segments: Segments, k: int, limits: LimitValues, tolerances: Tolerances, old: LineLimits, new: LineLimits
+) -> CornerLimits:
+    """What may be done at the corner before segment ``k``, and what merging has left of the tolerances."""
     return CornerLimits(
         limits.tip_speed,
         limits.tip_acceleration,
@@ -60,18 +61,18 @@ def corner_limits(segments: Segments, k: int, limits: LimitValues, tolerances: T
         limits.axis_acceleration,
         limits.axis_jerk,
         max(tolerances.axis - max(segments.used[k - 1, 1], segments.used[k, 1]), 0.0),
-        min(old[0], new[0]),
-        min(old[1], new[1]),
-        min(old[2], new[2]),
+        min(old.speed, new.speed),
+        min(old.acceleration, new.acceleration),
+        min(old.jerk, new.jerk),
     )
 
 
 @njit(cache=True, error_model="numpy")
-def lines_slowing(segments: Segments, k: int, figures: CornerFigures) -> float:
-    """Factor on a kernel's times with which runs along both segments can begin and end at it, at least 1."""
+def lines_slowing(lines: Lines, k: int, figures: CornerFigures) -> float:
+    """Factor on a kernel's times with which runs along both lines can begin and end at it, at least 1."""
     factor = 1.0
     for side in range(k - 1, k + 1):
-        limits = line_limits(segments, side)
+        limits = line_limits(lines, side)
         if figures.acceleration > limits.acceleration:
             factor = max(factor, math.sqrt(figures.acceleration / limits.acceleration))
         peak = figures.speed / factor + 0.5 * figures.acceleration**2 / limits.jerk / factor**4
@@ -106,18 +107,19 @@ def slow_down(corners: Corners, k: int, figures: CornerFigures, factor: float) -
 
 
 @njit(cache=True, error_model="numpy")
-def lay_out_states(segments: Segments, corners: Corners, k: int, figures: CornerFigures) -> None:
+def lay_out_states(lines: Lines, corners: Corners, k: int, figures: CornerFigures, share: float) -> None:
     """Lay out the states of corner ``k``: its kernel at full size, smaller ones, an exact stop.
 
     Args:
-        segments: Those on both sides are known.
+        lines: Those on both sides are known.
         corners: Filled at ``k``.
         k: The corner.
         figures: Of its kernel.
+        share: Largest part of its size that the joints allow.
     """
     corners.chosen[k] = -1
-    largest = _largest_scale(segments, k, figures.size)
-    roomy = largest == 1.0 and _is_roomy(segments, k - 1, figures) and _is_roomy(segments, k, figures)
+    largest = _largest_scale(lines, k, figures.size) * share ** (1.0 / 3.0)
+    roomy = largest == 1.0 and _is_roomy(lines, k - 1, figures) and _is_roomy(lines, k, figures)
     levels = 2 if roomy else LEVELS
     corners.levels[k] = levels
     for i in range(levels):
@@ -130,14 +132,14 @@ def lay_out_states(segments: Segments, corners: Corners, k: int, figures: Corner
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _largest_scale(segments: Segments, k: int, size: float) -> float:
-    """Largest scale whose size both segments have room for."""
-    room = min(segments.spans[k - 1], segments.spans[k])
+def _largest_scale(lines: Lines, k: int, size: float) -> float:
+    """Largest scale whose size both lines have room for."""
+    room = min(lines.rooms[k - 1, 1], lines.rooms[k, 0])
     return 1.0 if size <= room else (room / size) ** (1.0 / 3.0)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _is_roomy(segments: Segments, k: int, figures: CornerFigures) -> bool:
-    """Whether half of segment ``k`` is enough for a corner and to stop before it: no smaller kernel is needed."""
-    to_stop = least_distance(Ends(figures.speed, figures.acceleration, 0.0, 0.0), line_limits(segments, k))
-    return 2.0 * (figures.size + to_stop) <= segments.spans[k]
+def _is_roomy(lines: Lines, k: int, figures: CornerFigures) -> bool:
+    """Whether half of line ``k`` is enough for a corner and to stop before it: no smaller kernel is needed."""
+    to_stop = least_distance(Ends(figures.speed, figures.acceleration, 0.0, 0.0), line_limits(lines, k))
+    return 2.0 * (figures.size + to_stop) <= lines.spans[k]

@@ -1,7 +1,7 @@
 """From decided corners to rows of a schedule (layer 6).
 
-The progress of a segment is made of three parts: the second half of the kernel behind it, the connector, and the
-first half of the kernel before it.
+A line's motion has three parts: what is gone of it in the kernel behind, the law of its connector, and what remains
+of it in the kernel before. The law is shared out to the line's segments, bends turn one into the next.
 """
 
 from __future__ import annotations
@@ -12,15 +12,29 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.certified.buffers import DURATION, SIZE, Corners, Segments
-from polish_sim.motion.certified.connector import CONNECTOR_PIECES, connect, fill_connector
+from polish_sim.motion.certified.buffers import DURATION, MOST_STRUNG, SIZE, Corners, Lines, Segments
+from polish_sim.motion.certified.connector import CONNECTOR_PIECES, LineLimits, connect, fill_connector
 from polish_sim.motion.certified.corner import PIECES
-from polish_sim.motion.certified.window import ends_between, line_limits
+from polish_sim.motion.certified.law import (
+    Law,
+    Motion,
+    Turning,
+    fill_law,
+    gone_at,
+    law_at,
+    new_law,
+    next_break,
+    turn_at,
+)
+from polish_sim.motion.certified.window import ends_between
 
 Array = NDArray[np.float64]
 
-MOST_ROWS = 2 * PIECES + CONNECTOR_PIECES
-"""Most rows of one segment."""
+SEGMENT_ROWS = 2 * CONNECTOR_PIECES + 4
+"""Most rows of one segment without kernels: into it by two, along it, out of it."""
+KERNEL_ROWS = 2 * PIECES
+"""Most rows of both kernels of a line."""
+_NO_TURN = Turning(0.0, 0.0, (0.0, 0.0))
 
 
 class Rows(NamedTuple):
@@ -34,58 +48,180 @@ class Rows(NamedTuple):
     """[s], shape (m,)."""
     coefficients: Array
     """Progress as a cubic in time, shape (m, 4)."""
-    scratch: Array
+
+
+class Pen(NamedTuple):
+    """What emission writes with."""
+
+    rows: Rows
+    law: Law
+    pieces: Array
     """Durations and jerks of a connector, shape (2, CONNECTOR_PIECES)."""
+    bends: Array
+    """begin, duration and both jerks of the bend before each segment of a line, shape (MOST_STRUNG + 1, 4)."""
 
 
-def new_rows(count: int) -> Rows:
-    """Room for rows."""
-    return Rows(
-        np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count), np.zeros((count, 4)),
+def new_pen(rows: int) -> Pen:
+    """Room for rows, and work space."""
+    return Pen(
+        Rows(np.zeros(rows, dtype=np.int64), np.zeros(rows), np.zeros(rows), np.zeros((rows, 4))),
+        new_law(),
         np.zeros((2, CONNECTOR_PIECES)),
-    )  # fmt: skip
+        np.zeros((MOST_STRUNG + 1, 4)),
+    )
 
 
 class Place(NamedTuple):
-    """Where the rows of a segment go."""
+    """Where the rows of a line go."""
 
-    segment: int
+    line: int
     """Its number in the buffers."""
     number: int
-    """Its number counted from the path's start."""
+    """Number of the buffers' first segment, counted from the path's start."""
     row: int
     """First free row."""
 
 
 @njit(cache=True, error_model="numpy")
-def emit_segment(segments: Segments, corners: Corners, rows: Rows, place: Place, start: float) -> tuple[int, float]:
-    """Write the rows of a segment whose corners are both decided.
+def lay_law(lines: Lines, corners: Corners, k: int, limits: LineLimits, pen: Pen) -> float:
+    """Fill the law of line ``k`` between its two decided corners.
+
+    Returns:
+        Its duration [s].
+    """
+    first, second = corners.states[k, corners.chosen[k]], corners.states[k + 1, corners.chosen[k + 1]]
+    ends, distance = ends_between(first, second), max(lines.spans[k] - first[SIZE] - second[SIZE], 0.0)
+    fill_connector(ends, connect(ends, distance, limits), limits, pen.pieces[0], pen.pieces[1])
+    fill_law(pen.law, Motion(first[SIZE], ends.v0, ends.a0, 0.0), pen.pieces[0], pen.pieces[1])
+    return float(pen.law.starts[CONNECTOR_PIECES])
+
+
+@njit(cache=True, error_model="numpy")
+def lay_bends(segments: Segments, lines: Lines, k: int, pen: Pen) -> bool:
+    """Place the bends of line ``k`` in its law.
+
+    Returns:
+        Whether all fit in.
+    """
+    first, last, way = lines.first[k], lines.first[k + 1] - 1, 0.0
+    for i in range(first + 1, last + 1):
+        way += segments.spans[i - 1]
+        before, after = 0.5 * segments.spans[i - 1], 0.5 * segments.spans[i]
+        turning = turn_at(pen.law, way, segments.bends[i, 0], before, after)
+        row = pen.bends[i - first]
+        row[0], row[1], row[2], row[3] = turning.begin, turning.duration, turning.jerks[0], turning.jerks[1]
+        if turning.duration <= 0.0:
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def bend_of(pen: Pen, i: int) -> Turning:
+    """The bend before a line's segment number ``i``."""
+    row = pen.bends[i]
+    return Turning(row[0], row[1], (row[2], row[3]))
+
+
+@njit(cache=True, error_model="numpy")
+def emit_line(
+    segments: Segments, lines: Lines, corners: Corners, pen: Pen, place: Place, start: float
+) -> tuple[int, float]:
+    """Write the rows of a line whose law and bends are laid.
 
     Args:
         segments: Buffers.
+        lines: Buffers.
         corners: Buffers.
-        rows: Filled.
-        place: Which segment, and where its rows go.
+        pen: With the law and the bends; its rows are filled.
+        place: Which line, and where its rows go.
         start: When the corner behind it begins [s].
 
     Returns:
         The next free row, and when the corner before it begins [s].
     """
-    k, row, time = place.segment, place.row, start
-    first = corners.states[k, corners.chosen[k]]
-    second = corners.states[k + 1, corners.chosen[k + 1]]
-    if first[DURATION] > 0.0:
-        row, time = _emit_gone(segments, corners, rows, Place(k, place.number, row), time)
-    row, time = _emit_connector(segments, rows, Place(k, place.number, row), time, first, second)
-    if second[DURATION] > 0.0:
-        row = _emit_remaining(segments, corners, rows, Place(k, place.number, row), time)
+    k, row, time, way = place.line, place.row, start, 0.0
+    first, last = lines.first[k], lines.first[k + 1] - 1
+    if corners.states[k, corners.chosen[k], DURATION] > 0.0:
+        row, time = _emit_gone(segments, corners, pen.rows, Place(k, place.number + first, row), first, time)
+    for i in range(first, last + 1):
+        incoming = bend_of(pen, i - first) if i > first else _NO_TURN
+        outgoing = bend_of(pen, i - first + 1) if i < last else _NO_TURN
+        share = Share(place.number + i, way, segments.spans[i], time)
+        row = _emit_share(pen, share, incoming, outgoing, row)
+        way += segments.spans[i]
+    time += pen.law.starts[CONNECTOR_PIECES]
+    if corners.states[k + 1, corners.chosen[k + 1], DURATION] > 0.0:
+        row = _emit_remaining(segments, corners, pen.rows, Place(k + 1, place.number + last, row), last, time)
     return row, time
 
 
+class Share(NamedTuple):
+    """One segment's part of a line."""
+
+    number: int
+    """Of the segment."""
+    way: float
+    """Where it begins along the line [m]."""
+    span: float
+    """Its length [m]."""
+    start: float
+    """When the law begins [s]."""
+
+
 @njit(cache=True, error_model="numpy")
-def _emit_gone(segments: Segments, corners: Corners, rows: Rows, place: Place, time: float) -> tuple[int, float]:
-    """The kernel behind the segment: what is gone of it."""
-    k, row, span = place.segment, place.row, segments.spans[place.segment]
+def _emit_share(pen: Pen, share: Share, incoming: Turning, outgoing: Turning, row: int) -> int:
+    """Write the rows of one segment: turned into, run along, turned out of."""
+    law, time = pen.law, 0.0
+    if incoming.duration > 0.0:
+        half = 0.5 * incoming.duration
+        for p in range(2):
+            time = incoming.begin + p * half
+            gone = gone_at(incoming, time)
+            gone = Motion(gone.way, gone.speed, gone.acceleration, incoming.jerks[p])
+            row = _write(pen.rows, row, share, time, half, gone)
+        time = incoming.begin + incoming.duration
+    until = outgoing.begin if outgoing.duration > 0.0 else law.starts[CONNECTOR_PIECES]
+    for p in range(CONNECTOR_PIECES):
+        begin, end = max(law.starts[p], time), min(law.starts[p + 1], until)
+        if end > begin:
+            row = _write(pen.rows, row, share, begin, end - begin, _from(law_at(law, begin), share.way))
+    if outgoing.duration > 0.0:
+        time, end = outgoing.begin, outgoing.begin + outgoing.duration
+        while time < end:
+            then = next_break(law, outgoing, time)
+            if then <= time:
+                break
+            line, gone = _from(law_at(law, time), share.way), gone_at(outgoing, time)
+            jerk = gone_at(outgoing, 0.5 * (time + then)).jerk
+            rest = Motion(
+                line.way - gone.way, line.speed - gone.speed, line.acceleration - gone.acceleration, line.jerk - jerk
+            )
+            row = _write(pen.rows, row, share, time, then - time, rest)
+            time = then
+    return row
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _from(motion: Motion, way: float) -> Motion:
+    """The same motion counted from a place on."""
+    return Motion(motion.way - way, motion.speed, motion.acceleration, motion.jerk)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _write(rows: Rows, row: int, share: Share, time: float, duration: float, motion: Motion) -> int:
+    rows.segments[row], rows.starts[row], rows.durations[row] = share.number, share.start + time, duration
+    cubic, span = rows.coefficients[row], share.span
+    cubic[0], cubic[1] = motion.way / span, motion.speed / span
+    cubic[2], cubic[3] = 0.5 * motion.acceleration / span, motion.jerk / 6.0 / span
+    return row + 1
+
+
+@njit(cache=True, error_model="numpy")
+def _emit_gone(
+    segments: Segments, corners: Corners, rows: Rows, place: Place, segment: int, time: float
+) -> tuple[int, float]:
+    """The kernel behind a line: what is gone of its first segment."""
+    k, row, span = place.line, place.row, segments.spans[segment]
     scale = corners.scales[k, corners.chosen[k]]
     for p in range(PIECES):
         duration = corners.durations[k, p] * scale
@@ -100,9 +236,9 @@ def _emit_gone(segments: Segments, corners: Corners, rows: Rows, place: Place, t
 
 
 @njit(cache=True, error_model="numpy")
-def _emit_remaining(segments: Segments, corners: Corners, rows: Rows, place: Place, time: float) -> int:
-    """The kernel before the segment's end: one less what remains of it."""
-    k, row, span = place.segment + 1, place.row, segments.spans[place.segment]
+def _emit_remaining(segments: Segments, corners: Corners, rows: Rows, place: Place, segment: int, time: float) -> int:
+    """The kernel before a line's end: its last segment less what remains of it."""
+    k, row, span = place.line, place.row, segments.spans[segment]
     scale = corners.scales[k, corners.chosen[k]]
     for p in range(PIECES):
         duration = corners.durations[k, p] * scale
@@ -115,24 +251,3 @@ def _emit_remaining(segments: Segments, corners: Corners, rows: Rows, place: Pla
             rows.coefficients[row, 0] += 1.0
             row, time = row + 1, time + duration
     return row
-
-
-@njit(cache=True, error_model="numpy")
-def _emit_connector(
-    segments: Segments, rows: Rows, place: Place, time: float, first: Array, second: Array
-) -> tuple[int, float]:
-    """The straight run between both kernels."""
-    row, span, limits = place.row, segments.spans[place.segment], line_limits(segments, place.segment)
-    ends, distance = ends_between(first, second), max(span - first[SIZE] - second[SIZE], 0.0)
-    durations, jerks = rows.scratch[0], rows.scratch[1]
-    fill_connector(ends, connect(ends, distance, limits), limits, durations, jerks)
-    x, v, a = first[SIZE], ends.v0, ends.a0
-    for p in range(CONNECTOR_PIECES):
-        t, j = durations[p], jerks[p]
-        if t > 0.0:
-            rows.segments[row], rows.starts[row], rows.durations[row] = place.number, time, t
-            cubic = rows.coefficients[row]
-            cubic[0], cubic[1], cubic[2], cubic[3] = x / span, v / span, 0.5 * a / span, j / 6.0 / span
-            x, v, a = x + t * (v + t * (0.5 * a + t * j / 6.0)), v + t * (a + 0.5 * t * j), a + t * j
-            row, time = row + 1, time + t
-    return row, time

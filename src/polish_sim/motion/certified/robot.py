@@ -10,6 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.motion.certified.buffers import CAPACITY, Segments
+from polish_sim.motion.certified.corner import PIECES
+from polish_sim.motion.certified.corner_factor import CornerWork, new_corner_work
 from polish_sim.motion.certified.segment_limits import SegmentWork, new_segment_work, segment_limits
 from polish_sim.motion.segment_rates import Segment
 from polish_sim.motion.smoothing.arm import Arm
@@ -31,6 +33,15 @@ class Robot(NamedTuple):
     frames: Array
     """Their start frames, shape (2, 3, 3)."""
     work: SegmentWork
+    corner: CornerWork
+    vertex: Array
+    """Joint angles at a corner [rad], shape (6,)."""
+    durations: Array
+    """A bend as a kernel, as in `Corners`, shape (PIECES,)."""
+    remaining: Array
+    """Shape (PIECES, 4)."""
+    gone: Array
+    """Shape (PIECES, 4)."""
 
 
 def new_robot(arm: Arm | None) -> Robot:
@@ -38,7 +49,17 @@ def new_robot(arm: Arm | None) -> Robot:
     q = np.zeros((CAPACITY + 1, 6))
     if arm is not None:
         q[0] = arm.q_start
-    return Robot(q, np.zeros((2, 3, 3)), np.zeros((2, 3, 3)), new_segment_work())
+    return Robot(
+        q,
+        np.zeros((2, 3, 3)),
+        np.zeros((2, 3, 3)),
+        new_segment_work(),
+        new_corner_work(PIECES),
+        np.zeros(6),
+        np.zeros(PIECES),
+        np.zeros((PIECES, 4)),
+        np.zeros((PIECES, 4)),
+    )
 
 
 @njit(cache=True, error_model="numpy")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polish_sim.errors import ReachError, SmoothingError, place_in_mm
 from polish_sim.motion.certified.corners import Tolerances
+from polish_sim.motion.certified.course import new_course
 from polish_sim.motion.certified.merge import Shares
 from polish_sim.motion.certified.stream import (
     BLOCK,
@@ -19,7 +20,6 @@ from polish_sim.motion.certified.stream import (
     STATUS,
     Outbox,
     end_stream,
-    new_course,
     new_stream,
     take_points,
 )
@@ -133,7 +133,7 @@ class Smoother:
         """What the outbox holds, copied."""
         box: Outbox = self._stream.outbox
         m, r = int(self._stream.counters[OUT_SEGMENTS]), int(self._stream.counters[OUT_ROWS])
-        rows = box.rows
+        rows = box.pen.rows
         return MotionPieces(
             box.tips[:m].copy(),
             box.rotations[:m].copy(),

@@ -14,39 +14,55 @@ from numpy.typing import NDArray
 from polish_sim.motion.certified.buffers import (
     CAPACITY,
     LOOKAHEAD,
+    MOST_STRUNG,
     Corners,
+    Lines,
     Segments,
     new_corners,
+    new_lines,
     new_segments,
 )
-from polish_sim.motion.certified.corner import CornerShapes, corner_kernel, corner_shapes
-from polish_sim.motion.certified.corners import (
-    Tolerances,
-    corner_limits,
-    corner_weights,
-    lay_out_states,
-    lines_slowing,
-    slow_down,
+from polish_sim.motion.certified.connector import LineLimits
+from polish_sim.motion.certified.course import Course, bends_hold, fill_bend, fill_corner
+from polish_sim.motion.certified.emit import (
+    KERNEL_ROWS,
+    SEGMENT_ROWS,
+    Pen,
+    Place,
+    emit_line,
+    lay_bends,
+    lay_law,
+    new_pen,
 )
-from polish_sim.motion.certified.emit import MOST_ROWS, Place, Rows, emit_segment, new_rows
 from polish_sim.motion.certified.merge import Run, Shares, chord_deviation, empty_run, may_join
 from polish_sim.motion.certified.robot import Robot, fill_limits, new_robot
-from polish_sim.motion.certified.window import best_before_stop, decide, decide_all, forget_past, reach_corner
+from polish_sim.motion.certified.strings import close_line, may_string, open_line, string_segment
+from polish_sim.motion.certified.window import (
+    best_before_stop,
+    decide,
+    decide_all,
+    forget_past,
+    line_limits,
+    reach_corner,
+)
 from polish_sim.motion.segment_rates import REACHED
 from polish_sim.motion.smoothing.arm import Arm
 from polish_sim.motion.smoothing.build import fill_segment
 from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.limits import LimitValues
 
 Array = NDArray[np.float64]
 
 BLOCK = 128
 """Way points taken in at once: what they give fits the outbox."""
-HELD, RAW, SEGMENTS, FIRST, GIVEN, OUT_SEGMENTS, OUT_ROWS, STATUS = range(8)
-"""Counters: way points in the run; taken in; segments in the buffers; number of the buffers' first segment; next
-segment to give (in the buffers); segments and rows in the outbox; what went wrong, 0 if nothing."""
-COUNTERS = 8
-_ROOM = BLOCK + LOOKAHEAD + 2
+HELD, RAW, SEGMENTS, FIRST, LINES, OPEN, GIVEN, OUT_SEGMENTS, OUT_ROWS, RELAID, STATUS = range(11)
+"""Counters: way points in the run; taken in; segments in the buffers; number of the buffers' first one; closed lines in
+the buffers; whether one is open; next line to give; segments and rows in the outbox; laws laid anew; what went wrong,
+0 if nothing."""
+COUNTERS = 11
+NO_LAW = 9
+"""Status: no law was found that keeps a line's bends in their limits."""
+_ROOM = BLOCK + (LOOKAHEAD + 2) * MOST_STRUNG
+_TRIES, _SLOWER = 30, 0.85
 
 
 class Outbox(NamedTuple):
@@ -58,18 +74,8 @@ class Outbox(NamedTuple):
     """Tool frames there, shape (m, 3, 3)."""
     raw_ends: NDArray[np.int64]
     """Their numbers among the way points taken in, shape (m,)."""
-    rows: Rows
-    """Of their schedule."""
-
-
-class Course(NamedTuple):
-    """What stays the same along a stream."""
-
-    limits: LimitValues
-    tolerances: Tolerances
-    shares: Shares
-    shapes: CornerShapes
-    arm: Arm | None
+    pen: Pen
+    """With the rows of their schedule."""
 
 
 class Stream(NamedTuple):
@@ -80,6 +86,7 @@ class Stream(NamedTuple):
     """When the corner behind the next segment to give begins [s], shape (1,)."""
     run: Run
     segments: Segments
+    lines: Lines
     corners: Corners
     outbox: Outbox
     robot: Robot
@@ -87,23 +94,18 @@ class Stream(NamedTuple):
 
 def new_stream(arm: Arm | None) -> Stream:
     """A stream before its first way point."""
-    outbox = Outbox(
-        np.zeros((_ROOM, 3)), np.zeros((_ROOM, 3, 3)), np.zeros(_ROOM, dtype=np.int64), new_rows(_ROOM * MOST_ROWS)
-    )
+    pen = new_pen(_ROOM * (SEGMENT_ROWS + KERNEL_ROWS))
+    outbox = Outbox(np.zeros((_ROOM, 3)), np.zeros((_ROOM, 3, 3)), np.zeros(_ROOM, dtype=np.int64), pen)
     return Stream(
         np.zeros(COUNTERS, dtype=np.int64),
         np.zeros(1),
         empty_run(),
         new_segments(),
+        new_lines(),
         new_corners(),
         outbox,
         new_robot(arm),
     )
-
-
-def new_course(limits: LimitValues, tolerances: Tolerances, shares: Shares, arm: Arm | None) -> Course:
-    """Put together what stays the same along a stream."""
-    return Course(limits, tolerances, shares, corner_shapes(), arm)
 
 
 @njit(cache=True, error_model="numpy")
@@ -130,13 +132,15 @@ def end_stream(stream: Stream, course: Course) -> None:
     counters[OUT_SEGMENTS] = counters[OUT_ROWS] = 0
     if counters[HELD] > 1:
         _close_run(stream, course, counters[HELD] - 1, counters[RAW] - 1)
-    last = counters[SEGMENTS] - 1
-    if last >= 0:
-        state = best_before_stop(stream.segments, stream.corners, last)
+    if counters[OPEN] > 0:
+        _close_line(stream, course, counters[SEGMENTS] - 1)
+    last = counters[LINES] - 1
+    if last >= 0 and counters[STATUS] == REACHED:
+        state = best_before_stop(stream.lines, stream.corners, last)
         decide_all(stream.corners, counters[GIVEN] + 1, last, state)
         _set_stop(stream.corners, last + 1)
         while counters[GIVEN] <= last:
-            _give_segment(stream)
+            _give_line(stream, course)
 
 
 @njit(cache=True, error_model="numpy")
@@ -175,7 +179,7 @@ def _joins(run: Run, last: int, shares: Shares) -> bool:
 @njit(cache=True, error_model="numpy")
 def _close_run(stream: Stream, course: Course, last: int, raw_end: int) -> None:
     """The chord from the run's first way point to ``last``, number ``raw_end`` of all, becomes a segment."""
-    counters, segments, corners = stream.counters, stream.segments, stream.corners
+    counters, segments = stream.counters, stream.segments
     if counters[SEGMENTS] == CAPACITY:
         _move_to_front(stream)
     k = counters[SEGMENTS]
@@ -192,26 +196,38 @@ def _close_run(stream: Stream, course: Course, last: int, raw_end: int) -> None:
     segments.used[k, 0], segments.used[k, 1] = deviation.tip, deviation.axis
     segments.raw_ends[k] = raw_end
     counters[SEGMENTS] = k + 1
-    if k > 0:
-        _add_corner(stream, course, k)
-        reach_corner(segments, corners, k)
-    if k - counters[GIVEN] == LOOKAHEAD:
-        given = counters[GIVEN]
-        decide(corners, given + 1, k, best_before_stop(segments, corners, k))
-        forget_past(corners, given + 1, k)
-        _give_segment(stream)
+    _string(stream, course, k)
 
 
 @njit(cache=True, error_model="numpy")
-def _add_corner(stream: Stream, course: Course, k: int) -> None:
-    """Find the kernel of corner ``k`` and lay out its states."""
-    segments, corners = stream.segments, stream.corners
-    figures = corner_kernel(
-        corner_weights(segments, k), corner_limits(segments, k, course.limits, course.tolerances), course.shapes,
-        corners.durations[k], corners.remaining[k], corners.gone[k],
-    )  # fmt: skip
-    figures = slow_down(corners, k, figures, lines_slowing(segments, k, figures))
-    lay_out_states(segments, corners, k, figures)
+def _string(stream: Stream, course: Course, k: int) -> None:
+    """Put segment ``k`` on the open line, or close that and begin a new one."""
+    segments, lines, line = stream.segments, stream.lines, stream.counters[LINES]
+    if stream.counters[OPEN] > 0:
+        fill_bend(segments, k, course, stream.robot)
+        if may_string(segments, lines, line, k):
+            string_segment(segments, lines, line, k)
+            return
+        _close_line(stream, course, k - 1)
+        line += 1
+    open_line(segments, lines, line, k)
+    stream.counters[OPEN] = 1
+
+
+@njit(cache=True, error_model="numpy")
+def _close_line(stream: Stream, course: Course, last: int) -> None:
+    """The open line ends with segment ``last``; its start becomes a corner, an old line may be given out."""
+    counters, lines, corners, k = stream.counters, stream.lines, stream.corners, stream.counters[LINES]
+    close_line(stream.segments, lines, k, last)
+    counters[LINES], counters[OPEN] = k + 1, 0
+    if k > 0:
+        fill_corner(stream.segments, lines, corners, k, course, stream.robot)
+        reach_corner(lines, corners, k)
+    if k - counters[GIVEN] == LOOKAHEAD:
+        given = counters[GIVEN]
+        decide(corners, given + 1, k, best_before_stop(lines, corners, k))
+        forget_past(corners, given + 1, k)
+        _give_line(stream, course)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -238,35 +254,72 @@ def _set_stop(corners: Corners, k: int) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _give_segment(stream: Stream) -> None:
-    """Put the oldest segment into the outbox; both its corners are decided."""
-    counters, box, chain = stream.counters, stream.outbox, stream.segments.chain
-    k, m = counters[GIVEN], counters[OUT_SEGMENTS]
-    place = Place(k, counters[FIRST] + k, counters[OUT_ROWS])
-    row, time = emit_segment(stream.segments, stream.corners, box.rows, place, stream.clock[0])
+def _give_line(stream: Stream, course: Course) -> None:
+    """Put the oldest line into the outbox; both its corners are decided."""
+    counters, box, lines, k = stream.counters, stream.outbox, stream.lines, stream.counters[GIVEN]
+    _lay_line(stream, course, k)
+    place = Place(k, counters[FIRST], counters[OUT_ROWS])
+    row, time = emit_line(stream.segments, lines, stream.corners, box.pen, place, stream.clock[0])
+    for i in range(lines.first[k], lines.first[k + 1]):
+        _give_way_point(stream, i)
+    stream.clock[0] = time
+    counters[GIVEN], counters[OUT_ROWS] = k + 1, row
+
+
+@njit(cache=True, error_model="numpy")
+def _lay_line(stream: Stream, course: Course, k: int) -> None:
+    """Lay law and bends of line ``k``; slower if a bend should not keep its limits or find no room."""
+    limits = line_limits(stream.lines, k)
+    pen = stream.outbox.pen
+    for _ in range(_TRIES):
+        lay_law(stream.lines, stream.corners, k, limits, pen)
+        if lay_bends(stream.segments, stream.lines, k, pen) and bends_hold(
+            stream.segments, stream.lines, k, course, pen
+        ):
+            return
+        stream.counters[RELAID] += 1
+        limits = LineLimits(limits.speed * _SLOWER, limits.acceleration * _SLOWER**2, limits.jerk * _SLOWER**3)
+    stream.counters[STATUS] = NO_LAW
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _give_way_point(stream: Stream, k: int) -> None:
+    """Put the end of segment ``k`` into the outbox."""
+    box, chain, m = stream.outbox, stream.segments.chain, stream.counters[OUT_SEGMENTS]
     for j in range(3):
         box.tips[m, j] = chain.tips[k + 1, j]
         for c in range(3):
             box.rotations[m, j, c] = chain.rotations[k + 1, j, c]
     box.raw_ends[m] = stream.segments.raw_ends[k]
-    stream.clock[0] = time
-    counters[GIVEN], counters[OUT_SEGMENTS], counters[OUT_ROWS] = k + 1, m + 1, row
+    stream.counters[OUT_SEGMENTS] = m + 1
 
 
 @njit(cache=True, error_model="numpy")
 def _move_to_front(stream: Stream) -> None:
     """Move what is still needed to the front of the buffers."""
-    counters = stream.counters
-    shift, count = counters[GIVEN], counters[SEGMENTS]
-    for k in range(shift, count + 1):
+    counters, lines = stream.counters, stream.lines
+    shift, last = counters[GIVEN], counters[LINES]
+    moved, count = lines.first[shift], counters[SEGMENTS]
+    for k in range(shift, last + 1):
         _move_corner(stream.corners, k, k - shift)
-        _move_way_point(stream.segments.chain, k, k - shift)
-        stream.robot.q[k - shift] = stream.robot.q[k]
-    for k in range(shift, count):
-        _move_segment(stream.segments, k, k - shift)
-    counters[FIRST] += shift
-    counters[SEGMENTS] -= shift
+        _move_line(lines, k, k - shift, moved)
+    for k in range(moved, count + 1):
+        _move_way_point(stream.segments.chain, k, k - moved)
+        stream.robot.q[k - moved] = stream.robot.q[k]
+    for k in range(moved, count):
+        _move_segment(stream.segments, k, k - moved)
+    counters[FIRST] += moved
+    counters[SEGMENTS] -= moved
+    counters[LINES] -= shift
     counters[GIVEN] = 0
+
+
+@njit(cache=True, error_model="numpy")
+def _move_line(lines: Lines, k: int, to: int, moved: int) -> None:
+    lines.first[to] = lines.first[k] - moved
+    lines.spans[to] = lines.spans[k]
+    lines.limits[to] = lines.limits[k]
+    lines.rooms[to] = lines.rooms[k]
 
 
 @njit(cache=True, error_model="numpy")
@@ -299,5 +352,6 @@ def _move_segment(segments: Segments, k: int, to: int) -> None:
     chain.rolls[to] = chain.rolls[k]
     segments.spans[to] = segments.spans[k]
     segments.limits[to] = segments.limits[k]
+    segments.bends[to] = segments.bends[k]
     segments.used[to] = segments.used[k]
     segments.raw_ends[to] = segments.raw_ends[k]

@@ -2,10 +2,10 @@
 
 A corner has a few states, from an exact stop (state 0) to its full kernel. The least time to every state of the newest
 corner follows from those of the corner before and the fastest connectors between them. The best way to a stop at the
-end of the newest segment decides on the oldest open corner.
+end of the newest line decides on the oldest open corner.
 
 Never slower than exact stops: the way "as decided so far, then stop at every corner" is always among those compared,
-so that one more segment adds at most its own time from rest to rest.
+so that one more line adds at most its own time from rest to rest.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.certified.buffers import ACCELERATION, DURATION, SIZE, SPEED, Corners, Segments
+from polish_sim.motion.certified.buffers import ACCELERATION, DURATION, SIZE, SPEED, Corners, Lines
 from polish_sim.motion.certified.connector import Ends, LineLimits, connector_time
 
 Array = NDArray[np.float64]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def line_limits(segments: Segments, k: int) -> LineLimits:
-    """Limits along a segment."""
-    return LineLimits(segments.limits[k, 0], segments.limits[k, 1], segments.limits[k, 2])
+def line_limits(lines: Lines, k: int) -> LineLimits:
+    """Limits along a line."""
+    return LineLimits(lines.limits[k, 0], lines.limits[k, 1], lines.limits[k, 2])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -35,27 +35,27 @@ def ends_between(first: Array, second: Array) -> Ends:
 
 
 @njit(cache=True, error_model="numpy")
-def run_time(segments: Segments, k: int, first: Array, second: Array) -> float:
-    """Time of segment ``k`` between two corner states [s]; infinite if it is too short for them."""
-    distance = segments.spans[k] - first[SIZE] - second[SIZE]
-    # Rounding may not take a segment away from two corners that share it wholly.
-    if distance < -1e-15 * segments.spans[k]:
+def run_time(lines: Lines, k: int, first: Array, second: Array) -> float:
+    """Time of line ``k`` between two corner states [s]; infinite if it is too short for them."""
+    distance = lines.spans[k] - first[SIZE] - second[SIZE]
+    # Rounding may not take a line away from two corners that share it wholly.
+    if distance < -1e-15 * lines.spans[k]:
         return math.inf
-    return connector_time(ends_between(first, second), max(distance, 0.0), line_limits(segments, k))
+    return connector_time(ends_between(first, second), max(distance, 0.0), line_limits(lines, k))
 
 
 @njit(cache=True, error_model="numpy")
-def reach_corner(segments: Segments, corners: Corners, k: int) -> None:
+def reach_corner(lines: Lines, corners: Corners, k: int) -> None:
     """Fill least times and origins of the states of corner ``k`` from those of corner ``k - 1``."""
     for j in range(corners.levels[k]):
         best, origin = math.inf, 0
         second = corners.states[k, j]
         for i in range(corners.levels[k - 1] - 1, -1, -1):
             first, cost = corners.states[k - 1, i], corners.costs[k - 1, i]
-            distance = segments.spans[k - 1] - first[SIZE] - second[SIZE]
-            if cost + distance / segments.limits[k - 1, 0] >= best:
+            distance = lines.spans[k - 1] - first[SIZE] - second[SIZE]
+            if cost + distance / lines.limits[k - 1, 0] >= best:
                 continue
-            time = cost + run_time(segments, k - 1, first, second)
+            time = cost + run_time(lines, k - 1, first, second)
             if time < best:
                 best, origin = time, i
         corners.costs[k, j] = best + second[DURATION]
@@ -63,17 +63,17 @@ def reach_corner(segments: Segments, corners: Corners, k: int) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def best_before_stop(segments: Segments, corners: Corners, k: int) -> int:
-    """State of corner ``k`` on the fastest way to a stop at the end of segment ``k``."""
+def best_before_stop(lines: Lines, corners: Corners, k: int) -> int:
+    """State of corner ``k`` on the fastest way to a stop at the end of line ``k``."""
     best, state = math.inf, 0
     for i in range(corners.levels[k]):
         if corners.costs[k, i] >= best:
             continue
-        distance = segments.spans[k] - corners.states[k, i, SIZE]
+        distance = lines.spans[k] - corners.states[k, i, SIZE]
         if distance < 0.0:
             continue
         ends = Ends(corners.states[k, i, SPEED], corners.states[k, i, ACCELERATION], 0.0, 0.0)
-        time = corners.costs[k, i] + connector_time(ends, distance, line_limits(segments, k))
+        time = corners.costs[k, i] + connector_time(ends, distance, line_limits(lines, k))
         if time < best:
             best, state = time, i
     return state

@@ -1,0 +1,163 @@
+"""What stays the same along a stream, and corners and bends made with it (layer 6)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.motion.certified.bends import (
+    LINE_SHARE,
+    axis_vectors,
+    off_axis,
+    off_line,
+    plan_bend,
+    tip_vectors,
+)
+from polish_sim.motion.certified.buffers import Corners, Lines, Segments
+from polish_sim.motion.certified.corner import PIECES, CornerShapes, corner_kernel, corner_shapes
+from polish_sim.motion.certified.corner_factor import CornerFactor, corner_factor
+from polish_sim.motion.certified.corners import (
+    Tolerances,
+    corner_limits,
+    corner_weights,
+    lay_out_states,
+    lines_slowing,
+    slow_down,
+)
+from polish_sim.motion.certified.emit import Pen, bend_of
+from polish_sim.motion.certified.law import bend_load, gone_at, law_at
+from polish_sim.motion.certified.merge import Shares
+from polish_sim.motion.certified.robot import Robot, base_segment
+from polish_sim.motion.certified.strings import segment_line
+from polish_sim.motion.certified.window import line_limits
+from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.limits import LimitValues
+
+Array = NDArray[np.float64]
+
+_SLACK = 1.0 + 1e-9
+
+
+class Course(NamedTuple):
+    """What stays the same along a stream."""
+
+    limits: LimitValues
+    bend_limits: LimitValues
+    """The same with the share of joint acceleration and jerk that is left for bends."""
+    tolerances: Tolerances
+    shares: Shares
+    shapes: CornerShapes
+    arm: Arm | None
+
+
+def new_course(limits: LimitValues, tolerances: Tolerances, shares: Shares, arm: Arm | None) -> Course:
+    """Put together what stays the same along a stream."""
+    left = limits.joint * np.array([1.0, 1.0 - LINE_SHARE, 1.0 - LINE_SHARE])[:, None]
+    return Course(limits, limits._replace(joint=left), tolerances, shares, corner_shapes(), arm)
+
+
+@njit(cache=True, error_model="numpy")
+def _joint_factor(
+    segments: Segments,
+    k: int,
+    limits: LimitValues,
+    arm: Arm | None,
+    robot: Robot,
+    durations: Array,
+    remaining: Array,
+    gone: Array,
+) -> CornerFactor:
+    """What axis and joints say of a kernel at the corner before segment ``k``."""
+    old, new = base_segment(segments, k - 1, arm, robot, 0), base_segment(segments, k, arm, robot, 1)
+    spans = (segments.spans[k - 1], segments.spans[k])
+    for j in range(6):
+        robot.vertex[j] = robot.q[k, j]
+    return corner_factor(old, new, spans, durations, remaining, gone, limits, arm, robot.vertex, robot.corner)
+
+
+@njit(cache=True, error_model="numpy")
+def fill_corner(segments: Segments, lines: Lines, corners: Corners, k: int, course: Course, robot: Robot) -> None:
+    """Find the kernel of the corner before line ``k`` and lay out its states."""
+    segment = lines.first[k]
+    limits = corner_limits(
+        segments, segment, course.limits, course.tolerances, line_limits(lines, k - 1), line_limits(lines, k)
+    )
+    durations, remaining, gone = corners.durations[k], corners.remaining[k], corners.gone[k]
+    figures = corner_kernel(corner_weights(segments, segment), limits, course.shapes, durations, remaining, gone)
+    share = 1.0
+    if figures.duration > 0.0:
+        factor = _joint_factor(segments, segment, course.limits, course.arm, robot, durations, remaining, gone)
+        share = factor.size
+        figures = slow_down(corners, k, figures, factor.slowdown)
+    figures = slow_down(corners, k, figures, lines_slowing(lines, k, figures))
+    lay_out_states(lines, corners, k, figures, share)
+
+
+@njit(cache=True, error_model="numpy")
+def fill_bend(segments: Segments, k: int, course: Course, robot: Robot) -> None:
+    """Plan the bend before segment ``k`` as if it lay within a line."""
+    limits = corner_limits(
+        segments, k, course.limits, course.tolerances, segment_line(segments, k - 1), segment_line(segments, k)
+    )
+    bend = plan_bend(corner_weights(segments, k), limits, min(segments.spans[k - 1], segments.spans[k]))
+    speed = min(bend.speed, limits.segment_speed)
+    if speed > 0.0:
+        _fill_steady(robot, bend.length, speed)
+        factor = _joint_factor(
+            segments, k, course.bend_limits, course.arm, robot, robot.durations, robot.remaining, robot.gone
+        )
+        speed = speed / factor.slowdown if factor.size == 1.0 else 0.0
+    segments.bends[k, 0], segments.bends[k, 1] = bend.length, speed
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_steady(robot: Robot, length: float, speed: float) -> None:
+    """The bend passed at constant speed, as a kernel of two pieces."""
+    half = 0.5 * length / speed
+    jerk = speed / (half * half)
+    cube = jerk * half**3 / 6.0
+    robot.durations[0] = robot.durations[1] = half
+    a, b = robot.remaining, robot.gone
+    a[0, 0], a[0, 1], a[0, 2], a[0, 3] = speed * half, -speed, 0.0, jerk / 6.0
+    a[1, 0], a[1, 1], a[1, 2], a[1, 3] = cube, -0.5 * speed, 0.5 * jerk * half, -jerk / 6.0
+    b[0, 0], b[0, 1], b[0, 2], b[0, 3] = 0.0, 0.0, 0.0, jerk / 6.0
+    b[1, 0], b[1, 1], b[1, 2], b[1, 3] = cube, 0.5 * speed, 0.5 * jerk * half, -jerk / 6.0
+    for p in range(2, PIECES):
+        robot.durations[p] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def bends_hold(segments: Segments, lines: Lines, k: int, course: Course, pen: Pen) -> bool:
+    """Whether all bends laid in line ``k`` keep tip and axis within limits and tolerances, at every instant."""
+    way = 0.0
+    for i in range(lines.first[k] + 1, lines.first[k + 1]):
+        way += segments.spans[i - 1]
+        if not _bend_holds(segments, i, way, course, pen, i - lines.first[k]):
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _bend_holds(segments: Segments, i: int, way: float, course: Course, pen: Pen, place: int) -> bool:
+    turning, weights = bend_of(pen, place), corner_weights(segments, i)
+    limits = corner_limits(
+        segments, i, course.limits, course.tolerances, segment_line(segments, i - 1), segment_line(segments, i)
+    )
+    tip, axis = tip_vectors(weights), axis_vectors(weights)
+    tip_load, axis_load = bend_load(pen.law, turning, tip), bend_load(pen.law, turning, axis)
+    middle = turning.begin + 0.5 * turning.duration
+    gone = gone_at(turning, middle).way
+    # One falls, the other rises: where they meet neither is above both at any one time.
+    nearest = max(gone, way + gone - law_at(pen.law, middle).way)
+    return (
+        tip_load.forwards
+        and tip_load.acceleration <= limits.acceleration * _SLACK
+        and tip_load.jerk <= limits.jerk * _SLACK
+        and axis_load.acceleration <= limits.axis_acceleration * _SLACK
+        and axis_load.jerk <= limits.axis_jerk * _SLACK
+        and nearest * off_line(tip) <= limits.tip_tolerance * _SLACK
+        and nearest * off_axis(weights) <= limits.axis_tolerance * _SLACK
+    )
