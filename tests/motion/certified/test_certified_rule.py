@@ -8,6 +8,7 @@ import pytest
 from polish_sim.motion.certified.smoother import Smoother, join_pieces
 from polish_sim.motion.rules.certified import plan
 from polish_sim.motion.smoothing.build import chain_from_axes
+from polish_sim.motion.smoothing.deviation import measure_deviation
 from polish_sim.motion.smoothing.limits import SmoothingLimits
 from polish_sim.motion.smoothing.sampling import sample_schedule
 
@@ -95,3 +96,12 @@ def test_a_feed_caps_the_speed_of_its_segments():
     speeds = np.linalg.norm(samples.tips[:, 1], axis=1)
     assert speeds[samples.tips[:, 0, 0] < 0.02].max() <= 0.01 * (1 + 1e-9)
     assert speeds.max() == pytest.approx(0.03)
+
+
+def test_a_quarter_circle_in_short_chords_takes_little_longer_than_its_length_at_full_speed():
+    angle = np.linspace(0.0, math.pi / 2, 362)
+    arc = 0.05 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    chain = _flat(arc)
+    merged, schedule = plan(chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, None)
+    assert schedule.end <= 1.15 * 1.72
+    assert measure_deviation(merged, schedule, chain).contour.value <= TOLERANCE
