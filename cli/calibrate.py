@@ -9,6 +9,7 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli import option_types as o
+from polish_sim.cli.calibrate_frames import base, tcp
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.panels import PanelledCommand
 from polish_sim.cli.scenario_options import build_scenario, given_options
@@ -36,12 +37,12 @@ Drift = Annotated[
     bool, typer.Option("--drift", help="Also estimate a linear drift of the bias.", rich_help_panel=MODEL)
 ]
 
-calibrate = typer.Typer(name="calibrate", help="Calibrate the cell: payload.", rich_markup_mode=None)
+calibrate = typer.Typer(name="calibrate", help="Calibrate the cell: payload, tcp, base.", rich_markup_mode=None)
 
 
 @calibrate.callback()
 def _every_calibration() -> None:
-    """Calibrate the cell; what each command finds is a calibration.toml that `run --calibration` takes."""
+    """Calibrate the cell; what each command finds is a calibration.toml that runs load."""
 
 
 @calibrate.command("payload", cls=PanelledCommand, short_help="Tool mass, its centre, sensor bias.")
@@ -80,3 +81,7 @@ def payload(
     outcome.show()
     console.say(f"folder: {folder.final}")
     return outcome.exit_code(check)
+
+
+calibrate.command("tcp", cls=PanelledCommand, short_help="Tool tip and axes on the flange.")(tcp)
+calibrate.command("base", cls=PanelledCommand, short_help="Where a second robot's base stands.")(base)

@@ -59,7 +59,7 @@ commands.command("inspect", cls=PanelledCommand, short_help="The quality of any 
 commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion along any tool path.")(smooth)
 commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force or surface.")(run)
 commands.command("score", short_help="Score a controller by a fixed battery of cases.")(score)
-commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload.")
+commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base.")
 commands.command("report", short_help="Plots and tables again from saved runs.")(report)
 commands.command("config", short_help="The full default config as TOML.")(config)
 commands.command("list", short_help="What ships with the package.")(list_names)

@@ -44,6 +44,14 @@ class Claim(NamedTuple):
 
 _PATH_DONE: Final = Claim("path_done", "path done", "%", 100.0, "100", low=1.0, more_is_better=True)
 
+_DEGREES: Final = 180.0 / math.pi
+_RELATIVE_BASE: Final = (
+    Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm", 1e3),
+    Claim("relative_origin_error_m", "follower's origin in the master's, error", "mm", 1e3),
+    Claim("point_error_1m_m", "a metre from it, error", "mm", 1e3),
+    Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3),
+)
+
 CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
     {
         "arc": (
@@ -91,6 +99,36 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
             Claim("condition", "condition of the poses", "", 1.0),
             Claim("drift_600s_rms_n", "idle force in 600 s, tared once, rms", "N", 1.0),
             Claim("drift_600s_retared_rms_n", "  tared every 60 s, rms", "N", 1.0),
+        ),
+        "calibrate-tcp": (
+            Claim("position_crb_m", "tip, Cramér-Rao bound, 3D rms", "mm", 1e3, high=3.3e-5),
+            Claim("position_error_m", "tip error (three times that)", "mm", 1e3, high=1e-4),
+            Claim("rotation_std_max_rad", "axes, std of the worst", "deg", _DEGREES, high=0.045 / _DEGREES),
+            Claim("rotation_error_rad", "axes, error, all three", "deg", _DEGREES),
+            Claim("residual_rms_m", "residual of a touch, rms", "mm", 1e3),
+        ),
+        "calibrate-tcp-data": (
+            Claim("position_std_m", "tip, 3D std", "mm", 1e3, high=3.3e-5),
+            Claim("rotation_std_max_rad", "axes, std of the worst", "deg", _DEGREES),
+            Claim("noise_m", "noise of a touch, per coordinate", "mm", 1e3),
+            Claim("residual_rms_m", "residual of a touch, rms", "mm", 1e3),
+        ),
+        "calibrate-base": (
+            Claim("origin_std_m", "origin seen by the tracker, 3D std", "mm", 1e3, high=1.7e-5),
+            Claim("axis_std_rad", "first axis, std", "deg", _DEGREES, high=0.001 / _DEGREES),
+            Claim("origin_error_m", "origin, error (three times that)", "mm", 1e3, high=5.1e-5),
+            Claim("axis_error_rad", "first axis, error (three times)", "deg", _DEGREES, high=0.003 / _DEGREES),
+            *_RELATIVE_BASE,
+        ),
+        "calibrate-base-poses": (
+            Claim("origin_error_m", "origin, error", "mm", 1e3),
+            Claim("rotation_error_rad", "turn, error", "deg", _DEGREES),
+            *_RELATIVE_BASE,
+        ),
+        "calibrate-base-data": (
+            Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm", 1e3),
+            Claim("noise_m", "noise of a point, per coordinate", "mm", 1e3),
+            Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3),
         ),
         "calibrate-payload-data": (
             Claim("mass_std_relative", "mass, std", "%", 100.0, high=0.01),

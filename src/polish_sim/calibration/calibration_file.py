@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import tomllib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.calibration.payload import GRAVITY, PayloadEstimate
+from polish_sim.calibration.toml_table import is_number, read_table, write_table
 from polish_sim.errors import InputError
 
 Array = NDArray[np.float64]
@@ -68,17 +66,7 @@ def write_calibration(file: Path, estimate: PayloadEstimate) -> None:
     """Write calibration.toml."""
     figures = {"kind": KIND} | estimate_figures(estimate)
     figures |= {"gravity_m_s2": GRAVITY, "covariance": estimate.covariance.tolist()}
-    lines = [f"{name} = {_literal(value)}" for name, value in figures.items()]
-    file.write_text(_HEAD + "\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _literal(value: Any) -> str:
-    if isinstance(value, str):
-        return f'"{value}"'
-    if isinstance(value, list):
-        return "[" + ", ".join(_literal(entry) for entry in value) + "]"
-    # TOML wants a digit on both sides of the point and reads 1e-05 as well as Python does.
-    return repr(value)
+    write_table(file, _HEAD, figures)
 
 
 def read_calibrated_tool(file: Path) -> CalibratedTool:
@@ -87,28 +75,10 @@ def read_calibrated_tool(file: Path) -> CalibratedTool:
     Raises:
         InputError: No such file, no TOML, not the calibration of a payload, or a value that cannot be.
     """
-    table = _table(file)
-    if table.get("kind") != KIND:
-        raise InputError(
-            f"'{file}' is not the calibration of a payload (kind = {table.get('kind')!r}). "
-            "Give a calibration.toml made by 'calibrate payload'."
-        )
+    table = read_table(file, KIND, "a payload")
     mass, center = table.get("mass_kg"), table.get("center_m")
-    if not _is_number(mass) or not 0.0 < float(mass) < 1e3:  # type: ignore[arg-type]
+    if not is_number(mass) or not 0.0 < float(mass) < 1e3:  # type: ignore[arg-type]
         raise InputError(f"'{file}': mass_kg is {mass!r}, wanted a number above 0 [kg].")
-    if not isinstance(center, list) or len(center) != 3 or not all(map(_is_number, center)):
+    if not isinstance(center, list) or len(center) != 3 or not all(map(is_number, center)):
         raise InputError(f"'{file}': center_m is {center!r}, wanted three numbers [m].")
     return CalibratedTool(float(mass), np.array(center, dtype=np.float64))  # type: ignore[arg-type]
-
-
-def _table(file: Path) -> Mapping[str, Any]:
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read the calibration '{file}': {error.strerror}.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"the calibration '{file}' is not valid TOML: {error}.") from error
-
-
-def _is_number(value: Any) -> bool:
-    return not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,18 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.calibration.csv_columns import QUATERNION, read_columns
 from polish_sim.calibration.payload import PayloadEstimate
-from polish_sim.calibration.readings import ROTATION_TOLERANCE, PayloadReadings
-from polish_sim.errors import InputError
-from polish_sim.exchange.checks import finite_column
-from polish_sim.exchange.named_columns import NamedColumns, read_named_columns
+from polish_sim.calibration.readings import PayloadReadings
 
 Array = NDArray[np.float64]
 
 TIME: Final = "time_s"
-QUATERNION: Final = ("qw", "qx", "qy", "qz")
-ROTATION_VECTOR: Final = ("rx_rad", "ry_rad", "rz_rad")
-MATRIX: Final = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
 WRENCH: Final = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
 JOINTS: Final = tuple(f"q{joint}_rad" for joint in range(1, 7))
 
@@ -38,35 +32,11 @@ def read_readings(file: Path) -> PayloadReadings:
     Raises:
         InputError: No such file, a column missing, a value that is none, an orientation that is none; names the line.
     """
-    columns, lines = _columns(file)
-
-    def place(row: int) -> str:
-        return f"line {lines[row]}"
-
-    def numbers(names: Sequence[str]) -> Array:
-        return np.stack([finite_column(file, name, columns[name], place) for name in names], axis=1)
-
-    _need(file, columns, WRENCH)
-    forms: Mapping[tuple[str, ...], Callable[[Array], Array]] = {
-        QUATERNION: _from_quaternions,
-        ROTATION_VECTOR: lambda values: Rotation.from_rotvec(values).as_matrix(),
-        MATRIX: lambda values: values.reshape(-1, 3, 3),
-    }
-    given = next((names for names in forms if set(names) <= set(columns)), None)
-    if given is None:
-        known = "; ".join(", ".join(names) for names in forms)
-        raise InputError(
-            f"'{file}' says nowhere how the sensor stood. Wanted one of: {known}. It has: {', '.join(columns)}."
-        )
-    R_base_sensor = forms[given](numbers(given))
-    turned = np.swapaxes(R_base_sensor, 1, 2) @ R_base_sensor
-    wrong = np.abs(turned - np.eye(3)).max(axis=(1, 2)) > ROTATION_TOLERANCE
-    wrong |= np.linalg.det(R_base_sensor) < 0.0
-    if wrong.any():
-        said = "a unit quaternion" if given == QUATERNION else "a rotation matrix (orthonormal, right-handed)"
-        raise InputError(f"'{file}', {place(int(np.argmax(wrong)))}: {given[0]} to {given[-1]} are not {said}.")
-    time = numbers([TIME])[:, 0] if TIME in columns else np.zeros(len(R_base_sensor))
-    return PayloadReadings(time, R_base_sensor, numbers(WRENCH))
+    columns = read_columns(file, "reading", "poses and readings")
+    columns.need(WRENCH, "the reading in sensor axes, [N] and [N m]")
+    R_base_sensor = columns.rotations("the sensor")
+    time = columns.numbers([TIME])[:, 0] if TIME in columns.texts else np.zeros(len(columns))
+    return PayloadReadings(time, R_base_sensor, columns.numbers(WRENCH))
 
 
 def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Array | None = None) -> str:
@@ -88,31 +58,3 @@ def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Arra
         row: list[Any] = [k + 1, *(f"{value:.9g}" for value in numbers), int(estimate.used[k])]
         table.writerow(row + ([] if q is None else [f"{value:.9g}" for value in q[k]]))
     return out.getvalue()
-
-
-def _columns(file: Path) -> NamedColumns:
-    """Columns of text by name, and the line each row stands on."""
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"cannot read the readings '{file}': {error.strerror}.") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"'{file}' is not a text file ({error.reason}). Give a CSV of poses and readings.") from error
-    return read_named_columns(file, text, "reading")
-
-
-def _need(file: Path, columns: Mapping[str, Any], names: Sequence[str]) -> None:
-    missing = [name for name in names if name not in columns]
-    if missing:
-        raise InputError(
-            f"'{file}' lacks the column{'s' if len(missing) > 1 else ''} {', '.join(missing)}: the reading in sensor "
-            f"axes, [N] and [N m]. It has: {', '.join(columns)}."
-        )
-
-
-def _from_quaternions(values: Array) -> Array:
-    """Rotations of quaternions wxyz; one that is not of unit length gives no rotation."""
-    length = np.linalg.norm(values, axis=1)
-    safe = np.where((length > 0.0)[:, None], values, [1.0, 0.0, 0.0, 0.0])
-    scale = np.where(np.abs(length - 1.0) < ROTATION_TOLERANCE, 1.0, length)
-    return np.asarray(Rotation.from_quat(safe, scalar_first=True).as_matrix() * scale[:, None, None])

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from polish_sim.calibration.left_out import Fitted, Mask, agreeing
 from polish_sim.calibration.tool.identifiability import check_touches
+from polish_sim.calibration.tool.swapped import refuse_swapped
 from polish_sim.calibration.tool.touches import ToolTouches
 
 Array = NDArray[np.float64]
@@ -78,6 +79,7 @@ def fit_tool_point_without_outliers(touches: ToolTouches, noise: float | None = 
         CalibrationError: If the orientations cannot tell the tip, or more than a quarter of the touches do not fit.
     """
     check_touches(touches.R)
+    refuse_swapped(touches)
     A, y = _equations(touches)
 
     def weighted(weights: Array) -> Fitted:

@@ -1,0 +1,150 @@
+"""A user's CSV of measurements as named columns: numbers, lengths with their unit, orientations (layer 8b)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.calibration.readings import ROTATION_TOLERANCE
+from polish_sim.errors import InputError
+from polish_sim.exchange.checks import finite_column
+from polish_sim.exchange.named_columns import read_named_columns
+
+Array = NDArray[np.float64]
+
+QUATERNION: Final = ("qw", "qx", "qy", "qz")
+ROTATION_VECTOR: Final = ("rx_rad", "ry_rad", "rz_rad")
+MATRIX: Final = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
+UNITS: Final[Mapping[str, float]] = {"m": 1.0, "mm": 1e-3}
+_LARGEST_RATIO = 100.0
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of text by name, in the order of a file."""
+
+    file: Path
+    texts: Mapping[str, Sequence[str]]
+    lines: Sequence[int]
+    """The line each row stands on."""
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def place(self, row: int) -> str:
+        """Where a row stands."""
+        return f"line {self.lines[row]}"
+
+    def numbers(self, names: Sequence[str]) -> Array:
+        """Columns of numbers, shape (n, len(names))."""
+        return np.stack([finite_column(self.file, name, self.texts[name], self.place) for name in names], axis=1)
+
+    def need(self, names: Sequence[str], what: str) -> None:
+        """Refuse a file that lacks columns.
+
+        Raises:
+            InputError: Naming those it lacks, what they are and those it has.
+        """
+        missing = [name for name in names if name not in self.texts]
+        if missing:
+            raise InputError(
+                f"'{self.file}' lacks the column{'s' if len(missing) > 1 else ''} {', '.join(missing)}: {what}. "
+                f"It has: {', '.join(self.texts)}."
+            )
+
+    def points(self, prefix: str, what: str) -> Array:
+        """Points from columns ``<prefix>x_mm`` to ``<prefix>z_mm``, or the same in metres (``_m``) [m], shape (n, 3).
+
+        Raises:
+            InputError: A column missing, or lines or columns in different units.
+        """
+        given = {unit: [axis for axis in "xyz" if f"{prefix}{axis}_{unit}" in self.texts] for unit in UNITS}
+        used = [unit for unit, axes in given.items() if axes]
+        if len(used) > 1:
+            raise InputError(
+                f"'{self.file}' mixes units: {what} is partly in {used[0]}, partly in {used[1]}. Give all in one unit."
+            )
+        unit = used[0] if used else "mm"
+        names = [f"{prefix}{axis}_{unit}" for axis in "xyz"]
+        self.need(names, f"{what}, in mm (or in m: {', '.join(f'{prefix}{axis}_m' for axis in 'xyz')})")
+        points = UNITS[unit] * self.numbers(names)
+        self._refuse_mixed(points, what)
+        return points
+
+    def _refuse_mixed(self, points: Array, what: str) -> None:
+        """Refuse lines a hundred times as far away as the middle one, or as near."""
+        distance = np.linalg.norm(points, axis=1)
+        middle = float(np.median(distance))
+        wrong = (distance > _LARGEST_RATIO * middle) | (distance * _LARGEST_RATIO < middle)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(
+                f"'{self.file}', {self.place(row)}: {what} is {1e3 * distance[row]:.4g} mm from the origin, in the "
+                f"other lines about {1e3 * middle:.4g} mm. Are units mixed (mm, m)?"
+            )
+
+    def rotations(self, what: str) -> Array:
+        """Rotation matrices from a unit quaternion, a rotation vector or a matrix by rows, shape (n, 3, 3).
+
+        Raises:
+            InputError: None of them there, or values that are no rotation; names the line.
+        """
+        forms: Mapping[tuple[str, ...], Callable[[Array], Array]] = {
+            QUATERNION: _from_quaternions,
+            ROTATION_VECTOR: lambda values: Rotation.from_rotvec(values).as_matrix(),
+            MATRIX: lambda values: values.reshape(-1, 3, 3),
+        }
+        given = next((names for names in forms if set(names) <= set(self.texts)), None)
+        if given is None:
+            known = "; ".join(", ".join(names) for names in forms)
+            raise InputError(
+                f"'{self.file}' says nowhere how {what} stood. Wanted one of: {known}. It has: {', '.join(self.texts)}."
+            )
+        R = forms[given](self.numbers(given))
+        wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2)) > ROTATION_TOLERANCE
+        wrong |= np.linalg.det(R) < 0.0
+        if wrong.any():
+            said = "a unit quaternion" if given == QUATERNION else "a rotation matrix (orthonormal, right-handed)"
+            place = self.place(int(np.argmax(wrong)))
+            raise InputError(f"'{self.file}', {place}: {given[0]} to {given[-1]} are not {said}.")
+        return np.asarray(R)
+
+    def rows(self, mask: NDArray[np.bool_]) -> Columns:
+        """Some of the rows."""
+        keep = np.flatnonzero(mask).tolist()
+        texts = {name: [column[k] for k in keep] for name, column in self.texts.items()}
+        return Columns(self.file, texts, [self.lines[k] for k in keep])
+
+
+def read_columns(file: Path, kind: str, content: str) -> Columns:
+    """Read a CSV with a header; blank lines and lines that begin with # are left out.
+
+    Args:
+        file: The file.
+        kind: What a line of it is, e.g. ``"reading"``.
+        content: What it should hold, e.g. ``"poses and readings"``.
+
+    Raises:
+        InputError: No such file, no text, no CSV, or no lines.
+    """
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(f"cannot read the {kind}s '{file}': {error.strerror}.") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"'{file}' is not a text file ({error.reason}). Give a CSV of {content}.") from error
+    return Columns(file, *read_named_columns(file, text, kind))
+
+
+def _from_quaternions(values: Array) -> Array:
+    """Rotations of quaternions wxyz; one that is not of unit length gives no rotation."""
+    length = np.linalg.norm(values, axis=1)
+    safe = np.where((length > 0.0)[:, None], values, [1.0, 0.0, 0.0, 0.0])
+    scale = np.where(np.abs(length - 1.0) < ROTATION_TOLERANCE, 1.0, length)
+    return np.asarray(Rotation.from_quat(safe, scalar_first=True).as_matrix() * scale[:, None, None])

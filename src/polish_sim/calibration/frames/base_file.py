@@ -1,0 +1,76 @@
+"""calibration.toml of two bases: written by `calibrate base`, loaded by runs with two robots (layer 8b)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.calibration.frames.measurements import BaseCalibration
+from polish_sim.calibration.toml_table import numbers_of, read_table, write_table
+from polish_sim.errors import CalibrationError, InputError
+from polish_sim.spatial import transform
+
+Array = NDArray[np.float64]
+
+KIND = "base"
+_HEAD = """\
+# The follower robot's base in the master's, T_master_follower, and its covariance: displacement of the origin xyz [m]
+# and small rotation xyz [rad], master axes. `pair` names the two robots it is true for.
+"""
+
+
+class CalibratedBases(NamedTuple):
+    """Where the follower's base is."""
+
+    T_master_follower: Array
+    """Shape (4, 4)."""
+    covariance: Array
+    """Of its origin [m] and rotation [rad], master axes, shape (6, 6)."""
+
+
+def base_figures(found: BaseCalibration) -> dict[str, Any]:
+    """A calibration under the names of calibration.toml and metrics.json."""
+    std = np.sqrt(np.diag(found.covariance))
+    distances = np.concatenate([group.residuals[group.used] for group in found.groups])
+    outliers = {group.name: (np.flatnonzero(~group.used) + 1).tolist() for group in found.groups}
+    return {
+        "transform": found.T_master_follower.tolist(),
+        "origin_m_std": std[:3].tolist(),
+        "rotation_rad_std": std[3:].tolist(),
+        "noise_m": found.noise,
+        "residual_rms_m": float(np.sqrt(np.mean(distances**2))),
+        "measurements": len(distances),
+        "outliers": [f"{name}: {number}" for name, numbers in outliers.items() for number in numbers],
+    }
+
+
+def write_base_calibration(file: Path, found: BaseCalibration, pair: str) -> None:
+    """Write calibration.toml; ``pair`` names the two robots."""
+    figures = {"kind": KIND, "pair": pair} | base_figures(found)
+    write_table(file, _HEAD, figures | {"covariance": found.covariance.tolist()})
+
+
+def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
+    """Read where the follower's base is.
+
+    Args:
+        file: A calibration.toml of `calibrate base`.
+        pair: The robots that are to run, as the calibration names them.
+
+    Raises:
+        InputError: No such file, not the calibration of bases, or a value that cannot be.
+        CalibrationError: The calibration of another pair of robots.
+    """
+    table = read_table(file, KIND, "two bases")
+    if table.get("pair") != pair:
+        raise CalibrationError(
+            f"'{file}' is the calibration of another pair of robots: {table.get('pair')!r}, not '{pair}'. "
+            "Calibrate this pair, or name it as the file does."
+        )
+    T, covariance = numbers_of(file, table, "transform", (4, 4)), numbers_of(file, table, "covariance", (6, 6))
+    if np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max() > 1e-6 or np.linalg.det(T[:3, :3]) < 0.0:
+        raise InputError(f"'{file}': transform is not a right-handed rotation and a displacement.")
+    return CalibratedBases(transform(T[:3, :3], T[:3, 3]), covariance)

@@ -1,0 +1,173 @@
+"""`polish-sim calibrate tcp` and `calibrate base` as a user calls them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from polish_sim.calibration.frames import read_base_calibration
+from polish_sim.calibration.tool import read_tool_calibration
+from polish_sim.errors import CalibrationError, InputError
+
+Tool = Callable[..., Any]
+
+
+def metrics(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
+
+
+def table(file: Path) -> list[list[str]]:
+    return list(csv.reader(file.open(encoding="utf-8")))
+
+
+def write(file: Path, rows: list[list[str]]) -> Path:
+    file.write_text("\n".join(map(",".join, rows)) + "\n", encoding="utf-8")
+    return file
+
+
+def test_a_tool_frame_leaves_its_files_and_they_read_back(polish_sim: Tool, tmp_path: Path) -> None:
+    assert polish_sim("calibrate", "tcp", "--seed", "3", "--out", "one", "--check").code == 0
+    one = tmp_path / "one"
+    assert {path.name for path in one.iterdir()} == {"calibration.toml", "residuals.csv", "metrics.json", "tool.png"}
+    figures = metrics(one)
+    assert {"position_m", "quaternion_wxyz", "position_error_m", "position_crb_m", "residual_rms_m"} <= set(figures)
+    found = read_tool_calibration(one / "calibration.toml")
+    np.testing.assert_allclose(found.T_flange_tool[:3, 3], figures["position_m"])
+    assert found.position_covariance[0, 0] == pytest.approx(figures["position_m_std"][0] ** 2)
+    assert polish_sim("calibrate", "tcp", "--data", "one/residuals.csv", "--out", "two").code == 0
+    np.testing.assert_allclose(metrics(tmp_path / "two")["position_m"], figures["position_m"], atol=1e-10)
+    np.testing.assert_allclose(metrics(tmp_path / "two")["quaternion_wxyz"], figures["quaternion_wxyz"], atol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["circles", "poses", "handshake"])
+def test_bases_leave_their_files_and_they_read_back(method: str, polish_sim: Tool, tmp_path: Path) -> None:
+    words = ("calibrate", "base", "--method", method, "--pair", "cell 7")
+    assert polish_sim(*words, "--seed", "2", "--out", "one", "--check").code == 0
+    one = tmp_path / "one"
+    assert {path.name for path in one.iterdir()} == {"calibration.toml", "residuals.csv", "metrics.json", "bases.png"}
+    figures = metrics(one)
+    assert {"transform", "origin_error_m", "axis_error_rad"} <= set(figures)
+    np.testing.assert_allclose(
+        read_base_calibration(one / "calibration.toml", "cell 7").T_master_follower, figures["transform"], atol=1e-15
+    )
+    assert polish_sim(*words, "--data", "one/residuals.csv", "--out", "two").code == 0
+    np.testing.assert_allclose(metrics(tmp_path / "two")["transform"], figures["transform"], atol=1e-6)
+
+
+def test_many_seeds_give_their_rms(polish_sim: Tool, tmp_path: Path) -> None:
+    assert polish_sim("calibrate", "tcp", "--seeds", "5", "--out", "many", "--check").code == 0
+    many = metrics(tmp_path / "many")
+    errors = [run["position_error_m"] for run in many["runs"].values()]
+    assert many["rms"]["position_error_m"] == pytest.approx(np.sqrt(np.mean(np.square(errors))))
+    assert many["worst"]["position_error_m"] == max(errors)
+
+
+def test_a_calibration_of_another_pair_or_thing_is_refused(polish_sim: Tool, tmp_path: Path) -> None:
+    assert polish_sim("calibrate", "base", "--method", "handshake", "--pair", "left", "--out", "b").code == 0
+    assert polish_sim("calibrate", "tcp", "--out", "t").code == 0
+    with pytest.raises(CalibrationError, match="another pair of robots: 'left', not 'right'"):
+        read_base_calibration(tmp_path / "b" / "calibration.toml", "right")
+    with pytest.raises(InputError, match="not the calibration of two bases"):
+        read_base_calibration(tmp_path / "t" / "calibration.toml", "left")
+    with pytest.raises(InputError, match="not the calibration of a tool frame"):
+        read_tool_calibration(tmp_path / "b" / "calibration.toml")
+    with pytest.raises(InputError, match="cannot read the calibration"):
+        read_tool_calibration(tmp_path / "gone.toml")
+    code, _, err = polish_sim("run", "force", "--calibration", "t/calibration.toml", "--out", "run")
+    assert code == 2
+    assert "is not the calibration of a payload" in err
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[list[str]]]:
+    """Good files of measurements, to be spoilt."""
+    from polish_sim.cli.boundary import execute
+    from polish_sim.cli.main import commands
+
+    folder, made = tmp_path_factory.mktemp("files"), {}
+    for name, words in {"tcp": ["tcp"], "circles": ["base"], "poses": ["base", "--method", "poses"]}.items():
+        assert execute(commands, ["calibrate", *words, "--out", str(folder / name)]) == 0
+        made[name] = table(folder / name / "residuals.csv")
+    return made
+
+
+def swapped(rows: list[list[str]], a: str, b: str) -> list[list[str]]:
+    header = [{a: b, b: a}.get(name, name) for name in rows[0]]
+    return [header, *rows[1:]]
+
+
+def changed(rows: list[list[str]], line: int, column: str, scale: float, shift: float = 0.0) -> list[list[str]]:
+    rows = [list(row) for row in rows]
+    k = rows[0].index(column)
+    rows[line][k] = str(scale * float(rows[line][k]) + shift)
+    return rows
+
+
+def renamed(rows: list[list[str]], a: str, b: str) -> list[list[str]]:
+    return [[b if name == a else name for name in rows[0]], *rows[1:]]
+
+
+BAD: list[tuple[str, Callable[[list[list[str]]], list[list[str]]], str]] = [
+    ("tcp", lambda r: r[:4], "3 touches cannot tell"),
+    ("tcp", lambda r: [r[0], *[r[1]] * 6], "stands nearly the same in all 6 touches"),
+    ("tcp", lambda r: swapped(r, "x_mm", "y_mm"), "columns are swapped"),
+    ("tcp", lambda r: renamed(r, "x_mm", "x_m"), "mixes units"),
+    ("tcp", lambda r: changed(changed(changed(r, 4, "x_mm", 1e-3), 4, "y_mm", 1e-3), 4, "z_mm", 1e-3), "line 5"),
+    ("tcp", lambda r: changed(r, 2, "qw", 1.0, 0.5), "are not a unit quaternion"),
+    ("tcp", lambda r: [row for row in r if row[1] != "in_xz"], "0 lines of the kind 'in_xz'"),
+    ("tcp", lambda r: renamed(r, "z_mm", "height"), "lacks the column z_mm"),
+    ("circles", lambda r: [row for row in r if row[0] != "follower"], "no measurement of the follower"),
+    ("circles", lambda r: [row for row in r if row[1] != "2"], "no arc of axis 2 of the master"),
+    ("circles", lambda r: swapped(r, "x_mm", "z_mm"), "left-handed"),
+    ("poses", lambda r: r[:9] + [row for row in r if row[0] == "follower"], "8 poses of the master are too few"),
+    ("poses", lambda r: swapped(r, "tracker_x_mm", "tracker_y_mm"), "mirror image"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "spoil", "said"), BAD)
+def test_bad_files_are_one_message_and_nothing_is_written(
+    name: str, spoil: Any, said: str, files: dict[str, list[list[str]]], polish_sim: Tool, tmp_path: Path
+) -> None:
+    write(tmp_path / "bad.csv", spoil(files[name]))
+    words = ("tcp",) if name == "tcp" else ("base", "--method", name)
+    code, out, err = polish_sim("calibrate", *words, "--data", "bad.csv")
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ")
+    assert said in err.replace("\n", " ")
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_touch_off_by_two_millimetres_is_named(files: Any, polish_sim: Tool, tmp_path: Path) -> None:
+    write(tmp_path / "off.csv", changed(files["tcp"], 6, "y_mm", 1.0, 2.0))
+    code, _, err = polish_sim("calibrate", "tcp", "--data", "off.csv", "--out", "two")
+    assert code == 0
+    assert "note: touch 6 does not fit the others and was left out" in err
+    assert metrics(tmp_path / "two")["outliers"] == [6]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("tcp", "--poses", "3"), "--poses 3 is outside 4 to 100000"),
+        (("tcp", "--cone", "1"), "--cone 1 is outside 3 to 90 deg"),
+        (("tcp", "--noise", "-1"), "--noise -1 is outside 0 to 10 mm"),
+        (("tcp", "--data", "gone.csv"), "cannot read the flange poses 'gone.csv'"),
+        (("tcp", "--data", "gone.csv", "--seed", "3"), "--seed would change nothing with --data"),
+        (("base", "--method", "gps"), "unknown method 'gps'. Known: circles, handshake, poses."),
+        (("base", "--points", "5"), "5 points are too few for a circle"),
+        (("base", "--method", "handshake", "--data", "gone.csv"), "cannot read the measurements 'gone.csv'"),
+    ],
+)
+def test_options_that_cannot_be_are_one_message(
+    words: tuple[str, ...], said: str, polish_sim: Tool, tmp_path: Path
+) -> None:
+    code, out, err = polish_sim("calibrate", *words)
+    assert (code, out) == (2, "")
+    assert said in err.replace("\n", " ")
+    assert not (tmp_path / "results").exists()
