@@ -13,9 +13,11 @@ from polish_sim.analysis.corner_plot import plot_corners
 from polish_sim.analysis.corner_views import chosen_corners, path_turns, view_corner, way_past
 from polish_sim.analysis.motion_peaks import sample_motion
 from polish_sim.analysis.smoothing_figures import Measured, axis_limits, tip_limits
-from polish_sim.analysis.smoothing_plot import Curves, LimitRows, plot_joints, plot_tool
+from polish_sim.analysis.smoothing_plot import Curves, LimitRows, plot_deviation, plot_joints, plot_tool
 from polish_sim.experiments.smoothing import SmoothingTask
 from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.smoothing.deviation_curve import deviation_curve
 
 DRAWN: Final = 20_000
 """Samples of a curve; motions of more than that many milliseconds are drawn with fewer."""
@@ -24,22 +26,27 @@ DRAWN: Final = 20_000
 def draw_smoothing(task: SmoothingTask, motions: Sequence[Measured], name: str) -> dict[str, Figure]:
     """Draw what a smoothed path is judged by, by file name; one curve a rule."""
     raw, limits, arm = task.placed.chain, task.limits.values(), task.placed.arm
-    curves = [_curves(motion, arm) for motion in motions]
+    curves = [_curves(motion, raw, arm) for motion in motions]
     rows = LimitRows(np.array(tip_limits(limits)), np.array(axis_limits(limits)), limits.joint)
     times = ", ".join(f"{motion.rule} {motion.schedule.end:.4g} s" for motion in motions)
     facts = [f"{len(raw.lengths)} segments, {1e3 * raw.lengths.sum():.4g} mm", times]
     tolerances = f"tolerance {1e3 * task.tolerance:g} mm, {math.degrees(task.axis_tolerance):.3g}°"
-    plots = {"tool.png": plot_tool(curves, rows, f"Tool along {name}", [*facts, tolerances])}
+    allowed = (task.tolerance, task.axis_tolerance)
+    plots = {
+        "tool.png": plot_tool(curves, rows, f"Tool along {name}", [*facts, tolerances]),
+        "deviation.png": plot_deviation(curves, allowed, f"Deviation from {name}", [*facts, tolerances]),
+    }
     if arm is not None:
         plots["joints.png"] = plot_joints(curves, rows, f"Joints along {name}", [*facts, tolerances])
     return plots | _corners(task, motions, name, [*facts, tolerances])
 
 
-def _curves(motion: Measured, arm: Arm | None) -> Curves:
+def _curves(motion: Measured, raw: Chain, arm: Arm | None) -> Curves:
     end = motion.schedule.end
     times = np.linspace(0.0, end, int(min(DRAWN, max(1e3 * end, 500.0))) + 1)
     seen = sample_motion(motion.chain, motion.schedule, times, arm)
-    return Curves(motion.rule, times, seen.tip_rates, seen.axis_rates, seen.q[1:])
+    strays = deviation_curve(motion.chain, motion.schedule, raw, times)
+    return Curves(motion.rule, times, seen.tip_rates, seen.axis_rates, seen.q[1:], strays)
 
 
 def _corners(task: SmoothingTask, motions: Sequence[Measured], name: str, facts: list[str]) -> dict[str, Figure]:

@@ -78,12 +78,17 @@ def plot_corners(views: Sequence[CornerView], labels: Sequence[str], title: str,
     for axes, view in zip(grid.flat, views, strict=False):
         axes.set_title(
             f"{view.name}, turn {np.degrees(view.turn):.1f}°\n"
-            f"corner {MICRO * view.vertex:.3g} µm off, path left by {MICRO * view.contour:.3g} µm",
+            f"corner {_micro(view.vertex)} µm off, path left by {_micro(view.contour)} µm",
             fontsize=8.5,
             fontweight="normal",
             color="#444444",
         )
     return figure
+
+
+def _micro(value: float) -> str:
+    """A length in µm, rounding left out."""
+    return f"{round(MICRO * value, 3):.3g}"
 
 
 def _draw(axes: Axes, view: CornerView, labels: Sequence[str]) -> None:

@@ -63,7 +63,7 @@ def chosen_corners(turns: Array, way: Way, deviation: Deviation) -> list[tuple[i
     corners = np.flatnonzero(turns > LEAST_TURN)
     if not len(corners):
         return []
-    nearest = int(corners[np.abs(corners - deviation.contour.point).argmin()])
+    nearest = int(corners[np.abs(way.times[corners] - deviation.contour.time).argmin()])
     chosen = {nearest: "path left furthest"}
     chosen.setdefault(int(corners[way.distances[corners].argmax()]), "corner missed furthest")
     by_turn = corners[turns[corners].argsort(kind="stable")]

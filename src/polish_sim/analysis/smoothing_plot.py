@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from polish_sim.analysis.style import BLUE, GREEN, ORANGE, new_figure, styled
+from polish_sim.motion.smoothing.deviation_curve import DeviationCurve
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,8 @@ class Curves(NamedTuple):
     """Norms of the axis' [rad/s..], shape (3, n)."""
     joints: Array
     """Joint rates with sign [rad/s..], shape (3, n, 6), or (3, n, 0) without a robot."""
+    deviation: DeviationCurve
+    """Of tip and axis from the path."""
 
 
 class LimitRows(NamedTuple):
@@ -61,6 +64,28 @@ def plot_tool(curves: Sequence[Curves], limits: LimitRows, title: str, facts: Se
             top = max(float(getattr(curve, name)[order].max(initial=0.0)) for curve in curves)
             _draw_limit(axes, scale * limit, scale * top, both_signs=False)
             axes.set_ylabel(f"{ORDERS[order]} of the {label}")
+    _finish(figure, grid, curves, title, facts)
+    return figure
+
+
+@styled
+def plot_deviation(
+    curves: Sequence[Curves], tolerances: tuple[float, float], title: str, facts: Sequence[str]
+) -> Figure:
+    """How far tip and tool axis are from the path over time, with tolerances [m, rad]; one curve a rule."""
+    figure = new_figure(11.0, 5.4)
+    grid = figure.subplots(2, 1, sharex=True, squeeze=False)
+    rows = (
+        (grid[0, 0], "tip", 1e6, "tip off the path [µm]", tolerances[0]),
+        (grid[1, 0], "axis", 180e3 / np.pi, "axis off its path [mdeg]", tolerances[1]),
+    )
+    for axes, name, scale, label, tolerance in rows:
+        for curve, colour in _backwards(curves):
+            axes.plot(curve.times, scale * getattr(curve.deviation, name), color=colour, lw=0.9, label=curve.label)
+        top = max(float(getattr(curve.deviation, name).max(initial=0.0)) for curve in curves)
+        axes.axhline(scale * tolerance, color=GREEN, lw=1.0, ls="--")
+        axes.set_ylim(0.0, scale * max(1.12 * tolerance, 1.12 * top, 1e-9))
+        axes.set_ylabel(label)
     _finish(figure, grid, curves, title, facts)
     return figure
 
