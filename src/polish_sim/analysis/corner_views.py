@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from polish_sim.analysis.corner_plot import LEAST_VIEW_M, SHOWN, VIEW, CornerView, flat_view
 from polish_sim.motion.smoothing.chain import Chain
 from polish_sim.motion.smoothing.deviation import Deviation, vertex_distances
+from polish_sim.motion.smoothing.deviation_curve import deviation_curve
 from polish_sim.motion.smoothing.sampling import sample_schedule
 from polish_sim.motion.smoothing.schedule import Schedule
 
@@ -38,6 +39,8 @@ class Way(NamedTuple):
 def way_past(raw: Chain, chain: Chain, schedule: Schedule) -> Way:
     """A motion, and when it comes nearest to each of the path's way points."""
     distances, times = vertex_distances(chain, schedule, raw)
+    times = times.copy()
+    times[0], times[-1] = 0.0, schedule.end
     return Way(chain, schedule, distances, times)
 
 
@@ -100,7 +103,7 @@ def view_corner(
         ways=tuple((way - raw.tips[k]) @ frame.T for way in tips),
         tolerance=tolerance,
         vertex=float(ways[0].distances[k]),
-        contour=float(_distance_from_path(tips[0], raw.tips[near]).max()),
+        contour=_contour_near(raw, ways[0], k),
         turn=turn,
     )
 
@@ -121,10 +124,8 @@ def _tips_near(way: Way, corner: int, radius: float) -> Array:
         span *= 2.0
 
 
-def _distance_from_path(points: Array, path: Array) -> Array:
-    """Distance of points (m, 3) from a polyline (k, 3) [m], shape (m,)."""
-    start, step = path[:-1], np.diff(path, axis=0)
-    square = np.maximum(np.sum(step * step, axis=1), 1e-300)
-    offset = points[:, None] - start
-    share = np.clip(np.sum(offset * step, axis=2) / square, 0.0, 1.0)
-    return np.asarray(np.linalg.norm(offset - share[..., None] * step, axis=2).min(axis=1))
+def _contour_near(raw: Chain, way: Way, corner: int) -> float:
+    """Largest distance of the tip from the path, half way to the neighbouring way points [m]."""
+    before, at, after = way.times[corner - 1 : corner + 2]
+    times = np.linspace(0.5 * (before + at), 0.5 * (at + after), SAMPLES)
+    return float(deviation_curve(way.chain, way.schedule, raw, times).tip.max())
