@@ -25,7 +25,7 @@ ARM_JOINTS: Final = (
     "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
 )  # fmt: skip
 STEP_S: Final = 2.5e-4
-"""Physics step: torques of an implicit step belong to its middle, so it is kept short."""
+"""Physics step: the engine takes friction half a step late, so it is kept short."""
 RAMP_S: Final = 2.0
 SCENARIO: Final = Scenario(
     experiment="identify", spindle=SpindleConfig(speed_rpm=0.0), simulation=SimulationConfig(timestep_s=STEP_S)
@@ -106,16 +106,14 @@ def play_states(arm: Arm, states: States) -> RobotLog:
     """Play joint targets, one a physics step, and log what happens, gravity in the torques.
 
     The engine's step is implicit in speed: the torque that moves the robot is the servo's at the end of the step.
-    What the engine compensates of gravity is what a real servo would have to give, so it is added.
+    Its positions are half a step ahead of its speeds, so the change of speed over a step belongs to the step's
+    first position. What the engine compensates of gravity is what a real servo would have to give, so it is added.
     """
     played = play_joints(arm.scenario, JointTargets(states.q, states.qd))
     change = np.diff(played.qd, axis=0, append=played.qd[-1:])
     given = played.torque - arm.servo_damping * change
-    # The mean of the steps before and after a sample belongs to the sample.
-    centred = 0.5 * (given + np.roll(given, 1, axis=0))
-    centred[0] = given[0]
     time: Array = np.arange(len(given)) * np.float64(STEP_S)
-    return RobotLog(time, played.q, centred + _gravity(arm, played.q))
+    return RobotLog(time, played.q, given + _gravity(arm, played.q))
 
 
 def _gravity(arm: Arm, q: Array) -> Array:

@@ -107,7 +107,7 @@ def require_rank(sums: JointSums, base: BaseParameters, model: TorqueModel) -> N
     size = np.sqrt(np.diag(H))
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
-    hidden = vectors[:, values < _HIDDEN**2 * values[-1]]
+    hidden = vectors[:, values <= _HIDDEN**2 * values[-1]]
     if not hidden.size:
         return
     share = np.linalg.norm(hidden, axis=1)

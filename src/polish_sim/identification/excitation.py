@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.base_parameters import BaseParameters
 from polish_sim.identification.fourier import FREQUENCY, HARMONICS, FourierMotion, fourier_basis
-from polish_sim.identification.information import STANDSTILL
+from polish_sim.identification.information import STANDSTILL, told_rows
 from polish_sim.identification.motion_limits import ClearanceCheck, MotionLimits
 from polish_sim.identification.objectives import Choice, Objective
 from polish_sim.identification.torque_model import States, TorqueModel
@@ -150,8 +150,7 @@ def design(
 def mean_information(task: ExcitationTask, motion: FourierMotion, samples: int = FINE) -> Array:
     """Information of one sample of all torques, averaged over a period, shape (r, r)."""
     states = motion(np.arange(samples) / samples * motion.period)
-    moving = np.abs(states.qd) > STANDSTILL
-    Y = task.model.regressor(states)[:, :, task.base.columns] * (moving / task.sigma)[:, :, None]
+    Y = task.model.regressor(states)[:, :, task.base.columns] * (told_rows(states) / task.sigma)[:, :, None]
     flat = Y.reshape(-1, task.base.rank)
     return np.asarray(flat.T @ flat / samples)
 

@@ -12,8 +12,10 @@ from polish_sim.identification.torque_model import States, TorqueModel
 
 Array = NDArray[np.float64]
 
-STANDSTILL: Final = 0.05
-"""Below this speed [rad/s] a joint's torque gets no weight: its friction has no known sign."""
+STANDSTILL: Final = 0.1
+"""Below this speed [rad/s] a joint's torque gets no weight: its friction has no known size."""
+TURNING: Final = 0.06
+"""While any joint is slower than this [rad/s] no torque gets weight: all feel how its friction turns round."""
 _CHUNK: Final = 2000
 
 
@@ -36,9 +38,7 @@ class JointSums(NamedTuple):
         return JointSums(*(a + b for a, b in zip(self, other, strict=True)))
 
 
-def sum_samples(
-    model: TorqueModel, base: BaseParameters, states: States, torque: Array, standstill: float = STANDSTILL
-) -> JointSums:
+def sum_samples(model: TorqueModel, base: BaseParameters, states: States, torque: Array) -> JointSums:
     """Gather the normal equations of measured states and torques.
 
     Args:
@@ -46,14 +46,13 @@ def sum_samples(
         base: Its base parameters.
         states: Measured states, shape (m, n) each.
         torque: Measured torques [N m], shape (m, n).
-        standstill: Speed below which a joint's row gets no weight [rad/s].
 
     Returns:
         Sums, joint by joint.
     """
     n, r = model.joints, base.rank
     squares, products = np.zeros((n, r, r)), np.zeros((n, r))
-    moving = np.abs(states.qd) > standstill
+    moving = told_rows(states)
     for first in range(0, len(torque), _CHUNK):
         rows = slice(first, first + _CHUNK)
         Y = model.regressor(states.rows(rows))[:, :, base.columns] * moving[rows, :, None]
@@ -63,6 +62,14 @@ def sum_samples(
             products[j] += of_joint.T @ torque[rows, j]
     used = np.where(moving, torque, 0.0)
     return JointSums(squares, products, used.sum(0), (used**2).sum(0), moving.sum(0).astype(float))
+
+
+def told_rows(states: States) -> NDArray[np.bool_]:
+    """Which torques tell something: the joint moves, and no joint turns round; shape (m, n)."""
+    speed = np.abs(states.qd)
+    # A joint that never moves does not turn round either.
+    turning = (speed <= TURNING) & (speed.max(axis=0) > TURNING)
+    return np.asarray((speed > STANDSTILL) & ~np.any(turning, axis=1)[:, None])
 
 
 def information(sums: JointSums, sigma: Array) -> Array:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_lsq_spline
 
 from polish_sim.identification.fourier import fit_fourier
 from polish_sim.identification.torque_model import States
@@ -43,3 +44,17 @@ def with_noise(log: RobotLog, encoder: float, sigma: Array, rng: np.random.Gener
     """
     q = np.round(log.q / encoder) * encoder if encoder > 0.0 else log.q
     return RobotLog(log.time, q, log.torque + rng.normal(size=log.torque.shape) * sigma)
+
+
+def spline_states(log: RobotLog, knots: float = 0.05) -> States:
+    """States of any motion: splines of degree five fitted to its positions, and their derivatives.
+
+    Args:
+        log: The log.
+        knots: Time between knots [s]; motion faster than some three of them is smoothed away.
+    """
+    span = log.time[-1] - log.time[0]
+    inner = np.linspace(log.time[0], log.time[-1], max(int(span / knots), 2) + 1)[1:-1]
+    t = np.concatenate([np.repeat(log.time[0], 6), inner, np.repeat(log.time[-1], 6)])
+    spline = make_lsq_spline(log.time, log.q, t, k=5)
+    return States(*(np.asarray(spline(log.time, nu=order)) for order in range(3)))

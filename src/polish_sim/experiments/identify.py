@@ -1,0 +1,245 @@
+"""Experiment ``identify``: the arm moves so that its torques tell its dynamics, and they are told (layer 9)."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cell import Observer, Silent
+from polish_sim.experiments.approached_poses import AtRest, approach_poses
+from polish_sim.experiments.identified_arm import Arm, believe, build_arm, motion_limits, play_motion
+from polish_sim.identification.base_parameters import BaseParameters, base_of
+from polish_sim.identification.estimate import Estimate, estimate, held_out_error, require_rank
+from polish_sim.identification.excitation import (
+    Excitation,
+    ExcitationTask,
+    allowed_motions,
+    design,
+    mean_information,
+    use_matrix,
+)
+from polish_sim.identification.fourier import FourierMotion
+from polish_sim.identification.information import JointSums, information, inverse_of, sum_samples, told_rows
+from polish_sim.identification.objectives import OBJECTIVES, condition_number
+from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent
+from polish_sim.identification.robot_log import RobotLog, periodic_states, with_noise
+from polish_sim.identification.settings import IdentifySettings
+from polish_sim.identification.stepwise import fit_motion_after, fit_rest, rest_rows, sum_rows
+from polish_sim.identification.torque_model import States, TorqueModel
+
+Array = NDArray[np.float64]
+
+USE_MOTIONS = 12
+"""Random motions under the same limits: what the identified model is designed to predict."""
+USE_SAMPLES = 200
+
+
+class HeldOut(NamedTuple):
+    """A motion that was not fitted."""
+
+    time: Array
+    states: States
+    measured: Array
+    """Torques with noise [N m], shape (m, n)."""
+    exact: Array
+    """Without [N m], shape (m, n); the measured ones if nobody knows better."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What an identification leaves behind."""
+
+    model: TorqueModel
+    base: BaseParameters
+    found: Estimate
+    full: Array
+    """Physically consistent parameters, shape (p,)."""
+    drawing: Drawing
+    held_out: HeldOut
+    figures: dict[str, Any]
+    """The keys of metrics.json."""
+    truth: Array | None = None
+    """True base parameters, shape (r,); None for a real robot."""
+    motion: FourierMotion | None = None
+
+
+def run_identification(settings: IdentifySettings, observer: Observer | None = None) -> Identification:
+    """Design an exciting motion, play it on the simulated arm, and identify the arm from what is measured.
+
+    Args:
+        settings: Noise, objective, method.
+        observer: Told of the progress.
+
+    Returns:
+        Parameters, figures against the truth, and a held-out motion.
+    """
+    observer = observer or Silent()
+    streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(5)]
+    observer.stage("read the arm")
+    arm = build_arm(settings.terms)
+    base, sigma = base_of(arm.truth), np.array(settings.sigma)
+    drawing = believe(arm, streams[0])
+    observer.stage(f"design a motion ({settings.objective})")
+    task, other, excitation, design_s = _design(arm, base, drawing, settings, streams[1])
+    observer.stage(f"play {settings.periods} periods and one of another motion")
+    log = with_noise(
+        play_motion(arm, excitation.motion, settings.periods, settings.rate), settings.encoder, sigma, streams[2]
+    )
+    held_out = _hold_out(arm, other, settings, streams[3])
+    at_rest = None
+    if settings.method == "stepwise":
+        observer.stage(f"approach {settings.poses} poses from both sides")
+        at_rest = approach_poses(arm, task, settings, streams[4])
+    observer.stage("estimate")
+    started = time.process_time()
+    sums = sum_samples(arm.truth, base, periodic_states(log, excitation.motion.period), log.torque)
+    require_rank(sums, base, arm.truth)
+    found, step_figures = _fit(arm.truth, base, sums, at_rest, held_out)
+    fit_s = time.process_time() - started
+    full = fit_consistent(arm.truth, base, found, drawing)
+    truth = base.combination @ arm.truth.truth()
+    figures = _figures(arm.truth, base, found, full, drawing, held_out) | step_figures
+    told = information(sums, sigma)
+    if at_rest is not None:
+        rows = rest_rows(arm.truth, at_rest.states)
+        told = told + information(sum_rows(rows, at_rest.torque, base.columns), at_rest.sigma)
+    figures |= _against_truth(found, told, truth) | _motion_figures(task, excitation, len(log.time))
+    figures |= {"design_s": design_s, "fit_s": fit_s, "samples": len(log.time), "seed": settings.seed}
+    figures |= {"method": settings.method, "objective": settings.objective}
+    return Identification(arm.truth, base, found, full, drawing, held_out, figures, truth, excitation.motion)
+
+
+class Designed(NamedTuple):
+    """A motion, the task it is for, and another motion of that kind to be held out."""
+
+    task: ExcitationTask
+    other: FourierMotion
+    excitation: Excitation
+    seconds: float
+
+
+def _design(
+    arm: Arm, base: BaseParameters, drawing: Drawing, settings: IdentifySettings, rng: np.random.Generator
+) -> Designed:
+    sigma = np.array(settings.sigma)
+    started = time.process_time()
+    nothing = np.eye(base.rank)
+    task = ExcitationTask(arm.truth, base, drawing.parameters, sigma, motion_limits(), nothing, arm.near)
+    other, *motions = islice(allowed_motions(task, rng), USE_MOTIONS + 1)
+    t = np.arange(USE_SAMPLES) / USE_SAMPLES * other.period
+    task = replace(task, use=np.mean([use_matrix(arm.truth, base, motion(t), sigma) for motion in motions], axis=0))
+    choice = OBJECTIVES[settings.objective]
+    excitation = design(task, choice, rng, settings.starts, settings.iterations)
+    return Designed(task, other, excitation, time.process_time() - started)
+
+
+def _hold_out(arm: Arm, motion: FourierMotion, settings: IdentifySettings, rng: np.random.Generator) -> HeldOut:
+    log = play_motion(arm, motion, 1, settings.rate)
+    states = periodic_states(log, motion.period)
+    measured = with_noise(log, 0.0, np.array(settings.sigma), rng).torque
+    # Where any joint turns round, the engine's friction has no sign; torques of moving joints are compared.
+    moving = np.all(told_rows(states), axis=1)
+    return HeldOut(log.time[moving], states.rows(moving), measured[moving], log.torque[moving])
+
+
+def _fit(
+    model: TorqueModel, base: BaseParameters, sums: JointSums, at_rest: AtRest | None, held_out: HeldOut
+) -> tuple[Estimate, dict[str, Any]]:
+    """The estimate; of the stepwise method also how far it is from fitting everything at once."""
+    if at_rest is None:
+        return estimate(sums), {}
+    step = fit_rest(model, at_rest.states, at_rest.torque)
+    stepwise = fit_motion_after(step, base, sums)
+    rows = rest_rows(model, at_rest.states)
+    # One reading at rest is a mean over many samples: its noise is that of the first step.
+    share = step.found.sigma / estimate(sums).sigma
+    weighed = sum_rows(rows / share[:, None], at_rest.torque / share, base.columns)
+    joint = estimate(sums.plus(weighed))
+    errors = [
+        np.sqrt(np.mean(held_out_error(model, base, theta, held_out.states, held_out.exact) ** 2))
+        for theta in (stepwise.theta, joint.theta)
+    ]
+    return stepwise, {
+        "rest_parameters": step.base.rank,
+        "stepwise_over_joint": float(errors[0] / errors[1]),
+        "stepwise_from_joint_std": float(np.abs((stepwise.theta - joint.theta) / joint.std).max()),
+    }
+
+
+def _figures(
+    model: TorqueModel, base: BaseParameters, found: Estimate, full: Array, drawing: Drawing, held_out: HeldOut
+) -> dict[str, Any]:
+    """Figures every identification has; held-out errors are rms error / range of the torque, joint by joint."""
+
+    def error(theta: Array) -> Array:
+        return held_out_error(model, base, theta, held_out.states, held_out.exact)
+
+    nrms, consistent = error(found.theta), error(base.combination @ full)
+    links = full[: 10 * model.joints].reshape(-1, 10)
+    off = model.regressor(held_out.states)[:, :, base.columns] @ found.theta - held_out.measured
+    return {
+        "base_parameters": base.rank,
+        "condition": found.condition,
+        "condition_scaling": "stacked regressor of the base columns, SI units, as measured",
+        "condition_equilibrated": found.condition_equilibrated,
+        "nrms_heldout": nrms.tolist(),
+        "nrms_heldout_mean": float(nrms.mean()),
+        "nrms_heldout_consistent_mean": float(consistent.mean()),
+        "nrms_heldout_drawing_mean": float(error(base.combination @ drawing.parameters).mean()),
+        "residual_over_noise_heldout": (np.sqrt(np.mean(off**2, axis=0)) / found.sigma).tolist(),
+        "physically_consistent": is_consistent(links),
+        "r_squared": found.r_squared.tolist(),
+        "torque_noise_nm": found.sigma.tolist(),
+    }
+
+
+def _against_truth(found: Estimate, told: Array, truth: Array) -> dict[str, Any]:
+    bound = np.diag(inverse_of(told))
+    return {
+        "error_over_crb": float(np.sqrt(np.mean((found.theta - truth) ** 2 / bound))),
+        "interval_coverage": float(np.mean(found.covers(truth))),
+    }
+
+
+def _motion_figures(task: ExcitationTask, excitation: Excitation, samples: int) -> dict[str, Any]:
+    """What the designed motion promises for a period of 10,000 samples, and its condition number in SI."""
+    H = mean_information(task, excitation.motion)
+    plain = mean_information(replace(task, sigma=np.ones_like(task.sigma)), excitation.motion)
+    n = task.model.joints
+    poses = excitation.motion(np.linspace(0.0, excitation.motion.period, 500)).q
+    return {
+        "predicted_error_sigma": float(np.sqrt(np.trace(np.linalg.solve(H, task.use)) / n / 1e4)),
+        "predicted_error_sigma_here": float(np.sqrt(np.trace(np.linalg.solve(H, task.use)) / n / samples)),
+        "condition_motion": condition_number(plain),
+        "clearance_min_m": float(task.clearance(poses).distance.min()) if task.clearance else None,
+        "design_evaluations": excitation.evaluations,
+    }
+
+
+def identify_from_log(log: RobotLog, states: States, settings: IdentifySettings) -> Identification:
+    """Identify a real robot of the cell's geometry from its own log; the last fifth is held out.
+
+    Raises:
+        IdentificationError: The motion does not tell every base parameter.
+    """
+    arm = build_arm(settings.terms)
+    base, cut = base_of(arm.truth), len(log.time) * 4 // 5
+    drawing = Drawing(arm.truth.truth(), arm.carried)
+    started = time.process_time()
+    sums = sum_samples(arm.truth, base, states.rows(slice(0, cut)), log.torque[:cut])
+    require_rank(sums, base, arm.truth)
+    found = estimate(sums)
+    fit_s = time.process_time() - started
+    full = fit_consistent(arm.truth, base, found, drawing)
+    moving = np.all(told_rows(states), axis=1) & (np.arange(len(log.time)) >= cut)
+    measured = log.torque[moving]
+    held_out = HeldOut(log.time[moving], states.rows(moving), measured, measured)
+    figures = _figures(arm.truth, base, found, full, drawing, held_out)
+    figures |= {"error_over_crb": None, "interval_coverage": None, "design_s": None, "fit_s": fit_s}
+    figures |= {"samples": len(log.time), "method": "joint"}
+    return Identification(arm.truth, base, found, full, drawing, held_out, figures)

@@ -1,0 +1,89 @@
+"""Logs that would spoil an identification are refused, each by name and place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polish_sim.errors import InputError
+from polish_sim.identification.log_file import read_robot_log
+from polish_sim.identification.robot_log import RobotLog, periodic_states, spline_states
+from tests.identification.motions import known_robot
+
+NAMES = ["time_s", *(f"q{j}_rad" for j in range(1, 7)), *(f"torque{j}_nm" for j in range(1, 7))]
+KNOWN = known_robot(1000)
+TABLE = np.column_stack([np.arange(1000) / 100.0, KNOWN.states.q, KNOWN.torque])
+
+
+def _write(folder: Path, table: np.ndarray, names: list[str] = NAMES) -> Path:
+    file = folder / "log.csv"
+    np.savetxt(file, table, delimiter=",", header=",".join(names), comments="")
+    return file
+
+
+def test_a_log_comes_back_as_written(tmp_path: Path) -> None:
+    log = read_robot_log(_write(tmp_path, TABLE))
+    np.testing.assert_allclose(log.q, KNOWN.states.q)
+    np.testing.assert_allclose(log.torque, KNOWN.torque)
+
+
+def _degrees(table: np.ndarray) -> None:
+    table[:, 1:7] = np.degrees(table[:, 1:7])
+
+
+def _backwards(table: np.ndarray) -> None:
+    table[500, 0] = table[498, 0]
+
+
+def _gap(table: np.ndarray) -> None:
+    table[300:, 0] += 0.7
+
+
+def _saturated(table: np.ndarray) -> None:
+    table[:, 8] = np.clip(table[:, 8], -20.0, 20.0)
+
+
+def _nothing(table: np.ndarray) -> None:
+    table[10, 3] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (_degrees, r"more than a turn. Are these degrees"),
+        (_backwards, r"line 502: time_s does not increase"),
+        (_gap, r"line 302: a gap of 0.71 s, 1 in all"),
+        (_saturated, r"torque2_nm stands at 20 N m in \d+%"),
+        (_nothing, r"line 12: q3_rad is 'nan'"),
+    ],
+)
+def test_a_spoilt_log_is_refused(spoil: Callable[[np.ndarray], None], said: str, tmp_path: Path) -> None:
+    table = TABLE.copy()
+    spoil(table)
+    with pytest.raises(InputError, match=said):
+        read_robot_log(_write(tmp_path, table))
+
+
+def test_missing_columns_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="lacks the columns torque5_nm, torque6_nm"):
+        read_robot_log(_write(tmp_path, TABLE[:, :-2], NAMES[:-2]))
+
+
+def test_a_log_that_is_too_short_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds 100 samples"):
+        read_robot_log(_write(tmp_path, TABLE[:100]))
+
+
+def test_gaps_do_no_harm_to_a_periodic_motion(tmp_path: Path) -> None:
+    table = np.delete(TABLE, slice(300, 380), axis=0)
+    log = read_robot_log(_write(tmp_path, table), periodic=True)
+    states = periodic_states(log, 10.0)
+    assert np.abs(states.qdd - KNOWN.motion(log.time).qdd).max() < 1e-6
+
+
+def test_splines_give_the_accelerations_of_any_motion() -> None:
+    states = spline_states(RobotLog(TABLE[:, 0], KNOWN.states.q, KNOWN.torque), knots=0.1)
+    assert np.abs(states.qdd - KNOWN.states.qdd)[20:-20].max() < 0.02
