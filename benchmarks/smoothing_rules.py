@@ -18,8 +18,8 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from benchmarks.smoothing_check import sample_times  # noqa: E402 - the cache comes first
-from polish_sim.motion.joint_motion import joint_motion  # noqa: E402
+from benchmarks.random_paths import RandomPath  # noqa: E402 - the cache comes first
+from benchmarks.smoothing_check import joint_shares, sample_times, tool_shares  # noqa: E402
 from polish_sim.motion.rules import exact_stop, joint_acceleration, joint_jerk  # noqa: E402
 from polish_sim.motion.rules.fastest import filter_times  # noqa: E402
 from polish_sim.motion.rules.registry import RULES  # noqa: E402
@@ -37,7 +37,7 @@ from polish_sim.motion.smoothing.build import build_chain  # noqa: E402
 from polish_sim.motion.smoothing.chain import Chain  # noqa: E402
 from polish_sim.motion.smoothing.deviation import measure_deviation  # noqa: E402
 from polish_sim.motion.smoothing.limits import SmoothingLimits, six  # noqa: E402
-from polish_sim.motion.smoothing.sampling import sample_schedule, turning  # noqa: E402
+from polish_sim.motion.smoothing.sampling import sample_schedule  # noqa: E402
 from polish_sim.motion.smoothing.schedule import Schedule  # noqa: E402
 from polish_sim.spatial import rotation_to_axis, unit  # noqa: E402
 
@@ -61,16 +61,11 @@ class Shares(NamedTuple):
 def measure_shares(motion: tuple[Chain, Schedule], raw: Chain, limits: SmoothingLimits, arm: Arm | None) -> Shares:
     """Sample a motion between all changes of jerk."""
     samples = sample_schedule(*motion, sample_times(motion[1]))
-    values, found = limits.values(), measure_deviation(*motion, raw)
-    joints = np.zeros(3)
-    if arm is not None:
-        linear, angular = np.moveaxis(samples.tips[:, 1:], 1, 0), np.moveaxis(samples.spins, 1, 0)
-        rates = joint_motion(samples.tips[:, 0], samples.rotations, linear, angular, arm)[1:]
-        joints = np.array([np.max(np.abs(rate) / most) for rate, most in zip(rates, values.joint, strict=True)])
+    tool, found = tool_shares(samples, limits), measure_deviation(*motion, raw)
     return Shares(
-        np.linalg.norm(samples.tips[:, 1:], axis=2).max(axis=0) / values[:3],
-        np.linalg.norm(turning(samples.axes), axis=2).max(axis=0) / values[3:6],
-        joints,
+        tool[:3],
+        tool[3:],
+        np.zeros(3) if arm is None else joint_shares(samples, RandomPath("given", raw, arm), limits),
         found.contour.value / TOLERANCE,
         found.vertex.value / TOLERANCE,
         found.axis.value / AXIS_TOLERANCE,
