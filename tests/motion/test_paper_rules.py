@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from polish_sim.errors import SmoothingError
 from polish_sim.motion.joint_motion import joint_motion
 from polish_sim.motion.rules import exact_stop, joint_acceleration, joint_jerk
 from polish_sim.motion.rules.registry import RULES
@@ -131,3 +132,29 @@ def test_every_rule_turns_on_the_spot_and_takes_single_segments(name: str) -> No
         found = measure_deviation(*smoothed, chain)
         assert found.contour.value <= TOLERANCE * (1.0 + 1e-9)
         assert found.axis.value <= AXIS_TOLERANCE * (1.0 + 1e-9)
+
+
+INFINITE = dict.fromkeys(("axis_speed", "axis_acceleration", "axis_jerk"), np.inf)
+
+
+@pytest.mark.parametrize(
+    ("limits", "each"),
+    [
+        ({"tip_jerk": np.inf}, 0.01 / 0.05 + 0.1),
+        ({"tip_jerk": np.inf, "tip_acceleration": np.inf}, 0.01 / 0.05),
+        ({"tip_speed": np.inf, "tip_acceleration": np.inf}, 4.0 * np.cbrt(0.01 / 20.0)),
+        ({"tip_speed": np.inf, "tip_jerk": np.inf}, 2.0 * np.sqrt(0.01 / 0.5)),
+    ],
+)
+def test_limits_may_be_infinite(limits: dict[str, float], each: float) -> None:
+    chain = build_chain(0.01 * np.eye(4)[:, :3][[3, 0, 3]], np.tile(np.eye(3), (3, 1, 1)))
+    for plan in (*PAPER, exact_stop.plan):
+        smoothed = plan(chain, SmoothingLimits(**{**INFINITE, **limits}), 0.0, 0.0, None)
+        assert smoothed.schedule.end == pytest.approx(2.0 * each)
+
+
+def test_motion_without_any_limit_is_refused() -> None:
+    chain = build_chain(0.01 * np.eye(3), np.tile(np.eye(3), (3, 1, 1)))
+    names = ("tip_speed", "tip_acceleration", "tip_jerk")
+    with pytest.raises(SmoothingError, match="nothing limits the motion along segment 1"):
+        exact_stop.plan(chain, SmoothingLimits(**INFINITE, **dict.fromkeys(names, np.inf)))

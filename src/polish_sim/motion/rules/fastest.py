@@ -45,13 +45,16 @@ def filter_times(
 
     Raises:
         ReachError: A place out of reach or singular.
-        SmoothingError: No speed keeps the joint limits.
+        SmoothingError: No speed keeps the joint limits, or no limit is finite.
     """
     tool = tool_limits(chain, limits, feeds)
     triples = stop_triples(*tool)
     if arm is not None:
         for rows, rates in rate_blocks(chain, arm):
             triples[rows] = block_triples(ProgressLimits(*(column[rows] for column in tool)), rates, limits)
+    if not np.all(triples.max(axis=1, initial=0.0) > 0.0):
+        k = int(np.argmin(triples.max(axis=1)))
+        raise SmoothingError(f"nothing limits the motion along segment {k + 1}: give a speed, acceleration or jerk.")
     return triples
 
 
@@ -93,8 +96,9 @@ def fastest_triples(speed: Array, triples_at: TriplesAt) -> Array:
 def stop_triples(speed: Array, acceleration: Array, jerk: Array) -> Array:
     """Times of the fastest rest-to-rest motion of length 1 (`stop_times`), shape (n, 3)."""
     with np.errstate(invalid="ignore", over="ignore"):
-        ramp = acceleration / jerk
-        c = np.minimum(ramp, np.minimum(np.sqrt(speed / jerk), np.cbrt(0.5 / jerk)))
+        finite = np.isfinite(jerk)
+        ramp = np.where(finite, acceleration / jerk, 0.0)
+        c = np.where(finite, np.minimum(ramp, np.minimum(np.sqrt(speed / jerk), np.cbrt(0.5 / jerk))), 0.0)
         held = np.minimum(speed / acceleration, 0.5 * (np.sqrt(c * c + 4.0 / acceleration) - c))
         b = np.where(c == ramp, np.maximum(c, held), c)
     return np.stack([np.maximum(1.0 / speed, b + c), b, c], axis=1)

@@ -18,13 +18,15 @@ def stop_times(length: float, speed: float, acceleration: float, jerk: float) ->
         length: Way to go, positive; its unit is the caller's (u).
         speed: Limit [u/s].
         acceleration: Limit [u/s^2].
-        jerk: Limit [u/s^3].
+        jerk: Limit [u/s^3]; limits may be infinite.
 
     Returns:
         The times a >= b >= c [s]; the motion takes their sum.
     """
-    ramp = acceleration / jerk
-    c = min(ramp, math.sqrt(speed / jerk), (0.5 * length / jerk) ** (1.0 / 3.0))
+    ramp = c = 0.0
+    if math.isfinite(jerk):
+        ramp = acceleration / jerk
+        c = min(ramp, math.sqrt(speed / jerk), (0.5 * length / jerk) ** (1.0 / 3.0))
     b = c
     if c == ramp:
         b = max(c, min(speed / acceleration, 0.5 * (math.sqrt(c * c + 4.0 * length / acceleration) - c)))
