@@ -21,8 +21,10 @@ EDGE: Final = 1e-7
 """Share of a stretch that is kept from its ends, where the jerk jumps."""
 NODES, STEP_S = 5, 0.01
 """Samples in a stretch of constant tip jerk: so many at least, and one in so much time."""
-SAME_S = 1e-12
-"""Stretches shorter than this are none [s]."""
+MANY, FEWEST = 200_000, 2
+"""In a motion of more stretches than this only their ends are looked at, and one sample in so much time."""
+SHORTEST_S = 1e-9
+"""A shorter stretch is left over by rounding where pieces meet, and none [s]."""
 BLOCK = 100_000
 
 
@@ -104,22 +106,25 @@ def stretch_times(schedule: Schedule) -> Iterator[Array]:
     """
     edges = np.unique(np.concatenate([schedule.starts, schedule.starts + schedule.durations, [0.0, schedule.end]]))
     edges = edges[(edges >= 0.0) & (edges <= schedule.end)]
-    edges = edges[np.concatenate([[True], np.diff(edges) > SAME_S])]
-    begin = 0
-    counts = np.maximum(NODES, np.ceil(np.diff(edges) / STEP_S).astype(np.int64) + 1)
+    widths = np.diff(edges)
+    begins, widths = edges[:-1][widths > SHORTEST_S], widths[widths > SHORTEST_S]
+    least = NODES if len(widths) <= MANY else FEWEST
+    counts = np.maximum(least, np.ceil(widths / STEP_S).astype(np.int64) + 1)
     filled = np.cumsum(counts)
-    while begin < len(counts):
-        end = max(int(np.searchsorted(filled, (filled[begin - 1] if begin else 0) + BLOCK)), begin + 1)
-        yield _nodes(edges[begin : end + 1], counts[begin:end])
-        begin = end
+    first = 0
+    while first < len(counts):
+        past = max(int(np.searchsorted(filled, (filled[first - 1] if first else 0) + BLOCK)), first + 1)
+        yield _nodes(begins[first:past], widths[first:past], counts[first:past])
+        first = past
 
 
-def _nodes(edges: Array, counts: NDArray[np.int64]) -> Array:
+def _nodes(begins: Array, widths: Array, counts: NDArray[np.int64]) -> Array:
     """Evenly spread times in each stretch, its ends all but included."""
     k = np.repeat(np.arange(len(counts)), counts)
     place = np.arange(len(k)) - (np.cumsum(counts) - counts)[k]
-    share = EDGE + (1.0 - 2.0 * EDGE) * place / (counts[k] - 1)
-    return edges[k] + share * (edges[k + 1] - edges[k])
+    # Never on the edge itself, where rounding would let pieces overlap.
+    edge = np.maximum(EDGE * widths, 8.0 * np.spacing(begins + widths))[k]
+    return begins[k] + edge + (widths[k] - 2.0 * edge) * place / (counts[k] - 1)
 
 
 def find_peaks(chain: Chain, schedule: Schedule, arm: Arm | None) -> MotionPeaks:
