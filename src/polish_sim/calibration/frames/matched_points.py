@@ -52,7 +52,7 @@ def fit_frame(points_a: Array, points_b: Array, noise: float | None = None, used
     """
     used = np.ones(len(points_a), dtype=bool) if used is None else used
     check_matched(points_a[used], points_b[used])
-    T = _kabsch(points_a, points_b, used.astype(float))
+    T = kabsch(points_a, points_b, used.astype(float))
     residuals = points_a - apply(T, points_b)
     count = int(used.sum())
     if noise is None:
@@ -70,7 +70,7 @@ def fit_frame_without_outliers(points_a: Array, points_b: Array, noise: float | 
     check_matched(points_a, points_b)
 
     def weighted(weights: Array) -> Fitted:
-        T = _kabsch(points_a, points_b, weights)
+        T = kabsch(points_a, points_b, weights)
         J = _slopes(T, points_b)
         spread = np.linalg.inv(np.einsum("n,nka,nkb->ab", weights, J, J))
         return Fitted(points_a - apply(T, points_b), J @ spread @ np.swapaxes(J, 1, 2), 6)
@@ -122,7 +122,8 @@ def _refuse_mirrored(points_a: Array, points_b: Array) -> None:
         )
 
 
-def _kabsch(points_a: Array, points_b: Array, weights: Array) -> Array:
+def kabsch(points_a: Array, points_b: Array, weights: Array) -> Array:
+    """T_a_b of points seen in a and in b, each (n, 3), weighted (n,); unchecked, see `fit_frame`."""
     share = weights / weights.sum()
     mean_a, mean_b = share @ points_a, share @ points_b
     U, _, Vt = np.linalg.svd((points_a - mean_a).T @ (share[:, None] * (points_b - mean_b)))
