@@ -112,7 +112,7 @@ def planted_bases(rng: np.random.Generator) -> TrueBases:
     return TrueBases(dict(zip(ROBOTS, (T_tracker_master, T_tracker_master @ T_master_follower), strict=True)))
 
 
-def simulate_arcs(truth: TrueBases, count: int, noise: float, rng: np.random.Generator) -> BaseMeasurements:
+def simulate_arcs(truth: TrueBases, count: int, noise: float, rng: np.random.Generator) -> AxisArcs:
     """Axis 1, then axis 2 of each robot turns, at joint angles nobody reads."""
     return AxisArcs(
         {r: (_arc(T, 0, count, noise, rng), _arc(T, 1, count, noise, rng)) for r, T in truth.T_tracker.items()}

@@ -20,7 +20,7 @@ from polish_sim.calibration.tool import (
     plan_touch_orientations,
     tool_figures,
 )
-from polish_sim.calibration.tool.poses import TOOL_DOWN
+from polish_sim.calibration.tool.poses import TOOL_DOWN as TOOL_DOWN
 from polish_sim.motion import forward_many, inverse_near
 from polish_sim.spatial import rotation_angle, transform
 
