@@ -1,8 +1,8 @@
 """Error budget of two calibrated arms: from an instrument's noise to the tool on the part (layer 9).
 
-The follower's tip relative to the master's, both arms exactly as their tables say: what is left is calibration. To first
-order the error is R2 dp2 - R1 dp1 + (d + phi x r), with dp the tips' errors on their flanges, d and phi those of the
-follower's base in the master's, and r from that base to the tip.
+The follower's tip relative to the master's, both arms exactly as their tables say: what is left is calibration. To
+first order the error is R2 dp2 - R1 dp1 + (d + phi x r): dp are the tips' errors on their flanges, d and phi those
+of the follower's base in the master's, r runs from that base to the tip.
 """
 
 from __future__ import annotations
