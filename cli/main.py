@@ -16,6 +16,7 @@ from polish_sim.cli.boundary import execute
 from polish_sim.cli.calibrate import calibrate
 from polish_sim.cli.config import config
 from polish_sim.cli.demo import demo
+from polish_sim.cli.identify import identify
 from polish_sim.cli.inspect import inspect
 from polish_sim.cli.listing import list_names
 from polish_sim.cli.panels import PanelledCommand
@@ -60,6 +61,7 @@ commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion 
 commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force or surface.")(run)
 commands.command("score", short_help="Score a controller by a fixed battery of cases.")(score)
 commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base.")
+commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(identify)
 commands.command("report", short_help="Plots and tables again from saved runs.")(report)
 commands.command("config", short_help="The full default config as TOML.")(config)
 commands.command("list", short_help="What ships with the package.")(list_names)

@@ -52,6 +52,24 @@ _RELATIVE_BASE: Final = (
     Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3),
 )
 
+
+def _identify(error: float) -> tuple[Claim, ...]:
+    """Claims of an identification; the error on a motion that was not fitted falls with the periods logged."""
+    return (
+        Claim("nrms_heldout_mean", "error held out / range of the torque", "%", 100.0, "-", high=error),
+        Claim("nrms_heldout_consistent_mean", "the same, bodies that can exist", "%", 100.0),
+        Claim("nrms_heldout_drawing_mean", "the same by the drawing", "%", 100.0),
+        Claim("physically_consistent", "bodies that can exist", "", 1.0, "-", low=1.0, more_is_better=True),
+        Claim("predicted_error_sigma", "predicted error / noise, one period", "", 1.0, "-", high=0.0285),
+        Claim("condition_motion", "condition of the motion, SI units", "", 1.0),
+        Claim("error_over_crb", "error / Cramér-Rao bound, this draw", "", 1.0),
+        Claim("interval_coverage", "95% intervals that hold the truth", "%", 100.0),
+        Claim("base_parameters", "base parameters", "", 1.0),
+        Claim("design_s", "design of the motion, CPU", "s", 1.0, "-", high=20.0),
+        Claim("fit_s", "fit, CPU", "s", 1.0),
+    )
+
+
 CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
     {
         "arc": (
@@ -129,6 +147,19 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
             Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm", 1e3),
             Claim("noise_m", "noise of a point, per coordinate", "mm", 1e3),
             Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3),
+        ),
+        "identify": _identify(6e-4),
+        "identify-short": _identify(1.3e-3),
+        "identify-stepwise": (
+            *_identify(1.3e-3),
+            Claim("stepwise_over_joint", "error, stepwise / joint", "", 1.0, "-", high=1.01),
+        ),
+        "identify-data": (
+            Claim("nrms_heldout_mean", "residual held out / range of the torque", "%", 100.0),
+            Claim("nrms_heldout_drawing_mean", "the same by the drawing", "%", 100.0),
+            Claim("base_parameters", "base parameters", "", 1.0),
+            Claim("condition", "condition, SI units", "", 1.0),
+            Claim("physically_consistent", "bodies that can exist", "", 1.0, low=1.0, more_is_better=True),
         ),
         "calibrate-payload-data": (
             Claim("mass_std_relative", "mass, std", "%", 100.0, high=0.01),

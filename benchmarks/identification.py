@@ -1,0 +1,126 @@
+"""How near identification comes to its bounds, over many draws: `python -m benchmarks.identification`."""
+
+from __future__ import annotations
+
+from polish_sim.kernel_cache import use_kernel_cache
+
+use_kernel_cache()
+
+import time  # noqa: E402 - the cache must be chosen before numba loads
+from collections.abc import Iterator  # noqa: E402
+from dataclasses import replace  # noqa: E402
+
+import numpy as np  # noqa: E402
+
+from benchmarks.table import Row, print_rows  # noqa: E402
+from polish_sim.experiments.identified_arm import believe, build_arm, motion_limits  # noqa: E402
+from polish_sim.identification.base_parameters import base_of  # noqa: E402
+from polish_sim.identification.estimate import estimate, held_out_error  # noqa: E402
+from polish_sim.identification.excitation import (  # noqa: E402
+    ExcitationTask,
+    allowed_motions,
+    design,
+    mean_information,
+    use_matrix,
+)
+from polish_sim.identification.information import cramer_rao, sum_samples  # noqa: E402
+from polish_sim.identification.objectives import OBJECTIVES, condition_number  # noqa: E402
+from polish_sim.identification.physical import fit_consistent, is_consistent  # noqa: E402
+from polish_sim.identification.regressor import rigid_regressor  # noqa: E402
+from polish_sim.identification.torque_model import FULL, States  # noqa: E402
+
+SEEDS = 50
+SAMPLES = 10_000
+STARTS = 3
+SIGMA = np.array([1.0, 1.0, 1.0, 0.2, 0.2, 0.2])
+
+
+def design_rows(terms: tuple[str, ...], label: str) -> Iterator[Row]:
+    """Predicted error on motions that neither the design nor the fit has seen, by objective."""
+    task, held_out = prepared(terms)
+    for name, choice in OBJECTIVES.items():
+        started = time.process_time()
+        found = design(task, choice, np.random.default_rng(1), STARTS)
+        seconds = (time.process_time() - started) / STARTS
+        yield from motion_rows(task, held_out, found.motion, f"{label}, {name} ({seconds:.1f} s a start)")
+    drawn = allowed_motions(task, np.random.default_rng(2))
+    for number in range(3):
+        yield from motion_rows(task, held_out, next(drawn), f"{label}, random {number + 1}")
+
+
+def motion_rows(task, held_out, motion, label: str) -> Iterator[Row]:  # type: ignore[no-untyped-def]
+    """One motion's predicted error and condition number."""
+    error = np.sqrt(np.trace(np.linalg.solve(mean_information(task, motion), held_out)) / 6.0 / SAMPLES)
+    plain = mean_information(replace(task, sigma=np.ones(6)), motion)
+    yield Row(f"{label}: error / noise, condition", f"{error:.4f}, {condition_number(plain):.1f}", "<= 0.0285")
+
+
+def prepared(terms: tuple[str, ...]):  # type: ignore[no-untyped-def]
+    """The arm's task, and the mean information of twenty further random motions."""
+    arm = build_arm(terms)
+    base, rng = base_of(arm.truth), np.random.default_rng(0)
+    drawing = believe(arm, rng)
+    task = ExcitationTask(
+        arm.truth, base, drawing.parameters, SIGMA, motion_limits(), np.eye(base.rank), arm.near
+    )  # fmt: skip
+    drawn, t = allowed_motions(task, rng), np.arange(200) / 20.0
+    uses = [use_matrix(arm.truth, base, next(drawn)(t), SIGMA) for _ in range(32)]
+    return replace(task, use=np.mean(uses[:12], axis=0)), np.mean(uses[12:], axis=0)
+
+
+def bound_rows(terms: tuple[str, ...]) -> Iterator[Row]:
+    """Errors of many draws against the Cramer-Rao bound, intervals, bodies that can exist."""
+    task, _held_out = prepared(terms)
+    drawn = allowed_motions(task, np.random.default_rng(3))
+    motion, other = next(drawn), next(drawn)
+    t = np.arange(SAMPLES) * 10.0 / SAMPLES
+    model, base = task.model, task.base
+    arm, states, held = build_arm(terms), motion(t), other(t[::10])
+    truth, exact = model.truth(), model.torque(held, model.truth())
+    torque, true_base = model.torque(states, truth), base.combination @ truth
+    squares, covered, ratios, consistent, nrms = [], [], [], 0, []
+    for seed in range(SEEDS):
+        rng = np.random.default_rng([7, seed])
+        sums = sum_samples(model, base, states, torque + rng.normal(size=torque.shape) * SIGMA)
+        found = estimate(sums)
+        squares.append((found.theta - true_base) ** 2)
+        covered.append(found.covers(true_base))
+        full = fit_consistent(model, base, found, believe(arm, rng))
+        consistent += is_consistent(full[:60].reshape(6, 10))
+        errors = [held_out_error(model, base, x, held, exact) for x in (found.theta, base.combination @ full)]
+        ratios.append(np.linalg.norm(errors[1]) / np.linalg.norm(errors[0]))
+        nrms.append(float(errors[0].mean()))
+    bound = np.diag(cramer_rao(sums, SIGMA))
+    yield Row("rms error / Cramer-Rao bound", f"{np.sqrt(np.mean(np.mean(squares, axis=0) / bound)):.3f}", "<= 1.02")
+    yield Row("95% intervals that hold the truth", f"{100 * np.mean(covered):.1f}%", "93-97%")
+    yield Row("error held out / range, one period of a random motion", f"{100 * np.mean(nrms):.3f}%", "<= 0.13%")
+    yield Row("fits whose bodies can exist", f"{100 * consistent / SEEDS:.0f}%", "100%")
+    yield Row("their error held out / that of the base parameters", f"{np.mean(ratios):.4f}", "<= 1.02")
+
+
+def speed_rows() -> Iterator[Row]:
+    """Regressor of one sample, and an identification of 25,000."""
+    arm = build_arm(FULL)
+    model, base = arm.truth, base_of(arm.truth)
+    rng = np.random.default_rng(0)
+    q, qd, qdd = (rng.uniform(-2.0, 2.0, (25_000, 6)) for _ in range(3))
+    rigid_regressor(model.chain.geometry, q[:10], qd[:10], qdd[:10])
+    best = min(_timed(lambda: rigid_regressor(model.chain.geometry, q, qd, qdd)) for _ in range(5))
+    yield Row("regressor, one sample", f"{1e6 * best / 25_000:.2f} us", "<= 1 us")
+    states = States(q, qd, qdd)
+    torque = model.torque(states, model.truth())
+    best = min(_timed(lambda: estimate(sum_samples(model, base, states, torque))) for _ in range(3))
+    yield Row("identification of 25,000 samples", f"{best:.2f} s", "<= 0.5 s")
+
+
+def _timed(work) -> float:  # type: ignore[no-untyped-def]
+    started = time.process_time()
+    work()
+    return time.process_time() - started
+
+
+if __name__ == "__main__":
+    print_rows("Speed", speed_rows())
+    print_rows(f"Against the bounds, {SEEDS} draws, 58 parameters", bound_rows(FULL))
+    print_rows("Design of motions", design_rows(("coulomb", "viscous"), "48 parameters"))
+    print_rows("Design of motions", design_rows(FULL, "58 parameters"))

@@ -1,0 +1,120 @@
+"""Runs an identification for its command and writes its folder; imported only inside the command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from polish_sim.analysis.identify_plot import MotionData, TorqueData, plot_motion, plot_torques
+from polish_sim.analysis.report import save_plots
+from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+from polish_sim.cell.identified_model import IdentifiedJoints, identified_xml
+from polish_sim.cli import console
+from polish_sim.cli.outcome import Outcome
+from polish_sim.experiments.identified_arm import build_arm
+from polish_sim.experiments.identify import Identification, identify_from_log, run_identification
+from polish_sim.identification.base_parameters import base_names, base_of, identifiable
+from polish_sim.identification.log_file import read_robot_log
+from polish_sim.identification.parameter_table import parameter_rows, parameters_csv
+from polish_sim.identification.robot_log import periodic_states, spline_states
+from polish_sim.identification.settings import IdentifySettings
+
+SIMULATED, SHORT, STEPWISE, MEASURED = "identify", "identify-short", "identify-stepwise", "identify-data"
+FULL_PERIODS = 5
+
+
+def simulated(settings: IdentifySettings, draft: Path) -> Outcome:
+    """Identify the simulated arm and write its folder."""
+    with console.progress() as observer:
+        found = run_identification(settings, observer)
+        observer.stage("draw")
+        _write(draft, found)
+    _show_parameters(found)
+    experiment = SIMULATED if settings.periods >= FULL_PERIODS else SHORT
+    experiment = STEPWISE if "stepwise_over_joint" in found.figures else experiment
+    title = f"identification, {settings.method}, {settings.objective}, {settings.periods} periods, seed {settings.seed}"
+    return Outcome(experiment, title, {"this arm": found.figures})
+
+
+def from_log(file: Path, period: float | None, settings: IdentifySettings, draft: Path) -> Outcome:
+    """Identify a UR5e from its own log and write its folder."""
+    log = read_robot_log(file, periodic=period is not None)
+    states = spline_states(log) if period is None else periodic_states(log, period)
+    found = identify_from_log(log, states, settings)
+    _write(draft, found)
+    _show_parameters(found)
+    return Outcome(MEASURED, f"identification from {file.name}", {"this arm": found.figures})
+
+
+def identifiable_numbers(settings: IdentifySettings) -> None:
+    """Print which parameters torques tell alone, which only in combination, which not at all."""
+    model = build_arm(settings.terms).truth
+    base = base_of(model)
+    told = identifiable(base)
+    rows = [[name, unit, said] for name, unit, said in zip(model.names, model.units, told, strict=True)]
+    console.table("what torques tell of each parameter", ["parameter", "unit", "told"], rows)
+    combinations = [[str(k + 1), name] for k, name in enumerate(base_names(base, model.names))]
+    console.table(f"the {base.rank} base parameters", ["number", "combination"], combinations, left=2)
+
+
+def _write(folder: Path, found: Identification) -> None:
+    truth = None if found.truth is None else found.model.truth()
+    rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
+    (folder / "parameters.csv").write_text(parameters_csv(rows), encoding="utf-8")
+    xml = identified_xml(found.model.chain.joints, _joints(found))
+    (folder / "identified.xml").write_text(xml, encoding="utf-8")
+    write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
+    plots = {"torques.png": plot_torques(_torques(found), "Torques of a motion that was not fitted", _facts(found))}
+    if found.motion is not None:
+        t = np.linspace(0.0, found.motion.period, 1001)
+        states = found.motion(t)
+        facts = [
+            f"predicts other motions to {found.figures['predicted_error_sigma']:.4f} of the noise after one period",
+            f"condition {found.figures['condition_motion']:.0f}",
+        ]
+        plots["motion.png"] = plot_motion(MotionData(t, states.q, states.qd), "The exciting motion", facts)
+    save_plots(folder, plots)
+
+
+def _joints(found: Identification) -> IdentifiedJoints:
+    n = found.model.joints
+    friction = dict(zip(found.model.terms, found.full[10 * n :].reshape(-1, n), strict=True))
+    own = found.full[: 10 * n].reshape(n, 10) - found.drawing.carried
+    return IdentifiedJoints(own, friction.get("viscous"), friction.get("coulomb"), friction.get("armature"))
+
+
+def _torques(found: Identification) -> TorqueData:
+    held = found.held_out
+    Y = found.model.regressor(held.states)
+    predicted = Y[:, :, found.base.columns] @ found.found.theta
+    error = np.array(found.figures["nrms_heldout"])
+    return TorqueData(held.time, held.measured, predicted, Y @ found.drawing.parameters, error)
+
+
+def _facts(found: Identification) -> list[str]:
+    figures = found.figures
+    return [
+        f"error {100 * figures['nrms_heldout_mean']:.3f}% of the range (mean of the joints)",
+        f"drawing {100 * figures['nrms_heldout_drawing_mean']:.1f}%",
+        f"{figures['base_parameters']} parameters from {figures['samples']} samples",
+    ]
+
+
+def _show_parameters(found: Identification) -> None:
+    """Print friction, rotors and offsets, and how well the rest is known."""
+    truth = None if found.truth is None else found.model.truth()
+    rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
+    alone = [row for row in rows if row.identifiable == "alone"]
+    table = [
+        [
+            row.name,
+            row.unit,
+            f"{row.value:.5g}",
+            f"{row.std:.2g}",
+            "-" if np.isnan(row.true_value) else f"{row.true_value:.5g}",
+        ]
+        for row in alone
+    ]
+    console.table("parameters told alone", ["parameter", "unit", "value", "std", "true"], table)
+    console.say(f"all {len(rows)} numbers, base parameters with 95% intervals: parameters.csv")
