@@ -113,6 +113,13 @@ class _Side(NamedTuple):
     bends: bool
 
 
+class _Fit(NamedTuple):
+    """A scaled kernel, and whether it was the axis that asked for it."""
+
+    figures: CornerFigures
+    axis_binds: bool
+
+
 @njit(cache=True, error_model="numpy", _nrt=False)
 def corner_kernel(
     weights: CornerWeights, limits: CornerLimits, shapes: CornerShapes, durations: Array, remaining: Array, gone: Array
@@ -237,14 +244,14 @@ def _best_shape(
     """Fill the better one of the kernels made for the tip's corner and for the axis's."""
     if not _counts(tip):
         made_for = axis if _counts(axis) else _right_angle(limits)
-        return _fit_shape(made_for, tip, axis, limits, shapes, durations, remaining, gone)
-    figures = _fit_shape(tip, tip, axis, limits, shapes, durations, remaining, gone)
-    if not _counts(axis):
-        return figures
+        return _fit_shape(made_for, tip, axis, limits, shapes, durations, remaining, gone).figures
+    fit = _fit_shape(tip, tip, axis, limits, shapes, durations, remaining, gone)
+    if not (fit.axis_binds and _counts(axis)):
+        return fit.figures
     other = _fit_shape(axis, tip, axis, limits, shapes, durations, remaining, gone)
-    if time_lost(other, limits) < time_lost(figures, limits):
-        return other
-    return _fit_shape(tip, tip, axis, limits, shapes, durations, remaining, gone)
+    if time_lost(other.figures, limits) < time_lost(fit.figures, limits):
+        return other.figures
+    return _fit_shape(tip, tip, axis, limits, shapes, durations, remaining, gone).figures
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
@@ -270,7 +277,7 @@ def _fit_shape(
     durations: Array,
     remaining: Array,
     gone: Array,
-) -> CornerFigures:
+) -> _Fit:
     """Fill the kernel made for one side's corner, scaled until both hold what they must."""
     pair, most = made_for.pair, made_for.limits
     rate = max(pair.first, pair.second)
@@ -278,18 +285,21 @@ def _fit_shape(
     shape = gone.reshape(gone.size)
     speed = limits.segment_speed * rate * most.jerk / most.acceleration**2
     read_shape(shapes, math.acos(pair.cosine), tolerance, speed, shape)
-    spread_shape(shape, max(math.sqrt(0.5 * (1.0 - pair.cosine)), 1e-9), durations, remaining, gone)
-    figures = CornerFigures(*integrate_knots(durations, remaining, gone))
-    length, time = most.acceleration**3 / most.jerk**2 / rate, most.acceleration / most.jerk
-    figures = _scaled(figures, length, time, durations, remaining, gone)
-    figures = _fit_limits(tip, axis, limits, figures, durations, remaining, gone)
-    off = max(
-        _share_used(tip, figures, durations, remaining, gone), _share_used(axis, figures, durations, remaining, gone)
+    spread_shape(
+        shape,
+        max(pair.sine, 1e-9) if pair.cosine > 0.0 else 1.0,
+        most.acceleration / most.jerk,
+        most.acceleration / rate,
+        durations,
+        remaining,
     )
+    figures = CornerFigures(*integrate_knots(durations, remaining, gone))
+    figures, axis_binds = _fit_limits(tip, axis, limits, figures, durations, remaining, gone)
+    off = _share_used(axis, figures, durations, remaining, gone)
     if off > 1.0:
-        # Smaller with the same jerk: all other limits hold the more.
+        # Grown, the axis bends a little more. Smaller with the same jerk: all other limits hold the more.
         figures = _scaled(figures, 1.0 / off, off ** (-1.0 / 3.0), durations, remaining, gone)
-    return figures
+    return _Fit(figures, axis_binds)
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
@@ -301,24 +311,32 @@ def _fit_limits(
     durations: Array,
     remaining: Array,
     gone: Array,
-) -> CornerFigures:
-    """Scale a kernel to full jerk, as large as its speeds allow, as slow as accelerations ask for."""
-    speed = acceleration = jerk = 0.0
-    for side in (tip, axis):
-        peaks = measure_peaks(side.pair, durations, remaining, gone)
-        speed = max(speed, peaks.speed / side.limits.speed)
-        acceleration = max(acceleration, peaks.acceleration / side.limits.acceleration)
-        jerk = max(jerk, peaks.jerk / side.limits.jerk)
-    acceleration = max(acceleration, figures.acceleration / limits.segment_acceleration) / ROUNDING
-    jerk /= ROUNDING
+) -> _Fit:
+    """Scale a kernel to full jerk, as large as speeds and tolerances allow, as slow as accelerations ask for."""
+    one = _asked(tip, durations, remaining, gone)
+    two = _asked(axis, durations, remaining, gone)
+    off_tip = _share_used(tip, figures, durations, remaining, gone)
+    off_axis = _share_used(axis, figures, durations, remaining, gone)
+    axis_binds = (
+        off_axis > off_tip or two.speed > one.speed or two.acceleration > one.acceleration or two.jerk > one.jerk
+    )
+    along = figures.acceleration / limits.segment_acceleration
+    acceleration = max(one.acceleration, two.acceleration, along) / ROUNDING
+    jerk = max(one.jerk, two.jerk) / ROUNDING
     root = jerk ** (1.0 / 3.0)
     top = figures.speed / root + 0.5 * figures.acceleration**2 / limits.segment_jerk / root**4
     # Speeds grow with length^(2/3) at full jerk.
-    share = max(top / limits.segment_speed, speed / root) / ROUNDING
-    length = share**-1.5
-    return _scaled(
-        figures, length, max(root * length ** (1.0 / 3.0), math.sqrt(length * acceleration)), durations, remaining, gone
-    )
+    share = max(top / limits.segment_speed, one.speed / root, two.speed / root) / ROUNDING
+    length = min(share**-1.5, 1.0 / max(off_tip, off_axis))
+    time = max(root * length ** (1.0 / 3.0), math.sqrt(length * acceleration))
+    return _Fit(_scaled(figures, length, time, durations, remaining, gone), axis_binds)
+
+
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
+def _asked(side: _Side, durations: Array, remaining: Array, gone: Array) -> Peaks:
+    """Peaks of a kernel on one side as shares of its limits."""
+    peaks, most = measure_peaks(side.pair, durations, remaining, gone), side.limits
+    return Peaks(peaks.speed / most.speed, peaks.acceleration / most.acceleration, peaks.jerk / most.jerk)
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)

@@ -12,23 +12,26 @@ Array = NDArray[np.float64]
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def spread_shape(shape: Array, half_sine: float, durations: Array, remaining: Array, gone: Array) -> None:
-    """Knot accelerations and durations of a kernel from its shape, at unit acceleration and jerk.
+def spread_shape(
+    shape: Array, sine: float, time: float, acceleration: float, durations: Array, remaining: Array
+) -> None:
+    """Knot accelerations and durations of a kernel from its shape.
 
     Args:
-        shape: As read from the table, shape (1 + PIECES,); may share memory with ``gone``.
-        half_sine: Sine of half the turn, above 0.
+        shape: As read from the table, shape (1 + PIECES,).
+        sine: Of the turn, 1 beyond a right angle; above 0.
+        time: Unit of time [s].
+        acceleration: Unit of acceleration [m/s^2].
         durations: Changed, shape (PIECES,).
         remaining: Changed: column 0 holds a'' at the beginning of each piece, column 1 at its end, shape (PIECES, 4).
-        gone: Not touched but by the caller, who may keep ``shape`` there.
     """
     for k in range(HALF):
-        durations[k] = durations[PIECES - 1 - k] = shape[0] / HALF
+        durations[k] = durations[PIECES - 1 - k] = time * shape[0] / HALF
     for k in range(HALF + 1):
         difference = shape[1 + k] if k < HALF else 0.0
-        total = shape[HALF + k] / half_sine if k > 0 else difference
-        set_knot(remaining, k, 0.5 * (total + difference))
-        set_knot(remaining, PIECES - k, 0.5 * (total - difference))
+        new = shape[HALF + k] / sine if k > 0 else 0.0
+        set_knot(remaining, k, acceleration * (difference + new))
+        set_knot(remaining, PIECES - k, acceleration * new)
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
