@@ -6,10 +6,12 @@ from numba import njit
 
 from polish_sim.motion.certified.corner import (
     PIECES,
+    CornerFigures,
     CornerLimits,
     CornerWeights,
     corner_kernel,
     corner_shapes,
+    time_lost,
 )
 
 SHAPES = corner_shapes()
@@ -94,7 +96,7 @@ def distance_to_rays(points, turn):
 
 
 def test_limits_and_tip_tolerance_hold_on_random_corners(rng):
-    weights, limits = random_corners(rng, 20000)
+    weights, limits = random_corners(rng, 5000)
     figures, durations, remaining, gone = kernels(weights, limits)
     first, second = np.sqrt(weights[:, 0]), np.sqrt(weights[:, 1])
     turn = np.arccos(np.clip(weights[:, 2] / np.maximum(first * second, 1e-300), -1, 1))
@@ -116,6 +118,90 @@ def test_limits_and_tip_tolerance_hold_on_random_corners(rng):
     assert (acceleration >= 0.0).all()
     assert (size >= 0.0).all()
     assert (speed > 0.0).all()
+
+
+def test_smaller_kernels_of_the_family_hold_too(rng):
+    weights, limits = random_corners(rng, 500)
+    _figures, durations, remaining, gone = kernels(weights, limits)
+    share = rng.random(500)[:, None] ** 2
+    powers = share[:, :, None] ** (1.0 - np.arange(4) / 3.0)
+    first, second = np.sqrt(weights[:, 0]), np.sqrt(weights[:, 1])
+    turn = np.arccos(np.clip(weights[:, 2] / np.maximum(first * second, 1e-300), -1, 1))
+    times = durations * np.cbrt(share)
+    for order in (1, 2, 3):
+        a, b = (sampled(pieces * powers, times, order) for pieces in (remaining, gone))
+        norm = np.linalg.norm(planar(first, second, turn, a, b), axis=-1).max(axis=1)
+        assert (norm <= limits[:, order - 1] * (1 + 1e-9)).all()
+
+
+def turned(axis, angles, vectors):
+    """Rodrigues: ``vectors`` (n, 3) turned about the unit ``axis`` by ``angles`` (n,)."""
+    along = np.outer(vectors @ axis, axis) * (1 - np.cos(angles))[:, None]
+    return vectors * np.cos(angles)[:, None] + np.cross(axis, vectors) * np.sin(angles)[:, None] + along
+
+
+def distance_to_arc(points, start, end):
+    """Angle between unit vectors (n, 3) and the great-circle arc between two others."""
+    normal = np.cross(start, end) / np.linalg.norm(np.cross(start, end))
+    foot = points - np.outer(points @ normal, normal)
+    angle = np.arctan2(foot @ np.cross(normal, start), foot @ start)
+    inside = (angle >= 0.0) & (angle <= np.arctan2(np.linalg.norm(np.cross(start, end)), start @ end))
+    to_ends = [2.0 * np.arcsin(0.5 * np.linalg.norm(points - e, axis=1)) for e in (start, end)]
+    return np.where(inside, np.abs(np.arcsin(np.clip(points @ normal, -1, 1))), np.minimum(*to_ends))
+
+
+def test_axis_tolerance_holds_on_the_sphere(rng):
+    weights, limits = random_corners(rng, 400)
+    limits[:, 7] *= 10.0
+    _figures, durations, remaining, gone = kernels(weights, limits)
+    a, b = sampled(remaining, durations, 0), sampled(gone, durations, 0)
+    vertex = np.array([0.0, 0.0, 1.0])
+    for i in np.flatnonzero((weights[:, 3] > 0.0) & (weights[:, 4] > 0.0)):
+        turn = np.arccos(weights[i, 5])
+        n1, n2 = np.array([0.0, 1.0, 0.0]), np.array([-np.sin(turn), np.cos(turn), 0.0])
+        before = turned(n1, -weights[i, 3] * a[i], np.tile(vertex, (a.shape[1], 1)))
+        axes = turned(n2, weights[i, 4] * b[i], before)
+        ends = turned(n1, np.array([-1.0]), vertex[None])[0], turned(n2, np.array([1.0]), vertex[None])[0]
+        off = np.minimum(distance_to_arc(axes, ends[0], vertex), distance_to_arc(axes, vertex, ends[1]))
+        assert off.max() <= limits[i, 7] * (1 + 1e-9)
+
+
+def tip_corner(turn, tolerance=TOLERANCE):
+    """Kernel of a corner without a turn of the axis, and the time it loses [s]."""
+    out = kernels([[1.0, 1.0, np.cos(turn), 0.0, 0.0, 1.0]], usual_limits(1, tolerance))
+    return out, time_lost(CornerFigures(*out[0][0]), CornerLimits(*usual_limits(1, tolerance)[0]))
+
+
+def test_straight_on_loses_nothing():
+    (figures, durations, *_), lost = tip_corner(0.0)
+    assert tuple(figures[0]) == (0.0, pytest.approx(SPEED), 0.0, 0.0)
+    assert durations.sum() == 0.0
+    assert abs(lost) < 1e-12
+
+
+def test_a_small_turn_is_passed_at_full_speed():
+    (figures, *_), lost = tip_corner(np.radians(3.0))
+    assert figures[0, 1] == pytest.approx(SPEED)
+    assert abs(lost) < 1e-9
+
+
+def test_no_tolerance_is_an_exact_stop():
+    (figures, *_), lost = tip_corner(1.0, 0.0)
+    assert tuple(figures[0]) == (0.0, 0.0, 0.0, 0.0)
+    assert lost == pytest.approx(0.15)  # V/A + A/J
+
+
+def test_a_reversal_need_not_let_go_of_its_acceleration():
+    # Braking goes over into speeding up at A: its fall and rise are saved but for two rounded ends.
+    _, lost = tip_corner(np.pi)
+    assert 0.08 < lost < 0.105
+
+
+@pytest.mark.parametrize(("degrees", "best"), [(30.0, 0.0763), (60.0, 0.0974), (90.0, 0.0925), (135.0, 0.0969)])
+def test_a_corner_loses_little_more_than_the_best_motion_there_is(degrees, best):
+    # Best: benchmarks.corner_bound, 160 free pieces. An exact stop loses 0.150 s.
+    _, lost = tip_corner(np.radians(degrees))
+    assert best - 2e-4 < lost < 1.04 * best
 
 
 @pytest.fixture

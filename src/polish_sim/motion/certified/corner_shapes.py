@@ -2,8 +2,8 @@
 
 A kernel is symmetric about its middle, so its first half says it all: ``HALF`` pieces of equal duration with
 acceleration linear in each. At every knot the table holds two numbers, of the motion ``-a d1 + b d2`` about the
-vertex (a is left on the old segment, b gone on the new one): ``X = a'' - b''`` and ``Y = b'' sin(turn)`` (``b''`` beyond
-a right angle), the acceleration away from the old line: what lies between nodes stays as close to it as they do.
+vertex (a is left on the old segment, b gone on the new one): ``X = a'' - b''`` and ``Y = b'' sin(turn)`` (``b''``
+beyond a right angle), the acceleration away from the old line: what lies between nodes stays as close to it as they do.
 They are solutions of a convex programme at unit acceleration and jerk (lengths in A^3/J^2, times in A/J): least time
 lost on a long path with the motion within the tolerance of the two lines, remade by
 ``python -m benchmarks.corner_shapes``. What is read between its nodes is only a good guess; limits and tolerance are
