@@ -15,12 +15,12 @@ LIMITS = "limits"
 
 def config(
     experiment: Annotated[
-        str, typer.Argument(help="arc, force, surface, calibrate-payload, or limits.", show_default=False)
+        str, typer.Argument(help="arc, force, surface, smooth, calibrate-payload, or limits.", show_default=False)
     ],
 ) -> None:
     """Print the full default config of an experiment as TOML; `plan` and `inspect` take the keys of surface.
 
-    For `smooth` it prints the default limits of tool and joints.
+    ``limits`` prints the default limits of tool and joints, for the command `smooth`.
     """
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.experiments import PAYLOAD_SCENARIO, default_scenario

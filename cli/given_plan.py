@@ -40,7 +40,9 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
         InputError: If the plan cannot be read, belongs to another part, or is asked to be planned differently.
     """
     if scenario.experiment != "surface":
-        raise InputError(f"--path is for 'run surface': '{scenario.experiment}' has no path to be given.")
+        raise InputError(
+            f"--path is for 'run surface' and 'run smooth': '{scenario.experiment}' has no path to be given."
+        )
     asked = [option for option in PATH_OPTIONS if given.get(option) is not None]
     if asked:
         raise InputError(f"--path is a finished plan: leave {', '.join(asked)} out, or leave --path out to plan anew.")
@@ -58,6 +60,11 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
     check_part(source, scenario.part.file, part)
     scenario = merge(scenario, {"plan": facts["plan"], "part": {"unit": part["unit"]}}, "")
     return GivenPlan(path, merge(scenario, named, ""))
+
+
+def name_path(source: Path, scenario: Scenario) -> Scenario:
+    """Write into a scenario where its path is."""
+    return merge(scenario, {"plan": {"file": str(source.resolve())}}, "")
 
 
 def plan_facts(source: Path) -> dict[str, Any]:

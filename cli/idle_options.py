@@ -35,6 +35,11 @@ IDLE: Final[Mapping[str, frozenset[str]]] = {
         + ("--contact-force", "--pad-diameter", "--spindle-rpm")
         + PATH_OPTIONS
     ),
+    "smooth": frozenset(
+        ("--part", "--real-part", "--units", "--region", "--contact-force", "--feed", "--pad-diameter", "--spindle-rpm")
+        + ("--controller", "--calibration", "--seed", "--seeds", "--fault", "--view", "--video")
+        + PATH_OPTIONS
+    ),
     "force": frozenset({"--feed", *PATH_OPTIONS} - {"--region", "--feature-angle"}),
 }
 """What changes nothing in an experiment."""

@@ -58,7 +58,7 @@ commands.command("demo", short_help="The whole main job on a shipped part.")(dem
 commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part.")(plan)
 commands.command("inspect", cls=PanelledCommand, short_help="The quality of any tool path on a part.")(inspect)
 commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion along any tool path.")(smooth)
-commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force or surface.")(run)
+commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force, surface or smooth.")(run)
 commands.command("score", short_help="Score a controller by a fixed battery of cases.")(score)
 commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base.")
 commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(identify)

@@ -152,7 +152,7 @@ SpindleSpeed = Annotated[
 ]
 
 # Run
-Experiment = Annotated[str, typer.Argument(help="arc, force or surface.", show_default=False)]
+Experiment = Annotated[str, typer.Argument(help="arc, force, surface or smooth.", show_default=False)]
 Controller = Annotated[
     str | None,
     _option(RUN, "--controller", "NAME", "A shipped one of 'polish-sim list' (default hybrid-pi), or FILE.py:CLASS."),

@@ -51,6 +51,7 @@ def plan(
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.report import save_plots
     from polish_sim.exchange import ExportSetup, check_formats, export_plan, write_plan
+    from polish_sim.experiments import time_law
     from polish_sim.planning import PATTERNS, plan_part
 
     refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
@@ -58,6 +59,8 @@ def plan(
     setup = ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
     with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
         result = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+        observer.stage("time the motion")
+        result.figures.update(time_law(scenario, result.path))
         write_plan(folder.draft, result)
         export_plan(folder.draft, result, formats, setup)
         observer.stage("draw")
@@ -75,6 +78,10 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["facets", "", str(m["facets"])],
         ["path length", "m", f"{m['path_length_m']:.3f}"],
         ["cycle time at the feed", "s", f"{m['cycle_time_s']:.0f}"],
+        ["  of the smoothed motion", "s", console.number_or_dash(m["motion_time_s"], 1.0, ".0f")],
+        ["  way at the full feed", "%", console.number_or_dash(m["feed_kept"], percent, ".1f")],
+        ["  least feed", "mm/s", console.number_or_dash(m["feed_least_m_s"], mm, ".2f")],
+        ["    at, along the path", "m", console.number_or_dash(m["feed_least_at_m"], 1.0, ".3f")],
         ["step-over, mean", "mm", console.number_or_dash(m["stepover_mean_m"], mm, ".2f")],
         ["step-over, p5 / p95", "mm", spread],
         ["covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],

@@ -63,9 +63,9 @@ def run(
     out: o.Out = None,
     overwrite: o.Overwrite = False,
 ) -> int:
-    """Simulate an experiment of the paper: arc, force or surface."""
+    """Simulate an experiment of the papers: arc, force, surface or smooth."""
     given = given_options(locals())
-    refuse_idle_in(experiment, given)
+    refuse_idle_in(experiment, given | {"--seeds": seeds, "--view": view or None, "--video": video or None})
     if seeds is not None and (view or video):
         raise InputError("--view and --video show one run: leave --seeds out.")
     prepare_headless()
@@ -93,13 +93,15 @@ def _checked(scenario: Scenario, given: Mapping[str, Any], path: Path | None) ->
     """Refuse what cannot be run before anything is planned, and take the plan of a given path."""
     from polish_sim.calibration import read_calibrated_tool
     from polish_sim.cell import parse_events
-    from polish_sim.cli.given_plan import take_plan
+    from polish_sim.cli.given_plan import name_path, take_plan
     from polish_sim.planning import PATTERNS
 
     if scenario.payload.file:
         read_calibrated_tool(Path(scenario.payload.file))
     parse_events(scenario.faults.events)
     source = path or (Path(scenario.plan.file) if scenario.plan.file else None)
+    if scenario.experiment == "smooth":
+        return None, scenario if source is None else name_path(source, scenario)
     if source is not None:
         return take_plan(source, scenario, given)
     refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)

@@ -58,12 +58,18 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
         broken_off = True
     return Outcome(
         scenario.experiment,
-        f"{scenario.experiment}, {scenario.controller.name}, seed {scenario.seed}",
+        _title(scenario),
         {"this run": record.metrics},
         (result.stop_reason,) if result.stop_reason else (),
         result.interrupted or broken_off,
         tuple(_of_faults(record.metrics)),
     )
+
+
+def _title(scenario: Scenario) -> str:
+    if scenario.experiment == "smooth":
+        return "smooth, every rule on the servos"
+    return f"{scenario.experiment}, {scenario.controller.name}, seed {scenario.seed}"
 
 
 def _of_faults(metrics: Mapping[str, Any]) -> Iterator[str]:

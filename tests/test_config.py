@@ -62,7 +62,7 @@ def test_a_scenario_cannot_be_changed_after_it_was_made() -> None:
 
 
 def test_an_unknown_experiment_lists_the_known_ones() -> None:
-    with pytest.raises(InputError, match=r"'polish'.*arc, force, surface"):
+    with pytest.raises(InputError, match=r"'polish'.*arc, force, smooth, surface"):
         default_scenario("polish")
 
 

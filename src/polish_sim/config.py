@@ -106,6 +106,18 @@ class ProcessConfig:
 
 
 @dataclass(frozen=True)
+class SmoothingConfig:
+    """How way points become a motion."""
+
+    rule: str = key("certified", "surface: certified, joint-jerk or joint-acceleration; smooth plays all of them")
+    tolerance_m: float = key(2e-5, "how far the tool may be from the path between its points, 0 = exact [m]", 0.0, 0.01)
+    axis_tolerance_rad: float = key(
+        math.radians(0.02), "how far the tool axis may be from its way, 0 = exact [rad]", 0.0, 0.2
+    )
+    limits_file: str = key("", "TOML file of limits, see 'smooth --limits'; empty = the experiment's own")
+
+
+@dataclass(frozen=True)
 class BaselinesConfig:
     """Gains of the baselines: admittance, impedance-position and force-mode."""
 
@@ -316,11 +328,12 @@ class SimulationConfig:
 class Scenario:
     """One run, complete."""
 
-    experiment: str = key("surface", "arc, force, surface or calibrate-payload")
+    experiment: str = key("surface", "arc, force, surface, smooth or calibrate-payload")
     seed: int = key(0, "seed of everything random in the run", 0, 2**63 - 1)
     part: PartConfig = field(default_factory=PartConfig)
     plan: PlanConfig = field(default_factory=PlanConfig)
     process: ProcessConfig = field(default_factory=ProcessConfig)
+    smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
     controller: ControllerConfig = field(default_factory=ControllerConfig)
     robot: RobotConfig = field(default_factory=RobotConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)

@@ -43,7 +43,16 @@ COLUMNS: Mapping[str, tuple[int, str]] = MappingProxyType(
     }
 )
 # Added after the run where they are known; older logs and other experiments go without.
-LATER: Mapping[str, tuple[int, str]] = MappingProxyType({"exposure_nm": (0, "N m")})
+LATER: Mapping[str, tuple[int, str]] = MappingProxyType(
+    {
+        "exposure_nm": (0, "N m"),
+        "rule": (0, "-"),
+        "target_q_rad": (6, "rad"),
+        "target_qd_rad_s": (6, "rad/s"),
+        "target_qdd_rad_s2": (6, "rad/s^2"),
+        "target_qddd_rad_s3": (6, "rad/s^3"),
+    }
+)
 _INTEGER = {"pass_index": np.int32, "phase": np.int8}
 _DOUBLE = {"time_s", "tcp_position_m", "target_position_m"}
 

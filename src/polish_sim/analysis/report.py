@@ -15,12 +15,14 @@ from polish_sim.analysis.removal_plot import plot_removal, plot_removal_runs
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.seeds_plot import plot_seeds
 from polish_sim.analysis.surface_plot import plot_surface_force, plot_surface_runs
+from polish_sim.analysis.tracking_plot import plot_tracking, plot_tracking_bars, plot_tracking_runs
 from polish_sim.errors import InputError
 
 PLOTS: Final[Mapping[str, Mapping[str, Callable[[RunRecord], Figure]]]] = {
     "arc": {"arc.png": plot_arc},
     "force": {"force.png": plot_force},
     "surface": {"force.png": plot_surface_force, "peaks.png": plot_peaks},
+    "smooth": {"tracking.png": plot_tracking, "tracking_by_joint.png": plot_tracking_bars},
 }
 """The figures of one run, by experiment and file name."""
 
@@ -28,6 +30,7 @@ COMPARISONS: Final[Mapping[str, Mapping[str, Callable[[Sequence[RunRecord]], Fig
     "arc": {"arc.png": plot_arc_runs},
     "force": {"force.png": plot_force_runs},
     "surface": {"force.png": plot_surface_runs},
+    "smooth": {"tracking.png": plot_tracking_runs},
 }
 """The figures of several runs of one experiment."""
 

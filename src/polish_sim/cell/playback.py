@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from polish_sim.cell.engine import mj_step, register_engine
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import Scenario
-from polish_sim.errors import ProtectiveStop
+from polish_sim.errors import ProtectiveStop, ReachError
 
 Array = NDArray[np.float64]
 
 JOINTS = 6
+LOOK_EVERY = 20  # rows between looks at links in contact
 
 
 class JointTargets(NamedTuple):
@@ -51,11 +52,13 @@ def play_joints(scenario: Scenario, targets: JointTargets, settle: float = 0.5) 
         What the joints did.
 
     Raises:
+        ReachError: Links or head would touch each other on the way.
         ProtectiveStop: The simulation ran away.
     """
     register_engine()
     model = build_scene(scenario, None, None)
     data = mujoco.MjData(model)
+    _refuse_touch(model, data, targets.q)
     data.qpos[:JOINTS] = targets.q[0]
     mujoco.mj_forward(model, data)
     n = len(targets.q)
@@ -68,6 +71,17 @@ def play_joints(scenario: Scenario, targets: JointTargets, settle: float = 0.5) 
     if not np.isfinite(played.q).all():
         raise ProtectiveStop("the simulated robot ran away while playing joint targets: lower simulation.timestep_s.")
     return played
+
+
+def _refuse_touch(model: mujoco.MjModel, data: mujoco.MjData, q: Array) -> None:
+    """Look for links in contact along the way."""
+    for joints in q[::LOOK_EVERY]:
+        data.qpos[:JOINTS] = joints
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        if data.ncon:
+            pair = " and ".join(model.geom(int(g)).name for g in data.contact[0].geom)
+            raise ReachError(f"the robot cannot do this path: {pair} would touch. Move it with --part-pose.")
 
 
 @njit(cache=True, error_model="numpy")

@@ -19,13 +19,17 @@ from polish_sim.experiments.calibrate_payload import (
 from polish_sim.experiments.force import prepare_force, run_force
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult
+from polish_sim.experiments.smooth import run_smooth
+from polish_sim.experiments.smooth_task import path_of_task, prepare_smooth
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface, run_surface
+from polish_sim.experiments.time_law import time_law
 from polish_sim.planning import PlanResult, ToolPath
 
 _DEFAULTS = {
     "arc": Scenario(experiment="arc", spindle=SpindleConfig(speed_rpm=0.0)),
     "force": Scenario(experiment="force", part=PartConfig(file="plate"), spindle=SpindleConfig(speed_rpm=0.0)),
     "surface": Scenario(experiment="surface"),
+    "smooth": Scenario(experiment="smooth", spindle=SpindleConfig(speed_rpm=0.0)),
 }
 
 EXPERIMENTS: Mapping[str, str] = MappingProxyType(
@@ -33,6 +37,7 @@ EXPERIMENTS: Mapping[str, str] = MappingProxyType(
         "arc": "the tool point on a circle in free space at constant feed (paper 1, fig. 12)",
         "force": "a step of the contact force from first contact, at one point (paper 1, fig. 13)",
         "surface": "polish a part along a planned path under force control (paper 1, fig. 14, 15)",
+        "smooth": "one path played with every smoothing rule on the joint servos (paper 4, fig. 10)",
     }
 )
 
@@ -79,6 +84,8 @@ def check_experiment(
     if scenario.experiment == "surface":
         prepared = prepare_surface(scenario, plan, observer)
         return CheckedPath(prepared.plan.path, prepared.reach)
+    if scenario.experiment == "smooth":
+        return CheckedPath(*path_of_task(prepare_smooth(scenario)))
     raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)
 
 
@@ -102,6 +109,8 @@ def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer:
         return run_force(scenario, observer)
     if scenario.experiment == "surface":
         return run_surface(scenario, plan, observer)
+    if scenario.experiment == "smooth":
+        return run_smooth(scenario, observer)
     raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)
 
 
@@ -120,5 +129,7 @@ __all__ = [
     "run_experiment",
     "run_force",
     "run_payload_calibration",
+    "run_smooth",
     "run_surface",
+    "time_law",
 ]

@@ -22,8 +22,10 @@ from polish_sim.experiments.placement import (
     given_placement,
     tool_rotations,
 )
+from polish_sim.experiments.stroke_motion import Stroke, stroke_motion
 from polish_sim.geometry import PartMesh
 from polish_sim.models import workpiece_names, workpiece_path
+from polish_sim.motion.smoothing.arm import build_arm
 from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import build_path_table, with_set_points
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed
@@ -117,6 +119,7 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
     rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
     nominal = apply(reach.T_base_work, path.positions_work)
     pressed_in = apply(reach.T_base_work, pressed(path, depths).positions_work)
+    arm = build_arm(np.eye(4), tool_on_flange(), reach.q_start)
     jobs: list[Job] = []
     left = process.max_feed_s or math.inf
     for first, last in stretches_in_contact(path):
@@ -133,7 +136,11 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
             None if path.force is None else path.force[during] / process.contact_force_n,
             None if path.feed is None else path.feed[during] / process.feed_m_s,
         )
-        motion = time_path(table, feed_pace(process.feed_m_s))
+        feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
+        stroke = Stroke(pressed_in[during], rotations[during], path.s[during] - path.s[first], feed)
+        motion = stroke_motion(scenario, stroke, arm)
+        if motion is None:
+            motion = time_path(table, feed_pace(process.feed_m_s))
         jobs.append(
             Job(
                 travel=_travel(jobs, nominal[through], rotations[through]),

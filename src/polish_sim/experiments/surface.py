@@ -15,6 +15,7 @@ from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.real_shape import RealShape, real_shape, shape_figures
 from polish_sim.experiments.removal import remove_material
 from polish_sim.experiments.result import RunResult, common_figures
+from polish_sim.experiments.time_law import feed_of_jobs
 from polish_sim.planning import PlanResult, coverage_until, plan_part
 
 
@@ -90,6 +91,7 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
     figures |= cell.payload_errors._asdict()
     figures |= shape_figures(task.shape, path)
+    figures |= feed_of_jobs(cell.strokes)
     return RunResult(
         scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map
     )  # fmt: skip

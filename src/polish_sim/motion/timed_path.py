@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.motion.smoothing.stop_profile import stop_times
 from polish_sim.motion.trajectory import PathTable, sample_path
 
 Array = NDArray[np.float64]
@@ -71,13 +72,15 @@ def time_path(table: PathTable, pace: Pace) -> TimedPath:
         The motion.
     """
     top = pace.speed * float(table.feed_share.max())
-    speed, b, c = _ramp(table.length, pace._replace(speed=top))
-    duration = table.length / speed + b + c if table.length > 0.0 else 0.0
-    clock = row_times(duration)
-    places, speeds = _rest_to_rest(clock, table.length, speed, b, c)
+    if table.length > 0.0:
+        boxes = stop_times(table.length, top, pace.acceleration, pace.jerk)
+        clock = row_times(sum(boxes))
+        places, speeds = _rest_to_rest(clock, table.length, boxes)
+    else:
+        boxes, clock, places, speeds = (0.0, 0.0, 0.0), row_times(0.0), np.zeros(2), np.zeros(2)
     n = len(clock)
     motion = TimedPath(
-        float(clock[1] - clock[0]), duration, np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)),
+        float(clock[1] - clock[0]), sum(boxes), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)),
         places, speeds, np.ones(n),
     )  # fmt: skip
     _fill(table, motion)
@@ -106,25 +109,10 @@ def row_times(duration: float) -> Array:
     return np.linspace(0.0, duration if duration > 0.0 else ROW_S, rows)
 
 
-def _ramp(length: float, pace: Pace) -> tuple[float, float, float]:
-    """Top speed [m/s] a length allows, and the two boxes b >= c [s] whose convolution is the ramp up to it."""
-    v, a, j = pace
-    if length <= 0.0:
-        return v, 0.0, 0.0
-    knee = a * a / j  # speed from which the acceleration limit is reached [m/s]
-    if 2.0 * knee * a / j < length:
-        # v (v / a + a / j) = length, or the wanted speed
-        v = min(v, 0.5 * (math.sqrt(knee * knee + 4.0 * a * length) - knee))
-    else:
-        v = min(v, (0.25 * j * length * length) ** (1.0 / 3.0))
-    return (v, v / a, a / j) if v >= knee else (v, math.sqrt(v / j), math.sqrt(v / j))
-
-
-def _rest_to_rest(t: Array, length: float, speed: float, b: float, c: float) -> tuple[Array, Array]:
-    """Place [m] and speed [m/s] at times t (n,) of a motion that ramps up to ``speed`` and down again."""
-    if length <= 0.0:
-        return np.zeros(len(t)), np.zeros(len(t))
-    end = length / speed + b + c
+def _rest_to_rest(t: Array, length: float, boxes: tuple[float, float, float]) -> tuple[Array, Array]:
+    """Place [m] and speed [m/s] at times t (n,) of a motion that three filtered boxes a >= b + c [s] give."""
+    a, b, c = boxes
+    speed, end = length / a, a + b + c
     early = t < 0.5 * end
     near = np.where(early, t, end - t)
     ramp = np.minimum(near, b + c)

@@ -47,6 +47,23 @@ def time_schedule(chain: Chain, schedule: Schedule, marks: Array) -> TimedPath:
     )
 
 
+def places_at(chain: Chain, schedule: Schedule, marks: Array, times: Array) -> Array:
+    """Arc length a schedule has come to, never falling.
+
+    Args:
+        chain: The segments.
+        schedule: When they are passed.
+        marks: Arc length at the way points [m], rising, shape (segments + 1,).
+        times: Rising [s], shape (n,).
+
+    Returns:
+        [m], shape (n,).
+    """
+    places, speeds = np.empty(len(times)), np.empty(len(times))
+    _mark(schedule, index_schedule(chain, schedule), times, marks, places, speeds)
+    return np.maximum.accumulate(places)
+
+
 def marks_on(chain: Chain, tips: Array, rotations: Array, s: Array) -> Array:
     """Arc lengths of a chain's way points, each of which is one of the points it was made of, in the same order.
 

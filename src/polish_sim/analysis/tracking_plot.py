@@ -1,0 +1,134 @@
+"""Tracking errors of all joints over time, rule by rule, over the jerk that causes them (paper 4, fig. 10; 8c)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from polish_sim.analysis.rows import numbers
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, new_figure, styled
+
+Array = NDArray[np.float64]
+
+RULES: Final = ("joint-acceleration", "joint-jerk", "certified")
+COLORS: Final = {"joint-acceleration": ORANGE, "joint-jerk": GREEN, "certified": BLUE}
+JOINT_NAMES: Final = ("shoulder pan", "shoulder lift", "elbow", "wrist 1", "wrist 2", "wrist 3")
+
+
+@styled
+def plot_tracking(record: RunRecord) -> Figure:
+    """Draw each joint's tracking error over time and its largest values, and the jerk of its targets.
+
+    Args:
+        record: A run of ``smooth``.
+
+    Returns:
+        The figure.
+    """
+    figure = new_figure(12.0, 11.0)
+    grid = figure.subplots(6, 2, sharex=True)
+    known = _rules_of(record)
+    for joint, (error, jerk) in enumerate(grid):
+        for rule in RULES:
+            rows = known[rule]
+            if not len(rows):
+                continue
+            time = numbers(record.log, "time_s")[rows]
+            lag = (numbers(record.log, "target_q_rad") - numbers(record.log, "q_rad"))[rows, joint]
+            asked = numbers(record.log, "target_qddd_rad_s3")[rows, joint]
+            error.plot(time, lag * 1e6, color=COLORS[rule], lw=0.8, alpha=0.85, label=rule)
+            jerk.plot(time, asked, color=COLORS[rule], lw=0.7, alpha=0.85, label=rule)
+        _limit(jerk, record, joint)
+        error.set(ylabel=f"{JOINT_NAMES[joint]}\nerror [µrad]")
+        jerk.set(ylabel="jerk [rad/s³]")
+    for axes in grid[-1]:
+        axes.set(xlabel="time [s]")
+    grid[0, 0].legend(loc="upper right", ncols=3)
+    m = record.metrics
+    facts = [f"{rule}: {_number(m.get(f'{_key(rule)}_cycle_time_s'), 1.0)} s" for rule in RULES]
+    facts.append(f"certified at the jerk peaks: at most {_number(m.get('certified_reduction_largest'), 100.0)}% less")
+    head(figure, grid[0, 0], "Tracking error of the joints, one path with three rules", facts)
+    return figure
+
+
+@styled
+def plot_tracking_bars(record: RunRecord) -> Figure:
+    """Draw largest and root mean square tracking errors joint by joint, at own and at equal cycle times.
+
+    Args:
+        record: A run of ``smooth``.
+
+    Returns:
+        The figure.
+    """
+    figure = new_figure(10.0, 6.0)
+    grid = figure.subplots(2, 2, sharex=True, sharey="row")
+    for row, (kind, text) in enumerate((("max", "largest"), ("rms", "root mean square"))):
+        for column, (when, title) in enumerate((("", "own cycle times"), ("_at_equal_time", "equal cycle times"))):
+            axes = grid[row, column]
+            for k, rule in enumerate(RULES):
+                values = record.metrics.get(f"{_key(rule)}_tracking_error_{kind}_rad{when}")
+                if values is not None:
+                    axes.bar(
+                        np.arange(6) + 0.27 * (k - 1), np.array(values) * 1e6, 0.25, color=COLORS[rule], label=rule
+                    )
+            axes.set_title(f"{text}, {title}", fontsize=9.0, fontweight="normal")
+            axes.set(ylabel="error [µrad]" if column == 0 else None)
+            axes.set_xticks(range(6), JOINT_NAMES)
+    grid[0, 0].legend(loc="upper right")
+    figure.suptitle("Tracking error by joint and rule", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    return figure
+
+
+@styled
+def plot_tracking_runs(records: Sequence[RunRecord]) -> Figure:
+    """Draw what ``certified`` takes off each joint's largest tracking error in several runs.
+
+    Args:
+        records: Runs of ``smooth``.
+
+    Returns:
+        The figure.
+    """
+    figure = new_figure(9.0, 4.6)
+    axes = figure.add_subplot()
+    width = 0.8 / len(records)
+    for k, record in enumerate(records):
+        shares = record.metrics.get("certified_reduction_max")
+        if shares is not None:
+            place = np.arange(6) + width * (k - 0.5 * (len(records) - 1))
+            axes.bar(place, 100.0 * np.array(shares), 0.9 * width, color=SERIES[k % len(SERIES)], label=record.name)
+    axes.axhline(0.0, color=GREY, lw=0.8)
+    axes.set_xticks(range(6), JOINT_NAMES)
+    axes.set(ylabel="taken off the largest error [%]")
+    axes.legend(loc="upper right")
+    head(figure, axes, "Certified against joint-acceleration, joint by joint", ())
+    return figure
+
+
+def _rules_of(record: RunRecord) -> dict[str, NDArray[np.int64]]:
+    """Rows of the log by rule; the log counts the rules in the order the run names them."""
+    names = record.metrics.get("rules", RULES)
+    column = numbers(record.log, "rule")
+    return {rule: np.flatnonzero(column == names.index(rule)) if rule in names else np.zeros(0, int) for rule in RULES}
+
+
+def _limit(axes: Axes, record: RunRecord, joint: int) -> None:
+    limits = record.metrics.get("joint_jerk_limits_rad_s3")
+    if limits is not None:
+        for sign in (-1.0, 1.0):
+            axes.axhline(sign * limits[joint], color=GREY, lw=0.8, ls="--")
+
+
+def _key(rule: str) -> str:
+    return rule.replace("-", "_")
+
+
+def _number(value: float | None, scale: float) -> str:
+    return "-" if value is None or np.isnan(value) else f"{value * scale:.4g}"

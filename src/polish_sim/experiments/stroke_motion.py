@@ -1,0 +1,85 @@
+"""How a stroke on the part is followed: its way points smoothed to a motion at the feed (layer 9)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.config import Scenario
+from polish_sim.errors import unknown_name
+from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.build import build_chain
+from polish_sim.motion.smoothing.limits import SmoothingLimits
+from polish_sim.motion.smoothing.limits_file import load_limits
+from polish_sim.motion.timed_path import TimedPath
+from polish_sim.motion.timed_schedule import marks_on, time_schedule
+
+Array = NDArray[np.float64]
+
+CELL_LIMITS = SmoothingLimits(
+    tip_acceleration=0.6, tip_jerk=15.0, axis_speed=2.0, axis_acceleration=3.0, axis_jerk=75.0
+)
+"""Half of what the robot's velocity interface does by default (1.2 m/s^2, 6 rad/s^2), built up in 40 ms: the other half
+is for the force loop. The tip's speed is the feed; of the joints those of the UR5e."""
+
+
+class Stroke(NamedTuple):
+    """A stretch of path in contact, n points, in the frame the robot is given in."""
+
+    tips: Array
+    """Tool points, pressed in [m], shape (n, 3)."""
+    rotations: Array
+    """Tool frames, shape (n, 3, 3)."""
+    s: Array
+    """Arc length on the part from the stroke's start [m], never falling, shape (n,)."""
+    feed: Array
+    """Wanted rate of it [m/s], shape (n,)."""
+
+
+def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedPath | None:
+    """Smooth a stroke with the scenario's rule.
+
+    The feed is that of the contact on the part: pressed in on a bend the tool point is faster or slower.
+
+    Args:
+        scenario: Rule, tolerances and limits.
+        stroke: The stroke.
+        arm: The robot; None: only the tool's limits count.
+
+    Returns:
+        The motion; None if the stroke stays at one place.
+
+    Raises:
+        InputError: The rule is not known.
+        SmoothingError: There is no such motion; names the place.
+    """
+    asked = scenario.smoothing
+    if asked.rule not in RULES:
+        raise unknown_name("smoothing rule", asked.rule, RULES)
+    chain = build_chain(stroke.tips, stroke.rotations)
+    if not len(chain.lengths):
+        return None
+    marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
+    feeds = feeds_of(stroke, marks) * chain.lengths / np.maximum(np.diff(marks), 1e-9)
+    limits = cell_limits(scenario, float(feeds.max()))
+    smoothed, schedule = RULES[asked.rule](chain, limits, asked.tolerance_m, asked.axis_tolerance_rad, arm, feeds)
+    return time_schedule(smoothed, schedule, marks_on(smoothed, stroke.tips, stroke.rotations, stroke.s))
+
+
+def cell_limits(scenario: Scenario, feed: float) -> SmoothingLimits:
+    """Limits of a stroke: those of the scenario's file, else ``CELL_LIMITS``; the tip's speed is the feed [m/s]."""
+    file = scenario.smoothing.limits_file
+    limits = load_limits(Path(file), CELL_LIMITS) if file else CELL_LIMITS
+    return replace(limits, tip_speed=feed if feed > 0.0 else math.inf)
+
+
+def feeds_of(stroke: Stroke, marks: Array) -> Array:
+    """Feed on the part of each segment [m/s], the lower one of its ends', shape (segments,)."""
+    at_marks = np.interp(marks, stroke.s, stroke.feed)
+    return np.minimum(at_marks[1:], at_marks[:-1])
