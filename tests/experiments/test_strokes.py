@@ -14,9 +14,11 @@ from polish_sim.config import PartConfig, PlanConfig, Scenario
 from polish_sim.experiments.part_setup import polishing_strokes
 from polish_sim.experiments.placement import Reach
 from polish_sim.planning import PlanResult, plan_part
+from polish_sim.spatial import transform
 
 LIFT = PlanConfig().clearance_m
-REACH = Reach(np.eye(4), 0.0, np.zeros(6), 1.0)
+PLACE = np.array([0.0, -0.5, 0.08])
+REACH = Reach(transform(np.eye(3), PLACE), 0.0, np.array([1.2, -1.6, 1.9, -1.9, -1.6, 0.0]), 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -48,11 +50,11 @@ def test_the_travel_begins_where_the_lift_ends_and_ends_where_the_way_down_begin
     lifted = first.process.positions[-1] + [0.0, 0.0, LIFT + first.depth]
     assert second.travel.positions[0] == pytest.approx(lifted, abs=1e-9)
     assert second.travel.positions[-1] == pytest.approx(second.lead_in.positions[0], abs=1e-9)
-    assert second.travel.positions[:, 2].min() >= 0.015 + 0.7 * LIFT
+    assert second.travel.positions[:, 2].min() >= PLACE[2] + 0.015 + 0.7 * LIFT
 
 
 def test_a_path_that_presses_harder_at_its_end_is_lifted_to_the_same_height(islands: PlanResult) -> None:
     force = np.interp(islands.path.s, [0.0, islands.path.s[-1]], [10.0, 60.0])
     for job in strokes(islands, force):
         end = job.process.positions[-1, 2] + job.lift + job.depth
-        assert end == pytest.approx(0.015 + LIFT, abs=1e-6)
+        assert end == pytest.approx(PLACE[2] + 0.015 + LIFT, abs=1e-6)

@@ -31,7 +31,7 @@ def test_on_the_freeform_part_the_force_stays_within_four_newton(freeform: RunRe
 
 def test_the_tool_strays_less_than_three_tenths_of_a_millimetre_from_its_path(freeform: RunResult) -> None:
     assert freeform.figures["tracking_error_max_m"] < 0.3e-3
-    assert freeform.figures["speed_mean_m_s"] == pytest.approx(0.01, rel=0.03)
+    assert freeform.figures["speed_mean_m_s"] == pytest.approx(0.01, rel=0.04)  # ramps at both ends included
 
 
 def test_a_run_cut_short_says_how_much_it_did(freeform: RunResult) -> None:

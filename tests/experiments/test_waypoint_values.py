@@ -56,6 +56,8 @@ def test_the_feed_follows_the_path_s(rising: RunResult) -> None:
     rows = fed(rising)
     place, time = rising.trace.path_s_m[rows], rising.trace.time_s[rows]
     speed = np.gradient(place, time)
+    fed_at_all = time < time[-1] - 0.15  # the target comes to rest before its time is over
+    place, speed = place[fed_at_all], speed[fed_at_all]
     assert speed == pytest.approx(np.interp(place, rising.path.s, rising.path.feed), rel=0.02)
 
 

@@ -24,6 +24,8 @@ Figures = dict[str, float | int]
 RAMP_UP_S = 1.0
 STEADY_AFTER_S = 0.5
 SPEED_WINDOW_S = 0.05
+BRAKING = 0.99
+"""Share of the feed below which the target brakes at the end [-]."""
 
 
 class Circle(NamedTuple):
@@ -42,7 +44,7 @@ PAPER_ARC = Circle((0.0, -0.52, 0.0), (math.sqrt(0.5), math.sqrt(0.5), 0.0), 0.1
 
 
 def measure_arc(trace: Trace, circle: Circle = PAPER_ARC) -> Figures:
-    """Measure how well the tool point follows a circle, from 1 s after the feed's start to the end of the feed.
+    """Measure how well the tool point follows a circle, from 1 s after the feed's start to where the target brakes.
 
     Args:
         trace: The run.
@@ -148,8 +150,17 @@ def distance_to_circle(points: Array, circle: Circle) -> Array:
 
 
 def _steady_feed(trace: Trace) -> NDArray[np.bool_]:
+    """Steps after the ramp-up and before the target last falls below 99% of its feed."""
     fed = trace.phase == PROCESS
-    return fed & (trace.time_s >= trace.time_s[np.argmax(fed)] + RAMP_UP_S) if fed.any() else fed
+    if not fed.any():
+        return fed
+    steady = fed & (trace.time_s >= trace.time_s[np.argmax(fed)] + RAMP_UP_S)
+    rows = np.flatnonzero(steady)
+    rates = np.diff(trace.path_s_m[rows]) / np.diff(trace.time_s[rows])
+    at_feed = np.flatnonzero(rates >= BRAKING * np.median(rates)) if len(rates) else rows
+    if len(at_feed):
+        steady[rows[at_feed[-1]] + 1 :] = False
+    return steady
 
 
 def _commanded_feed(time: Array, path_s: Array) -> float:
