@@ -36,7 +36,8 @@ IDLE: Final[Mapping[str, frozenset[str]]] = {
         + PATH_OPTIONS
     ),
     "smooth": frozenset(
-        ("--part", "--real-part", "--units", "--region", "--contact-force", "--feed", "--pad-diameter", "--spindle-rpm")
+        ("--part", "--real-part", "--units", "--up", "--region", "--contact-force", "--feed", "--pad-diameter")
+        + ("--spindle-rpm",)
         + ("--controller", "--calibration", "--seed", "--seeds", "--fault", "--view", "--video")
         + PATH_OPTIONS
     ),

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from polish_sim.cell import tool_on_flange
 from polish_sim.config import Scenario
 from polish_sim.errors import ReachError, place_in_mm
+from polish_sim.exchange import read_way_points
 from polish_sim.experiments.placement import Reach
+from polish_sim.experiments.smoothing_place import place_path
 from polish_sim.motion import inverse_near, track
 from polish_sim.motion.rules.trial import TRIAL_LIMITS, trial_path
 from polish_sim.motion.smoothing.arm import Arm, build_arm
@@ -46,7 +48,7 @@ def prepare_smooth(scenario: Scenario) -> SmoothTask:
     """
     file = scenario.smoothing.limits_file
     limits = load_limits(Path(file), TRIAL_LIMITS) if file else TRIAL_LIMITS
-    chain, arm = _trial()
+    chain, arm = _given(scenario) if scenario.plan.file else _trial()
     return SmoothTask(chain, marks_along(chain), arm, limits)
 
 
@@ -77,6 +79,12 @@ def path_of_task(task: SmoothTask) -> TaskPath:
 def marks_along(chain: Chain) -> Array:
     """Arc length of a chain's way points; a turn on the spot counts as a nanometre, so that marks rise."""
     return np.concatenate([[0.0], np.cumsum(np.maximum(chain.lengths, 1e-9))])
+
+
+def _given(scenario: Scenario) -> tuple[Chain, Arm]:
+    placed = place_path(read_way_points(Path(scenario.plan.file)), None, scenario.part.pose)
+    assert placed.arm is not None  # place_path lays every path before the robot
+    return placed.chain, placed.arm
 
 
 def _trial() -> tuple[Chain, Arm]:
