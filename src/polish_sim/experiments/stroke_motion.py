@@ -15,7 +15,7 @@ from polish_sim.errors import unknown_name
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.smoothing.arm import Arm
 from polish_sim.motion.smoothing.build import build_chain
-from polish_sim.motion.smoothing.limits import SmoothingLimits
+from polish_sim.motion.smoothing.limits import SmoothingLimits, six
 from polish_sim.motion.smoothing.limits_file import load_limits
 from polish_sim.motion.timed_path import TimedPath
 from polish_sim.motion.timed_schedule import marks_on, time_schedule
@@ -23,10 +23,16 @@ from polish_sim.motion.timed_schedule import marks_on, time_schedule
 Array = NDArray[np.float64]
 
 CELL_LIMITS = SmoothingLimits(
-    tip_acceleration=0.6, tip_jerk=15.0, axis_speed=2.0, axis_acceleration=3.0, axis_jerk=75.0
+    tip_acceleration=0.6,
+    tip_jerk=15.0,
+    axis_speed=2.0,
+    axis_acceleration=3.0,
+    axis_jerk=75.0,
+    joint_jerk=six(300.0),
 )
 """Half of what the robot's velocity interface does by default (1.2 m/s^2, 6 rad/s^2), built up in 40 ms: the other half
-is for the force loop. The tip's speed is the feed; of the joints those of the UR5e."""
+is for the force loop. The tip's speed is the feed; of the joints the UR5e's defaults, their jerk (of which no maker says
+anything) high enough that the tool's limits decide at most corners."""
 
 
 class Stroke(NamedTuple):
