@@ -31,8 +31,8 @@ CELL_LIMITS = SmoothingLimits(
     joint_jerk=six(300.0),
 )
 """Half of what the robot's velocity interface does by default (1.2 m/s^2, 6 rad/s^2), built up in 40 ms: the other half
-is for the force loop. The tip's speed is the feed; of the joints the UR5e's defaults, their jerk (of which no maker says
-anything) high enough that the tool's limits decide at most corners."""
+is for the force loop. The tip's speed is the feed; of the joints the UR5e's defaults, their jerk (no maker publishes
+one) high enough that the tool's limits decide at most corners."""
 
 
 class Stroke(NamedTuple):
