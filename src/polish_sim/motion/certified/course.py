@@ -28,7 +28,7 @@ from polish_sim.motion.certified.corners import (
     slow_down,
 )
 from polish_sim.motion.certified.emit import Pen, bend_of
-from polish_sim.motion.certified.law import bend_load, gone_at, law_at
+from polish_sim.motion.certified.law import Law, Turning, bend_load, gone_at, law_at, next_break
 from polish_sim.motion.certified.merge import Shares
 from polish_sim.motion.certified.robot import Robot, base_segment
 from polish_sim.motion.certified.strings import segment_line
@@ -130,28 +130,68 @@ def _fill_steady(robot: Robot, length: float, speed: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def bends_hold(segments: Segments, lines: Lines, k: int, course: Course, pen: Pen) -> bool:
-    """Whether all bends laid in line ``k`` keep tip and axis within limits and tolerances, at every instant."""
+def bends_hold(segments: Segments, lines: Lines, k: int, course: Course, pen: Pen, robot: Robot) -> bool:
+    """Whether all bends laid in line ``k`` keep limits and tolerances at every instant, tip, axis and joints."""
     way = 0.0
     for i in range(lines.first[k] + 1, lines.first[k + 1]):
         way += segments.spans[i - 1]
-        if not _bend_holds(segments, i, way, course, pen, i - lines.first[k]):
+        turning = bend_of(pen, i - lines.first[k])
+        if not _tool_holds(segments, i, way, course, pen.law, turning):
+            return False
+        if not _fill_actual(robot, pen.law, turning, way):
+            return False
+        factor = _joint_factor(
+            segments, i, course.limits, course.arm, robot, robot.durations, robot.remaining, robot.gone
+        )
+        if factor.size < 1.0 or factor.slowdown > _SLACK:
             return False
     return True
 
 
 @njit(cache=True, error_model="numpy")
-def _bend_holds(segments: Segments, i: int, way: float, course: Course, pen: Pen, place: int) -> bool:
-    turning, weights = bend_of(pen, place), corner_weights(segments, i)
+def _fill_actual(robot: Robot, law: Law, turning: Turning, way: float) -> bool:
+    """A bend as it is laid, as pieces of a kernel; false if there are not enough of them."""
+    time, end, p = turning.begin, turning.begin + turning.duration, 0
+    while time < end:
+        then = next_break(law, turning, time)
+        if then <= time or p == PIECES:
+            break
+        line, gone = law_at(law, time), gone_at(turning, time)
+        jerk = gone_at(turning, 0.5 * (time + then)).jerk
+        robot.durations[p] = then - time
+        _fill_cubic(robot.gone[p], gone.way, gone.speed, gone.acceleration, jerk)
+        left = way - line.way + gone.way
+        _fill_cubic(
+            robot.remaining[p],
+            left,
+            gone.speed - line.speed,
+            gone.acceleration - line.acceleration,
+            jerk - line.jerk,
+        )
+        time, p = then, p + 1
+    for rest in range(p, PIECES):
+        robot.durations[rest] = 0.0
+    return time >= end
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _fill_cubic(row: Array, way: float, speed: float, acceleration: float, jerk: float) -> None:
+    row[0], row[1], row[2], row[3] = way, speed, 0.5 * acceleration, jerk / 6.0
+
+
+@njit(cache=True, error_model="numpy")
+def _tool_holds(segments: Segments, i: int, way: float, course: Course, law: Law, turning: Turning) -> bool:
+    """Whether one bend keeps limits and tolerances of tip and axis."""
+    weights = corner_weights(segments, i)
     limits = corner_limits(
         segments, i, course.limits, course.tolerances, segment_line(segments, i - 1), segment_line(segments, i)
     )
     tip, axis = tip_vectors(weights), axis_vectors(weights)
-    tip_load, axis_load = bend_load(pen.law, turning, tip), bend_load(pen.law, turning, axis)
+    tip_load, axis_load = bend_load(law, turning, tip), bend_load(law, turning, axis)
     middle = turning.begin + 0.5 * turning.duration
     gone = gone_at(turning, middle).way
     # One falls, the other rises: where they meet neither is above both at any one time.
-    nearest = max(gone, way + gone - law_at(pen.law, middle).way)
+    nearest = max(gone, way + gone - law_at(law, middle).way)
     return (
         tip_load.forwards
         and tip_load.acceleration <= limits.acceleration * _SLACK

@@ -274,7 +274,7 @@ def _lay_line(stream: Stream, course: Course, k: int) -> None:
     for _ in range(_TRIES):
         lay_law(stream.lines, stream.corners, k, limits, pen)
         if lay_bends(stream.segments, stream.lines, k, pen) and bends_hold(
-            stream.segments, stream.lines, k, course, pen
+            stream.segments, stream.lines, k, course, pen, stream.robot
         ):
             return
         stream.counters[RELAID] += 1
