@@ -19,8 +19,8 @@ CAPACITY = 448
 """Segments the buffers hold."""
 MOST_STRUNG = 12
 """Most segments a line has."""
-LEVELS = 12
-"""States a corner may be passed in: from an exact stop (0) to its full kernel (the last one)."""
+FULL_LEVELS, LEVELS = 5, 10
+"""States a corner may be passed in: first exact stop to full kernel, then plain kernels up to their largest."""
 SIZE, SPEED, ACCELERATION, DURATION = 0, 1, 2, 3
 """What a state says of a corner: how much of either segment it takes [m], speed and acceleration there, its time."""
 
@@ -64,7 +64,8 @@ class Corners(NamedTuple):
     gone: Array
     """Their cubics: what is gone of the new segment [m], shape (CAPACITY, PIECES, 4)."""
     scales: Array
-    """Scale of the kernel in each state: sizes grow as its cube, times as itself, shape (CAPACITY, LEVELS)."""
+    """Scale of the kernel in each state: sizes grow as its cube, times as itself; negative for the plain kernel,
+    shape (CAPACITY, LEVELS)."""
     states: Array
     """SIZE, SPEED, ACCELERATION and DURATION of each state, shape (CAPACITY, LEVELS, 4)."""
     levels: Indices

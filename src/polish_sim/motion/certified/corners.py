@@ -5,9 +5,21 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from polish_sim.motion.certified.buffers import ACCELERATION, DURATION, LEVELS, SIZE, SPEED, Corners, Lines, Segments
+from polish_sim.motion.certified.buffers import (
+    ACCELERATION,
+    DURATION,
+    FULL_LEVELS,
+    LEVELS,
+    SIZE,
+    SPEED,
+    Corners,
+    Lines,
+    Segments,
+)
 from polish_sim.motion.certified.connector import Ends, LineLimits, least_distance
 from polish_sim.motion.certified.corner import (
     PIECES,
@@ -17,6 +29,8 @@ from polish_sim.motion.certified.corner import (
 )
 from polish_sim.motion.certified.window import line_limits
 from polish_sim.motion.smoothing.limits import LimitValues
+
+Array = NDArray[np.float64]
 
 
 class Tolerances(NamedTuple):
@@ -107,7 +121,7 @@ def slow_down(corners: Corners, k: int, figures: CornerFigures, factor: float) -
 
 
 @njit(cache=True, error_model="numpy")
-def lay_out_states(lines: Lines, corners: Corners, k: int, figures: CornerFigures, share: float) -> None:
+def lay_out_states(lines: Lines, corners: Corners, k: int, figures: CornerFigures, share: float) -> bool:
     """Lay out the states of corner ``k``: its kernel at full size, smaller ones, an exact stop.
 
     Args:
@@ -116,19 +130,40 @@ def lay_out_states(lines: Lines, corners: Corners, k: int, figures: CornerFigure
         k: The corner.
         figures: Of its kernel.
         share: Largest part of its size that the joints allow.
+
+    Returns:
+        Whether there is so much room that no smaller kernel is needed.
     """
     corners.chosen[k] = -1
     largest = _largest_scale(lines, k, figures.size) * share ** (1.0 / 3.0)
     roomy = largest == 1.0 and _is_roomy(lines, k - 1, figures) and _is_roomy(lines, k, figures)
-    levels = 2 if roomy else LEVELS
+    levels = 2 if roomy else FULL_LEVELS
     corners.levels[k] = levels
     for i in range(levels):
         scale = largest * i / (levels - 1)
         corners.scales[k, i] = scale
-        corners.states[k, i, SIZE] = figures.size * scale**3
-        corners.states[k, i, SPEED] = figures.speed * scale**2
-        corners.states[k, i, ACCELERATION] = figures.acceleration * scale
-        corners.states[k, i, DURATION] = figures.duration * scale
+        _fill_state(corners.states[k, i], figures, scale)
+    return roomy
+
+
+@njit(cache=True, error_model="numpy")
+def lay_out_plain(lines: Lines, corners: Corners, k: int, figures: CornerFigures, share: float) -> None:
+    """Add the states of the plain kernel of corner ``k``; their scales are negative."""
+    largest = _largest_scale(lines, k, figures.size) * share ** (1.0 / 3.0)
+    count = LEVELS - FULL_LEVELS
+    for i in range(count):
+        scale = largest * (i + 1) / count
+        corners.scales[k, FULL_LEVELS + i] = -scale
+        _fill_state(corners.states[k, FULL_LEVELS + i], figures, scale)
+    corners.levels[k] = LEVELS
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _fill_state(state: Array, figures: CornerFigures, scale: float) -> None:
+    state[SIZE] = figures.size * scale**3
+    state[SPEED] = figures.speed * scale**2
+    state[ACCELERATION] = figures.acceleration * scale
+    state[DURATION] = figures.duration * scale
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -17,12 +17,20 @@ from polish_sim.motion.certified.bends import (
     tip_vectors,
 )
 from polish_sim.motion.certified.buffers import Corners, Lines, Segments
-from polish_sim.motion.certified.corner import PIECES, CornerShapes, corner_kernel, corner_shapes
+from polish_sim.motion.certified.corner import (
+    PIECES,
+    CornerFigures,
+    CornerLimits,
+    CornerShapes,
+    corner_kernel,
+    corner_shapes,
+)
 from polish_sim.motion.certified.corner_factor import CornerFactor, corner_factor
 from polish_sim.motion.certified.corners import (
     Tolerances,
     corner_limits,
     corner_weights,
+    lay_out_plain,
     lay_out_states,
     lines_slowing,
     slow_down,
@@ -30,6 +38,7 @@ from polish_sim.motion.certified.corners import (
 from polish_sim.motion.certified.emit import Pen, bend_of
 from polish_sim.motion.certified.law import Law, Turning, bend_load, gone_at, law_at, next_break
 from polish_sim.motion.certified.merge import Shares
+from polish_sim.motion.certified.plain import fill_plain, plain_kernel
 from polish_sim.motion.certified.robot import Robot, base_segment
 from polish_sim.motion.certified.strings import segment_line
 from polish_sim.motion.certified.window import line_limits
@@ -93,7 +102,27 @@ def fill_corner(segments: Segments, lines: Lines, corners: Corners, k: int, cour
         share = factor.size
         figures = slow_down(corners, k, figures, factor.slowdown)
     figures = slow_down(corners, k, figures, lines_slowing(lines, k, figures))
-    lay_out_states(lines, corners, k, figures, share)
+    if not lay_out_states(lines, corners, k, figures, share):
+        _add_plain(segments, lines, corners, k, course, robot, limits)
+
+
+@njit(cache=True, error_model="numpy")
+def _add_plain(
+    segments: Segments, lines: Lines, corners: Corners, k: int, course: Course, robot: Robot, limits: CornerLimits
+) -> None:
+    """Add the states of a plain kernel to a corner without much room."""
+    segment = lines.first[k]
+    figures, share = plain_kernel(corner_weights(segments, segment), limits), 1.0
+    if figures.duration > 0.0:
+        fill_plain(figures.size, figures.speed, robot.durations, robot.remaining, robot.gone)
+        factor = _joint_factor(
+            segments, segment, course.limits, course.arm, robot, robot.durations, robot.remaining, robot.gone
+        )
+        slowed, share = factor.slowdown, factor.size
+        figures = CornerFigures(figures.size, figures.speed / slowed, 0.0, figures.duration * slowed)
+    slowed = lines_slowing(lines, k, figures)
+    figures = CornerFigures(figures.size, figures.speed / slowed, 0.0, figures.duration * slowed)
+    lay_out_plain(lines, corners, k, figures, share)
 
 
 @njit(cache=True, error_model="numpy")
@@ -105,28 +134,12 @@ def fill_bend(segments: Segments, k: int, course: Course, robot: Robot) -> None:
     bend = plan_bend(corner_weights(segments, k), limits, min(segments.spans[k - 1], segments.spans[k]))
     speed = min(bend.speed, limits.segment_speed)
     if speed > 0.0:
-        _fill_steady(robot, bend.length, speed)
+        fill_plain(0.5 * bend.length, speed, robot.durations, robot.remaining, robot.gone)
         factor = _joint_factor(
             segments, k, course.bend_limits, course.arm, robot, robot.durations, robot.remaining, robot.gone
         )
         speed = speed / factor.slowdown if factor.size == 1.0 else 0.0
     segments.bends[k, 0], segments.bends[k, 1] = bend.length, speed
-
-
-@njit(cache=True, error_model="numpy")
-def _fill_steady(robot: Robot, length: float, speed: float) -> None:
-    """The bend passed at constant speed, as a kernel of two pieces."""
-    half = 0.5 * length / speed
-    jerk = speed / (half * half)
-    cube = jerk * half**3 / 6.0
-    robot.durations[0] = robot.durations[1] = half
-    a, b = robot.remaining, robot.gone
-    a[0, 0], a[0, 1], a[0, 2], a[0, 3] = speed * half, -speed, 0.0, jerk / 6.0
-    a[1, 0], a[1, 1], a[1, 2], a[1, 3] = cube, -0.5 * speed, 0.5 * jerk * half, -jerk / 6.0
-    b[0, 0], b[0, 1], b[0, 2], b[0, 3] = 0.0, 0.0, 0.0, jerk / 6.0
-    b[1, 0], b[1, 1], b[1, 2], b[1, 3] = cube, 0.5 * speed, 0.5 * jerk * half, -jerk / 6.0
-    for p in range(2, PIECES):
-        robot.durations[p] = 0.0
 
 
 @njit(cache=True, error_model="numpy")

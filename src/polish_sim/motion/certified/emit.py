@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.certified.buffers import DURATION, MOST_STRUNG, SIZE, Corners, Lines, Segments
+from polish_sim.motion.certified.buffers import DURATION, MOST_STRUNG, SIZE, SPEED, Corners, Lines, Segments
 from polish_sim.motion.certified.connector import CONNECTOR_PIECES, LineLimits, connect, fill_connector
 from polish_sim.motion.certified.corner import PIECES
 from polish_sim.motion.certified.law import (
@@ -26,6 +26,7 @@ from polish_sim.motion.certified.law import (
     next_break,
     turn_at,
 )
+from polish_sim.motion.certified.plain import fill_plain
 from polish_sim.motion.certified.window import ends_between
 
 Array = NDArray[np.float64]
@@ -50,6 +51,14 @@ class Rows(NamedTuple):
     """Progress as a cubic in time, shape (m, 4)."""
 
 
+class Kernel(NamedTuple):
+    """Pieces of one kernel, as in `Corners`."""
+
+    durations: Array
+    remaining: Array
+    gone: Array
+
+
 class Pen(NamedTuple):
     """What emission writes with."""
 
@@ -59,6 +68,8 @@ class Pen(NamedTuple):
     """Durations and jerks of a connector, shape (2, CONNECTOR_PIECES)."""
     bends: Array
     """begin, duration and both jerks of the bend before each segment of a line, shape (MOST_STRUNG + 1, 4)."""
+    kernel: Kernel
+    """Work space."""
 
 
 def new_pen(rows: int) -> Pen:
@@ -68,6 +79,7 @@ def new_pen(rows: int) -> Pen:
         new_law(),
         np.zeros((2, CONNECTOR_PIECES)),
         np.zeros((MOST_STRUNG + 1, 4)),
+        Kernel(np.zeros(PIECES), np.zeros((PIECES, 4)), np.zeros((PIECES, 4))),
     )
 
 
@@ -142,7 +154,7 @@ def emit_line(
     k, row, time, way = place.line, place.row, start, 0.0
     first, last = lines.first[k], lines.first[k + 1] - 1
     if corners.states[k, corners.chosen[k], DURATION] > 0.0:
-        row, time = _emit_gone(segments, corners, pen.rows, Place(k, place.number + first, row), first, time)
+        row, time = _emit_gone(segments, corners, pen, Place(k, place.number + first, row), first, time)
     for i in range(first, last + 1):
         incoming = bend_of(pen, i - first) if i > first else _NO_TURN
         outgoing = bend_of(pen, i - first + 1) if i < last else _NO_TURN
@@ -151,7 +163,7 @@ def emit_line(
         way += segments.spans[i]
     time += pen.law.starts[CONNECTOR_PIECES]
     if corners.states[k + 1, corners.chosen[k + 1], DURATION] > 0.0:
-        row = _emit_remaining(segments, corners, pen.rows, Place(k + 1, place.number + last, row), last, time)
+        row = _emit_remaining(segments, corners, pen, Place(k + 1, place.number + last, row), last, time)
     return row, time
 
 
@@ -218,36 +230,54 @@ def _write(rows: Rows, row: int, share: Share, time: float, duration: float, mot
 
 @njit(cache=True, error_model="numpy")
 def _emit_gone(
-    segments: Segments, corners: Corners, rows: Rows, place: Place, segment: int, time: float
+    segments: Segments, corners: Corners, pen: Pen, place: Place, segment: int, time: float
 ) -> tuple[int, float]:
     """The kernel behind a line: what is gone of its first segment."""
-    k, row, span = place.line, place.row, segments.spans[segment]
-    scale = corners.scales[k, corners.chosen[k]]
+    k, row, span, rows = place.line, place.row, segments.spans[segment], pen.rows
+    scale = lift_kernel(corners, k, pen.kernel)
     for p in range(PIECES):
-        duration = corners.durations[k, p] * scale
+        duration = pen.kernel.durations[p] * scale
         if duration > 0.0:
             rows.segments[row], rows.starts[row], rows.durations[row] = place.number, time, duration
             factor = scale**3 / span
             for c in range(4):
-                rows.coefficients[row, c] = corners.gone[k, p, c] * factor
+                rows.coefficients[row, c] = pen.kernel.gone[p, c] * factor
                 factor /= scale
             row, time = row + 1, time + duration
     return row, time
 
 
 @njit(cache=True, error_model="numpy")
-def _emit_remaining(segments: Segments, corners: Corners, rows: Rows, place: Place, segment: int, time: float) -> int:
+def _emit_remaining(segments: Segments, corners: Corners, pen: Pen, place: Place, segment: int, time: float) -> int:
     """The kernel before a line's end: its last segment less what remains of it."""
-    k, row, span = place.line, place.row, segments.spans[segment]
-    scale = corners.scales[k, corners.chosen[k]]
+    k, row, span, rows = place.line, place.row, segments.spans[segment], pen.rows
+    scale = lift_kernel(corners, k, pen.kernel)
     for p in range(PIECES):
-        duration = corners.durations[k, p] * scale
+        duration = pen.kernel.durations[p] * scale
         if duration > 0.0:
             rows.segments[row], rows.starts[row], rows.durations[row] = place.number, time, duration
             factor = scale**3 / span
             for c in range(4):
-                rows.coefficients[row, c] = -corners.remaining[k, p, c] * factor
+                rows.coefficients[row, c] = -pen.kernel.remaining[p, c] * factor
                 factor /= scale
             rows.coefficients[row, 0] += 1.0
             row, time = row + 1, time + duration
     return row
+
+
+@njit(cache=True, error_model="numpy")
+def lift_kernel(corners: Corners, k: int, kernel: Kernel) -> float:
+    """Take out the kernel of corner ``k`` in its decided state.
+
+    Returns:
+        The scale that is still to be applied.
+    """
+    state, scale = corners.states[k, corners.chosen[k]], corners.scales[k, corners.chosen[k]]
+    if scale < 0.0:
+        fill_plain(state[SIZE], state[SPEED], kernel.durations, kernel.remaining, kernel.gone)
+        return 1.0
+    for p in range(PIECES):
+        kernel.durations[p] = corners.durations[k, p]
+        for c in range(4):
+            kernel.remaining[p, c], kernel.gone[p, c] = corners.remaining[k, p, c], corners.gone[k, p, c]
+    return float(scale)
