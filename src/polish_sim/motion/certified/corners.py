@@ -65,20 +65,39 @@ def corner_weights(segments: Segments, k: int) -> CornerWeights:
 def corner_limits(
     segments: Segments, k: int, limits: LimitValues, tolerances: Tolerances, old: LineLimits, new: LineLimits
 ) -> CornerLimits:
-    """What may be done at the corner before segment ``k``, and what merging has left of the tolerances."""
+    """What may be done at the corner before segment ``k``, and what merging has left of the tolerances.
+
+    Where the joints hold a segment back, tip and axis are held back as much at its corners: `corner_factor` then has
+    little left to slow down.
+    """
+    first, second = _held_back(segments, k - 1, limits), _held_back(segments, k, limits)
+    acceleration, jerk = min(first[0], second[0]), min(first[1], second[1])
     return CornerLimits(
         limits.tip_speed,
-        limits.tip_acceleration,
-        limits.tip_jerk,
+        limits.tip_acceleration * acceleration,
+        limits.tip_jerk * jerk,
         max(tolerances.tip - max(segments.used[k - 1, 0], segments.used[k, 0]), 0.0),
         limits.axis_speed,
-        limits.axis_acceleration,
-        limits.axis_jerk,
+        limits.axis_acceleration * acceleration,
+        limits.axis_jerk * jerk,
         max(tolerances.axis - max(segments.used[k - 1, 1], segments.used[k, 1]), 0.0),
         min(old.speed, new.speed),
         min(old.acceleration, new.acceleration),
         min(old.jerk, new.jerk),
     )
+
+
+@njit(cache=True, error_model="numpy")
+def _held_back(segments: Segments, k: int, limits: LimitValues) -> tuple[float, float]:
+    """Shares of acceleration and jerk that the joints leave of what tip and axis allow along a segment."""
+    row, span = segments.limits[k], segments.spans[k]
+    tip, axis = segments.chain.lengths[k] / span, segments.chain.angles[k] / span
+    acceleration, jerk = math.sqrt(row[0] * row[2]), math.inf
+    if tip > 0.0:
+        acceleration, jerk = min(acceleration, limits.tip_acceleration / tip), limits.tip_jerk / tip
+    if axis > 0.0:
+        acceleration, jerk = min(acceleration, limits.axis_acceleration / axis), min(jerk, limits.axis_jerk / axis)
+    return min(row[1] / acceleration, 1.0), 1.0 if math.isinf(jerk) else min(row[2] / jerk, 1.0)
 
 
 @njit(cache=True, error_model="numpy")
