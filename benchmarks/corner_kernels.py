@@ -1,0 +1,159 @@
+"""`python -m benchmarks.corner_kernels FILE.png`: corner kernels at the trial's limits, and how much time they lose."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+from polish_sim.kernel_cache import use_kernel_cache
+
+use_kernel_cache()
+
+import numpy as np  # noqa: E402 - the cache must be chosen before numba loads
+from matplotlib.axes import Axes  # noqa: E402
+from matplotlib.figure import Figure  # noqa: E402
+from numba import njit  # noqa: E402
+from numpy.typing import NDArray  # noqa: E402
+
+from polish_sim.motion.certified.corner import (  # noqa: E402
+    PIECES,
+    CornerFigures,
+    CornerLimits,
+    CornerShapes,
+    CornerWeights,
+    corner_kernel,
+    corner_shapes,
+    time_lost,
+)
+
+Array = NDArray[np.float64]
+
+LINE = (0.05, 0.5, 10.0)
+TOLERANCE = 2e-5
+AXIS = tuple(np.radians([10.0, 100.0, 2000.0, 0.02]))
+TURNS = (15.0, 45.0, 90.0, 135.0)
+_MM = 1e3
+
+
+class Kernel(NamedTuple):
+    """A kernel of a turn in the plane, sampled: positions a and b [m], their derivatives, times [s]."""
+
+    figures: CornerFigures
+    lost: float
+    times: Array
+    remaining: Array
+    gone: Array
+
+
+def limits_of(tolerance: float = TOLERANCE) -> CornerLimits:
+    """The trial's limits."""
+    return CornerLimits(*LINE, tolerance, *AXIS, *LINE)
+
+
+def kernel_of(shapes: CornerShapes, turn: float) -> Kernel:
+    """Round a turn [rad] of the tip and sample it: rows of a and b are derivatives 0 to 3."""
+    durations, a, b = np.zeros(PIECES), np.zeros((PIECES, 4)), np.zeros((PIECES, 4))
+    limits = limits_of()
+    figures = corner_kernel(
+        CornerWeights(1.0, 1.0, float(np.cos(turn)), 0.0, 0.0, 1.0), limits, shapes, durations, a, b
+    )
+    t = durations[:, None] * np.linspace(0.0, 1.0, 40)
+    times = (t + (np.cumsum(durations) - durations)[:, None]).ravel()
+    return Kernel(figures, time_lost(figures, limits), times, _derivatives(a, t), _derivatives(b, t))
+
+
+def _derivatives(pieces: Array, t: Array) -> Array:
+    """Derivatives 0 to 3 of cubic pieces, shape (4, n)."""
+    c0, c1, c2, c3 = (pieces[:, i : i + 1] for i in range(4))
+    rows = [c0 + t * (c1 + t * (c2 + t * c3)), c1 + t * (2 * c2 + 3 * t * c3), 2 * c2 + 6 * t * c3, 6 * c3 + 0 * t]
+    return np.array([row.ravel() for row in rows])
+
+
+def plot_kernels(shapes: CornerShapes) -> Figure:
+    """Paths in the corner, speed, acceleration and jerk of four turns."""
+    figure = Figure(figsize=(14, 9), layout="constrained")
+    axes = figure.subplots(3, len(TURNS), squeeze=False)
+    for column, degrees in enumerate(TURNS):
+        turn = float(np.radians(degrees))
+        kernel = kernel_of(shapes, turn)
+        axes[0, column].set_title(f"{degrees:g} deg, {kernel.lost * 1e3:.1f} ms lost (stop: 150)")
+        _plot_path(axes[0, column], kernel, turn)
+        _plot_distance(axes[1, column], kernel, turn)
+        _plot_shares(axes[2, column], kernel, turn)
+    return figure
+
+
+def _along(kernel: Kernel, turn: float, order: int) -> tuple[Array, Array]:
+    """A derivative of the tip, x along the old segment."""
+    a, b = kernel.remaining[order], kernel.gone[order]
+    return -a + b * np.cos(turn), b * np.sin(turn)
+
+
+def _plot_path(axes: Axes, kernel: Kernel, turn: float) -> None:
+    """The tip round the vertex, a few tolerances wide."""
+    x, y = _along(kernel, turn, 0)
+    leg = 8 * TOLERANCE * _MM
+    axes.plot([-leg, 0, leg * np.cos(turn)], [0, 0, leg * np.sin(turn)], color="0.6", label="path")
+    axes.plot(x * _MM, y * _MM, label="tip")
+    axes.set(xlim=(-leg, leg), ylim=(-0.4 * leg, leg), aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
+    axes.legend()
+
+
+def _plot_distance(axes: Axes, kernel: Kernel, turn: float) -> None:
+    """Distance to the old line in the first half, to the new one in the second, with sign."""
+    distance = np.where(np.abs(kernel.remaining[0]) > np.abs(kernel.gone[0]), kernel.gone[0], kernel.remaining[0])
+    axes.plot(kernel.times * 1e3, distance * np.sin(turn) * _MM)
+    for side in (-1, 1):
+        axes.axhline(side * TOLERANCE * _MM, color="0.6", linestyle="--")
+    axes.set(xlabel="time [ms]", ylabel="distance to the line, inside + [mm]")
+
+
+def _plot_shares(axes: Axes, kernel: Kernel, turn: float) -> None:
+    """Norms of speed, acceleration and jerk as shares of their limits."""
+    for order, name in enumerate(("speed", "acceleration", "jerk"), start=1):
+        axes.plot(kernel.times * 1e3, np.hypot(*_along(kernel, turn, order)) / LINE[order - 1], label=name)
+    axes.set(xlabel="time [ms]", ylabel="share of the limit", ylim=(0, 1.05))
+    axes.legend()
+
+
+@njit
+def _round_many(
+    count: int, weights: CornerWeights, limits: CornerLimits, shapes: CornerShapes, t: Array, a: Array, b: Array
+) -> float:
+    """Round the same corner many times."""
+    speed = 0.0
+    for _ in range(count):
+        speed += corner_kernel(weights, limits, shapes, t, a, b).speed
+    return speed
+
+
+def microseconds(shapes: CornerShapes, weights: CornerWeights, count: int = 20000) -> float:
+    """Time of one corner, the best of five [us]."""
+    work = np.zeros(PIECES), np.zeros((PIECES, 4)), np.zeros((PIECES, 4))
+    _round_many(1, weights, limits_of(), shapes, *work)
+    best = np.inf
+    for _ in range(5):
+        start = time.perf_counter()
+        _round_many(count, weights, limits_of(), shapes, *work)
+        best = min(best, time.perf_counter() - start)
+    return best / count * 1e6
+
+
+def main() -> None:
+    shapes = corner_shapes()
+    plot_kernels(shapes).savefig(Path(sys.argv[1]), dpi=100)
+    print("  turn [deg]   lost [ms]   size [mm]   speed [mm/s]")
+    for degrees in (3, 10, 15, 20, 30, 45, 60, 75, 90, 120, 150, 180):
+        kernel = kernel_of(shapes, float(np.radians(degrees)))
+        print(
+            f"{degrees:12d}{kernel.lost * 1e3:12.1f}{kernel.figures.size * _MM:12.2f}{kernel.figures.speed * _MM:15.1f}"
+        )
+    print(f"  one corner, tip only: {microseconds(shapes, CornerWeights(1.0, 1.0, 0.3, 0.0, 0.0, 1.0)):.2f} us")
+    print(f"  tip and axis: {microseconds(shapes, CornerWeights(1.0, 1.0, 0.3, 3.4, 3.4, 0.3)):.2f} us")
+    print(f"  axis first: {microseconds(shapes, CornerWeights(0.04, 0.04, 0.012, 3.49, 3.49, 0.3)):.2f} us")
+
+
+if __name__ == "__main__":
+    main()
