@@ -17,7 +17,7 @@ from polish_sim.motion.coordination import (
     plan_coordinated,
     rest_to_rest,
 )
-from polish_sim.motion.coordination.joints import spun
+from polish_sim.motion.coordination.joints import limit_margin, spun
 from polish_sim.spatial import from_pose, rotation_to_axis, transform
 
 RADIUS = 0.2
@@ -108,6 +108,20 @@ def test_the_chosen_spin_is_no_worse_than_others() -> None:
             return 0.0
 
     assert least(chosen) >= max(least(spin) for spin in np.linspace(0.0, 5.5, 7)) - 0.02
+
+
+def test_a_wrist_near_its_limit_is_turned_back() -> None:
+    T_master_work, T_work_tool = motion(40)
+    near = Q_FOLLOWER + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.9 * np.pi])
+    spin = choose_spin(CHAIN, T_master_work, T_work_tool, near)
+
+    def margin(spin: float) -> float:
+        return limit_margin(plan_coordinated(CHAIN, T_master_work, T_work_tool, (Q_MASTER, near), spin).q_follower)
+
+    # What is left is the elbow, which no spin moves.
+    elbow = plan_coordinated(CHAIN, T_master_work, T_work_tool, (Q_MASTER, near), spin).q_follower[:, 2]
+    assert margin(spin) == pytest.approx(np.pi - np.abs(elbow).max())
+    assert min(margin(turn) for turn in np.linspace(0.0, 6.0, 9)) < 0.3 * np.pi
 
 
 def test_the_tool_axis_is_the_same_whatever_the_spin() -> None:

@@ -11,11 +11,13 @@ from scipy.spatial.transform import Rotation
 from polish_sim.errors import ReachError
 from polish_sim.motion.coordination.closed_chain import Chain2, chain_residual, follower_flange, master_flange
 from polish_sim.motion.inverse_kinematics import nearest_solution
-from polish_sim.motion.kinematics import forward_many, smallest_singular_values
+from polish_sim.motion.kinematics import JOINT_LIMITS, forward_many, smallest_singular_values
 from polish_sim.spatial import transform
 
 Array = NDArray[np.float64]
 
+COMFORTABLE = 0.5 * np.pi
+"""Distance from its limits from which on a joint counts as free [rad]."""
 SPINS = 24
 """Turns about the tool axis that are tried."""
 _SAMPLES = 40
@@ -93,8 +95,16 @@ def follow_joints(T_base_flange: Array, q_near: Array, arm: str) -> Array:
     return joints
 
 
+def limit_margin(q: Array) -> float:
+    """Least distance of any joint from its limits [rad] over configurations (n, 6); negative beyond them."""
+    return float(np.minimum(q - JOINT_LIMITS[:, 0], JOINT_LIMITS[:, 1] - q).min())
+
+
 def choose_spin(chain: Chain2, T_master_work: Array, T_work_tool: Array, q_near: Array) -> float:
-    """The turn about the tool axis that keeps the follower furthest from singularities all the way.
+    """The turn about the tool axis that keeps the follower furthest from singularities and joint limits all the way.
+
+    Worth of a turn: the smallest singular value of the Jacobian, less in proportion where a joint comes within a
+    quarter turn of its limits. With a tool in line with wrist 3 the turn moves that joint alone.
 
     Args:
         chain: What does not move.
@@ -114,10 +124,11 @@ def choose_spin(chain: Chain2, T_master_work: Array, T_work_tool: Array, q_near:
     for spin in 2.0 * np.pi * np.arange(SPINS) / SPINS:
         wanted = follower_flange(chain, T_master_work[rows], spun(T_work_tool[rows], float(spin)))
         try:
-            value = float(smallest_singular_values(follow_joints(wanted, q_near, "follower"), tip).min())
+            q = follow_joints(wanted, q_near, "follower")
         except ReachError as error:
             trouble = error
             continue
+        value = float(smallest_singular_values(q, tip).min()) * min(1.0, limit_margin(q) / COMFORTABLE)
         if value > best_value:
             best, best_value = float(spin), value
     if best_value < 0.0 and trouble is not None:
