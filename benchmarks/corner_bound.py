@@ -1,6 +1,6 @@
 """`python -m benchmarks.corner_bound [PIECES ...]`: the trial path's best cycle time, by ever finer programmes.
 
-Every corner's least loss comes from the convex programme of `corner_program` (needs `pip install clarabel`), tip limits
+Every corner's least loss comes from the convex programme of `corner_program` (needs the extra `bench`), tip limits
 only: no symmetric motion within the tolerance of the two lines loses less. Beside it: exact stops and `certified`.
 """
 

@@ -4,7 +4,7 @@ Units of acceleration and jerk are their limits: lengths in A^3/J^2, times in A/
 along the bisector of the two directions, y towards the inside. The motion comes from far away along the first line at
 full speed; acceleration is linear in each piece of time. Speed, acceleration and jerk are bounded in norm, the
 distance to the line by the tolerance: all convex in the accelerations, and so is the distance that is left to the
-vertex at the start. Maximising it in a given time is losing the least. Needs the solver `clarabel`.
+vertex at the start. Maximising it in a given time is losing the least. Needs the solver of the extra `bench`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.corner_shapes FILE.npz`: remake the table of corner kernels (needs `pip install clarabel`)."""
+"""`python -m benchmarks.corner_shapes FILE.npz`: remake the table of corner kernels (needs the extra `bench`)."""
 
 from __future__ import annotations
 
