@@ -48,26 +48,26 @@ class Vectors(NamedTuple):
     """t1 t2."""
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def tip_vectors(weights: CornerWeights) -> Vectors:
     """What the tip does on both sides."""
     return Vectors(weights.tip_11, weights.tip_22, weights.tip_12)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def axis_vectors(weights: CornerWeights) -> Vectors:
     """What the tool's axis does on both sides."""
     one, two = weights.axis_1, weights.axis_2
     return Vectors(one * one, two * two, one * two * weights.axis_cosine)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def turn_size(v: Vectors) -> float:
     """|t2 - t1|."""
     return math.sqrt(max(v.first + v.second - 2.0 * v.product, 0.0))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _turn_share(v: Vectors) -> float:
     """Share of a limit left for g'' |t2 - t1| beside LINE_SHARE of it along either side."""
     turn = turn_size(v)
@@ -79,14 +79,14 @@ def _turn_share(v: Vectors) -> float:
     return math.sqrt(mixed * mixed + 1.0 - LINE_SHARE * LINE_SHARE) - mixed
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _greatest_turning(v: Vectors, limit: float) -> float:
     """Largest |g''| or |g'| within a limit on the vector."""
     turn = turn_size(v)
     return _turn_share(v) * limit / turn if turn > 0.0 else math.inf
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def off_line(v: Vectors) -> float:
     """Distance from the nearer chord per remaining generalised length, at most."""
     crossed = math.sqrt(max(v.first * v.second - v.product * v.product, 0.0))
@@ -94,7 +94,7 @@ def off_line(v: Vectors) -> float:
     return crossed / shorter if shorter > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def off_axis(weights: CornerWeights) -> float:
     """The same for the tool's axis: min(alpha, beta) times the distance of both turn axes, at most 1."""
     if weights.axis_1 == 0.0 or weights.axis_2 == 0.0:
@@ -127,7 +127,7 @@ def plan_bend(weights: CornerWeights, limits: CornerLimits, room: float) -> Bend
                                     acceleration - 0.5 * line_acceleration, line_acceleration))  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _ratio(limit: float, share: float) -> float:
     return limit / share if share > 0.0 else math.inf
 

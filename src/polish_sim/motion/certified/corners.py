@@ -177,7 +177,7 @@ def lay_out_plain(lines: Lines, corners: Corners, k: int, figures: CornerFigures
     corners.levels[k] = LEVELS
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _fill_state(state: Array, figures: CornerFigures, scale: float) -> None:
     state[SIZE] = figures.size * scale**3
     state[SPEED] = figures.speed * scale**2
@@ -185,14 +185,14 @@ def _fill_state(state: Array, figures: CornerFigures, scale: float) -> None:
     state[DURATION] = figures.duration * scale
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _largest_scale(lines: Lines, k: int, size: float) -> float:
     """Largest scale whose size both lines have room for."""
     room = min(lines.rooms[k - 1, 1], lines.rooms[k, 0])
     return 1.0 if size <= room else (room / size) ** (1.0 / 3.0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _is_roomy(lines: Lines, k: int, figures: CornerFigures) -> bool:
     """Whether half of line ``k`` is enough for a corner and to stop before it: no smaller kernel is needed."""
     to_stop = least_distance(Ends(figures.speed, figures.acceleration, 0.0, 0.0), line_limits(lines, k))

@@ -187,7 +187,7 @@ def _fill_actual(robot: Robot, law: Law, turning: Turning, way: float) -> bool:
     return time >= end
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _fill_cubic(row: Array, way: float, speed: float, acceleration: float, jerk: float) -> None:
     row[0], row[1], row[2], row[3] = way, speed, 0.5 * acceleration, jerk / 6.0
 

@@ -127,7 +127,7 @@ def lay_bends(segments: Segments, lines: Lines, k: int, pen: Pen) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def bend_of(pen: Pen, i: int) -> Turning:
     """The bend before a line's segment number ``i``."""
     row = pen.bends[i]
@@ -213,13 +213,13 @@ def _emit_share(pen: Pen, share: Share, incoming: Turning, outgoing: Turning, ro
     return row
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _from(motion: Motion, way: float) -> Motion:
     """The same motion counted from a place on."""
     return Motion(motion.way - way, motion.speed, motion.acceleration, motion.jerk)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _write(rows: Rows, row: int, share: Share, time: float, duration: float, motion: Motion) -> int:
     rows.segments[row], rows.starts[row], rows.durations[row] = share.number, share.start + time, duration
     cubic, span = rows.coefficients[row], share.span

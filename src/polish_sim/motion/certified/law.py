@@ -66,7 +66,7 @@ def fill_law(law: Law, start: Motion, durations: Array, jerks: Array) -> None:
     law.starts[CONNECTOR_PIECES] = time
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def piece_at(law: Law, time: float) -> int:
     """The piece a time falls into."""
     p = CONNECTOR_PIECES - 1
@@ -75,7 +75,7 @@ def piece_at(law: Law, time: float) -> int:
     return p
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def law_at(law: Law, time: float) -> Motion:
     """Way, speed, acceleration and jerk at a time."""
     p = piece_at(law, time)
@@ -166,7 +166,7 @@ def _begin(law: Law, vertex: float, passed: float, duration: float) -> float:
     return begin
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def gone_at(turning: Turning, time: float) -> Motion:
     """What is gone of the new chord while it is turned into; beyond the end as at the end."""
     half = 0.5 * turning.duration
@@ -180,7 +180,7 @@ def gone_at(turning: Turning, time: float) -> Motion:
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def next_break(law: Law, turning: Turning, time: float) -> float:
     """The next time after ``time`` at which the jerk may change, at most the bend's end."""
     end = turning.begin + turning.duration
@@ -223,7 +223,7 @@ def bend_load(law: Law, turning: Turning, v: Vectors) -> Load:
     return Load(acceleration, jerk, forwards)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _size(v: Vectors, line: float, gone: float) -> float:
     """|line t1 + gone (t2 - t1)|."""
     rest = line - gone

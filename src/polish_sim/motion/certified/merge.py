@@ -88,13 +88,13 @@ def chord_deviation(run: Run, last: int) -> Deviation:
     return Deviation(tip, math.asin(widened) if widened < 1.0 else math.inf)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _distance(tips: Array, i: int, k: int) -> float:
     x, y, z = tips[k, 0] - tips[i, 0], tips[k, 1] - tips[i, 1], tips[k, 2] - tips[i, 2]
     return math.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _axis_angle(rotations: Array, i: int, k: int) -> float:
     """Angle between two frames' tool axes [rad]."""
     x, y, z = (rotations[k, 0, 2] - rotations[i, 0, 2], rotations[k, 1, 2] - rotations[i, 1, 2],
@@ -102,7 +102,7 @@ def _axis_angle(rotations: Array, i: int, k: int) -> float:
     return 2.0 * math.asin(min(0.5 * math.sqrt(x * x + y * y + z * z), 1.0))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _share_along(run: Run, i: int, last: int, length: float, turn: float) -> float:
     """Where way point ``i`` projects to, as a share of the chord: by its tip, by its axis if the tip stands still."""
     if length > 0.0:
@@ -113,7 +113,7 @@ def _share_along(run: Run, i: int, last: int, length: float, turn: float) -> flo
     return _axis_angle(run.rotations, 0, i) / turn if turn > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _tip_distance(tips: Array, i: int, last: int, share: float) -> float:
     square = 0.0
     for j in range(3):
@@ -121,7 +121,7 @@ def _tip_distance(tips: Array, i: int, last: int, share: float) -> float:
     return math.sqrt(square)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _axis_distance(rotations: Array, i: int, last: int, share: float, turn: float) -> float:
     """Length of the straight line from way point ``i``'s tool axis to the chord's at a share of it [-]."""
     sine = math.sin(turn)
@@ -145,12 +145,12 @@ def may_join(run: Run, last: int, shares: Shares) -> bool:
     return _axis_angle(run.rotations, 0, last) < WIDEST_TURN and _frame_turn(run.rotations, last) < WIDEST_TURN
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _is_short(run: Run, i: int, k: int, shares: Shares) -> bool:
     return _distance(run.tips, i, k) < shares.length and _axis_angle(run.rotations, i, k) < shares.turn
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _frame_turn(rotations: Array, last: int) -> float:
     """Angle between the x axes of the first and the last frame [rad], which holds the roll."""
     square = 0.0

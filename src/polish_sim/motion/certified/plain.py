@@ -47,7 +47,7 @@ def plain_kernel(weights: CornerWeights, limits: CornerLimits) -> CornerFigures:
     return CornerFigures(0.5 * speed * T, speed, 0.0, T)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _ratio(limit: float, share: float) -> float:
     return limit / share if share > 1e-12 else math.inf
 
@@ -66,6 +66,6 @@ def fill_plain(size: float, speed: float, durations: Array, remaining: Array, go
     _fill_cubic(gone[1], cube, 0.5 * speed, jerk * half, -jerk)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _fill_cubic(row: Array, way: float, speed: float, acceleration: float, jerk: float) -> None:
     row[0], row[1], row[2], row[3] = way, speed, 0.5 * acceleration, jerk / 6.0

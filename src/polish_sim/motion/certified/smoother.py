@@ -19,7 +19,6 @@ from polish_sim.motion.certified.stream import (
     SEGMENTS,
     STATUS,
     Outbox,
-    end_stream,
     new_stream,
     take_points,
 )
@@ -101,7 +100,9 @@ class Smoother:
         caps = np.full(len(tips), np.inf) if feeds is None else np.ascontiguousarray(feeds, dtype=float)
         pieces = []
         for i in range(0, len(tips), BLOCK):
-            take_points(self._stream, self._course, tips[i : i + BLOCK], rotations[i : i + BLOCK], caps[i : i + BLOCK])
+            take_points(
+                self._stream, self._course, tips[i : i + BLOCK], rotations[i : i + BLOCK], caps[i : i + BLOCK], False
+            )
             self._check()
             pieces.append(self._taken())
         return pieces[0] if len(pieces) == 1 else join_pieces(pieces)
@@ -112,7 +113,8 @@ class Smoother:
         Returns:
             All that is left.
         """
-        end_stream(self._stream, self._course)
+        nothing = np.zeros(0)
+        take_points(self._stream, self._course, np.zeros((0, 3)), np.zeros((0, 3, 3)), nothing, True)
         self._check()
         return self._taken()
 

@@ -54,11 +54,11 @@ Array = NDArray[np.float64]
 
 BLOCK = 128
 """Way points taken in at once: what they give fits the outbox."""
-HELD, RAW, SEGMENTS, FIRST, LINES, OPEN, GIVEN, OUT_SEGMENTS, OUT_ROWS, RELAID, STATUS = range(11)
-"""Counters: way points in the run; taken in; segments in the buffers; number of the buffers' first one; closed lines in
-the buffers; whether one is open; next line to give; segments and rows in the outbox; laws laid anew; what went wrong,
-0 if nothing."""
-COUNTERS = 11
+HELD, RAW, LAST, RAW_END, SEGMENTS, FIRST, LINES, OPEN, GIVEN, OUT_SEGMENTS, OUT_ROWS, RELAID, STATUS = range(13)
+"""Counters: way points in the run; taken in; the run's last one, and its number of all; segments in the buffers;
+number of the buffers' first one; closed lines in the buffers; whether one is open; next line to give; segments and rows
+in the outbox; laws laid anew; what went wrong, 0 if nothing."""
+COUNTERS = 13
 NO_LAW = 9
 """Status: no law was found that keeps a line's bends in their limits."""
 _ROOM = BLOCK + (LOOKAHEAD + 2) * MOST_STRUNG
@@ -109,8 +109,10 @@ def new_stream(arm: Arm | None) -> Stream:
 
 
 @njit(cache=True, error_model="numpy")
-def take_points(stream: Stream, course: Course, tips: Array, rotations: Array, feeds: Array) -> None:
+def take_points(stream: Stream, course: Course, tips: Array, rotations: Array, feeds: Array, ends: bool) -> None:
     """Take in way points, at most BLOCK; the outbox is emptied first.
+
+    Every large step stands here once, so that it is compiled once.
 
     Args:
         stream: Changed.
@@ -118,47 +120,60 @@ def take_points(stream: Stream, course: Course, tips: Array, rotations: Array, f
         tips: [m], shape (n, 3).
         rotations: Tool frames, shape (n, 3, 3).
         feeds: Cap on the tip's speed on the way to each of them [m/s], shape (n,).
+        ends: Whether the path ends after them: two more steps then close the last run and the last line.
     """
-    stream.counters[OUT_SEGMENTS] = stream.counters[OUT_ROWS] = 0
-    for i in range(tips.shape[0]):
-        if stream.counters[STATUS] == REACHED:
-            _take_point(stream, course, tips[i], rotations[i], feeds[i])
-
-
-@njit(cache=True, error_model="numpy")
-def end_stream(stream: Stream, course: Course) -> None:
-    """The path ends: the last run, then all that is left."""
-    counters = stream.counters
+    counters, count = stream.counters, tips.shape[0]
     counters[OUT_SEGMENTS] = counters[OUT_ROWS] = 0
-    if counters[HELD] > 1:
-        _close_run(stream, course, counters[HELD] - 1, counters[RAW] - 1)
-    if counters[OPEN] > 0:
-        _close_line(stream, course, counters[SEGMENTS] - 1)
-    last = counters[LINES] - 1
-    if last >= 0 and counters[STATUS] == REACHED:
-        state = best_before_stop(stream.lines, stream.corners, last)
-        decide_all(stream.corners, counters[GIVEN] + 1, last, state)
-        _set_stop(stream.corners, last + 1)
-        while counters[GIVEN] <= last:
+    for i in range(count + 2 if ends else count):
+        if i < count:
+            ready = _offer_point(stream, course, tips[i], rotations[i], feeds[i])
+        else:
+            ready = i == count and _end_run(stream)
+        added = ready and _add_segment(stream, course)
+        if counters[STATUS] != REACHED:
+            break
+        if ready and i < count:
+            _restart_run(stream.run, counters)
+        closing = (added and not _string(stream, course)) or (i > count and counters[OPEN] > 0)
+        if closing:
+            _close_line(stream, course, counters[SEGMENTS] - (2 if added else 1))
+        if added and closing:
+            open_line(stream.segments, stream.lines, counters[LINES], counters[SEGMENTS] - 1)
+            counters[OPEN] = 1
+        until = _decide(stream, i > count) if closing or i > count else counters[GIVEN]
+        while counters[GIVEN] < until:
             _give_line(stream, course)
 
 
 @njit(cache=True, error_model="numpy")
-def _take_point(stream: Stream, course: Course, tip: Array, rotation: Array, feed: float) -> None:
-    """Lead the run on to a way point, or close it and begin a new one."""
-    counters, run = stream.counters, stream.run
-    held = counters[HELD]
-    _store(run, held, tip, rotation, feed)
+def _offer_point(stream: Stream, course: Course, tip: Array, rotation: Array, feed: float) -> bool:
+    """Lead the run on to a way point; true if it must be closed before it."""
+    counters, held = stream.counters, stream.counters[HELD]
+    _store(stream.run, held, tip, rotation, feed)
     counters[RAW] += 1
-    if held > 1 and not _joins(run, held, course.shares):
-        _close_run(stream, course, held - 1, counters[RAW] - 2)
-        _store(run, 0, run.tips[held - 1], run.rotations[held - 1], run.feeds[held - 1])
-        _store(run, 1, tip, rotation, feed)
-        held = 1
     counters[HELD] = held + 1
+    counters[LAST], counters[RAW_END] = held - 1, counters[RAW] - 2
+    return bool(held > 1 and not _joins(stream.run, held, course.shares))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
+def _end_run(stream: Stream) -> bool:
+    """The path ends with the run; true if there is anything in it."""
+    counters = stream.counters
+    counters[LAST], counters[RAW_END] = counters[HELD] - 1, counters[RAW] - 1
+    return bool(counters[LAST] > 0)
+
+
+@njit(cache=True, error_model="numpy")
+def _restart_run(run: Run, counters: NDArray[np.int64]) -> None:
+    """Begin a run with the last two way points of the old one."""
+    for to in range(2):
+        i = counters[LAST] + to
+        _store(run, to, run.tips[i], run.rotations[i], run.feeds[i])
+    counters[HELD] = 2
+
+
+@njit(cache=True, error_model="numpy")
 def _store(run: Run, i: int, tip: Array, rotation: Array, feed: float) -> None:
     run.feeds[i] = feed
     for j in range(3):
@@ -177,9 +192,9 @@ def _joins(run: Run, last: int, shares: Shares) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def _close_run(stream: Stream, course: Course, last: int, raw_end: int) -> None:
-    """The chord from the run's first way point to ``last``, number ``raw_end`` of all, becomes a segment."""
-    counters, segments = stream.counters, stream.segments
+def _add_segment(stream: Stream, course: Course) -> bool:
+    """The chord of the run becomes a segment; false if it leads nowhere or the robot cannot follow."""
+    counters, segments, last = stream.counters, stream.segments, stream.counters[LAST]
     if counters[SEGMENTS] == CAPACITY:
         _move_to_front(stream)
     k = counters[SEGMENTS]
@@ -188,49 +203,66 @@ def _close_run(stream: Stream, course: Course, last: int, raw_end: int) -> None:
     _set_way_point(segments, k + 1, stream.run, last)
     fill_segment(segments.chain, k)
     if segments.chain.lengths[k] == 0.0 and segments.chain.angles[k] == 0.0:
-        return
+        return False
     counters[STATUS] = fill_limits(segments, k, stream.run.feeds[last], course.limits, course.arm, stream.robot)
     if counters[STATUS] != REACHED:
-        return
+        return False
     deviation = chord_deviation(stream.run, last)
     segments.used[k, 0], segments.used[k, 1] = deviation.tip, deviation.axis
-    segments.raw_ends[k] = raw_end
+    segments.raw_ends[k] = counters[RAW_END]
     counters[SEGMENTS] = k + 1
-    _string(stream, course, k)
+    return True
 
 
 @njit(cache=True, error_model="numpy")
-def _string(stream: Stream, course: Course, k: int) -> None:
-    """Put segment ``k`` on the open line, or close that and begin a new one."""
-    segments, lines, line = stream.segments, stream.lines, stream.counters[LINES]
-    if stream.counters[OPEN] > 0:
-        fill_bend(segments, k, course, stream.robot)
-        if may_string(segments, lines, line, k):
-            string_segment(segments, lines, line, k)
-            return
-        _close_line(stream, course, k - 1)
-        line += 1
-    open_line(segments, lines, line, k)
-    stream.counters[OPEN] = 1
+def _string(stream: Stream, course: Course) -> bool:
+    """Put the newest segment on the open line; false if that must be closed before it."""
+    segments, lines, counters = stream.segments, stream.lines, stream.counters
+    line, k = counters[LINES], counters[SEGMENTS] - 1
+    if counters[OPEN] == 0:
+        open_line(segments, lines, line, k)
+        counters[OPEN] = 1
+        return True
+    fill_bend(segments, k, course, stream.robot)
+    if not may_string(segments, lines, line, k):
+        return False
+    string_segment(segments, lines, line, k)
+    return True
 
 
 @njit(cache=True, error_model="numpy")
 def _close_line(stream: Stream, course: Course, last: int) -> None:
-    """The open line ends with segment ``last``; its start becomes a corner, an old line may be given out."""
+    """The open line ends with segment ``last``; its start becomes a corner."""
     counters, lines, corners, k = stream.counters, stream.lines, stream.corners, stream.counters[LINES]
     close_line(stream.segments, lines, k, last)
     counters[LINES], counters[OPEN] = k + 1, 0
     if k > 0:
         fill_corner(stream.segments, lines, corners, k, course, stream.robot)
         reach_corner(lines, corners, k)
-    if k - counters[GIVEN] == LOOKAHEAD:
-        given = counters[GIVEN]
-        decide(corners, given + 1, k, best_before_stop(lines, corners, k))
-        forget_past(corners, given + 1, k)
-        _give_line(stream, course)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
+def _decide(stream: Stream, ends: bool) -> int:
+    """Decide on the oldest open corner once the look-ahead is full, on all if the path ends.
+
+    Returns:
+        Which line to give out lines up to.
+    """
+    counters, lines, corners = stream.counters, stream.lines, stream.corners
+    given, last = counters[GIVEN], counters[LINES] - 1
+    if last < 0 or not (ends or last - given == LOOKAHEAD):
+        return int(given)
+    state = best_before_stop(lines, corners, last)
+    if ends:
+        decide_all(corners, given + 1, last, state)
+        _set_stop(corners, last + 1)
+        return int(last + 1)
+    decide(corners, given + 1, last, state)
+    forget_past(corners, given + 1, last)
+    return int(given + 1)
+
+
+@njit(cache=True, error_model="numpy")
 def _set_way_point(segments: Segments, i: int, run: Run, source: int) -> None:
     chain = segments.chain
     for j in range(3):
@@ -282,7 +314,7 @@ def _lay_line(stream: Stream, course: Course, k: int) -> None:
     stream.counters[STATUS] = NO_LAW
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _give_way_point(stream: Stream, k: int) -> None:
     """Put the end of segment ``k`` into the outbox."""
     box, chain, m = stream.outbox, stream.segments.chain, stream.counters[OUT_SEGMENTS]

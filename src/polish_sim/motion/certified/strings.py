@@ -20,13 +20,13 @@ _OVER_STOPS = 1.5
 """Else it must be passed at so many times the mean speed from stop to stop on either side."""
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def segment_line(segments: Segments, k: int) -> LineLimits:
     """Limits along one segment."""
     return LineLimits(segments.limits[k, 0], segments.limits[k, 1], segments.limits[k, 2])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def braking_way(limits: LineLimits) -> float:
     """Distance from full speed to rest [m]."""
     v, a, j = limits.speed, limits.acceleration, limits.jerk
@@ -52,12 +52,12 @@ def may_string(segments: Segments, lines: Lines, line: int, k: int) -> bool:
     return bend > _OVER_STOPS * max(_mean_speed(segments, k - 1), _mean_speed(segments, k))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _alike(first: float, second: float) -> bool:
     return min(first, second) >= _NEAR_FULL * max(first, second)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _mean_speed(segments: Segments, k: int) -> float:
     """From stop to stop [m/s]."""
     span = segments.spans[k]

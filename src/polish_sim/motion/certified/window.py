@@ -22,13 +22,13 @@ from polish_sim.motion.certified.connector import Ends, LineLimits, connector_ti
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def line_limits(lines: Lines, k: int) -> LineLimits:
     """Limits along a line."""
     return LineLimits(lines.limits[k, 0], lines.limits[k, 1], lines.limits[k, 2])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def ends_between(first: Array, second: Array) -> Ends:
     """How the connector between two corners' states begins and ends."""
     return Ends(first[SPEED], first[ACCELERATION], second[SPEED], second[ACCELERATION])
