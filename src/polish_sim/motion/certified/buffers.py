@@ -1,4 +1,7 @@
-"""What the look-ahead keeps: a few hundred segments and corners, moved to the front when full (layer 6)."""
+"""What the look-ahead keeps: a few hundred segments and corners, moved to the front when full (layer 6).
+
+Its sizes are compiled into every `njit(...)` kernel of the stream.
+"""
 
 from __future__ import annotations
 
