@@ -30,12 +30,12 @@ class KernelControls(NamedTuple):
     gone: Array
     """Of b, the same shape."""
     most: Array
-    """Largest |a|, |a'|, |a''|, |a'''| and the same of b, shape (2, 4)."""
+    """Largest |a|, |a'|, |a''|, |a'''|, the same of b and of |a| + |b|, |a'| + |b'| .., shape (3, 4)."""
 
 
 def new_kernel_controls(pieces: int) -> KernelControls:
     """Fresh work space for kernels of up to so many pieces."""
-    return KernelControls(np.zeros((pieces, CONTROLS)), np.zeros((pieces, CONTROLS)), np.zeros((2, 4)))
+    return KernelControls(np.zeros((pieces, CONTROLS)), np.zeros((pieces, CONTROLS)), np.zeros((3, 4)))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -64,7 +64,7 @@ def fill_controls(durations: Array, remaining: Array, gone: Array, controls: Ker
         gone: Cubics of b [m], shape (pieces, 4).
         controls: Written.
     """
-    for side in range(2):
+    for side in range(3):
         for order in range(4):
             controls.most[side, order] = 0.0
     for p in range(durations.shape[0]):
@@ -76,8 +76,10 @@ def fill_controls(durations: Array, remaining: Array, gone: Array, controls: Ker
                 controls.gone[p, c] = 0.0
         for order in range(4):
             for c in range(FIRST[order], FIRST[order + 1]):
-                controls.most[0, order] = max(controls.most[0, order], abs(controls.remaining[p, c]))
-                controls.most[1, order] = max(controls.most[1, order], abs(controls.gone[p, c]))
+                old, new = abs(controls.remaining[p, c]), abs(controls.gone[p, c])
+                controls.most[0, order] = max(controls.most[0, order], old)
+                controls.most[1, order] = max(controls.most[1, order], new)
+                controls.most[2, order] = max(controls.most[2, order], old + new)
 
 
 @njit(cache=True, error_model="numpy")

@@ -49,7 +49,7 @@ class CornerWork(NamedTuple):
     controls: KernelControls
     joints: JointCorner
     most: Array
-    """Largest values of the kernel scaled down, shape (2, 4)."""
+    """Largest values of the kernel scaled down, shape (3, 4)."""
     turn: Array
     """Turn of the tool axis per length on both sides [rad/m], shape (2,)."""
     roll: Array
@@ -58,7 +58,7 @@ class CornerWork(NamedTuple):
 
 def new_corner_work(pieces: int) -> CornerWork:
     """Fresh work space for kernels of ``pieces`` pieces."""
-    return CornerWork(new_kernel_controls(pieces), new_joint_corner(), np.zeros((2, 4)), np.zeros(2), np.zeros(2))
+    return CornerWork(new_kernel_controls(pieces), new_joint_corner(), np.zeros((3, 4)), np.zeros(2), np.zeros(2))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -106,7 +106,7 @@ def _shrink(work: CornerWork, scale: float) -> None:
     """Largest values of the kernel at scale^3 of its size, and of the joints' straight motion."""
     share = scale * scale * scale
     for order in range(4):
-        for side in range(2):
+        for side in range(3):
             work.most[side, order] = share * work.controls.most[side, order]
         share /= scale
 

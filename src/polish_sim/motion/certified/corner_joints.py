@@ -2,8 +2,9 @@
 
 At the way point J0 q' = x1 and = x2 give the joints' rates g1, g2 per length along both segments. In the kernel the
 joints do -g1 a^(n) + g2 b^(n), exactly, plus what comes from having moved away: the Jacobian differs from J0, the
-segments' turns are composed, and links that turn accelerate. All of that is bounded by norms, with the joints' own
-motion on the right side: a guess that implies something strictly smaller holds (as in `joint_enclosure`).
+segments' turns are composed, and links that turn accelerate. The Jacobian's change is taken along the straight way from
+(0, 0) to (a, b): its first derivative there is exact (`drifts`), the second and all the rest are bounded by norms, with
+the joints' own motion on the right side: a guess that implies something strictly smaller holds (`joint_enclosure`).
 """
 
 from __future__ import annotations
@@ -17,8 +18,14 @@ from numpy.typing import NDArray
 
 from polish_sim.motion.arm_state import ArmState, new_arm_state
 from polish_sim.motion.certified.corner_extent import KernelControls, most_of_sum
+from polish_sim.motion.certified.joint_enclosure import fill_drift
 
 Array = NDArray[np.float64]
+
+
+MOST_GUESSES = 24
+HOPELESS = 1.25
+"""A guess that implies so many times itself will not settle."""
 
 
 class JointCorner(NamedTuple):
@@ -33,10 +40,15 @@ class JointCorner(NamedTuple):
     """Joint rates per length of the old and the new segment, shape (2, 6)."""
     turns: Array
     """Norm of each link's turning per length of the old and the new segment [rad/m], shape (2, 6)."""
+    drifts: Array
+    """Sizes of inverse(J0) J' when the joints move along the old or the new segment, per length, shape (2, 6, 6)."""
+    drift: Array
+    """How much inverse(J0) J may differ from 1 in the kernel, to first order, shape (6, 6)."""
     straight: Array
     """Bounds of -g1 a + g2 b and its derivatives, shape (4, 6)."""
     extra: Array
-    """Guessed bounds of what is added to them, shape (4, 6)."""
+    """Guessed bounds: of the second derivative of q on the straight way to (a, b), then of what is added to speed,
+    acceleration and jerk, shape (4, 6)."""
     implied: Array
     """What the guess implies, shape (4, 6)."""
     composed: Array
@@ -51,6 +63,8 @@ def new_joint_corner() -> JointCorner:
         np.zeros((3, 6)),
         np.zeros((2, 6)),
         np.zeros((2, 6)),
+        np.zeros((2, 6, 6)),
+        np.zeros((6, 6)),
         np.zeros((4, 6)),
         np.zeros((4, 6)),
         np.zeros((4, 6)),
@@ -60,7 +74,7 @@ def new_joint_corner() -> JointCorner:
 
 @njit(cache=True, error_model="numpy")
 def fill_sides(corner: JointCorner, twists: Array) -> None:
-    """Write gains, joint rates and link turns of both sides.
+    """Write gains, joint rates, link turns and drifts of both sides.
 
     Args:
         corner: With the arm placed at the way point.
@@ -80,6 +94,7 @@ def fill_sides(corner: JointCorner, twists: Array) -> None:
             corner.sides[side, i] = rate
             x, y, z = x + rate * axes[i, 0], y + rate * axes[i, 1], z + rate * axes[i, 2]
             corner.turns[side, i] = math.sqrt(x * x + y * y + z * z)
+        fill_drift(corner.arm, corner.sides[side], corner.drifts[side])
 
 
 @njit(cache=True, error_model="numpy")
@@ -96,7 +111,7 @@ def fill_composed(corner: JointCorner, most: Array, turn: Array, roll: Array, si
 
     Args:
         corner: ``composed`` is written.
-        most: Largest a, b and their derivatives, shape (2, 4).
+        most: Largest a, b, a + b and their derivatives, shape (3, 4).
         turn: Turn of the tool axis per length of old and new segment [rad/m], shape (2,).
         roll: Roll about it per length, shape (2,).
         sine: Of the angle between both turn axes.
@@ -114,38 +129,61 @@ def fill_composed(corner: JointCorner, most: Array, turn: Array, roll: Array, si
     corner.composed[3] += r3 * away + 2.0 * r2 * swing + r1 * (a2 + b2 + 2.0 * swing * swing)
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _of_both(most: Array, order: int, old: float, new: float) -> float:
+    """Bound of old |a| + new |b|, or of their derivatives."""
+    return min(old * most[0, order] + new * most[1, order], max(old, new) * most[2, order])
+
+
+@njit(cache=True, error_model="numpy")
+def fill_mixed_drift(corner: JointCorner, most: Array) -> None:
+    """Write ``drift``: how much inverse(J0) J may differ from 1 in the kernel, to first order."""
+    for i in range(6):
+        for j in range(6):
+            corner.drift[i, j] = _of_both(most, 0, corner.drifts[0, i, j], corner.drifts[1, i, j])
+
+
 @njit(cache=True, error_model="numpy")
 def _imply(corner: JointCorner, most: Array) -> None:
-    """Fill ``implied`` from the guess in ``extra``; orders: 0 the way, 1 to 3 speed, acceleration, jerk."""
+    """Fill ``implied`` from the guess in ``extra``; orders: 0 the straight way, 1 to 3 speed, acceleration, jerk."""
     straight, extra, turns = corner.straight, corner.extra, corner.turns
-    t, w, w1 = 0.0, 0.0, 0.0  # of the last link: rotation since the way point, angular velocity, its derivative
-    m0, m1, m2, m3, left_2, left_3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    linear_0, linear_1, linear_2, linear_3, s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    # Of the last link: turning along the straight way and its derivative, angular velocity and its derivative.
+    t, t1, w, w1 = 0.0, 0.0, 0.0, 0.0
+    # Sums over the axes so far: of the extra motion (s), of all motion times the axes' turning (m) and bending (z).
+    s0, s1, s2, s3, m0, m1, m2, m3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    z0, z1, z2, z3, away, left_2, left_3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    linear_0, linear_1, linear_2, linear_3 = 0.0, 0.0, 0.0, 0.0
     for k in range(6):
-        q0, q1 = straight[0, k] + extra[0, k], straight[1, k] + extra[1, k]
+        e0, q0, q1 = extra[0, k], straight[0, k] + extra[0, k], straight[1, k] + extra[1, k]
         q2, q3 = straight[2, k] + extra[2, k], straight[3, k] + extra[3, k]
-        # Axes turned away (m: times the joint's motion) and turning (left_2, left_3).
-        m0, m1, m2, m3 = m0 + q0 * t, m1 + q1 * t, m2 + q2 * t, m3 + q3 * t
+        bend = 0.5 * (t1 + t * t)
+        away, m0, m1, m2, m3 = away + q0 * t, m0 + e0 * t, m1 + q1 * t, m2 + q2 * t, m3 + q3 * t
+        z0, z1, z2, z3 = z0 + e0 * bend, z1 + q1 * bend, z2 + q2 * bend, z3 + q3 * bend
         left_2, left_3 = left_2 + q1 * w, left_3 + 2.0 * q2 * w + q1 * (w1 + w * w)
-        s0, s1, s2, s3 = s0 + extra[0, k], s1 + extra[1, k], s2 + extra[2, k], s3 + extra[3, k]
-        old, new = turns[0, k], turns[1, k]
-        t = old * most[0, 0] + new * most[1, 0] + s0 + m0
-        w = old * most[0, 1] + new * most[1, 1] + s1 + m1
-        sum_2 = old * most[0, 2] + new * most[1, 2] + s2 + m2
-        sum_3 = old * most[0, 3] + new * most[1, 3] + s3 + m3
-        w1 = sum_2 + left_2
-        length = corner.gains[2, k]
-        linear_0 += length * (m0 + t * t)
-        linear_1 += length * (m1 + w * t)
-        linear_2 += length * (m2 + sum_2 * t + left_2 + w * w)
-        linear_3 += length * (m3 + sum_3 * t + left_3 + w * (3.0 * w1 + w * w))
-    angular_2, angular_3 = m2 + left_2, m3 + left_3
+        s0, s1, s2, s3 = s0 + e0, s1 + extra[1, k], s2 + extra[2, k], s3 + extra[3, k]
+        old, new, length = turns[0, k], turns[1, k], corner.gains[2, k]
+        t, t1 = _of_both(most, 0, old, new) + s0 + away, s0 + away
+        sum_1 = _of_both(most, 1, old, new) + s1 + m1
+        sum_2 = _of_both(most, 2, old, new) + s2 + m2
+        sum_3 = _of_both(most, 3, old, new) + s3 + m3
+        w, w1, bend = sum_1, sum_2 + left_2, 0.5 * (t1 + t * t)
+        linear_0 += length * (away + t * t + z0 + m0 * t + (s0 + m0) * bend)
+        linear_1 += length * (z1 + m1 * t + sum_1 * bend)
+        linear_2 += length * (z2 + m2 * t + sum_2 * bend + left_2 + w * w)
+        linear_3 += length * (z3 + m3 * t + sum_3 * bend + left_3 + w * (3.0 * w1 + w * w))
+    angular_0, angular_1 = away + z0 + corner.composed[0], z1 + corner.composed[1]
+    angular_2, angular_3 = z2 + left_2 + corner.composed[2], z3 + left_3 + corner.composed[3]
     for i in range(6):
         linear, angular = corner.gains[0, i], corner.gains[1, i]
-        corner.implied[0, i] = linear * linear_0 + angular * (m0 + corner.composed[0])
-        corner.implied[1, i] = linear * linear_1 + angular * (m1 + corner.composed[1])
-        corner.implied[2, i] = linear * linear_2 + angular * (angular_2 + corner.composed[2])
-        corner.implied[3, i] = linear * linear_3 + angular * (angular_3 + corner.composed[3])
+        d0, d1, d2, d3 = 0.0, 0.0, 0.0, 0.0
+        for j in range(6):
+            d, e1, e2, e3 = corner.drift[i, j], extra[1, j], extra[2, j], extra[3, j]
+            d0, d1 = d0 + d * extra[0, j], d1 + d * (straight[1, j] + e1)
+            d2, d3 = d2 + d * (straight[2, j] + e2), d3 + d * (straight[3, j] + e3)
+        corner.implied[0, i] = linear * linear_0 + angular * angular_0 + d0
+        corner.implied[1, i] = linear * linear_1 + angular * angular_1 + d1
+        corner.implied[2, i] = linear * linear_2 + angular * angular_2 + d2
+        corner.implied[3, i] = linear * linear_3 + angular * angular_3 + d3
 
 
 @njit(cache=True, error_model="numpy")
@@ -154,25 +192,27 @@ def confirm(corner: JointCorner, most: Array) -> bool:
 
     Args:
         corner: With sides, straight and composed filled; ``extra`` is written.
-        most: Largest a, b and their derivatives, shape (2, 4).
+        most: Largest a, b, a + b and their derivatives, shape (3, 4).
 
     Returns:
         Whether a guess could be confirmed.
     """
+    fill_mixed_drift(corner, most)
     for order in range(4):
         for i in range(6):
             corner.extra[order, i] = 0.0
-    for _ in range(8):
+    for guess in range(MOST_GUESSES):
         _imply(corner, most)
-        confirmed = True
+        confirmed, settling = True, True
         for order in range(4):
             for i in range(6):
-                confirmed = confirmed and corner.implied[order, i] < corner.extra[order, i]
+                ratio = corner.implied[order, i] / corner.extra[order, i]
+                confirmed, settling = confirmed and ratio < 1.0, settling and ratio < HOPELESS
         if confirmed:
             return True
+        if guess > 7 and not settling:
+            return False
         for order in range(4):
             for i in range(6):
-                corner.extra[order, i] = 1.2 * corner.implied[order, i] + 1e-12
-                if not corner.extra[order, i] < 1e9:
-                    return False
+                corner.extra[order, i] = 1.05 * corner.implied[order, i] + 1e-12
     return False

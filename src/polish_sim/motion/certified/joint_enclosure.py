@@ -78,9 +78,17 @@ def measure_gains(e: Enclosure) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def measure_drift(e: Enclosure) -> None:
-    """Fill ``drift`` column by column: J' has z' x R + z x R'; z', R the joint's axis and the way to the tool."""
-    axes, links, q1, m, ways = e.arm.axes, e.arm.links, e.arm.rates[0], e.arm.inverse, e.arm.scratch
+def fill_drift(arm: ArmState, q1: Array, drift: Array) -> None:
+    """Write absolute values of inverse(J) J', with J' the change of the Jacobian while the joints move at rates q1.
+
+    Column by column: J' has z' x R + z x R'; z', R the joint's axis and the way to the tool.
+
+    Args:
+        arm: Placed; its scratch is used.
+        q1: Joint rates, shape (6,).
+        drift: Written, shape (6, 6).
+    """
+    axes, links, m, ways = arm.axes, arm.links, arm.inverse, arm.scratch
     wx, wy, wz = 0.0, 0.0, 0.0
     for k in range(6):
         x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
@@ -98,7 +106,7 @@ def measure_drift(e: Enclosure) -> None:
         lz = a * ry - b * rx + x * sy - y * sx
         for i in range(6):
             total = m[i, 0] * lx + m[i, 1] * ly + m[i, 2] * lz + m[i, 3] * a + m[i, 4] * b + m[i, 5] * c
-            e.drift[i, k] = abs(total)
+            drift[i, k] = abs(total)
 
 
 @njit(cache=True, error_model="numpy")
@@ -220,7 +228,7 @@ def enclose(e: Enclosure, r: float, fourth_twist: float) -> int:
     """
     measure_gains(e)
     measure_link_speeds(e)
-    measure_drift(e)
+    fill_drift(e.arm, e.arm.rates[0], e.drift)
     for i in range(6):
         e.rates[3, i] = 0.0
     for guess in range(1, MOST_GUESSES + 1):
