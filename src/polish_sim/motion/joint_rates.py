@@ -26,7 +26,7 @@ def solve_rates(state: ArmState, orders: int) -> None:
     """
     _solve(state, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if orders > 1:
-        _solve_second(state)
+        solve_second(state)
     if orders > 2:
         _solve_third(state)
 
@@ -43,7 +43,7 @@ def _solve(state: ArmState, row: int, x: float, y: float, z: float, a: float, b:
 
 
 @njit(cache=True, error_model="numpy")
-def _solve_second(state: ArmState) -> None:
+def solve_second(state: ArmState) -> None:
     """q'' after q': every link's turning w and its derivative e without q'', from the base outwards."""
     axes, links, q1 = state.axes, state.links, state.rates[0]
     wx, wy, wz, ex, ey, ez = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

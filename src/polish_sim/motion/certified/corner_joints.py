@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from polish_sim.motion.arm_state import ArmState, new_arm_state
 from polish_sim.motion.certified.corner_extent import KernelControls, most_of_sum
 from polish_sim.motion.certified.joint_enclosure import fill_drift
+from polish_sim.motion.joint_rates import solve_second
 
 Array = NDArray[np.float64]
 
@@ -47,12 +48,17 @@ class JointCorner(NamedTuple):
     straight: Array
     """Bounds of -g1 a + g2 b and its derivatives, shape (4, 6)."""
     extra: Array
-    """Guessed bounds: of the second derivative of q on the straight way to (a, b), then of what is added to speed,
-    acceleration and jerk, shape (4, 6)."""
+    """Guessed bounds: of the second derivative of q on the straight way to (a, b), of what is added to speed,
+    acceleration and jerk, and of the third derivative on the straight way, shape (5, 6)."""
     implied: Array
-    """What the guess implies, shape (4, 6)."""
+    """What the guess implies, shape (5, 6)."""
     composed: Array
-    """Bounds of the angular motion that composing both turns adds [rad..], shape (4,)."""
+    """Bounds of the angular motion that composing both turns adds [rad..], last that of the straight way's third
+    derivative, shape (5,)."""
+    bends: Array
+    """Second derivatives of q at the way point, their sizes: by a, by b, mixed [rad/m^2], shape (3, 6)."""
+    bent: Array
+    """Size of the second derivative of q at the beginning of the straight way, shape (6,)."""
 
 
 def new_joint_corner() -> JointCorner:
@@ -66,9 +72,11 @@ def new_joint_corner() -> JointCorner:
         np.zeros((2, 6, 6)),
         np.zeros((6, 6)),
         np.zeros((4, 6)),
-        np.zeros((4, 6)),
-        np.zeros((4, 6)),
-        np.zeros(4),
+        np.zeros((5, 6)),
+        np.zeros((5, 6)),
+        np.zeros(5),
+        np.zeros((3, 6)),
+        np.zeros(6),
     )
 
 
@@ -95,6 +103,24 @@ def fill_sides(corner: JointCorner, twists: Array) -> None:
             x, y, z = x + rate * axes[i, 0], y + rate * axes[i, 1], z + rate * axes[i, 2]
             corner.turns[side, i] = math.sqrt(x * x + y * y + z * z)
         fill_drift(corner.arm, corner.sides[side], corner.drifts[side])
+    _fill_bends(corner)
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_bends(corner: JointCorner) -> None:
+    """Write ``bends``: with the tool's own acceleration zero, q'' at rates g1, g2 and g2 - g1."""
+    arm, bends = corner.arm, corner.bends
+    for row in range(3):
+        for i in range(6):
+            arm.twists[1, i] = 0.0
+            g1, g2 = corner.sides[0, i], corner.sides[1, i]
+            arm.rates[0, i] = g1 if row == 0 else (g2 if row == 1 else g2 - g1)
+        solve_second(arm)
+        for i in range(6):
+            bends[row, i] = arm.rates[1, i]
+    for i in range(6):
+        mixed = bends[2, i] - bends[0, i] - bends[1, i]
+        bends[0, i], bends[1, i], bends[2, i] = abs(bends[0, i]), abs(bends[1, i]), abs(mixed)
 
 
 @njit(cache=True, error_model="numpy")
@@ -123,6 +149,7 @@ def fill_composed(corner: JointCorner, most: Array, turn: Array, roll: Array, si
     r2, r3 = p * most[0, 2] + q * most[1, 2], p * most[0, 3] + q * most[1, 3]
     away, swing = a + b, a1 + b1
     corner.composed[0] = a * b * sine + r * away
+    corner.composed[4] = 2.0 * away * corner.composed[0]
     corner.composed[1] = a1 * b * sine + r1 * away
     corner.composed[2] = (a2 * b + a1 * b1) * sine + r2 * away + r1 * swing
     corner.composed[3] = (a3 * b + 2.0 * a2 * b1 + a1 * (b2 + b1 * b1)) * sine
@@ -137,10 +164,12 @@ def _of_both(most: Array, order: int, old: float, new: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def fill_mixed_drift(corner: JointCorner, most: Array) -> None:
-    """Write ``drift``: how much inverse(J0) J may differ from 1 in the kernel, to first order."""
+    """Write ``drift``, how much inverse(J0) J may differ from 1 in the kernel to first order, and ``bent``."""
     for i in range(6):
         for j in range(6):
             corner.drift[i, j] = _of_both(most, 0, corner.drifts[0, i, j], corner.drifts[1, i, j])
+        a, b = most[0, 0], most[1, 0]
+        corner.bent[i] = corner.bends[0, i] * a * a + corner.bends[1, i] * b * b + corner.bends[2, i] * a * b
 
 
 @njit(cache=True, error_model="numpy")
@@ -150,37 +179,39 @@ def _imply(corner: JointCorner, most: Array) -> None:
     # Of the last link: turning along the straight way and its derivative, angular velocity and its derivative.
     t, t1, w, w1 = 0.0, 0.0, 0.0, 0.0
     # Sums over the axes so far: of the extra motion (s), of all motion times the axes' turning (m) and bending (z).
-    s0, s1, s2, s3, m0, m1, m2, m3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    z0, z1, z2, z3, away, left_2, left_3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    linear_0, linear_1, linear_2, linear_3 = 0.0, 0.0, 0.0, 0.0
+    s0, s1, s2, s3, s4, m1, m2, m3, m4 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    z1, z2, z3, z4, away, left_2, left_3, left_4 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    linear_4, linear_1, linear_2, linear_3 = 0.0, 0.0, 0.0, 0.0
     for k in range(6):
-        e0, q0, q1 = extra[0, k], straight[0, k] + extra[0, k], straight[1, k] + extra[1, k]
+        e0, e4, q0, q1 = extra[0, k], extra[4, k], straight[0, k] + extra[0, k], straight[1, k] + extra[1, k]
         q2, q3 = straight[2, k] + extra[2, k], straight[3, k] + extra[3, k]
         bend = 0.5 * (t1 + t * t)
-        away, m0, m1, m2, m3 = away + q0 * t, m0 + e0 * t, m1 + q1 * t, m2 + q2 * t, m3 + q3 * t
-        z0, z1, z2, z3 = z0 + e0 * bend, z1 + q1 * bend, z2 + q2 * bend, z3 + q3 * bend
+        away, m1, m2, m3, m4 = away + q0 * t, m1 + q1 * t, m2 + q2 * t, m3 + q3 * t, m4 + e4 * t
+        z1, z2, z3, z4 = z1 + q1 * bend, z2 + q2 * bend, z3 + q3 * bend, z4 + e4 * bend
+        left_4 += 2.0 * e0 * t + q0 * (t1 + t * t)
         left_2, left_3 = left_2 + q1 * w, left_3 + 2.0 * q2 * w + q1 * (w1 + w * w)
-        s0, s1, s2, s3 = s0 + e0, s1 + extra[1, k], s2 + extra[2, k], s3 + extra[3, k]
+        s0, s1, s2, s3, s4 = s0 + e0, s1 + extra[1, k], s2 + extra[2, k], s3 + extra[3, k], s4 + e4
         old, new, length = turns[0, k], turns[1, k], corner.gains[2, k]
         t, t1 = _of_both(most, 0, old, new) + s0 + away, s0 + away
         sum_1 = _of_both(most, 1, old, new) + s1 + m1
         sum_2 = _of_both(most, 2, old, new) + s2 + m2
         sum_3 = _of_both(most, 3, old, new) + s3 + m3
         w, w1, bend = sum_1, sum_2 + left_2, 0.5 * (t1 + t * t)
-        linear_0 += length * (away + t * t + z0 + m0 * t + (s0 + m0) * bend)
+        linear_4 += length * (left_4 + t * (3.0 * t1 + t * t) + z4 + m4 * t + (s4 + m4) * bend)
         linear_1 += length * (z1 + m1 * t + sum_1 * bend)
         linear_2 += length * (z2 + m2 * t + sum_2 * bend + left_2 + w * w)
         linear_3 += length * (z3 + m3 * t + sum_3 * bend + left_3 + w * (3.0 * w1 + w * w))
-    angular_0, angular_1 = away + z0 + corner.composed[0], z1 + corner.composed[1]
+    angular_4, angular_1 = left_4 + z4 + corner.composed[4], z1 + corner.composed[1]
     angular_2, angular_3 = z2 + left_2 + corner.composed[2], z3 + left_3 + corner.composed[3]
     for i in range(6):
         linear, angular = corner.gains[0, i], corner.gains[1, i]
-        d0, d1, d2, d3 = 0.0, 0.0, 0.0, 0.0
+        d4, d1, d2, d3 = 0.0, 0.0, 0.0, 0.0
         for j in range(6):
             d, e1, e2, e3 = corner.drift[i, j], extra[1, j], extra[2, j], extra[3, j]
-            d0, d1 = d0 + d * extra[0, j], d1 + d * (straight[1, j] + e1)
+            d4, d1 = d4 + d * extra[4, j], d1 + d * (straight[1, j] + e1)
             d2, d3 = d2 + d * (straight[2, j] + e2), d3 + d * (straight[3, j] + e3)
-        corner.implied[0, i] = linear * linear_0 + angular * angular_0 + d0
+        corner.implied[0, i] = corner.bent[i] + angular * corner.composed[0] + extra[4, i]
+        corner.implied[4, i] = linear * linear_4 + angular * angular_4 + d4
         corner.implied[1, i] = linear * linear_1 + angular * angular_1 + d1
         corner.implied[2, i] = linear * linear_2 + angular * angular_2 + d2
         corner.implied[3, i] = linear * linear_3 + angular * angular_3 + d3
@@ -198,13 +229,13 @@ def confirm(corner: JointCorner, most: Array) -> bool:
         Whether a guess could be confirmed.
     """
     fill_mixed_drift(corner, most)
-    for order in range(4):
+    for order in range(5):
         for i in range(6):
             corner.extra[order, i] = 0.0
     for guess in range(MOST_GUESSES):
         _imply(corner, most)
         confirmed, settling = True, True
-        for order in range(4):
+        for order in range(5):
             for i in range(6):
                 ratio = corner.implied[order, i] / corner.extra[order, i]
                 confirmed, settling = confirmed and ratio < 1.0, settling and ratio < HOPELESS
@@ -212,7 +243,7 @@ def confirm(corner: JointCorner, most: Array) -> bool:
             return True
         if guess > 7 and not settling:
             return False
-        for order in range(4):
+        for order in range(5):
             for i in range(6):
                 corner.extra[order, i] = 1.05 * corner.implied[order, i] + 1e-12
     return False
