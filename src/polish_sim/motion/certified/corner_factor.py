@@ -31,7 +31,7 @@ from polish_sim.motion.smoothing.limits import LimitValues
 Array = NDArray[np.float64]
 
 _ROUNDING = 1.0 + 1e-9
-_SMALLEST = 1e-3
+_SMALLEST, _SHRINK = 1e-3, 0.8
 
 
 class CornerFactor(NamedTuple):
@@ -129,14 +129,14 @@ def _joint_factor(
         fill_composed(joints, work.most, work.turn, work.roll, sine)
         if confirm(joints, work.most):
             break
-        scale *= 0.5
+        scale *= _SHRINK
         if scale < _SMALLEST:
             return CornerFactor(0.0, 1.0)
         for i in range(6):
-            share = 0.125
+            share = _SHRINK**3
             for order in range(4):
                 joints.straight[order, i] *= share
-                share *= 2.0
+                share /= _SHRINK
     slowdown = 1.0
     for order in range(3):
         for i in range(6):
