@@ -31,7 +31,7 @@ from polish_sim.motion.smoothing.limits import LimitValues
 Array = NDArray[np.float64]
 
 _ROUNDING = 1.0 + 1e-9
-_SMALLEST, _SHRINK = 1e-3, 0.8
+_SMALLEST, _SHRINK = 1e-3, 0.92
 
 
 class CornerFactor(NamedTuple):
