@@ -10,14 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.cell.sequence import feed_pace
 from polish_sim.config import Scenario
 from polish_sim.errors import unknown_name
+from polish_sim.motion.joint_motion import joint_motion
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.smoothing.arm import Arm
 from polish_sim.motion.smoothing.build import build_chain
+from polish_sim.motion.smoothing.chain import Chain
 from polish_sim.motion.smoothing.limits import SmoothingLimits, six
 from polish_sim.motion.smoothing.limits_file import load_limits
-from polish_sim.motion.timed_path import TimedPath
+from polish_sim.motion.smoothing.sampling import sample_schedule
+from polish_sim.motion.smoothing.schedule import Schedule
+from polish_sim.motion.timed_path import TimedPath, row_times, with_feed
 from polish_sim.motion.timed_schedule import marks_on, time_schedule
 
 Array = NDArray[np.float64]
@@ -51,6 +56,7 @@ class Stroke(NamedTuple):
 def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedPath | None:
     """Smooth a stroke with the scenario's rule.
 
+    Limits of the tool are planned for; where a row of the motion would break one of a joint, those are as well.
     The feed is that of the contact on the part: pressed in on a bend the tool point is faster or slower.
 
     Args:
@@ -72,10 +78,26 @@ def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedP
     if not len(chain.lengths):
         return None
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
-    feeds = feeds_of(stroke, marks) * chain.lengths / np.maximum(np.diff(marks), 1e-9)
+    top = float(stroke.feed.max())
+    feeds = top * chain.lengths / np.maximum(np.diff(marks), 1e-9)
     limits = cell_limits(scenario, float(feeds.max()))
-    smoothed, schedule = RULES[asked.rule](chain, limits, asked.tolerance_m, asked.axis_tolerance_rad, arm, feeds)
-    return time_schedule(smoothed, schedule, marks_on(smoothed, stroke.tips, stroke.rotations, stroke.s))
+    plan = RULES[asked.rule]
+    smoothed, schedule = plan(chain, limits, asked.tolerance_m, asked.axis_tolerance_rad, None, feeds)
+    if arm is not None and not joints_keep(limits, smoothed, schedule, arm):
+        smoothed, schedule = plan(chain, limits, asked.tolerance_m, asked.axis_tolerance_rad, arm, feeds)
+    motion = time_schedule(smoothed, schedule, marks_on(smoothed, stroke.tips, stroke.rotations, stroke.s))
+    feed = np.interp(motion.places, stroke.s, stroke.feed)
+    return with_feed(motion, feed, feed_pace(top).acceleration / top) if feed.min() < top else motion
+
+
+def joints_keep(limits: SmoothingLimits, chain: Chain, schedule: Schedule, arm: Arm) -> bool:
+    """Whether all joints are within their limits at every row of a motion; between rows nothing is looked at."""
+    tool = sample_schedule(chain, schedule, row_times(schedule.end))
+    linear, angular = tool.tips[:, 1:].swapaxes(0, 1), tool.spins.swapaxes(0, 1)
+    joints = joint_motion(tool.tips[:, 0], tool.rotations, linear, angular, arm)
+    rates = ((joints.first, limits.joint_speed), (joints.second, limits.joint_acceleration))
+    kept = all(bool(np.all(np.abs(rate) <= np.array(limit))) for rate, limit in rates)
+    return kept and bool(np.all(np.abs(joints.third) <= np.array(limits.joint_jerk)))
 
 
 def cell_limits(scenario: Scenario, feed: float) -> SmoothingLimits:
@@ -83,9 +105,3 @@ def cell_limits(scenario: Scenario, feed: float) -> SmoothingLimits:
     file = scenario.smoothing.limits_file
     limits = load_limits(Path(file), CELL_LIMITS) if file else CELL_LIMITS
     return replace(limits, tip_speed=feed if feed > 0.0 else math.inf)
-
-
-def feeds_of(stroke: Stroke, marks: Array) -> Array:
-    """Feed on the part of each segment [m/s], the lower one of its ends', shape (segments,)."""
-    at_marks = np.interp(marks, stroke.s, stroke.feed)
-    return np.minimum(at_marks[1:], at_marks[:-1])
