@@ -79,15 +79,15 @@ def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedP
         return None
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
     top = float(stroke.feed.max())
-    feeds = top * chain.lengths / np.maximum(np.diff(marks), 1e-9)
-    limits = cell_limits(scenario, float(feeds.max()))
+    # At one speed short chords may be joined; the motion's clock then keeps the contact at the feed.
+    limits = cell_limits(scenario, top * float(np.percentile(chain.lengths / np.maximum(np.diff(marks), 1e-9), 99)))
     plan = RULES[asked.rule]
-    smoothed, schedule = plan(chain, limits, asked.tolerance_m, asked.axis_tolerance_rad, None, feeds)
+    smoothed, schedule = plan(chain, limits, asked.tolerance_m, asked.axis_tolerance_rad, None, None)
     if arm is not None and not joints_keep(limits, smoothed, schedule, arm):
-        smoothed, schedule = plan(chain, limits, asked.tolerance_m, asked.axis_tolerance_rad, arm, feeds)
+        smoothed, schedule = plan(chain, limits, asked.tolerance_m, asked.axis_tolerance_rad, arm, None)
     motion = time_schedule(smoothed, schedule, marks_on(smoothed, stroke.tips, stroke.rotations, stroke.s))
     feed = np.interp(motion.places, stroke.s, stroke.feed)
-    return with_feed(motion, feed, feed_pace(top).acceleration / top) if feed.min() < top else motion
+    return with_feed(motion, feed, feed_pace(top).acceleration / top)
 
 
 def joints_keep(limits: SmoothingLimits, chain: Chain, schedule: Schedule, arm: Arm) -> bool:
