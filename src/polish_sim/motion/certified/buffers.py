@@ -22,7 +22,7 @@ CAPACITY = 448
 """Segments the buffers hold."""
 MOST_STRUNG = 12
 """Most segments a line has."""
-FULL_LEVELS, LEVELS = 5, 10
+FULL_LEVELS, LEVELS = 4, 8
 """States a corner may be passed in: first exact stop to full kernel, then plain kernels up to their largest."""
 SIZE, SPEED, ACCELERATION, DURATION = 0, 1, 2, 3
 """What a state says of a corner: how much of either segment it takes [m], speed and acceleration there, its time."""

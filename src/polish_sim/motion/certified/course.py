@@ -126,20 +126,24 @@ def _add_plain(
 
 
 @njit(cache=True, error_model="numpy")
-def fill_bend(segments: Segments, k: int, course: Course, robot: Robot) -> None:
-    """Plan the bend before segment ``k`` as if it lay within a line."""
+def fill_bend(segments: Segments, k: int, course: Course) -> None:
+    """Plan the bend before segment ``k`` as if it lay within a line, as tip and axis allow."""
     limits = corner_limits(
         segments, k, course.limits, course.tolerances, segment_line(segments, k - 1), segment_line(segments, k)
     )
     bend = plan_bend(corner_weights(segments, k), limits, min(segments.spans[k - 1], segments.spans[k]))
-    speed = min(bend.speed, limits.segment_speed)
-    if speed > 0.0:
-        fill_plain(0.5 * bend.length, speed, robot.durations, robot.remaining, robot.gone)
-        factor = _joint_factor(
-            segments, k, course.bend_limits, course.arm, robot, robot.durations, robot.remaining, robot.gone
-        )
-        speed = speed / factor.slowdown if factor.size == 1.0 else 0.0
-    segments.bends[k, 0], segments.bends[k, 1] = bend.length, speed
+    segments.bends[k, 0], segments.bends[k, 1] = bend.length, min(bend.speed, limits.segment_speed)
+
+
+@njit(cache=True, error_model="numpy")
+def slow_bend(segments: Segments, k: int, course: Course, robot: Robot) -> None:
+    """Slow the bend before segment ``k`` down for the joints."""
+    length, speed = segments.bends[k, 0], segments.bends[k, 1]
+    fill_plain(0.5 * length, speed, robot.durations, robot.remaining, robot.gone)
+    factor = _joint_factor(
+        segments, k, course.bend_limits, course.arm, robot, robot.durations, robot.remaining, robot.gone
+    )
+    segments.bends[k, 1] = speed / factor.slowdown if factor.size == 1.0 else 0.0
 
 
 @njit(cache=True, error_model="numpy")

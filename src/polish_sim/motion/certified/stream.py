@@ -23,7 +23,7 @@ from polish_sim.motion.certified.buffers import (
     new_segments,
 )
 from polish_sim.motion.certified.connector import LineLimits
-from polish_sim.motion.certified.course import Course, bends_hold, fill_bend, fill_corner
+from polish_sim.motion.certified.course import Course, bends_hold, fill_bend, fill_corner, slow_bend
 from polish_sim.motion.certified.emit import (
     KERNEL_ROWS,
     SEGMENT_ROWS,
@@ -223,7 +223,10 @@ def _string(stream: Stream, course: Course) -> bool:
         open_line(segments, lines, line, k)
         counters[OPEN] = 1
         return True
-    fill_bend(segments, k, course, stream.robot)
+    fill_bend(segments, k, course)
+    if not may_string(segments, lines, line, k):
+        return False
+    slow_bend(segments, k, course, stream.robot)
     if not may_string(segments, lines, line, k):
         return False
     string_segment(segments, lines, line, k)

@@ -37,7 +37,7 @@ def braking_way(limits: LineLimits) -> float:
 def may_string(segments: Segments, lines: Lines, line: int, k: int) -> bool:
     """Whether segment ``k`` goes on the open line: a short one on either side, and a bend that holds nothing up."""
     first = lines.first[line]
-    if k - first >= MOST_STRUNG:
+    if k - first >= MOST_STRUNG or segments.bends[k, 1] <= 0.0:
         return False
     old, new, bend = segment_line(segments, k - 1), segment_line(segments, k), segments.bends[k, 1]
     full = min(old.speed, new.speed)
