@@ -140,6 +140,34 @@ def slow_down(corners: Corners, k: int, figures: CornerFigures, factor: float) -
 
 
 @njit(cache=True, error_model="numpy")
+def shrunk(figures: CornerFigures, scale: float) -> CornerFigures:
+    """Figures of a smaller kernel of the same kind, with the same jerk."""
+    return CornerFigures(
+        figures.size * scale**3, figures.speed * scale**2, figures.acceleration * scale, figures.duration * scale
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def shrink_to_room(lines: Lines, corners: Corners, k: int, figures: CornerFigures) -> CornerFigures:
+    """Make the kernel of corner ``k`` as small as both lines have room for.
+
+    Returns:
+        Its figures then.
+    """
+    scale = room_scale(lines, k, figures.size)
+    if scale == 1.0:
+        return figures
+    for p in range(PIECES):
+        corners.durations[k, p] *= scale
+        factor = scale**3
+        for c in range(4):
+            corners.remaining[k, p, c] *= factor
+            corners.gone[k, p, c] *= factor
+            factor /= scale
+    return shrunk(figures, scale)
+
+
+@njit(cache=True, error_model="numpy")
 def lay_out_states(lines: Lines, corners: Corners, k: int, figures: CornerFigures, share: float) -> bool:
     """Lay out the states of corner ``k``: its kernel at full size, smaller ones, an exact stop.
 
@@ -154,7 +182,7 @@ def lay_out_states(lines: Lines, corners: Corners, k: int, figures: CornerFigure
         Whether there is so much room that no smaller kernel is needed.
     """
     corners.chosen[k] = -1
-    largest = _largest_scale(lines, k, figures.size) * share ** (1.0 / 3.0)
+    largest = room_scale(lines, k, figures.size) * share ** (1.0 / 3.0)
     roomy = largest == 1.0 and _is_roomy(lines, k - 1, figures) and _is_roomy(lines, k, figures)
     levels = 2 if roomy else FULL_LEVELS
     corners.levels[k] = levels
@@ -168,7 +196,7 @@ def lay_out_states(lines: Lines, corners: Corners, k: int, figures: CornerFigure
 @njit(cache=True, error_model="numpy")
 def lay_out_plain(lines: Lines, corners: Corners, k: int, figures: CornerFigures, share: float) -> None:
     """Add the states of the plain kernel of corner ``k``; their scales are negative."""
-    largest = _largest_scale(lines, k, figures.size) * share ** (1.0 / 3.0)
+    largest = room_scale(lines, k, figures.size) * share ** (1.0 / 3.0)
     count = LEVELS - FULL_LEVELS
     for i in range(count):
         scale = largest * (i + 1) / count
@@ -186,7 +214,7 @@ def _fill_state(state: Array, figures: CornerFigures, scale: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _largest_scale(lines: Lines, k: int, size: float) -> float:
+def room_scale(lines: Lines, k: int, size: float) -> float:
     """Largest scale whose size both lines have room for."""
     room = min(lines.rooms[k - 1, 1], lines.rooms[k, 0])
     return 1.0 if size <= room else (room / size) ** (1.0 / 3.0)

@@ -33,6 +33,9 @@ from polish_sim.motion.certified.corners import (
     lay_out_plain,
     lay_out_states,
     lines_slowing,
+    room_scale,
+    shrink_to_room,
+    shrunk,
     slow_down,
 )
 from polish_sim.motion.certified.emit import Pen, bend_of
@@ -96,6 +99,7 @@ def fill_corner(segments: Segments, lines: Lines, corners: Corners, k: int, cour
     )
     durations, remaining, gone = corners.durations[k], corners.remaining[k], corners.gone[k]
     figures = corner_kernel(corner_weights(segments, segment), limits, course.shapes, durations, remaining, gone)
+    figures = shrink_to_room(lines, corners, k, figures)
     share = 1.0
     if figures.duration > 0.0:
         factor = _joint_factor(segments, segment, course.limits, course.arm, robot, durations, remaining, gone)
@@ -113,6 +117,7 @@ def _add_plain(
     """Add the states of a plain kernel to a corner without much room."""
     segment = lines.first[k]
     figures, share = plain_kernel(corner_weights(segments, segment), limits), 1.0
+    figures = shrunk(figures, room_scale(lines, k, figures.size))
     if figures.duration > 0.0:
         fill_plain(figures.size, figures.speed, robot.durations, robot.remaining, robot.gone)
         factor = _joint_factor(
