@@ -51,6 +51,8 @@ from polish_sim.motion.smoothing.limits import LimitValues
 Array = NDArray[np.float64]
 
 _SLACK = 1.0 + 1e-9
+_REFITTED = 0.7
+"""Kernels the joints leave less of are made anew."""
 
 
 class Course(NamedTuple):
@@ -98,16 +100,39 @@ def fill_corner(segments: Segments, lines: Lines, corners: Corners, k: int, cour
         segments, segment, course.limits, course.tolerances, line_limits(lines, k - 1), line_limits(lines, k)
     )
     durations, remaining, gone = corners.durations[k], corners.remaining[k], corners.gone[k]
-    figures = corner_kernel(corner_weights(segments, segment), limits, course.shapes, durations, remaining, gone)
-    figures = shrink_to_room(lines, corners, k, figures)
-    share = 1.0
-    if figures.duration > 0.0:
-        factor = _joint_factor(segments, segment, course.limits, course.arm, robot, durations, remaining, gone)
-        share = factor.size
-        figures = slow_down(corners, k, figures, factor.slowdown)
+    figures, share = CornerFigures(0.0, 0.0, 0.0, 0.0), 1.0
+    for _ in range(2):
+        figures = corner_kernel(corner_weights(segments, segment), limits, course.shapes, durations, remaining, gone)
+        figures, share = shrink_to_room(lines, corners, k, figures), 1.0
+        if figures.duration > 0.0:
+            factor = _joint_factor(segments, segment, course.limits, course.arm, robot, durations, remaining, gone)
+            share = factor.size
+            figures = slow_down(corners, k, figures, factor.slowdown)
+        if not 0.0 < share < _REFITTED:
+            break
+        # A kernel made for a smaller tolerance loses less time than a large one scaled down.
+        limits = _with_less_tolerance(limits, share**1.3)
     figures = slow_down(corners, k, figures, lines_slowing(lines, k, figures))
     if not lay_out_states(lines, corners, k, figures, share):
         _add_plain(segments, lines, corners, k, course, robot, limits)
+
+
+@njit(cache=True, error_model="numpy")
+def _with_less_tolerance(limits: CornerLimits, share: float) -> CornerLimits:
+    """The same limits with a share of both tolerances."""
+    return CornerLimits(
+        limits.speed,
+        limits.acceleration,
+        limits.jerk,
+        limits.tip_tolerance * share,
+        limits.axis_speed,
+        limits.axis_acceleration,
+        limits.axis_jerk,
+        limits.axis_tolerance * share,
+        limits.segment_speed,
+        limits.segment_acceleration,
+        limits.segment_jerk,
+    )
 
 
 @njit(cache=True, error_model="numpy")
