@@ -18,7 +18,7 @@ from benchmarks.random_paths import KINDS, draw_path  # noqa: E402 - the cache c
 from benchmarks.table import Row, print_rows  # noqa: E402
 from polish_sim.motion.certified.segment_limits import SegmentWork, new_segment_work, segment_limits  # noqa: E402
 from polish_sim.motion.segment_rates import REACHED, Segment, chain_rates, chain_segment  # noqa: E402
-from polish_sim.motion.smoothing.arm import Arm, chain_in_base  # noqa: E402
+from polish_sim.motion.smoothing.arm import Arm, arm_or_none, chain_in_base  # noqa: E402
 from polish_sim.motion.smoothing.chain import Chain  # noqa: E402
 from polish_sim.motion.smoothing.limits import LimitValues, SmoothingLimits, six  # noqa: E402
 
@@ -64,7 +64,7 @@ def prove(chain: Chain, k: int, arm: Arm, limits: SmoothingLimits) -> Proven | N
     began = time.process_time()
     _repeat(*arguments, REPEATS)
     seconds = (time.process_time() - began) / REPEATS
-    segment_limits(segment, scale, limits.values(), None, arm.q_start.copy(), tool, work)
+    segment_limits(segment, scale, limits.values(), arm_or_none(None), arm.q_start.copy(), tool, work)
     one = Chain(*(column[k : k + (2 if name in {"tips", "axes", "rotations"} else 1)]
                   for name, column in zip(Chain._fields, chain, strict=True)))  # fmt: skip
     return Proven(scale, seconds, _used(one, arm, scale, motion, limits), bool((motion < 0.999 * tool).any()))

@@ -13,7 +13,7 @@ from polish_sim.motion import forward
 from polish_sim.motion.certified.corner_factor import CornerFactor, corner_factor, new_corner_work
 from polish_sim.motion.joint_motion import joint_motion
 from polish_sim.motion.segment_rates import chain_segment
-from polish_sim.motion.smoothing.arm import Arm, build_arm, chain_in_base
+from polish_sim.motion.smoothing.arm import Arm, arm_or_none, build_arm, chain_in_base
 from polish_sim.motion.smoothing.build import build_chain
 from polish_sim.motion.smoothing.chain import Chain
 from polish_sim.motion.smoothing.limits import SmoothingLimits
@@ -89,7 +89,7 @@ def random_corner(rng: np.random.Generator, q5: float | None = None) -> Corner:
 def factor_of(corner: Corner, kernel: Kernel, limits: SmoothingLimits, arm: Arm | None) -> CornerFactor:
     chain = corner.chain
     return corner_factor(
-        chain_segment(chain, 0), chain_segment(chain, 1), corner.spans, *kernel, limits.values(), arm,
+        chain_segment(chain, 0), chain_segment(chain, 1), corner.spans, *kernel, limits.values(), arm_or_none(arm),
         corner.arm.q_start, new_corner_work(PIECES),
     )  # fmt: skip
 

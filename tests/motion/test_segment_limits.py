@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.motion import forward, link_frames
 from polish_sim.motion.certified.segment_limits import new_segment_work, segment_limits
 from polish_sim.motion.segment_rates import BEYOND, REACHED, SINGULAR, Segment, chain_rates, chain_segment
-from polish_sim.motion.smoothing.arm import Arm, build_arm, chain_in_base
+from polish_sim.motion.smoothing.arm import Arm, arm_or_none, build_arm, chain_in_base
 from polish_sim.motion.smoothing.chain import Chain
 from polish_sim.motion.smoothing.limits import SmoothingLimits
 
@@ -86,7 +86,7 @@ def test_without_joints_the_tool_alone_binds() -> None:
     chain, arm, scale = next(random_segments(1, 2))
     motion = np.zeros(3)
     segment = chain_segment(chain_in_base(chain, arm), 0)
-    segment_limits(segment, scale, TIGHT.values(), None, arm.q_start.copy(), motion, new_segment_work())
+    segment_limits(segment, scale, TIGHT.values(), arm_or_none(None), arm.q_start.copy(), motion, new_segment_work())
     tip, axis = chain.lengths[0] / scale, chain.angles[0] / scale
     assert motion[0] == pytest.approx(min(0.05 / tip, TIGHT.axis_speed / axis), rel=1e-8)
     assert motion[2] == pytest.approx(min(10.0 / tip, TIGHT.axis_jerk / axis), rel=1e-8)

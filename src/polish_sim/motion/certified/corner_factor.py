@@ -25,7 +25,7 @@ from polish_sim.motion.certified.corner_joints import (
     new_joint_corner,
 )
 from polish_sim.motion.segment_rates import REACHED, Segment, reach_pose, tool_pose
-from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.arm import Arm, is_there
 from polish_sim.motion.smoothing.limits import LimitValues
 
 Array = NDArray[np.float64]
@@ -154,7 +154,7 @@ def corner_factor(
     remaining: Array,
     gone: Array,
     limits: LimitValues,
-    arm: Arm | None,
+    arm: Arm,
     q: Array,
     work: CornerWork,
 ) -> CornerFactor:
@@ -168,7 +168,7 @@ def corner_factor(
         remaining: Cubics of what is left of the old segment [m], shape (pieces, 4).
         gone: Cubics of what is gone of the new one [m], shape (pieces, 4).
         limits: Of axis and joints; the tip's are not looked at.
-        arm: Tool and robot; None: the axis alone.
+        arm: Tool and robot; `arm_or_none`: the axis alone.
         q: Joint angles at the corner, or near on the same branch [rad], shape (6,).
         work: Work space.
 
@@ -179,7 +179,7 @@ def corner_factor(
     work.turn[0], work.turn[1] = old.angle / spans[0], new.angle / spans[1]
     work.roll[0], work.roll[1] = old.roll / spans[0], new.roll / spans[1]
     slowdown = axis_slowdown(old, new, limits, work)
-    if arm is None:
+    if not is_there(arm):
         return CornerFactor(1.0, slowdown)
     factor = _joint_factor(old, new, spans, limits, arm, q, work)
     return CornerFactor(factor.size, max(slowdown, factor.slowdown))

@@ -64,10 +64,10 @@ class Course(NamedTuple):
     tolerances: Tolerances
     shares: Shares
     shapes: CornerShapes
-    arm: Arm | None
+    arm: Arm
 
 
-def new_course(limits: LimitValues, tolerances: Tolerances, shares: Shares, arm: Arm | None) -> Course:
+def new_course(limits: LimitValues, tolerances: Tolerances, shares: Shares, arm: Arm) -> Course:
     """Put together what stays the same along a stream."""
     left = limits.joint * np.array([1.0, 1.0 - LINE_SHARE, 1.0 - LINE_SHARE])[:, None]
     return Course(limits, limits._replace(joint=left), tolerances, shares, corner_shapes(), arm)
@@ -78,7 +78,7 @@ def _joint_factor(
     segments: Segments,
     k: int,
     limits: LimitValues,
-    arm: Arm | None,
+    arm: Arm,
     robot: Robot,
     durations: Array,
     remaining: Array,

@@ -14,7 +14,7 @@ from polish_sim.motion.certified.corner import PIECES
 from polish_sim.motion.certified.corner_factor import CornerWork, new_corner_work
 from polish_sim.motion.certified.segment_limits import SegmentWork, new_segment_work, segment_limits
 from polish_sim.motion.segment_rates import Segment
-from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.arm import Arm, is_there
 from polish_sim.motion.smoothing.limits import LimitValues
 
 Array = NDArray[np.float64]
@@ -44,11 +44,10 @@ class Robot(NamedTuple):
     """Shape (PIECES, 4)."""
 
 
-def new_robot(arm: Arm | None) -> Robot:
+def new_robot(arm: Arm) -> Robot:
     """A robot at the start of a path."""
     q = np.zeros((CAPACITY + 1, 6))
-    if arm is not None:
-        q[0] = arm.q_start
+    q[0] = arm.q_start
     return Robot(
         q,
         np.zeros((2, 3, 3)),
@@ -63,10 +62,10 @@ def new_robot(arm: Arm | None) -> Robot:
 
 
 @njit(cache=True, error_model="numpy")
-def base_segment(segments: Segments, k: int, arm: Arm | None, robot: Robot, slot: int) -> Segment:
+def base_segment(segments: Segments, k: int, arm: Arm, robot: Robot, slot: int) -> Segment:
     """Segment ``k`` as seen from the robot's base, kept in one of two slots."""
     chain = segments.chain
-    if arm is None:
+    if not is_there(arm):
         return Segment(
             chain.tips[k], chain.rotations[k], chain.lengths[k], chain.directions[k],
             chain.angles[k], chain.turn_axes[k], chain.rolls[k],
@@ -96,7 +95,7 @@ def axis_radius(limits: LimitValues) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def fill_limits(segments: Segments, k: int, feed: float, limits: LimitValues, arm: Arm | None, robot: Robot) -> int:
+def fill_limits(segments: Segments, k: int, feed: float, limits: LimitValues, arm: Arm, robot: Robot) -> int:
     """Write generalised length of a segment and the limits along it, and the joints at its end.
 
     Args:
@@ -104,7 +103,7 @@ def fill_limits(segments: Segments, k: int, feed: float, limits: LimitValues, ar
         k: The segment; its geometry is known.
         feed: Cap on the tip's speed [m/s].
         limits: Of tool and joints.
-        arm: None: tool only.
+        arm: Tool and robot, or `arm_or_none`.
         robot: Joints at the segment's start; filled with those at its end.
 
     Returns:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from polish_sim.motion.certified.joint_enclosure import Enclosure, enclose, new_enclosure
 from polish_sim.motion.kinematics import JOINT_LIMITS
 from polish_sim.motion.segment_rates import BEYOND, REACHED, SINGULAR, Segment, rates_at, within_range
-from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.arm import Arm, is_there
 from polish_sim.motion.smoothing.limits import LimitValues
 
 Array = NDArray[np.float64]
@@ -248,7 +248,7 @@ def segment_limits(
     segment: Segment,
     scale: float,
     limits: LimitValues,
-    arm: Arm | None,
+    arm: Arm,
     q_near: Array,
     motion: Array,
     work: SegmentWork,
@@ -259,7 +259,7 @@ def segment_limits(
         segment: In the base frame.
         scale: Its generalised length l [m], positive.
         limits: Of tool and joints.
-        arm: Tool and robot; None: tool limits only.
+        arm: Tool and robot; `arm_or_none`: tool limits only.
         q_near: As for `lower_to_joints`.
         motion: Written: V, A, J along l in its first three places.
         work: Work space.
@@ -268,6 +268,6 @@ def segment_limits(
         REACHED, UNREACHABLE, SINGULAR or BEYOND (a joint's range).
     """
     tool_limits(segment, scale, limits, motion)
-    if arm is None:
+    if not is_there(arm):
         return REACHED
     return lower_to_joints(segment, scale, limits, arm, q_near, motion, work)

@@ -23,7 +23,7 @@ from polish_sim.motion.certified.stream import (
     take_points,
 )
 from polish_sim.motion.segment_rates import REACHED, UNREACHABLE
-from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.arm import Arm, arm_or_none
 from polish_sim.motion.smoothing.limits import LimitValues, SmoothingLimits
 
 Array = NDArray[np.float64]
@@ -73,8 +73,8 @@ class Smoother:
             raise SmoothingError(f"tolerances are {tolerance:g} m and {axis_tolerance:g} rad: 0 or more is needed.")
         values = limits.values()
         shares = _shares(values, tolerance, axis_tolerance)
-        self._course = new_course(values, Tolerances(tolerance, axis_tolerance), shares, arm)
-        self._stream = new_stream(arm)
+        self._course = new_course(values, Tolerances(tolerance, axis_tolerance), shares, arm_or_none(arm))
+        self._stream = new_stream(arm_or_none(arm))
 
     @property
     def time(self) -> float:

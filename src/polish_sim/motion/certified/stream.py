@@ -92,7 +92,7 @@ class Stream(NamedTuple):
     robot: Robot
 
 
-def new_stream(arm: Arm | None) -> Stream:
+def new_stream(arm: Arm) -> Stream:
     """A stream before its first way point."""
     pen = new_pen(_ROOM * (SEGMENT_ROWS + KERNEL_ROWS))
     outbox = Outbox(np.zeros((_ROOM, 3)), np.zeros((_ROOM, 3, 3)), np.zeros(_ROOM, dtype=np.int64), pen)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.motion.smoothing.chain import Chain
@@ -30,6 +31,17 @@ def build_arm(T_base_work: Array, T_flange_tool: Array, q_start: Array) -> Arm:
     """Put an arm together; see `Arm` for the arguments."""
     T_work, T_tool = (np.ascontiguousarray(T, dtype=float) for T in (T_base_work, T_flange_tool))
     return Arm(T_work, T_tool, np.ascontiguousarray(inverse(T_tool)), np.array(q_start, dtype=float))
+
+
+def arm_or_none(arm: Arm | None) -> Arm:
+    """The arm, or one of the same type that stands for none: kernels are then compiled for both at once."""
+    return Arm(np.eye(4), np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(6)) if arm is None else arm
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def is_there(arm: Arm) -> bool:
+    """Whether there is an arm, see `arm_or_none`."""
+    return bool(arm.T_flange_tool[3, 3] != 0.0)
 
 
 def chain_in_base(chain: Chain, arm: Arm) -> Chain:
