@@ -31,7 +31,7 @@ def test_on_the_freeform_part_the_force_stays_within_four_newton(freeform: RunRe
 
 def test_the_tool_strays_less_than_three_tenths_of_a_millimetre_from_its_path(freeform: RunResult) -> None:
     assert freeform.figures["tracking_error_max_m"] < 0.3e-3
-    assert freeform.figures["speed_mean_m_s"] == pytest.approx(0.01, rel=0.04)  # ramps at both ends included
+    assert freeform.figures["speed_mean_m_s"] == pytest.approx(0.01, rel=0.03)
 
 
 def test_a_run_cut_short_says_how_much_it_did(freeform: RunResult) -> None:
@@ -108,11 +108,12 @@ def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(cap: C
         "force_rms_error_n",
         "force_max_deviation_n",
         "force_mean_n",
-        "tracking_error_max_m",
         "speed_mean_m_s",
     ):
         assert there.figures[name] == pytest.approx(here.figures[name], rel=1e-4), name
-    assert there.figures["path_done"] == here.figures["path_done"]
+    # At the stop the joints stick where rounding decides: 0.03 um of 31 were seen.
+    assert there.figures["tracking_error_max_m"] == pytest.approx(here.figures["tracking_error_max_m"], abs=1e-7)
+    assert there.figures["path_done"] == pytest.approx(here.figures["path_done"], rel=1e-9)
 
 
 def test_what_is_taken_off_is_logged_as_it_grows_and_mapped_over_the_region(freeform: RunResult) -> None:
