@@ -27,7 +27,7 @@ SIMULATED, MEASURED = "calibrate-payload", "calibrate-payload-data"
 def one_seed(scenario: Scenario, drift: bool, draft: Path) -> Outcome:
     """Calibrate one simulated robot and write its folder."""
     if not is_warm(use_kernel_cache()):
-        console.note("first start: the kernels are compiled once, which takes about a minute")
+        console.note("first start: the kernels are compiled once, which takes a minute or two")
     with console.progress() as observer:
         found = run_payload_calibration(scenario, drift, observer)
         observer.stage("draw")

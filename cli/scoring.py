@@ -80,7 +80,7 @@ def score_and_tell(wish: Wish, folder: Path, check: bool) -> int:
 
 def _run(wish: Wish, folder: Path) -> Score:
     if not is_warm(use_kernel_cache()):
-        console.note("first start: the kernels are compiled once, which takes about a minute")
+        console.note("first start: the kernels are compiled once, which takes two or three minutes")
     with console.progress() as observer:
         observer.stage(f"score {', '.join(e.label for e in wish.entries)}: {len(wish.cases)} cases")
         told = -1

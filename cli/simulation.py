@@ -36,7 +36,7 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
         How it ended.
     """
     if not is_warm(use_kernel_cache()):
-        console.note("first start: the kernels are compiled once, which takes about a minute")
+        console.note("first start: the kernels are compiled once, which takes two or three minutes")
     record, broken_off = None, False
     try:
         with ExitStack() as stack:
