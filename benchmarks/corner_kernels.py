@@ -78,7 +78,7 @@ def plot_kernels(shapes: CornerShapes) -> Figure:
     for column, degrees in enumerate(TURNS):
         turn = float(np.radians(degrees))
         kernel = kernel_of(shapes, turn)
-        axes[0, column].set_title(f"{degrees:g} deg, {kernel.lost * 1e3:.1f} ms lost (stop: 150)")
+        axes[0, column].set_title(f"{degrees:g} deg, {kernel.lost * 1e3:.1f} ms lost")
         _plot_path(axes[0, column], kernel, turn)
         _plot_distance(axes[1, column], kernel, turn)
         _plot_shares(axes[2, column], kernel, turn)
@@ -114,8 +114,8 @@ def _plot_shares(axes: Axes, kernel: Kernel, turn: float) -> None:
     """Norms of speed, acceleration and jerk as shares of their limits."""
     for order, name in enumerate(("speed", "acceleration", "jerk"), start=1):
         axes.plot(kernel.times * 1e3, np.hypot(*_along(kernel, turn, order)) / LINE[order - 1], label=name)
-    axes.set(xlabel="time [ms]", ylabel="share of the limit", ylim=(0, 1.05))
-    axes.legend()
+    axes.set(xlabel="time [ms]", ylabel="share of the limit", ylim=(0, 1.25))
+    axes.legend(loc="upper center", ncols=3, fontsize=8, handlelength=1.0, columnspacing=1.0, frameon=False)
 
 
 @njit

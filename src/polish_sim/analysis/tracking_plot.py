@@ -49,7 +49,7 @@ def plot_tracking(record: RunRecord) -> Figure:
         jerk.set(ylabel="jerk [rad/s³]")
     for axes in grid[-1]:
         axes.set(xlabel="time [s]")
-    grid[0, 0].legend(loc="upper right", ncols=3)
+    grid[0, 1].legend(*grid[0, 0].get_legend_handles_labels(), loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
     m = record.metrics
     facts = [f"{rule}: {_number(m.get(f'{_key(rule)}_cycle_time_s'), 1.0)} s" for rule in RULES]
     facts.append(f"certified at the jerk peaks: at most {_number(m.get('certified_reduction_largest'), 100.0)}% less")
