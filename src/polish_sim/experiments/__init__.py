@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from polish_sim.cell import Observer
-from polish_sim.config import PartConfig, Scenario, SpindleConfig
+from polish_sim.config import PartConfig, Scenario, SmoothingConfig, SpindleConfig
 from polish_sim.errors import unknown_name
 from polish_sim.experiments.arc import prepare_arc, run_arc
 from polish_sim.experiments.calibrate_payload import (
@@ -23,13 +23,18 @@ from polish_sim.experiments.smooth import run_smooth
 from polish_sim.experiments.smooth_task import path_of_task, prepare_smooth
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface, run_surface
 from polish_sim.experiments.time_law import time_law
+from polish_sim.motion.rules.trial import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.planning import PlanResult, ToolPath
 
 _DEFAULTS = {
     "arc": Scenario(experiment="arc", spindle=SpindleConfig(speed_rpm=0.0)),
     "force": Scenario(experiment="force", part=PartConfig(file="plate"), spindle=SpindleConfig(speed_rpm=0.0)),
     "surface": Scenario(experiment="surface"),
-    "smooth": Scenario(experiment="smooth", spindle=SpindleConfig(speed_rpm=0.0)),
+    "smooth": Scenario(
+        experiment="smooth",
+        spindle=SpindleConfig(speed_rpm=0.0),
+        smoothing=SmoothingConfig(tolerance_m=TOLERANCE, axis_tolerance_rad=AXIS_TOLERANCE),
+    ),
 }
 
 EXPERIMENTS: Mapping[str, str] = MappingProxyType(
