@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.motion.certified.smoother import Smoother, join_pieces
+from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.smoothing.arm import Arm
 from polish_sim.motion.smoothing.build import build_chain
 from polish_sim.motion.smoothing.chain import Chain
@@ -22,7 +23,7 @@ def plan(
     axis_tolerance: float,
     arm: Arm | None,
     feeds: Array | None = None,
-) -> tuple[Chain, Schedule]:
+) -> Smoothed:
     """Schedule a chain within all limits and tolerances, proven on intervals.
 
     Args:
@@ -42,4 +43,5 @@ def plan(
     merged = build_chain(
         np.concatenate([chain.tips[:1], pieces.tips]), np.concatenate([chain.rotations[:1], pieces.rotations])
     )
-    return merged, Schedule(pieces.segments, pieces.starts, pieces.durations, pieces.coefficients, smoother.time)
+    schedule = Schedule(pieces.segments, pieces.starts, pieces.durations, pieces.coefficients, smoother.time)
+    return Smoothed(merged, schedule)

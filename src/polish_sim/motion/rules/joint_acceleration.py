@@ -5,46 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.motion.rules.fastest import fastest_triples, filter_times, stop_triples
-from polish_sim.motion.rules.overlap import overlapped
+from polish_sim.motion.rules.fastest import fastest_triples, stop_triples
+from polish_sim.motion.rules.fir_rule import fir_rule
 from polish_sim.motion.rules.progress_limits import ProgressLimits
-from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.segment_rates import JointRates
-from polish_sim.motion.smoothing.arm import Arm
-from polish_sim.motion.smoothing.chain import Chain
 from polish_sim.motion.smoothing.limits import SmoothingLimits
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-def plan(
-    chain: Chain,
-    limits: SmoothingLimits,
-    tolerance: float,
-    axis_tolerance: float,
-    arm: Arm | None,
-    feeds: Array | None = None,
-) -> Smoothed:
-    """Plan by T1 >= |q'| / qd_max (eq. 18-20) and T2 >= |q'| sd / (qdd_max - |q''| sd^2) (eq. 25).
-
-    Args:
-        chain: The segments.
-        limits: Of tool and joints.
-        tolerance: Of the tip at its vertices [m].
-        axis_tolerance: Of the tool axis [rad].
-        arm: None leaves the joints out.
-        feeds: Speed limits of the tip per segment [m/s], shape (n,), or None.
-
-    Returns:
-        The chain and its schedule.
-
-    Raises:
-        ReachError: A place out of reach or singular.
-        SmoothingError: No speed keeps the joint limits.
-    """
-    triples = filter_times(chain, limits, arm, feeds, block_triples)
-    return Smoothed(chain, overlapped(chain, triples, tolerance, axis_tolerance))
 
 
 def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
@@ -72,3 +40,7 @@ def second_time(speed: Array, first: Array, second: Array, limits: SmoothingLimi
     with np.errstate(divide="ignore"):
         needed = np.where(left > 0.0, np.abs(first) * sd / left, np.inf)
     return needed.max(axis=(1, 2))
+
+
+plan = fir_rule(block_triples)
+"""T1 >= |q'| / qd_max (eq. 18-20) and T2 >= |q'| sd / (qdd_max - |q''| sd^2) (eq. 25); see `fir_rule`."""

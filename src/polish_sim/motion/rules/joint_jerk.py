@@ -5,14 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.motion.rules.fastest import fastest_triples, filter_times, stop_triples
+from polish_sim.motion.rules.fastest import fastest_triples, stop_triples
+from polish_sim.motion.rules.fir_rule import fir_rule
 from polish_sim.motion.rules.joint_acceleration import capped_speed
-from polish_sim.motion.rules.overlap import overlapped
 from polish_sim.motion.rules.progress_limits import NODES, ProgressLimits
-from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.segment_rates import JointRates
-from polish_sim.motion.smoothing.arm import Arm
-from polish_sim.motion.smoothing.chain import Chain
 from polish_sim.motion.smoothing.limits import SmoothingLimits
 
 Array = NDArray[np.float64]
@@ -20,39 +17,6 @@ Indices = NDArray[np.int64]
 
 _GAINING = np.where(NODES < 0.5, 1.0, -1.0)[:, None]
 """Sign of the acceleration of progress at the nodes: speed is gained in the first half, lost in the second."""
-
-
-def plan(
-    chain: Chain,
-    limits: SmoothingLimits,
-    tolerance: float,
-    axis_tolerance: float,
-    arm: Arm | None,
-    feeds: Array | None = None,
-) -> Smoothed:
-    """Plan by eq. 18-20 for T1, 24 for T2 and 30 for T3.
-
-    ``|q'| sd / |qdd_max -+ q'' sd^2|`` is taken with the sign the motion has (eq. 24, never more than eq. 25);
-    ``|q'| sdd / |qddd_max / 2 -+ (q''' sd^3 + 3 q'' sd sdd)|`` with both, as jerk has both in either half.
-    A denominator that is not positive asks for a lower speed.
-
-    Args:
-        chain: The segments.
-        limits: Of tool and joints.
-        tolerance: Of the tip at its vertices [m].
-        axis_tolerance: Of the tool axis [rad].
-        arm: None leaves the joints out.
-        feeds: Speed limits of the tip per segment [m/s], shape (n,), or None.
-
-    Returns:
-        The chain and its schedule.
-
-    Raises:
-        ReachError: A place out of reach or singular.
-        SmoothingError: No speed keeps the joint limits.
-    """
-    triples = filter_times(chain, limits, arm, feeds, block_triples)
-    return Smoothed(chain, overlapped(chain, triples, tolerance, axis_tolerance))
 
 
 def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
@@ -86,3 +50,12 @@ def third_time(speed: Array, acceleration: Array, rates: JointRates, limits: Smo
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = np.where(left > 0.0, np.abs(rates.first) * sdd / left, np.inf)
     return needed.max(axis=(1, 2))
+
+
+plan = fir_rule(block_triples)
+"""Eq. 18-20 for T1, 24 for T2 and 30 for T3; see `fir_rule`.
+
+``|q'| sd / |qdd_max -+ q'' sd^2|`` is taken with the sign the motion has (eq. 24, never more than eq. 25);
+``|q'| sdd / |qddd_max / 2 -+ (q''' sd^3 + 3 q'' sd sdd)|`` with both, as jerk has both in either half.
+A denominator that is not positive asks for a lower speed.
+"""

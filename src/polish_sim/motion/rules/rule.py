@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +24,33 @@ class Smoothed(NamedTuple):
     """When they are passed."""
 
 
-Rule = Callable[[Chain, SmoothingLimits, float, float, Arm | None, Array | None], tuple[Chain, Schedule]]
-"""(chain, limits, tolerance [m], axis tolerance [rad], arm or None for the tool alone, feeds or None) -> `Smoothed`.
+class Rule(Protocol):
+    """A smoothing rule."""
 
-Feeds are speed limits of the tip per segment [m/s], shape (n,), infinity where there is none.
-"""
+    def __call__(
+        self,
+        chain: Chain,
+        limits: SmoothingLimits,
+        tolerance: float,
+        axis_tolerance: float,
+        arm: Arm | None,
+        feeds: Array | None = None,
+    ) -> Smoothed:
+        """Plan the motion along a chain.
+
+        Args:
+            chain: The segments.
+            limits: Of tool and joints.
+            tolerance: Of the tip [m]; the rule says of which distance.
+            axis_tolerance: Of the tool axis [rad].
+            arm: None leaves the joints out.
+            feeds: Speed limits of the tip per segment [m/s], shape (n,), infinity where there is none; or None.
+
+        Returns:
+            The chain and its schedule.
+
+        Raises:
+            ReachError: A place out of reach or singular.
+            SmoothingError: No speed keeps the joint limits.
+        """
+        ...
