@@ -18,6 +18,7 @@ from numba import njit  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 from polish_sim.motion.certified.corner import (  # noqa: E402
+    FAR,
     PIECES,
     CornerFigures,
     CornerLimits,
@@ -57,7 +58,7 @@ def kernel_of(shapes: CornerShapes, turn: float) -> Kernel:
     durations, a, b = np.zeros(PIECES), np.zeros((PIECES, 4)), np.zeros((PIECES, 4))
     limits = limits_of()
     figures = corner_kernel(
-        CornerWeights(1.0, 1.0, float(np.cos(turn)), 0.0, 0.0, 1.0), limits, shapes, durations, a, b
+        CornerWeights(1.0, 1.0, float(np.cos(turn)), 0.0, 0.0, 1.0, FAR), limits, shapes, durations, a, b
     )
     t = durations[:, None] * np.linspace(0.0, 1.0, 40)
     times = (t + (np.cumsum(durations) - durations)[:, None]).ravel()
@@ -150,9 +151,9 @@ def main() -> None:
         print(
             f"{degrees:12d}{kernel.lost * 1e3:12.1f}{kernel.figures.size * _MM:12.2f}{kernel.figures.speed * _MM:15.1f}"
         )
-    print(f"  one corner, tip only: {microseconds(shapes, CornerWeights(1.0, 1.0, 0.3, 0.0, 0.0, 1.0)):.2f} us")
-    print(f"  tip and axis: {microseconds(shapes, CornerWeights(1.0, 1.0, 0.3, 3.4, 3.4, 0.3)):.2f} us")
-    print(f"  axis first: {microseconds(shapes, CornerWeights(0.04, 0.04, 0.012, 3.49, 3.49, 0.3)):.2f} us")
+    print(f"  one corner, tip only: {microseconds(shapes, CornerWeights(1.0, 1.0, 0.3, 0.0, 0.0, 1.0, FAR)):.2f} us")
+    print(f"  tip and axis: {microseconds(shapes, CornerWeights(1.0, 1.0, 0.3, 3.4, 3.4, 0.3, FAR)):.2f} us")
+    print(f"  axis first: {microseconds(shapes, CornerWeights(0.04, 0.04, 0.012, 3.49, 3.49, 0.3, FAR)):.2f} us")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ def round_corners(weights, limits, shapes, figures, durations, remaining, gone):
     for i in range(len(weights)):
         w, m = weights[i], limits[i]
         f = corner_kernel(
-            CornerWeights(w[0], w[1], w[2], w[3], w[4], w[5]),
+            CornerWeights(w[0], w[1], w[2], w[3], w[4], w[5], (w[6], w[7])),
             CornerLimits(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10]),
             shapes,
             durations[i],
@@ -57,7 +57,8 @@ def random_corners(rng, n):
     whole = np.maximum(scale, axis * SPEED / AXIS[0])
     scale, axis = scale / whole, axis / whole
     cosine = np.cos(np.pi * rng.random(n))
-    weights = np.column_stack([scale**2, scale[:, 0] * scale[:, 1] * np.cos(turn), axis, cosine])
+    spans = 10.0 ** rng.uniform(-5.0, 0.0, (n, 2))
+    weights = np.column_stack([scale**2, scale[:, 0] * scale[:, 1] * np.cos(turn), axis, cosine, spans])
     limits = usual_limits(n)
     limits[:, 3] *= 10.0 ** rng.uniform(-2, 1.5, n)
     limits[:, 7] *= 10.0 ** rng.uniform(-1, 1.5, n)
@@ -85,12 +86,12 @@ def planar(first, second, turn, a, b):
     return np.stack([-a * first + b * second * np.cos(turn), b * second * np.sin(turn)], axis=-1)
 
 
-def distance_to_rays(points, turn):
-    """Distance to the half line that comes along x to the origin, or the one that leaves at ``turn``."""
+def distance_to_sides(points, turn, ways):
+    """Distance to the segment that comes along x to the origin, or the one that leaves at ``turn``; both lengths."""
     leaving = np.stack([np.cos(turn), np.sin(turn)], axis=-1)[:, None, :]
     distances = []
-    for direction in (np.array([-1.0, 0.0]), leaving):
-        along = np.maximum((points * direction).sum(-1), 0.0)
+    for direction, way in zip((np.array([-1.0, 0.0]), leaving), ways.T, strict=True):
+        along = np.clip((points * direction).sum(-1), 0.0, way[:, None])
         distances.append(np.linalg.norm(points - along[..., None] * direction, axis=-1))
     return np.minimum(*distances)
 
@@ -109,8 +110,9 @@ def test_limits_and_tip_tolerance_hold_on_random_corners(rng):
             a, b = sampled(remaining, durations, order), sampled(gone, durations, order)
             norm = np.linalg.norm(planar(*sides, a, b), axis=-1).max(axis=1)
             assert (norm <= most[:, order - 1] * (1 + 1e-9)).all()
+    ways = np.column_stack([first, second]) * weights[:, 6:8]
     tip = planar(first, second, turn, sampled(remaining, durations, 0), sampled(gone, durations, 0))
-    assert (distance_to_rays(tip, turn).max(axis=1) <= limits[:, 3] * (1 + 1e-9)).all()
+    assert (distance_to_sides(tip, turn, ways).max(axis=1) <= limits[:, 3] * (1 + 1e-9)).all()
     assert (np.linalg.norm(tip, axis=-1).min(axis=1) <= 2.0 * limits[:, 3] * (1 + 1e-9)).all()
     size, speed, acceleration, _duration = figures.T
     assert (speed + 0.5 * acceleration**2 / limits[:, 10] <= limits[:, 8] * (1 + 1e-9)).all()
@@ -168,7 +170,7 @@ def test_axis_tolerance_holds_on_the_sphere(rng):
 
 def tip_corner(turn, tolerance=TOLERANCE):
     """Kernel of a corner without a turn of the axis, and the time it loses [s]."""
-    out = kernels([[1.0, 1.0, np.cos(turn), 0.0, 0.0, 1.0]], usual_limits(1, tolerance))
+    out = kernels([[1.0, 1.0, np.cos(turn), 0.0, 0.0, 1.0, 1.0, 1.0]], usual_limits(1, tolerance))
     return out, time_lost(CornerFigures(*out[0][0]), CornerLimits(*usual_limits(1, tolerance)[0]))
 
 

@@ -69,6 +69,8 @@ class Corners(NamedTuple):
     scales: Array
     """Scale of the kernel in each state: sizes grow as its cube, times as itself; negative for the plain kernel,
     shape (CAPACITY, LEVELS)."""
+    slowdowns: Array
+    """Factor on its times beyond that, shape (CAPACITY, LEVELS)."""
     states: Array
     """SIZE, SPEED, ACCELERATION and DURATION of each state, shape (CAPACITY, LEVELS, 4)."""
     levels: Indices
@@ -105,9 +107,9 @@ def new_corners() -> Corners:
     n = CAPACITY + 1
     corners = Corners(
         durations=np.zeros((n, PIECES)), remaining=np.zeros((n, PIECES, 4)), gone=np.zeros((n, PIECES, 4)),
-        scales=np.zeros((n, LEVELS)), states=np.zeros((n, LEVELS, 4)), levels=np.ones(n, dtype=np.int64),
-        costs=np.full((n, LEVELS), np.inf), origins=np.zeros((n, LEVELS), dtype=np.int64),
-        chosen=np.full(n, -1, dtype=np.int64),
+        scales=np.zeros((n, LEVELS)), slowdowns=np.ones((n, LEVELS)),
+        states=np.zeros((n, LEVELS, 4)), levels=np.ones(n, dtype=np.int64), costs=np.full((n, LEVELS), np.inf),
+        origins=np.zeros((n, LEVELS), dtype=np.int64), chosen=np.full(n, -1, dtype=np.int64),
     )  # fmt: skip
     corners.costs[0, 0] = 0.0
     corners.chosen[0] = 0

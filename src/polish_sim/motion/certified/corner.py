@@ -28,6 +28,7 @@ from polish_sim.motion.certified.corner_pieces import integrate_knots, scale_pie
 from polish_sim.motion.certified.corner_shapes import HALF, PIECES, CornerShapes, corner_shapes, read_shape
 
 __all__ = [
+    "FAR",
     "PIECES",
     "CornerFigures",
     "CornerLimits",
@@ -43,6 +44,8 @@ Array = NDArray[np.float64]
 VERTEX_SHARE = 2.0
 """How many tolerances a corner's vertex may be missed by; binds beyond turns of 120 deg, where staying close to the
 polyline alone would let the tip of a spike be cut off."""
+FAR = (1e30, 1e30)
+"""Generalised lengths of segments whose other ends do not matter [m]."""
 ROUNDING = 1.0 - 1e-12
 """Kept from limits and tolerances for rounding."""
 
@@ -62,6 +65,8 @@ class CornerWeights(NamedTuple):
     """theta2 / l2 [rad/m]."""
     axis_cosine: float
     """n1 . n2 at the corner."""
+    spans: tuple[float, float]
+    """Generalised lengths of both segments [m]: a short one has another end near."""
 
 
 class CornerLimits(NamedTuple):
@@ -137,29 +142,64 @@ def corner_kernel(
     Returns:
         Its figures; all but the speed are 0 if nothing turns, all of them if the tolerance is 0.
     """
-    first, second = math.sqrt(weights.tip_11), math.sqrt(weights.tip_22)
-    cosine = weights.tip_12 / max(first * second, 1e-300)
-    tip = _Side(
-        pair_of(first, second, cosine),
-        Peaks(limits.speed, limits.acceleration, limits.jerk),
-        limits.tip_tolerance * ROUNDING,
-        False,
-    )
-    axis = _Side(
-        pair_of(weights.axis_1, weights.axis_2, weights.axis_cosine),
-        Peaks(limits.axis_speed, limits.axis_acceleration, limits.axis_jerk),
-        limits.axis_tolerance * ROUNDING,
-        True,
-    )
+    tip, axis = _tip_side(weights, limits, FAR), _axis_side(weights, limits, FAR)
     top = min(limits.segment_speed, _top_speed(tip), _top_speed(axis))
     if _goes_straight(tip) and _goes_straight(axis):
         return _nothing(top, durations, remaining, gone)
     if limits.tip_tolerance <= 0.0 or limits.axis_tolerance <= 0.0:
         return _nothing(0.0, durations, remaining, gone)
     passing, figures = _pass_through(tip, axis, top, durations, remaining, gone)
-    if passing:
-        return figures
-    return _best_shape(tip, axis, limits, shapes, durations, remaining, gone)
+    if not passing:
+        figures = _best_shape(tip, axis, limits, shapes, durations, remaining, gone)
+    return _fit_ends(weights, limits, figures, durations, remaining, gone)
+
+
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
+def _tip_side(weights: CornerWeights, limits: CornerLimits, spans: tuple[float, float]) -> _Side:
+    """The tip, on segments of these generalised lengths."""
+    first, second = math.sqrt(weights.tip_11), math.sqrt(weights.tip_22)
+    cosine = weights.tip_12 / max(first * second, 1e-300)
+    return _Side(
+        pair_of(first, second, cosine, spans),
+        Peaks(limits.speed, limits.acceleration, limits.jerk),
+        limits.tip_tolerance * ROUNDING,
+        False,
+    )
+
+
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
+def _axis_side(weights: CornerWeights, limits: CornerLimits, spans: tuple[float, float]) -> _Side:
+    """The tool's axis."""
+    return _Side(
+        pair_of(weights.axis_1, weights.axis_2, weights.axis_cosine, spans),
+        Peaks(limits.axis_speed, limits.axis_acceleration, limits.axis_jerk),
+        limits.axis_tolerance * ROUNDING,
+        True,
+    )
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _fit_ends(
+    weights: CornerWeights,
+    limits: CornerLimits,
+    figures: CornerFigures,
+    durations: Array,
+    remaining: Array,
+    gone: Array,
+) -> CornerFigures:
+    """Shrink a kernel until it stays beside its two segments, which may be short, and not just beside their lines."""
+    spans = weights.spans
+    length = min(spans[0], spans[1]) / figures.size if figures.size > 0.0 else 1.0
+    if length < 1.0:
+        figures = _scaled(figures, length, length ** (1.0 / 3.0), durations, remaining, gone)
+    tip, axis = _tip_side(weights, limits, spans), _axis_side(weights, limits, spans)
+    off = max(
+        _share_used(tip, figures, durations, remaining, gone), _share_used(axis, figures, durations, remaining, gone)
+    )
+    if off > 1.0:
+        # What is past an end falls faster than the kernel.
+        figures = _scaled(figures, 1.0 / off, off ** (-1.0 / 3.0), durations, remaining, gone)
+    return figures
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
@@ -258,7 +298,7 @@ def _best_shape(
 def _right_angle(limits: CornerLimits) -> _Side:
     """A corner that stands in where tip and axis take turns: each only stops or sets off, nothing leaves its line."""
     most = Peaks(limits.segment_speed, limits.segment_acceleration, limits.segment_jerk)
-    return _Side(Pair(1.0, 1.0, 0.0, 1.0), most, most.acceleration**3 / most.jerk**2, False)
+    return _Side(Pair(1.0, 1.0, 0.0, 1.0, *FAR), most, most.acceleration**3 / most.jerk**2, False)
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)

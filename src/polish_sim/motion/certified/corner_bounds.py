@@ -29,6 +29,9 @@ class Pair(NamedTuple):
     """Of the turn between them."""
     sine: float
     """Of the turn, never less than it is."""
+    old_way: float
+    """Length of the whole old segment, in the pair's unit."""
+    new_way: float
 
 
 class Peaks(NamedTuple):
@@ -40,10 +43,21 @@ class Peaks(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
-def pair_of(first: float, second: float, cosine: float) -> Pair:
-    """Make a pair; the sine is rounded up so that nothing is taken for straight that is not."""
+def pair_of(first: float, second: float, cosine: float, spans: tuple[float, float]) -> Pair:
+    """Make a pair; the sine is rounded up so that nothing is taken for straight that is not.
+
+    Args:
+        first: Length of r1.
+        second: Length of r2.
+        cosine: Of the turn.
+        spans: Generalised lengths of both segments.
+
+    Returns:
+        The pair.
+    """
     cosine = min(max(cosine, -1.0), 1.0) if first > 0.0 and second > 0.0 else 0.0
-    return Pair(float(first), float(second), cosine, math.sqrt(1.0 - cosine * cosine + 1e-15))
+    sine = math.sqrt(1.0 - cosine * cosine + 1e-15)
+    return Pair(float(first), float(second), cosine, sine, first * spans[0], second * spans[1])
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
@@ -114,19 +128,17 @@ def _beside(pair: Pair, swap: bool, bend: float, near: Array, far: Array, dt: fl
         dt: Duration of the piece.
 
     Returns:
-        Bound on the distance: across, and beyond the vertex where the foot is not on the segment.
+        Bound on the distance: across, and past either end where the foot is not on the segment.
     """
     r1, r2 = (pair.second, pair.first) if swap else (pair.first, pair.second)
     across = _largest(far[0], far[1], far[2], far[3], dt) * r2 * pair.sine
     along = r2 * pair.cosine
-    beyond = _highest_control(
-        along * far[0] - r1 * near[0],
-        along * far[1] - r1 * near[1],
-        along * far[2] - r1 * near[2],
-        along * far[3] - r1 * near[3],
-        dt,
-    )
-    return math.hypot(across, max(beyond + bend, 0.0)) if beyond + bend > 0.0 else across
+    c0, c1 = along * far[0] - r1 * near[0], along * far[1] - r1 * near[1]
+    c2, c3 = along * far[2] - r1 * near[2], along * far[3] - r1 * near[3]
+    beyond = _highest_control(c0, c1, c2, c3, dt)
+    behind = _highest_control(-c0, -c1, -c2, -c3, dt) - (pair.new_way if swap else pair.old_way)
+    past = max(beyond, behind) + bend
+    return math.hypot(across, past) if past > 0.0 else across
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
@@ -144,7 +156,8 @@ def bound_deviation(pair: Pair, bend: float, durations: Array, remaining: Array,
         The bound, in the pair's unit.
     """
     deviation = 0.0
-    for p in range(PIECES if pair.first != pair.second else HALF):
+    symmetric = pair.first == pair.second and pair.old_way == pair.new_way
+    for p in range(HALF if symmetric else PIECES):
         old = _beside(pair, False, bend, remaining[p], gone[p], durations[p])
         if old > deviation:
             deviation = max(deviation, min(old, _beside(pair, True, bend, gone[p], remaining[p], durations[p])))

@@ -24,7 +24,7 @@ from polish_sim.motion.joint_rates import solve_second
 Array = NDArray[np.float64]
 
 
-MOST_GUESSES = 24
+MOST_GUESSES = 12
 HOPELESS = 1.25
 """A guess that implies so many times itself will not settle."""
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from polish_sim.motion.certified.buffers import (
     ACCELERATION,
     DURATION,
-    FULL_LEVELS,
-    LEVELS,
     SIZE,
     SPEED,
     Corners,
@@ -22,11 +20,11 @@ from polish_sim.motion.certified.buffers import (
 )
 from polish_sim.motion.certified.connector import Ends, LineLimits, least_distance
 from polish_sim.motion.certified.corner import (
-    PIECES,
     CornerFigures,
     CornerLimits,
     CornerWeights,
 )
+from polish_sim.motion.certified.corner_parts import Kernel
 from polish_sim.motion.certified.window import line_limits
 from polish_sim.motion.smoothing.limits import LimitValues
 
@@ -58,6 +56,7 @@ def corner_weights(segments: Segments, k: int) -> CornerWeights:
         chain.angles[old] / segments.spans[old],
         chain.angles[new] / segments.spans[new],
         cosine,
+        (segments.spans[old], segments.spans[new]),
     )
 
 
@@ -67,8 +66,8 @@ def corner_limits(
 ) -> CornerLimits:
     """What may be done at the corner before segment ``k``, and what merging has left of the tolerances.
 
-    Where the joints hold a segment back, tip and axis are held back as much at its corners: `corner_factor` then has
-    little left to slow down.
+    Where the joints hold a segment back, tip and axis are held back as much at its corners: there is then little left
+    to slow down.
     """
     first, second = _held_back(segments, k - 1, limits), _held_back(segments, k, limits)
     acceleration, jerk = min(first[0], second[0]), min(first[1], second[1])
@@ -115,102 +114,35 @@ def lines_slowing(lines: Lines, k: int, figures: CornerFigures) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def slow_down(corners: Corners, k: int, figures: CornerFigures, factor: float) -> CornerFigures:
-    """Stretch the kernel of corner ``k`` in time.
+def kernel_of(corners: Corners, k: int) -> Kernel:
+    """The full kernel of corner ``k``."""
+    return Kernel(corners.durations[k], corners.remaining[k], corners.gone[k])
 
-    Args:
-        corners: Changed at ``k``.
-        k: The corner.
-        figures: Of the kernel as it is.
-        factor: On its times, at least 1.
 
-    Returns:
-        The figures then.
-    """
-    for p in range(PIECES):
-        corners.durations[k, p] *= factor
-        rate = 1.0
-        for c in range(4):
-            corners.remaining[k, p, c] *= rate
-            corners.gone[k, p, c] *= rate
-            rate /= factor
+@njit(cache=True, error_model="numpy")
+def scaled_figures(figures: CornerFigures, scale: float, slowdown: float) -> CornerFigures:
+    """Figures of a smaller, slower kernel of the same kind, see `copy_scaled`."""
     return CornerFigures(
-        figures.size, figures.speed / factor, figures.acceleration / factor**2, figures.duration * factor
+        figures.size * scale**3,
+        figures.speed * scale**2 / slowdown,
+        figures.acceleration * scale / slowdown**2,
+        figures.duration * scale * slowdown,
     )
 
 
 @njit(cache=True, error_model="numpy")
-def shrunk(figures: CornerFigures, scale: float) -> CornerFigures:
-    """Figures of a smaller kernel of the same kind, with the same jerk."""
-    return CornerFigures(
-        figures.size * scale**3, figures.speed * scale**2, figures.acceleration * scale, figures.duration * scale
-    )
+def set_state(corners: Corners, k: int, i: int, figures: CornerFigures) -> None:
+    """Write one state of a corner."""
+    state = corners.states[k, i]
+    state[SIZE], state[SPEED] = figures.size, figures.speed
+    state[ACCELERATION], state[DURATION] = figures.acceleration, figures.duration
 
 
 @njit(cache=True, error_model="numpy")
-def shrink_to_room(lines: Lines, corners: Corners, k: int, figures: CornerFigures) -> CornerFigures:
-    """Make the kernel of corner ``k`` as small as both lines have room for.
-
-    Returns:
-        Its figures then.
-    """
-    scale = room_scale(lines, k, figures.size)
-    if scale == 1.0:
-        return figures
-    for p in range(PIECES):
-        corners.durations[k, p] *= scale
-        factor = scale**3
-        for c in range(4):
-            corners.remaining[k, p, c] *= factor
-            corners.gone[k, p, c] *= factor
-            factor /= scale
-    return shrunk(figures, scale)
-
-
-@njit(cache=True, error_model="numpy")
-def lay_out_states(lines: Lines, corners: Corners, k: int, figures: CornerFigures, share: float) -> bool:
-    """Lay out the states of corner ``k``: its kernel at full size, smaller ones, an exact stop.
-
-    Args:
-        lines: Those on both sides are known.
-        corners: Filled at ``k``.
-        k: The corner.
-        figures: Of its kernel.
-        share: Largest part of its size that the joints allow.
-
-    Returns:
-        Whether there is so much room that no smaller kernel is needed.
-    """
-    corners.chosen[k] = -1
-    largest = room_scale(lines, k, figures.size) * share ** (1.0 / 3.0)
-    roomy = largest == 1.0 and _is_roomy(lines, k - 1, figures) and _is_roomy(lines, k, figures)
-    levels = 2 if roomy else FULL_LEVELS
-    corners.levels[k] = levels
-    for i in range(levels):
-        scale = largest * i / (levels - 1)
-        corners.scales[k, i] = scale
-        _fill_state(corners.states[k, i], figures, scale)
-    return roomy
-
-
-@njit(cache=True, error_model="numpy")
-def lay_out_plain(lines: Lines, corners: Corners, k: int, figures: CornerFigures, share: float) -> None:
-    """Add the states of the plain kernel of corner ``k``; their scales are negative."""
-    largest = room_scale(lines, k, figures.size) * share ** (1.0 / 3.0)
-    count = LEVELS - FULL_LEVELS
-    for i in range(count):
-        scale = largest * (i + 1) / count
-        corners.scales[k, FULL_LEVELS + i] = -scale
-        _fill_state(corners.states[k, FULL_LEVELS + i], figures, scale)
-    corners.levels[k] = LEVELS
-
-
-@njit(cache=True, error_model="numpy")
-def _fill_state(state: Array, figures: CornerFigures, scale: float) -> None:
-    state[SIZE] = figures.size * scale**3
-    state[SPEED] = figures.speed * scale**2
-    state[ACCELERATION] = figures.acceleration * scale
-    state[DURATION] = figures.duration * scale
+def is_roomy(lines: Lines, k: int, figures: CornerFigures) -> bool:
+    """Whether both lines have so much room that no smaller kernel is needed."""
+    whole = room_scale(lines, k, figures.size) == 1.0
+    return whole and _is_roomy(lines, k - 1, figures) and _is_roomy(lines, k, figures)
 
 
 @njit(cache=True, error_model="numpy")

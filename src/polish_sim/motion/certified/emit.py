@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from polish_sim.motion.certified.buffers import DURATION, MOST_STRUNG, SIZE, SPEED, Corners, Lines, Segments
 from polish_sim.motion.certified.connector import CONNECTOR_PIECES, LineLimits, connect, fill_connector
 from polish_sim.motion.certified.corner import PIECES
+from polish_sim.motion.certified.corner_parts import Kernel, copy_scaled, new_kernel
+from polish_sim.motion.certified.corners import kernel_of
 from polish_sim.motion.certified.law import (
     Law,
     Motion,
@@ -51,14 +53,6 @@ class Rows(NamedTuple):
     """Progress as a cubic in time, shape (m, 4)."""
 
 
-class Kernel(NamedTuple):
-    """Pieces of one kernel, as in `Corners`."""
-
-    durations: Array
-    remaining: Array
-    gone: Array
-
-
 class Pen(NamedTuple):
     """What emission writes with."""
 
@@ -79,7 +73,7 @@ def new_pen(rows: int) -> Pen:
         new_law(),
         np.zeros((2, CONNECTOR_PIECES)),
         np.zeros((MOST_STRUNG + 1, 4)),
-        Kernel(np.zeros(PIECES), np.zeros((PIECES, 4)), np.zeros((PIECES, 4))),
+        new_kernel(PIECES),
     )
 
 
@@ -234,15 +228,13 @@ def _emit_gone(
 ) -> tuple[int, float]:
     """The kernel behind a line: what is gone of its first segment."""
     k, row, span, rows = place.line, place.row, segments.spans[segment], pen.rows
-    scale = lift_kernel(corners, k, pen.kernel)
+    lift_kernel(corners, k, pen.kernel)
     for p in range(PIECES):
-        duration = pen.kernel.durations[p] * scale
+        duration = pen.kernel.durations[p]
         if duration > 0.0:
             rows.segments[row], rows.starts[row], rows.durations[row] = place.number, time, duration
-            factor = scale**3 / span
             for c in range(4):
-                rows.coefficients[row, c] = pen.kernel.gone[p, c] * factor
-                factor /= scale
+                rows.coefficients[row, c] = pen.kernel.gone[p, c] / span
             row, time = row + 1, time + duration
     return row, time
 
@@ -251,33 +243,24 @@ def _emit_gone(
 def _emit_remaining(segments: Segments, corners: Corners, pen: Pen, place: Place, segment: int, time: float) -> int:
     """The kernel before a line's end: its last segment less what remains of it."""
     k, row, span, rows = place.line, place.row, segments.spans[segment], pen.rows
-    scale = lift_kernel(corners, k, pen.kernel)
+    lift_kernel(corners, k, pen.kernel)
     for p in range(PIECES):
-        duration = pen.kernel.durations[p] * scale
+        duration = pen.kernel.durations[p]
         if duration > 0.0:
             rows.segments[row], rows.starts[row], rows.durations[row] = place.number, time, duration
-            factor = scale**3 / span
             for c in range(4):
-                rows.coefficients[row, c] = -pen.kernel.remaining[p, c] * factor
-                factor /= scale
+                rows.coefficients[row, c] = -pen.kernel.remaining[p, c] / span
             rows.coefficients[row, 0] += 1.0
             row, time = row + 1, time + duration
     return row
 
 
 @njit(cache=True, error_model="numpy")
-def lift_kernel(corners: Corners, k: int, kernel: Kernel) -> float:
-    """Take out the kernel of corner ``k`` in its decided state.
-
-    Returns:
-        The scale that is still to be applied.
-    """
-    state, scale = corners.states[k, corners.chosen[k]], corners.scales[k, corners.chosen[k]]
-    if scale < 0.0:
+def lift_kernel(corners: Corners, k: int, kernel: Kernel) -> None:
+    """Write the kernel of corner ``k`` as it is passed in the decided state."""
+    chosen = corners.chosen[k]
+    if corners.scales[k, chosen] < 0.0:
+        state = corners.states[k, chosen]
         fill_plain(state[SIZE], state[SPEED], kernel.durations, kernel.remaining, kernel.gone)
-        return 1.0
-    for p in range(PIECES):
-        kernel.durations[p] = corners.durations[k, p]
-        for c in range(4):
-            kernel.remaining[p, c], kernel.gone[p, c] = corners.remaining[k, p, c], corners.gone[k, p, c]
-    return float(scale)
+    else:
+        copy_scaled(kernel_of(corners, k), corners.scales[k, chosen], corners.slowdowns[k, chosen], kernel)

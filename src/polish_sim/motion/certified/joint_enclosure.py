@@ -181,7 +181,7 @@ def imply_fourth(e: Enclosure, r: float, fourth_twist: float) -> None:
         r: Half width of the piece, in progress [-].
         fourth_twist: Bound of the angular part of x'''' (the linear one is zero) [rad].
     """
-    linear, angular, h = 0.0, fourth_twist, 0.5 * r * r
+    linear, angular, h = 0.0, fourth_twist, 2.0 * r * r
     # Norms of the first to fourth derivative of a vector fixed in the last link (r1..r4), and of sums of axes.
     r1, r2, r3, r4 = 0.0, 0.0, 0.0, 0.0
     a0, a1, a2, a3, a4 = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -190,7 +190,8 @@ def imply_fourth(e: Enclosure, r: float, fourth_twist: float) -> None:
     for k in range(6):
         q1, q2, q3, q4 = e.rates[0, k], e.rates[1, k], e.rates[2, k], e.rates[3, k]
         g += q4 + 3.0 * (r1 * q3 + r2 * q2) + r3 * q1
-        # r times 6 J2 q3 + 4 J3 q2 + J4 q1 (numbers: orders of derivatives), and r^2 / 2 times J2 q4.
+        # r times 6 J2 q3 + 4 J3 q2 + J4 q1 (numbers: orders of derivatives), and 4 r^2 / 2 times J2 q4: what the
+        # change of J1 adds to 3 J1 q4 and to J q4.
         q2, q3 = 4.0 * r * q2, 6.0 * r * q3 + h * q4
         q1 *= r
         a0, a1, a2, a3, a4 = a0 + q1, a1 + q1 * r1, a2 + q1 * r2, a3 + q1 * r3, a4 + q1 * r4

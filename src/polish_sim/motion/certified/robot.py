@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from polish_sim.motion.certified.buffers import CAPACITY, Segments
 from polish_sim.motion.certified.corner import PIECES
-from polish_sim.motion.certified.corner_factor import CornerWork, new_corner_work
+from polish_sim.motion.certified.corner_parts import Kernel, Sides, new_kernel
+from polish_sim.motion.certified.corner_proof import ProofWork, new_proof_work
 from polish_sim.motion.certified.segment_limits import SegmentWork, new_segment_work, segment_limits
 from polish_sim.motion.segment_rates import Segment
 from polish_sim.motion.smoothing.arm import Arm, is_there
@@ -33,15 +34,11 @@ class Robot(NamedTuple):
     frames: Array
     """Their start frames, shape (2, 3, 3)."""
     work: SegmentWork
-    corner: CornerWork
-    vertex: Array
-    """Joint angles at a corner [rad], shape (6,)."""
-    durations: Array
-    """A bend as a kernel, as in `Corners`, shape (PIECES,)."""
-    remaining: Array
-    """Shape (PIECES, 4)."""
-    gone: Array
-    """Shape (PIECES, 4)."""
+    proof: ProofWork
+    kernel: Kernel
+    """A kernel or a bend to be looked at."""
+    scaled: Kernel
+    """Its smaller copies."""
 
 
 def new_robot(arm: Arm) -> Robot:
@@ -53,11 +50,9 @@ def new_robot(arm: Arm) -> Robot:
         np.zeros((2, 3, 3)),
         np.zeros((2, 3, 3)),
         new_segment_work(),
-        new_corner_work(PIECES),
-        np.zeros(6),
-        np.zeros(PIECES),
-        np.zeros((PIECES, 4)),
-        np.zeros((PIECES, 4)),
+        new_proof_work(PIECES),
+        new_kernel(PIECES),
+        new_kernel(PIECES),
     )
 
 
@@ -84,6 +79,16 @@ def base_segment(segments: Segments, k: int, arm: Arm, robot: Robot, slot: int) 
                 + T[i, 2] * chain.rotations[k, 2, j]
             )
     return Segment(tip, frame, chain.lengths[k], direction, chain.angles[k], turn_axis, chain.rolls[k])
+
+
+@njit(cache=True, error_model="numpy")
+def base_sides(segments: Segments, k: int, arm: Arm, robot: Robot) -> Sides:
+    """The corner before segment ``k`` as seen from the robot's base."""
+    return Sides(
+        base_segment(segments, k - 1, arm, robot, 0),
+        base_segment(segments, k, arm, robot, 1),
+        (segments.spans[k - 1], segments.spans[k]),
+    )
 
 
 @njit(cache=True, error_model="numpy")

@@ -23,7 +23,8 @@ from polish_sim.motion.certified.buffers import (
     new_segments,
 )
 from polish_sim.motion.certified.connector import LineLimits
-from polish_sim.motion.certified.course import Course, bends_hold, fill_bend, fill_corner, slow_bend
+from polish_sim.motion.certified.corner_fit import fill_corner
+from polish_sim.motion.certified.course import Course, bends_hold, fill_bend, slow_bend
 from polish_sim.motion.certified.emit import (
     KERNEL_ROWS,
     SEGMENT_ROWS,
@@ -363,6 +364,7 @@ def _move_corner(corners: Corners, k: int, to: int) -> None:
     _move(corners.remaining, to, k)
     _move(corners.gone, to, k)
     _move(corners.scales, to, k)
+    _move(corners.slowdowns, to, k)
     _move(corners.states, to, k)
     _move(corners.levels, to, k)
     _move(corners.costs, to, k)

@@ -130,13 +130,19 @@ def sample_at(
         roll_2 += rates[2] * chain.rolls[k]
         roll_3 += rates[3] * chain.rolls[k]
         if chain.angles[k] != 0.0:
-            _turn_on(chain.turn_axes[k], chain.angles[k], rates, R, spin)
-    _follow_axis(R, spin, axis)
+            turn_on(chain.turn_axes[k], chain.angles[k], rates, R, spin)
+    roll_on((roll, roll_1, roll_2, roll_3), R, spin, axis)
+
+
+@njit(cache=True, error_model="numpy")
+def roll_on(roll: tuple[float, float, float, float], R: Array, spin: Array, axis: Array) -> None:
+    """Put a roll, given with three derivatives, on frame ``R`` and its angular velocity; write ``axis`` (4, 3)."""
+    follow_axis(R, spin, axis)
     for i in range(3):
-        spin[2, i] += roll_3 * axis[0, i] + 2.0 * roll_2 * axis[1, i] + roll_1 * axis[2, i]
-        spin[1, i] += roll_2 * axis[0, i] + roll_1 * axis[1, i]
-        spin[0, i] += roll_1 * axis[0, i]
-    cosine, sine = math.cos(roll), math.sin(roll)
+        spin[2, i] += roll[3] * axis[0, i] + 2.0 * roll[2] * axis[1, i] + roll[1] * axis[2, i]
+        spin[1, i] += roll[2] * axis[0, i] + roll[1] * axis[1, i]
+        spin[0, i] += roll[1] * axis[0, i]
+    cosine, sine = math.cos(roll[0]), math.sin(roll[0])
     for i in range(3):
         x, y = R[i, 0], R[i, 1]
         R[i, 0], R[i, 1] = cosine * x + sine * y, cosine * y - sine * x
@@ -201,7 +207,7 @@ def progress_at(schedule: Schedule, index: ScheduleIndex, k: int, time: float, r
 
 
 @njit(cache=True, error_model="numpy")
-def _turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> None:
+def turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> None:
     """Put one more turn about ``n`` on the left of frame ``R`` and of its angular velocity and derivatives."""
     phi, phi_1, phi_2, phi_3 = angle * rates[0], angle * rates[1], angle * rates[2], angle * rates[3]
     cosine, sine = math.cos(phi), math.sin(phi)
@@ -236,7 +242,7 @@ def _turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> Non
 
 
 @njit(cache=True, error_model="numpy")
-def _follow_axis(R: Array, spin: Array, axis: Array) -> None:
+def follow_axis(R: Array, spin: Array, axis: Array) -> None:
     """Axis and derivatives from the angular velocity w: o' = w x o and so on."""
     for i in range(3):
         axis[0, i] = R[i, 2]
