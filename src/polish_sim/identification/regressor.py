@@ -71,7 +71,7 @@ def regressor_derivatives(chain: ChainGeometry, q: Array, qd: Array, qdd: Array)
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def fill_regressors(  # type: ignore[no-untyped-def]
     chain: ChainGeometry, q, qd, qdd, motion, screws, Y
 ) -> None:
@@ -82,7 +82,7 @@ def fill_regressors(  # type: ignore[no-untyped-def]
         q: Real or complex, shape (m, n).
         qd: Shape (m, n).
         qdd: Shape (m, n).
-        motion: Room for w, dw, a and three more vectors, shape (6, 3).
+        motion: Room for w, dw, a and the turn from link to link, shape (6, 3).
         screws: Room for axes and arms of the joints below, shape (2, n, 3).
         Y: What is filled.
     """
@@ -90,7 +90,7 @@ def fill_regressors(  # type: ignore[no-untyped-def]
         _fill_one(chain, q[row], qd[row], qdd[row], motion, screws, Y[row])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def _fill_one(chain: ChainGeometry, q, qd, qdd, motion, screws, Y) -> None:  # type: ignore[no-untyped-def]
     w, dw, a = motion[0], motion[1], motion[2]
     for x in range(3):
@@ -103,7 +103,7 @@ def _fill_one(chain: ChainGeometry, q, qd, qdd, motion, screws, Y) -> None:  # t
             _fill_block(chain.kind[k], screws[0, k], screws[1, k], w, dw, a, Y[k], 10 * j)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def _step_outward(chain: ChainGeometry, j: int, q, qd, qdd, motion, screws) -> None:  # type: ignore[no-untyped-def]
     """Carry motion and the joints' screws from link j - 1 to link j."""
     w, dw, a = motion[0], motion[1], motion[2]
@@ -121,18 +121,21 @@ def _step_outward(chain: ChainGeometry, j: int, q, qd, qdd, motion, screws) -> N
     a[0] += dw[1] * pz - dw[2] * py + w[1] * uz - w[2] * uy
     a[1] += dw[2] * px - dw[0] * pz + w[2] * ux - w[0] * uz
     a[2] += dw[0] * py - dw[1] * px + w[0] * uy - w[1] * ux
-    # Turn back about the axis: v -> R^T v, first the fixed turn, then that of the joint.
+    # Turn back, v -> R^T v: a row of R is that of the fixed turn, turned back about the axis.
     c, s = (np.cos(q), np.sin(q)) if hinge else (1.0 + 0.0 * q, 0.0 * q)
-    _turn(fixed, zx, zy, zz, c, s, w)
-    _turn(fixed, zx, zy, zz, c, s, dw)
-    _turn(fixed, zx, zy, zz, c, s, a)
+    for x in range(3):
+        _turn_about(zx, zy, zz, c, s, fixed[x], motion[3 + x])
+    R = motion[3:6]
+    _turn(R, w)
+    _turn(R, dw)
+    _turn(R, a)
     for k in range(j):
         arm = screws[1, k]
         arm[0] += px
         arm[1] += py
         arm[2] += pz
-        _turn(fixed, zx, zy, zz, c, s, arm)
-        _turn(fixed, zx, zy, zz, c, s, screws[0, k])
+        _turn(R, arm)
+        _turn(R, screws[0, k])
     screws[0, j, 0], screws[0, j, 1], screws[0, j, 2] = zx + 0.0 * q, zy + 0.0 * q, zz + 0.0 * q
     screws[1, j, 0], screws[1, j, 1], screws[1, j, 2] = 0.0 * q, 0.0 * q, 0.0 * q
     # What the joint's own motion adds.
@@ -150,19 +153,26 @@ def _step_outward(chain: ChainGeometry, j: int, q, qd, qdd, motion, screws) -> N
         a[2] += 2.0 * gz * qd + zz * qdd
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _turn(fixed: Array, zx: float, zy: float, zz: float, c: Any, s: Any, v) -> None:  # type: ignore[no-untyped-def]
-    """v in the old axes becomes v in the new ones."""
-    x = fixed[0, 0] * v[0] + fixed[1, 0] * v[1] + fixed[2, 0] * v[2]
-    y = fixed[0, 1] * v[0] + fixed[1, 1] * v[1] + fixed[2, 1] * v[2]
-    z = fixed[0, 2] * v[0] + fixed[1, 2] * v[1] + fixed[2, 2] * v[2]
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
+def _turn_about(zx: float, zy: float, zz: float, c: Any, s: Any, v: Array, out) -> None:  # type: ignore[no-untyped-def]
+    """Turn v back about the axis by the angle whose cosine and sine are c and s."""
+    x, y, z = v[0], v[1], v[2]
     along = (1.0 - c) * (zx * x + zy * y + zz * z)
-    v[0] = c * x - s * (zy * z - zz * y) + zx * along
-    v[1] = c * y - s * (zz * x - zx * z) + zy * along
-    v[2] = c * z - s * (zx * y - zy * x) + zz * along
+    out[0] = c * x - s * (zy * z - zz * y) + zx * along
+    out[1] = c * y - s * (zz * x - zx * z) + zy * along
+    out[2] = c * z - s * (zx * y - zy * x) + zz * along
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
+def _turn(R, v) -> None:  # type: ignore[no-untyped-def]
+    """v in the old axes becomes v in the new ones, the columns of R in the old axes."""
+    x, y, z = v[0], v[1], v[2]
+    v[0] = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+    v[1] = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+    v[2] = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+
+
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 def _fill_block(kind: int, z, arm, w, dw, a, Y, first: int) -> None:  # type: ignore[no-untyped-def]
     """What joint (axis z, arm from its origin to the link's) feels of the ten parameters of a link."""
     if kind == HINGE:
