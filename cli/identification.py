@@ -9,18 +9,20 @@ import numpy as np
 from polish_sim.analysis.identify_plot import MotionData, TorqueData, plot_motion, plot_torques
 from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-from polish_sim.cell.identified_model import IdentifiedJoints, identified_xml
+from polish_sim.cell.identified_model import IdentifiedJoints, write_identified
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
-from polish_sim.experiments.identified_arm import build_arm
-from polish_sim.experiments.identify import Identification, identify_from_log, run_identification
+from polish_sim.experiments.identify import Identification, run_identification
+from polish_sim.experiments.identify_log import identify_from_log
+from polish_sim.experiments.logged_robot import LoggedRobot, cell_arm, robot_of_file
 from polish_sim.identification.base_parameters import base_names, base_of, identifiable
 from polish_sim.identification.log_file import read_robot_log
 from polish_sim.identification.parameter_table import parameter_rows, parameters_csv
 from polish_sim.identification.robot_log import periodic_states, spline_states
 from polish_sim.identification.settings import IdentifySettings
 
-SIMULATED, SHORT, STEPWISE, MEASURED = "identify", "identify-short", "identify-stepwise", "identify-data"
+SIMULATED, SHORT, STEPWISE = "identify", "identify-short", "identify-stepwise"
+MEASURED, MEASURED_STEPWISE = "identify-data", "identify-data-stepwise"
 FULL_PERIODS = 5
 
 
@@ -37,19 +39,28 @@ def simulated(settings: IdentifySettings, draft: Path) -> Outcome:
     return Outcome(experiment, title, {"this arm": found.figures})
 
 
-def from_log(file: Path, period: float | None, settings: IdentifySettings, draft: Path) -> Outcome:
-    """Identify a UR5e from its own log and write its folder."""
-    log = read_robot_log(file, periodic=period is not None)
+def from_log(robot: LoggedRobot, file: Path, period: float | None, method: str, draft: Path) -> Outcome:
+    """Identify a robot from its own log and write its folder."""
+    log = read_robot_log(file, robot.model.chain.geometry.kind.tolist(), periodic=period is not None)
     states = spline_states(log) if period is None else periodic_states(log, period)
-    found = identify_from_log(log, states, settings)
-    _write(draft, found)
+    found = identify_from_log(robot, log, states, method)
+    _write(draft, found, robot.file)
     _show_parameters(found)
-    return Outcome(MEASURED, f"identification from {file.name}", {"this arm": found.figures})
+    experiment = MEASURED if method == "joint" else MEASURED_STEPWISE
+    return Outcome(experiment, f"identification from {file.name}, {method}", {"this robot": found.figures})
 
 
-def identifiable_numbers(settings: IdentifySettings) -> None:
+def robot_for(model: Path | None, joints: str | None) -> LoggedRobot:
+    """The robot of ``--model`` and ``--joints``, or the cell's arm."""
+    if model is None:
+        return cell_arm()
+    names = None if joints is None else [name.strip() for name in joints.split(",")]
+    return robot_of_file(model, names)
+
+
+def identifiable_numbers(robot: LoggedRobot) -> None:
     """Print which parameters torques tell alone, which only in combination, which not at all."""
-    model = build_arm(settings.terms).truth
+    model = robot.model
     base = base_of(model)
     told = identifiable(base)
     rows = [[name, unit, said] for name, unit, said in zip(model.names, model.units, told, strict=True)]
@@ -58,12 +69,11 @@ def identifiable_numbers(settings: IdentifySettings) -> None:
     console.table(f"the {base.rank} base parameters", ["number", "combination"], combinations, left=2)
 
 
-def _write(folder: Path, found: Identification) -> None:
+def _write(folder: Path, found: Identification, source: Path | None = None) -> None:
     truth = None if found.truth is None else found.model.truth()
     rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
     (folder / "parameters.csv").write_text(parameters_csv(rows), encoding="utf-8")
-    xml = identified_xml(found.model.chain.joints, _joints(found))
-    (folder / "identified.xml").write_text(xml, encoding="utf-8")
+    write_identified(folder, found.model.chain.joints, _joints(found), source)
     write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
     plots = {"torques.png": plot_torques(_torques(found), "Torques of a motion that was not fitted", _facts(found))}
     if found.motion is not None:

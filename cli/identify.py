@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,9 +17,12 @@ IDENTIFICATION = "Identification"
 Method = Annotated[
     str | None,
     typer.Option(
-        "--method", metavar="NAME", help="joint (default) or stepwise.", rich_help_panel=IDENTIFICATION
+        "--method",
+        metavar="NAME",
+        help="joint (default), stepwise (poses at rest first) or stepwise-axes (axes 1 to 3 first).",
+        rich_help_panel=IDENTIFICATION,
     ),
-]  # fmt: skip
+]
 Objective = Annotated[
     str | None,
     typer.Option(
@@ -48,7 +51,7 @@ Data = Annotated[
     typer.Option(
         "--data",
         metavar="FILE.csv",
-        help="A UR5e's own log instead of a simulated one; columns: docs/identification.md.",
+        help="A robot's own log instead of a simulated one; columns: docs/identification.md.",
         rich_help_panel=IDENTIFICATION,
     ),
 ]
@@ -58,6 +61,24 @@ Period = Annotated[
         "--period",
         metavar="S",
         help="The motion of --data repeats after this time (s).",
+        rich_help_panel=IDENTIFICATION,
+    ),
+]
+Model = Annotated[
+    Path | None,
+    typer.Option(
+        "--model",
+        metavar="FILE.xml",
+        help="MJCF of the robot of --data; without it the cell's UR5e.",
+        rich_help_panel=IDENTIFICATION,
+    ),
+]
+Joints = Annotated[
+    str | None,
+    typer.Option(
+        "--joints",
+        metavar="NAMES",
+        help="Joints of --model that make the chain, with commas; default: all.",
         rich_help_panel=IDENTIFICATION,
     ),
 ]
@@ -76,6 +97,8 @@ def identify(
     starts: Starts = None,
     data: Data = None,
     period: Period = None,
+    model: Model = None,
+    joints: Joints = None,
     report: Report = False,
     seed: o.Seed = None,
     check: o.Check = False,
@@ -85,24 +108,41 @@ def identify(
     """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a model."""
     given = {"method": method, "objective": objective, "periods": periods, "starts": starts, "seed": seed}
     given = {name: value for name, value in given.items() if value is not None}
-    if data is not None and given:
-        names = ", ".join(f"--{name}" for name in given)
-        raise InputError(f"{names} would change nothing with --data: leave it out.")
-    if data is None and period is not None:
-        raise InputError("--period belongs to --data: a simulated motion repeats after 10 s.")
-    if period is not None and period <= 0.0:
-        raise InputError(f"--period {period:g}: the time after which a motion repeats is more than 0 s.")
+    _refuse_idle(given, data=data, period=period, model=model, joints=joints, report=report)
     prepare_headless()
     # Lazy: the simulator takes a second to load, --help must not wait for it.
-    from polish_sim.cli.identification import from_log, identifiable_numbers, simulated
+    from polish_sim.cli.identification import from_log, identifiable_numbers, robot_for, simulated
     from polish_sim.identification.settings import IdentifySettings
 
     settings = IdentifySettings(**given)  # type: ignore[arg-type]
     if report:
-        identifiable_numbers(settings)
+        identifiable_numbers(robot_for(model, joints))
         return 0
     with claimed(out, "identify", overwrite) as folder:
-        outcome = simulated(settings, folder.draft) if data is None else from_log(data, period, settings, folder.draft)
+        if data is None:
+            outcome = simulated(settings, folder.draft)
+        else:
+            outcome = from_log(robot_for(model, joints), data, period, settings.method, folder.draft)
     outcome.show()
     console.say(f"folder: {folder.final}")
     return outcome.exit_code(check)
+
+
+def _refuse_idle(
+    given: dict[str, Any], *, data: Path | None, period: float | None, model: Path | None, joints: str | None,
+    report: bool,
+) -> None:  # fmt: skip
+    """Refuse options that would change nothing, and a period that is none."""
+    idle = [f"--{name}" for name in given if name != "method"]
+    if data is not None and idle:
+        raise InputError(f"{', '.join(idle)} would change nothing with --data: leave it out.")
+    if data is None and period is not None:
+        raise InputError("--period belongs to --data: a simulated motion repeats after 10 s.")
+    if period is not None and period <= 0.0:
+        raise InputError(f"--period {period:g}: the time after which a motion repeats is more than 0 s.")
+    if period is not None and given.get("method", "joint") != "joint":
+        raise InputError(f"--method {given['method']} takes a log with a part before the motion: leave --period out.")
+    if model is not None and data is None and not report:
+        raise InputError("--model belongs to --data or --report: what is simulated is the cell's UR5e.")
+    if joints is not None and model is None:
+        raise InputError("--joints belongs to --model: the cell's UR5e has its six.")

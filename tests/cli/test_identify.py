@@ -12,8 +12,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from polish_sim.cell.serial_chain import read_chain
 from polish_sim.cli.identification import simulated
+from polish_sim.identification.excitation import random_motion
+from polish_sim.identification.motion_limits import MotionLimits
 from polish_sim.identification.settings import IdentifySettings
+from polish_sim.identification.torque_model import TorqueModel
+from tests.identification.chains import ODD
+from tests.identification.logs import played, write_log
 from tests.identification.motions import known_robot, noisy
 
 Tool = Callable[..., Any]
@@ -38,7 +44,7 @@ def test_a_log_becomes_a_model_with_a_table_and_figures(polish_sim: Tool, tmp_pa
     call = polish_sim("identify", "--data", _log(tmp_path / "log.csv"), "--period", 10, "--out", "found", "--check")
     assert call.code == 0, call.err
     assert {path.name for path in Path("found").iterdir()} == {
-        "identified.xml", "parameters.csv", "metrics.json", "torques.png",
+        "identified.xml", "meshes", "parameters.csv", "metrics.json", "torques.png",
     }  # fmt: skip
     metrics = json.loads(Path("found/metrics.json").read_text(encoding="utf-8"))
     assert metrics["base_parameters"] == 58
@@ -46,7 +52,10 @@ def test_a_log_becomes_a_model_with_a_table_and_figures(polish_sim: Tool, tmp_pa
     rows = list(csv.DictReader(Path("found/parameters.csv").read_text(encoding="utf-8").splitlines()))
     friction = {row["name"]: row for row in rows if row["identifiable"] == "alone"}
     assert float(friction["fc1"]["value"]) == pytest.approx(5.0, abs=5 * float(friction["fc1"]["std"]))
-    model = mujoco.MjModel.from_xml_path("found/identified.xml")
+    # The folder may be moved: what the model needs is inside.
+    Path("found").rename(tmp_path / "moved")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "moved" / "identified.xml"))
+    assert model.nmesh > 0
     assert model.dof_frictionloss[0] == pytest.approx(5.0, abs=0.3)
     mujoco.mj_step(model, mujoco.MjData(model))
 
@@ -54,7 +63,7 @@ def test_a_log_becomes_a_model_with_a_table_and_figures(polish_sim: Tool, tmp_pa
 def test_the_simulated_arm_leaves_its_files(tmp_path: Path) -> None:
     outcome = simulated(IdentifySettings(periods=1, iterations=5), tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {
-        "identified.xml", "parameters.csv", "metrics.json", "torques.png", "motion.png",
+        "identified.xml", "meshes", "parameters.csv", "metrics.json", "torques.png", "motion.png",
     }  # fmt: skip
     assert outcome.experiment == "identify-short"
     metrics = json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8"))
@@ -72,13 +81,17 @@ def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--method", "guess"], "unknown method 'guess'. Known: joint, stepwise."),
+        (["--method", "guess"], "unknown method 'guess'. Known: joint, stepwise, stepwise-axes."),
         (["--objective", "best"], "unknown objective 'best'"),
         (["--periods", "0"], "at least one whole period"),
         (["--period", "5"], "--period belongs to --data"),
         (["--data", "none.csv"], "cannot read the log 'none.csv'"),
         (["--data", "none.csv", "--seed", "3"], "--seed would change nothing with --data"),
         (["--data", "none.csv", "--period", "-1"], "more than 0 s"),
+        (["--data", "none.csv", "--method", "stepwise", "--period", "10"], "leave --period out"),
+        (["--model", "robot.xml"], "--model belongs to --data or --report"),
+        (["--joints", "a"], "--joints belongs to --model"),
+        (["--report", "--model", "none.xml"], "cannot read the robot model 'none.xml'"),
     ],
 )
 def test_bad_usage_is_one_message_and_writes_nothing(polish_sim: Tool, words: list[str], said: str) -> None:
@@ -86,6 +99,27 @@ def test_bad_usage_is_one_message_and_writes_nothing(polish_sim: Tool, words: li
     assert call.code == 2
     assert said in call.err
     assert not list(Path().iterdir())
+
+
+def test_another_robot_is_identified_from_its_log_and_written_back(polish_sim: Tool, tmp_path: Path) -> None:
+    (tmp_path / "odd.xml").write_text(ODD, encoding="utf-8")
+    model = TorqueModel(read_chain(mujoco.MjModel.from_xml_string(ODD)))
+    reach = np.array([[-2.0, 2.0], [-0.5, 0.5], [-2.0, 2.0], [-2.0, 2.0]])
+    limits = MotionLimits(reach, np.full(4, 2.0), np.full(4, 8.0), np.full(4, 100.0))
+    planted = model.truth()
+    planted[30:40] *= 1.2
+    planted[model.names.index("fc3")] = 2.0
+    states = played(random_motion(limits, np.random.default_rng(0)), 2)
+    log = write_log(tmp_path / "odd.csv", model, states, 0.05, planted)
+    call = polish_sim("identify", "--data", log, "--model", tmp_path / "odd.xml", "--out", "found")
+    assert call.code == 0, call.err
+    written = TorqueModel(read_chain(mujoco.MjModel.from_xml_path("found/identified.xml")))
+    off, drawn = (
+        x.torque(states, parameters) - model.torque(states, planted)
+        for x, parameters in ((written, written.truth()), (model, model.truth()))
+    )
+    assert np.abs(off).max() < 0.05
+    assert np.abs(drawn).max() > 2.0
 
 
 def test_a_joint_that_stood_still_is_named(polish_sim: Tool, tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def test_errors_are_near_the_bound_and_the_steps_near_the_joint_fit(identified: 
     assert identified.figures["error_over_crb"] < 1.6
     assert identified.figures["interval_coverage"] > 0.8
     assert identified.figures["stepwise_over_joint"] == pytest.approx(1.0, abs=0.01)
-    assert identified.figures["rest_parameters"] == 22
+    assert identified.figures["first_step_parameters"] == 22
 
 
 def test_the_exciting_motion_keeps_clear_of_everything(identified: Identification) -> None:

@@ -11,6 +11,7 @@ import pytest
 from polish_sim.errors import InputError
 from polish_sim.identification.log_file import read_robot_log
 from polish_sim.identification.robot_log import RobotLog, periodic_states, spline_states
+from polish_sim.motion.serial_chain import HINGE, SLIDE
 from tests.identification.motions import known_robot
 
 NAMES = ["time_s", *(f"q{j}_rad" for j in range(1, 7)), *(f"torque{j}_nm" for j in range(1, 7))]
@@ -46,6 +47,10 @@ def _saturated(table: np.ndarray) -> None:
     table[:, 8] = np.clip(table[:, 8], -20.0, 20.0)
 
 
+def _dead(table: np.ndarray) -> None:
+    table[:, 9] = 0.0
+
+
 def _nothing(table: np.ndarray) -> None:
     table[10, 3] = np.nan
 
@@ -56,7 +61,8 @@ def _nothing(table: np.ndarray) -> None:
         (_degrees, r"more than a turn. Are these degrees"),
         (_backwards, r"line 502: time_s does not increase"),
         (_gap, r"line 302: a gap of 0.71 s, 1 in all"),
-        (_saturated, r"torque2_nm stands at 20 N m in \d+%"),
+        (_saturated, r"torque2_nm stands at 20 in \d+%"),
+        (_dead, r"torque3_nm is 0 in every sample"),
         (_nothing, r"line 12: q3_rad is 'nan'"),
     ],
 )
@@ -65,6 +71,21 @@ def test_a_spoilt_log_is_refused(spoil: Callable[[np.ndarray], None], said: str,
     spoil(table)
     with pytest.raises(InputError, match=said):
         read_robot_log(_write(tmp_path, table))
+
+
+def test_coarse_steps_of_a_torque_are_no_saturation(tmp_path: Path) -> None:
+    table = TABLE.copy()
+    table[:, 7:] = np.round(table[:, 7:] / 2.0) * 2.0
+    assert np.mean(table[:, 8] == table[:, 8].max()) > 0.01
+    np.testing.assert_allclose(read_robot_log(_write(tmp_path, table)).torque, table[:, 7:])
+
+
+def test_a_slide_is_logged_in_metres_and_newtons(tmp_path: Path) -> None:
+    names = ["time_s", "q1_rad", "q2_m", "torque1_nm", "force2_n"]
+    file = _write(tmp_path, TABLE[:, [0, 1, 2, 7, 8]] * [1.0, 1.0, 9.0, 1.0, 1.0], names)
+    assert np.abs(read_robot_log(file, (HINGE, SLIDE)).q[:, 1]).max() > 7.0
+    with pytest.raises(InputError, match="lacks the columns q2_rad, torque2_nm"):
+        read_robot_log(file, (HINGE, HINGE))
 
 
 def test_missing_columns_are_named(tmp_path: Path) -> None:

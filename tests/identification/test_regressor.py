@@ -94,6 +94,16 @@ def test_a_closed_loop_is_refused_by_name() -> None:
         read_chain(model)
 
 
+def test_joints_tied_by_a_tendon_are_refused_by_name() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint name="a"/><geom size="0.1"/><body><joint name="b"/><geom size="0.1"/></body>'
+        '</body></worldbody><tendon><fixed name="belt"><joint joint="a" coef="1"/><joint joint="b" coef="-1"/></fixed>'
+        "</tendon></mujoco>"
+    )
+    with pytest.raises(InputError, match=r"tendon \(belt\) ties joint 'a'"):
+        read_chain(model)
+
+
 def test_an_unknown_joint_lists_the_known_ones() -> None:
     with pytest.raises(InputError, match="elbow_joint"):
         read_chain(arm_model(), (*ARM, "knee"))

@@ -70,6 +70,18 @@ def _identify(error: float) -> tuple[Claim, ...]:
     )
 
 
+_IDENTIFY_DATA: Final = (
+    Claim("nrms_heldout_mean", "residual held out / range of the torque", "%", 100.0),
+    Claim("nrms_heldout_drawing_mean", "the same by the drawing", "%", 100.0),
+    Claim("base_parameters", "base parameters", "", 1.0),
+    Claim("condition", "condition, SI units", "", 1.0),
+    Claim("physically_consistent", "bodies that can exist", "", 1.0, low=1.0, more_is_better=True),
+)
+_STEPWISE: Final = (
+    Claim("first_step_parameters", "parameters of the first step", "", 1.0),
+    Claim("stepwise_over_joint", "error, stepwise / joint", "", 1.0, "-", high=1.01),
+)
+
 CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
     {
         "arc": (
@@ -186,17 +198,9 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
         ),
         "identify": _identify(6e-4),
         "identify-short": _identify(1.3e-3),
-        "identify-stepwise": (
-            *_identify(1.3e-3),
-            Claim("stepwise_over_joint", "error, stepwise / joint", "", 1.0, "-", high=1.01),
-        ),
-        "identify-data": (
-            Claim("nrms_heldout_mean", "residual held out / range of the torque", "%", 100.0),
-            Claim("nrms_heldout_drawing_mean", "the same by the drawing", "%", 100.0),
-            Claim("base_parameters", "base parameters", "", 1.0),
-            Claim("condition", "condition, SI units", "", 1.0),
-            Claim("physically_consistent", "bodies that can exist", "", 1.0, low=1.0, more_is_better=True),
-        ),
+        "identify-stepwise": (*_identify(1.3e-3), *_STEPWISE),
+        "identify-data": _IDENTIFY_DATA,
+        "identify-data-stepwise": (*_IDENTIFY_DATA, *_STEPWISE),
         "calibrate-payload-data": (
             Claim("mass_std_relative", "mass, std", "%", 100.0, high=0.01),
             Claim("center_std_max_m", "centre, std of its worst axis", "mm", 1e3, high=1e-3),

@@ -1,14 +1,17 @@
-"""An identified robot written back as a MJCF: the shipped model with other inertias and friction (layer 8a)."""
+"""An identified robot written back as a MJCF: the robot's own model with other inertias and friction (layer 8a)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.cell.portable_model import write_portable
+from polish_sim.errors import InputError
 from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import inertia_at_origin
 
@@ -28,19 +31,32 @@ class IdentifiedJoints(NamedTuple):
     """[kg m^2], shape (n,)."""
 
 
-def identified_xml(joints: Sequence[str], found: IdentifiedJoints) -> str:
-    """The robot's MJCF with identified numbers.
+def read_robot_model(file: Path) -> mujoco.MjModel:
+    """Compile a user's MJCF.
+
+    Raises:
+        InputError: There is no such file, or it does not compile; says what the compiler said.
+    """
+    return _compiled(_read(file), file)
+
+
+def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None) -> str:
+    """A robot's MJCF with identified numbers.
 
     Args:
         joints: Names of the joints, shape (n,).
         found: What was identified; physically consistent, or the model would not compile.
+        source: The robot's MJCF; the shipped robot's if None.
 
     Returns:
-        A complete model; meshes are found in the installed package.
+        A complete model; meshes are found where the source has them.
     """
-    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
-    spec.modelname = "ur5e_identified"
-    spec.meshdir = str(robot_model_path().parent / "meshes")
+    file = source or robot_model_path()
+    spec = _read(file)
+    spec.modelname = f"{'ur5e' if source is None else spec.modelname}_identified"
+    # What is read from a string has no folder of its own.
+    beside = Path(spec.modelfiledir).resolve()
+    spec.meshdir, spec.texturedir = str(beside / spec.meshdir), str(beside / spec.texturedir)
     for number, name in enumerate(joints):
         joint = spec.joint(name)
         _write_inertia(joint.parent, np.asarray(joint.pos), found.parameters[number])
@@ -50,16 +66,57 @@ def identified_xml(joints: Sequence[str], found: IdentifiedJoints) -> str:
             joint.frictionloss = found.frictionloss[number]
         if found.armature is not None:
             joint.armature = found.armature[number]
-    spec.compile()
+    _compiled(spec, file)
     return str(spec.to_xml())
 
 
+def write_identified(folder: Path, joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None) -> Path:
+    """Write ``identified.xml`` with copies of its meshes: the folder compiles wherever it is moved.
+
+    Args:
+        folder: Where to.
+        joints: Names of the joints, shape (n,).
+        found: What was identified.
+        source: The robot's MJCF; the shipped robot's if None.
+
+    Returns:
+        The model's file.
+    """
+    return write_portable(folder / "identified.xml", identified_xml(joints, found, source))
+
+
+def _read(file: Path) -> Any:
+    if not file.is_file():
+        raise InputError(f"cannot read the robot model '{file}': there is no such file.")
+    try:
+        return mujoco.MjSpec.from_file(str(file))
+    except ValueError as error:
+        raise _no_model(file, error) from None
+
+
+def _compiled(spec: Any, file: Path) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise _no_model(file, error) from None
+
+
+def _no_model(file: Path, error: ValueError) -> InputError:
+    said = " ".join(str(error).split()).rstrip(".")
+    return InputError(f"'{file}' is no MuJoCo model (MJCF, or URDF MuJoCo can read): {said}.")
+
+
 def _write_inertia(body: mujoco.MjsBody, origin: Array, parameters: Array) -> None:
-    mass, center = float(parameters[0]), parameters[1:4] / parameters[0]
+    mass = float(parameters[0])
+    if mass <= 0.0:
+        # Of several joints on one body only the last carries it.
+        return
+    center = parameters[1:4] / mass
     about_center = inertia_at_origin(parameters) - mass * (
         float(center @ center) * np.eye(3) - np.outer(center, center)
     )
     body.mass, body.ipos = mass, center + origin
     I = about_center  # noqa: E741
+    body.inertia, body.iquat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
     body.explicitinertial = True

@@ -31,7 +31,7 @@ def read_chain(model: mujoco.MjModel, joints: Sequence[str] | None = None) -> Se
     """
     chosen = _joint_ids(model, joints)
     owner = _owners(model, chosen)
-    _refuse_loops(model)
+    _refuse_loops(model, chosen)
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[chosen]] = 0.0
     mujoco.mj_kinematics(model, data)
@@ -64,6 +64,8 @@ def _joint_ids(model: mujoco.MjModel, joints: Sequence[str] | None) -> list[int]
     if not chosen:
         raise InputError("the model has no joint: there is nothing to identify.")
     for j in chosen:
+        if not names[j]:
+            raise InputError(f"joint {j + 1} of the model has no name: name every joint that is to be identified.")
         if int(model.jnt_type[j]) not in _KINDS:
             kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
             raise InputError(f"joint '{names[j]}' is a {kind} joint: only hinges and slides can be identified.")
@@ -86,7 +88,17 @@ def _owners(model: mujoco.MjModel, chosen: Sequence[int]) -> list[int]:
     return owner
 
 
-def _refuse_loops(model: mujoco.MjModel) -> None:
+def _refuse_loops(model: mujoco.MjModel, chosen: Sequence[int]) -> None:
+    for tendon in range(model.ntendon):
+        first = int(model.tendon_adr[tendon])
+        wraps = range(first, first + int(model.tendon_num[tendon]))
+        ties = [w for w in wraps if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT and model.wrap_objid[w] in chosen]
+        if ties:
+            name = model.tendon(tendon).name or "without a name"
+            joint = model.joint(int(model.wrap_objid[ties[0]])).name
+            raise InputError(
+                f"the tendon ({name}) ties joint '{joint}' to others: a chain with a closed loop cannot be identified."
+            )
     if model.neq:
         name = model.equality(0).name or "without a name"
         raise InputError(

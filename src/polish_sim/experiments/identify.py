@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.cell import Observer, Silent
-from polish_sim.experiments.approached_poses import AtRest, approach_poses
+from polish_sim.experiments import first_steps
+from polish_sim.experiments.first_steps import FirstStep
 from polish_sim.experiments.identified_arm import Arm, believe, build_arm, motion_limits, play_motion
 from polish_sim.identification.base_parameters import BaseParameters, base_of
 from polish_sim.identification.estimate import Estimate, estimate, held_out_error, require_rank
@@ -27,9 +28,9 @@ from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.information import JointSums, information, inverse_of, sum_samples, told_rows
 from polish_sim.identification.objectives import OBJECTIVES, condition_number
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent
-from polish_sim.identification.robot_log import RobotLog, periodic_states, with_noise
+from polish_sim.identification.robot_log import periodic_states, with_noise
 from polish_sim.identification.settings import IdentifySettings
-from polish_sim.identification.stepwise import fit_motion_after, fit_rest, rest_rows, sum_rows
+from polish_sim.identification.stepwise import fit_motion_after
 from polish_sim.identification.torque_model import States, TorqueModel
 
 Array = NDArray[np.float64]
@@ -45,9 +46,9 @@ class HeldOut(NamedTuple):
     time: Array
     states: States
     measured: Array
-    """Torques with noise [N m], shape (m, n)."""
+    """Torques with noise [N m], NaN where a torque tells nothing, shape (m, n)."""
     exact: Array
-    """Without [N m], shape (m, n); the measured ones if nobody knows better."""
+    """Without noise [N m], shape (m, n); the measured ones if nobody knows better."""
 
 
 @dataclass(frozen=True)
@@ -91,23 +92,22 @@ def run_identification(settings: IdentifySettings, observer: Observer | None = N
         play_motion(arm, excitation.motion, settings.periods, settings.rate), settings.encoder, sigma, streams[2]
     )
     held_out = _hold_out(arm, other, settings, streams[3])
-    at_rest = None
-    if settings.method == "stepwise":
-        observer.stage(f"approach {settings.poses} poses from both sides")
-        at_rest = approach_poses(arm, task, settings, streams[4])
+    first = None
+    if settings.method in first_steps.SIMULATED:
+        observer.stage(f"first step ({settings.method})")
+        first = first_steps.SIMULATED[settings.method](arm, task, settings, streams[4])
     observer.stage("estimate")
     started = time.process_time()
     sums = sum_samples(arm.truth, base, periodic_states(log, excitation.motion.period), log.torque)
     require_rank(sums, base, arm.truth)
-    found, step_figures = _fit(arm.truth, base, sums, at_rest, held_out)
+    found, step_figures = fit_steps(arm.truth, base, sums, first, held_out)
     fit_s = time.process_time() - started
     full = fit_consistent(arm.truth, base, found, drawing)
     truth = base.combination @ arm.truth.truth()
-    figures = _figures(arm.truth, base, found, full, drawing, held_out) | step_figures
+    figures = measure_fit(arm.truth, base, found, full, drawing, held_out) | step_figures
     told = information(sums, sigma)
-    if at_rest is not None:
-        rows = rest_rows(arm.truth, at_rest.states)
-        told = told + information(sum_rows(rows, at_rest.torque, base.columns), at_rest.sigma)
+    if first is not None:
+        told = told + information(first.sums, first.sigma)
     figures |= _against_truth(found, told, truth) | _motion_figures(task, excitation, len(log.time))
     figures |= {"design_s": design_s, "fit_s": fit_s, "samples": len(log.time), "seed": settings.seed}
     figures |= {"method": settings.method, "objective": settings.objective}
@@ -147,31 +147,27 @@ def _hold_out(arm: Arm, motion: FourierMotion, settings: IdentifySettings, rng: 
     return HeldOut(log.time[moving], states.rows(moving), measured[moving], log.torque[moving])
 
 
-def _fit(
-    model: TorqueModel, base: BaseParameters, sums: JointSums, at_rest: AtRest | None, held_out: HeldOut
+def fit_steps(
+    model: TorqueModel, base: BaseParameters, sums: JointSums, first: FirstStep | None, held_out: HeldOut
 ) -> tuple[Estimate, dict[str, Any]]:
-    """The estimate; of the stepwise method also how far it is from fitting everything at once."""
-    if at_rest is None:
+    """The estimate; after a first step also how far it is from fitting everything at once."""
+    if first is None:
         return estimate(sums), {}
-    step = fit_rest(model, at_rest.states, at_rest.torque)
-    stepwise = fit_motion_after(step, base, sums)
-    rows = rest_rows(model, at_rest.states)
-    # One reading at rest is a mean over many samples: its noise is that of the first step.
-    share = step.found.sigma / estimate(sums).sigma
-    weighed = sum_rows(rows / share[:, None], at_rest.torque / share, base.columns)
-    joint = estimate(sums.plus(weighed))
+    stepwise = fit_motion_after(first.step, base, sums)
+    # Readings of the first step may be means over many samples: each has that step's own noise.
+    joint = estimate(sums.plus(first.sums.weighed(first.step.found.sigma / estimate(sums).sigma)))
     errors = [
         np.sqrt(np.mean(held_out_error(model, base, theta, held_out.states, held_out.exact) ** 2))
         for theta in (stepwise.theta, joint.theta)
     ]
     return stepwise, {
-        "rest_parameters": step.base.rank,
+        "first_step_parameters": first.step.base.rank,
         "stepwise_over_joint": float(errors[0] / errors[1]),
         "stepwise_from_joint_std": float(np.abs((stepwise.theta - joint.theta) / joint.std).max()),
     }
 
 
-def _figures(
+def measure_fit(
     model: TorqueModel, base: BaseParameters, found: Estimate, full: Array, drawing: Drawing, held_out: HeldOut
 ) -> dict[str, Any]:
     """Figures every identification has; held-out errors are rms error / range of the torque, joint by joint."""
@@ -191,7 +187,7 @@ def _figures(
         "nrms_heldout_mean": float(nrms.mean()),
         "nrms_heldout_consistent_mean": float(consistent.mean()),
         "nrms_heldout_drawing_mean": float(error(base.combination @ drawing.parameters).mean()),
-        "residual_over_noise_heldout": (np.sqrt(np.mean(off**2, axis=0)) / found.sigma).tolist(),
+        "residual_over_noise_heldout": (np.sqrt(np.nanmean(off**2, axis=0)) / found.sigma).tolist(),
         "physically_consistent": is_consistent(links),
         "r_squared": found.r_squared.tolist(),
         "torque_noise_nm": found.sigma.tolist(),
@@ -219,27 +215,3 @@ def _motion_figures(task: ExcitationTask, excitation: Excitation, samples: int) 
         "clearance_min_m": float(task.clearance(poses).distance.min()) if task.clearance else None,
         "design_evaluations": excitation.evaluations,
     }
-
-
-def identify_from_log(log: RobotLog, states: States, settings: IdentifySettings) -> Identification:
-    """Identify a real robot of the cell's geometry from its own log; the last fifth is held out.
-
-    Raises:
-        IdentificationError: The motion does not tell every base parameter.
-    """
-    arm = build_arm(settings.terms)
-    base, cut = base_of(arm.truth), len(log.time) * 4 // 5
-    drawing = Drawing(arm.truth.truth(), arm.carried)
-    started = time.process_time()
-    sums = sum_samples(arm.truth, base, states.rows(slice(0, cut)), log.torque[:cut])
-    require_rank(sums, base, arm.truth)
-    found = estimate(sums)
-    fit_s = time.process_time() - started
-    full = fit_consistent(arm.truth, base, found, drawing)
-    moving = np.all(told_rows(states), axis=1) & (np.arange(len(log.time)) >= cut)
-    measured = log.torque[moving]
-    held_out = HeldOut(log.time[moving], states.rows(moving), measured, measured)
-    figures = _figures(arm.truth, base, found, full, drawing, held_out)
-    figures |= {"error_over_crb": None, "interval_coverage": None, "design_s": None, "fit_s": fit_s}
-    figures |= {"samples": len(log.time), "method": "joint"}
-    return Identification(arm.truth, base, found, full, drawing, held_out, figures)

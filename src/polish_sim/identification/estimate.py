@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.base_parameters import BaseParameters
-from polish_sim.identification.information import JointSums, information, inverse_of
+from polish_sim.identification.information import STANDSTILL, JointSums, information, inverse_of
 from polish_sim.identification.torque_model import States, TorqueModel
 
 Array = NDArray[np.float64]
@@ -113,7 +113,7 @@ def require_rank(sums: JointSums, base: BaseParameters, model: TorqueModel) -> N
     share = np.linalg.norm(hidden, axis=1)
     names = [model.names[column] for column in base.columns[share > 1e-2]]
     still = [model.chain.joints[j] for j in range(model.joints) if sums.samples[j] == 0]
-    said = f" {', '.join(still)} did not move." if still else ""
+    said = f" {', '.join(still)} did not move, or never faster than {STANDSTILL:g} rad/s." if still else ""
     raise IdentificationError(
         f"the motion tells {base.rank - hidden.shape[1]} of {base.rank} base parameters.{said} Not identifiable, or "
         f"only in combination: {', '.join(names)}. Move every joint, at different speeds, in different poses of the "
@@ -122,6 +122,7 @@ def require_rank(sums: JointSums, base: BaseParameters, model: TorqueModel) -> N
 
 
 def held_out_error(model: TorqueModel, base: BaseParameters, theta: Array, states: States, exact: Array) -> Array:
-    """Torque errors on a motion that was not fitted: rms error / range of the torque, shape (n,)."""
+    """Torque errors on a motion that was not fitted: rms error / range of the torque, shape (n,); NaN is left out."""
     off = model.regressor(states)[:, :, base.columns] @ theta - exact
-    return np.asarray(np.sqrt(np.mean(off**2, axis=0)) / np.ptp(exact, axis=0))
+    reach = np.nanmax(exact, axis=0) - np.nanmin(exact, axis=0)
+    return np.asarray(np.sqrt(np.nanmean(off**2, axis=0)) / reach)

@@ -16,7 +16,10 @@ STANDSTILL: Final = 0.1
 """Below this speed [rad/s] a joint's torque gets no weight: its friction has no known size."""
 TURNING: Final = 0.06
 """While any joint is slower than this [rad/s] no torque gets weight: all feel how its friction turns round."""
-_CHUNK: Final = 2000
+STANDING: Final = (0.01, 0.5)
+"""Below this speed [rad/s] and acceleration [rad/s^2] a joint stands still: it does not turn round either."""
+CHUNK: Final = 2000
+"""Samples whose regressors are held at once."""
 
 
 class JointSums(NamedTuple):
@@ -37,6 +40,14 @@ class JointSums(NamedTuple):
         """Sums over both sets of samples."""
         return JointSums(*(a + b for a, b in zip(self, other, strict=True)))
 
+    def weighed(self, share: Array) -> JointSums:
+        """The same samples with rows and torques divided by a share of each joint's noise (n,)."""
+        squared = share**2
+        return JointSums(
+            self.squares / squared[:, None, None], self.products / squared[:, None], self.torque_sum / share,
+            self.torque_squares / squared, self.samples,
+        )  # fmt: skip
+
 
 def sum_samples(model: TorqueModel, base: BaseParameters, states: States, torque: Array) -> JointSums:
     """Gather the normal equations of measured states and torques.
@@ -53,8 +64,8 @@ def sum_samples(model: TorqueModel, base: BaseParameters, states: States, torque
     n, r = model.joints, base.rank
     squares, products = np.zeros((n, r, r)), np.zeros((n, r))
     moving = told_rows(states)
-    for first in range(0, len(torque), _CHUNK):
-        rows = slice(first, first + _CHUNK)
+    for first in range(0, len(torque), CHUNK):
+        rows = slice(first, first + CHUNK)
         Y = model.regressor(states.rows(rows))[:, :, base.columns] * moving[rows, :, None]
         for j in range(n):
             of_joint = np.ascontiguousarray(Y[:, j])
@@ -67,8 +78,8 @@ def sum_samples(model: TorqueModel, base: BaseParameters, states: States, torque
 def told_rows(states: States) -> NDArray[np.bool_]:
     """Which torques tell something: the joint moves, and no joint turns round; shape (m, n)."""
     speed = np.abs(states.qd)
-    # A joint that never moves does not turn round either.
-    turning = (speed <= TURNING) & (speed.max(axis=0) > TURNING)
+    standing = (speed <= STANDING[0]) & (np.abs(states.qdd) <= STANDING[1])
+    turning = (speed <= TURNING) & ~standing
     return np.asarray((speed > STANDSTILL) & ~np.any(turning, axis=1)[:, None])
 
 

@@ -1,10 +1,12 @@
 """A robot's own log as CSV: joint positions and torques over time, checked before they are believed (layer 8d).
 
-Columns ``time_s``, ``q1_rad`` to ``q6_rad``, ``torque1_nm`` to ``torque6_nm``; others are left out.
+Columns ``time_s``, and for joint 1 ``q1_rad``, ``torque1_nm`` (of a slide ``q1_m``, ``force1_n``) and so on; others are
+left out.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +17,7 @@ from polish_sim.errors import InputError
 from polish_sim.exchange.checks import finite_column
 from polish_sim.exchange.named_columns import read_named_columns
 from polish_sim.identification.robot_log import RobotLog
+from polish_sim.motion.serial_chain import HINGE
 
 Array = NDArray[np.float64]
 
@@ -23,22 +26,33 @@ _GAP: Final = 3.0
 """Steps longer than this many usual ones are gaps."""
 _FLAT: Final = 0.01
 """Share of samples at exactly the largest torque from which a drive is taken as saturated."""
+_PILED: Final = 3.0
+"""So many times more samples at the largest torque than at the next smaller one: not just coarse steps."""
 _LEAST_SAMPLES: Final = 500
+_ARM: Final = (HINGE,) * 6
 
 
-def read_robot_log(file: Path, joints: int = 6, periodic: bool = False) -> RobotLog:
+def log_columns(kinds: Sequence[int]) -> tuple[list[str], list[str]]:
+    """Names of the columns of positions and of torques for joints of these kinds (HINGE or SLIDE)."""
+    q = [f"q{j}_{'rad' if kind == HINGE else 'm'}" for j, kind in enumerate(kinds, 1)]
+    torque = [f"torque{j}_nm" if kind == HINGE else f"force{j}_n" for j, kind in enumerate(kinds, 1)]
+    return q, torque
+
+
+def read_robot_log(file: Path, kinds: Sequence[int] = _ARM, periodic: bool = False) -> RobotLog:
     """Read a log and refuse what would spoil an identification.
 
     Args:
         file: The CSV.
-        joints: How many joints it must tell.
+        kinds: HINGE or SLIDE, joint by joint, shape (n,).
         periodic: Whether a period is known: then gaps do no harm.
 
     Raises:
         InputError: A column is missing, a value is none, time does not increase, there are gaps, angles look like
             degrees, a torque is saturated; names the place.
     """
-    names = ["time_s", *(f"q{j + 1}_rad" for j in range(joints)), *(f"torque{j + 1}_nm" for j in range(joints))]
+    q_names, torque_names = log_columns(kinds)
+    names, joints = ["time_s", *q_names, *torque_names], len(q_names)
     columns, lines = _read(file)
     missing = [name for name in names if name not in columns]
     if missing:
@@ -58,8 +72,8 @@ def read_robot_log(file: Path, joints: int = 6, periodic: bool = False) -> Robot
             "at 250 Hz or more."
         )
     _check_time(file, log.time, lines, periodic)
-    _check_units(file, log)
-    _check_saturation(file, log)
+    _check_units(file, log, q_names)
+    _check_saturation(file, log, torque_names)
     return log
 
 
@@ -92,21 +106,24 @@ def _check_time(file: Path, time: Array, lines: list[int], periodic: bool) -> No
         )
 
 
-def _check_units(file: Path, log: RobotLog) -> None:
-    far = np.abs(log.q).max(axis=0)
+def _check_units(file: Path, log: RobotLog, names: Sequence[str]) -> None:
+    far = np.abs(log.q).max(axis=0) * [name.endswith("_rad") for name in names]
     if np.any(far > 1.05 * TURN):
         joint = int(np.argmax(far))
         raise InputError(
-            f"'{file}': q{joint + 1}_rad reaches {far[joint]:.4g}, more than a turn. Are these degrees? Give radians."
+            f"'{file}': {names[joint]} reaches {far[joint]:.4g}, more than a turn. Are these degrees? Give radians; "
+            "of a joint that has turned further subtract whole turns."
         )
 
 
-def _check_saturation(file: Path, log: RobotLog) -> None:
-    largest = np.abs(log.torque).max(axis=0)
-    flat = np.mean(np.abs(log.torque) >= largest * (1.0 - 1e-9), axis=0)
-    if np.any((flat > _FLAT) & (largest > 0.0)):
-        joint = int(np.argmax(flat))
-        raise InputError(
-            f"'{file}': torque{joint + 1}_nm stands at {largest[joint]:.4g} N m in {100 * flat[joint]:.0f}% of the "
-            "samples: the drive is saturated there and the model does not hold. Move more slowly."
-        )
+def _check_saturation(file: Path, log: RobotLog, names: Sequence[str]) -> None:
+    for name, torque in zip(names, np.abs(log.torque).T, strict=True):
+        if np.ptp(torque) == 0.0:
+            raise InputError(f"'{file}': {name} is {torque[0]:g} in every sample: log the torques the joints took.")
+        levels, counts = np.unique(torque, return_counts=True)
+        piled = counts[-1] > _PILED * counts[-2]
+        if piled and counts[-1] > _FLAT * len(torque):
+            raise InputError(
+                f"'{file}': {name} stands at {levels[-1]:.4g} in {100 * counts[-1] / len(torque):.0f}% of the samples: "
+                "the drive is saturated there and the model does not hold. Move more slowly."
+            )

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 _FLOOR: Final = 1e-3
 """Share of the drawing's pseudo-inertia every link keeps."""
+_THIN: Final = 1e-9
+"""Share of its size a drawn body is thickened by, so that it has a root."""
 _PRIOR: Final = 1.0
 """How far from the drawing parameters are expected, in sizes of the drawing's."""
 _LOWER: Final = np.tril_indices(4)
@@ -46,8 +48,8 @@ def parameters_of(J: Array) -> Array:
 
 
 def is_consistent(parameters: Array) -> bool:
-    """Whether every link's parameters (n, 10) belong to a body with mass everywhere positive."""
-    return all(float(np.linalg.eigvalsh(pseudo_inertia(link))[0]) > 0.0 for link in parameters)
+    """Whether every link's parameters (n, 10) belong to a body with mass everywhere positive, or to no body at all."""
+    return all(float(np.linalg.eigvalsh(pseudo_inertia(link))[0]) > 0.0 for link in parameters if link.any())
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ class _ConsistentFit:
 
     def start(self) -> Array:
         """The numbers of the drawing."""
-        links = [np.linalg.cholesky((1.0 - _FLOOR) * J)[_LOWER] for J in self._drawn]
+        links = [_root(J)[_LOWER] for J in self._drawn]
         friction = self._drawing.parameters[10 * self._model.joints :]
         return np.concatenate([*links, np.where(self._not_negative, np.sqrt(np.maximum(friction, 1e-4)), friction)])
 
@@ -140,6 +142,15 @@ class _ConsistentFit:
             arm = np.sqrt(inertia * link[0])
             sizes[10 * number : 10 * number + 10] = [link[0], *[arm] * 3, *[inertia] * 6]
         return np.asarray(_PRIOR * np.maximum(sizes, 0.1))
+
+
+def _root(J: Array) -> Array:
+    """L of a drawn pseudo-inertia less its floor; a body without thickness gets some, none at all stays none."""
+    size = float(np.trace(J))
+    if size <= 0.0:
+        return np.zeros((4, 4))
+    thick = J + _THIN * np.diag([size - J[3, 3]] * 3 + [J[3, 3]])
+    return np.asarray(np.linalg.cholesky((1.0 - _FLOOR) * thick))
 
 
 def _lower(numbers: Array) -> Array:

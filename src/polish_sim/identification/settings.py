@@ -12,6 +12,7 @@ from polish_sim.identification.torque_model import FULL
 METHODS: Final = {
     "joint": "all samples in one weighted fit",
     "stepwise": "poses at rest first, then motion, the first step's covariance carried into the second",
+    "stepwise-axes": "axes 1 to 3 with the wrist held first, then all axes, the covariance carried likewise",
 }
 """How parameters are found, by name."""
 

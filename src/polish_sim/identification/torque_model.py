@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ class States(NamedTuple):
     qdd: Array
     """[rad/s^2], shape (m, n)."""
 
-    def rows(self, rows: slice | Array) -> States:
+    def rows(self, rows: slice | NDArray[np.integer[Any]] | NDArray[np.bool_]) -> States:
         """Some of the samples."""
         return States(self.q[rows], self.qd[rows], self.qdd[rows])
 
