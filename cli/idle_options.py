@@ -29,19 +29,30 @@ PATH_OPTIONS: Final = (
 )
 """What decides where a planned path runs."""
 
+HAND_OPTIONS: Final = ("--mode", "--duration")
+"""What only a hand that guides the arm has."""
+
 IDLE: Final[Mapping[str, frozenset[str]]] = {
     "arc": frozenset(
         ("--part", "--real-part", "--part-pose", "--units", "--up")
         + ("--contact-force", "--pad-diameter", "--spindle-rpm")
         + PATH_OPTIONS
+        + HAND_OPTIONS
     ),
     "smooth": frozenset(
         ("--part", "--real-part", "--units", "--up", "--region", "--contact-force", "--feed", "--pad-diameter")
         + ("--spindle-rpm",)
         + ("--controller", "--calibration", "--seed", "--seeds", "--fault", "--view", "--video")
         + PATH_OPTIONS
+        + HAND_OPTIONS
     ),
-    "force": frozenset({"--feed", *PATH_OPTIONS} - {"--region", "--feature-angle"}),
+    "teach": frozenset(
+        ("--part", "--real-part", "--part-pose", "--units", "--up", "--contact-force", "--feed", "--pad-diameter")
+        + ("--spindle-rpm", "--controller", "--calibration", "--seed", "--seeds", "--fault", "--dry-run")
+        + tuple(option for option in PATH_OPTIONS if option != "--direction")
+    ),
+    "surface": frozenset(HAND_OPTIONS),
+    "force": frozenset({"--feed", *PATH_OPTIONS, *HAND_OPTIONS} - {"--region", "--feature-angle"}),
 }
 """What changes nothing in an experiment."""
 

@@ -7,11 +7,12 @@ from typing import Annotated, Any
 
 import typer
 
-PART, PATH, TOOL, AXIS, RUN, CONFIG, OUTPUT = (
+PART, PATH, TOOL, AXIS, HAND, RUN, CONFIG, OUTPUT = (
     "Part and region",
     "Path",
     "Tool and process",
     "Landing and tool axis",
+    "Hand guiding",
     "Run",
     "Config",
     "Output",
@@ -97,7 +98,8 @@ Direction = Annotated[
         PATH,
         "--direction",
         "NAME",
-        "spiral, contour: conventional (default: what is not done yet on the left) or climb.",
+        "spiral, contour: conventional (default: what is not done yet on the left) or climb. teach: x or y, the way of "
+        "the hand's move; default both.",
     ),
 ]
 Start = Annotated[
@@ -151,8 +153,17 @@ SpindleSpeed = Annotated[
     _option(TOOL, "--spindle-rpm", "RPM", "Speed of the spindle, 0 = off (1/min); default 6000 in surface, else off."),
 ]
 
+# Hand guiding
+Mode = Annotated[
+    str | None,
+    _option(HAND, "--mode", "NAME", "teach: none, gravity, classical, inertia or assist; default: all, side by side."),
+]
+Duration = Annotated[
+    float | None, _option(HAND, "--duration", "S", "teach: duration of the hand's move (s); default 0.6 and 1.")
+]
+
 # Run
-Experiment = Annotated[str, typer.Argument(help="arc, force, surface or smooth.", show_default=False)]
+Experiment = Annotated[str, typer.Argument(help="arc, force, surface, smooth or teach.", show_default=False)]
 Controller = Annotated[
     str | None,
     _option(RUN, "--controller", "NAME", "A shipped one of 'polish-sim list' (default hybrid-pi), or FILE.py:CLASS."),

@@ -17,6 +17,7 @@ Runs = Annotated[list[Path], typer.Argument(help="Run folders made by 'run'.", s
 def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
     # Lazy: --help must not wait for matplotlib.
+    from polish_sim.analysis.bounds import claims_of
     from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
     from polish_sim.analysis.report import draw_comparison, draw_plots, save_plots
     from polish_sim.analysis.run_record import read_record, write_json
@@ -31,5 +32,7 @@ def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
             write_removal_mesh(folder.draft / REMOVAL_MESH, records[0].removal)
         write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
     columns = {f"{record.name} ({record.scenario.controller.name})": record.metrics for record in records}
-    show_figures(experiment, f"{experiment}: {len(records)} run{'s' if len(records) > 1 else ''}", columns)
+    show_figures(
+        claims_of(records[0].scenario), f"{experiment}: {len(records)} run{'s' if len(records) > 1 else ''}", columns
+    )
     console.say(f"folder: {folder.final}")

@@ -48,6 +48,8 @@ def run(
     contact_force: o.ContactForce = None,
     feed: o.Feed = None,
     spindle_rpm: o.SpindleSpeed = None,
+    mode: o.Mode = None,
+    duration: o.Duration = None,
     controller: o.Controller = None,
     calibration: o.Calibration = None,
     seed: o.Seed = None,
@@ -63,9 +65,10 @@ def run(
     out: o.Out = None,
     overwrite: o.Overwrite = False,
 ) -> int:
-    """Simulate an experiment of the papers: arc, force, surface or smooth."""
+    """Simulate an experiment of the papers: arc, force, surface, smooth or teach."""
     given = given_options(locals())
-    refuse_idle_in(experiment, given | {"--seeds": seeds, "--view": view or None, "--video": video or None})
+    switches = {"--view": view or None, "--video": video or None, "--dry-run": dry_run or None}
+    refuse_idle_in(experiment, given | {"--seeds": seeds} | switches)
     if seeds is not None and (view or video):
         raise InputError("--view and --video show one run: leave --seeds out.")
     prepare_headless()
@@ -102,6 +105,8 @@ def _checked(scenario: Scenario, given: Mapping[str, Any], path: Path | None) ->
     source = path or (Path(scenario.plan.file) if scenario.plan.file else None)
     if scenario.experiment == "smooth":
         return None, scenario if source is None else name_path(source, scenario)
+    if scenario.experiment == "teach" and source is None:
+        return None, scenario
     if source is not None:
         return take_plan(source, scenario, given)
     refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)

@@ -24,6 +24,7 @@ class Unit(NamedTuple):
 MM: Final = Unit("mm", 1e-3)
 DEG: Final = Unit("deg", math.pi / 180.0)
 MM_S: Final = Unit("mm/s", 1e-3)
+SECOND: Final = Unit("s", 1.0)
 NEWTON: Final = Unit("N", 1.0)
 PER_MINUTE: Final = Unit("1/min", 1.0)
 DIAMETER: Final = Unit("mm", 0.5e-3)
@@ -63,6 +64,8 @@ OPTIONS: Final[Mapping[str, Target]] = {
     "--spindle-rpm": Target("spindle", "speed_rpm", PER_MINUTE),
     "--calibration": Target("payload", "file"),
     "--poses": Target("payload", "poses"),
+    "--mode": Target("guide", "mode"),
+    "--duration": Target("guide", "duration_s", SECOND),
     "--noise": Target("sensor", "force_noise_n", NEWTON),
 }
 
@@ -110,7 +113,8 @@ def build_scenario(base: Scenario, given: Mapping[str, Any], config: Path | None
         raise ConfigError(f"'{config}' is for the experiment '{scenario.experiment}', not '{base.experiment}'.")
     for option, value in given.items():
         if value is not None and option != "--overlap":
-            scenario = merge(scenario, _table(option, str(value) if isinstance(value, Path) else value), "")
+            word = str(value) if isinstance(value, Path) else value
+            scenario = merge(scenario, _table(option, word, base.experiment), "")
     scenario = override(scenario, assignments)
     # The overlap is a share of the pad, whoever set that.
     if given.get("--overlap") is not None:
@@ -189,7 +193,9 @@ def _numbers(text: str, count: int) -> list[float]:
     return numbers if len(numbers) == count and all(math.isfinite(number) for number in numbers) else []
 
 
-def _table(option: str, value: Any) -> dict[str, Any]:
+def _table(option: str, value: Any, experiment: str) -> dict[str, Any]:
+    if option == "--direction" and experiment == "teach":
+        return {"guide": {"direction": value}}
     if option == "--seed":
         return {"seed": value}
     if option == "--fault":

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from polish_sim.analysis.bounds import claims_of
 from polish_sim.analysis.cell_plot import plot_cell
 from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
 from polish_sim.analysis.report import draw_plots, save_plots
@@ -57,7 +58,7 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
         # The run itself is on disk by now and stays; only pictures are missing.
         broken_off = True
     return Outcome(
-        scenario.experiment,
+        claims_of(scenario),
         _title(scenario),
         {"this run": record.metrics},
         (result.stop_reason,) if result.stop_reason else (),
@@ -69,6 +70,8 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
 def _title(scenario: Scenario) -> str:
     if scenario.experiment == "smooth":
         return "smooth, every rule on the servos"
+    if scenario.experiment == "teach":
+        return f"teach, {scenario.guide.mode or 'every mode'}"
     return f"{scenario.experiment}, {scenario.controller.name}, seed {scenario.seed}"
 
 

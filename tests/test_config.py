@@ -35,14 +35,13 @@ UNITS = {
     "_m_s": "[m/s]", "_m_s2": "[m/s^2]", "_rad_s": "[rad/s]", "_rad_s2": "[rad/s^2]", "_n_m": "[N/m]",
     "_n_s_m": "[N s/m]", "_s_m": "[s/m]", "_rpm": "[1/min]", "_m_sn": "[m/(s N)]", "_m_s2n": "[m/(s^2 N)]",
     "_rad_snm": "[rad/(s N m)]", "_rad_s2nm": "[rad/(s^2 N m)]", "_n_s": "[N/sqrt(s)]", "_nm_s": "[N m/sqrt(s)]",
-    "_1_pa": "[1/Pa]",
+    "_1_pa": "[1/Pa]", "_j": "[J]", "_nm_rad": "[N m/rad]", "_nm_s_rad": "[N m s/rad]",
 }  # fmt: skip
 OTHER_UNITS = {
     "controller.orientation_i_hz": "[1/s]",
     "controller.position_rate_p": "[1/s]",
     "controller.adaptive.force_rate_n_s": "[N/s]",
     "controller.adaptive.normal_rate_1_s": "[1/s]",
-    "controller.adaptive.pad_tilt_stiffness_nm_rad": "[N m/rad]",
 }
 
 
@@ -62,7 +61,7 @@ def test_a_scenario_cannot_be_changed_after_it_was_made() -> None:
 
 
 def test_an_unknown_experiment_lists_the_known_ones() -> None:
-    with pytest.raises(InputError, match=r"'polish'.*arc, force, smooth, surface"):
+    with pytest.raises(InputError, match=r"'polish'.*arc, force, smooth, surface, teach"):
         default_scenario("polish")
 
 

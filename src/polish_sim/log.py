@@ -47,6 +47,9 @@ LATER: Mapping[str, tuple[int, str]] = MappingProxyType(
     {
         "exposure_nm": (0, "N m"),
         "rule": (0, "-"),
+        "case": (0, "-"),
+        "hand_force_n": (3, "N"),
+        "lent_j": (0, "J"),
         "target_q_rad": (6, "rad"),
         "target_qd_rad_s": (6, "rad/s"),
         "target_qdd_rad_s2": (6, "rad/s^2"),

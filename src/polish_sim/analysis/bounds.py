@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
+from polish_sim.config import Scenario
+
 
 class Claim(NamedTuple):
     """One figure of an experiment, how it is shown, what the paper says, and the range asked of it."""
@@ -154,6 +156,29 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
             Claim("joint_acceleration_cycle_time_s", "joint-acceleration: cycle time", "s", 1.0, "13.169"),
             _PATH_DONE,
         ),
+        "teach": (
+            Claim("none_peak_n", "hand force, nothing compensated, peak", "N", 1.0, "> 100"),
+            Claim("classical_peak_n", "  gravity and friction (classical)", "N", 1.0, "< 30"),
+            Claim("fast_peak_ratio_x", "fast move along x, inertia / classical, peak", "", 1.0, "0.714", high=0.45),
+            Claim("fast_rms_ratio_x", "  rms", "", 1.0, "-", high=0.30),
+            Claim("fast_peak_ratio_y", "along y, peak", "", 1.0, "0.714", high=0.45),
+            Claim("fast_rms_ratio_y", "  rms", "", 1.0, "-", high=0.30),
+            Claim("assist_fast_peak_ratio_x", "with start-up assist: along x, peak", "", 1.0),
+            Claim("assist_fast_rms_ratio_x", "  rms", "", 1.0),
+            Claim("assist_fast_peak_ratio_y", "  along y, peak", "", 1.0),
+            Claim("assist_fast_rms_ratio_y", "  rms", "", 1.0),
+            Claim("slow_peak_n", "  slow moves, peak", "N", 1.0, "-", high=10.0),
+            Claim("drift_rad", "hands off, drift", "deg", _DEGREES, "-", high=0.01 / _DEGREES),
+            Claim("lent_energy_j", "energy lent, most", "J", 1.0),
+            _PATH_DONE,
+        ),
+        "teach-some": (
+            Claim("hand_force_peak_n", "hand force, last mode, peak", "N", 1.0),
+            Claim("hand_force_rms_n", "  rms", "N", 1.0),
+            Claim("drift_rad", "hands off, drift", "deg", _DEGREES),
+            Claim("lent_energy_j", "energy lent, most", "J", 1.0),
+            _PATH_DONE,
+        ),
         "calibrate-payload": (
             Claim("mass_error_relative", "mass error", "%", 100.0, high=0.01),
             Claim("center_error_m", "centre error", "mm", 1e3, high=1e-3),
@@ -210,6 +235,14 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
         ),
     }
 )
+
+
+def claims_of(scenario: Scenario) -> str:
+    """The name in ``CLAIMS`` of what is asked of a run: some hand moves are not the whole trial."""
+    guide = scenario.guide
+    if scenario.experiment == "teach" and (guide.mode or guide.direction or guide.duration_s):
+        return "teach-some"
+    return scenario.experiment
 
 
 def shortfalls(experiment: str, metrics: Mapping[str, Any]) -> list[Claim]:

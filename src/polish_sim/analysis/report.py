@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.arc_plot import plot_arc, plot_arc_runs
 from polish_sim.analysis.force_plot import plot_force, plot_force_runs
+from polish_sim.analysis.guiding_plot import plot_guiding, plot_guiding_runs
 from polish_sim.analysis.peaks_plot import plot_peaks
 from polish_sim.analysis.removal_plot import plot_removal, plot_removal_runs
 from polish_sim.analysis.run_record import RunRecord
@@ -23,6 +24,7 @@ PLOTS: Final[Mapping[str, Mapping[str, Callable[[RunRecord], Figure]]]] = {
     "force": {"force.png": plot_force},
     "surface": {"force.png": plot_surface_force, "peaks.png": plot_peaks},
     "smooth": {"tracking.png": plot_tracking, "tracking_by_joint.png": plot_tracking_bars},
+    "teach": {"hand_force.png": plot_guiding},
 }
 """The figures of one run, by experiment and file name."""
 
@@ -31,6 +33,7 @@ COMPARISONS: Final[Mapping[str, Mapping[str, Callable[[Sequence[RunRecord]], Fig
     "force": {"force.png": plot_force_runs},
     "surface": {"force.png": plot_surface_runs},
     "smooth": {"tracking.png": plot_tracking_runs},
+    "teach": {"hand_force.png": plot_guiding_runs},
 }
 """The figures of several runs of one experiment."""
 

@@ -33,15 +33,21 @@ def build_scene(scenario: Scenario, mesh: PartMesh | None, part: RealPart | None
         The compiled model. The part's mesh is drawn only; the pad's contact and the crash check are computed on
         its signed distance, because the engine would take the convex hull.
     """
-    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
-    spec.option.timestep = scenario.simulation.timestep_s
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    _fit_head(spec, scenario)
+    spec = robot_spec(scenario)
     spec.body("tool_mount").gravcomp = 1.0 + scenario.robot.payload_error
     if mesh is not None and part is not None:
         _add_table(spec)
         _add_part(spec, mesh, transform(part.rotation, part.position))
     return spec.compile()
+
+
+def robot_spec(scenario: Scenario) -> Any:
+    """The robot of the model file with this scenario's head and time step, not yet compiled."""
+    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
+    spec.option.timestep = scenario.simulation.timestep_s
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    _fit_head(spec, scenario)
+    return spec
 
 
 def _fit_head(spec: Any, scenario: Scenario) -> None:

@@ -22,6 +22,7 @@ from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.smooth import run_smooth
 from polish_sim.experiments.smooth_task import path_of_task, prepare_smooth
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface, run_surface
+from polish_sim.experiments.teach import run_teach
 from polish_sim.experiments.time_law import time_law
 from polish_sim.motion.rules.trial import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.planning import PlanResult, ToolPath
@@ -35,6 +36,7 @@ _DEFAULTS = {
         spindle=SpindleConfig(speed_rpm=0.0),
         smoothing=SmoothingConfig(tolerance_m=TOLERANCE, axis_tolerance_rad=AXIS_TOLERANCE),
     ),
+    "teach": Scenario(experiment="teach", spindle=SpindleConfig(speed_rpm=0.0)),
 }
 
 EXPERIMENTS: Mapping[str, str] = MappingProxyType(
@@ -43,6 +45,7 @@ EXPERIMENTS: Mapping[str, str] = MappingProxyType(
         "force": "a step of the contact force from first contact, at one point (paper 1, fig. 13)",
         "surface": "polish a part along a planned path under force control (paper 1, fig. 14, 15)",
         "smooth": "one path played with every smoothing rule on the joint servos (paper 4, fig. 10)",
+        "teach": "a hand guides the arm, whose torques make it light (paper 3, fig. 6)",
     }
 )
 
@@ -116,6 +119,8 @@ def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer:
         return run_surface(scenario, plan, observer)
     if scenario.experiment == "smooth":
         return run_smooth(scenario, observer)
+    if scenario.experiment == "teach":
+        return run_teach(scenario, observer)
     raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)
 
 
@@ -136,5 +141,6 @@ __all__ = [
     "run_payload_calibration",
     "run_smooth",
     "run_surface",
+    "run_teach",
     "time_law",
 ]

@@ -1,0 +1,114 @@
+"""The hand's force over time, every mode of hand guiding in one frame (layer 8c; paper 3, fig. 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from polish_sim.analysis.rows import PROCESS, numbers
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, SERIES, head, new_figure, styled
+
+Array = NDArray[np.float64]
+
+COLORS: Final = {"none": GREY, "gravity": PINK, "classical": ORANGE, "inertia": GREEN, "assist": BLUE}
+PAPER_N: Final = {"none": 100.0, "classical": 30.0, "inertia": 0.714 * 30.0}
+"""Peaks of paper 3: above, below, and 0.714 of that [N]."""
+_BEFORE_S, _AFTER_S = 0.1, 0.2
+
+
+@styled
+def plot_guiding(record: RunRecord) -> Figure:
+    """Draw the hand's force in every mode, a panel for each direction and pace.
+
+    Args:
+        record: A run of ``teach``.
+
+    Returns:
+        The figure; dashed the paper's peaks.
+    """
+    names = [str(name).rsplit("_", 2) for name in record.metrics["moves"]]
+    panels = list(dict.fromkeys((direction, pace) for _mode, direction, pace in names))
+    columns = min(2, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = new_figure(5.5 * columns + 1.0, 3.4 * rows + 0.8)
+    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    for axes, (direction, pace) in zip(grid.flat, panels, strict=False):
+        for case, (mode, *place) in enumerate(names):
+            if place == [direction, pace]:
+                _draw_case(axes, record, case, mode)
+        _draw_paper(axes, {mode for mode, *_ in names})
+        axes.legend(loc="upper right", fontsize=8.0, title="peak while it moves", title_fontsize=8.0)
+        axes.set_title(f"along {direction}, {_words(pace)}", fontsize=9.5)
+        axes.set(xlabel="time from the move's start [s]")
+    for axes in grid.flat[len(panels) :]:
+        axes.set_visible(False)
+    for row in grid:
+        row[0].set(ylabel="force of the hand [N]")
+    peaks = [record.metrics[f"{name}_hand_force_peak_n"] for name in record.metrics["moves"]]
+    known = [peak for peak in peaks if peak is not None and not np.isnan(peak)]
+    if known:
+        grid[0, 0].set_ylim(0.0, 1.25 * max(known))
+    title = "Force of a hand that guides the arm   (dashed: peaks of paper 3, another robot)"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    return figure
+
+
+@styled
+def plot_guiding_runs(records: Sequence[RunRecord]) -> Figure:
+    """Draw the moves several runs have in common over each other.
+
+    Args:
+        records: Runs of ``teach``.
+
+    Returns:
+        The figure.
+    """
+    common = [name for name in records[0].metrics["moves"] if all(name in r.metrics["moves"] for r in records)]
+    figure = new_figure(9.0, 2.8 * max(len(common), 1) + 0.8)
+    grid = figure.subplots(max(len(common), 1), 1, squeeze=False, sharex=True)
+    for axes, name in zip(grid[:, 0], common, strict=False):
+        for number, record in enumerate(records):
+            time, force = _curve(record, list(record.metrics["moves"]).index(name))
+            axes.plot(time, force, color=SERIES[number % len(SERIES)], label=record.name)
+        axes.set(ylabel=f"{name.replace('_', ' ')}\nforce [N]")
+    grid[0, 0].legend(loc="upper right")
+    grid[-1, 0].set(xlabel="time from the move's start [s]")
+    head(figure, grid[0, 0], "Force of a hand that guides the arm", [] if common else ["no move in common"])
+    return figure
+
+
+def _draw_case(axes: Axes, record: RunRecord, case: int, mode: str) -> None:
+    time, force = _curve(record, case)
+    if len(time):
+        peak = record.metrics[f"{record.metrics['moves'][case]}_hand_force_peak_n"]
+        label = mode if peak is None or np.isnan(peak) else f"{mode}: {peak:.3g} N"
+        axes.plot(time, force, color=COLORS[mode], lw=1.3, label=label)
+
+
+def _draw_paper(axes: Axes, modes: set[str]) -> None:
+    for mode, level in PAPER_N.items():
+        if mode in modes:
+            axes.axhline(level, color=COLORS[mode], lw=0.8, ls="--", alpha=0.7)
+
+
+def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
+    """Time from the move's start and norm of the hand's force, from just before the move to just after."""
+    log = record.log
+    of_case = numbers(log, "case") == case
+    time, force = numbers(log, "time_s")[of_case], np.linalg.norm(numbers(log, "hand_force_n")[of_case], axis=1)
+    moving = log["phase"].astype(np.int8)[of_case] == PROCESS
+    if not moving.any():
+        return np.zeros(0), np.zeros(0)
+    first, last = time[moving][0], time[moving][-1]
+    shown = (time >= first - _BEFORE_S) & (time <= last + _AFTER_S)
+    return time[shown] - first, force[shown]
+
+
+def _words(pace: str) -> str:
+    return {"fast": "0.6 s", "slow": "1 s"}.get(pace, pace.replace("p", ".").replace("s", " s"))

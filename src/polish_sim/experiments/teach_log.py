@@ -1,0 +1,74 @@
+"""Guided moves one after the other as a log and a trace like any other run's (layer 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell.guiding import FORCE, LENT, QD, RAW, SPEED, TIME, TOOL, TORQUE, GuidingRun, Q
+from polish_sim.config import Scenario
+from polish_sim.experiments.teach_moves import Move, MoveTable
+from polish_sim.log import RunLog, from_rows, row_layout, row_width, with_column
+from polish_sim.trace import Trace
+
+Array = NDArray[np.float64]
+
+
+class PlayedMove(NamedTuple):
+    """A move and what came of it."""
+
+    move: Move
+    table: MoveTable
+    run: GuidingRun
+
+
+def log_of_moves(played: Sequence[PlayedMove], scenario: Scenario) -> RunLog:
+    """One log of all moves, each at its own time from 0; column ``case`` counts them."""
+    rate = scenario.simulation.log_rate_hz
+    every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
+    log = from_rows(np.concatenate([_rows(play, every) for play in played]))
+    parts = [play.run.rows[::every] for play in played]
+    log = with_column(log, "hand_force_n", np.concatenate([part[:, FORCE : FORCE + 3] for part in parts]))
+    log = with_column(log, "lent_j", np.concatenate([part[:, LENT] for part in parts]))
+    return with_column(log, "case", np.concatenate([np.full(len(part), float(k)) for k, part in enumerate(parts)]))
+
+
+def trace_of_move(play: PlayedMove) -> Trace:
+    """The exact trace of one move, with no contact."""
+    rows = play.run.rows
+    n, nothing = len(rows), np.zeros(len(rows))
+    off = np.linalg.norm(play.table.motion.positions[:n] - rows[:, TOOL : TOOL + 3], axis=1)
+    turned = Rotation.from_matrix(play.table.motion.rotations[:n]) * Rotation.from_matrix(play.run.rotations).inv()
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rows[:, TOOL : TOOL + 3], axis=0), axis=1))])
+    return Trace(
+        rows[:, TIME], play.table.phase[:n], nothing, off, off, turned.magnitude(), rows[:, TOOL : TOOL + 3],
+        rows[:, SPEED], way, np.zeros((n, 3)), nothing, nothing,
+    )  # fmt: skip
+
+
+def _rows(play: PlayedMove, every: int) -> Array:
+    """Packed rows of the log; what an arm in free space does not have is zero."""
+    n = len(play.run.rows)
+    part, motion = play.run.rows[::every], play.table.motion
+    known = {
+        "time_s": part[:, TIME],
+        "q_rad": part[:, Q : Q + 6],
+        "qd_rad_s": part[:, QD : QD + 6],
+        "torque_nm": part[:, TORQUE : TORQUE + 6],
+        "tcp_position_m": part[:, TOOL : TOOL + 3],
+        "tcp_quaternion_wxyz": Rotation.from_matrix(play.run.rotations[::every]).as_quat(scalar_first=True),
+        "target_position_m": motion.positions[:n:every],
+        "target_quaternion_wxyz": Rotation.from_matrix(motion.rotations[:n:every]).as_quat(scalar_first=True),
+        "tcp_speed_m_s": part[:, SPEED],
+        "wrench_raw_sensor": part[:, RAW : RAW + 6],
+        "phase": play.table.phase[:n:every].astype(float),
+    }
+    rows = np.zeros((len(part), row_width()))
+    for name, (start, width) in row_layout().items():
+        if name in known:
+            rows[:, start : start + max(width, 1)] = known[name].reshape(len(part), -1)
+    return rows

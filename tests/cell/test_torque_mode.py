@@ -1,0 +1,101 @@
+"""The arm in torque mode: what carries it, what moves it, what stops it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from polish_sim.cell.guiding import BRAKED_S, FORCE, QD, RAW, TOOL, TORQUE, GuidingRun, Q, run_guided
+from polish_sim.cell.hand import Hand, HandMotion
+from polish_sim.cell.torque_mode import chain_of_file
+from polish_sim.config import GuideConfig, Scenario
+from polish_sim.errors import InputError
+from polish_sim.experiments.guided_arm import HOME, believe, guided_arm, home_pose, torque_arm
+from polish_sim.experiments.identified_arm import ARM_JOINTS
+
+Array = NDArray[np.float64]
+
+POINT_HAND = Hand(4000.0, 200.0, 0.0, 0.0)
+
+
+def guide(
+    offset: Array, seconds: float, mode: str, hand: Hand = POINT_HAND, held: float = 0.0, **changed: float
+) -> GuidingRun:
+    """Hold the tool a fixed way from home; servos hold first."""
+    scenario = Scenario(guide=replace(GuideConfig(), **changed))
+    n, T = round(seconds / 0.001), home_pose()
+    positions = np.tile(T[:3, 3] + offset, (n, 1))
+    motion = HandMotion(positions, np.zeros((n, 3)), np.tile(T[:3, :3], (n, 1, 1)), np.ones(n))
+    servos = (np.arange(n) < held / 0.001).astype(float)
+    model = torque_arm(scenario)
+    return run_guided(guided_arm(scenario, mode, model, believe(scenario), hand), np.array(HOME), motion, servos)
+
+
+def test_the_model_is_the_cell_s_with_motors_for_servos() -> None:
+    model = torque_arm(Scenario())
+    assert model.nu == 6
+    assert np.all(model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
+    np.testing.assert_allclose(model.actuator_forcerange[:, 1], [150.0] * 3 + [28.0] * 3)
+    np.testing.assert_allclose(model.dof_frictionloss[:6], [7.0, 7.0, 5.0, 1.5, 1.5, 1.5])
+    np.testing.assert_allclose(model.dof_damping.reshape(model.nv, -1)[:6, 0], [10.0, 10.0, 8.0, 2.0, 2.0, 2.0])
+    assert not model.body_gravcomp.any()
+
+
+def test_the_believed_weight_carries_the_arm() -> None:
+    run = guide(np.zeros(3), 2.0, "gravity", Hand(0.0, 0.0, 0.0, 0.0))
+    assert np.abs(run.rows[-1, Q : Q + 6] - HOME).max() < 1e-6
+    assert run.stop_reason is None
+
+
+def test_the_first_pull_is_spring_times_way() -> None:
+    run = guide(np.array([0.0, 0.002, 0.0]), 0.01, "gravity")
+    np.testing.assert_allclose(run.rows[0, FORCE : FORCE + 3], [0.0, 8.0, 0.0], atol=1e-6)
+
+
+def test_below_break_away_the_hand_only_feels_its_own_spring() -> None:
+    """2 N are less than what the joints' dry friction holds: the tool only creeps."""
+    run = guide(np.array([0.0005, 0.0, 0.0]), 0.05, "gravity")
+    assert np.linalg.norm(run.rows[-1, TOOL : TOOL + 3] - run.rows[0, TOOL : TOOL + 3]) < 1e-4
+
+
+def test_the_wrist_sensor_feels_the_hand() -> None:
+    """Between a pull of 8 N and none the sensor's plane sees 8 N less carried by the arm, in base axes."""
+    pulled, free = (guide(np.array([way, 0.0, 0.0]), 0.2, "gravity") for way in (0.002, 0.0))
+    R = pulled.rotations[-1]
+    change = R @ (pulled.rows[-1, RAW : RAW + 3] - free.rows[-1, RAW : RAW + 3])
+    np.testing.assert_allclose(change, -pulled.rows[-1, FORCE : FORCE + 3], atol=0.05)
+
+
+def test_what_the_model_lacks_is_tared_while_the_servos_hold() -> None:
+    """2 kg nobody was told of: the arm stays when the servos let go, and sinks without the tare."""
+    free = Hand(0.0, 0.0, 0.0, 0.0)
+    tared, bare = (guide(np.zeros(3), 1.5, "gravity", free, held=0.5, payload_kg=2.0, tare=tare) for tare in (1.0, 0.0))
+    moved = [np.abs(run.rows[-1, Q : Q + 6] - run.rows[500, Q : Q + 6]).max() for run in (tared, bare)]
+    assert moved[0] < 2e-3
+    assert moved[1] > 0.05
+
+
+def test_too_fast_an_arm_is_braked_and_the_log_kept() -> None:
+    run = guide(np.array([0.0, 0.2, 0.0]), 2.0, "gravity", joint_speed_limit_rad_s=0.5)
+    assert run.stop_reason == "a joint is faster than guide.joint_speed_limit_rad_s"
+    assert len(run.rows) == pytest.approx(run.stop_step + BRAKED_S / 0.001, abs=2)
+    assert np.abs(run.rows[-1, QD : QD + 6]).max() < 0.02
+    assert np.all(run.rows[run.stop_step + 1 :, FORCE : FORCE + 3] == 0.0)
+    assert np.isfinite(run.rows[:, TORQUE : TORQUE + 6]).all()
+
+
+def test_links_that_touch_stop_the_arm_and_are_named() -> None:
+    run = guide(np.array([0.0, 0.45, 0.1]), 4.0, "inertia", tool_speed_limit_m_s=9.0, joint_speed_limit_rad_s=9.0)
+    assert run.stop_reason is not None
+    assert run.stop_reason.startswith(("links touch", "the compensation", "a joint"))
+
+
+def test_a_file_that_is_no_model_is_refused(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    file = tmp_path / "identified.xml"
+    file.write_text("<mujoco>")
+    with pytest.raises(InputError, match=r"identified.xml' is not a robot's MJCF"):
+        chain_of_file(file, ARM_JOINTS)

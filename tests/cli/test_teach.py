@@ -1,0 +1,60 @@
+"""`polish-sim run teach` as a user calls it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+Polish = Callable[..., Any]
+SHORT = ("--set", "hand.off_s=2")
+
+
+def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim: Polish) -> None:
+    code, out, _ = polish_sim(
+        "run", "teach", "--mode", "assist", "--direction", "x", "--duration", 0.8, *SHORT, "--out", "out"
+    )
+    assert code == 0
+    assert {"config.toml", "metrics.json", "log.npz", "hand_force.png"} <= {file.name for file in Path("out").iterdir()}
+    metrics = json.loads(Path("out/metrics.json").read_text())
+    assert {"hand_force_peak_n", "hand_force_rms_n", "drift_rad"} <= set(metrics)
+    assert metrics["moves"] == ["assist_x_0p8s"]
+    log = np.load("out/log.npz")
+    assert log["hand_force_n"].shape == (len(log["time_s"]), 3)
+    assert "hand force" in out
+    assert polish_sim("report", "out", "--out", "again")[0] == 0
+    assert polish_sim("report", "out", "out", "--out", "beside")[0] == 0
+
+
+def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim: Polish) -> None:
+    words = ("--mode", "classical", "--direction", "x", "--duration", 0.6, "--set", "guide.friction_scale=2")
+    code, _, err = polish_sim("run", "teach", *words, *SHORT, "--out", "out")
+    assert code == 3
+    assert "protective stop: classical x fast: " in err
+    assert json.loads(Path("out/metrics.json").read_text())["protective_stop"]
+    assert len(np.load("out/log.npz")["time_s"]) > 100
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--mode", "float"), "unknown mode 'float'. Known: assist, classical, gravity, inertia, none"),
+        (("--direction", "z"), "unknown direction 'z'. Known: x, y"),
+        (("--duration", "-1"), "--duration -1 is outside 0 to 60 s"),
+        (("--contact-force", "20"), "--contact-force would change nothing in 'run teach'"),
+        (("--dry-run",), "--dry-run would change nothing in 'run teach'"),
+        (("--set", "guide.model_file=gone.xml"), "'gone.xml' is not a robot's MJCF"),
+    ],
+)
+def test_bad_input_is_one_message_and_nothing_written(polish_sim: Polish, words: tuple[str, ...], said: str) -> None:
+    code, _, err = polish_sim("run", "teach", *words, "--out", "out")
+    assert (code, Path("out").exists()) == (2, False)
+    assert said in " ".join(err.split())
+
+
+def test_hand_options_belong_to_teach(polish_sim: Polish) -> None:
+    assert "--mode would change nothing in 'run arc'" in polish_sim("run", "arc", "--mode", "assist")[2]
