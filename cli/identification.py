@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,18 +14,28 @@ from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 from polish_sim.cell.identified_model import IdentifiedJoints, write_identified
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
+from polish_sim.cli.weighing import read_run, show_payload, write_payload
+from polish_sim.experiments.identified_payload import weigh_from_logs
 from polish_sim.experiments.identify import Identification, run_identification
 from polish_sim.experiments.identify_log import identify_from_log
 from polish_sim.experiments.logged_robot import LoggedRobot, cell_arm, robot_of_file
 from polish_sim.identification.base_parameters import base_names, base_of, identifiable
-from polish_sim.identification.log_file import read_robot_log
 from polish_sim.identification.parameter_table import parameter_rows, parameters_csv
-from polish_sim.identification.robot_log import periodic_states, spline_states
 from polish_sim.identification.settings import IdentifySettings
 
 SIMULATED, SHORT, STEPWISE = "identify", "identify-short", "identify-stepwise"
 MEASURED, MEASURED_STEPWISE = "identify-data", "identify-data-stepwise"
 FULL_PERIODS = 5
+
+
+class Logs(NamedTuple):
+    """A user's logs."""
+
+    empty: Path
+    loaded: Path | None = None
+    """The same robot carrying a payload."""
+    period: float | None = None
+    """After which the motion of both repeats [s]; None if it does not."""
 
 
 def simulated(settings: IdentifySettings, draft: Path) -> Outcome:
@@ -33,19 +45,28 @@ def simulated(settings: IdentifySettings, draft: Path) -> Outcome:
         observer.stage("draw")
         _write(draft, found)
     _show_parameters(found)
+    if found.weighed is not None:
+        write_payload(draft, found.weighed)
+        show_payload(found.weighed)
     experiment = SIMULATED if settings.periods >= FULL_PERIODS else SHORT
     experiment = STEPWISE if "stepwise_over_joint" in found.figures else experiment
     title = f"identification, {settings.method}, {settings.objective}, {settings.periods} periods, seed {settings.seed}"
     return Outcome(experiment, title, {"this arm": found.figures})
 
 
-def from_log(robot: LoggedRobot, file: Path, period: float | None, method: str, draft: Path) -> Outcome:
-    """Identify a robot from its own log and write its folder."""
-    log = read_robot_log(file, robot.model.chain.geometry.kind.tolist(), periodic=period is not None)
-    states = spline_states(log) if period is None else periodic_states(log, period)
-    found = identify_from_log(robot, log, states, method)
+def from_log(robot: LoggedRobot, logs: Logs, method: str, draft: Path) -> Outcome:
+    """Identify a robot, and what it carries in a second log, from its own logs, and write its folder."""
+    file = logs.empty
+    run = read_run(file, robot, logs.period)
+    found = identify_from_log(robot, *run, method)
+    if logs.loaded is not None:
+        weighed = weigh_from_logs(robot, run, read_run(logs.loaded, robot, logs.period))
+        found = replace(found, weighed=weighed, figures=found.figures | weighed.figures)
+        write_payload(draft, weighed)
     _write(draft, found, robot.file)
     _show_parameters(found)
+    if found.weighed is not None:
+        show_payload(found.weighed)
     experiment = MEASURED if method == "joint" else MEASURED_STEPWISE
     return Outcome(experiment, f"identification from {file.name}, {method}", {"this robot": found.figures})
 

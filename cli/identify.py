@@ -82,6 +82,24 @@ Joints = Annotated[
         rich_help_panel=IDENTIFICATION,
     ),
 ]
+Payload = Annotated[
+    float | None,
+    typer.Option(
+        "--payload",
+        metavar="KG",
+        help="Then carry a block of this mass and find its mass, centre and inertia (kg).",
+        rich_help_panel=IDENTIFICATION,
+    ),
+]
+PayloadData = Annotated[
+    Path | None,
+    typer.Option(
+        "--payload-data",
+        metavar="FILE.csv",
+        help="Log of the robot carrying a payload; without --data the robot's model is believed as it is.",
+        rich_help_panel=IDENTIFICATION,
+    ),
+]
 Report = Annotated[
     bool,
     typer.Option(
@@ -99,6 +117,8 @@ def identify(
     period: Period = None,
     model: Model = None,
     joints: Joints = None,
+    payload: Payload = None,
+    payload_data: PayloadData = None,
     report: Report = False,
     seed: o.Seed = None,
     check: o.Check = False,
@@ -106,12 +126,23 @@ def identify(
     overwrite: o.Overwrite = False,
 ) -> int:
     """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a model."""
-    given = {"method": method, "objective": objective, "periods": periods, "starts": starts, "seed": seed}
+    given = {
+        "method": method,
+        "objective": objective,
+        "periods": periods,
+        "starts": starts,
+        "seed": seed,
+        "payload": payload,
+    }
     given = {name: value for name, value in given.items() if value is not None}
-    _refuse_idle(given, data=data, period=period, model=model, joints=joints, report=report)
+    measured = data if data is not None else payload_data
+    _refuse_idle(given, data=measured, period=period, model=model, joints=joints, report=report)
+    if method is not None and data is None and payload_data is not None:
+        raise InputError("--method would change nothing with --payload-data alone: leave it out, or add --data.")
     prepare_headless()
     # Lazy: the simulator takes a second to load, --help must not wait for it.
-    from polish_sim.cli.identification import from_log, identifiable_numbers, robot_for, simulated
+    from polish_sim.cli.identification import Logs, from_log, identifiable_numbers, robot_for, simulated
+    from polish_sim.cli.weighing import weigh_alone
     from polish_sim.identification.settings import IdentifySettings
 
     settings = IdentifySettings(**given)  # type: ignore[arg-type]
@@ -119,10 +150,13 @@ def identify(
         identifiable_numbers(robot_for(model, joints))
         return 0
     with claimed(out, "identify", overwrite) as folder:
-        if data is None:
-            outcome = simulated(settings, folder.draft)
+        if data is not None:
+            logs = Logs(data, payload_data, period)
+            outcome = from_log(robot_for(model, joints), logs, settings.method, folder.draft)
+        elif payload_data is not None:
+            outcome = weigh_alone(robot_for(model, joints), payload_data, period, folder.draft)
         else:
-            outcome = from_log(robot_for(model, joints), data, period, settings.method, folder.draft)
+            outcome = simulated(settings, folder.draft)
     outcome.show()
     console.say(f"folder: {folder.final}")
     return outcome.exit_code(check)

@@ -18,9 +18,10 @@ from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.motion_limits import MotionLimits
 from polish_sim.identification.settings import IdentifySettings
 from polish_sim.identification.torque_model import TorqueModel
+from polish_sim.motion.serial_chain import link_parameters
 from tests.identification.chains import ODD
 from tests.identification.logs import played, write_log
-from tests.identification.motions import known_robot, noisy
+from tests.identification.motions import SIGMA, known_robot, noisy
 
 Tool = Callable[..., Any]
 NAMES = ["time_s", *(f"q{j}_rad" for j in range(1, 7)), *(f"torque{j}_nm" for j in range(1, 7))]
@@ -90,6 +91,9 @@ def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:
         (["--data", "none.csv", "--period", "-1"], "more than 0 s"),
         (["--data", "none.csv", "--method", "stepwise", "--period", "10"], "leave --period out"),
         (["--model", "robot.xml"], "--model belongs to --data or --report"),
+        (["--payload", "9"], "--payload 9: wanted 0 to 3 kg"),
+        (["--payload-data", "none.csv", "--method", "joint"], "leave it out, or add --data"),
+        (["--payload-data", "none.csv"], "cannot read the log 'none.csv'"),
         (["--joints", "a"], "--joints belongs to --model"),
         (["--report", "--model", "none.xml"], "cannot read the robot model 'none.xml'"),
     ],
@@ -120,6 +124,24 @@ def test_another_robot_is_identified_from_its_log_and_written_back(polish_sim: T
     )
     assert np.abs(off).max() < 0.05
     assert np.abs(drawn).max() > 2.0
+
+
+def test_a_payload_is_found_from_a_second_log_and_from_the_robots_model_alone(polish_sim: Tool, tmp_path: Path) -> None:
+    known = known_robot()
+    loaded = known.model.truth()
+    loaded[50:60] += link_parameters(
+        1.5, np.array([0.02, -0.01, 0.08]) - known.model.chain.origins[-1], np.zeros((3, 3))
+    )
+    empty = write_log(tmp_path / "empty.csv", known.model, played(known.motion, 1), SIGMA)
+    other = write_log(tmp_path / "loaded.csv", known.model, played(known.motion, 1), SIGMA, loaded, seed=1)
+    for words in (["--data", empty], []):
+        call = polish_sim("identify", *words, "--payload-data", other, "--out", "found", "--overwrite")
+        assert call.code == 0, call.err
+        rows = csv.DictReader(Path("found/payload.csv").read_text(encoding="utf-8").splitlines())
+        found = {row["name"]: row for row in rows}
+        for name, true in (("mass", 1.5), ("center_x", 0.02), ("center_y", -0.01), ("center_z", 0.08)):
+            assert float(found[name]["value"]) == pytest.approx(true, abs=4.5 * float(found[name]["std"]))
+        assert float(found["mass"]["std"]) < 0.01
 
 
 def test_a_joint_that_stood_still_is_named(polish_sim: Tool, tmp_path: Path) -> None:

@@ -13,7 +13,9 @@ from polish_sim.identification.torque_model import FULL, States
 
 @pytest.fixture(scope="module")
 def identified() -> Identification:
-    return run_identification(IdentifySettings(periods=1, iterations=15, poses=6, method="stepwise", seed=1))
+    return run_identification(
+        IdentifySettings(periods=1, iterations=15, poses=6, method="stepwise", payload=1.0, seed=1)
+    )
 
 
 def test_a_motion_that_was_not_fitted_is_predicted_far_better_than_by_the_drawing(identified: Identification) -> None:
@@ -31,8 +33,24 @@ def test_errors_are_near_the_bound_and_the_steps_near_the_joint_fit(identified: 
     assert identified.figures["first_step_parameters"] == 22
 
 
+def test_a_block_the_arm_carries_is_found_within_its_intervals(identified: Identification) -> None:
+    assert identified.weighed is not None
+    figures = identified.weighed.figures
+    assert figures["payload_error_over_std"] < 2.0
+    assert abs(figures["payload_mass_error_kg"]) < 0.01
+    assert figures["payload_center_error_m"] < 0.003
+    assert figures["payload_consistent"]
+
+
 def test_the_exciting_motion_keeps_clear_of_everything(identified: Identification) -> None:
     assert identified.figures["clearance_min_m"] >= 0.02
+
+
+def test_the_first_axes_move_first_and_their_step_is_carried_into_the_second() -> None:
+    figures = run_identification(IdentifySettings(periods=1, iterations=5, method="stepwise-axes", seed=2)).figures
+    assert figures["first_step_parameters"] == 25
+    assert figures["stepwise_over_joint"] == pytest.approx(1.0, abs=0.01)
+    assert figures["error_over_crb"] < 1.6
 
 
 def test_the_arm_at_rest_shows_its_weight_and_nothing_else() -> None:

@@ -17,11 +17,12 @@ RATE = 250.0
 
 
 def write_log(
-    file: Path, model: TorqueModel, states: States, sigma: float | Array = 0.0, truth: Array | None = None
-) -> Path:
+    file: Path, model: TorqueModel, states: States, sigma: float | Array = 0.0, truth: Array | None = None,
+    seed: int = 0,
+) -> Path:  # fmt: skip
     """Write states and their torques, with noise, as a log at `RATE`; ``truth`` (p,) if it is not the model's own."""
     torque = model.torque(states, model.truth() if truth is None else truth)
-    torque = torque + np.random.default_rng(0).normal(size=torque.shape) * sigma
+    torque = torque + np.random.default_rng(seed).normal(size=torque.shape) * sigma
     q, force = log_columns(model.chain.geometry.kind.tolist())
     table = np.column_stack([np.arange(len(torque)) / RATE, states.q, torque])
     np.savetxt(file, table, delimiter=",", header=",".join(["time_s", *q, *force]), comments="", fmt="%.9g")

@@ -225,6 +225,11 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
         "identify-short": _identify(1.3e-3),
         "identify-stepwise": (*_identify(1.3e-3), *_STEPWISE),
         "identify-data": _IDENTIFY_DATA,
+        "identify-payload-data": (
+            Claim("payload_mass_std_kg", "mass, std", "g", 1e3),
+            Claim("payload_consistent_as_found", "a body can have these numbers as found", "", 1.0),
+            Claim("payload_consistent", "the nearest body can exist", "", 1.0, low=1.0, more_is_better=True),
+        ),
         "identify-data-stepwise": (*_IDENTIFY_DATA, *_STEPWISE),
         "calibrate-payload-data": (
             Claim("mass_std_relative", "mass, std", "%", 100.0, high=0.01),

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.cell.carried_load import CarriedLoad, carry
 from polish_sim.cell.engine import mj_step, register_engine
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import Scenario
@@ -17,6 +18,7 @@ from polish_sim.errors import ProtectiveStop, ReachError
 Array = NDArray[np.float64]
 
 JOINTS = 6
+LAST_LINK = "link_6"
 LOOK_EVERY = 20  # rows between looks at links in contact
 
 
@@ -40,13 +42,16 @@ class Played(NamedTuple):
     """Of the servos [N m], shape (n, 6)."""
 
 
-def play_joints(scenario: Scenario, targets: JointTargets, settle: float = 0.5) -> Played:
+def play_joints(
+    scenario: Scenario, targets: JointTargets, settle: float = 0.5, load: CarriedLoad | None = None
+) -> Played:
     """Play joint targets on the robot of the cell, in free space, spindle at rest.
 
     Args:
         scenario: Robot, head and time step; a row of the targets is one step.
         targets: From rest to rest, free of jumps.
         settle: The robot stands at the first target this long before [s], so that gravity has settled.
+        load: What is bolted to its last link.
 
     Returns:
         What the joints did.
@@ -57,6 +62,8 @@ def play_joints(scenario: Scenario, targets: JointTargets, settle: float = 0.5) 
     """
     register_engine()
     model = build_scene(scenario, None, None)
+    if load is not None:
+        carry(model, LAST_LINK, load)
     data = mujoco.MjData(model)
     _refuse_touch(model, data, targets.q)
     data.qpos[:JOINTS] = targets.q[0]

@@ -41,6 +41,7 @@ def read_chain(model: mujoco.MjModel, joints: Sequence[str] | None = None) -> Se
         _geometry(model, data, chosen), _inertias(model, data, chosen, owner), model.dof_armature[dofs].copy(),
         model.dof_damping.reshape(model.nv, -1)[dofs, 0].copy(), model.dof_frictionloss[dofs].copy(),
         tuple(model.joint(j).name for j in chosen), tuple(model.body(model.jnt_bodyid[j]).name for j in chosen),
+        model.jnt_pos[chosen].copy(),
     )  # fmt: skip
 
 

@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.cell.carried_load import CarriedLoad, carry
 from polish_sim.cell.clearance import RobotClearance
-from polish_sim.cell.playback import JointTargets, play_joints
+from polish_sim.cell.playback import LAST_LINK, JointTargets, play_joints
 from polish_sim.cell.scene import build_scene
 from polish_sim.cell.serial_chain import own_parameters, read_chain
 from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
@@ -46,24 +47,30 @@ class Arm:
     servo_damping: Array
     """Speed gain of the servos [N m s/rad], shape (6,)."""
     clearance: RobotClearance
+    load: CarriedLoad | None = None
+    """Bolted to the last link, part of the truth."""
 
     def near(self, q: Array) -> Clearance:
         """Clearance of poses (m, 6)."""
         return Clearance(*self.clearance.measure(q))
 
 
-def build_arm(terms: tuple[str, ...], scenario: Scenario = SCENARIO) -> Arm:
+def build_arm(terms: tuple[str, ...], scenario: Scenario = SCENARIO, load: CarriedLoad | None = None) -> Arm:
     """Compile the cell in free space and read its arm.
 
     Args:
         terms: Terms of the torque model.
         scenario: Head and tool; the robot's gravity compensation must be exact.
+        load: What is bolted to the last link besides.
     """
     model = build_scene(replace(scenario, robot=replace(scenario.robot, payload_error=0.0)), None, None)
+    if load is not None:
+        carry(model, LAST_LINK, load)
     chain = read_chain(model, ARM_JOINTS)
     carried = chain.parameters - own_parameters(model, ARM_JOINTS)
     gains = -model.actuator_biasprm[:, 2]
-    return Arm(scenario, TorqueModel(chain, terms), carried, gains.copy(), RobotClearance(model, 6, also=("head_pad",)))
+    clearance = RobotClearance(model, 6, also=("head_pad",))
+    return Arm(scenario, TorqueModel(chain, terms), carried, gains.copy(), clearance, load)
 
 
 def motion_limits() -> MotionLimits:
@@ -109,7 +116,7 @@ def play_states(arm: Arm, states: States) -> RobotLog:
     Its positions are half a step ahead of its speeds, so the change of speed over a step belongs to the step's
     first position. What the engine compensates of gravity is what a real servo would have to give, so it is added.
     """
-    played = play_joints(arm.scenario, JointTargets(states.q, states.qd))
+    played = play_joints(arm.scenario, JointTargets(states.q, states.qd), load=arm.load)
     change = np.diff(played.qd, axis=0, append=played.qd[-1:])
     given = played.torque - arm.servo_damping * change
     time: Array = np.arange(len(given)) * np.float64(STEP_S)

@@ -14,6 +14,7 @@ from polish_sim.cell import Observer, Silent
 from polish_sim.experiments import first_steps
 from polish_sim.experiments.first_steps import FirstStep
 from polish_sim.experiments.identified_arm import Arm, believe, build_arm, motion_limits, play_motion
+from polish_sim.experiments.identified_payload import Weighed, guessed_load, weigh_block
 from polish_sim.identification.base_parameters import BaseParameters, base_of
 from polish_sim.identification.estimate import Estimate, estimate, held_out_error, require_rank
 from polish_sim.identification.excitation import (
@@ -67,6 +68,8 @@ class Identification:
     truth: Array | None = None
     """True base parameters, shape (r,); None for a real robot."""
     motion: FourierMotion | None = None
+    weighed: Weighed | None = None
+    """The payload, if one was to be found."""
 
 
 def run_identification(settings: IdentifySettings, observer: Observer | None = None) -> Identification:
@@ -80,7 +83,7 @@ def run_identification(settings: IdentifySettings, observer: Observer | None = N
         Parameters, figures against the truth, and a held-out motion.
     """
     observer = observer or Silent()
-    streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(5)]
+    streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(6)]
     observer.stage("read the arm")
     arm = build_arm(settings.terms)
     base, sigma = base_of(arm.truth), np.array(settings.sigma)
@@ -111,7 +114,12 @@ def run_identification(settings: IdentifySettings, observer: Observer | None = N
     figures |= _against_truth(found, told, truth) | _motion_figures(task, excitation, len(log.time))
     figures |= {"design_s": design_s, "fit_s": fit_s, "samples": len(log.time), "seed": settings.seed}
     figures |= {"method": settings.method, "objective": settings.objective}
-    return Identification(arm.truth, base, found, full, drawing, held_out, figures, truth, excitation.motion)
+    weighed = None
+    if settings.payload:
+        observer.stage(f"play {settings.periods} periods with a payload")
+        weighed = weigh_block(sums, base, excitation.motion, settings, streams[5])
+        figures |= weighed.figures
+    return Identification(arm.truth, base, found, full, drawing, held_out, figures, truth, excitation.motion, weighed)
 
 
 class Designed(NamedTuple):
@@ -128,8 +136,11 @@ def _design(
 ) -> Designed:
     sigma = np.array(settings.sigma)
     started = time.process_time()
-    nothing = np.eye(base.rank)
-    task = ExcitationTask(arm.truth, base, drawing.parameters, sigma, motion_limits(), nothing, arm.near)
+    nothing, believed = np.eye(base.rank), drawing.parameters.copy()
+    if settings.payload:
+        last = 10 * arm.truth.joints
+        believed[last - 10 : last] += guessed_load(settings.payload, arm.truth.chain.origins[-1])
+    task = ExcitationTask(arm.truth, base, believed, sigma, motion_limits(), nothing, arm.near)
     other, *motions = islice(allowed_motions(task, rng), USE_MOTIONS + 1)
     t = np.arange(USE_SAMPLES) / USE_SAMPLES * other.period
     task = replace(task, use=np.mean([use_matrix(arm.truth, base, motion(t), sigma) for motion in motions], axis=0))

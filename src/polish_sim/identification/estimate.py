@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -102,6 +103,20 @@ def require_rank(sums: JointSums, base: BaseParameters, model: TorqueModel) -> N
     Raises:
         IdentificationError: Names joints that stood still and the parameters that stay unknown.
     """
+    require_told(sums, [model.names[column] for column in base.columns], model)
+
+
+def require_told(sums: JointSums, names: Sequence[str], model: TorqueModel) -> None:
+    """Refuse samples that do not tell every one of some parameters.
+
+    Args:
+        sums: What the samples say of them.
+        names: Their names, shape (r,).
+        model: The torque model.
+
+    Raises:
+        IdentificationError: Names joints that stood still and the parameters that stay unknown.
+    """
     sigma = np.sqrt(np.maximum(sums.torque_squares, 1e-12) / np.maximum(sums.samples, 1.0))
     H = information(sums, np.maximum(sigma, 1e-6))
     size = np.sqrt(np.diag(H))
@@ -111,12 +126,12 @@ def require_rank(sums: JointSums, base: BaseParameters, model: TorqueModel) -> N
     if not hidden.size:
         return
     share = np.linalg.norm(hidden, axis=1)
-    names = [model.names[column] for column in base.columns[share > 1e-2]]
+    unknown = [name for name, part in zip(names, share, strict=True) if part > 1e-2]
     still = [model.chain.joints[j] for j in range(model.joints) if sums.samples[j] == 0]
     said = f" {', '.join(still)} did not move, or never faster than {STANDSTILL:g} rad/s." if still else ""
     raise IdentificationError(
-        f"the motion tells {base.rank - hidden.shape[1]} of {base.rank} base parameters.{said} Not identifiable, or "
-        f"only in combination: {', '.join(names)}. Move every joint, at different speeds, in different poses of the "
+        f"the motion tells {len(names) - hidden.shape[1]} of {len(names)} base parameters.{said} Not identifiable, or "
+        f"only in combination: {', '.join(unknown)}. Move every joint, at different speeds, in different poses of the "
         "others."
     )
 

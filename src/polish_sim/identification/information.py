@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.identification.base_parameters import BaseParameters
-from polish_sim.identification.torque_model import States, TorqueModel
+from polish_sim.identification.torque_model import PIECE, States, TorqueModel
 
 Array = NDArray[np.float64]
 
@@ -18,8 +18,6 @@ TURNING: Final = 0.06
 """While any joint is slower than this [rad/s] no torque gets weight: all feel how its friction turns round."""
 STANDING: Final = (0.01, 0.5)
 """Below this speed [rad/s] and acceleration [rad/s^2] a joint stands still: it does not turn round either."""
-CHUNK: Final = 2000
-"""Samples whose regressors are held at once."""
 
 
 class JointSums(NamedTuple):
@@ -64,8 +62,8 @@ def sum_samples(model: TorqueModel, base: BaseParameters, states: States, torque
     n, r = model.joints, base.rank
     squares, products = np.zeros((n, r, r)), np.zeros((n, r))
     moving = told_rows(states)
-    for first in range(0, len(torque), CHUNK):
-        rows = slice(first, first + CHUNK)
+    for first in range(0, len(torque), PIECE):
+        rows = slice(first, first + PIECE)
         Y = model.regressor(states.rows(rows))[:, :, base.columns] * moving[rows, :, None]
         for j in range(n):
             of_joint = np.ascontiguousarray(Y[:, j])

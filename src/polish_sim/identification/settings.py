@@ -15,6 +15,8 @@ METHODS: Final = {
     "stepwise-axes": "axes 1 to 3 with the wrist held first, then all axes, the covariance carried likewise",
 }
 """How parameters are found, by name."""
+LARGEST_PAYLOAD: Final = 3.0
+"""The UR5e's five kilograms less the tool's two [kg]."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,8 @@ class IdentifySettings:
     """Random motions that search begins from."""
     poses: int = 24
     """At rest, for the stepwise method."""
+    payload: float = 0.0
+    """Mass of a payload that is found in a second run [kg]; none if 0."""
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -45,5 +49,9 @@ class IdentifySettings:
             raise unknown_name("method", self.method, METHODS)
         if self.objective not in OBJECTIVES:
             raise unknown_name("objective", self.objective, OBJECTIVES)
+        if not 0.0 <= self.payload <= LARGEST_PAYLOAD:
+            raise InputError(
+                f"--payload {self.payload:g}: wanted 0 to {LARGEST_PAYLOAD:g} kg, what the arm carries beside its tool."
+            )
         if self.periods < 1:
             raise InputError(f"--periods {self.periods}: at least one whole period must be logged.")

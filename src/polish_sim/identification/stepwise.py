@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from polish_sim.identification.base_parameters import BaseParameters, base_of_rows
 from polish_sim.identification.estimate import Earlier, Estimate, estimate
-from polish_sim.identification.information import CHUNK, JointSums, sum_samples, told_rows
-from polish_sim.identification.torque_model import States, TorqueModel
+from polish_sim.identification.information import JointSums, sum_samples, told_rows
+from polish_sim.identification.torque_model import PIECE, States, TorqueModel
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -48,7 +48,7 @@ def sum_rows(rows: Array, torque: Array, columns: NDArray[np.int64], told: Mask 
 
 def sum_rest(model: TorqueModel, columns: NDArray[np.int64], states: States, torque: Array, told: Mask) -> JointSums:
     """Normal equations of many samples as if at rest, piece by piece."""
-    parts = [slice(first, first + CHUNK) for first in range(0, len(torque), CHUNK)]
+    parts = [slice(first, first + PIECE) for first in range(0, len(torque), PIECE)]
     sums = [sum_rows(rest_rows(model, states.rows(part)), torque[part], columns, told[part]) for part in parts]
     total = sums[0]
     for more in sums[1:]:

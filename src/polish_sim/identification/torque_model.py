@@ -18,6 +18,8 @@ from polish_sim.motion.serial_chain import LINK_PARAMETERS, LINK_UNITS, SerialCh
 
 Array = NDArray[np.float64]
 
+PIECE: Final = 2000
+"""Samples whose regressors are held at once."""
 SIGN_WIDTH: Final = 0.02
 """Speed over which the sign of Coulomb friction is smoothed [rad/s]."""
 
@@ -138,6 +140,15 @@ class TorqueModel:
     def torque(self, states: States, parameters: Array) -> Array:
         """Torques of all parameters (p,) [N m], shape (m, n)."""
         return np.asarray(self.regressor(states) @ parameters)
+
+    def torque_of_base(self, states: States, columns: NDArray[np.int64], theta: Array) -> Array:
+        """Torques of base parameters (r,) on their columns (r,) [N m], shape (m, n)."""
+        return np.concatenate(
+            [
+                self.regressor(states.rows(slice(first, first + PIECE)))[:, :, columns] @ theta
+                for first in range(0, len(states.q), PIECE)
+            ]
+        )
 
 
 def random_states(joints: int, count: int, rng: np.random.Generator) -> States:

@@ -49,6 +49,8 @@ class SerialChain(NamedTuple):
     """Coulomb friction [N m], shape (n,)."""
     joints: tuple[str, ...]
     links: tuple[str, ...]
+    origins: Array
+    """Where each frame's origin lies in the link's own body frame [m], shape (n, 3)."""
 
 
 def link_parameters(mass: float, center: Array, inertia: Array) -> Array:
