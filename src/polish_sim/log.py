@@ -46,6 +46,7 @@ COLUMNS: Mapping[str, tuple[int, str]] = MappingProxyType(
 LATER: Mapping[str, tuple[int, str]] = MappingProxyType(
     {
         "exposure_nm": (0, "N m"),
+        "master_q_rad": (6, "rad"),
         "rule": (0, "-"),
         "case": (0, "-"),
         "hand_force_n": (3, "N"),

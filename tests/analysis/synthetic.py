@@ -18,7 +18,8 @@ DT = 1e-3
 def trace_of(phase: NDArray[np.int8], **columns: Array) -> Trace:
     """A trace with the given columns, all others zero."""
     n = len(phase)
-    zero = {name: np.zeros((n, 3) if name in ("tcp_position_m", "part_shift_m") else n) for name in Trace._fields}
+    vectors = ("tcp_position_m", "part_shift_m", "target_error_m", "tool_on_part_m")
+    zero = {name: np.zeros((n, 3) if name in vectors else n) for name in Trace._fields}
     return Trace(**(zero | {"time_s": np.arange(n) * DT, "phase": phase} | columns))
 
 

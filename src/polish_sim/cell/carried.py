@@ -11,12 +11,12 @@ from polish_sim.cell.wrist_sensor import GRAVITY, Payload
 Array = NDArray[np.float64]
 
 
-def carried_payload(model: mujoco.MjModel, data: mujoco.MjData) -> Payload:
-    """The tool as it is: everything mounted on the sensor; ``data`` at rest."""
-    bodies = [model.body("tool_mount").id, model.body("head").id]
+def carried_payload(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> Payload:
+    """The tool as it is: everything mounted on the sensor of the ``arm``; ``data`` at rest."""
+    bodies = [model.body(f"{arm}tool_mount").id, model.body(f"{arm}head").id]
     mass = model.body_mass[bodies]
     center = (mass @ data.xipos[bodies]) / mass.sum()
-    sensor, tool = data.site("sensor"), data.site("tool")
+    sensor, tool = data.site(f"{arm}sensor"), data.site(f"{arm}tool")
     R_sensor_base = sensor.xmat.reshape(3, 3).T
     return Payload(float(mass.sum()), R_sensor_base @ (center - sensor.xpos), R_sensor_base @ (tool.xpos - sensor.xpos))
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.cell.carried import carried_payload
+from polish_sim.cell.carrier import FIRST_CONTROL, FIRST_JOINT, FOLLOWER, MasterRows, build_carrier, no_carrier
 from polish_sim.cell.contact import RealPart, build_pad
 from polish_sim.cell.crash_points import crash_points
 from polish_sim.cell.engine import register_engine
@@ -24,7 +25,7 @@ from polish_sim.cell.observer import Observer, Silent
 from polish_sim.cell.part_motion import build_part_motion
 from polish_sim.cell.protective_stop import build_stop_motion
 from polish_sim.cell.python_law import PythonLaw
-from polish_sim.cell.recorder import build_recorder, trace_from
+from polish_sim.cell.recorder import MASTER_Q, build_recorder, trace_from
 from polish_sim.cell.safety_record import SafetyRecord, record_safety
 from polish_sim.cell.sequence import Job, begin_next_stroke, build_sequence_state, expected_duration
 from polish_sim.cell.speedl import build_speedl, build_speedl_state
@@ -35,7 +36,7 @@ from polish_sim.control.course import Course
 from polish_sim.control.laws import CompiledController, Controller
 from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, WHOLE_FEED
 from polish_sim.errors import InputError, ReachError
-from polish_sim.log import RunLog, from_rows
+from polish_sim.log import RunLog, from_rows, with_column
 from polish_sim.trace import Trace
 
 Array = NDArray[np.float64]
@@ -79,6 +80,7 @@ class Cell:
         controller: The control law.
         rng: Draws the sensor's bias, drift and noise.
         course: What lies ahead on the path, for controllers that prepare for it.
+        master: What a second robot does that carries the part; the robot with the tool is then the follower.
 
     The host compensates the tool as it is until ``compensate`` tells it otherwise.
     """
@@ -93,12 +95,16 @@ class Cell:
         controller: Controller,
         rng: np.random.Generator,
         course: Course | None = None,
+        master: MasterRows | None = None,
     ) -> None:
         register_engine()
         self.scenario, self.model, self.rng, self.course = scenario, model, rng, course
+        self.arm = FOLLOWER if master is not None else ""
         self.data = mujoco.MjData(model)
         self.data.qpos[:6] = q_start
         self.data.ctrl[0:12:2] = q_start
+        if master is not None:
+            self.data.qpos[FIRST_JOINT:] = self.data.ctrl[FIRST_CONTROL::2] = master.q[0]
         mujoco.mj_forward(model, self.data)
         if self.data.ncon:
             raise ReachError(
@@ -106,13 +112,13 @@ class Cell:
             )
         check_step_limits(scenario, self._tangential_mass(), part.field.band)
         check_rates(scenario)
-        self.carried = carried_payload(model, self.data)
+        self.carried = carried_payload(model, self.data, self.arm)
         events = parse_events(scenario.faults.events)
         check_events(events, on_part=any(job.contact > 0.0 for job in strokes))
         self.faults = FaultClock(events)
         self._touched: str | None = None
         self.strokes = tuple(strokes)
-        self.kernel = self._build_kernel(part, self.strokes[0], q_start)
+        self.kernel = self._build_kernel(part, self.strokes[0], q_start, master)
         self.compensate(self.carried.mass, self.carried.center)
         self.use_controller(controller)
         rate = scenario.simulation.log_rate_hz
@@ -209,7 +215,7 @@ class Cell:
             raise KeyboardInterrupt
         wall = time.perf_counter() - started
         return CellRun(
-            from_rows(np.concatenate(rows)),
+            self._log(np.concatenate(rows)),
             trace_from(np.concatenate(traces)),
             self._stop_reason(),
             interrupt.seen or self._was_interrupted(),
@@ -217,6 +223,10 @@ class Cell:
             wall,
             record_safety(self.kernel, self.faults),
         )
+
+    def _log(self, rows: Array) -> RunLog:
+        log = from_rows(rows)
+        return with_column(log, "master_q_rad", rows[:, MASTER_Q:]) if self.arm else log
 
     def _attach(self, controller: Controller) -> object:
         """The controller's law for the compiled loop: its own, or a callback into Python."""
@@ -249,20 +259,22 @@ class Cell:
         inertia = np.zeros((self.model.nv, self.model.nv))
         mujoco.mj_fullM(self.model, self.data, inertia)
         jacobian = np.zeros((3, self.model.nv))
-        mujoco.mj_jacSite(self.model, self.data, jacobian, None, self.model.site("pad").id)
-        across = self.data.site("tool").xmat.reshape(3, 3)[:, :2].T @ jacobian
+        mujoco.mj_jacSite(self.model, self.data, jacobian, None, self.model.site(f"{self.arm}pad").id)
+        across = self.data.site(f"{self.arm}tool").xmat.reshape(3, 3)[:, :2].T @ jacobian
         mobility = across @ np.linalg.solve(inertia, across.T)
         return float(1.0 / np.linalg.eigvalsh(mobility)[-1])
 
-    def _build_kernel(self, part: RealPart, job: Job, q_start: Array) -> CellKernel:
+    def _build_kernel(self, part: RealPart, job: Job, q_start: Array, master: MasterRows | None) -> CellKernel:
         scenario = self.scenario
         sensor, sensor_state = build_sensor(scenario.sensor, self.rng)
         speedl = build_speedl(scenario)
         return CellKernel(
-            engine_views(self.model, self.data),
+            engine_views(self.model, self.data, self.arm),
             build_pad(scenario.pad, scenario.head.spring_scale),
-            part._replace(position=part.position.copy()),  # it may move; the caller's part must not
+            # It may move; the caller's part must not.
+            part._replace(position=part.position.copy(), rotation=part.rotation.copy()),
             build_part_motion(scenario.part, part),
+            no_carrier() if master is None else build_carrier(self.model, self.data, master, part),
             build_spindle(scenario.spindle),
             sensor,
             sensor_state,
@@ -271,7 +283,7 @@ class Cell:
             build_speedl_state(speedl, q_start),
             job,
             build_sequence_state(),
-            build_guards(scenario, *crash_points(self.model)),
+            build_guards(scenario, *crash_points(self.model, self.arm)),
             build_stop_motion(scenario, scenario.plan.clearance_m if job.contact else 0.0),
             np.zeros(MEASUREMENT_SIZE),
             np.zeros(TARGET_SIZE),

@@ -13,17 +13,18 @@ BODIES = ("tool_mount", "link_6", "link_5", "link_4", "link_3")
 _SPACING = 0.03  # one point is kept in each cube of this side [m]
 
 
-def crash_points(model: mujoco.MjModel) -> tuple[Array, NDArray[np.int64]]:
+def crash_points(model: mujoco.MjModel, arm: str = "") -> tuple[Array, NDArray[np.int64]]:
     """Points spread over the drawn meshes of the links behind the pad.
 
     Args:
         model: The compiled scene.
+        arm: What the names of the arm with the tool begin with.
 
     Returns:
         Points in their bodies' frames [m], shape (k, 3), and the body of each, shape (k,).
     """
     points, bodies = [], []
-    for body in (model.body(name).id for name in BODIES):
+    for body in (model.body(arm + name).id for name in BODIES):
         drawn = (model.geom_bodyid == body) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
         for geom in np.flatnonzero(drawn):
             R = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)

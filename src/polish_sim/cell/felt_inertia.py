@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 @njit(cache=True, error_model="numpy", forceinline=True)
 def keep_speeds(e: EngineViews) -> None:
     """Remember the joint speeds before the engine moves on."""
-    for j in range(e.qvel.shape[0]):
+    for j in range(e.speeds_before.shape[0]):
         e.speeds_before[j] = e.qvel[j]
 
 
@@ -30,7 +30,7 @@ def correct_reading(e: EngineViews) -> None:
     """
     wx = wy = wz = vx = vy = vz = 0.0
     fx = fy = fz = tx = ty = tz = 0.0
-    last = e.qvel.shape[0] - 1
+    last = e.speeds_before.shape[0] - 1
     for j in range(last + 1):
         surplus = (e.qvel[j] - e.speeds_before[j]) / e.dt - e.qacc[j]
         d = e.cdof[j]

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.cell.carrier import Carrier
 from polish_sim.cell.contact import Pad, RealPart
 from polish_sim.cell.guards import Guards
 from polish_sim.cell.part_motion import PartMotion
@@ -23,6 +24,8 @@ CLOCK, REQUESTS, STOP, TOUCHED, TARES, ARRIVED = 0, 1, 2, 3, 4, 5
 SPREAD, ENDED, STOP_TIME, BLOCKED, CONTACT_TIME, PAUSE, MUTE, POISON, PYTHON_ERROR = 6, 7, 8, 9, 10, 11, 12, 13, 14
 STATUS_SIZE = 16
 
+ARM_JOINTS = 7  # six of the arm with the tool and the head's slide
+
 
 class EngineViews(NamedTuple):
     """Addresses and live views of the engine's model and data, taken once."""
@@ -35,7 +38,7 @@ class EngineViews(NamedTuple):
     qvel: Array
     qacc: Array
     speeds_before: Array
-    """Speeds before the engine's last step, shape (7,)."""
+    """Speeds of arm and head before the engine's last step, shape (7,)."""
     ctrl: Array
     xanchor: Array
     xaxis: Array
@@ -67,6 +70,7 @@ class CellKernel(NamedTuple):
     pad: Pad
     part: RealPart
     motion: PartMotion
+    carrier: Carrier
     spindle: Spindle
     sensor: SensorModel
     sensor_state: SensorState
@@ -101,9 +105,15 @@ class CellKernel(NamedTuple):
     """
 
 
-def engine_views(model: mujoco.MjModel, data: mujoco.MjData) -> EngineViews:
-    """Take addresses and live views once; they stay valid as long as model and data live."""
-    head = model.body("head").id
+def engine_views(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> EngineViews:
+    """Take addresses and live views once; they stay valid as long as model and data live.
+
+    Args:
+        model: The scene; the arm with the tool comes first in it.
+        data: Its state.
+        arm: What the names of that arm begin with.
+    """
+    head = model.body(f"{arm}head").id
     return EngineViews(
         model._address,
         data._address,
@@ -111,7 +121,7 @@ def engine_views(model: mujoco.MjModel, data: mujoco.MjData) -> EngineViews:
         data.qpos,
         data.qvel,
         data.qacc,
-        data.qvel.copy(),
+        data.qvel[:ARM_JOINTS].copy(),
         data.ctrl,
         data.xanchor,
         data.xaxis,
@@ -128,10 +138,10 @@ def engine_views(model: mujoco.MjModel, data: mujoco.MjData) -> EngineViews:
         data.cfrc_ext,
         data.qfrc_actuator,
         data.sensordata,
-        model.site("tool").id,
-        model.site("pad").id,
-        model.site("sensor").id,
-        model.body("tool_mount").id,
+        model.site(f"{arm}tool").id,
+        model.site(f"{arm}pad").id,
+        model.site(f"{arm}sensor").id,
+        model.body(f"{arm}tool_mount").id,
         head,
         int(model.body_rootid[head]),
     )

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.cell.carrier import add_carried_speed, carry_part, carry_target, drive_carrier
 from polish_sim.cell.contact import press_pad
 from polish_sim.cell.engine import mj_step1, mj_step2
 from polish_sim.cell.felt_inertia import correct_reading, keep_speeds
@@ -83,8 +84,14 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         count = int(status[CLOCK])
         t = count * engine.dt
         mj_step1(engine.model, engine.data)
+        if cell.carrier.present > 0.0:
+            _carry(cell)
         if cell.job.contact > 0.0:
             move_part(cell.motion, t, engine.dt, cell.part.position)
+            if cell.carrier.present > 0.0:
+                add_carried_speed(
+                    cell.carrier, engine.xpos[cell.carrier.flange_body], cell.part.position, cell.motion.velocity
+                )
             turn_spindle(cell.spindle, engine.dt)
             _press(cell)
         _see(engine, m, jacobian)
@@ -95,6 +102,8 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         if status[STOP] == 0.0 and count % cell.control_every == 0:
             if not _look_ahead(cell, m, target, t):
                 _stop(status, MISSING, t)
+            if cell.carrier.present > 0.0:
+                carry_target(cell.carrier, target)
             law(cell.context.ctypes, cell.measurement.ctypes, cell.target.ctypes, cell.twist.ctypes)
             _take_answer(cell, t)
         _command(cell, m, jacobian, t)
@@ -104,6 +113,7 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         record_state(
             recorder, count, t, phase, engine.qpos, engine.qvel, m, target, cell.wrench, cell.speedl_state.twist,
             engine.qpos[6], turn, cell.motion.rest, cell.part.position, cell.spindle.state[SPIN],
+            cell.carrier.tool_on_part,
         )  # fmt: skip
         keep_speeds(engine)
         mj_step2(engine.model, engine.data)
@@ -161,6 +171,9 @@ def _command(cell: CellKernel, m: Measurement, jacobian: Array, t: float) -> Non
     if status[BLOCKED] != 0.0:
         _stop(status, JOINT_LIMIT, t)
     _drive(robot, cell.engine.ctrl)
+    if cell.carrier.present > 0.0:
+        going = status[STOP] == 0.0 and cell.sequence.stage[0] == PROCESS
+        drive_carrier(cell.carrier, going, dt, cell.engine.ctrl)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -180,7 +193,7 @@ def _is_over(cell: CellKernel, m: Measurement, target: Target, count: int, t: fl
     status, e = cell.status, cell.engine
     if not math.isfinite(e.qvel[0] + e.qvel[6]):
         status[STOP], status[STOP_TIME], status[ENDED] = UNSTABLE, t, 1.0
-    elif status[STOP] == 0.0 and count % LOOK_EVERY == 0 and _links_touch(e):
+    elif status[STOP] == 0.0 and count % LOOK_EVERY == 0 and _links_touch(e, cell.carrier.part_body):
         _stop(status, ENGINE_CONTACT, t)
     elif status[STOP] == 0.0:
         _stop(status, check_guards(cell, m, target, count), t)
@@ -194,22 +207,46 @@ def _is_over(cell: CellKernel, m: Measurement, target: Target, count: int, t: fl
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _carry(cell: CellKernel) -> None:
+    """Let the second robot carry the part to where its flange is at this instant."""
+    e, flange = cell.engine, cell.carrier.flange_body
+    carry_part(
+        cell.carrier, e.xmat[flange].reshape((3, 3)), e.xpos[flange], e.xanchor, e.xaxis, e.qvel,
+        e.site_xpos[e.tool_site], cell.part, cell.motion,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _press(cell: CellKernel) -> None:
     """Contact of the pad and pull of the imbalance at this instant, applied to the head; the exact contact wrench."""
     e, scratch, wrench, moving = cell.engine, cell.scratch, cell.wrench, cell.motion.velocity
     center, tool, head = e.site_xpos[e.pad_site], e.site_xpos[e.tool_site], e.head_body
     R_base_pad = e.site_xmat[e.pad_site].reshape((3, 3))
-    velocity, force, torque, moment = scratch[0], scratch[1], scratch[2], scratch[3]
+    velocity, force, torque, moment, turning_on = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
     turning, com = e.cvel[head, 0:3], e.subtree_com[e.root_body]
     rx, ry, rz = center[0] - com[0], center[1] - com[1], center[2] - com[2]
     velocity[0] = e.cvel[head, 3] + turning[1] * rz - turning[2] * ry - moving[0]
     velocity[1] = e.cvel[head, 4] + turning[2] * rx - turning[0] * rz - moving[1]
     velocity[2] = e.cvel[head, 5] + turning[0] * ry - turning[1] * rx - moving[2]
-    press_pad(cell.pad, cell.part, cell.spindle.state[SPIN], R_base_pad, center, velocity, turning, force, torque)
+    # Of the pad against the part, which may turn as well.
+    spin, origin = cell.motion.turning, cell.part.position
+    rx, ry, rz = center[0] - origin[0], center[1] - origin[1], center[2] - origin[2]
+    velocity[0] -= spin[1] * rz - spin[2] * ry
+    velocity[1] -= spin[2] * rx - spin[0] * rz
+    velocity[2] -= spin[0] * ry - spin[1] * rx
+    for i in range(3):
+        turning_on[i] = turning[i] - spin[i]
+    press_pad(cell.pad, cell.part, cell.spindle.state[SPIN], R_base_pad, center, velocity, turning_on, force, torque)
     _moment_at(force, torque, center, e.xipos[head], moment)
     for i in range(3):
         e.xfrc_applied[head, i] = force[i]
         e.xfrc_applied[head, 3 + i] = moment[i]
+    if cell.carrier.present > 0.0:
+        held = cell.carrier.part_body
+        _moment_at(force, torque, center, e.xipos[held], moment)
+        for i in range(3):
+            e.xfrc_applied[held, i] = -force[i]
+            e.xfrc_applied[held, 3 + i] = -moment[i]
     _moment_at(force, torque, center, tool, moment)
     R = e.site_xmat[e.tool_site]
     for i in range(3):
@@ -268,11 +305,11 @@ def _drive(state: SpeedlState, ctrl: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _links_touch(e: EngineViews) -> bool:
-    """Whether the engine pushes on any body: on the head only our own contact does."""
+def _links_touch(e: EngineViews, part_body: int) -> bool:
+    """Whether the engine pushes on any body: on the head, and on a part that is carried, only our own contact does."""
     for body in range(1, e.cfrc_ext.shape[0]):
         f = e.cfrc_ext[body]
-        if body != e.head_body and (f[3] != 0.0 or f[4] != 0.0 or f[5] != 0.0):
+        if body != e.head_body and body != part_body and (f[3] != 0.0 or f[4] != 0.0 or f[5] != 0.0):
             return True
     return False
 

@@ -1,6 +1,7 @@
 """A part that does not lie still: a sine along its mean normal, and shifts a fault may give it (layer 8a).
 
-The part is moved as a whole and without tilting; its velocity enters the contact. What the engine draws stays at rest.
+It moves without tilting, on top of what a robot does that carries it (``carrier``); its velocity enters the contact.
+What the engine draws does not show it.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ class PartMotion(NamedTuple):
     """Unit direction of the sine, out of the polished region, shape (3,)."""
     rest: Array
     """Origin of the work frame when the part is at rest [m], shape (3,)."""
+    place: Array
+    """The same while a robot carries the part [m], shape (3,)."""
     swing: Array
     """Amplitude [m], angular frequency [rad/s] and start [s] of the sine, shape (3,)."""
     shift: Array
@@ -34,7 +37,9 @@ class PartMotion(NamedTuple):
     goal: Array
     """What ``shift`` moves to at ``SHIFT_SPEED`` [m], shape (3,)."""
     velocity: Array
-    """Of the part now [m/s], shape (3,)."""
+    """Of its origin now [m/s], shape (3,)."""
+    turning: Array
+    """Its angular velocity [rad/s], shape (3,)."""
 
 
 def build_part_motion(config: PartConfig, part: RealPart) -> PartMotion:
@@ -42,7 +47,9 @@ def build_part_motion(config: PartConfig, part: RealPart) -> PartMotion:
     return PartMotion(
         np.array(part.normal),
         part.position.copy(),
+        part.position.copy(),
         np.array([config.motion_m, 2.0 * math.pi * config.motion_hz, 0.0]),
+        np.zeros(3),
         np.zeros(3),
         np.zeros(3),
         np.zeros(3),
@@ -72,4 +79,4 @@ def move_part(motion: PartMotion, t: float, dt: float, position: Array) -> None:
         step = share * (motion.goal[i] - motion.shift[i])
         motion.shift[i] += step
         motion.velocity[i] = speed * motion.axis[i] + step / dt
-        position[i] = motion.rest[i] + height * motion.axis[i] + motion.shift[i]
+        position[i] = motion.place[i] + height * motion.axis[i] + motion.shift[i]

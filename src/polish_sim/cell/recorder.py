@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.cell.carrier import FIRST_JOINT
 from polish_sim.control.signals import Measurement, Target
 from polish_sim.log import row_layout, row_width
 from polish_sim.spatial.rotations import quaternion_from_rotation, rotation_angle
@@ -17,7 +18,8 @@ from polish_sim.trace import Trace
 Array = NDArray[np.float64]
 
 ROW_WIDTH = row_width()
-TRACE_WIDTH = 16
+TRACE_WIDTH = 22
+MASTER_Q = ROW_WIDTH  # behind the log's columns: joints of a second robot that carries the part
 
 _AT = {name: start for name, (start, _width) in row_layout().items()}
 # Constants, because a compiled kernel cannot read a dictionary.
@@ -34,7 +36,7 @@ class Recorder(NamedTuple):
     """Buffers of one chunk of steps."""
 
     rows: Array
-    """Packed log rows, shape (k, ROW_WIDTH)."""
+    """Packed log rows and the joints of a second robot behind each, shape (k, ROW_WIDTH + 6)."""
     trace: Array
     """Exact quantities, shape (steps, TRACE_WIDTH)."""
     every: int
@@ -48,7 +50,7 @@ class Recorder(NamedTuple):
 def build_recorder(steps: int, every: int) -> Recorder:
     """Buffers for chunks of at most ``steps`` steps, a row recorded every ``every`` steps."""
     return Recorder(
-        np.zeros((steps // every + 2, ROW_WIDTH)),
+        np.zeros((steps // every + 2, ROW_WIDTH + 6)),
         np.zeros((steps, TRACE_WIDTH)),
         every,
         np.array([np.inf, -np.inf]),
@@ -67,7 +69,7 @@ def _put(row: Array, start: int, values: Array, count: int) -> None:
 def record_state(
     recorder: Recorder, count: int, t: float, phase: float, q: Array, qd: Array, m: Measurement, target: Target,
     true_wrench: Array, command: Array, travel: float, turn: int, part_rest: Array, part_position: Array,
-    spin: float,
+    spin: float, tool_on_part: Array,
 ) -> None:  # fmt: skip
     """Record this instant, before the engine moves on; the sensor's raw reading follows in ``record_reading``.
 
@@ -87,6 +89,7 @@ def record_state(
         part_rest: Origin of the part's frame at rest [m], shape (3,).
         part_position: Origin of the part's frame now [m], shape (3,).
         spin: Speed of the spindle [rad/s].
+        tool_on_part: Tool point on a part that is carried [m], shape (3,).
     """
     force = true_wrench[2]
     recorder.span[0] = min(recorder.span[0], force)
@@ -97,6 +100,7 @@ def record_state(
     for i in range(3):
         trace[12 + i] = part_position[i] - part_rest[i]
     trace[15] = spin
+    _put(trace, 19, tool_on_part, 3)
     recorder.filled[1] += 1
     if count % recorder.every:
         return
@@ -114,6 +118,8 @@ def record_state(
     _put(row, _TRUE, true_wrench, 6)
     row[_FORCE], row[_FORCE_MIN], row[_FORCE_MAX] = force, recorder.span[0], recorder.span[1]
     row[_TRAVEL], row[_PATH], row[_PASS], row[_PHASE] = travel, target.path[0], turn, phase
+    if q.shape[0] > FIRST_JOINT:
+        _put(row, MASTER_Q, q[FIRST_JOINT:], 6)
     recorder.span[0], recorder.span[1] = math.inf, -math.inf
     recorder.filled[0] += 1
 
@@ -136,6 +142,7 @@ def _trace_step(
     trace[6], trace[7], trace[8] = m.position[0], m.position[1], m.position[2]
     trace[9] = speed
     trace[10], trace[11] = target.path[0], travel
+    trace[16], trace[17], trace[18] = ex, ey, ez
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -162,4 +169,6 @@ def trace_from(block: Array) -> Trace:
         block[:, 12:15],
         block[:, 11],
         block[:, 15],
+        block[:, 16:19],
+        block[:, 19:22],
     )

@@ -33,21 +33,34 @@ def build_scene(scenario: Scenario, mesh: PartMesh | None, part: RealPart | None
         The compiled model. The part's mesh is drawn only; the pad's contact and the crash check are computed on
         its signed distance, because the engine would take the convex hull.
     """
+    spec = robot_with_tool(scenario)
+    if mesh is not None and part is not None:
+        T_base_part = transform(part.rotation, part.position)
+        _add_table(spec)
+        add_drawn_part(spec, spec.worldbody, mesh, T_base_part)
+        _add_fixture(spec, apply(T_base_part, mesh.vertices))
+    return spec.compile()
+
+
+def robot_with_tool(scenario: Scenario) -> Any:
+    """``robot_spec`` that has been told its payload, to be compiled or attached elsewhere."""
     spec = robot_spec(scenario)
     spec.body("tool_mount").gravcomp = 1.0 + scenario.robot.payload_error
-    if mesh is not None and part is not None:
-        _add_table(spec)
-        _add_part(spec, mesh, transform(part.rotation, part.position))
-    return spec.compile()
+    return spec
 
 
 def robot_spec(scenario: Scenario) -> Any:
     """The robot of the model file with this scenario's head and time step, not yet compiled."""
     spec = mujoco.MjSpec.from_file(str(robot_model_path()))
-    spec.option.timestep = scenario.simulation.timestep_s
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    set_options(spec, scenario)
     _fit_head(spec, scenario)
     return spec
+
+
+def set_options(spec: Any, scenario: Scenario) -> None:
+    """How the engine steps a scene."""
+    spec.option.timestep = scenario.simulation.timestep_s
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 
 
 def _fit_head(spec: Any, scenario: Scenario) -> None:
@@ -75,19 +88,22 @@ def _add_table(spec: Any) -> None:
             )
 
 
-def _add_part(spec: Any, drawn: PartMesh, T_base_part: Array) -> None:
+def add_drawn_part(spec: Any, parent: Any, drawn: PartMesh, T_parent_part: Array) -> Any:
+    """Draw a part on a body; it has no mass and touches nothing. Returns its own body."""
     mesh = spec.add_mesh(name="part")
     mesh.uservert = np.asarray(drawn.vertices, dtype=np.float32).ravel()
     mesh.userface = np.asarray(drawn.faces, dtype=np.int32).ravel()
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-    body = spec.worldbody.add_body(
-        name="part", pos=T_base_part[:3, 3], quat=Rotation.from_matrix(T_base_part[:3, :3]).as_quat(scalar_first=True)
-    )
+    turn = Rotation.from_matrix(T_parent_part[:3, :3]).as_quat(scalar_first=True)
+    body = parent.add_body(name="part", pos=T_parent_part[:3, 3], quat=turn)
     body.add_geom(
         name="part", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="part", contype=0, conaffinity=0, mass=0.0,
         rgba=[0.72, 0.74, 0.78, 1.0],
     )  # fmt: skip
-    corners = apply(T_base_part, drawn.vertices)
+    return body
+
+
+def _add_fixture(spec: Any, corners: Array) -> None:
     low, high = corners.min(axis=0), corners.max(axis=0)
     height = low[2] - TABLE_TOP
     if height > 0.005:

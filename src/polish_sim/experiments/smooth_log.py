@@ -73,7 +73,7 @@ def trace_of_rule(play: RulePlay) -> Trace:
     return Trace(
         play.time, np.full(n, PROCESS, np.int8), nothing, np.linalg.norm(off, axis=1), np.linalg.norm(across, axis=1),
         turned.magnitude(), tool.positions, _speed(tool.positions, play.time), play.place, np.zeros((n, 3)), nothing,
-        nothing,
+        nothing, off, np.zeros((n, 3)),
     )  # fmt: skip
 
 

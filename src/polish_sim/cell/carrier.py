@@ -1,0 +1,268 @@
+"""A second robot that carries the part: the master of two (layer 8a).
+
+Its joint servos play rows of joint angles. The part goes where its flange really is; the host works out where the
+part should be from the master's encoders and from what calibration made it believe, and moves its target along.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.cell.contact import RealPart
+from polish_sim.cell.part_motion import PartMotion
+from polish_sim.control.signals import Target
+from polish_sim.spatial import inverse, transform
+
+Array = NDArray[np.float64]
+
+MASTER, FOLLOWER = "master_", "follower_"
+"""What the names of the two robots in a scene begin with."""
+FIRST_JOINT, FIRST_CONTROL = 7, 12
+"""Where the master's joints and controls begin: the follower, with its head, comes first."""
+RAMP_S = 0.5  # in which the master comes to its speed and back to rest
+
+CLOCK, RATE = 0, 1
+
+
+class MasterRows(NamedTuple):
+    """What the master's servos play, and what the host makes of it."""
+
+    spacing: float
+    """Time between rows [s]."""
+    q: Array
+    """Joint positions [rad], shape (n, 6)."""
+    qd: Array
+    """Joint speeds [rad/s], shape (n, 6)."""
+    T_base_work: Array
+    """The work frame at the first row as it really is, nominal part, base of the follower, shape (4, 4)."""
+    T_believed_true: Array
+    """Where the host believes the master's things to be: true poses in the follower's base, moved by this (4, 4)."""
+
+
+class Carrier(NamedTuple):
+    """The master in the loop; base frame of the follower. Arrays are (3, 3) rotations and (3,) points or vectors."""
+
+    present: float
+    """1 if there is one."""
+    spacing: float
+    """Time between rows [s]."""
+    duration: float
+    """Of all rows [s]."""
+    q: Array
+    """Rows of joint positions [rad], shape (n, 6)."""
+    qd: Array
+    """Rows of joint speeds [rad/s], shape (n, 6)."""
+    clock: Array
+    """Time of the rows [s] and the rate at which it passes [-], shape (2,)."""
+    flange_body: int
+    part_body: int
+    R_rest: Array
+    p_rest: Array
+    """The flange at the first row."""
+    R_part: Array
+    p_part: Array
+    """The real part on the flange."""
+    R_work: Array
+    p_work: Array
+    """The nominal work frame on the flange."""
+    R_belief: Array
+    p_belief: Array
+    """What the host believes: true poses, moved by this."""
+    velocity: Array
+    """Of the flange now [m/s], shape (3,)."""
+    turning: Array
+    """Of the flange now [rad/s], shape (3,)."""
+    R_moved: Array
+    p_moved: Array
+    """How the part has moved since the first row, as the host believes."""
+    tool_on_part: Array
+    """The tool point in the nominal work frame as it is carried [m], exact, shape (3,)."""
+    believed: Array
+    """The flange as the host believes: its place [m], velocity [m/s] and angular velocity [rad/s], shape (3, 3)."""
+    work: Array
+    """Work array, shape (7, 3)."""
+
+
+def no_carrier() -> Carrier:
+    """No second robot: the part stays where it lies."""
+    rows, point, turn = np.zeros((2, 6)), np.zeros(3), np.eye(3)
+    return Carrier(
+        0.0, 1.0, 0.0, rows, rows, np.zeros(2), 0, 0, turn, point, turn, point, turn, point, turn, point,
+        np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
+    )  # fmt: skip
+
+
+def build_carrier(model: mujoco.MjModel, data: mujoco.MjData, rows: MasterRows, part: RealPart) -> Carrier:
+    """The master at the first of its rows, holding the part.
+
+    Args:
+        model: The scene of both robots.
+        data: Both robots at their start, kinematics done.
+        rows: What the master does.
+        part: The part as it really lies at the start.
+    """
+    flange = data.site(f"{MASTER}flange")
+    T_flange_base = inverse(transform(flange.xmat.reshape(3, 3).copy(), flange.xpos.copy()))
+    T_flange_part = T_flange_base @ transform(part.rotation, part.position)
+    T_flange_work = T_flange_base @ rows.T_base_work
+    frames = (inverse(T_flange_base), T_flange_part, T_flange_work, rows.T_believed_true)
+    split = [np.ascontiguousarray(block) for T in frames for block in (T[:3, :3], T[:3, 3])]
+    return Carrier(
+        1.0, rows.spacing, rows.spacing * (len(rows.q) - 1), np.ascontiguousarray(rows.q),
+        np.ascontiguousarray(rows.qd), np.zeros(2), model.body(f"{MASTER}link_6").id, model.body(f"{MASTER}part").id,
+        *split, np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def drive_carrier(carrier: Carrier, going: bool, dt: float, ctrl: Array) -> None:
+    """Let the master's rows pass while it is ``going``, from rest and back to rest, and tell its joint servos."""
+    clock = carrier.clock
+    left = carrier.duration - clock[CLOCK]
+    wanted = 1.0 if going and left > 0.5 * RAMP_S * clock[RATE] * clock[RATE] + dt else 0.0
+    step = dt / RAMP_S
+    clock[RATE] += min(max(wanted - clock[RATE], -step), step)
+    clock[CLOCK] = min(clock[CLOCK] + clock[RATE] * dt, carrier.duration)
+    h = carrier.spacing
+    row = min(int(clock[CLOCK] / h), carrier.q.shape[0] - 2)
+    u = clock[CLOCK] / h - row
+    for j in range(6):
+        a, b = carrier.q[row, j], carrier.q[row + 1, j]
+        va, vb = h * carrier.qd[row, j], h * carrier.qd[row + 1, j]
+        rise = b - a
+        c, d = 3.0 * rise - 2.0 * va - vb, va + vb - 2.0 * rise
+        ctrl[FIRST_CONTROL + 2 * j] = a + u * (va + u * (c + u * d))
+        ctrl[FIRST_CONTROL + 2 * j + 1] = clock[RATE] * (va + u * (2.0 * c + 3.0 * u * d)) / h
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def carry_part(
+    carrier: Carrier, R_flange: Array, p_flange: Array, xanchor: Array, xaxis: Array, qvel: Array, tool: Array,
+    part: RealPart, motion: PartMotion,
+) -> None:  # fmt: skip
+    """Place the part by the flange that carries it, and work out what the host believes of it.
+
+    Args:
+        carrier: The master; everything it notes of this instant is written.
+        R_flange: Its flange now, shape (3, 3).
+        p_flange: [m], shape (3,).
+        xanchor: A point on the axis of every joint [m], shape (m, 3).
+        xaxis: Unit axes of all joints, shape (m, 3).
+        qvel: Joint speeds [rad/s], shape (m,).
+        tool: The tool point [m], shape (3,).
+        part: The part; its rotation is written.
+        motion: Its place and angular velocity are written.
+    """
+    v, w = carrier.velocity, carrier.turning
+    for i in range(3):
+        v[i] = w[i] = 0.0
+    for j in range(FIRST_JOINT, FIRST_JOINT + 6):
+        ax, ay, az, speed = xaxis[j, 0], xaxis[j, 1], xaxis[j, 2], qvel[j]
+        rx, ry, rz = p_flange[0] - xanchor[j, 0], p_flange[1] - xanchor[j, 1], p_flange[2] - xanchor[j, 2]
+        v[0] += speed * (ay * rz - az * ry)
+        v[1] += speed * (az * rx - ax * rz)
+        v[2] += speed * (ax * ry - ay * rx)
+        w[0], w[1], w[2] = w[0] + speed * ax, w[1] + speed * ay, w[2] + speed * az
+    multiply(R_flange, carrier.R_part, part.rotation)
+    for i in range(3):
+        x = R_flange[i, 0] * carrier.p_part[0] + R_flange[i, 1] * carrier.p_part[1] + R_flange[i, 2] * carrier.p_part[2]
+        motion.place[i] = p_flange[i] + x
+        motion.turning[i] = w[i]
+    _see_tool(carrier, R_flange, p_flange, tool)
+    _believe(carrier, R_flange, p_flange)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def add_carried_speed(carrier: Carrier, p_flange: Array, origin: Array, velocity: Array) -> None:
+    """Add what the flange does to the velocity of the part's origin, both (3,)."""
+    w = carrier.turning
+    rx, ry, rz = origin[0] - p_flange[0], origin[1] - p_flange[1], origin[2] - p_flange[2]
+    velocity[0] += carrier.velocity[0] + w[1] * rz - w[2] * ry
+    velocity[1] += carrier.velocity[1] + w[2] * rx - w[0] * rz
+    velocity[2] += carrier.velocity[2] + w[0] * ry - w[1] * rx
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def carry_target(carrier: Carrier, target: Target) -> None:
+    """Close the chain: move a target given for the part at the first row to where the host believes the part is now.
+
+    Args:
+        carrier: The master, as ``carry_part`` has seen it.
+        target: Position, rotation and twist are written.
+    """
+    R, b, old, frame = carrier.R_moved, carrier.believed, carrier.work, target.rotation
+    for i in range(3):
+        old[0, i], old[1, i], old[2, i] = target.position[i], target.twist[i], target.twist[3 + i]
+    for i in range(3):
+        target.position[i] = carrier.p_moved[i] + R[i, 0] * old[0, 0] + R[i, 1] * old[0, 1] + R[i, 2] * old[0, 2]
+        target.twist[i] = R[i, 0] * old[1, 0] + R[i, 1] * old[1, 1] + R[i, 2] * old[1, 2]
+        target.twist[3 + i] = b[2, i] + R[i, 0] * old[2, 0] + R[i, 1] * old[2, 1] + R[i, 2] * old[2, 2]
+    rx, ry, rz = (target.position[0] - b[0, 0], target.position[1] - b[0, 1], target.position[2] - b[0, 2])
+    target.twist[0] += b[1, 0] + b[2, 1] * rz - b[2, 2] * ry
+    target.twist[1] += b[1, 1] + b[2, 2] * rx - b[2, 0] * rz
+    target.twist[2] += b[1, 2] + b[2, 0] * ry - b[2, 1] * rx
+    for j in range(3):
+        x, y, z = frame[0, j], frame[1, j], frame[2, j]
+        for i in range(3):
+            frame[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _see_tool(carrier: Carrier, R_flange: Array, p_flange: Array, tool: Array) -> None:
+    """The tool point in the nominal work frame."""
+    on_flange, out = carrier.work[0], carrier.tool_on_part
+    for i in range(3):
+        on_flange[i] = -carrier.p_work[i]
+        for j in range(3):
+            on_flange[i] += R_flange[j, i] * (tool[j] - p_flange[j])
+    for i in range(3):
+        out[i] = (
+            carrier.R_work[0, i] * on_flange[0] + carrier.R_work[1, i] * on_flange[1]
+            + carrier.R_work[2, i] * on_flange[2]
+        )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _believe(carrier: Carrier, R_flange: Array, p_flange: Array) -> None:
+    """The part's displacement since the first row D = F F0^-1, and the flange's motion, as the host believes them.
+
+    What it believes is moved by B from what is true, so that it takes the displacement for B D B^-1.
+    """
+    B, b, work, R = carrier.R_belief, carrier.p_belief, carrier.work, carrier.R_moved
+    turn, R_B = work[0:3], work[3:6]
+    multiply_transposed(R_flange, carrier.R_rest, turn)
+    shift = work[6]
+    for i in range(3):
+        shift[i] = p_flange[i] - (
+            turn[i, 0] * carrier.p_rest[0] + turn[i, 1] * carrier.p_rest[1] + turn[i, 2] * carrier.p_rest[2]
+        )  # fmt: skip
+    multiply(B, turn, R_B)
+    multiply_transposed(R_B, B, R)
+    v, w, seen = carrier.velocity, carrier.turning, carrier.believed
+    for i in range(3):
+        carrier.p_moved[i] = b[i] - (R[i, 0] * b[0] + R[i, 1] * b[1] + R[i, 2] * b[2])
+        carrier.p_moved[i] += B[i, 0] * shift[0] + B[i, 1] * shift[1] + B[i, 2] * shift[2]
+        seen[0, i] = b[i] + B[i, 0] * p_flange[0] + B[i, 1] * p_flange[1] + B[i, 2] * p_flange[2]
+        seen[1, i] = B[i, 0] * v[0] + B[i, 1] * v[1] + B[i, 2] * v[2]
+        seen[2, i] = B[i, 0] * w[0] + B[i, 1] * w[1] + B[i, 2] * w[2]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def multiply(A: Array, B: Array, out: Array) -> None:
+    """``A @ B`` of two (3, 3) into a third."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def multiply_transposed(A: Array, B: Array, out: Array) -> None:
+    """``A @ B.T`` of two (3, 3) into a third."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]

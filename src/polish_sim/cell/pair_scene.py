@@ -1,0 +1,114 @@
+"""The scene of two robots: the master holds the part in a gripper, the follower works on it (layer 8a).
+
+Both come from the one model file. The world frame is the follower's base, so that everything that is true of the
+single robot with its tool is true of the follower.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell.carrier import FOLLOWER, MASTER
+from polish_sim.cell.scene import add_drawn_part, robot_with_tool, set_options
+from polish_sim.config import Scenario
+from polish_sim.errors import ReachError
+from polish_sim.geometry import PartMesh
+from polish_sim.models import robot_model_path
+
+Array = NDArray[np.float64]
+
+GRIPPER_LENGTH: Final = 0.1  # from the flange to the part [m]
+GRIPPER_RADIUS: Final = 0.04  # [m]
+GRIPPER_MASS: Final = 0.9  # [kg]
+PAYLOAD_LIMIT: Final = 5.0  # of a UR5e [kg]
+
+
+class Held(NamedTuple):
+    """A part in the master's gripper."""
+
+    mesh: PartMesh
+    """As drawn."""
+    density: float
+    """[kg/m^3]"""
+    T_flange_part: Array
+    """Where the real part is on the master's flange, shape (4, 4)."""
+
+
+def build_pair_scene(scenario: Scenario, T_follower_master: Array, held: Held) -> mujoco.MjModel:
+    """Compile the cell of two robots.
+
+    Args:
+        scenario: Head, pad, robots and time step.
+        T_follower_master: The master's base in the follower's, as it really stands, shape (4, 4).
+        held: What the master holds.
+
+    Returns:
+        The compiled model: the follower's joints and controls first, names begin with ``follower_`` and ``master_``.
+
+    Raises:
+        ReachError: The part is too heavy for the master.
+    """
+    scene = _file_without_keyframe()
+    scene.delete(scene.body("base"))
+    set_options(scene, scenario)
+    follower, master = robot_with_tool(scenario), _file_without_keyframe()
+    for key in list(follower.keys):
+        follower.delete(key)
+    master.delete(master.body("tool_mount"))
+    _add_gripper(master, held)
+    scene.worldbody.add_frame().attach_body(follower.body("base"), FOLLOWER, "")
+    turn = Rotation.from_matrix(T_follower_master[:3, :3]).as_quat(scalar_first=True)
+    stand = scene.worldbody.add_frame(pos=T_follower_master[:3, 3], quat=turn)
+    stand.attach_body(master.body("base"), MASTER, "")
+    middle = 0.5 * T_follower_master[:3, 3]
+    scene.stat.center = [middle[0], middle[1], 0.35]
+    return scene.compile()
+
+
+def part_mass(mesh: PartMesh, density: float) -> float:
+    """Mass of a solid part [kg]."""
+    return density * _volume_and_center(mesh)[0]
+
+
+def _file_without_keyframe() -> Any:
+    """The model file; a keyframe of one robot fits no scene of two."""
+    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
+    for key in list(spec.keys):
+        spec.delete(key)
+    return spec
+
+
+def _add_gripper(master: Any, held: Held) -> None:
+    """A plain cylinder on the flange and the part at its end; the robot has been told what it carries."""
+    flange = master.body("link_6")
+    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
+    half = 0.5 * GRIPPER_LENGTH
+    gripper = flange.add_body(name="gripper", gravcomp=1.0)
+    gripper.add_geom(
+        name="gripper", type=cylinder, size=[GRIPPER_RADIUS, half, 0.0], pos=[0.0, 0.0, half], group=2,
+        mass=GRIPPER_MASS, rgba=[0.25, 0.27, 0.30, 1.0],
+    )  # fmt: skip
+    part = add_drawn_part(master, flange, held.mesh, held.T_flange_part)
+    volume, center = _volume_and_center(held.mesh)
+    mass = held.density * volume
+    if not 0.0 < mass + GRIPPER_MASS <= PAYLOAD_LIMIT:
+        raise ReachError(
+            f"the part weighs {mass:.2f} kg: with the gripper's {GRIPPER_MASS:g} kg the master would carry more than "
+            f"its {PAYLOAD_LIMIT:g} kg. Take a smaller part, or its true density with --set dual.density_kg_m3=..."
+        )
+    size = np.ptp(held.mesh.vertices, axis=0)
+    part.gravcomp, part.mass, part.ipos, part.explicitinertial = 1.0, mass, center, True
+    part.inertia = mass / 12.0 * np.maximum((size**2).sum() - size**2, 1e-6)
+
+
+def _volume_and_center(mesh: PartMesh) -> tuple[float, Array]:
+    """Volume [m^3] and its centre [m] by the divergence theorem; of an open mesh what its faces enclose."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+    volume = float(volumes.sum())
+    return volume, (volumes @ (a + b + c)) / (4.0 * volume) if volume else np.zeros(3)
