@@ -1,0 +1,118 @@
+"""Where two robots, part and tool stand: as they really do, and as calibration makes the host believe (layer 9)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.calibration.frames import fit_frame, read_base_calibration
+from polish_sim.calibration.tool import ToolTouches, fit_tool_frame, fit_tool_point, read_tool_calibration
+from polish_sim.cell import tool_on_flange
+from polish_sim.cell.pair_scene import GRIPPER_LENGTH
+from polish_sim.config import DualConfig
+from polish_sim.errors import CalibrationError, ConfigError, place_in_mm
+from polish_sim.experiments.calibrate_base import TrueBases, simulate_arcs
+from polish_sim.experiments.calibrate_tcp import TcpTrial, simulate_touches
+from polish_sim.motion.coordination import Chain2
+from polish_sim.spatial import apply, from_pose, inverse, rotation_angle, transform
+
+Array = NDArray[np.float64]
+
+T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
+"""Where the simulated tracker sees the master."""
+ARC_POINTS: Final = 200
+FAR_M, FAR_RAD = 0.01, 0.1
+"""A calibration farther off than this is that of another tool, or of robots that stand elsewhere [m], [rad]."""
+
+
+class PairFrames(NamedTuple):
+    """The chain of two robots."""
+
+    true: Chain2
+    believed: Chain2
+
+
+def true_chain(config: DualConfig) -> Chain2:
+    """The chain as it really is: the part sits square and centred on the gripper.
+
+    Raises:
+        ConfigError: No pose is given.
+    """
+    if not config.follower_pose:
+        raise ConfigError("'dual.follower_pose' is empty: say where the follower's base stands in the master's.")
+    T_flange_gripper = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
+    return Chain2(from_pose(config.follower_pose), T_flange_gripper, np.eye(4), tool_on_flange())
+
+
+def calibrated_frames(config: DualConfig, marks: Array, rng: np.random.Generator) -> PairFrames:
+    """What is true and what the host believes of it.
+
+    Args:
+        config: Where the robots stand; calibrations, or the noise of those that are simulated before the run.
+        marks: Points of the part that can be touched, work frame [m], shape (n, 3): the part is found by them.
+        rng: Draws the noise.
+
+    Returns:
+        Both chains.
+
+    Raises:
+        InputError: A calibration cannot be read.
+        CalibrationError: It is another pair's or another tool's, or does not fit where the robots stand.
+    """
+    true = true_chain(config)
+    T_flange_work = true.T_flange_gripper @ true.T_gripper_work
+    believed = Chain2(
+        _bases(config, true.T_master_follower, rng),
+        _part_on_flange(config, T_flange_work, marks, rng) @ inverse(true.T_gripper_work),
+        true.T_gripper_work,
+        _tool(config, true.T_flange_tool, rng),
+    )
+    return PairFrames(true, believed)
+
+
+def _bases(config: DualConfig, T_master_follower: Array, rng: np.random.Generator) -> Array:
+    """The follower's base in the master's: from a file, or single axes turned before a tracker."""
+    if config.bases_file:
+        T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
+        what = f"'{config.bases_file}' puts the follower's base"
+        _check_near(what, "dual.follower_pose", T, T_master_follower)
+        return T
+    truth = TrueBases({"master": T_TRACKER_MASTER, "follower": T_TRACKER_MASTER @ T_master_follower})
+    noise = config.tracker_noise_m
+    return simulate_arcs(truth, ARC_POINTS, noise, rng).fit(noise or None).T_master_follower
+
+
+def _tool(config: DualConfig, T_flange_tool: Array, rng: np.random.Generator) -> Array:
+    """The tool on the follower's flange: from a file, or touches of a point."""
+    if config.tool_file:
+        T = read_tool_calibration(Path(config.tool_file)).T_flange_tool
+        _check_near(f"'{config.tool_file}' puts the tool", "the cell's tool", T, T_flange_tool)
+        return T
+    trial = TcpTrial(noise=config.touch_noise_m)
+    return fit_tool_frame(simulate_touches(trial, T_flange_tool, rng), trial.noise or None).T_flange_tool
+
+
+def _part_on_flange(config: DualConfig, T_flange_work: Array, marks: Array, rng: np.random.Generator) -> Array:
+    """The part on the master's flange: every mark on it is brought to a fixed point in several orientations.
+
+    Marks far apart tell the part's turn better than moves of one tip do.
+    """
+    trial = TcpTrial(noise=config.touch_noise_m)
+    found = []
+    for mark in apply(T_flange_work, marks):
+        touches: ToolTouches = simulate_touches(trial, transform(np.eye(3), mark), rng).touches
+        found.append(fit_tool_point(touches, trial.noise or None).point)
+    return fit_frame(np.stack(found), marks, trial.noise or None).T
+
+
+def _check_near(what: str, wanted: str, T: Array, T_true: Array) -> None:
+    off = float(np.linalg.norm(T[:3, 3] - T_true[:3, 3]))
+    turn = rotation_angle(np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T_true[:3, :3]))
+    if off > FAR_M or turn > FAR_RAD:
+        raise CalibrationError(
+            f"{what} at {place_in_mm(T[:3, 3])}, {1e3 * off:.1f} mm and {np.degrees(turn):.2f} deg from {wanted}, "
+            f"{place_in_mm(T_true[:3, 3])}: it was made elsewhere. Calibrate this cell, or set the cell up as it was."
+        )
