@@ -386,10 +386,10 @@ class DualConfig:
     pair: str = key("simulated", "the two robots, as their calibration names them")
     bases_file: str = key(
         "",
-        "calibration.toml of `calibrate base`; empty = the bases are calibrated before the run with a simulated tracker",
+        "calibration.toml of `calibrate base`; empty = calibrated before the run with a simulated tracker",
     )
     tool_file: str = key(
-        "", "calibration.toml of `calibrate tcp`; empty = the tool is calibrated before the run with simulated touches"
+        "", "calibration.toml of `calibrate tcp`; empty = calibrated before the run with simulated touches"
     )
     tracker_noise_m: float = key(3e-5, "noise of the simulated tracker per coordinate, rms [m]", 0.0, 0.01)
     touch_noise_m: float = key(5e-5, "noise of simulated touches per coordinate, rms [m]", 0.0, 0.01)
@@ -415,8 +415,7 @@ class SimulationConfig:
 class Scenario:
     """One run, complete."""
 
-    experiment: str = key("surface", "arc, force, surface, smooth, teach or calibrate-payload")
-    experiment: str = key("surface", "arc, force, surface, smooth, dual or calibrate-payload")
+    experiment: str = key("surface", "arc, force, surface, smooth, teach, dual or calibrate-payload")
     seed: int = key(0, "seed of everything random in the run", 0, 2**63 - 1)
     part: PartConfig = field(default_factory=PartConfig)
     plan: PlanConfig = field(default_factory=PlanConfig)

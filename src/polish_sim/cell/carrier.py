@@ -110,13 +110,17 @@ def build_carrier(model: mujoco.MjModel, data: mujoco.MjData, rows: MasterRows, 
     T_flange_base = inverse(transform(flange.xmat.reshape(3, 3).copy(), flange.xpos.copy()))
     T_flange_part = T_flange_base @ transform(part.rotation, part.position)
     T_flange_work = T_flange_base @ rows.T_base_work
-    frames = (inverse(T_flange_base), T_flange_part, T_flange_work, rows.T_believed_true)
-    split = [np.ascontiguousarray(block) for T in frames for block in (T[:3, :3], T[:3, 3])]
     return Carrier(
         1.0, rows.spacing, rows.spacing * (len(rows.q) - 1), np.ascontiguousarray(rows.q),
         np.ascontiguousarray(rows.qd), np.zeros(2), model.body(f"{MASTER}link_6").id, model.body(f"{MASTER}part").id,
-        *split, np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
+        *_split(inverse(T_flange_base)), *_split(T_flange_part), *_split(T_flange_work), *_split(rows.T_believed_true),
+        np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
     )  # fmt: skip
+
+
+def _split(T: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and origin (3,) of a pose."""
+    return np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -84,14 +84,9 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         count = int(status[CLOCK])
         t = count * engine.dt
         mj_step1(engine.model, engine.data)
-        if cell.carrier.present > 0.0:
-            _carry(cell)
+        if cell.job.contact > 0.0 or cell.carrier.present > 0.0:
+            _move_part(cell, t)
         if cell.job.contact > 0.0:
-            move_part(cell.motion, t, engine.dt, cell.part.position)
-            if cell.carrier.present > 0.0:
-                add_carried_speed(
-                    cell.carrier, engine.xpos[cell.carrier.flange_body], cell.part.position, cell.motion.velocity
-                )
             turn_spindle(cell.spindle, engine.dt)
             _press(cell)
         _see(engine, m, jacobian)
@@ -207,13 +202,17 @@ def _is_over(cell: CellKernel, m: Measurement, target: Target, count: int, t: fl
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _carry(cell: CellKernel) -> None:
-    """Let the second robot carry the part to where its flange is at this instant."""
+def _move_part(cell: CellKernel, t: float) -> None:
+    """Place the part for this instant: where the flange of a robot that carries it is, and by its own motion."""
     e, flange = cell.engine, cell.carrier.flange_body
-    carry_part(
-        cell.carrier, e.xmat[flange].reshape((3, 3)), e.xpos[flange], e.xanchor, e.xaxis, e.qvel,
-        e.site_xpos[e.tool_site], cell.part, cell.motion,
-    )  # fmt: skip
+    if cell.carrier.present > 0.0:
+        carry_part(
+            cell.carrier, e.xmat[flange].reshape((3, 3)), e.xpos[flange], e.xanchor, e.xaxis, e.qvel,
+            e.site_xpos[e.tool_site], cell.part, cell.motion,
+        )  # fmt: skip
+    move_part(cell.motion, t, e.dt, cell.part.position)
+    if cell.carrier.present > 0.0:
+        add_carried_speed(cell.carrier, e.xpos[flange], cell.part.position, cell.motion.velocity)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

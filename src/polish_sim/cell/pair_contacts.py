@@ -1,6 +1,7 @@
 """Whether two robots, the part in the gripper and the tool touch each other on the way, before anything moves (8a).
 
-The part counts as its convex hull here. On the tool's side only its housing counts, not the pad that is to touch it.
+The part counts as its convex hull here, with some room around it. Of the tool only the housing counts, not the pad
+that is to touch the part.
 """
 
 from __future__ import annotations
@@ -9,18 +10,18 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.cell.carrier import FIRST_JOINT, MASTER
+from polish_sim.cell.carrier import FIRST_JOINT
 
 Array = NDArray[np.float64]
+
+CLEARANCE = 0.03  # that links keep from the part: they are thicker than the capsules they collide as [m]
 
 
 class PairContacts:
     """The engine's collision check of a scene of two robots."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Take a scene for checks only: in it the part collides."""
-        part = model.geom(f"{MASTER}part").id
-        model.geom_contype[part] = model.geom_conaffinity[part] = 1
+        """Take a scene in which the part collides, see ``Held.margin``."""
         self._model, self._data = model, mujoco.MjData(model)
 
     def first(self, q_master: Array, q_follower: Array) -> str:

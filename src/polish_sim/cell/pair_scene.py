@@ -37,6 +37,8 @@ class Held(NamedTuple):
     """[kg/m^3]"""
     T_flange_part: Array
     """Where the real part is on the master's flange, shape (4, 4)."""
+    margin: float | None = None
+    """For checks only: the part's convex hull collides with what comes this close [m]; None: it touches nothing."""
 
 
 def build_pair_scene(scenario: Scenario, T_follower_master: Array, held: Held) -> mujoco.MjModel:
@@ -94,6 +96,9 @@ def _add_gripper(master: Any, held: Held) -> None:
         mass=GRIPPER_MASS, rgba=[0.25, 0.27, 0.30, 1.0],
     )  # fmt: skip
     part = add_drawn_part(master, flange, held.mesh, held.T_flange_part)
+    if held.margin is not None:
+        part.geoms[0].contype = part.geoms[0].conaffinity = 1
+        part.geoms[0].margin = held.margin
     volume, center = _volume_and_center(held.mesh)
     mass = held.density * volume
     if not 0.0 < mass + GRIPPER_MASS <= PAYLOAD_LIMIT:

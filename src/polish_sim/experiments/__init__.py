@@ -16,6 +16,8 @@ from polish_sim.experiments.calibrate_payload import (
     calibrate_from,
     run_payload_calibration,
 )
+from polish_sim.experiments.dual import run_dual
+from polish_sim.experiments.dual_task import prepare_dual
 from polish_sim.experiments.force import prepare_force, run_force
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult
@@ -37,6 +39,7 @@ _DEFAULTS = {
         smoothing=SmoothingConfig(tolerance_m=TOLERANCE, axis_tolerance_rad=AXIS_TOLERANCE),
     ),
     "teach": Scenario(experiment="teach", spindle=SpindleConfig(speed_rpm=0.0)),
+    "dual": Scenario(experiment="dual", part=PartConfig(file="wheel_hub_rim")),
 }
 
 EXPERIMENTS: Mapping[str, str] = MappingProxyType(
@@ -46,6 +49,7 @@ EXPERIMENTS: Mapping[str, str] = MappingProxyType(
         "surface": "polish a part along a planned path under force control (paper 1, fig. 14, 15)",
         "smooth": "one path played with every smoothing rule on the joint servos (paper 4, fig. 10)",
         "teach": "a hand guides the arm, whose torques make it light (paper 3, fig. 6)",
+        "dual": "two robots: the master moves the part, the follower polishes its rim meanwhile (paper 2)",
     }
 )
 
@@ -92,6 +96,9 @@ def check_experiment(
     if scenario.experiment == "surface":
         prepared = prepare_surface(scenario, plan, observer)
         return CheckedPath(prepared.plan.path, prepared.reach)
+    if scenario.experiment == "dual":
+        place = prepare_dual(scenario, plan, observer).place
+        return CheckedPath(place.path, place.reach)
     if scenario.experiment == "smooth":
         return CheckedPath(*path_of_task(prepare_smooth(scenario)))
     raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)
@@ -121,6 +128,8 @@ def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer:
         return run_smooth(scenario, observer)
     if scenario.experiment == "teach":
         return run_teach(scenario, observer)
+    if scenario.experiment == "dual":
+        return run_dual(scenario, plan, observer)
     raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)
 
 
@@ -136,6 +145,7 @@ __all__ = [
     "default_scenario",
     "prepare_surface",
     "run_arc",
+    "run_dual",
     "run_experiment",
     "run_force",
     "run_payload_calibration",

@@ -123,8 +123,10 @@ def find_pair_reach(work: Work, poses: Iterable[Array], collides: Collides) -> P
 def sampled(work: Work, T_master_work: Array, spin: float, count: int = SAMPLES) -> tuple[Array, Array]:
     """Poses of the part in the master's base and of the tool in the follower's while the path is done, (n, 4, 4)."""
     rows = np.unique(np.linspace(0, len(work.path.s) - 1, count).astype(int))
-    rows = np.unique(np.concatenate([rows, [1, len(work.path.s) - 2]]))
-    share = np.clip((work.path.s[rows] - work.path.s[1]) / (work.path.s[-2] - work.path.s[1]), 0.0, 1.0)
+    first, last = np.flatnonzero(work.path.process)[[0, -1]]
+    rows = np.unique(np.concatenate([rows, [first, last]]))
+    s = work.path.s
+    share = np.clip((s[rows] - s[first]) / (s[last] - s[first]), 0.0, 1.0)
     parts = np.tile(T_master_work, (len(rows), 1, 1))
     parts[:, :3, 3] += share[:, None] * work.way
     T_follower_work = inverse(work.chain.T_master_follower) @ parts

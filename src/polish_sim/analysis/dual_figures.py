@@ -1,0 +1,89 @@
+"""How well a tool follows a part that a second robot moves (layer 8c)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.analysis.rows import PROCESS
+from polish_sim.trace import Trace
+
+Array = NDArray[np.float64]
+
+
+class Wanted(NamedTuple):
+    """Where the tool is wanted on the part; n places along the path, in order."""
+
+    s: Array
+    """Arc length of the path [m], never falling, shape (n,)."""
+    points: Array
+    """Tool point, work frame [m], shape (n, 3)."""
+    axes: Array
+    """Unit tool axis into the part, work frame, shape (n, 3)."""
+    R_base_work: Array
+    """How the work frame stands in the base of the robot with the tool, shape (3, 3)."""
+
+
+class PairErrors(NamedTuple):
+    """Errors at every step of the process, work frame."""
+
+    tracking: Array
+    """From the tool point to the target the host had at that moment [m], shape (n, 3)."""
+    relative: Array
+    """From where the tool is wanted on the part to where it really is on it [m], shape (n, 3)."""
+
+
+def pair_errors(trace: Trace, wanted: Wanted, pressing: bool) -> PairErrors:
+    """Errors of the process phase.
+
+    Args:
+        trace: The run.
+        wanted: What was to be done.
+        pressing: Whether the force decides how deep the tool is: then what is along the tool axis does not count.
+    """
+    part = trace.phase == PROCESS
+    s = trace.path_s_m[part]
+    tracking = trace.target_error_m[part] @ wanted.R_base_work
+    relative = trace.tool_on_part_m[part] - _along(wanted.s, wanted.points, s)
+    if pressing:
+        axes = _along(wanted.s, wanted.axes, s)
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        tracking, relative = (e - np.sum(e * axes, axis=1)[:, None] * axes for e in (tracking, relative))
+    return PairErrors(tracking, relative)
+
+
+def measure_pair(trace: Trace, wanted: Wanted, pressing: bool) -> dict[str, Any]:
+    """Measure how the tool follows the moving part, over the whole process phase, its ramps included.
+
+    Returns:
+        tracking_error_max_m: largest distance from the target along x, y, z of the part (a list; across the tool axis
+        only while a force is controlled), tracking_error_worst_m: the largest of them; relative_error_rms_m,
+        relative_error_p95_m, relative_error_max_m: of the distance between the tool on the part as it is and as
+        wanted, calibration errors included, the part's own errors not (across the tool axis in contact);
+        master_way_m: how far the part was moved.
+    """
+    errors = pair_errors(trace, wanted, pressing)
+    if not len(errors.tracking):
+        nothing = float("nan")
+        return {"tracking_error_max_m": [nothing] * 3} | dict.fromkeys(
+            ("tracking_error_worst_m", "relative_error_rms_m", "relative_error_p95_m", "relative_error_max_m",
+             "master_way_m"), nothing,
+        )  # fmt: skip
+    tracking = np.abs(errors.tracking).max(axis=0)
+    relative = np.linalg.norm(errors.relative, axis=1)
+    shift = trace.part_shift_m[trace.phase == PROCESS]
+    return {
+        "tracking_error_max_m": tracking.tolist(),
+        "tracking_error_worst_m": float(tracking.max()),
+        "relative_error_rms_m": float(np.sqrt(np.mean(relative**2))),
+        "relative_error_p95_m": float(np.percentile(relative, 95.0)),
+        "relative_error_max_m": float(relative.max()),
+        "master_way_m": float(np.linalg.norm(shift[-1] - shift[0])),
+    }
+
+
+def _along(s: Array, values: Array, places: Array) -> Array:
+    """Values (n, 3) at places of the path, linear between them, shape (k, 3)."""
+    return np.stack([np.interp(places, s, values[:, k]) for k in range(3)], axis=1)

@@ -1,0 +1,174 @@
+"""Experiment ``dual``: two robots, the master moves the part, the follower works on it (paper 2; layer 9)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.analysis.dual_figures import Wanted, measure_pair
+from polish_sim.analysis.metrics import measure_surface
+from polish_sim.cell import Cell, Job, Observer, RealPart, Silent, build_real_part
+from polish_sim.cell.pair_scene import Held, build_pair_scene
+from polish_sim.cell.sequence import feed_pace
+from polish_sim.config import Scenario
+from polish_sim.control import build_controller
+from polish_sim.experiments.assembly import course_for
+from polish_sim.experiments.dual_task import DualTask, prepare_dual
+from polish_sim.experiments.part_setup import (
+    PART_STREAM,
+    PAYLOAD_STREAM,
+    SENSOR_STREAM,
+    path_done,
+    polishing_strokes,
+    random_streams,
+    stretches_in_contact,
+    strongest,
+)
+from polish_sim.experiments.placement import tool_rotations
+from polish_sim.experiments.result import RunResult, common_figures
+from polish_sim.experiments.tool_payload import believe_tool
+from polish_sim.motion import forward
+from polish_sim.motion.timed_path import TimedPath, time_path
+from polish_sim.motion.trajectory import PathTable, build_path_table
+from polish_sim.planning import PlanResult
+from polish_sim.spatial import apply, inverse
+
+Array = NDArray[np.float64]
+
+
+def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
+    """Let the follower run along the part the master moves, pressing on it or just above it.
+
+    Args:
+        scenario: The scenario; with ``dual.standoff_m`` above 0 nothing is pressed and no force controlled.
+        plan: A path made before; else once around the part's rim.
+        observer: Told of the progress.
+
+    Returns:
+        Log with the master's joints, trace, path and figures.
+
+    Raises:
+        PolishSimError: If the part, a calibration or the placement cannot be used.
+    """
+    observer = observer or Silent()
+    task = prepare_dual(scenario, plan, observer)
+    observer.stage("prepare the cell")
+    pressing = scenario.dual.standoff_m == 0.0
+    cell, strokes = build_dual_cell(scenario, task)
+    observer.stage("simulate")
+    run = cell.run(observer)
+    path, reach = task.place.path, task.place.reach
+    fed = run.trace.path_s_m[run.trace.phase == 2]
+    figures: dict[str, Any] = measure_pair(run.trace, wanted_on_part(strokes, reach.T_base_work), pressing)
+    if pressing:
+        force = measure_surface(run.trace, path, scenario.process.contact_force_n)
+        figures |= {name: value for name, value in force.items() if name not in figures}
+    figures |= {"chain_residual_m": task.residual, "placement_value": task.reach.value}
+    figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
+    figures |= cell.payload_errors._asdict()
+    return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)
+
+
+def build_dual_cell(scenario: Scenario, task: DualTask) -> tuple[Cell, list[Job]]:
+    """Set the cell up: what is true in the scene, what is believed in the plan.
+
+    Returns:
+        The cell, not yet run, and the strokes as the host wants them, its tool where it believes it to be.
+    """
+    streams, place = random_streams(scenario.seed), task.place
+    pressing = scenario.dual.standoff_m == 0.0
+    scenario = scenario if pressing else replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
+    strokes = (
+        polishing_strokes(scenario, place.path, place.reach, 0.0, scenario.plan.clearance_m)
+        if pressing
+        else free_strokes(scenario, task)
+    )
+    part = build_real_part(
+        place.actual(scenario), scenario.part, task.master.T_base_work, place.region.surface, place.mesh.up,
+        streams[PART_STREAM],
+    )  # fmt: skip
+    true = task.frames.true
+    held = Held(place.shape.mesh, scenario.dual.density_kg_m3, _part_on_flange(task, part))
+    controller = build_controller(scenario.controller)
+    T_believed_true = inverse(task.frames.believed.T_flange_tool) @ true.T_flange_tool
+    cell = Cell(
+        strongest(scenario, place.path), build_pair_scene(scenario, inverse(true.T_master_follower), held), part,
+        [with_tool(job, T_believed_true) for job in strokes], place.reach.q_start, controller,
+        streams[SENSOR_STREAM], course_for(controller, scenario, place, strokes), task.master,
+    )  # fmt: skip
+    believe_tool(cell, streams[PAYLOAD_STREAM])
+    return cell, strokes
+
+
+def free_strokes(scenario: Scenario, task: DualTask) -> list[Job]:
+    """The process part of a path, followed without touching anything."""
+    path, reach, process = task.place.path, task.place.reach, scenario.process
+    rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
+    points = apply(reach.T_base_work, path.positions_work)
+    pace, jobs = feed_pace(process.feed_m_s), []
+    for first, last in stretches_in_contact(path)[:1]:
+        during = slice(first, last + 1)
+        table = build_path_table(points[during], rotations[during], path.s[during])
+        start = build_path_table(points[first : first + 1], rotations[first : first + 1])
+        jobs.append(
+            Job(
+                travel=time_path(start, pace), lead_in=start, process=table, motion=time_path(table, pace),
+                depth=0.0, force=0.0, contact=0.0, approach_speed=process.approach_speed_m_s,
+                feed=process.feed_m_s, threshold=math.inf, search_depth=0.0, hold=0.0,
+                feed_time=process.max_feed_s or math.inf, lift=0.0, start_s=float(path.s[first]),
+            )
+        )  # fmt: skip
+    return jobs
+
+
+def with_tool(job: Job, T_believed_true: Array) -> Job:
+    """The stroke the real tool makes where the host moves the one it believes in: every pose times this (4, 4)."""
+    return job._replace(
+        travel=_moved_motion(job.travel, T_believed_true),
+        lead_in=_moved_table(job.lead_in, T_believed_true),
+        process=_moved_table(job.process, T_believed_true),
+        motion=_moved_motion(job.motion, T_believed_true),
+    )
+
+
+def wanted_on_part(strokes: list[Job], T_base_work: Array) -> Wanted:
+    """Where the tool is wanted on the part along the path: places, points and axes in the work frame."""
+    s = np.concatenate([job.start_s + job.motion.places for job in strokes])
+    points = np.concatenate([job.motion.positions for job in strokes])
+    turns = Rotation.from_quat(np.concatenate([job.motion.quaternions for job in strokes]), scalar_first=True)
+    T_work_base = inverse(T_base_work)
+    axes = turns.as_matrix()[:, :, 2] @ T_work_base[:3, :3].T
+    return Wanted(s, apply(T_work_base, points), axes, np.ascontiguousarray(T_base_work[:3, :3]))
+
+
+def _part_on_flange(task: DualTask, part: RealPart) -> Array:
+    """The real part on the master's flange, where it is drawn, shape (4, 4)."""
+    T_base_flange = inverse(task.frames.true.T_master_follower) @ forward(task.master.q[0])
+    T_base_part = np.eye(4)
+    T_base_part[:3, :3], T_base_part[:3, 3] = part.rotation, part.position
+    return np.asarray(inverse(T_base_flange) @ T_base_part)
+
+
+def _moved_table(table: PathTable, T: Array) -> PathTable:
+    offset, quaternions = _offsets(table.quaternions, T)
+    tangents = table.tangents + np.cross(table.turning, offset)
+    return table._replace(positions=table.positions + offset, tangents=tangents, quaternions=quaternions)
+
+
+def _moved_motion(motion: TimedPath, T: Array) -> TimedPath:
+    offset, quaternions = _offsets(motion.quaternions, T)
+    velocities = motion.velocities + np.cross(motion.spins, offset)
+    return motion._replace(positions=motion.positions + offset, velocities=velocities, quaternions=quaternions)
+
+
+def _offsets(quaternions: Array, T: Array) -> tuple[Array, Array]:
+    """What frames (n, 4) times T shifts their origins by [m], (n, 3), and the new frames without sign jumps."""
+    turns = Rotation.from_quat(quaternions, scalar_first=True)
+    turned = (turns * Rotation.from_matrix(T[:3, :3])).as_quat(scalar_first=True)
+    signs = np.where(np.sum(turned[1:] * turned[:-1], axis=1) < 0.0, -1.0, 1.0)
+    return turns.apply(T[:3, 3]), np.ascontiguousarray(turned * np.cumprod(np.r_[1.0, signs])[:, None])

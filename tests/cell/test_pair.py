@@ -1,0 +1,137 @@
+"""Two robots in one cell: the part goes where the master's flange goes, the pad feels it, the host believes its own."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell import Cell, no_part
+from polish_sim.cell.carrier import FIRST_JOINT, MasterRows
+from polish_sim.cell.pair_contacts import CLEARANCE, PairContacts
+from polish_sim.cell.pair_scene import GRIPPER_LENGTH, GRIPPER_MASS, Held, build_pair_scene, part_mass
+from polish_sim.config import Scenario
+from polish_sim.control import build_controller
+from polish_sim.errors import ReachError
+from polish_sim.geometry import PartMesh, load_part
+from polish_sim.models import workpiece_path
+from polish_sim.motion import forward
+from polish_sim.spatial import from_pose, inverse, transform
+from tests.cell.cells import EVERY_STEP, EachStep, free_job, ideal, joints_at, tool_pose
+
+Q_MASTER = np.array([0.19, -0.75, 1.86, -2.68, 1.57, 1.38])
+T_FOLLOWER_MASTER = inverse(from_pose([-1.1, 0.0, 0.0, 0.0, 0.0, 3.0]))
+ON_GRIPPER = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
+TOOL = tool_pose(0.0, -0.5, 0.3)
+
+
+@cache
+def hub() -> PartMesh:
+    return load_part(workpiece_path("wheel_hub_rim"))
+
+
+def scene(margin: float | None = None, density: float = 2700.0) -> mujoco.MjModel:
+    return build_pair_scene(Scenario(), T_FOLLOWER_MASTER, Held(hub(), density, ON_GRIPPER, margin))
+
+
+def rows(turns: bool) -> MasterRows:
+    """Joint rows of a slow motion of all joints (or of none), two seconds."""
+    time = np.linspace(0.0, 2.0, 101)
+    speed = np.array([0.05, -0.04, 0.06, 0.05, -0.07, 0.08]) if turns else np.zeros(6)
+    work = T_FOLLOWER_MASTER @ forward(Q_MASTER) @ ON_GRIPPER
+    belief = transform(Rotation.from_rotvec([0.01, -0.02, 0.03]).as_matrix(), np.array([0.004, -0.003, 0.002]))
+    return MasterRows(0.02, Q_MASTER + time[:, None] * speed, np.tile(speed, (101, 1)), work, belief)
+
+
+def pair_cell(master: MasterRows) -> Cell:
+    """The follower stands still where its target is carried along by the master."""
+    part = no_part()
+    T = master.T_base_work
+    part = part._replace(rotation=np.ascontiguousarray(T[:3, :3]), position=T[:3, 3].copy())
+    scenario = ideal("arc", EVERY_STEP)
+    return Cell(
+        scenario, scene(), part, [free_job(TOOL, hold=1.2)], joints_at(TOOL), build_controller(scenario.controller),
+        np.random.default_rng(0), master=master,
+    )  # fmt: skip
+
+
+def test_both_robots_stand_where_they_are_put_and_the_world_is_the_followers_base() -> None:
+    model = scene()
+    data = mujoco.MjData(model)
+    data.qpos[FIRST_JOINT:] = Q_MASTER
+    mujoco.mj_kinematics(model, data)
+    np.testing.assert_allclose(data.body("follower_base").xpos, 0.0, atol=1e-15)
+    np.testing.assert_allclose(data.body("master_base").xpos, T_FOLLOWER_MASTER[:3, 3], atol=1e-12)
+    flange = T_FOLLOWER_MASTER @ forward(Q_MASTER)
+    np.testing.assert_allclose(data.site("master_flange").xpos, flange[:3, 3], atol=1e-9)
+    np.testing.assert_allclose(data.body("master_part").xpos, (flange @ ON_GRIPPER)[:3, 3], atol=1e-9)
+
+
+def test_the_master_carries_the_parts_mass() -> None:
+    model = scene()
+    mass = part_mass(hub(), 2700.0)
+    assert mass == pytest.approx(2.03, abs=0.01)
+    assert model.body("master_part").mass[0] == pytest.approx(mass)
+    assert model.body("master_gripper").mass[0] == pytest.approx(GRIPPER_MASS)
+    with pytest.raises(ReachError, match=r"the part weighs 5\.87 kg"):
+        scene(density=7800.0)
+
+
+def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believes() -> None:
+    master = rows(turns=True)
+    cell = pair_cell(master)
+    carrier, T_part = cell.kernel.carrier, inverse(forward(Q_MASTER)) @ inverse(T_FOLLOWER_MASTER) @ master.T_base_work
+    seen: list[float] = []
+
+    def look(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        if data.time < 0.6 or len(seen) > 3:
+            return
+        # Poses are those of the last step's beginning: take them from the joints of that moment.
+        T_flange = transform(data.site("master_flange").xmat.reshape(3, 3), data.site("master_flange").xpos)
+        np.testing.assert_allclose(cell.kernel.part.position, (T_flange @ T_part)[:3, 3], atol=1e-9)
+        moved = T_flange @ inverse(T_FOLLOWER_MASTER @ forward(Q_MASTER))
+        believed = master.T_believed_true @ moved @ inverse(master.T_believed_true)
+        np.testing.assert_allclose(carrier.R_moved, believed[:3, :3], atol=1e-9)
+        np.testing.assert_allclose(carrier.p_moved, believed[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(cell.kernel.target[:3], (believed @ TOOL)[:3, 3], atol=1e-9)
+        on_part = inverse(T_flange @ T_part) @ np.append(data.site("follower_tool").xpos, 1.0)
+        np.testing.assert_allclose(carrier.tool_on_part, on_part[:3], atol=1e-9)
+        seen.append(data.time)
+
+    run = cell.run(EachStep(look))
+    assert len(seen) > 3 and run.stop_reason is None
+    velocity = np.gradient(run.trace.part_shift_m, run.trace.time_s, axis=0)[-200]
+    assert np.linalg.norm(velocity) > 0.02
+    assert run.log.columns["master_q_rad"].shape == (len(run.log), 6)
+    assert np.abs(run.trace.target_error_m[-300:]).max() < 2e-4
+
+
+def test_speeds_of_part_and_target_are_the_derivatives_of_their_places() -> None:
+    cell = pair_cell(rows(turns=True))
+    places, speeds, targets, twists = [], [], [], []
+
+    def look(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        if data.time > 1.1:
+            places.append(cell.kernel.part.position.copy())
+            speeds.append(cell.kernel.motion.velocity.copy())
+            targets.append(cell.kernel.target[:3].copy())
+            twists.append(cell.kernel.target[12:15].copy())
+
+    cell.run(EachStep(look))
+    for place, speed in ((places, speeds), (targets, twists)):
+        found = np.gradient(np.array(place), 0.001, axis=0)[5:-5]
+        np.testing.assert_allclose(found, np.array(speed)[5:-5], atol=2e-5)
+        assert np.abs(found).max() > 0.01
+
+
+def test_the_check_names_arms_that_would_touch() -> None:
+    contacts = PairContacts(scene(CLEARANCE))
+    q = joints_at(TOOL)
+    assert contacts.first(Q_MASTER[None], q[None]) == ""
+    pose = inverse(T_FOLLOWER_MASTER) @ T_FOLLOWER_MASTER @ forward(Q_MASTER)
+    above = T_FOLLOWER_MASTER @ pose @ ON_GRIPPER @ np.diag([1.0, -1.0, -1.0, 1.0])
+    touching = contacts.first(Q_MASTER[None], joints_at(above @ transform(np.eye(3), np.array([0.0, 0.0, 0.12])))[None])
+    assert "part" in touching or "gripper" in touching
