@@ -123,7 +123,7 @@ def _tcp_notes(done: TcpCalibration) -> tuple[str, ...]:
 
 def _write_base(folder: Path, done: BasesFound, method: str, pair: str) -> None:
     found = done.found
-    write_base_calibration(folder / "calibration.toml", found, pair)
+    write_base_calibration(folder / "calibration.toml", found, pair, done.figures.get("true_transform"))
     table = method_named(method).table(done.measured, found)
     (folder / "residuals.csv").write_text(table, encoding="utf-8")
     write_json(folder / METRICS, {**done.figures, "pair": pair, "versions": package_versions()})

@@ -31,6 +31,8 @@ PATH_OPTIONS: Final = (
 
 HAND_OPTIONS: Final = ("--mode", "--duration")
 """What only a hand that guides the arm has."""
+PAIR_OPTIONS: Final = ("--master-speed", "--standoff")
+"""What only two robots have."""
 
 IDLE: Final[Mapping[str, frozenset[str]]] = {
     "arc": frozenset(
@@ -38,6 +40,7 @@ IDLE: Final[Mapping[str, frozenset[str]]] = {
         + ("--contact-force", "--pad-diameter", "--spindle-rpm")
         + PATH_OPTIONS
         + HAND_OPTIONS
+        + PAIR_OPTIONS
     ),
     "smooth": frozenset(
         ("--part", "--real-part", "--units", "--up", "--region", "--contact-force", "--feed", "--pad-diameter")
@@ -45,14 +48,17 @@ IDLE: Final[Mapping[str, frozenset[str]]] = {
         + ("--controller", "--calibration", "--seed", "--seeds", "--fault", "--view", "--video")
         + PATH_OPTIONS
         + HAND_OPTIONS
+        + PAIR_OPTIONS
     ),
     "teach": frozenset(
         ("--part", "--real-part", "--part-pose", "--units", "--up", "--contact-force", "--feed", "--pad-diameter")
         + ("--spindle-rpm", "--controller", "--calibration", "--seed", "--seeds", "--fault", "--dry-run")
         + tuple(option for option in PATH_OPTIONS if option != "--direction")
+        + PAIR_OPTIONS
     ),
-    "surface": frozenset(HAND_OPTIONS),
-    "force": frozenset({"--feed", *PATH_OPTIONS, *HAND_OPTIONS} - {"--region", "--feature-angle"}),
+    "dual": frozenset(set(PATH_OPTIONS) - set(REGION_OPTIONS)) | frozenset(HAND_OPTIONS),
+    "surface": frozenset(HAND_OPTIONS + PAIR_OPTIONS),
+    "force": frozenset({"--feed", *PATH_OPTIONS, *HAND_OPTIONS, *PAIR_OPTIONS} - {"--region", "--feature-angle"}),
 }
 """What changes nothing in an experiment."""
 

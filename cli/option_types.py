@@ -7,12 +7,13 @@ from typing import Annotated, Any
 
 import typer
 
-PART, PATH, TOOL, AXIS, HAND, RUN, CONFIG, OUTPUT = (
+PART, PATH, TOOL, AXIS, HAND, PAIR, RUN, CONFIG, OUTPUT = (
     "Part and region",
     "Path",
     "Tool and process",
     "Landing and tool axis",
     "Hand guiding",
+    "Two robots",
     "Run",
     "Config",
     "Output",
@@ -162,8 +163,18 @@ Duration = Annotated[
     float | None, _option(HAND, "--duration", "S", "teach: duration of the hand's move (s); default 0.6 and 1.")
 ]
 
+# Two robots
+MasterSpeed = Annotated[
+    float | None,
+    _option(PAIR, "--master-speed", "MM/S", "dual: speed at which the master moves the part (mm/s); default 5."),
+]
+Standoff = Annotated[
+    float | None,
+    _option(PAIR, "--standoff", "MM", "dual: follow this far above the part, without force (mm); default: press."),
+]
+
 # Run
-Experiment = Annotated[str, typer.Argument(help="arc, force, surface, smooth or teach.", show_default=False)]
+Experiment = Annotated[str, typer.Argument(help="arc, force, surface, smooth, teach or dual.", show_default=False)]
 Controller = Annotated[
     str | None,
     _option(RUN, "--controller", "NAME", "A shipped one of 'polish-sim list' (default hybrid-pi), or FILE.py:CLASS."),
@@ -174,8 +185,8 @@ Calibration = Annotated[
         RUN,
         "--calibration",
         "FILE",
-        "calibration.toml of 'calibrate payload': the tool whose weight is compensated; default: calibrated before "
-        "the run.",
+        "calibration.toml of 'calibrate payload': the tool whose weight is compensated; in dual also of 'calibrate "
+        "base' or 'tcp'; default: calibrated before the run.",
     ),
 ]
 Seed = Annotated[int | None, _option(RUN, "--seed", "N", "Seed of everything random; default 0.")]

@@ -15,7 +15,7 @@ from polish_sim.planning import PlanObserver, PlanResult, ToolPath, measure_give
 def plan_to_run(
     scenario: Scenario, given: ToolPath | None, observer: PlanObserver, folder: Path | None
 ) -> PlanResult | None:
-    """Plan the path of a surface run, or measure the one that is given.
+    """Plan the path of a surface run, or measure the one that is given; two robots plan their own.
 
     Args:
         scenario: What is to be run.
@@ -29,7 +29,7 @@ def plan_to_run(
     Raises:
         PolishSimError: If the part cannot be used or planned.
     """
-    if scenario.experiment != "surface":
+    if scenario.experiment != "surface" and not (scenario.experiment == "dual" and given is not None):
         return None
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     plan = plan_part(*asked) if given is None else measure_given_path(given, *asked)

@@ -31,6 +31,9 @@ FILM: Final = Quality(640, 480, 0, 1024)
 LOOK_AT: Final = (0.0, -0.32, 0.28)
 DISTANCE: Final = 1.65
 AZIMUTH, ELEVATION = 125.0, -22.0
+PAIR_DISTANCE: Final = 2.0
+PAIR_AZIMUTH, PAIR_ELEVATION = 70.0, -18.0
+"""Of two robots, seen from the side."""
 
 
 def prepare_headless() -> None:
@@ -74,6 +77,9 @@ class Picture:
         camera = mujoco.MjvCamera()
         camera.lookat[:] = LOOK_AT
         camera.distance, camera.azimuth, camera.elevation = DISTANCE, AZIMUTH, ELEVATION
+        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "master_base") >= 0:
+            camera.lookat[:] = model.stat.center
+            camera.distance, camera.azimuth, camera.elevation = PAIR_DISTANCE, PAIR_AZIMUTH, PAIR_ELEVATION
         return cls(renderer, camera)
 
     def render(self, data: Any) -> NDArray[np.uint8]:

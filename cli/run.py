@@ -48,6 +48,8 @@ def run(
     contact_force: o.ContactForce = None,
     feed: o.Feed = None,
     spindle_rpm: o.SpindleSpeed = None,
+    master_speed: o.MasterSpeed = None,
+    standoff: o.Standoff = None,
     mode: o.Mode = None,
     duration: o.Duration = None,
     controller: o.Controller = None,
@@ -65,7 +67,7 @@ def run(
     out: o.Out = None,
     overwrite: o.Overwrite = False,
 ) -> int:
-    """Simulate an experiment of the papers: arc, force, surface, smooth or teach."""
+    """Simulate an experiment of the papers: arc, force, surface, smooth, teach or dual."""
     given = given_options(locals())
     switches = {"--view": view or None, "--video": video or None, "--dry-run": dry_run or None}
     refuse_idle_in(experiment, given | {"--seeds": seeds} | switches)
@@ -109,5 +111,7 @@ def _checked(scenario: Scenario, given: Mapping[str, Any], path: Path | None) ->
         return None, scenario
     if source is not None:
         return take_plan(source, scenario, given)
+    if scenario.experiment == "dual":
+        return None, scenario
     refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
     return None, scenario

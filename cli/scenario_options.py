@@ -66,8 +66,17 @@ OPTIONS: Final[Mapping[str, Target]] = {
     "--poses": Target("payload", "poses"),
     "--mode": Target("guide", "mode"),
     "--duration": Target("guide", "duration_s", SECOND),
+    "--master-speed": Target("dual", "master_speed_m_s", MM_S),
+    "--standoff": Target("dual", "standoff_m", MM),
     "--noise": Target("sensor", "force_noise_n", NEWTON),
 }
+
+CALIBRATIONS: Final[Mapping[str, tuple[str, str]]] = {
+    "payload": ("payload", "file"),
+    "base": ("dual", "bases_file"),
+    "tcp": ("dual", "tool_file"),
+}
+"""Where the file of each kind of calibration goes in a run of two robots."""
 
 TRIPLES: Final[Mapping[str, Target]] = {
     "--start": Target("plan", "start", MM),
@@ -140,10 +149,11 @@ def _overlapping(scenario: Scenario, stepover: float | None, overlap: float) -> 
 
 def _placed(scenario: Scenario) -> Scenario:
     """Name the files of part and payload from the root, so that the written config runs from any folder."""
-    for section in ("part", "payload"):
-        file = Path(getattr(scenario, section).file)
+    files = (("part", "file"), ("payload", "file"), ("dual", "bases_file"), ("dual", "tool_file"))
+    for section, key in files:
+        file = Path(getattr(getattr(scenario, section), key))
         if file.is_file():
-            scenario = merge(scenario, {section: {"file": str(file.resolve())}}, "")
+            scenario = merge(scenario, {section: {key: str(file.resolve())}}, "")
     return scenario
 
 
@@ -194,6 +204,12 @@ def _numbers(text: str, count: int) -> list[float]:
 
 
 def _table(option: str, value: Any, experiment: str) -> dict[str, Any]:
+    if option == "--calibration" and experiment == "dual":
+        # Lazy: only a run of two robots reads a calibration to see what it is of.
+        from polish_sim.calibration import calibration_kind
+
+        section, key = CALIBRATIONS[calibration_kind(Path(value), tuple(CALIBRATIONS))]
+        return {section: {key: value}}
     if option == "--direction" and experiment == "teach":
         return {"guide": {"direction": value}}
     if option == "--seed":

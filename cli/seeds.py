@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.analysis.bounds import CLAIMS
+from polish_sim.analysis.bounds import CLAIMS, claims_of
 from polish_sim.analysis.report import draw_seeds, save_plots
 from polish_sim.analysis.run_record import package_versions, read_record, write_json
 from polish_sim.cli import console
@@ -39,7 +39,7 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
         How it ended; what is checked is the worst seed of each figure.
     """
     runs, interrupted = _run_all(scenario, plan, seeds, draft)
-    mean, worst = aggregate(scenario.experiment, list(runs.values()))
+    mean, worst = aggregate(claims_of(scenario), list(runs.values()))
     table = {"experiment": scenario.experiment, "seeds": list(runs), "mean": mean, "worst": worst}
     write_json(draft / "metrics.json", table | {"runs": runs, "versions": package_versions()})
     records = [read_record(draft / _name(seed)) for seed in runs]
@@ -55,7 +55,7 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
     ]
     title = f"{scenario.experiment}, {scenario.controller.name}, {len(runs)} seeds"
     return Outcome(
-        scenario.experiment, title, {"mean": mean, "worst seed": worst}, tuple(stops), interrupted, tuple(missed)
+        claims_of(scenario), title, {"mean": mean, "worst seed": worst}, tuple(stops), interrupted, tuple(missed)
     )
 
 

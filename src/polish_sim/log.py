@@ -47,6 +47,7 @@ LATER: Mapping[str, tuple[int, str]] = MappingProxyType(
     {
         "exposure_nm": (0, "N m"),
         "master_q_rad": (6, "rad"),
+        "relative_error_m": (3, "m"),
         "rule": (0, "-"),
         "case": (0, "-"),
         "hand_force_n": (3, "N"),

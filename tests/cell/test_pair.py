@@ -102,7 +102,8 @@ def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believ
         seen.append(data.time)
 
     run = cell.run(EachStep(look))
-    assert len(seen) > 3 and run.stop_reason is None
+    assert len(seen) > 3
+    assert run.stop_reason is None
     velocity = np.gradient(run.trace.part_shift_m, run.trace.time_s, axis=0)[-200]
     assert np.linalg.norm(velocity) > 0.02
     assert run.log.columns["master_q_rad"].shape == (len(run.log), 6)

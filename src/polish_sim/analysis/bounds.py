@@ -84,6 +84,14 @@ _STEPWISE: Final = (
     Claim("stepwise_over_joint", "error, stepwise / joint", "", 1.0, "-", high=1.01),
 )
 
+_PAIR: Final = (
+    Claim("tracking_error_worst_m", "tracking error, worst axis", "mm", 1e3, high=1e-4),
+    Claim("relative_error_rms_m", "tool on the part, error rms", "mm", 1e3, high=6e-5),
+    Claim("relative_error_p95_m", "  95% below", "mm", 1e3, high=1e-4),
+    Claim("chain_residual_m", "closed chain of the planned joints", "mm", 1e3, high=1e-9),
+    Claim("master_way_m", "way of the part", "mm", 1e3),
+)
+
 CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
     {
         "arc": (
@@ -120,6 +128,16 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
             Claim("over_polished_share", "removal above 1.5 x its mean", "%", 100.0),
             _PATH_DONE,
         ),
+        "dual": (
+            Claim("force_max_deviation_n", "force error, max", "N", 1.0, high=1.5),
+            Claim("force_mean_n", "force, mean", "N", 1.0),
+            Claim("force_rms_error_n", "force error, rms", "N", 1.0),
+            Claim("force_within_1n", "force in ±1 N", "%", 100.0, more_is_better=True),
+            Claim("contact_lost_s", "contact lost", "s", 1.0),
+            *_PAIR,
+            _PATH_DONE,
+        ),
+        "dual-free": (*_PAIR, _PATH_DONE),
         "smooth": (
             Claim(
                 "certified_reduction_largest",
@@ -243,10 +261,12 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
 
 
 def claims_of(scenario: Scenario) -> str:
-    """The name in ``CLAIMS`` of what is asked of a run: some hand moves are not the whole trial."""
+    """The name in ``CLAIMS`` of what is asked of a run: some moves are no trial, above a part is no force."""
     guide = scenario.guide
     if scenario.experiment == "teach" and (guide.mode or guide.direction or guide.duration_s):
         return "teach-some"
+    if scenario.experiment == "dual" and scenario.dual.standoff_m > 0.0:
+        return "dual-free"
     return scenario.experiment
 
 

@@ -54,8 +54,12 @@ def pair_errors(trace: Trace, wanted: Wanted, pressing: bool) -> PairErrors:
     return PairErrors(tracking, relative)
 
 
-def measure_pair(trace: Trace, wanted: Wanted, pressing: bool) -> dict[str, Any]:
+def measure_pair(trace: Trace, errors: PairErrors) -> dict[str, Any]:
     """Measure how the tool follows the moving part, over the whole process phase, its ramps included.
+
+    Args:
+        trace: The run.
+        errors: Of it, see ``pair_errors``.
 
     Returns:
         tracking_error_max_m: largest distance from the target along x, y, z of the part (a list; across the tool axis
@@ -64,7 +68,6 @@ def measure_pair(trace: Trace, wanted: Wanted, pressing: bool) -> dict[str, Any]
         wanted, calibration errors included, the part's own errors not (across the tool axis in contact);
         master_way_m: how far the part was moved.
     """
-    errors = pair_errors(trace, wanted, pressing)
     if not len(errors.tracking):
         nothing = float("nan")
         return {"tracking_error_max_m": [nothing] * 3} | dict.fromkeys(

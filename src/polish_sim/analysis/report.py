@@ -9,6 +9,7 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.arc_plot import plot_arc, plot_arc_runs
+from polish_sim.analysis.dual_plot import plot_dual, plot_dual_runs
 from polish_sim.analysis.force_plot import plot_force, plot_force_runs
 from polish_sim.analysis.guiding_plot import plot_guiding, plot_guiding_runs
 from polish_sim.analysis.peaks_plot import plot_peaks
@@ -25,6 +26,7 @@ PLOTS: Final[Mapping[str, Mapping[str, Callable[[RunRecord], Figure]]]] = {
     "surface": {"force.png": plot_surface_force, "peaks.png": plot_peaks},
     "smooth": {"tracking.png": plot_tracking, "tracking_by_joint.png": plot_tracking_bars},
     "teach": {"hand_force.png": plot_guiding},
+    "dual": {"dual.png": plot_dual},
 }
 """The figures of one run, by experiment and file name."""
 
@@ -34,6 +36,7 @@ COMPARISONS: Final[Mapping[str, Mapping[str, Callable[[Sequence[RunRecord]], Fig
     "surface": {"force.png": plot_surface_runs},
     "smooth": {"tracking.png": plot_tracking_runs},
     "teach": {"hand_force.png": plot_guiding_runs},
+    "dual": {"dual.png": plot_dual_runs},
 }
 """The figures of several runs of one experiment."""
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from polish_sim.analysis.bounds import CLAIMS, Claim, bound_text
+from polish_sim.analysis.bounds import CLAIMS, Claim, bound_text, claims_of
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREEN, ORANGE, new_figure, styled
 
@@ -25,7 +25,7 @@ def plot_seeds(records: Sequence[RunRecord]) -> Figure:
         The figure.
     """
     experiment = records[0].scenario.experiment
-    claims = [claim for claim in CLAIMS[experiment] if claim.bounded]
+    claims = [claim for claim in CLAIMS[claims_of(records[0].scenario)] if claim.bounded]
     figure = new_figure(10.0, 1.0 + 1.7 * len(claims))
     panels = figure.subplots(len(claims), 1, sharex=True, squeeze=False)[:, 0]
     for axes, claim in zip(panels, claims, strict=True):

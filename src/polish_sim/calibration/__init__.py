@@ -11,6 +11,7 @@ from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, ReadingNois
 from polish_sim.calibration.poses import PosePlan, plan_payload_poses
 from polish_sim.calibration.readings import PayloadReadings
 from polish_sim.calibration.readings_file import read_readings, residual_table
+from polish_sim.calibration.toml_table import calibration_kind
 
 __all__ = [
     "GRAVITY",
@@ -19,6 +20,7 @@ __all__ = [
     "PayloadReadings",
     "PosePlan",
     "ReadingNoise",
+    "calibration_kind",
     "estimate_figures",
     "fit_payload",
     "fit_without_outliers",

@@ -33,6 +33,21 @@ def _literal(value: Any) -> str:
     return repr(value)
 
 
+def calibration_kind(file: Path, wanted: tuple[str, ...]) -> str:
+    """The kind of a calibration.toml, one of those ``wanted``.
+
+    Raises:
+        InputError: No such file, no TOML, or none of them.
+    """
+    kind = _read(file).get("kind")
+    if kind not in wanted:
+        raise InputError(
+            f"'{file}' is none of the calibrations a run can take (kind = {kind!r}): give a calibration.toml made by "
+            f"'calibrate {' | '.join(wanted)}'."
+        )
+    return str(kind)
+
+
 def read_table(file: Path, kind: str, what: str) -> Mapping[str, Any]:
     """Read a calibration of one kind.
 
@@ -44,18 +59,22 @@ def read_table(file: Path, kind: str, what: str) -> Mapping[str, Any]:
     Raises:
         InputError: No such file, no TOML, or the calibration of something else.
     """
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read the calibration '{file}': {error.strerror}.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"the calibration '{file}' is not valid TOML: {error}.") from error
+    table = _read(file)
     if table.get("kind") != kind:
         raise InputError(
             f"'{file}' is not the calibration of {what} (kind = {table.get('kind')!r}). "
             f"Give a calibration.toml made by 'calibrate {kind}'."
         )
     return table
+
+
+def _read(file: Path) -> Mapping[str, Any]:
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read the calibration '{file}': {error.strerror}.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"the calibration '{file}' is not valid TOML: {error}.") from error
 
 
 def numbers_of(file: Path, table: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Array:

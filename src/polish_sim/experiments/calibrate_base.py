@@ -180,7 +180,8 @@ def _errors(found: BaseCalibration, truth: TrueBases) -> dict[str, Any]:
     figures["point_error_1m_m"] = float(np.sqrt(np.mean(np.sum((apply(T, ends) - apply(wanted, ends)) ** 2, axis=1))))
     each = [_frame_error("", found.bases[r][0], T_true) for r, T_true in truth.T_tracker.items() if r in found.bases]
     each = each or [_frame_error("", T, wanted)]
-    return figures | {name: max(e[name] for e in each) for name in each[0]}
+    figures |= {name: max(e[name] for e in each) for name in each[0]}
+    return figures | {"true_transform": wanted.tolist()}
 
 
 def _frame_error(prefix: str, T: Array, wanted: Array) -> dict[str, float]:

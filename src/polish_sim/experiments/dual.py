@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.analysis.dual_figures import Wanted, measure_pair
+from polish_sim.analysis.dual_figures import Wanted, measure_pair, pair_errors
 from polish_sim.analysis.metrics import measure_surface
-from polish_sim.cell import Cell, Job, Observer, RealPart, Silent, build_real_part
+from polish_sim.cell import Cell, CellRun, Job, Observer, RealPart, Silent, build_real_part
 from polish_sim.cell.pair_scene import Held, build_pair_scene
 from polish_sim.cell.sequence import feed_pace
 from polish_sim.config import Scenario
@@ -32,6 +32,7 @@ from polish_sim.experiments.part_setup import (
 from polish_sim.experiments.placement import tool_rotations
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.tool_payload import believe_tool
+from polish_sim.log import with_column
 from polish_sim.motion import forward
 from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import PathTable, build_path_table
@@ -64,14 +65,16 @@ def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Obser
     run = cell.run(observer)
     path, reach = task.place.path, task.place.reach
     fed = run.trace.path_s_m[run.trace.phase == 2]
-    figures: dict[str, Any] = measure_pair(run.trace, wanted_on_part(strokes, reach.T_base_work), pressing)
+    errors = pair_errors(run.trace, wanted_on_part(strokes, reach.T_base_work), pressing)
+    figures: dict[str, Any] = measure_pair(run.trace, errors)
     if pressing:
         force = measure_surface(run.trace, path, scenario.process.contact_force_n)
         figures |= {name: value for name, value in force.items() if name not in figures}
     figures |= {"chain_residual_m": task.residual, "placement_value": task.reach.value}
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
     figures |= cell.payload_errors._asdict()
-    return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)
+    log = with_column(run.log, "relative_error_m", _at_rows(run, errors.relative))
+    return RunResult(scenario, log, run.trace, figures, run.stop_reason, run.interrupted, path)
 
 
 def build_dual_cell(scenario: Scenario, task: DualTask) -> tuple[Cell, list[Job]]:
@@ -144,6 +147,14 @@ def wanted_on_part(strokes: list[Job], T_base_work: Array) -> Wanted:
     T_work_base = inverse(T_base_work)
     axes = turns.as_matrix()[:, :, 2] @ T_work_base[:3, :3].T
     return Wanted(s, apply(T_work_base, points), axes, np.ascontiguousarray(T_base_work[:3, :3]))
+
+
+def _at_rows(run: CellRun, values: Array) -> Array:
+    """Values of the steps of the process (k, 3) at the rows of the log, zero outside it, shape (n, 3)."""
+    every = np.zeros((len(run.trace.time_s), 3))
+    every[run.trace.phase == 2] = values
+    rows = np.searchsorted(run.trace.time_s, np.asarray(run.log["time_s"], dtype=np.float64) - 1e-9)
+    return every[np.minimum(rows, len(every) - 1)]
 
 
 def _part_on_flange(task: DualTask, part: RealPart) -> Array:

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from polish_sim.calibration.frames import fit_frame, read_base_calibration
 from polish_sim.calibration.tool import ToolTouches, fit_tool_frame, fit_tool_point, read_tool_calibration
@@ -38,13 +39,25 @@ class PairFrames(NamedTuple):
 def true_chain(config: DualConfig) -> Chain2:
     """The chain as it really is: the part sits square and centred on the gripper.
 
+    The bases stand as the scenario says, or as the simulated calibration it names planted them.
+
     Raises:
         ConfigError: No pose is given.
+        InputError: The calibration cannot be read.
+        CalibrationError: It is another pair's.
     """
+    if config.bases_file:
+        planted = read_base_calibration(Path(config.bases_file), config.pair).T_true
+        if planted is not None:
+            return _chain(planted)
     if not config.follower_pose:
         raise ConfigError("'dual.follower_pose' is empty: say where the follower's base stands in the master's.")
+    return _chain(from_pose(config.follower_pose))
+
+
+def _chain(T_master_follower: Array) -> Chain2:
     T_flange_gripper = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
-    return Chain2(from_pose(config.follower_pose), T_flange_gripper, np.eye(4), tool_on_flange())
+    return Chain2(T_master_follower, T_flange_gripper, np.eye(4), tool_on_flange())
 
 
 def calibrated_frames(config: DualConfig, marks: Array, rng: np.random.Generator) -> PairFrames:
@@ -77,8 +90,11 @@ def _bases(config: DualConfig, T_master_follower: Array, rng: np.random.Generato
     """The follower's base in the master's: from a file, or single axes turned before a tracker."""
     if config.bases_file:
         T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
-        what = f"'{config.bases_file}' puts the follower's base"
-        _check_near(what, "dual.follower_pose", T, T_master_follower)
+        pose = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
+        told = (
+            "set the cell up as it was: --set dual.follower_pose=[" + ",".join(f"{number:.5g}" for number in pose) + "]"
+        )
+        _check_near(f"'{config.bases_file}' puts the follower's base", "dual.follower_pose", T, T_master_follower, told)
         return T
     truth = TrueBases({"master": T_TRACKER_MASTER, "follower": T_TRACKER_MASTER @ T_master_follower})
     noise = config.tracker_noise_m
@@ -89,7 +105,7 @@ def _tool(config: DualConfig, T_flange_tool: Array, rng: np.random.Generator) ->
     """The tool on the follower's flange: from a file, or touches of a point."""
     if config.tool_file:
         T = read_tool_calibration(Path(config.tool_file)).T_flange_tool
-        _check_near(f"'{config.tool_file}' puts the tool", "the cell's tool", T, T_flange_tool)
+        _check_near(f"'{config.tool_file}' puts the tool", "the cell's tool", T, T_flange_tool, "calibrate it")
         return T
     trial = TcpTrial(noise=config.touch_noise_m)
     return fit_tool_frame(simulate_touches(trial, T_flange_tool, rng), trial.noise or None).T_flange_tool
@@ -108,11 +124,11 @@ def _part_on_flange(config: DualConfig, T_flange_work: Array, marks: Array, rng:
     return fit_frame(np.stack(found), marks, trial.noise or None).T
 
 
-def _check_near(what: str, wanted: str, T: Array, T_true: Array) -> None:
+def _check_near(what: str, wanted: str, T: Array, T_true: Array, cure: str) -> None:
     off = float(np.linalg.norm(T[:3, 3] - T_true[:3, 3]))
     turn = rotation_angle(np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T_true[:3, :3]))
     if off > FAR_M or turn > FAR_RAD:
         raise CalibrationError(
             f"{what} at {place_in_mm(T[:3, 3])}, {1e3 * off:.1f} mm and {np.degrees(turn):.2f} deg from {wanted}, "
-            f"{place_in_mm(T_true[:3, 3])}: it was made elsewhere. Calibrate this cell, or set the cell up as it was."
+            f"{place_in_mm(T_true[:3, 3])}: it was made elsewhere. Use one made here, or {cure}."
         )

@@ -41,12 +41,13 @@ def trace_of_move(play: PlayedMove) -> Trace:
     """The exact trace of one move, with no contact."""
     rows = play.run.rows
     n, nothing = len(rows), np.zeros(len(rows))
-    off = np.linalg.norm(play.table.motion.positions[:n] - rows[:, TOOL : TOOL + 3], axis=1)
+    error = play.table.motion.positions[:n] - rows[:, TOOL : TOOL + 3]
+    off = np.linalg.norm(error, axis=1)
     turned = Rotation.from_matrix(play.table.motion.rotations[:n]) * Rotation.from_matrix(play.run.rotations).inv()
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rows[:, TOOL : TOOL + 3], axis=0), axis=1))])
     return Trace(
         rows[:, TIME], play.table.phase[:n], nothing, off, off, turned.magnitude(), rows[:, TOOL : TOOL + 3],
-        rows[:, SPEED], way, np.zeros((n, 3)), nothing, nothing,
+        rows[:, SPEED], way, np.zeros((n, 3)), nothing, nothing, error, np.zeros((n, 3)),
     )  # fmt: skip
 
 

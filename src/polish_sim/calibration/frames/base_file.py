@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ KIND = "base"
 _HEAD = """\
 # The follower robot's base in the master's, T_master_follower, and its covariance: displacement of the origin xyz [m]
 # and small rotation xyz [rad], master axes. `pair` names the two robots it is true for.
+# true_transform: of simulated robots only.
 """
 
 
@@ -29,6 +31,8 @@ class CalibratedBases(NamedTuple):
     """Shape (4, 4)."""
     covariance: Array
     """Of its origin [m] and rotation [rad], master axes, shape (6, 6)."""
+    T_true: Array | None = None
+    """Where it really is, if the measurements were simulated, shape (4, 4)."""
 
 
 def base_figures(found: BaseCalibration) -> dict[str, Any]:
@@ -47,9 +51,11 @@ def base_figures(found: BaseCalibration) -> dict[str, Any]:
     }
 
 
-def write_base_calibration(file: Path, found: BaseCalibration, pair: str) -> None:
-    """Write calibration.toml; ``pair`` names the two robots."""
+def write_base_calibration(file: Path, found: BaseCalibration, pair: str, T_true: Array | None = None) -> None:
+    """Write calibration.toml; ``pair`` names the two robots, ``T_true`` says where simulated ones really stand."""
     figures = {"kind": KIND, "pair": pair} | base_figures(found)
+    if T_true is not None:
+        figures["true_transform"] = np.asarray(T_true).tolist()
     write_table(file, _HEAD, figures | {"covariance": found.covariance.tolist()})
 
 
@@ -70,7 +76,13 @@ def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
             f"'{file}' is the calibration of another pair of robots: {table.get('pair')!r}, not '{pair}'. "
             "Calibrate this pair, or name it as the file does."
         )
-    T, covariance = numbers_of(file, table, "transform", (4, 4)), numbers_of(file, table, "covariance", (6, 6))
+    covariance = numbers_of(file, table, "covariance", (6, 6))
+    T_true = _pose_of(file, table, "true_transform") if "true_transform" in table else None
+    return CalibratedBases(_pose_of(file, table, "transform"), covariance, T_true)
+
+
+def _pose_of(file: Path, table: Mapping[str, Any], name: str) -> Array:
+    T = numbers_of(file, table, name, (4, 4))
     if np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max() > 1e-6 or np.linalg.det(T[:3, :3]) < 0.0:
-        raise InputError(f"'{file}': transform is not a right-handed rotation and a displacement.")
-    return CalibratedBases(transform(T[:3, :3], T[:3, 3]), covariance)
+        raise InputError(f"'{file}': {name} is not a right-handed rotation and a displacement.")
+    return transform(T[:3, :3], T[:3, 3])

@@ -1,0 +1,109 @@
+"""Two robots at work: what both arms do, how well the tool keeps to its place on the part, and the force (layer 8c)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from polish_sim.analysis.rows import fed, numbers
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
+
+Array = NDArray[np.float64]
+
+BAND_MM = 0.1
+BAND_N = 1.5
+
+
+@styled
+def plot_dual(record: RunRecord) -> Figure:
+    """Draw a run over time: errors of the tool on the part, force if there is one, and the way of all joints.
+
+    Args:
+        record: A run of ``dual``.
+
+    Returns:
+        The figure.
+    """
+    pressing = record.scenario.dual.standoff_m == 0.0
+    figure = new_figure(10.0, 7.4 if pressing else 6.2)
+    panels = figure.subplots(4 if pressing else 3, 1, sharex=True)
+    process = fed(record.log)
+    time = numbers(record.log, "time_s")[process]
+    time = time - (time[0] if len(time) else 0.0)
+    _draw_error(panels[0], time, record, process)
+    if pressing:
+        _draw_force(panels[1], time, record, process)
+    for axes, column, name in ((panels[-2], "master_q_rad", "master"), (panels[-1], "q_rad", "follower")):
+        _draw_joints(axes, time, numbers(record.log, column)[process], name)
+    panels[-1].set_xlabel("time since the start of the feed [s]")
+    panels[-1].legend([f"joint {k}" for k in range(1, 7)], ncols=6, loc="lower left")
+    m = record.metrics
+    facts = [
+        f"tracking, worst axis {_mm(m, 'tracking_error_worst_m')} mm",
+        f"tool on the part, rms {_mm(m, 'relative_error_rms_m')} mm, 95% below {_mm(m, 'relative_error_p95_m')} mm",
+    ]
+    if pressing:
+        facts.append(f"force error, max {m.get('force_max_deviation_n') or float('nan'):.2f} N")
+    head(figure, panels[0], "Two robots: the master moves the part, the follower works on it", facts)
+    return figure
+
+
+@styled
+def plot_dual_runs(records: Sequence[RunRecord]) -> Figure:
+    """Draw the tool's error on the part along the path, one line a run.
+
+    Args:
+        records: Runs of ``dual``.
+
+    Returns:
+        The figure.
+    """
+    figure = new_figure(9.0, 4.0)
+    axes = figure.subplots()
+    for index, record in enumerate(records):
+        process = fed(record.log)
+        error = 1e3 * np.linalg.norm(numbers(record.log, "relative_error_m")[process], axis=1)
+        label = f"{record.name}: rms {_mm(record.metrics, 'relative_error_rms_m')} mm"
+        axes.plot(numbers(record.log, "path_s_m")[process], error, color=SERIES[index % len(SERIES)], label=label)
+    axes.axhline(BAND_MM, color=GREEN, ls="--", lw=0.9)
+    axes.set(xlabel="along the path [m]", ylabel="error [mm]", ylim=(0.0, None))
+    axes.legend()
+    head(figure, axes, "Tool on the part, as it is against as wanted", ())
+    return figure
+
+
+def _draw_error(axes: Axes, time: Array, record: RunRecord, process: NDArray[np.bool_]) -> None:
+    relative = 1e3 * numbers(record.log, "relative_error_m")[process]
+    for k, color in enumerate((BLUE, ORANGE, GREY)):
+        axes.plot(time, relative[:, k], color=color, lw=0.9, label=f"{'xyz'[k]} of the part")
+    shade_band(axes, 0.0, BAND_MM, f"± {BAND_MM:g} mm")
+    axes.set_ylabel("tool on the part [mm]")
+    axes.legend(ncols=4, loc="lower right")
+
+
+def _draw_force(axes: Axes, time: Array, record: RunRecord, process: NDArray[np.bool_]) -> None:
+    target = record.scenario.process.contact_force_n
+    low, high = (numbers(record.log, f"normal_force_{end}_n")[process] for end in ("min", "max"))
+    axes.fill_between(time, low, high, color=BLUE, alpha=0.25, lw=0)
+    axes.plot(time, numbers(record.log, "normal_force_n")[process], color=BLUE, lw=0.7, label="exact contact force")
+    shade_band(axes, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
+    axes.set_ylabel("force [N]")
+    axes.legend(ncols=2, loc="lower right")
+
+
+def _draw_joints(axes: Axes, time: Array, q: Array, name: str) -> None:
+    turned = np.degrees(q - q[:1])
+    for k in range(6):
+        axes.plot(time, turned[:, k], color=SERIES[k % len(SERIES)])
+    axes.set_ylabel(f"{name}: joints\nfrom the start [deg]")
+
+
+def _mm(metrics: Mapping[str, Any], name: str) -> str:
+    value = metrics.get(name)
+    return "-" if value is None else f"{1e3 * value:.3f}"
