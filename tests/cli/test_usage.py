@@ -48,8 +48,8 @@ def test_the_version_is_the_package_s(polish_sim: Callable[..., object]) -> None
     ("words", "said"),
     [
         (["runn"], "Known: calibrate, config, demo"),
-        (["run", "circle"], "unknown experiment 'circle'. Known: arc, force, smooth, surface, teach"),
-        (["config", "circle"], "unknown experiment 'circle'. Known: arc, force, smooth, surface, teach"),
+        (["run", "circle"], "unknown experiment 'circle'. Known: arc, dual, force, smooth, surface, teach"),
+        (["config", "circle"], "unknown experiment 'circle'. Known: arc, dual, force, smooth, surface, teach"),
         (["run"], "experiment"),
         (["run", "arc", "--fed", "3"], "--fed"),
         (["run", "arc", "--feed", "fast"], "--feed"),

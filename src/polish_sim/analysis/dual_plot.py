@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 BAND_MM = 0.1
 BAND_N = 1.5
+WRIST_3 = 5
 
 
 @styled
@@ -42,7 +43,7 @@ def plot_dual(record: RunRecord) -> Figure:
     for axes, column, name in ((panels[-2], "master_q_rad", "master"), (panels[-1], "q_rad", "follower")):
         _draw_joints(axes, time, numbers(record.log, column)[process], name)
     panels[-1].set_xlabel("time since the start of the feed [s]")
-    panels[-1].legend([f"joint {k}" for k in range(1, 7)], ncols=6, loc="lower left")
+    panels[-1].legend([f"joint {k}" for k in range(1, 7)], ncols=6, loc="upper center", bbox_to_anchor=(0.5, -0.3))
     m = record.metrics
     facts = [
         f"tracking, worst axis {_mm(m, 'tracking_error_worst_m')} mm",
@@ -100,7 +101,8 @@ def _draw_force(axes: Axes, time: Array, record: RunRecord, process: NDArray[np.
 def _draw_joints(axes: Axes, time: Array, q: Array, name: str) -> None:
     turned = np.degrees(q - q[:1])
     for k in range(6):
-        axes.plot(time, turned[:, k], color=SERIES[k % len(SERIES)])
+        # Wrist 3 often undoes what joint 1 does: dashed, so that both are seen.
+        axes.plot(time, turned[:, k], color=SERIES[k % len(SERIES)], ls="--" if k == WRIST_3 else "-")
     axes.set_ylabel(f"{name}: joints\nfrom the start [deg]")
 
 
