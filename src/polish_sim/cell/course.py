@@ -158,22 +158,21 @@ def _poses(job: Job, s: Array) -> _Poses:
     rows = np.clip(((s - job.start_s) / table.spacing).astype(np.int64), 0, len(tangents) - 1)
     poses = _Poses(
         np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3)), np.linalg.norm(tangents, axis=1)[rows],
-        table.curvature[rows], np.empty(n), np.empty(n),
+        table.curvature[rows], np.empty(n), np.interp(s - job.start_s, job.motion.places, job.motion.speeds * job.motion.rates),
     )  # fmt: skip
-    _sample(table, s - job.start_s, poses.positions, poses.rotations, poses.turning, poses.force, poses.feed)
-    return poses._replace(force=job.force * poses.force, feed=job.feed * poses.feed)
+    _sample(table, s - job.start_s, poses.positions, poses.rotations, poses.turning, poses.force)
+    return poses._replace(force=job.force * poses.force)
 
 
 @njit(cache=True)
 def _sample(
-    table: PathTable, places: Array, positions: Array, rotations: Array, turning: Array, force: Array, feed: Array
+    table: PathTable, places: Array, positions: Array, rotations: Array, turning: Array, force: Array
 ) -> None:
     tangent, quaternion = np.empty(3), np.empty(4)
     for i in range(len(places)):
         sample_path(table, places[i], positions[i], tangent, quaternion, turning[i])
         rotation_from_quaternion(quaternion, rotations[i])
         force[i] = sample_share(table, table.force_share, places[i])
-        feed[i] = sample_share(table, table.feed_share, places[i])
 
 
 @njit(cache=True, error_model="numpy")

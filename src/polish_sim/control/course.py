@@ -38,6 +38,6 @@ class Course(NamedTuple):
     turning: Array
     """Planned rotation of the tool per arc length, base frame [rad/m], shape (n, 3)."""
     feed: Array
-    """Planned speed along the path [m/s], shape (n,)."""
+    """Speed of the planned motion along the path, slowed where its limits ask for it [m/s], shape (n,)."""
     neighbour: NDArray[np.int64]
     """Row of the nearest place on an earlier turn, -1 where there is none within about a step-over, shape (n,)."""

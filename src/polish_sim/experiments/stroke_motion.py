@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,9 +14,10 @@ from numpy.typing import NDArray
 
 from polish_sim.cell.sequence import feed_pace
 from polish_sim.config import Scenario
-from polish_sim.errors import unknown_name
+from polish_sim.errors import SmoothingError, unknown_name
 from polish_sim.motion.joint_motion import joint_motion
 from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.rule import Rule
 from polish_sim.motion.smoothing.arm import Arm
 from polish_sim.motion.smoothing.build import build_chain
 from polish_sim.motion.smoothing.chain import Chain
@@ -22,6 +25,7 @@ from polish_sim.motion.smoothing.limits import SmoothingLimits, six
 from polish_sim.motion.smoothing.limits_file import load_limits
 from polish_sim.motion.smoothing.sampling import sample_schedule
 from polish_sim.motion.smoothing.schedule import Schedule
+from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline
 from polish_sim.motion.timed_path import TimedPath, row_times, with_feed
 from polish_sim.motion.timed_schedule import marks_on, time_schedule
 
@@ -60,10 +64,6 @@ class Stroke(NamedTuple):
 def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedPath | None:
     """Smooth a stroke with the scenario's rule.
 
-    Limits of the tool are planned for; where a row of the motion would break one of a joint, the axis is turned more
-    gently, and if that does not help, joints are planned for as well.
-    The feed is that of the contact on the part: pressed in on a bend the tool point is faster or slower.
-
     Args:
         scenario: Rule, tolerances and limits.
         stroke: The stroke.
@@ -77,16 +77,37 @@ def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedP
         SmoothingError: There is no such motion; names the place.
     """
     asked = scenario.smoothing
-    if asked.rule not in RULES:
-        raise unknown_name("smoothing rule", asked.rule, RULES)
+    if asked.rule not in STROKE_RULES:
+        raise unknown_name("smoothing rule", asked.rule, STROKE_RULES)
     chain = build_chain(stroke.tips, stroke.rotations)
-    if not len(chain.lengths):
-        return None
+    return STROKE_RULES[asked.rule](scenario, stroke, chain, arm) if len(chain.lengths) else None
+
+
+def along_a_curve(scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | None) -> TimedPath:
+    """Follow a smooth curve within the tolerances; the contact on the part keeps the feed wherever limits allow it."""
+    asked = scenario.smoothing
+    if not (asked.tolerance_m > 0.0 and asked.axis_tolerance_rad > 0.0):
+        raise SmoothingError(
+            "smoothing.rule 'spline' cannot pass corners exactly: smoothing.tolerance_m and smoothing.axis_tolerance_rad "
+            "must be above 0. Or set smoothing.rule to 'certified', which stops there."
+        )
+    marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
+    limits, tolerances = cell_limits(scenario, math.inf), (asked.tolerance_m, asked.axis_tolerance_rad)
+    return time_spline(plan_spline(chain, marks, Feed(stroke.s, stroke.feed), limits, tolerances, arm))
+
+
+def by_rule(plan: Rule, scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | None) -> TimedPath:
+    """Follow the way points by a rule of `smooth`.
+
+    Limits of the tool are planned for; where a row of the motion would break one of a joint, the axis is turned more
+    gently, and if that does not help, joints are planned for as well.
+    The feed is that of the contact on the part: pressed in on a bend the tool point is faster or slower.
+    """
+    asked = scenario.smoothing
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
     top = float(stroke.feed.max())
     # At one speed short chords may be joined; the motion's clock then keeps the contact at the feed.
     limits = cell_limits(scenario, top * float(np.percentile(chain.lengths / np.maximum(np.diff(marks), 1e-9), 99)))
-    plan = RULES[asked.rule]
     for share in AXIS_SHARES:
         tool = replace(
             limits, axis_acceleration=share * limits.axis_acceleration, axis_jerk=share**2 * limits.axis_jerk
@@ -99,6 +120,15 @@ def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedP
     motion = time_schedule(smoothed, schedule, marks_on(smoothed, stroke.tips, stroke.rotations, stroke.s))
     feed = np.interp(motion.places, stroke.s, stroke.feed)
     return with_feed(motion, feed, feed_pace(top).acceleration / top)
+
+
+StrokeRule = Callable[[Scenario, Stroke, Chain, Arm | None], TimedPath]
+
+STROKE_RULES: Mapping[str, StrokeRule] = {
+    "spline": along_a_curve,
+    **{name: partial(by_rule, plan) for name, plan in RULES.items()},
+}
+"""How a stroke may be followed, by name."""
 
 
 def joints_keep(limits: SmoothingLimits, chain: Chain, schedule: Schedule, arm: Arm) -> bool:

@@ -54,8 +54,8 @@ def followable_share(course: Course, can: Abilities) -> Array:
 
     Four limits on the speed v: the unforeseen part of the planned rate ``slope v`` costs the force loop an error of
     ``k slope v / w_c``; the rate changes by ``slope' v^2``, the path bends by ``bending v^2`` and the axis turns faster
-    by ``turning' v^2``, all within a share of the robot's accelerations. Before a slow place the feed falls in time, at
-    the rate at which it may grow.
+    by ``turning' v^2``, all within a share of the robot's accelerations. Where the plan itself is as slow, all of it is
+    granted. Before a slow place the share falls in time, at the rate at which it may grow.
     """
     if len(course.depth) < 3:
         return np.ones(len(course.depth))
@@ -70,22 +70,20 @@ def followable_share(course: Course, can: Abilities) -> Array:
             can.error * can.bandwidth / (UNFORESEEN * course.stiffness * np.abs(slope)),
             np.sqrt(OF_LIMIT * can.acceleration / push),
             np.sqrt(OF_LIMIT * can.angular_acceleration / turning_change),
-            np.maximum(course.feed, 1e-6),
         ])  # fmt: skip
-    allowed = limits.min(axis=0)
-    feed = np.maximum(course.feed, 1e-6)
-    braking = max(0.05, 2.0 * float(course.feed.max()))  # the sequence's own ramp [m/s^2]
-    return np.asarray(np.minimum(_eased(allowed, 2.0 * braking * course.spacing) / feed, 1.0))
+    speed, top = np.maximum(course.feed, 1e-6), max(float(course.feed.max()), 1e-6)
+    rise = max(0.05 / top, 2.0)  # of the share, the sequence's own ramp [1/s]
+    return _eased(np.minimum(limits.min(axis=0) / speed, 1.0), 2.0 * rise * course.spacing / speed)
 
 
 @njit(cache=True)
-def _eased(speed: Array, gain: float) -> Array:
-    """Lower speeds so that their square changes by no more than ``gain`` from row to row."""
-    out = speed.copy()
+def _eased(share: Array, gain: Array) -> Array:
+    """Lower shares so that their square changes by no more than ``gain`` from row to row."""
+    out = share.copy()
     for row in range(len(out) - 2, -1, -1):
-        out[row] = min(out[row], math.sqrt(out[row + 1] ** 2 + gain))
+        out[row] = min(out[row], math.sqrt(out[row + 1] ** 2 + gain[row]))
     for row in range(1, len(out)):
-        out[row] = min(out[row], math.sqrt(out[row - 1] ** 2 + gain))
+        out[row] = min(out[row], math.sqrt(out[row - 1] ** 2 + gain[row]))
     return out
 
 

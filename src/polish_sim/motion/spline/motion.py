@@ -1,0 +1,134 @@
+"""Way points followed as a smooth curve at a feed (Chain, limits -> TimedPath; layer 6)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.smoothing.limits import SmoothingLimits
+from polish_sim.motion.spline.bounded import bounded_quantities, time_factor
+from polish_sim.motion.spline.curve import Curve, Polyline, curve_rates, fit_curve, polyline_of
+from polish_sim.motion.spline.law import envelope, plan_law
+from polish_sim.motion.spline.nodes import coarse_knots, launch_of, law_knots, with_feed_changes
+from polish_sim.motion.spline.timing import Passage, pass_by, passage_at, slowed
+from polish_sim.motion.timed_path import TimedPath, row_times
+
+Array = NDArray[np.float64]
+
+
+
+
+REFINEMENTS = (1, 2, 4)
+"""How finely the law is solved for, one after the other while limits are broken between its knots."""
+MOST_SLOWED = 1.005
+"""A motion that keeps its limits when slowed by no more than this is slowed, not planned again."""
+LOOKS = 4
+"""Places at which limits are looked at in every span of the law."""
+
+
+class Feed(NamedTuple):
+    """The wanted rate of the place on the path."""
+
+    places: Array
+    """[m], rising, shape (n,)."""
+    speeds: Array
+    """[m/s], positive, shape (n,)."""
+
+
+class SplineMotion(NamedTuple):
+    """A curve and when its parameter is passed."""
+
+    curve: Curve
+    passage: Passage
+
+
+def plan_spline(
+    chain: Chain, places: Array, feed: Feed, limits: SmoothingLimits, tolerances: tuple[float, float], arm: Arm | None
+) -> SplineMotion:
+    """The fastest motion along a smooth curve near a chain, no faster than a feed.
+
+    Args:
+        chain: The way points, at least one segment.
+        places: Arc length of the path at them [m], never falling, shape (segments + 1,).
+        feed: Largest rate of it.
+        limits: Of tool and joints.
+        tolerances: Of the tip [m] and the tool's axis [rad], positive.
+        arm: The robot; None: tool only.
+
+    Returns:
+        The motion, from rest to rest.
+
+    Raises:
+        SmoothingError: There is no such curve; names a place.
+        ReachError: The arm cannot follow it; names a place.
+    """
+    line = polyline_of(chain, places)
+    curve, changes = fit_curve(line, *tolerances), _changes(feed, line)
+    for refinement in REFINEMENTS:
+        coarse = with_feed_changes(coarse_knots(curve, refinement), changes)
+        passage = _fastest(curve, coarse, feed, limits, arm, refinement)
+        factor = time_needed(curve, passage, limits, arm)
+        if factor <= MOST_SLOWED:
+            break
+    return SplineMotion(curve, slowed(passage, max(factor, 1.0)))
+
+
+def time_needed(curve: Curve, passage: Passage, limits: SmoothingLimits, arm: Arm | None) -> float:
+    """How much more time a passage must take to keep every limit at ``LOOKS`` places in each of its spans."""
+    shares = np.arange(LOOKS) / LOOKS
+    times = np.concatenate([[0.0], passage.times, [passage.duration]])
+    times = np.append((times[:-1, None] + shares * np.diff(times)[:, None]).ravel(), times[-1])
+    u, *moved = passage_at(passage, times)
+    rates = curve_rates(curve, np.clip(u, 0.0, curve.length))
+    return max(time_factor(each, *moved) for each in bounded_quantities(rates, limits, arm))
+
+
+def _changes(feed: Feed, line: Polyline) -> Array:
+    """Parameters at which the wanted feed begins or ceases to change [m]."""
+    bent = np.flatnonzero(np.abs(np.diff(feed.speeds, 2)) > 1e-9) + 1
+    return np.interp(feed.places[bent], line.values[:, 9], line.u)
+
+
+def _fastest(
+    curve: Curve, coarse: Array, feed: Feed, limits: SmoothingLimits, arm: Arm | None, refinement: int
+) -> Passage:
+    """The fastest passage by what is so at its knots: coarse ones and those between, the more the higher refinement."""
+    rates = curve_rates(curve, coarse)
+    bounded = bounded_quantities(rates, limits, arm)
+    launch = launch_of(curve.length, bounded)
+    speeds = envelope(coarse, _feed_cap(rates.places, feed), bounded, launch)
+    knots = law_knots(coarse, speeds, launch, refinement)
+    rates = curve_rates(curve, knots)
+    return pass_by(plan_law(knots, _feed_cap(rates.places, feed), bounded_quantities(rates, limits, arm), launch))
+
+
+def time_spline(motion: SplineMotion) -> TimedPath:
+    """Sample a motion densely."""
+    curve, passage = motion
+    clock = row_times(passage.duration)
+    u, speed = passage_at(passage, clock)[:2]
+    rates = curve_rates(curve, np.clip(u, 0.0, curve.length))
+    quaternions = Rotation.from_matrix(rates.rotations).as_quat(scalar_first=True)
+    turned = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
+    quaternions[1:] *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
+    return TimedPath(
+        float(clock[1] - clock[0]),
+        passage.duration,
+        np.ascontiguousarray(rates.tips[0]),
+        rates.tips[1] * speed[:, None],
+        np.ascontiguousarray(quaternions),
+        rates.spins[0] * speed[:, None],
+        np.maximum.accumulate(rates.places[0]),
+        np.maximum(rates.places[1] * speed, 0.0),
+        np.ones(len(clock)),
+    )
+
+
+def _feed_cap(places: Array, feed: Feed) -> Array:
+    """Largest u' at which the place on the path, with derivatives (4, n), keeps the feed [m/s], shape (n,)."""
+    return np.asarray(np.interp(places[0], *feed) / np.maximum(places[1], 1e-9))

@@ -1,0 +1,85 @@
+"""The law of time: as fast as closed forms say, never faster, and within every limit between its knots too."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tests.motion.spline.strokes import LIMITS, TOLERANCES, circle, random_stroke, stroke, unlimited
+
+from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.smoothing.limits import SmoothingLimits
+from polish_sim.motion.smoothing.sampling import turning
+from polish_sim.motion.smoothing.stop_profile import stop_times
+from polish_sim.motion.spline.curve import curve_rates
+from polish_sim.motion.spline.motion import Feed, SplineMotion, plan_spline, time_spline
+from polish_sim.motion.spline.timing import passage_at
+
+
+def plan(chain: Chain, places: np.ndarray, feed: float, limits: SmoothingLimits = LIMITS) -> SplineMotion:
+    return plan_spline(chain, places, Feed(places, np.full(len(places), feed)), limits, TOLERANCES, None)
+
+
+@pytest.mark.parametrize("length", [1e-4, 1e-3, 1e-2, 0.1])
+def test_from_rest_to_rest_on_a_line_takes_hardly_longer_than_the_least_time(length: float) -> None:
+    least = sum(stop_times(length, 0.06, 0.6, 15.0))
+    time = plan(*stroke(np.array([[0.0, 0, 0], [length, 0, 0]])), 0.06).passage.duration
+    assert least <= time <= 1.15 * least + 0.01
+
+
+def test_a_circle_is_followed_at_the_speed_its_acceleration_allows() -> None:
+    radius = 0.025
+    motion = time_spline(plan(*stroke(circle(radius, 3.0)), 1.0, unlimited(tip_acceleration=0.6, tip_jerk=1e3)))
+    middle = motion.speeds[len(motion.speeds) // 3 : 2 * len(motion.speeds) // 3]
+    best = math.sqrt(0.6 * radius)
+    assert np.all(middle <= best * 1.003)  # the curve cuts chords' corners: its radius is that much larger
+    assert np.mean(middle) >= 0.97 * best
+
+
+@pytest.mark.parametrize("feed", [0.03, 0.06, 0.1])
+def test_on_a_smooth_stroke_the_feed_is_kept_but_for_its_ends(feed: float) -> None:
+    """R 25 mm asks for v^2 / R = 0.4 m/s^2 and v^3 / R^2 = 1.6 m/s^3 at 100 mm/s: within the cell's limits."""
+    motion = time_spline(plan(*stroke(circle(0.025, 4.0)), feed))
+    kept = np.diff(motion.places)[motion.speeds[1:] >= 0.999 * feed].sum() / motion.places[-1]
+    assert kept > 0.95
+    assert motion.speeds.max() <= feed * (1.0 + 1e-4)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_limits_hold_on_smooth_and_on_jagged_strokes(seed: float) -> None:
+    motion = plan(*random_stroke(np.random.default_rng(seed)), 0.06)
+    times = np.linspace(0.0, motion.passage.duration, 20011)
+    u, v, a, j = passage_at(motion.passage, times)
+    rates = curve_rates(motion.curve, np.clip(u, 0.0, motion.curve.length))
+    turns = turning(rates.axes.swapaxes(0, 1)).swapaxes(0, 1)
+    limits = ((0.6, 15.0), (6.0, 300.0))
+    for (x1, x2, x3), (acceleration, jerk) in zip((rates.tips[1:], turns), limits, strict=True):
+        second = x2 * v[:, None] ** 2 + x1 * a[:, None]
+        third = x3 * v[:, None] ** 3 + 3.0 * x2 * (v * a)[:, None] + x1 * j[:, None]
+        assert np.linalg.norm(second, axis=1).max() <= acceleration * 1.002
+        assert np.linalg.norm(third, axis=1).max() <= jerk * 1.005
+
+
+def test_the_passage_is_smooth_and_its_derivatives_are_its_own() -> None:
+    passage = plan(*random_stroke(np.random.default_rng(1)), 0.06).passage
+    times = np.linspace(1e-5, passage.duration - 1e-5, 40001)
+    u, v, a, j = passage_at(passage, times)
+    h = times[1] - times[0]
+    np.testing.assert_allclose(np.diff(u) / h, 0.5 * (v[1:] + v[:-1]), atol=1e-6)
+    np.testing.assert_allclose(np.diff(v) / h, 0.5 * (a[1:] + a[:-1]), atol=2.0 * h * np.abs(j).max())
+    assert np.abs(np.diff(a)).max() <= 2.0 * h * np.abs(j).max()  # the acceleration does not jump
+    ends = passage_at(passage, np.array([0.0, passage.duration]))
+    np.testing.assert_allclose(ends[1:3], 0.0, atol=1e-12)
+    assert v.min() >= 0.0
+
+
+def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time() -> None:
+    chain, places = stroke(np.outer(np.linspace(0.0, 0.2, 401), [1.0, 0, 0]))
+    feed = Feed(places, np.where((places > 0.08) & (places < 0.12), 0.01, 0.05))
+    motion = time_spline(plan_spline(chain, places, feed, LIMITS, TOLERANCES, None))
+    assert np.all(motion.speeds <= np.interp(motion.places, *feed) * (1.0 + 1e-3) + 1e-5)
+    slow = (motion.places > 0.085) & (motion.places < 0.115)
+    np.testing.assert_allclose(motion.speeds[slow], 0.01, rtol=1e-3)
+    fast = (motion.places > 0.02) & (motion.places < 0.07)
+    np.testing.assert_allclose(motion.speeds[fast], 0.05, rtol=1e-3)
