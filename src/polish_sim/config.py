@@ -109,7 +109,9 @@ class ProcessConfig:
 class SmoothingConfig:
     """How way points become a motion."""
 
-    rule: str = key("spline", "surface: spline, certified, joint-jerk or joint-acceleration; smooth plays the last three")
+    rule: str = key(
+        "spline", "surface: spline, certified, joint-jerk or joint-acceleration; smooth plays the last three"
+    )
     tolerance_m: float = key(1e-4, "how far the tool may be from the path, 0 = exact (not with spline) [m]", 0.0, 0.01)
     axis_tolerance_rad: float = key(
         math.radians(0.2), "how far the tool axis may be from its way, 0 = exact (not with spline) [rad]", 0.0, 0.2

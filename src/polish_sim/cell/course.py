@@ -156,18 +156,17 @@ def _poses(job: Job, s: Array) -> _Poses:
     n, table = len(s), job.process
     tangents = np.gradient(table.tangents, table.spacing, axis=0)
     rows = np.clip(((s - job.start_s) / table.spacing).astype(np.int64), 0, len(tangents) - 1)
+    feed = np.interp(s - job.start_s, job.motion.places, job.motion.speeds * job.motion.rates)
     poses = _Poses(
         np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3)), np.linalg.norm(tangents, axis=1)[rows],
-        table.curvature[rows], np.empty(n), np.interp(s - job.start_s, job.motion.places, job.motion.speeds * job.motion.rates),
+        table.curvature[rows], np.empty(n), feed,
     )  # fmt: skip
     _sample(table, s - job.start_s, poses.positions, poses.rotations, poses.turning, poses.force)
     return poses._replace(force=job.force * poses.force)
 
 
 @njit(cache=True)
-def _sample(
-    table: PathTable, places: Array, positions: Array, rotations: Array, turning: Array, force: Array
-) -> None:
+def _sample(table: PathTable, places: Array, positions: Array, rotations: Array, turning: Array, force: Array) -> None:
     tangent, quaternion = np.empty(3), np.empty(4)
     for i in range(len(places)):
         sample_path(table, places[i], positions[i], tangent, quaternion, turning[i])

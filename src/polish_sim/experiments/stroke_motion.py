@@ -88,8 +88,8 @@ def along_a_curve(scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | N
     asked = scenario.smoothing
     if not (asked.tolerance_m > 0.0 and asked.axis_tolerance_rad > 0.0):
         raise SmoothingError(
-            "smoothing.rule 'spline' cannot pass corners exactly: smoothing.tolerance_m and smoothing.axis_tolerance_rad "
-            "must be above 0. Or set smoothing.rule to 'certified', which stops there."
+            "smoothing.rule 'spline' cannot pass corners exactly: set smoothing.tolerance_m and "
+            "smoothing.axis_tolerance_rad above 0, or smoothing.rule to 'certified', which stops at them."
         )
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
     limits, tolerances = cell_limits(scenario, math.inf), (asked.tolerance_m, asked.axis_tolerance_rad)

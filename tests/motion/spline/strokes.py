@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,7 @@ def random_stroke(rng: np.random.Generator) -> tuple[Chain, Array]:
 def distance_from(points: Array, tips: Array) -> Array:
     """Of points (m, 3) from the polyline through tips (n, 3), segment by segment, shape (m,)."""
     nearest = np.full(len(points), np.inf)
-    for a, b in zip(tips[:-1], tips[1:], strict=True):
+    for a, b in pairwise(tips):
         share = np.clip((points - a) @ (b - a) / max(float((b - a) @ (b - a)), 1e-30), 0.0, 1.0)
         nearest = np.minimum(nearest, np.linalg.norm(points - a - share[:, None] * (b - a), axis=1))
     return nearest
@@ -53,7 +54,9 @@ def distance_from(points: Array, tips: Array) -> Array:
 
 def unlimited(**limits: float) -> SmoothingLimits:
     """No limits but those given."""
-    none = {name: math.inf for name in ("tip_speed", "tip_acceleration", "tip_jerk", "axis_speed",
-                                        "axis_acceleration", "axis_jerk")}  # fmt: skip
-    free = SmoothingLimits(**none, joint_speed=six(math.inf), joint_acceleration=six(math.inf), joint_jerk=six(math.inf))  # type: ignore[arg-type]
-    return replace(free, **limits)  # type: ignore[arg-type]
+    none, joints = dict.fromkeys(_TOOL, math.inf), dict.fromkeys(_JOINTS, six(math.inf))
+    return replace(LIMITS, **{**none, **joints, **limits})  # type: ignore[arg-type]
+
+
+_TOOL = ("tip_speed", "tip_acceleration", "tip_jerk", "axis_speed", "axis_acceleration", "axis_jerk")
+_JOINTS = ("joint_speed", "joint_acceleration", "joint_jerk")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.motion.spline.strokes import TOLERANCES, circle, distance_from, random_stroke, stroke
 
 from polish_sim.errors import SmoothingError
 from polish_sim.motion.smoothing.chain import Chain
 from polish_sim.motion.spline.curve import Curve, curve_rates, fit_curve, polyline_of
+from tests.motion.spline.strokes import TOLERANCES, circle, distance_from, random_stroke, stroke
 
 
 def fit(chain: Chain, places: np.ndarray, tolerances: tuple[float, float] = TOLERANCES) -> Curve:
@@ -27,6 +27,7 @@ def test_chords_of_a_circle_become_round_again() -> None:
     radius = 0.025
     curve = fit(*stroke(circle(radius, 2.0)))
     rates = curve_rates(curve, np.linspace(0.2, 0.8, 500) * curve.length)
+    np.testing.assert_allclose(np.linalg.norm(rates.tips[0], axis=1), radius, atol=3e-6)  # chords: 1.3 um inside
     np.testing.assert_allclose(np.linalg.norm(rates.tips[2], axis=1), 1.0 / radius, rtol=0.02)
     np.testing.assert_allclose(np.linalg.norm(rates.tips[3], axis=1), 1.0 / radius**2, rtol=0.1)
 
@@ -75,5 +76,5 @@ def test_a_turn_on_the_spot_is_a_curve_too() -> None:
 
 
 def test_a_tolerance_nothing_can_meet_names_the_place() -> None:
-    with pytest.raises(SmoothingError, match="smoothing.tolerance_m"):
+    with pytest.raises(SmoothingError, match=r"smoothing\.tolerance_m"):
         fit(*stroke(np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 1.0, 0]])), (1e-13, 1e-3))

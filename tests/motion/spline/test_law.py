@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from tests.motion.spline.strokes import LIMITS, TOLERANCES, circle, random_stroke, stroke, unlimited
 
 from polish_sim.motion.smoothing.chain import Chain
 from polish_sim.motion.smoothing.limits import SmoothingLimits
@@ -15,6 +14,7 @@ from polish_sim.motion.smoothing.stop_profile import stop_times
 from polish_sim.motion.spline.curve import curve_rates
 from polish_sim.motion.spline.motion import Feed, SplineMotion, plan_spline, time_spline
 from polish_sim.motion.spline.timing import passage_at
+from tests.motion.spline.strokes import LIMITS, TOLERANCES, circle, random_stroke, stroke, unlimited
 
 
 def plan(chain: Chain, places: np.ndarray, feed: float, limits: SmoothingLimits = LIMITS) -> SplineMotion:

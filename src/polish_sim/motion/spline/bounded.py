@@ -93,7 +93,9 @@ def time_factor(quantity: Bounded, speed: Array, acceleration: Array, jerk: Arra
     x1, x2, x3 = quantity.rates
     v, a, j = speed[:, None], acceleration[:, None], jerk[:, None]
     moved = (x1 * v, x2 * v**2 + x1 * a, x3 * v**3 + 3.0 * x2 * v * a + x1 * j)
-    over = [float(np.linalg.norm(each, axis=1).max()) / limit for each, limit in zip(moved, quantity.limits, strict=True)]
+    over = [
+        float(np.linalg.norm(each, axis=1).max()) / limit for each, limit in zip(moved, quantity.limits, strict=True)
+    ]
     return max(over[0], math.sqrt(PLANNED_SHARE * over[1]), float(np.cbrt(PLANNED_SHARE * over[2])))
 
 

@@ -1,8 +1,8 @@
 """A smooth curve of tool frames near a chain of way points (tips, frames -> Curve; layer 6).
 
-Quintic B-splines with their control points *on* the chain at the Greville places (Schoenberg's approximation): three
-continuous derivatives and one more, straight stretches kept exactly, no overshoot. The knots start far apart and are
-halved wherever the curve leaves the tolerance, so that bends get as long as it allows and corners as short as they must.
+Quintic B-splines, four times continuously differentiable, with control points taken from the chain at the Greville
+places (Schoenberg's approximation), and once more from what that leaves over: straight stretches are kept exactly,
+round ones nearly so. Knots are halved wherever the curve leaves the tolerance: corners get as short as they must.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from polish_sim.motion.spline.jets import cross, dot, normalized, scale
 Array = NDArray[np.float64]
 
 DEGREE = 5
-LONGEST_SPAN = 0.02
-"""Between knots, before any is halved [m]."""
+LONGEST_SPAN = 0.0025
+"""Between knots [m]: a bend is spread over six spans, more gains nothing at the feeds of polishing, and where bends are
+that long the curve is within micrometres of the chain."""
 STEEPEST_GRADING = 2.0
 """Neighbouring knot spans differ by this factor at most."""
 MOST_HALVINGS = 24
@@ -126,7 +127,9 @@ def _drawn(line: Polyline, knots: Array) -> BSpline:
     t = np.concatenate([np.full(DEGREE, knots[0]), knots, np.full(DEGREE, knots[-1])])
     greville = np.convolve(t[1:-1], np.full(DEGREE, 1.0 / DEGREE), "valid")
     greville[0], greville[-1] = knots[0], knots[-1]
-    return BSpline(t, line.at(greville), DEGREE)
+    once = line.at(greville)
+    # What a spline through these control points takes off a bend is put on them beforehand.
+    return BSpline(t, 2.0 * once - BSpline(t, once, DEGREE)(greville), DEGREE)
 
 
 def _off(line: Polyline, spline: BSpline, knots: Array, tolerance: float, axis_tolerance: float) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 The unknown is b = u'^2, a quadratic spline of u that is to be as large as possible everywhere. Acceleration is linear
 in b. Jerk is u' times something linear: that something has to stay below limit / sqrt(b), and the tangent of
 1 / sqrt(b) at the last solution is below it for every b. So each round is a linear programme whose solution keeps
-whatever was asked for; asked for are the directions in which a vector has come near its limit or beyond, round by round.
+what was asked for; asked for are, round by round, the directions in which a vector has come near its limit or beyond.
 """
 
 from __future__ import annotations

@@ -21,8 +21,6 @@ from polish_sim.motion.timed_path import TimedPath, row_times
 Array = NDArray[np.float64]
 
 
-
-
 REFINEMENTS = (1, 2, 4)
 """How finely the law is solved for, one after the other while limits are broken between its knots."""
 MOST_SLOWED = 1.005

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.motion.spline.law import Law, Launch
+from polish_sim.motion.spline.law import Launch, Law
 from polish_sim.motion.spline.squares import around
 
 Array = NDArray[np.float64]
