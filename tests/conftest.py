@@ -1,7 +1,12 @@
 """Keep compiled kernels in the folder of this exact version, and let Ctrl-C be Ctrl-C wherever the tests run."""
 
+from __future__ import annotations
+
 import os
 import signal
+from pathlib import Path
+
+import pytest
 
 from polish_sim.kernel_cache import use_kernel_cache
 
@@ -12,3 +17,24 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # A shell starts background jobs with SIGINT ignored, and so would every process the tests start: they test Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# What compiles longest comes first and side by side: with an empty cache each process has its own kernels to make.
+COMPILE_LONGEST = (
+    "motion/certified/test_certified_rule.py",
+    "cell/test_engine_contact.py",
+    "analysis/test_path_plot.py",
+)
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """Folders are shared out to all processors; a file somebody names runs here, where a debugger can look in."""
+    whole = all(Path(argument).is_dir() for argument in config.args)
+    return None if whole else 0
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    def rank(item: pytest.Item) -> int:
+        place = item.path.as_posix()
+        return next((k for k, name in enumerate(COMPILE_LONGEST) if place.endswith(name)), len(COMPILE_LONGEST))
+
+    items.sort(key=rank)

@@ -15,14 +15,14 @@ from polish_sim.cell.kernel import EngineViews
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def keep_speeds(e: EngineViews) -> None:
     """Remember the joint speeds before the engine moves on."""
     for j in range(e.speeds_before.shape[0]):
         e.speeds_before[j] = e.qvel[j]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def correct_reading(e: EngineViews) -> None:
     """Add m (a - a_engine) of what the sensor carries to its exact reading, right after the engine's step.
 

@@ -126,7 +126,7 @@ def _stop(status: Array, code: float, t: float) -> None:
         status[STOP], status[STOP_TIME] = code, t
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _look_ahead(cell: CellKernel, m: Measurement, target: Target, t: float) -> bool:
     """The host's cycle up to its law: zero the sensor while it is time, move the target on; False without contact."""
     dt, stage, status = cell.engine.dt * cell.control_every, cell.sequence.stage, cell.status
@@ -139,7 +139,7 @@ def _look_ahead(cell: CellKernel, m: Measurement, target: Target, t: float) -> b
     return bool(advance_sequence(cell.job, cell.sequence, m.wrench[2], cell.twist[6], dt, target))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _take_answer(cell: CellKernel, t: float) -> None:
     """Send what the law answered, unless it is no number or the host has fallen silent."""
     if cell.status[POISON] != 0.0:
@@ -153,7 +153,7 @@ def _take_answer(cell: CellKernel, t: float) -> None:
         cell.status[REQUESTS] += 1.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _command(cell: CellKernel, m: Measurement, jacobian: Array, t: float) -> None:
     """The robot's part: the request that arrives now, or the protective stop; down to the joint servos."""
     status, robot, dt, firmness = cell.status, cell.speedl_state, cell.engine.dt, 1.0
@@ -171,7 +171,7 @@ def _command(cell: CellKernel, m: Measurement, jacobian: Array, t: float) -> Non
         drive_carrier(cell.carrier, going, dt, cell.engine.ctrl)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _note_contact(cell: CellKernel, t: float) -> None:
     """Note the exact first contact of the stroke, and of the run."""
     if cell.sequence.stage[0] == TRAVEL:
@@ -182,7 +182,7 @@ def _note_contact(cell: CellKernel, t: float) -> None:
             cell.status[CONTACT_TIME] = t
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _is_over(cell: CellKernel, m: Measurement, target: Target, count: int, t: float) -> bool:
     """Ask the guards; whether the run or the stroke ends with this step."""
     status, e = cell.status, cell.engine
@@ -201,7 +201,7 @@ def _is_over(cell: CellKernel, m: Measurement, target: Target, count: int, t: fl
     return status[ENDED] != 0.0 or status[ARRIVED] != 0.0 or just_touched or just_stopped
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _move_part(cell: CellKernel, t: float) -> None:
     """Place the part for this instant: where the flange of a robot that carries it is, and by its own motion."""
     e, flange = cell.engine, cell.carrier.flange_body
@@ -215,7 +215,7 @@ def _move_part(cell: CellKernel, t: float) -> None:
         add_carried_speed(cell.carrier, e.xpos[flange], cell.part.position, cell.motion.velocity)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _press(cell: CellKernel) -> None:
     """Contact of the pad and pull of the imbalance at this instant, applied to the head; the exact contact wrench."""
     e, scratch, wrench, moving = cell.engine, cell.scratch, cell.wrench, cell.motion.velocity
@@ -263,7 +263,7 @@ def _moment_at(force: Array, torque: Array, old_point: Array, new_point: Array, 
     out[2] = torque[2] + rx * force[1] - ry * force[0]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _see(e: EngineViews, m: Measurement, jacobian: Array) -> None:
     """Tool pose and twist from the encoders, and the Jacobian at the tool point."""
     tool, R = e.site_xpos[e.tool_site], e.site_xmat[e.tool_site]
@@ -282,7 +282,7 @@ def _see(e: EngineViews, m: Measurement, jacobian: Array) -> None:
             m.twist[i] += jacobian[i, j] * e.qvel[j]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _tare(cell: CellKernel, wrench: Array) -> None:
     """Zero the sensor: running mean of the compensated wrench while the robot stands still, and its noise."""
     status = cell.status
@@ -303,7 +303,7 @@ def _drive(state: SpeedlState, ctrl: Array) -> None:
         ctrl[2 * j + 1] = state.speeds[j]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _links_touch(e: EngineViews, part_body: int) -> bool:
     """Whether the engine pushes on any body: on the head, and on a part that is carried, only our own contact does."""
     for body in range(1, e.cfrc_ext.shape[0]):

@@ -188,7 +188,7 @@ def _enter(state: SequenceState, stage: float) -> None:
         state.clock[0], state.clock[1], state.clock[2] = 0.0, 1.0, 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _place_target(job: Job, state: SequenceState, granted: float, dt: float, target: Target) -> None:
     stage = state.stage[0]
     target.contact[0] = 1.0 if job.contact > 0.0 and stage in (TOUCH_DOWN, PROCESS) else 0.0

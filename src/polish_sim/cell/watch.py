@@ -46,7 +46,7 @@ _CRASH_ROUNDS = 16  # the links' points are looked at in turn, all within this m
 _DEEPEST = 5.0  # the springs may be this much softer than planned before the force is first held [-]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def check_reading(cell: CellKernel, t: float) -> float:
     """Code of what is wrong with the sensor's reading, 0 if nothing; before the controller sees it."""
     guards, sensor, smooth = cell.guards, cell.sensor_state, cell.guards.smooth
@@ -66,7 +66,7 @@ def check_reading(cell: CellKernel, t: float) -> float:
     return JUMP if jump > limit * limit and cell.sequence.stage[0] != TARE else 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def check_guards(cell: CellKernel, m: Measurement, target: Target, count: int) -> float:
     """Code of the first condition that is met, 0 if none; see ``REASONS``."""
     guards, w, robot = cell.guards, m.wrench, cell.speedl_state
@@ -92,7 +92,7 @@ def check_guards(cell: CellKernel, m: Measurement, target: Target, count: int) -
     return 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _check_surface(cell: CellKernel, m: Measurement, target: Target) -> float:
     """Whether the surface is where it was planned: when contact is found, and from then on.
 
@@ -125,7 +125,7 @@ def _check_surface(cell: CellKernel, m: Measurement, target: Target) -> float:
     return RISEN if depth - held[DEPTH] < -guards.offset else 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _crashed(guards: Guards, part: RealPart, e: EngineViews, first: int) -> bool:
     """Whether a sample point of the links is in the part; looks at every ``_CRASH_ROUNDS``-th one."""
     near = 0.5 * part.coarse.spacing  # a sheet thinner than the grid is nowhere negative, but never further than this

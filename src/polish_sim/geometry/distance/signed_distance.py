@@ -76,7 +76,7 @@ def _signed_distances(skin, points):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def signed_distance(skin, x, y, z, hint, limit):  # type: ignore[no-untyped-def]
     """Signed distance [m] of one point and the facet it is measured to; facet -1 beyond ``limit`` [m]."""
-    distance2, facet, u, v = closest_in_tree(skin.control, skin.tree, x, y, z, hint, limit)
+    distance2, facet, u, v = closest_in_tree(skin.control, skin.tree, x, y, z, np.int32(hint), limit)
     if facet < 0:
         return limit, facet
     px, py, pz, nx, ny, nz = _point_and_side(skin, facet, u, v)

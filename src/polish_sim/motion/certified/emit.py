@@ -128,7 +128,7 @@ def bend_of(pen: Pen, i: int) -> Turning:
     return Turning(row[0], row[1], (row[2], row[3]))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def emit_line(
     segments: Segments, lines: Lines, corners: Corners, pen: Pen, place: Place, start: float
 ) -> tuple[int, float]:

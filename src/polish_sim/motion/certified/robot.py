@@ -56,7 +56,7 @@ def new_robot(arm: Arm) -> Robot:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def base_segment(segments: Segments, k: int, arm: Arm, robot: Robot, slot: int) -> Segment:
     """Segment ``k`` as seen from the robot's base, kept in one of two slots."""
     chain = segments.chain
@@ -99,7 +99,7 @@ def axis_radius(limits: LimitValues) -> float:
     return limits.tip_speed / limits.axis_speed
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def fill_limits(segments: Segments, k: int, feed: float, limits: LimitValues, arm: Arm, robot: Robot) -> int:
     """Write generalised length of a segment and the limits along it, and the joints at its end.
 

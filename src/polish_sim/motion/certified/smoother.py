@@ -73,7 +73,7 @@ class Smoother:
             raise SmoothingError(f"tolerances are {tolerance:g} m and {axis_tolerance:g} rad: 0 or more is needed.")
         values = limits.values()
         shares = _shares(values, tolerance, axis_tolerance)
-        self._course = new_course(values, Tolerances(tolerance, axis_tolerance), shares, arm_or_none(arm))
+        self._course = new_course(values, Tolerances(float(tolerance), float(axis_tolerance)), shares, arm_or_none(arm))
         self._stream = new_stream(arm_or_none(arm))
 
     @property

@@ -44,7 +44,7 @@ def run_time(lines: Lines, k: int, first: Array, second: Array) -> float:
     return connector_time(ends_between(first, second), max(distance, 0.0), line_limits(lines, k))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def reach_corner(lines: Lines, corners: Corners, k: int) -> None:
     """Fill least times and origins of the states of corner ``k`` from those of corner ``k - 1``."""
     for j in range(corners.levels[k]):
@@ -102,7 +102,7 @@ def decide_all(corners: Corners, first: int, last: int, state: int) -> None:
         state = corners.origins[k, state]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def forget_past(corners: Corners, corner: int, last: int) -> None:
     """Count times from a decided corner on, so that they do not lose digits on a long path."""
     past = corners.costs[corner, corners.chosen[corner]]

@@ -29,7 +29,8 @@ class Arm(NamedTuple):
 
 def build_arm(T_base_work: Array, T_flange_tool: Array, q_start: Array) -> Arm:
     """Put an arm together; see `Arm` for the arguments."""
-    T_work, T_tool = (np.ascontiguousarray(T, dtype=float) for T in (T_base_work, T_flange_tool))
+    # Copies: a read-only array is another type, and kernels would be compiled once more for it.
+    T_work, T_tool = (np.array(T, dtype=float, order="C") for T in (T_base_work, T_flange_tool))
     return Arm(T_work, T_tool, np.ascontiguousarray(inverse(T_tool)), np.array(q_start, dtype=float))
 
 
