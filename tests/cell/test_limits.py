@@ -28,8 +28,13 @@ def refused(*changes: str) -> str:
 
 
 def test_the_defaults_are_well_inside() -> None:
-    accepted()
-    accepted("simulation.control_every=2")
+    """What the limits count may be nearly twice as large; the pad's damping then meets the first of them."""
+    pad, force = ideal("force").pad, ideal("force").process.contact_force_n
+    accepted(f"pad.damping_s_m={1.9 * pad.damping_s_m}", "simulation.control_every=2")
+    assert "a F dt / m = 1.05" in refused(f"pad.damping_s_m={2.1 * pad.damping_s_m}")
+    accepted(f"pad.stiffness_n_m={1.9**2 * pad.stiffness_n_m}")
+    accepted(f"pad.friction={1.9 * pad.friction}")
+    accepted(f"process.contact_force_n={1.9 * force}")
 
 
 @pytest.mark.parametrize(("damping", "safe_n"), [(10.0, 30.0), (3.0, 100.0)])

@@ -85,19 +85,17 @@ def test_a_plan_of_a_user_s_part_asks_where_the_part_is(polish_sim: Polish, tmp_
     assert polish_sim("run", "surface", "--path", "plan", "--part", "mine.stl", *QUICK)[0] == 0
 
 
-def test_a_surface_run_keeps_its_plan_and_reports_coverage(polish_sim: Polish, tmp_path: Path) -> None:
-    code, _, err = polish_sim("run", "surface", "--part", "sphere_50", *QUICK, "--out", "run")
-    assert code == 0, err
+def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_check(
+    polish_sim: Polish, tmp_path: Path
+) -> None:
+    code, _, err = polish_sim("run", "surface", "--part", "sphere_50", *QUICK, "--check", "--out", "run")
+    assert code == 1, err
     assert {"path.csv", "path.json", "path.png", "force.png", "peaks.png"} <= {
         f.name for f in (tmp_path / "run").iterdir()
     }
     figures = json.loads((tmp_path / "run/metrics.json").read_text())
     assert 0.0 < figures["coverage"] <= 1.0
     assert figures["path_done"] < 1.0
-
-
-def test_a_run_that_stops_short_of_the_path_s_end_fails_the_check(polish_sim: Polish) -> None:
-    assert polish_sim("run", "surface", "--part", "sphere_50", *QUICK, "--check")[0] == 1
 
 
 def test_a_user_s_controller_runs_from_its_file(polish_sim: Polish, tmp_path: Path) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from polish_sim.cli.idle_options import refuse_idle_in, refuse_idle_on_path
+from polish_sim.cli.idle_options import PATTERN_KEYS, refuse_idle_in, refuse_idle_on_path
 from polish_sim.cli.scenario_options import OPTIONS, build_scenario, parse_log_rate, parse_pose
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import ConfigError, InputError, PolishSimError
@@ -123,7 +124,6 @@ LISTENS = {"spiral": ("order", "direction", "start"), "raster": ("start", "raste
         ("raster", "--order", "--order would change nothing with the pattern 'raster'.* It counts for: spiral"),
         ("raster", "--direction", "--direction would change nothing"),
         ("spiral", "--raster-direction", "It counts for: raster"),
-        ("spiral", "--axis-deviation", "give --axis-smoothing MM as well"),
     ],
 )
 def test_options_a_pattern_takes_no_notice_of_are_refused(pattern: str, option: str, said: str) -> None:
@@ -131,9 +131,18 @@ def test_options_a_pattern_takes_no_notice_of_are_refused(pattern: str, option: 
         refuse_idle_on_path(PlanConfig(pattern=pattern), LISTENS, {option: "x"})
 
 
-def test_options_a_pattern_obeys_pass() -> None:
-    refuse_idle_on_path(PlanConfig(), LISTENS, {"--order": "inward", "--start": "0,0,0", "--raster-direction": None})
-    refuse_idle_on_path(PlanConfig(axis_smoothing_m=0.01), LISTENS, {"--axis-deviation": 3.0})
+@pytest.mark.parametrize("pattern", LISTENS)
+@pytest.mark.parametrize("option", PATTERN_KEYS)
+def test_of_the_options_of_patterns_those_a_pattern_obeys_pass_and_no_others(pattern: str, option: str) -> None:
+    obeyed = PATTERN_KEYS[option] in LISTENS[pattern]
+    with nullcontext() if obeyed else pytest.raises(InputError, match=f"^{option} would change nothing"):
+        refuse_idle_on_path(PlanConfig(pattern=pattern), LISTENS, {**dict.fromkeys(PATTERN_KEYS), option: "x"})
+
+
+@pytest.mark.parametrize("smoothing_m", [0.0, 0.01])
+def test_the_deviation_of_axes_counts_with_their_smoothing_only(smoothing_m: float) -> None:
+    with nullcontext() if smoothing_m > 0.0 else pytest.raises(InputError, match="give --axis-smoothing MM as well"):
+        refuse_idle_on_path(PlanConfig(axis_smoothing_m=smoothing_m), LISTENS, {"--axis-deviation": 3.0})
 
 
 @pytest.mark.parametrize("experiment", ["arc", "force"])

@@ -104,9 +104,9 @@ def test_the_list_names_every_case_without_running_any(polish_sim: Polish, tmp_p
     assert not list(tmp_path.iterdir())
 
 
-def _begun(tmp_path: Path, rows: int) -> subprocess.Popen[str]:
+def _begun(tmp_path: Path, rows: int, workers: int) -> subprocess.Popen[str]:
     """A score under way that has written some rows."""
-    words = ["score", "--case", "noise-*", "--seeds", "20", "--workers", "2", "--out", "cut"]
+    words = ["score", "--case", "noise-*", "--seeds", "20", "--workers", str(workers), "--out", "cut"]
     run = subprocess.Popen([*PROGRAM, *words], cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     file = tmp_path / "cut/rows.jsonl"
     while not file.exists() or file.read_bytes().count(b"\n") < rows:
@@ -116,7 +116,7 @@ def _begun(tmp_path: Path, rows: int) -> subprocess.Popen[str]:
 
 
 def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -> None:
-    with _begun(tmp_path, 3) as run:
+    with _begun(tmp_path, 3, 2) as run:
         run.send_signal(signal.SIGINT)
         out, err = run.communicate()
     assert run.returncode == 130, err
@@ -131,7 +131,7 @@ def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
 def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(polish_sim: Polish, tmp_path: Path) -> None:
-    with _begun(tmp_path, 4) as run:
+    with _begun(tmp_path, 2, 1) as run:
         run.kill()
         run.communicate()
     words = ["score", "--case", "noise-1", "--seeds", "3", "--workers", "1"]

@@ -23,6 +23,12 @@ def same(one: RunLog, other: RunLog) -> bool:
     return all(one[name].tobytes() == other[name].tobytes() for name in one.names)
 
 
+@pytest.fixture(scope="module")
+def short_force() -> RunResult:
+    """One second of pressing."""
+    return run_experiment(override(default_scenario("force"), ["process.hold_s=1"]))
+
+
 def test_the_same_seed_gives_the_same_bytes(cap: Cap, cap_run: RunResult, tmp_path: Path) -> None:
     again = run_experiment(*cap)
     assert same(cap_run.log, again.log)
@@ -47,12 +53,11 @@ def test_the_written_config_runs_to_the_same_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("every_s", [0.001, 0.007, 0.04, 3.0])
-def test_who_looks_on_how_often_changes_nothing(every_s: float) -> None:
+def test_who_looks_on_how_often_changes_nothing(short_force: RunResult, every_s: float) -> None:
     class Onlooker(Silent):
         frame_every_s = every_s
 
-    scenario = override(default_scenario("force"), ["process.hold_s=1"])
-    assert same(run_experiment(scenario).log, run_experiment(scenario, observer=Onlooker()).log)
+    assert same(short_force.log, run_experiment(short_force.scenario, observer=Onlooker()).log)
 
 
 @pytest.mark.parametrize("every_s", [0.011, 1.0])
@@ -68,10 +73,12 @@ def test_nor_does_it_when_strokes_follow_each_other(every_s: float) -> None:
     assert same(runs[0].log, runs[1].log)
 
 
-def test_the_log_rate_thins_the_rows_and_changes_nothing_else() -> None:
+def test_the_log_rate_thins_the_rows_and_changes_nothing_else(short_force: RunResult) -> None:
     rates = {0: 1, 250: 4, 100: 10}
-    scenario = override(default_scenario("force"), ["process.hold_s=1"])
-    runs = {rate: run_experiment(override(scenario, [f"simulation.log_rate_hz={rate}"])) for rate in rates}
+    assert short_force.scenario.simulation.log_rate_hz == 250
+    runs = {250: short_force} | {
+        rate: run_experiment(override(short_force.scenario, [f"simulation.log_rate_hz={rate}"])) for rate in (0, 100)
+    }
     for rate, every in rates.items():
         for name in ("time_s", "tcp_position_m", "wrench_measured_tool", "command_twist", "phase"):
             np.testing.assert_array_equal(runs[rate].log[name], runs[0].log[name][::every])

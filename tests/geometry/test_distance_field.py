@@ -6,7 +6,7 @@ import trimesh
 from numba import njit
 
 from polish_sim.errors import ConfigError
-from polish_sim.geometry import build_distance_field, field_distance, field_gradient
+from polish_sim.geometry import DistanceField, build_distance_field, field_distance, field_gradient
 from polish_sim.geometry.distance.signed_distance import signed_distances
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface
@@ -29,6 +29,14 @@ def look_up_gradient(field, points):
     for i in range(len(points)):
         out[i] = field_gradient(field, points[i, 0], points[i, 1], points[i, 2])
     return out
+
+
+@pytest.fixture(scope="module")
+def ball() -> tuple[Surface, DistanceField]:
+    """A sphere of 50 mm and its whole field."""
+    shape, _, _ = sphere_case()
+    surface = fit_triangles(shape.vertices, shape.faces)
+    return surface, build_distance_field(surface, H, BAND)
 
 
 def box(size) -> Surface:
@@ -102,9 +110,8 @@ def test_the_field_is_the_closed_form_within_its_trilinear_error(case):
     assert np.linalg.norm(found[:, 1:] - shape.normal(feet), axis=1).max() < H * curvature
 
 
-def test_the_gradient_is_the_derivative_of_the_distance():
-    shape, _, _ = sphere_case()
-    field = build_distance_field(fit_triangles(shape.vertices, shape.faces), H, BAND)
+def test_the_gradient_is_the_derivative_of_the_distance(ball):
+    _, field = ball
     points = sphere(2, radius=0.0512).vertices + 0.00017
     step = 1e-6
     cell = np.floor((points - field.origin) / H)
@@ -149,24 +156,20 @@ def test_beyond_the_border_of_an_open_surface_there_is_nothing_to_touch():
     assert np.sign(signed_distances(surface, points)).tolist() == [-1.0, 1.0, 1.0, 1.0]
 
 
-def test_an_offset_moves_the_surface_outward():
-    shape, _, _ = sphere_case()
-    surface = fit_triangles(shape.vertices, shape.faces)
+def test_an_offset_moves_the_surface_outward(ball):
+    surface, plain = ball
 
     def bend(points):
         return 2e-4 * np.cos(40.0 * points[:, 0])
 
-    plain = build_distance_field(surface, H, BAND)
     bent = build_distance_field(surface, H, BAND, offset=bend)
     points = sphere(3, radius=0.05).vertices * 1.01
     difference = look_up(plain, points) - look_up(bent, points)
     assert difference == pytest.approx(bend(points), abs=2e-4 * 40.0**2 * H**2)
 
 
-def test_bounds_limit_the_memory_but_not_the_answer():
-    shape, _, _ = sphere_case()
-    surface = fit_triangles(shape.vertices, shape.faces)
-    whole = build_distance_field(surface, H, BAND)
+def test_bounds_limit_the_memory_but_not_the_answer(ball):
+    surface, whole = ball
     cap = build_distance_field(surface, H, BAND, bounds=np.array([[-0.02, -0.02, 0.03], [0.02, 0.02, 0.06]]))
     assert cap.bricks.size < 0.2 * whole.bricks.size
     points = np.random.default_rng(6).uniform([-0.02, -0.02, 0.035], [0.02, 0.02, 0.06], (5000, 3))

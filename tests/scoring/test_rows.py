@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,6 +39,13 @@ def scored(folder: Path, seeds: int = 1, workers: int = 1, *cases: Case) -> tupl
     ), measured
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Score, bytes]:
+    """Two cases with two seeds, measured by one process, and the file of their rows."""
+    folder = tmp_path_factory.mktemp("whole")
+    return scored(folder, 2)[0], (folder / ROWS).read_bytes()
+
+
 def test_a_row_has_the_contract_s_keys_and_is_the_same_again() -> None:
     row = measure_row(Task(SHORT, PI, 4))
     assert set(row) >= KEYS
@@ -56,39 +64,36 @@ def test_what_ran_before_in_the_process_does_not_show_in_a_row() -> None:
     assert measure_row(Task(SHORT, PI, 0)) == alone
 
 
-def test_rows_are_the_same_whatever_the_number_of_processes(tmp_path: Path) -> None:
-    scores = []
-    for workers in (1, 2):
-        folder = tmp_path / str(workers)
-        folder.mkdir()
-        scores.append(scored(folder, 2, workers)[0])
-    assert scores[0].rows == scores[1].rows
-    assert [(row["case"], row["seed"]) for row in scores[0].rows] == [
+def test_rows_are_the_same_whatever_the_number_of_processes(whole: tuple[Score, bytes], tmp_path: Path) -> None:
+    assert scored(tmp_path, 2, 2)[0].rows == whole[0].rows
+    assert [(row["case"], row["seed"]) for row in whole[0].rows] == [
         ("short", 0), ("short", 1), ("other", 0), ("other", 1),
     ]  # fmt: skip
 
 
-def test_a_score_goes_on_where_it_was_even_after_a_torn_line(tmp_path: Path) -> None:
-    whole = scored(tmp_path)[0]
-    lines = (tmp_path / ROWS).read_bytes().splitlines(keepends=True)
-    (tmp_path / ROWS).write_bytes(lines[0] + lines[1][:40])
-    again, measured = scored(tmp_path)
-    assert measured == [1, 2]
-    assert again.rows == whole.rows
-    assert len((tmp_path / ROWS).read_bytes().splitlines()) == 2
-    assert scored(tmp_path)[1] == [2]
+def test_a_score_goes_on_where_it_was_even_after_a_torn_line(whole: tuple[Score, bytes], tmp_path: Path) -> None:
+    lines = whole[1].splitlines(keepends=True)
+    (tmp_path / ROWS).write_bytes(b"".join(lines[:3]) + lines[3][:40])
+    again, measured = scored(tmp_path, 2)
+    assert measured == [3, 4]
+    assert again.rows == whole[0].rows
+    assert len((tmp_path / ROWS).read_bytes().splitlines()) == 4
+    assert scored(tmp_path, 2)[1] == [4]
 
 
-def test_a_damaged_line_is_passed_over(tmp_path: Path) -> None:
-    whole = scored(tmp_path)[0]
-    content = (tmp_path / ROWS).read_bytes()
-    (tmp_path / ROWS).write_bytes(b'not json\n{"key": 3}\n' + content)
-    assert scored(tmp_path)[0].rows == whole.rows
+def test_a_damaged_line_is_passed_over(whole: tuple[Score, bytes], tmp_path: Path) -> None:
+    (tmp_path / ROWS).write_bytes(b'not json\n{"key": 3}\n' + whole[1])
+    again, measured = scored(tmp_path, 2)
+    assert measured == [4]
+    assert again.rows == whole[0].rows
 
 
-def test_more_seeds_measure_only_what_is_missing(tmp_path: Path) -> None:
-    scored(tmp_path)
-    assert scored(tmp_path, 2)[1] == [2, 3, 4]
+def test_more_seeds_measure_only_what_is_missing(whole: tuple[Score, bytes], tmp_path: Path) -> None:
+    first = [line for line in whole[1].splitlines(keepends=True) if json.loads(line)["row"]["seed"] == 0]
+    (tmp_path / ROWS).write_bytes(b"".join(first))
+    again, measured = scored(tmp_path, 2)
+    assert measured == [2, 3, 4]
+    assert again.rows == whole[0].rows
 
 
 def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path: Path) -> None:
