@@ -55,7 +55,7 @@ class _Fit(NamedTuple):
     proof: Slowdown
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def fill_corner(segments: Segments, lines: Lines, corners: Corners, k: int, course: Course, robot: Robot) -> None:
     """Find the kernels of the corner before line ``k`` and lay out its states: exact stop, smaller ones, the full one.
 
