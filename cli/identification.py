@@ -19,11 +19,12 @@ from polish_sim.experiments.identified_payload import weigh_from_logs
 from polish_sim.experiments.identify import Identification, run_identification
 from polish_sim.experiments.identify_log import identify_from_log
 from polish_sim.experiments.logged_robot import LoggedRobot, cell_arm, robot_of_file
+from polish_sim.experiments.use_motion import use_states
 from polish_sim.identification.base_parameters import base_names, base_of, identifiable
 from polish_sim.identification.parameter_table import parameter_rows, parameters_csv
 from polish_sim.identification.settings import IdentifySettings
 
-SIMULATED, SHORT, STEPWISE = "identify", "identify-short", "identify-stepwise"
+SIMULATED, SHORT, STEPWISE, FOR_TASK = "identify", "identify-short", "identify-stepwise", "identify-task"
 MEASURED, MEASURED_STEPWISE = "identify-data", "identify-data-stepwise"
 FULL_PERIODS = 5
 
@@ -38,10 +39,11 @@ class Logs(NamedTuple):
     """After which the motion of both repeats [s]; None if it does not."""
 
 
-def simulated(settings: IdentifySettings, draft: Path) -> Outcome:
-    """Identify the simulated arm and write its folder."""
+def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None) -> Outcome:
+    """Identify the simulated arm, for a task if one is given, and write its folder."""
+    use = None if task is None else use_states(task)
     with console.progress() as observer:
-        found = run_identification(settings, observer)
+        found = run_identification(settings, observer, use)
         observer.stage("draw")
         _write(draft, found)
     _show_parameters(found)
@@ -50,6 +52,7 @@ def simulated(settings: IdentifySettings, draft: Path) -> Outcome:
         show_payload(found.weighed)
     experiment = SIMULATED if settings.periods >= FULL_PERIODS else SHORT
     experiment = STEPWISE if "stepwise_over_joint" in found.figures else experiment
+    experiment = FOR_TASK if task is not None else experiment
     title = f"identification, {settings.method}, {settings.objective}, {settings.periods} periods, seed {settings.seed}"
     return Outcome(experiment, title, {"this arm": found.figures})
 

@@ -100,6 +100,15 @@ PayloadData = Annotated[
         rich_help_panel=IDENTIFICATION,
     ),
 ]
+Task = Annotated[
+    Path | None,
+    typer.Option(
+        "--task",
+        metavar="PLAN",
+        help="What the model is for: a plan or path, a run's folder, or joint positions over time (csv, npz).",
+        rich_help_panel=IDENTIFICATION,
+    ),
+]
 Report = Annotated[
     bool,
     typer.Option(
@@ -117,6 +126,7 @@ def identify(
     period: Period = None,
     model: Model = None,
     joints: Joints = None,
+    task: Task = None,
     payload: Payload = None,
     payload_data: PayloadData = None,
     report: Report = False,
@@ -136,7 +146,8 @@ def identify(
     }
     given = {name: value for name, value in given.items() if value is not None}
     measured = data if data is not None else payload_data
-    _refuse_idle(given, data=measured, period=period, model=model, joints=joints, report=report)
+    asked = given if task is None else {**given, "task": task}
+    _refuse_idle(asked, data=measured, period=period, model=model, joints=joints, report=report)
     if method is not None and data is None and payload_data is not None:
         raise InputError("--method would change nothing with --payload-data alone: leave it out, or add --data.")
     prepare_headless()
@@ -156,7 +167,7 @@ def identify(
         elif payload_data is not None:
             outcome = weigh_alone(robot_for(model, joints), payload_data, period, folder.draft)
         else:
-            outcome = simulated(settings, folder.draft)
+            outcome = simulated(settings, folder.draft, task)
     outcome.show()
     console.say(f"folder: {folder.final}")
     return outcome.exit_code(check)

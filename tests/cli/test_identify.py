@@ -62,9 +62,9 @@ def test_a_log_becomes_a_model_with_a_table_and_figures(polish_sim: Tool, tmp_pa
 
 
 def test_the_simulated_arm_leaves_its_files(tmp_path: Path) -> None:
-    outcome = simulated(IdentifySettings(periods=1, iterations=5), tmp_path)
+    outcome = simulated(IdentifySettings(periods=1, iterations=5, payload=1.0), tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {
-        "identified.xml", "meshes", "parameters.csv", "metrics.json", "torques.png", "motion.png",
+        "identified.xml", "meshes", "parameters.csv", "payload.csv", "metrics.json", "torques.png", "motion.png",
     }  # fmt: skip
     assert outcome.experiment == "identify-short"
     metrics = json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8"))
@@ -94,6 +94,7 @@ def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:
         (["--payload", "9"], "--payload 9: wanted 0 to 3 kg"),
         (["--payload-data", "none.csv", "--method", "joint"], "leave it out, or add --data"),
         (["--payload-data", "none.csv"], "cannot read the log 'none.csv'"),
+        (["--data", "none.csv", "--task", "line.csv"], "--task would change nothing with --data"),
         (["--joints", "a"], "--joints belongs to --model"),
         (["--report", "--model", "none.xml"], "cannot read the robot model 'none.xml'"),
     ],

@@ -19,6 +19,7 @@ from polish_sim.identification.excitation import (
 from polish_sim.identification.fourier import fit_fourier, started_and_stopped
 from polish_sim.identification.motion_limits import Clearance
 from polish_sim.identification.objectives import OBJECTIVES
+from polish_sim.identification.torque_model import States
 from tests.identification.chains import arm_model
 from tests.identification.motions import LIMITS, SIGMA, known_robot
 
@@ -47,6 +48,22 @@ def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones()
     random = allowed_motions(TASK, np.random.default_rng(2))
     variances = [float(np.trace(np.linalg.solve(mean_information(TASK, next(random)), USE))) for _ in range(5)]
     assert np.exp(found.value) < 0.6 * min(variances)
+
+
+def test_a_motion_designed_for_a_task_tells_that_task_better() -> None:
+    """The task: poses along a line, hardly moving."""
+    t = np.linspace(-1.0, 1.0, 100)[:, None]
+    slow = States(
+        0.4 * t * np.ones(6) + [0.0, -1.5, 1.5, -1.6, -1.5, 0.0], 0.02 * np.ones((100, 6)), np.zeros((100, 6))
+    )
+    for_task = replace(TASK, use=use_matrix(KNOWN.model, KNOWN.base, slow, SIGMA))
+    variances = [
+        float(np.trace(np.linalg.solve(mean_information(TASK, found.motion), for_task.use)))
+        for found in (
+            design(task, OBJECTIVES["i-optimal"], np.random.default_rng(1), iterations=60) for task in (for_task, TASK)
+        )
+    ]
+    assert variances[0] < 0.8 * variances[1]
 
 
 def test_clearance_is_known_where_the_arm_stands_straight_up_and_negative_inside_itself() -> None:

@@ -72,12 +72,15 @@ class Identification:
     """The payload, if one was to be found."""
 
 
-def run_identification(settings: IdentifySettings, observer: Observer | None = None) -> Identification:
+def run_identification(
+    settings: IdentifySettings, observer: Observer | None = None, use: States | None = None
+) -> Identification:
     """Design an exciting motion, play it on the simulated arm, and identify the arm from what is measured.
 
     Args:
         settings: Noise, objective, method.
         observer: Told of the progress.
+        use: Motion the identified model is for; random motions under the same limits if None.
 
     Returns:
         Parameters, figures against the truth, and a held-out motion.
@@ -89,7 +92,7 @@ def run_identification(settings: IdentifySettings, observer: Observer | None = N
     base, sigma = base_of(arm.truth), np.array(settings.sigma)
     drawing = believe(arm, streams[0])
     observer.stage(f"design a motion ({settings.objective})")
-    task, other, excitation, design_s = _design(arm, base, drawing, settings, streams[1])
+    task, other, excitation, design_s = _design(arm, base, drawing, settings, streams[1], use)
     observer.stage(f"play {settings.periods} periods and one of another motion")
     log = with_noise(
         play_motion(arm, excitation.motion, settings.periods, settings.rate), settings.encoder, sigma, streams[2]
@@ -132,8 +135,9 @@ class Designed(NamedTuple):
 
 
 def _design(
-    arm: Arm, base: BaseParameters, drawing: Drawing, settings: IdentifySettings, rng: np.random.Generator
-) -> Designed:
+    arm: Arm, base: BaseParameters, drawing: Drawing, settings: IdentifySettings, rng: np.random.Generator,
+    use: States | None,
+) -> Designed:  # fmt: skip
     sigma = np.array(settings.sigma)
     started = time.process_time()
     nothing, believed = np.eye(base.rank), drawing.parameters.copy()
@@ -143,7 +147,8 @@ def _design(
     task = ExcitationTask(arm.truth, base, believed, sigma, motion_limits(), nothing, arm.near)
     other, *motions = islice(allowed_motions(task, rng), USE_MOTIONS + 1)
     t = np.arange(USE_SAMPLES) / USE_SAMPLES * other.period
-    task = replace(task, use=np.mean([use_matrix(arm.truth, base, motion(t), sigma) for motion in motions], axis=0))
+    uses = [motion(t) for motion in motions] if use is None else [use]
+    task = replace(task, use=np.mean([use_matrix(arm.truth, base, states, sigma) for states in uses], axis=0))
     choice = OBJECTIVES[settings.objective]
     excitation = design(task, choice, rng, settings.starts, settings.iterations)
     return Designed(task, other, excitation, time.process_time() - started)

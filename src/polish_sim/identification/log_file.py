@@ -52,7 +52,26 @@ def read_robot_log(file: Path, kinds: Sequence[int] = _ARM, periodic: bool = Fal
             degrees, a torque is saturated; names the place.
     """
     q_names, torque_names = log_columns(kinds)
-    names, joints = ["time_s", *q_names, *torque_names], len(q_names)
+    joints = len(q_names)
+    values, lines = read_columns(file, ["time_s", *q_names, *torque_names])
+    log = RobotLog(values[:, 0], values[:, 1 : 1 + joints], values[:, 1 + joints :])
+    if len(log.time) < _LEAST_SAMPLES:
+        raise InputError(
+            f"'{file}' holds {len(log.time)} samples; an identification takes at least {_LEAST_SAMPLES}, better 10 s "
+            "at 250 Hz or more."
+        )
+    _check_time(file, log.time, lines, periodic)
+    _check_units(file, log, q_names)
+    _check_saturation(file, log, torque_names)
+    return log
+
+
+def read_columns(file: Path, names: Sequence[str]) -> tuple[Array, list[int]]:
+    """Columns of numbers of a CSV, shape (m, names), and the line every row stands on.
+
+    Raises:
+        InputError: A column is missing or a value is no number; names it.
+    """
     columns, lines = _read(file)
     missing = [name for name in names if name not in columns]
     if missing:
@@ -65,16 +84,7 @@ def read_robot_log(file: Path, kinds: Sequence[int] = _ARM, periodic: bool = Fal
         return f"line {lines[row]}"
 
     values = np.stack([finite_column(file, name, columns[name], place) for name in names], axis=1)
-    log = RobotLog(values[:, 0], values[:, 1 : 1 + joints], values[:, 1 + joints :])
-    if len(log.time) < _LEAST_SAMPLES:
-        raise InputError(
-            f"'{file}' holds {len(log.time)} samples; an identification takes at least {_LEAST_SAMPLES}, better 10 s "
-            "at 250 Hz or more."
-        )
-    _check_time(file, log.time, lines, periodic)
-    _check_units(file, log, q_names)
-    _check_saturation(file, log, torque_names)
-    return log
+    return values, lines
 
 
 def _read(file: Path) -> tuple[dict[str, list[str]], list[int]]:
