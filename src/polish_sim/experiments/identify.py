@@ -16,6 +16,7 @@ from polish_sim.experiments.first_steps import FirstStep
 from polish_sim.experiments.identified_arm import Arm, believe, build_arm, motion_limits, play_motion
 from polish_sim.experiments.identified_payload import Weighed, guessed_load, weigh_block
 from polish_sim.identification.base_parameters import BaseParameters, base_of
+from polish_sim.identification.coloured_noise import estimate_widened
 from polish_sim.identification.estimate import Estimate, estimate, held_out_error, require_rank
 from polish_sim.identification.excitation import (
     Excitation,
@@ -31,7 +32,7 @@ from polish_sim.identification.objectives import OBJECTIVES, condition_number
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent
 from polish_sim.identification.robot_log import periodic_states, with_noise
 from polish_sim.identification.settings import IdentifySettings
-from polish_sim.identification.stepwise import fit_motion_after
+from polish_sim.identification.stepwise import carried, fit_motion_after
 from polish_sim.identification.torque_model import States, TorqueModel
 
 Array = NDArray[np.float64]
@@ -104,9 +105,12 @@ def run_identification(
         first = first_steps.SIMULATED[settings.method](arm, task, settings, streams[4])
     observer.stage("estimate")
     started = time.process_time()
-    sums = sum_samples(arm.truth, base, periodic_states(log, excitation.motion.period), log.torque)
+    states = periodic_states(log, excitation.motion.period)
+    sums = sum_samples(arm.truth, base, states, log.torque)
     require_rank(sums, base, arm.truth)
-    found, step_figures = fit_steps(arm.truth, base, sums, first, held_out)
+    earlier = None if first is None else carried(first.step, base)
+    found = estimate_widened(arm.truth, base, sums, states, log.torque, earlier)
+    step_figures = {} if first is None else compare_steps(arm.truth, base, sums, first, held_out)
     fit_s = time.process_time() - started
     full = fit_consistent(arm.truth, base, found, drawing)
     truth = base.combination @ arm.truth.truth()
@@ -163,12 +167,10 @@ def _hold_out(arm: Arm, motion: FourierMotion, settings: IdentifySettings, rng: 
     return HeldOut(log.time[moving], states.rows(moving), measured[moving], log.torque[moving])
 
 
-def fit_steps(
-    model: TorqueModel, base: BaseParameters, sums: JointSums, first: FirstStep | None, held_out: HeldOut
-) -> tuple[Estimate, dict[str, Any]]:
-    """The estimate; after a first step also how far it is from fitting everything at once."""
-    if first is None:
-        return estimate(sums), {}
+def compare_steps(
+    model: TorqueModel, base: BaseParameters, sums: JointSums, first: FirstStep, held_out: HeldOut
+) -> dict[str, Any]:
+    """How far a fit in two steps is from fitting everything at once, noise taken as white in both."""
     stepwise = fit_motion_after(first.step, base, sums)
     # Readings of the first step may be means over many samples: each has that step's own noise.
     joint = estimate(sums.plus(first.sums.weighed(first.step.found.sigma / estimate(sums).sigma)))
@@ -176,7 +178,7 @@ def fit_steps(
         np.sqrt(np.mean(held_out_error(model, base, theta, held_out.states, held_out.exact) ** 2))
         for theta in (stepwise.theta, joint.theta)
     ]
-    return stepwise, {
+    return {
         "first_step_parameters": first.step.base.rank,
         "stepwise_over_joint": float(errors[0] / errors[1]),
         "stepwise_from_joint_std": float(np.abs((stepwise.theta - joint.theta) / joint.std).max()),
@@ -207,6 +209,7 @@ def measure_fit(
         "physically_consistent": is_consistent(links),
         "r_squared": found.r_squared.tolist(),
         "torque_noise_nm": found.sigma.tolist(),
+        "torque_noise_inefficiency": None if found.inefficiency is None else found.inefficiency.tolist(),
     }
 
 

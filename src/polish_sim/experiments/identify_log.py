@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from polish_sim.errors import IdentificationError
 from polish_sim.experiments import first_steps
-from polish_sim.experiments.identify import HeldOut, Identification, fit_steps, measure_fit
+from polish_sim.experiments.identify import HeldOut, Identification, compare_steps, measure_fit
 from polish_sim.experiments.logged_robot import LoggedRobot
 from polish_sim.identification.base_parameters import base_of
+from polish_sim.identification.coloured_noise import estimate_widened
 from polish_sim.identification.estimate import require_rank
 from polish_sim.identification.information import sum_samples, told_rows
 from polish_sim.identification.physical import Drawing, fit_consistent
 from polish_sim.identification.robot_log import RobotLog
+from polish_sim.identification.stepwise import carried
 from polish_sim.identification.torque_model import States, TorqueModel
 
 Array = NDArray[np.float64]
@@ -49,7 +51,9 @@ def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States, method:
     sums = sum_samples(model, base, states.rows(fitted), log.torque[fitted])
     require_rank(sums if first is None else sums.plus(first.sums), base, model)
     held_out = _hold_out(model, log, states, kept)
-    found, step_figures = fit_steps(model, base, sums, first, held_out)
+    earlier = None if first is None else carried(first.step, base)
+    found = estimate_widened(model, base, sums, states.rows(fitted), log.torque[fitted], earlier)
+    step_figures = {} if first is None else compare_steps(model, base, sums, first, held_out)
     fit_s = time.process_time() - started
     full = fit_consistent(model, base, found, drawing)
     figures: dict[str, Any] = measure_fit(model, base, found, full, drawing, held_out) | step_figures

@@ -39,6 +39,8 @@ class Estimate:
     """Of the stacked regressor as it stands, in SI units."""
     condition_equilibrated: float
     """Of the stacked regressor with rows in units of noise and columns of unit length."""
+    inefficiency: Array | None = None
+    """How many samples tell as much as one independent one, shape (n,); None where noise is taken as white."""
 
     @property
     def std(self) -> Array:

@@ -98,6 +98,14 @@ def _some(samples: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, samples - 1, min(samples, _BASE_SAMPLES)).astype(np.int64))
 
 
+def carried(step: Step, base: BaseParameters) -> Earlier:
+    """What a first step knows, in the whole base."""
+    # Each parameter of the first step is a combination of the whole base.
+    M = step.base.combination[:, base.columns]
+    weight = np.linalg.inv(step.found.covariance)
+    return Earlier(M.T @ weight @ M, M.T @ weight @ step.found.theta)
+
+
 def fit_motion_after(step: Step, base: BaseParameters, sums: JointSums, sigma: Array | None = None) -> Estimate:
     """Second step: motion, with what the first step knows and how well it knows it.
 
@@ -110,7 +118,4 @@ def fit_motion_after(step: Step, base: BaseParameters, sums: JointSums, sigma: A
     Returns:
         All base parameters; the same as if both steps' samples had been fitted at once.
     """
-    # Each parameter of the first step is a combination of the whole base.
-    M = step.base.combination[:, base.columns]
-    weight = np.linalg.inv(step.found.covariance)
-    return estimate(sums, Earlier(M.T @ weight @ M, M.T @ weight @ step.found.theta), sigma)
+    return estimate(sums, carried(step, base), sigma)
