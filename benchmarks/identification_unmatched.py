@@ -24,7 +24,7 @@ from polish_sim.identification.torque_model import SIGN_WIDTH, States, TorqueMod
 
 Array = NDArray[np.float64]
 
-SEEDS = 20
+SEEDS = 10
 RATE = 1000.0
 
 
