@@ -29,7 +29,7 @@ PATH_OPTIONS: Final = (
 )
 """What decides where a planned path runs."""
 
-HAND_OPTIONS: Final = ("--mode", "--duration")
+HAND_OPTIONS: Final = ("--mode", "--duration", "--follow")
 """What only a hand that guides the arm has."""
 PAIR_OPTIONS: Final = ("--master-speed", "--standoff")
 """What only two robots have."""
@@ -56,6 +56,12 @@ IDLE: Final[Mapping[str, frozenset[str]]] = {
         + tuple(option for option in PATH_OPTIONS if option != "--direction")
         + PAIR_OPTIONS
     ),
+    "teach --follow": frozenset(
+        ("--real-part", "--contact-force", "--feed", "--spindle-rpm", "--controller", "--calibration", "--fault")
+        + ("--dry-run", "--duration")
+        + tuple(option for option in PATH_OPTIONS if option not in REGION_OPTIONS)
+        + PAIR_OPTIONS
+    ),
     "dual": frozenset(set(PATH_OPTIONS) - set(REGION_OPTIONS)) | frozenset(HAND_OPTIONS),
     "surface": frozenset(HAND_OPTIONS + PAIR_OPTIONS),
     "force": frozenset({"--feed", *PATH_OPTIONS, *HAND_OPTIONS, *PAIR_OPTIONS} - {"--region", "--feature-angle"}),
@@ -73,6 +79,7 @@ def refuse_idle_in(experiment: str, given: Mapping[str, Any]) -> None:
     Raises:
         InputError: Naming them.
     """
+    experiment = f"{experiment} --follow" if given.get("--follow") is not None and experiment == "teach" else experiment
     idle = sorted(option for option in IDLE.get(experiment, ()) if given.get(option) is not None)
     if idle:
         raise InputError(f"{', '.join(idle)} would change nothing in 'run {experiment}': leave it out.")

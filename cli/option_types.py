@@ -159,6 +159,15 @@ Mode = Annotated[
     str | None,
     _option(HAND, "--mode", "NAME", "teach: none, gravity, classical, inertia or assist; default: all, side by side."),
 ]
+Follow = Annotated[
+    str | None,
+    _option(
+        HAND,
+        "--follow",
+        "rim|PATH",
+        "teach: the hand drags the tool along the part's rim, or a path of it, and taught.csv is made of that.",
+    ),
+]
 Duration = Annotated[
     float | None, _option(HAND, "--duration", "S", "teach: duration of the hand's move (s); default 0.6 and 1.")
 ]

@@ -52,6 +52,7 @@ def run(
     standoff: o.Standoff = None,
     mode: o.Mode = None,
     duration: o.Duration = None,
+    follow: o.Follow = None,
     controller: o.Controller = None,
     calibration: o.Calibration = None,
     seed: o.Seed = None,

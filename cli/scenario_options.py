@@ -65,6 +65,7 @@ OPTIONS: Final[Mapping[str, Target]] = {
     "--calibration": Target("payload", "file"),
     "--poses": Target("payload", "poses"),
     "--mode": Target("guide", "mode"),
+    "--follow": Target("drag", "follow"),
     "--duration": Target("guide", "duration_s", SECOND),
     "--master-speed": Target("dual", "master_speed_m_s", MM_S),
     "--standoff": Target("dual", "standoff_m", MM),
@@ -148,8 +149,8 @@ def _overlapping(scenario: Scenario, stepover: float | None, overlap: float) -> 
 
 
 def _placed(scenario: Scenario) -> Scenario:
-    """Name the files of part and payload from the root, so that the written config runs from any folder."""
-    files = (("part", "file"), ("payload", "file"), ("dual", "bases_file"), ("dual", "tool_file"))
+    """Name every file a scenario names from the root, so that the written config runs from any folder."""
+    files = (("part", "file"), ("payload", "file"), ("dual", "bases_file"), ("dual", "tool_file"), ("drag", "follow"))
     for section, key in files:
         file = Path(getattr(getattr(scenario, section), key))
         if file.is_file():

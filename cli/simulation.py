@@ -19,9 +19,13 @@ from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.planning import plan_to_run
 from polish_sim.cli.sinks import CELL_PICTURE
 from polish_sim.config import Scenario
+from polish_sim.exchange import path_csv
 from polish_sim.experiments import RunResult, check_experiment, run_experiment
 from polish_sim.kernel_cache import is_warm, use_kernel_cache
 from polish_sim.planning import PlanResult, ToolPath
+
+TAUGHT = "taught.csv"
+"""The path of `run teach --follow`."""
 
 
 def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequence[FrameSink] = ()) -> Outcome:
@@ -71,7 +75,8 @@ def _title(scenario: Scenario) -> str:
     if scenario.experiment == "smooth":
         return "smooth, every rule on the servos"
     if scenario.experiment == "teach":
-        return f"teach, {scenario.guide.mode or 'every mode'}"
+        followed = f"along {scenario.drag.follow} of {scenario.part.file}, seed {scenario.seed}"
+        return f"teach, {followed if scenario.drag.follow else scenario.guide.mode or 'every mode'}"
     return f"{scenario.experiment}, {scenario.controller.name}, seed {scenario.seed}"
 
 
@@ -89,6 +94,8 @@ def simulate(
     metrics = {**result.figures, "versions": package_versions()}
     record = RunRecord(scenario.experiment, result.scenario, metrics, result.log, result.path, result.removal)
     write_record(folder, record)
+    if scenario.experiment == "teach" and result.path is not None:
+        (folder / TAUGHT).write_text(path_csv(result.path), encoding="utf-8")
     return record, result
 
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from polish_sim.exchange import read_path
+
 Polish = Callable[..., Any]
 SHORT = ("--set", "hand.off_s=2")
 
@@ -54,6 +56,30 @@ def test_bad_input_is_one_message_and_nothing_written(polish_sim: Polish, words:
     code, _, err = polish_sim("run", "teach", *words, "--out", "out")
     assert (code, Path("out").exists()) == (2, False)
     assert said in " ".join(err.split())
+
+
+def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Polish) -> None:
+    """From the hand to the polished part: taught.csv of one run is the path of the next."""
+    code, out, _ = polish_sim("run", "teach", "--part", "freeform", "--follow", "rim", "--out", "taught")
+    assert code == 0
+    assert "taught path off what was meant" in out
+    assert {"taught.csv", "taught.png", "hand_force.png"} <= {file.name for file in Path("taught").iterdir()}
+    path = read_path("taught/taught.csv")
+    assert path.length_m == json.loads(Path("taught/metrics.json").read_text())["taught_length_m"]
+    words = ("--part", "freeform", "--path", "taught/taught.csv", "--feed", 30, "--out", "polished")
+    assert polish_sim("run", "surface", *words)[0] == 0
+    metrics = json.loads(Path("polished/metrics.json").read_text())
+    assert metrics["force_within_4n"] >= 0.995
+    assert metrics["path_done"] == 1.0
+
+
+def test_a_path_to_follow_is_checked_before_anything_moves(polish_sim: Polish) -> None:
+    code, _, err = polish_sim("run", "teach", "--follow", "gone.csv", "--out", "out")
+    assert (code, Path("out").exists()) == (2, False)
+    assert "gone.csv" in err
+    assert "--duration would change nothing in 'run teach --follow'" in " ".join(
+        polish_sim("run", "teach", "--follow", "rim", "--duration", 1)[2].split()
+    )
 
 
 def test_hand_options_belong_to_teach(polish_sim: Polish) -> None:

@@ -197,6 +197,19 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
             Claim("lent_energy_j", "energy lent, most", "J", 1.0),
             _PATH_DONE,
         ),
+        "teach-path": (
+            Claim("taught_deviation_max_m", "taught path off what was meant, max", "mm", 1e3),
+            Claim("taught_deviation_rms_m", "  rms", "mm", 1e3),
+            Claim("recorded_deviation_max_m", "recording off it, max", "mm", 1e3),
+            Claim("recorded_deviation_rms_m", "  rms", "mm", 1e3),
+            Claim("taught_missed_max_m", "what was meant off the taught path, max", "mm", 1e3),
+            Claim("taught_axis_error_max_rad", "tool axis, max", "deg", _DEGREES),
+            Claim("points_recorded", "points recorded", "", 1.0),
+            Claim("points_taught", "points taught", "", 1.0),
+            Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
+            Claim("hand_force_rms_n", "  rms", "N", 1.0),
+            _PATH_DONE,
+        ),
         "calibrate-payload": (
             Claim("mass_error_relative", "mass error", "%", 100.0, high=0.01),
             Claim("center_error_m", "centre error", "mm", 1e3, high=1e-3),
@@ -265,6 +278,8 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
 def claims_of(scenario: Scenario) -> str:
     """The name in ``CLAIMS`` of what is asked of a run: some moves are no trial, above a part is no force."""
     guide = scenario.guide
+    if scenario.experiment == "teach" and scenario.drag.follow:
+        return "teach-path"
     if scenario.experiment == "teach" and (guide.mode or guide.direction or guide.duration_s):
         return "teach-some"
     if scenario.experiment == "dual" and scenario.dual.standoff_m > 0.0:

@@ -43,18 +43,16 @@ def plot_guiding(record: RunRecord) -> Figure:
             if place == [direction, pace]:
                 _draw_case(axes, record, case, mode)
         _draw_paper(axes, {mode for mode, *_ in names})
-        axes.legend(loc="upper right", fontsize=8.0, title="peak while it moves", title_fontsize=8.0)
-        axes.set_title(f"along {direction}, {_words(pace)}", fontsize=9.5)
-        axes.set(xlabel="time from the move's start [s]")
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, columnspacing=0.9, handlelength=1.0)
+        axes.set(xlabel="time from the move's start [s]", ylabel=f"{_words(direction, pace)}\nforce of the hand [N]")
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
-    for row in grid:
-        row[0].set(ylabel="force of the hand [N]")
     peaks = [record.metrics[f"{name}_hand_force_peak_n"] for name in record.metrics["moves"]]
     known = [peak for peak in peaks if peak is not None and not np.isnan(peak)]
     if known:
         grid[0, 0].set_ylim(0.0, 1.25 * max(known))
-    title = "Force of a hand that guides the arm   (dashed: peaks of paper 3, another robot)"
+    title = "Force of a hand that guides the arm, and its peaks while it moves"
+    title += "   (dashed: paper 3, another robot)" if {"none", "classical", "inertia"} & {n[0] for n in names} else ""
     figure.suptitle(title, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     return figure
 
@@ -110,5 +108,8 @@ def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
     return time[shown] - first, force[shown]
 
 
-def _words(pace: str) -> str:
-    return {"fast": "0.6 s", "slow": "1 s"}.get(pace, pace.replace("p", ".").replace("s", " s"))
+def _words(direction: str, pace: str) -> str:
+    if pace == "path":
+        return f"along the {direction}"
+    seconds = {"fast": "0.6", "slow": "1"}.get(pace, pace.replace("p", ".").rstrip("s"))
+    return f"along {direction} in {seconds} s"

@@ -17,6 +17,7 @@ from polish_sim.analysis.removal_plot import plot_removal, plot_removal_runs
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.seeds_plot import plot_seeds
 from polish_sim.analysis.surface_plot import plot_surface_force, plot_surface_runs
+from polish_sim.analysis.teaching_plot import plot_taught
 from polish_sim.analysis.tracking_plot import plot_tracking, plot_tracking_bars, plot_tracking_runs
 from polish_sim.errors import InputError
 
@@ -46,6 +47,8 @@ def draw_plots(record: RunRecord) -> dict[str, Figure]:
     if not len(record.log):
         return {}
     plots = {name: plot(record) for name, plot in PLOTS[record.scenario.experiment].items()}
+    if record.scenario.drag.follow and record.path is not None:
+        plots["taught.png"] = plot_taught(record)
     return plots | ({"removal.png": plot_removal(record)} if removed_something(record) else {})
 
 

@@ -1,7 +1,7 @@
 """Paths and plans as files: every format in and out (layer between planning and motion)."""
 
 from polish_sim.exchange.formats import FORMATS, check_formats, export_plan
-from polish_sim.exchange.plan_folder import write_plan
+from polish_sim.exchange.plan_folder import path_csv, write_plan
 from polish_sim.exchange.reader import READERS, read_path, read_way_points
 from polish_sim.exchange.setup import ExportSetup, RobotTool
 from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_unknown
@@ -15,6 +15,7 @@ __all__ = [
     "WayPoints",
     "check_formats",
     "export_plan",
+    "path_csv",
     "read_path",
     "read_way_points",
     "refuse_unknown",

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from polish_sim.errors import InputError
 from polish_sim.exchange.columns import path_columns
-from polish_sim.planning import PlanResult
+from polish_sim.planning import PlanResult, ToolPath
 
 PATH_CSV, PATH_JSON, METRICS = "path.csv", "path.json", "metrics.json"
 VERSIONED: Final = ("polish-sim", "numpy", "scipy", "numba")
@@ -57,10 +57,15 @@ def write_files(folder: Path, contents: Mapping[str, bytes]) -> None:
 
 
 def csv_text(result: PlanResult) -> str:
-    """The path as path.csv."""
+    """A plan's path as path.csv."""
+    return path_csv(result.path)
+
+
+def path_csv(path: ToolPath) -> str:
+    """A path as path.csv."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    table = path_columns(result.path)
+    table = path_columns(path)
     writer.writerow(table)
     # repr of a float reads back to the same bits.
     writer.writerows(zip(*table.values(), strict=True))

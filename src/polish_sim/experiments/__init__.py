@@ -16,6 +16,7 @@ from polish_sim.experiments.calibrate_payload import (
     calibrate_from,
     run_payload_calibration,
 )
+from polish_sim.experiments.drag import run_drag
 from polish_sim.experiments.dual import run_dual
 from polish_sim.experiments.dual_task import prepare_dual
 from polish_sim.experiments.force import prepare_force, run_force
@@ -127,7 +128,7 @@ def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer:
     if scenario.experiment == "smooth":
         return run_smooth(scenario, observer)
     if scenario.experiment == "teach":
-        return run_teach(scenario, observer)
+        return run_drag(scenario, observer) if scenario.drag.follow else run_teach(scenario, observer)
     if scenario.experiment == "dual":
         return run_dual(scenario, plan, observer)
     raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)
@@ -145,6 +146,7 @@ __all__ = [
     "default_scenario",
     "prepare_surface",
     "run_arc",
+    "run_drag",
     "run_dual",
     "run_experiment",
     "run_force",

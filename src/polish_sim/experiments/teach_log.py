@@ -1,17 +1,18 @@
-"""Guided moves one after the other as a log and a trace like any other run's (layer 9)."""
+"""Guided moves one after the other as a log, a trace and figures like any other run's (layer 9)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.analysis.guiding_figures import GuidedMove, compare_modes, measure_drift, measure_move
 from polish_sim.cell.guiding import FORCE, LENT, QD, RAW, SPEED, TIME, TOOL, TORQUE, GuidingRun, Q
 from polish_sim.config import Scenario
-from polish_sim.experiments.teach_moves import Move, MoveTable
+from polish_sim.experiments.teach_moves import MOVING, OFF, Move, MoveTable
 from polish_sim.log import RunLog, from_rows, row_layout, row_width, with_column
 from polish_sim.trace import Trace
 
@@ -73,3 +74,64 @@ def _rows(play: PlayedMove, every: int) -> Array:
         if name in known:
             rows[:, start : start + max(width, 1)] = known[name].reshape(len(part), -1)
     return rows
+
+
+def figures_of_moves(scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: float) -> dict[str, Any]:
+    """Figures of every move under its name, of the last mode as a whole, of the modes beside each other, of the run.
+
+    Args:
+        scenario: The scenario.
+        played: The moves that were made, the last one followed after the hand let go.
+        asked: How many were to be made.
+        wall: Time it took [s].
+    """
+    figures: dict[str, Any] = {}
+    measured = [measure_move(_seen(play)) for play in played]
+    for play, values in zip(played, measured, strict=True):
+        figures |= {f"{_name(play.move)}_{name}": value for name, value in values.items()}
+    last = played[-1].move.mode
+    of_last = [values for play, values in zip(played, measured, strict=True) if play.move.mode == last]
+    figures |= {name: max(values[name] for values in of_last) for name in of_last[0]}
+    figures |= measure_drift(_seen(played[-1]))
+    forces = {_name(play.move): values for play, values in zip(played, measured, strict=True)}
+    figures |= compare_modes(forces) | {"moves": list(forces), "model": scenario.guide.model_file or "exact"}
+    return figures | _of_run(scenario, played, asked, wall)
+
+
+def _seen(play: PlayedMove) -> GuidedMove:
+    rows, phase = play.run.rows, play.table.phase[: len(play.run.rows)]
+    moved = bool((phase == MOVING).any()) and _stop_phase(play) != MOVING
+    return GuidedMove(
+        rows[:, TIME], rows[:, FORCE : FORCE + 3], rows[:, Q : Q + 6], phase == MOVING, phase == OFF, moved,
+        play.run.lent_j,
+    )  # fmt: skip
+
+
+def _stop_phase(play: PlayedMove) -> int:
+    """Phase in which the arm stopped itself, or -1."""
+    run: GuidingRun = play.run
+    return int(play.table.phase[min(run.stop_step, len(play.table.phase) - 1)]) if run.stop_reason else -1
+
+
+def _name(move: Move) -> str:
+    return f"{move.mode}_{move.direction}_{move.pace}"
+
+
+def _of_run(scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: float) -> dict[str, Any]:
+    """The figures every experiment reports."""
+    steps = sum(len(play.run.rows) for play in played)
+    simulated = steps * scenario.simulation.timestep_s
+    stops = [f"{_name(play.move).replace('_', ' ')}: {play.run.stop_reason}" for play in played if play.run.stop_reason]
+    whole = [play.run.stop_reason is None and len(play.run.rows) == len(play.table.servos) for play in played]
+    return {
+        "path_done": sum(whole) / asked,
+        "protective_stop": "; ".join(stops) or None,
+        "interrupted": any(play.run.interrupted for play in played),
+        "faults_missed": [],
+        "T_base_work": None,
+        "simulated_s": simulated,
+        "wall_s": wall,
+        "real_time_factor": simulated / wall if wall else 0.0,
+        "steps": steps,
+        "seed": scenario.seed,
+    }

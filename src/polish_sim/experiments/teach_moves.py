@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +36,9 @@ class Move(NamedTuple):
 
     @property
     def pace(self) -> str:
-        """Fast, slow, or the duration."""
+        """Fast, slow, or the duration; along a path it has none."""
+        if math.isnan(self.duration):
+            return "path"
         return {FAST_S: "fast", SLOW_S: "slow"}.get(self.duration, f"{self.duration:g}s".replace(".", "p"))
 
 

@@ -1,0 +1,171 @@
+"""From a recorded way of the tool to a path: filtered, simplified, fitted, put on the part (recording -> ToolPath)."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_lsq_spline
+from scipy.signal import butter, sosfiltfilt
+
+from polish_sim.errors import PlanError
+from polish_sim.geometry import Surface
+from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
+from polish_sim.spatial import unit
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+DEGREE: Final = 3
+MOVING_SHARE: Final = 0.2
+"""A hand slower than this share of its usual speed has not begun, or has ended [-]."""
+SHORTEST_M: Final = 0.01
+"""Less way than this teaches nothing [m]."""
+EVEN_M: Final = 0.0005
+"""The recording is fitted at places this far apart, so that a slow hand does not weigh more [m]."""
+
+
+class Recording(NamedTuple):
+    """Where the tool was, in the work frame."""
+
+    time: Array
+    """Evenly spaced [s], shape (n,)."""
+    positions: Array
+    """Tool point [m], shape (n, 3)."""
+    axes: Array
+    """Unit tool axis, from the part to the tool, shape (n, 3)."""
+
+
+class Taught(NamedTuple):
+    """A path that was taught."""
+
+    path: ToolPath
+    knots: int
+    """Corners of the simplified recording, which are the knots of the fit."""
+    off_surface: float
+    """Largest distance by which the fitted way was moved onto the part [m]; 0 without one."""
+
+
+def teach_path(
+    record: Recording, surface: Surface | None, filter_hz: float, tolerance: float, spacing: float
+) -> Taught:
+    """Make a path of what a hand showed.
+
+    Args:
+        record: The recording.
+        surface: The part it was shown on: points are put on it, its normals become tool axes. None: the recording's.
+        filter_hz: Low-pass, forth and back [Hz].
+        tolerance: The filtered way is simplified within this distance [m].
+        spacing: Distance of the path's points [m].
+
+    Returns:
+        The path, all of it process.
+
+    Raises:
+        PlanError: The tool was hardly moved.
+    """
+    smooth = _low_passed(record, filter_hz)
+    way = _even(_moving(smooth), EVEN_M)
+    s = arc_length(way.positions)
+    corners = simplified(way.positions, tolerance)
+    knots = _knots(s, s[corners])
+    count = max(2, round(s[-1] / spacing))
+    at = np.linspace(0.0, s[-1], count + 1)
+    points = np.asarray(make_lsq_spline(s, way.positions, knots, DEGREE)(at))
+    axes = unit(np.asarray(make_lsq_spline(s, way.axes, knots, DEGREE)(at)))
+    if surface is None:
+        return Taught(_path(points, axes, np.zeros(len(points))), len(corners), 0.0)
+    found = surface.closest(points)
+    off = float(np.linalg.norm(points - found.positions, axis=1).max())
+    along = unit(np.gradient(found.positions, axis=0))
+    curvature = surface.normal_curvature(found.facets, found.barycentric, along)
+    return Taught(_path(found.positions, found.normals, curvature), len(corners), off)
+
+
+def simplified(points: Array, tolerance: float) -> Rows:
+    """Corners of a polyline none of whose points is further than the tolerance from it (Douglas and Peucker).
+
+    Args:
+        points: [m], shape (n, 3).
+        tolerance: [m].
+
+    Returns:
+        Rows of the points that stay, first and last included, rising.
+    """
+    kept, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
+    while stack:
+        first, last = stack.pop()
+        if last - first < 2:
+            continue
+        off = _distance_to_chord(points[first + 1 : last], points[first], points[last])
+        furthest = int(off.argmax())
+        if off[furthest] > tolerance:
+            middle = first + 1 + furthest
+            kept.add(middle)
+            stack += [(first, middle), (middle, last)]
+    return np.array(sorted(kept))
+
+
+def _distance_to_chord(points: Array, first: Array, last: Array) -> Array:
+    """Distances of points (n, 3) to the line from one point to another, ends included, (n,)."""
+    chord = last - first
+    share = np.clip((points - first) @ chord / max(float(chord @ chord), 1e-300), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points - first - share[:, None] * chord, axis=1))
+
+
+def _low_passed(record: Recording, filter_hz: float) -> Recording:
+    rate = 1.0 / float(np.median(np.diff(record.time)))
+    sections = butter(2, min(filter_hz / (0.5 * rate), 0.99), output="sos")
+    positions, axes = (sosfiltfilt(sections, column, axis=0) for column in (record.positions, record.axes))
+    return Recording(record.time, np.asarray(positions), unit(np.asarray(axes)))
+
+
+def _moving(record: Recording) -> Recording:
+    """From where the hand begins to where it ends."""
+    speed = np.linalg.norm(np.gradient(record.positions, record.time, axis=0), axis=1)
+    usual = float(np.percentile(speed, 75))
+    going = np.flatnonzero(speed > MOVING_SHARE * usual)
+    whole = slice(int(going[0]), int(going[-1]) + 1) if len(going) else slice(0, 0)
+    length = float(arc_length(record.positions[whole])[-1]) if len(going) > 1 else 0.0
+    if length < SHORTEST_M:
+        raise PlanError(
+            f"the tool was moved by {1e3 * length:.2f} mm: too little to teach a path. Drag it further than "
+            f"{1e3 * SHORTEST_M:g} mm."
+        )
+    return Recording(*(column[whole] for column in record))
+
+
+def _even(record: Recording, spacing: float) -> Recording:
+    """The same way at even distances."""
+    s = arc_length(record.positions)
+    rising = np.concatenate([[True], np.diff(s) > 0.0])
+    at = np.linspace(0.0, s[-1], max(8 * (DEGREE + 1), math.ceil(s[-1] / spacing)))
+    columns = (record.time[:, None], record.positions, record.axes)
+    time, positions, axes = (
+        np.stack([np.interp(at, s[rising], column[rising, k]) for k in range(column.shape[1])], axis=1)
+        for column in columns
+    )
+    return Recording(time[:, 0], positions, unit(axes))
+
+
+def _knots(s: Array, corners: Array) -> Array:
+    """Knots of a spline at the corners, those left out between which the recording has too few places."""
+    least = (DEGREE + 2) * (s[1] - s[0])
+    kept = [0.0]
+    for place in corners[1:-1]:
+        if place - kept[-1] >= least and s[-1] - place >= least:
+            kept.append(float(place))
+    ends = np.full(DEGREE + 1, 0.0), np.full(DEGREE + 1, s[-1])
+    return np.concatenate([ends[0], kept[1:], ends[1]])
+
+
+def _path(positions: Array, axes: Array, curvature: Array) -> ToolPath:
+    moved = np.concatenate([[True], np.linalg.norm(np.diff(positions, axis=0), axis=1) > 1e-6])
+    positions, axes, curvature = positions[moved], axes[moved], curvature[moved]
+    n = len(positions)
+    return ToolPath(
+        positions.copy(), axes.copy(), arc_length(positions), np.zeros(n, np.int64), np.full(n, PROCESS, np.int8),
+        curvature.copy(),
+    )  # fmt: skip

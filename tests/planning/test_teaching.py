@@ -1,0 +1,86 @@
+"""A recorded way of the tool becomes a path: tremor goes, the shape stays, points lie on the part."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from polish_sim.errors import PlanError
+from polish_sim.geometry import fit_surface, load_part
+from polish_sim.models import workpiece_path
+from polish_sim.planning.teaching import Recording, simplified, teach_path
+
+Array = NDArray[np.float64]
+
+RADIUS, SPEED = 0.08, 0.05
+
+
+def circle(tremor: float = 0.0, still: float = 0.0, height: float = 0.0) -> Recording:
+    """Once round a level circle at constant speed, held still before and after, with a tremor of 10 Hz."""
+    duration = 2.0 * np.pi * RADIUS / SPEED
+    t = np.arange(0.0, duration + 2.0 * still, 0.004)
+    angle = np.clip((t - still) / duration, 0.0, 1.0) * 2.0 * np.pi
+    radius = RADIUS + tremor * np.sin(2.0 * np.pi * 10.0 * t)
+    positions = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(len(t), height)], axis=1)
+    return Recording(t, positions, np.tile([0.0, 0.0, 1.0], (len(t), 1)))
+
+
+def off_circle(points: Array) -> Array:
+    return np.abs(np.linalg.norm(points[:, :2], axis=1) - RADIUS)
+
+
+def test_a_steady_hand_s_circle_comes_back_within_its_tolerance() -> None:
+    taught = teach_path(circle(), None, 4.0, 0.0003, 0.002)
+    assert off_circle(taught.path.positions_work)[3:-3].max() < 1e-4
+    assert taught.path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=5e-3)
+    assert np.diff(taught.path.s).max() < 0.0025
+
+
+def test_tremor_is_filtered_to_a_fifth() -> None:
+    shaky = circle(tremor=0.0005)
+    taught = teach_path(shaky, None, 4.0, 0.0003, 0.002)
+    rms = float(np.sqrt(np.mean(off_circle(taught.path.positions_work)[3:-3] ** 2)))
+    assert rms < 0.2 * float(np.sqrt(np.mean(off_circle(shaky.positions) ** 2)))
+
+
+def test_standing_still_at_the_ends_is_no_path() -> None:
+    taught = teach_path(circle(still=3.0), None, 4.0, 0.0003, 0.002)
+    assert taught.path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=0.02)
+    assert np.diff(taught.path.s).min() > 0.001
+
+
+def test_on_a_sphere_points_lie_on_it_and_axes_are_its_normals() -> None:
+    mesh = load_part(workpiece_path("sphere_300"))
+    surface, low, high = fit_surface(mesh), mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    record = circle(height=float(high[2]) - 0.3 + np.sqrt(0.3**2 - RADIUS**2) + 0.002)
+    record = record._replace(positions=record.positions + [*(0.5 * (low + high)[:2]), 0.0])
+    found = teach_path(record, surface, 4.0, 0.0003, 0.002)
+    # The shipped calotte is a sphere of 300 mm; the hand was 2 mm above it.
+    assert found.off_surface == pytest.approx(0.002, abs=3e-4)
+    again = surface.closest(found.path.positions_work)
+    np.testing.assert_allclose(again.positions, found.path.positions_work, atol=1e-9)
+    np.testing.assert_allclose(np.sum(again.normals * found.path.axes_work, axis=1), 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-3, 1e-2])
+def test_no_point_is_further_from_the_simplified_line_than_asked(tolerance: float) -> None:
+    points = circle(tremor=0.0005).positions
+    corners = simplified(points, tolerance)
+    for first, last in pairwise(corners):
+        chord = (points[last] - points[first]) / np.linalg.norm(points[last] - points[first])
+        off = points[first : last + 1] - points[first]
+        assert np.linalg.norm(off - (off @ chord)[:, None] * chord, axis=1).max() <= tolerance + 1e-12
+
+
+def test_a_straight_line_keeps_its_ends_only() -> None:
+    line = np.linspace([0.0, 0.0, 0.0], [0.1, 0.2, 0.3], 50)
+    np.testing.assert_array_equal(simplified(line, 1e-6), [0, 49])
+
+
+def test_a_tool_that_was_hardly_moved_teaches_nothing() -> None:
+    record = circle()
+    with pytest.raises(PlanError, match="too little to teach a path"):
+        teach_path(record._replace(positions=0.01 * record.positions), None, 4.0, 0.0003, 0.002)
