@@ -43,14 +43,14 @@ def plot_guiding(record: RunRecord) -> Figure:
             if place == [direction, pace]:
                 _draw_case(axes, record, case, mode)
         _draw_paper(axes, {mode for mode, *_ in names})
-        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, columnspacing=0.9, handlelength=1.0)
+        axes.legend(loc="upper right", ncols=3, columnspacing=1.0, handlelength=1.2, frameon=True, framealpha=0.9)
         axes.set(xlabel="time from the move's start [s]", ylabel=f"{_words(direction, pace)}\nforce of the hand [N]")
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
     peaks = [record.metrics[f"{name}_hand_force_peak_n"] for name in record.metrics["moves"]]
     known = [peak for peak in peaks if peak is not None and not np.isnan(peak)]
     if known:
-        grid[0, 0].set_ylim(0.0, 1.25 * max(known))
+        grid[0, 0].set_ylim(0.0, 1.45 * max(known))
     title = "Force of a hand that guides the arm, and its peaks while it moves"
     title += "   (dashed: paper 3, another robot)" if {"none", "classical", "inertia"} & {n[0] for n in names} else ""
     figure.suptitle(title, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
