@@ -110,7 +110,9 @@ class SmoothingConfig:
     """How way points become a motion."""
 
     rule: str = key(
-        "spline", "surface: spline, certified, joint-jerk or joint-acceleration; smooth plays the last three"
+        "spline",
+        "surface: spline, certified, joint-jerk, joint-acceleration, or none: at the feed whatever it takes; "
+        "smooth plays the three in the middle",
     )
     tolerance_m: float = key(1e-4, "how far the tool may be from the path, 0 = exact (not with spline) [m]", 0.0, 0.01)
     axis_tolerance_rad: float = key(

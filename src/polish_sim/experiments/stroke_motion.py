@@ -26,8 +26,9 @@ from polish_sim.motion.smoothing.limits_file import load_limits
 from polish_sim.motion.smoothing.sampling import sample_schedule
 from polish_sim.motion.smoothing.schedule import Schedule
 from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline
-from polish_sim.motion.timed_path import TimedPath, row_times, with_feed
+from polish_sim.motion.timed_path import TimedPath, row_times, time_path, with_feed
 from polish_sim.motion.timed_schedule import marks_on, time_schedule
+from polish_sim.motion.trajectory import build_path_table, with_set_points
 
 Array = NDArray[np.float64]
 
@@ -122,11 +123,19 @@ def by_rule(plan: Rule, scenario: Scenario, stroke: Stroke, chain: Chain, arm: A
     return with_feed(motion, feed, feed_pace(top).acceleration / top)
 
 
+def at_the_feed(scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | None) -> TimedPath:
+    """Follow the way points' chords at the feed, whatever acceleration that takes: no time law, to compare with."""
+    top = float(stroke.feed.max())
+    table = build_path_table(stroke.tips, stroke.rotations, stroke.s)
+    return time_path(with_set_points(table, stroke.s, None, stroke.feed / top), feed_pace(top))
+
+
 StrokeRule = Callable[[Scenario, Stroke, Chain, Arm | None], TimedPath]
 
 STROKE_RULES: Mapping[str, StrokeRule] = {
     "spline": along_a_curve,
     **{name: partial(by_rule, plan) for name, plan in RULES.items()},
+    "none": at_the_feed,
 }
 """How a stroke may be followed, by name."""
 

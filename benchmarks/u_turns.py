@@ -1,0 +1,60 @@
+"""What a time law does at a raster's U-turns: target's acceleration and jerk, force and tracking, by rule.
+
+Run with ``python -m benchmarks.u_turns [--feed MM_S]``: `run surface` on a flat plate, strokes 25 mm apart, for 10 s.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from polish_sim.kernel_cache import use_kernel_cache
+
+use_kernel_cache()
+
+import numpy as np  # noqa: E402
+
+from polish_sim.experiments import default_scenario, run_experiment  # noqa: E402
+from polish_sim.scenario_file import override  # noqa: E402
+
+RULES = ("none", "certified", "spline")
+PLATE = (
+    "part.file=plate",
+    "plan.pattern=raster",
+    "plan.raster_direction=[1.0, 0.0, 0.0]",
+    "plan.stepover_m=0.025",
+    "process.max_feed_s=10",
+)
+
+
+def measure(rule: str, feed: float) -> str:
+    """A line of figures of one run at a feed [mm/s]."""
+    settings = [*PLATE, f"process.feed_m_s={feed / 1e3}", f"smoothing.rule={rule}"]
+    run = run_experiment(override(default_scenario("surface"), settings))
+    fed = run.log["phase"] == 2
+    step = float(np.median(np.diff(run.log["time_s"][fed])))
+    moved = [run.log["target_position_m"][fed]]
+    for _ in range(3):
+        moved.append(np.diff(moved[-1], axis=0) / step)
+    speed, acceleration, jerk = (float(np.linalg.norm(each, axis=1).max()) for each in moved[1:])
+    force, off = run.figures["force_max_deviation_n"], run.figures["tracking_error_max_m"]
+    way = float(run.trace.path_s_m.max())
+    return (
+        f"{rule:10}{speed * 1e3:7.1f} mm/s{acceleration:8.2f} m/s^2{jerk:9.1f} m/s^3{force:8.2f} N{off * 1e3:8.2f} mm"
+        f"{way * 1e3:8.0f} mm"
+    )
+
+
+def main() -> None:
+    """Print a line per rule."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--feed", type=float, default=100.0, metavar="MM_S")
+    feed = parser.parse_args().feed
+    print(
+        f"{'rule':10}{'speed':>12}{'acceleration':>14}{'jerk':>15}{'force off':>10}{'tracking':>11}{'way in 10 s':>11}"
+    )
+    for rule in RULES:
+        print(measure(rule, feed), flush=True)
+
+
+if __name__ == "__main__":
+    main()
