@@ -36,6 +36,7 @@ UNITS = {
     "_n_s_m": "[N s/m]", "_s_m": "[s/m]", "_rpm": "[1/min]", "_m_sn": "[m/(s N)]", "_m_s2n": "[m/(s^2 N)]",
     "_rad_snm": "[rad/(s N m)]", "_rad_s2nm": "[rad/(s^2 N m)]", "_n_s": "[N/sqrt(s)]", "_nm_s": "[N m/sqrt(s)]",
     "_1_pa": "[1/Pa]", "_j": "[J]", "_nm_rad": "[N m/rad]", "_nm_s_rad": "[N m s/rad]",
+    "_kg_m3": "[kg/m^3]",
 }  # fmt: skip
 OTHER_UNITS = {
     "controller.orientation_i_hz": "[1/s]",
@@ -61,7 +62,7 @@ def test_a_scenario_cannot_be_changed_after_it_was_made() -> None:
 
 
 def test_an_unknown_experiment_lists_the_known_ones() -> None:
-    with pytest.raises(InputError, match=r"'polish'.*arc, force, smooth, surface, teach"):
+    with pytest.raises(InputError, match=r"'polish'.*arc, dual, force, smooth, surface, teach"):
         default_scenario("polish")
 
 
