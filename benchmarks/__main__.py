@@ -6,7 +6,7 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from benchmarks import control_loop, planning, smoothing_peers, start_up  # noqa: E402 - the cache is chosen before numba loads
+from benchmarks import control_loop, identification, planning, smoothing_peers, start_up  # noqa: E402 - the cache is chosen before numba loads
 from benchmarks.table import print_rows  # noqa: E402
 
 
@@ -15,6 +15,7 @@ def main() -> None:
     print_rows("One 1 ms step of the closed loop, pad touching, log on", control_loop.measure())
     print_rows("From a large STL to the path on disk", planning.measure())
     print_rows("Smooth motion beside ruckig and toppra", smoothing_peers.measure())
+    print_rows("Identification, pinocchio beside it", identification.speed_rows())
     print_rows("Starting", start_up.measure())
 
 
