@@ -332,7 +332,7 @@ class HandConfig:
     turn_damping_nm_s_rad: float = key(0.0, "how it damps the tool's turning [N m s/rad]", 0.0, 100.0)
     before_s: float = key(0.3, "it holds the tool still before the move [s]", 0.01, 60.0)
     after_s: float = key(0.5, "and after it [s]", 0.01, 60.0)
-    off_s: float = key(60.0, "the last move's arm is then left to itself, drift is measured [s]", 0.0, 3600.0)
+    off_s: float = key(60.0, "the last move's arm is then left to itself, drift is measured [s]", 0.0, 600.0)
 
 
 @dataclass(frozen=True)
