@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import mujoco
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell import Cell, no_part
+from polish_sim.cell import Cell, CellRun, no_part
 from polish_sim.cell.carrier import FIRST_JOINT, MasterRows
 from polish_sim.cell.pair_contacts import CLEARANCE, PairContacts
 from polish_sim.cell.pair_scene import GRIPPER_LENGTH, GRIPPER_MASS, Held, build_pair_scene, part_mass
@@ -20,7 +21,19 @@ from polish_sim.geometry import PartMesh, load_part
 from polish_sim.models import workpiece_path
 from polish_sim.motion import forward
 from polish_sim.spatial import from_pose, inverse, transform
-from tests.cell.cells import EVERY_STEP, EachStep, free_job, ideal, joints_at, tool_pose
+from tests.cell.cells import (
+    EVERY_STEP,
+    TOUCH,
+    EachStep,
+    along_tool,
+    free_job,
+    ideal,
+    joints_at,
+    part_under,
+    pressing_job,
+    tool_pose,
+)
+from tests.cell.fields import plane
 
 Q_MASTER = np.array([0.19, -0.75, 1.86, -2.68, 1.57, 1.38])
 T_FOLLOWER_MASTER = inverse(from_pose([-1.1, 0.0, 0.0, 0.0, 0.0, 3.0]))
@@ -126,6 +139,47 @@ def test_speeds_of_part_and_target_are_the_derivatives_of_their_places() -> None
         found = np.gradient(np.array(place), 0.001, axis=0)[5:-5]
         np.testing.assert_allclose(found, np.array(speed)[5:-5], atol=2e-5)
         assert np.abs(found).max() > 0.01
+
+
+def pressed_cell(look: Callable[[mujoco.MjModel, mujoco.MjData], None] | None, turns: bool) -> CellRun:
+    """The pad pressed on a plane the master carries, without force control: as deep as for 20 N."""
+    part = part_under(plane())
+    master = rows(turns)._replace(
+        T_base_work=transform(part.rotation, part.position), T_believed_true=np.eye(4), qd=rows(turns).qd / 2,
+        q=Q_MASTER + 0.5 * (rows(turns).q - Q_MASTER),
+    )  # fmt: skip
+    scenario = ideal("force", EVERY_STEP, "controller.name=position", "pad.friction=0")
+    start = joints_at(along_tool(TOUCH, z=-0.005))
+    cell = Cell(
+        scenario, scene(), part, [pressing_job(hold=1.2)], start, build_controller(scenario.controller),
+        np.random.default_rng(0), master=master,
+    )  # fmt: skip
+    return cell.run(EachStep(look) if look else None)
+
+
+def test_what_presses_on_the_pad_presses_back_on_the_master() -> None:
+    seen: list[float] = []
+
+    def look(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        head, part = model.body("follower_head").id, model.body("master_part").id
+        force, moment = data.xfrc_applied[:, :3], data.xfrc_applied[:, 3:]
+        np.testing.assert_allclose(force[head], -force[part], atol=1e-12)
+        turning = moment + np.cross(data.xipos, force)
+        # Forces and centres of mass are of the same instant but for one step's motion.
+        np.testing.assert_allclose(turning[head], -turning[part], atol=2e-3)
+        seen.append(float(np.linalg.norm(force[part])))
+
+    pressed_cell(look, turns=False)
+    assert max(seen) == pytest.approx(20.0, abs=0.3)
+
+
+def test_the_force_on_a_plane_that_moves_and_turns_is_that_on_one_at_rest() -> None:
+    still, moving = pressed_cell(None, turns=False), pressed_cell(None, turns=True)
+    assert moving.stop_reason is None
+    assert np.linalg.norm(moving.trace.part_shift_m[-1]) > 0.01
+    rest, force = still.trace.normal_force_n[-300:], moving.trace.normal_force_n[-300:]
+    assert rest.mean() == pytest.approx(20.0, abs=0.1)
+    assert np.abs(force - rest.mean()).max() < 0.3
 
 
 def test_the_check_names_arms_that_would_touch() -> None:

@@ -16,10 +16,18 @@ from polish_sim.cell.pair_contacts import CLEARANCE, PairContacts
 from polish_sim.cell.pair_scene import Held, build_pair_scene
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.errors import ConfigError
+from polish_sim.errors import ConfigError, ReachError
 from polish_sim.experiments.assembly import Workplace
 from polish_sim.experiments.pair_frames import PairFrames, calibrated_frames
-from polish_sim.experiments.pair_placement import PairReach, Work, default_poses, find_pair_reach, sampled
+from polish_sim.experiments.pair_placement import (
+    Collides,
+    PairReach,
+    Work,
+    default_poses,
+    find_pair_reach,
+    sampled,
+    suggest_base,
+)
 from polish_sim.experiments.part_setup import check_set_points, part_file, stretches_in_contact
 from polish_sim.experiments.placement import Reach, given_placement
 from polish_sim.experiments.real_shape import real_shape
@@ -83,8 +91,16 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
         else default_poses(frames.believed, region.up, way)
     )
     held = Held(mesh, scenario.dual.density_kg_m3, frames.true.T_flange_gripper, CLEARANCE)
-    contacts = PairContacts(build_pair_scene(scenario, inverse(frames.true.T_master_follower), held))
-    reach = find_pair_reach(work, poses, contacts.first)
+
+    def contacts(T_master_follower: Array) -> Collides:
+        return PairContacts(build_pair_scene(scenario, inverse(T_master_follower), held)).first
+
+    try:
+        reach = find_pair_reach(work, poses, contacts(frames.true.T_master_follower))
+    except ReachError as error:
+        observer.stage("look for another place of the follower's base")
+        better = suggest_base(work, region.up, contacts)
+        raise ReachError(f"{error} {_base_text(better)}") from error
     T_base_work = inverse(frames.believed.T_master_follower) @ reach.T_master_work
     own = Reach(T_base_work, reach.spin, reach.q_follower, reach.value)
     place = Workplace(mesh, surface, region, path, own, real_shape(scenario, mesh, surface, path))
@@ -120,6 +136,16 @@ def _planned(scenario: Scenario, plan: PlanResult | None) -> tuple:  # type: ign
     surface = fit_surface(mesh, angle)
     region = select_region(surface, mesh, scenario.plan.region, angle, scenario.plan.edge_margin_m)
     return mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m)
+
+
+def _base_text(T_master_follower: Array | None) -> str:
+    if T_master_follower is None:
+        return "No other place of the follower's base that was tried would do either."
+    x, y = T_master_follower[:2, 3]
+    return (
+        "It can be done with the follower's base elsewhere and the part where it is put by itself: "
+        f"--set dual.follower_pose=[{x:g},{y:g},0,0,0,{math.pi:.5g}]."
+    )
 
 
 def _marks(path: ToolPath, count: int) -> Array:

@@ -7,6 +7,7 @@ The turn of the tool about its axis is free; it is chosen to keep away from join
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from polish_sim.motion import inverse_all, track
 from polish_sim.motion.coordination import Chain2
 from polish_sim.motion.coordination.joints import COMFORTABLE, limit_margin
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.spatial import inverse, rotation_to_axis, transform
+from polish_sim.spatial import from_pose, inverse, rotation_to_axis, transform
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,10 @@ SPINS: Final = tuple(np.radians(range(0, 360, 45)))
 GOOD: Final = 0.1
 """A way this far from singularities and limits is taken without looking further [-]."""
 SAMPLES: Final = 60
+BASE_DISTANCES: Final = (1.1, 1.0, 1.2, 0.9, 1.3)
+"""Between the bases, when another place for the follower's is looked for [m]."""
+BASE_POSES: Final = 18
+"""Poses of the part that are tried with each of them."""
 
 Collides = Callable[[Array, Array], str]
 """What touches what with joints of master and follower (n, 6) each; empty if nothing does."""
@@ -114,10 +119,31 @@ def find_pair_reach(work: Work, poses: Iterable[Array], collides: Collides) -> P
     if best is None:
         raise ReachError(
             f"the two robots cannot do this: {furthest[1]}. Hold the part elsewhere with --part-pose (follower's "
-            "base), move it less or another way (dual.master_speed_m_s, dual.master_direction), or move the "
-            "follower's base (dual.follower_pose)."
+            "base), or move it less or another way (dual.master_speed_m_s, dual.master_direction)."
         )
     return best
+
+
+def suggest_base(work: Work, up: Array, scene_check: Callable[[Array], Collides]) -> Array | None:
+    """Another place for the follower's base at which the work can be done.
+
+    Args:
+        work: What is to be done; its chain says what the follower's base is now.
+        up: Side of the part to be worked on, work frame, shape (3,).
+        scene_check: Makes the check for arms that touch, for a base of the follower in the master's (4, 4).
+
+    Returns:
+        T_master_follower, shape (4, 4), the bases facing each other; None if none of the tried ones will do.
+    """
+    for distance in BASE_DISTANCES:
+        T = from_pose([-distance, 0.0, 0.0, 0.0, 0.0, np.pi])
+        moved = work._replace(chain=work.chain._replace(T_master_follower=T))
+        try:
+            find_pair_reach(moved, islice(default_poses(moved.chain, up, work.way), BASE_POSES), scene_check(T))
+        except ReachError:
+            continue
+        return T
+    return None
 
 
 def sampled(work: Work, T_master_work: Array, spin: float, count: int = SAMPLES) -> tuple[Array, Array]:
@@ -144,7 +170,7 @@ def _try_pose(work: Work, T_master_work: Array, collides: Collides) -> tuple[Pai
         return None, came_m, why_m
     found: list[PairReach] = []
     joints: dict[int, tuple[Array, Array]] = {}
-    came_f, why_f = 0.0, ""
+    came_f, why_f = -1.0, ""
     for spin in SPINS:
         _, tools = sampled(work, T_master_work, float(spin))
         followers, came, why = _configurations(tools, work.chain.T_flange_tool, "follower")
@@ -187,4 +213,4 @@ def _frame(up: Array, wanted: Array) -> Array:
     return np.asarray(R_z @ R_up.T)
 
 
-__all__ = ["Collides", "PairReach", "Work", "default_poses", "find_pair_reach", "sampled"]
+__all__ = ["Collides", "PairReach", "Work", "default_poses", "find_pair_reach", "sampled", "suggest_base"]

@@ -1,0 +1,152 @@
+"""Two robots on one hub: what calibration does to the tool on the part, the force on a moving rim, what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polish_sim.analysis.bounds import CLAIMS
+from polish_sim.config import Scenario
+from polish_sim.errors import CalibrationError, ConfigError, InputError, PlanError, ReachError
+from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
+from polish_sim.experiments.dual_task import prepare_dual
+from polish_sim.experiments.pair_frames import true_chain
+from polish_sim.motion import forward_many
+from polish_sim.scenario_file import override
+
+FREE = ("dual.standoff_m=0.005", "process.feed_m_s=0.05", "dual.master_speed_m_s=0.02", "process.max_feed_s=2")
+EXACT = ("dual.tracker_noise_m=0", "dual.touch_noise_m=0")
+MILLIMETRE = 0.001
+
+
+def dual(*changes: str) -> Scenario:
+    return override(default_scenario("dual"), list(changes))
+
+
+def base_file(folder: Path, pair: str = "simulated", off_m: float = 0.0, true: bool = True) -> Path:
+    """The calibration of the default cell's bases, wrong by so much along the master's y."""
+    T_true = true_chain(dual().dual).T_master_follower
+    T = T_true.copy()
+    T[1, 3] += off_m
+    lines = [
+        'kind = "base"', f'pair = "{pair}"', f"transform = {T.tolist()}", f"covariance = {np.eye(6).tolist()}",
+        *([f"true_transform = {T_true.tolist()}"] if true else []),
+    ]  # fmt: skip
+    file = folder / "calibration.toml"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def free() -> RunResult:
+    return run_experiment(dual(*FREE, *EXACT))
+
+
+@pytest.fixture(scope="module")
+def pressed() -> RunResult:
+    return run_experiment(dual("process.max_feed_s=4"))
+
+
+def test_the_run_has_the_figures_that_are_asked_of_it(free: RunResult, pressed: RunResult) -> None:
+    assert {claim.figure for claim in CLAIMS["dual"]} <= set(pressed.figures)
+    assert {claim.figure for claim in CLAIMS["dual-free"]} <= set(free.figures)
+    assert len(free.figures["tracking_error_max_m"]) == 3
+    assert free.log["master_q_rad"].shape == free.log["relative_error_m"].shape[:1] + (6,)
+
+
+def test_without_calibration_errors_the_tool_is_off_by_the_tracking_only(free: RunResult) -> None:
+    assert free.figures["chain_residual_m"] < 1e-9
+    process = np.flatnonzero(free.trace.phase == 2)
+    # max_feed_s ends the feed four times as hard as a path ends: that is left out.
+    before_the_end = process[: len(process) - 200]
+    assert np.abs(free.trace.target_error_m[before_the_end]).max() < 1e-4
+    steady = before_the_end[len(before_the_end) // 2 :]
+    assert np.linalg.norm(free.trace.target_error_m[steady], axis=1).max() < 3e-5
+    assert free.figures["relative_error_rms_m"] < 6e-5
+
+
+def test_the_master_keeps_its_orientation_and_moves_at_constant_speed(free: RunResult) -> None:
+    log = free.log
+    time, process = log["time_s"].astype(float), log["phase"] == 2
+    poses = forward_many(log["master_q_rad"].astype(float)[process])
+    turned = poses[0, :3, :3].T @ poses[:, :3, :3]
+    assert np.abs(turned - np.eye(3)).max() < 1e-4
+    fast = time[process] > time[process][0] + 0.6
+    speed = np.gradient(poses[:, 1, 3], time[process])[fast][5:-5]
+    np.testing.assert_allclose(speed, 0.02, atol=5e-4)
+    assert np.abs(np.ptp(poses[:, [0, 2], 3], axis=0)).max() < 1e-4
+
+
+def test_a_base_believed_a_millimetre_off_puts_the_tool_a_millimetre_off(tmp_path: Path) -> None:
+    file = base_file(tmp_path, off_m=MILLIMETRE)
+    run = run_experiment(dual(*FREE, *EXACT, f"dual.bases_file={file}"))
+    off = run.log["relative_error_m"].astype(float)[run.log["phase"] == 2][-200:-100]
+    # The host puts the follower's base too far along y, so the tool it sends comes out too little.
+    np.testing.assert_allclose(off.mean(axis=0), [0.0, -MILLIMETRE, 0.0], atol=4e-5)
+    assert run.figures["tracking_error_worst_m"] < 2e-4
+
+
+def test_the_force_is_held_on_the_moving_rim(pressed: RunResult) -> None:
+    figures = pressed.figures
+    assert figures["protective_stop"] is None
+    assert figures["force_max_deviation_n"] <= 1.5
+    assert figures["force_mean_n"] == pytest.approx(20.0, abs=0.2)
+    assert figures["tracking_error_worst_m"] <= 1e-4
+    assert figures["relative_error_rms_m"] <= 6e-5
+    assert figures["master_way_m"] == pytest.approx(0.005 * (4.0 - 0.25), abs=0.001)
+
+
+def test_the_same_seed_gives_the_same_log(pressed: RunResult) -> None:
+    again = run_experiment(dual("process.max_feed_s=4"))
+    for name in again.log.names:
+        np.testing.assert_array_equal(again.log[name], pressed.log[name])
+
+
+def test_the_path_runs_around_the_middle_of_the_rim_on_its_surface() -> None:
+    place = prepare_dual(dual()).place
+    points = place.path.positions_work[place.path.process]
+    np.testing.assert_allclose(np.linalg.norm(points[:, :2], axis=1), 0.08, atol=2e-5)
+    np.testing.assert_allclose(points[:, 2], 0.038, atol=2e-5)
+    assert np.linalg.norm(points[0] - points[-1]) < 1e-9
+    assert place.path.axes_work[:, 2].min() > 0.9999
+
+
+def test_the_reach_is_checked_beforehand() -> None:
+    path, reach = check_experiment(dual())
+    assert path.length_m == pytest.approx(2.0 * np.pi * 0.08 + 0.06, abs=1e-3)
+    assert reach.smallest_singular_value > 0.1
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind", "said"),
+    [
+        (
+            ["dual.follower_pose=[-2.5,0,0,0,0,3]"],
+            ReachError,
+            "the follower .* --set dual.follower_pose=.-1.1,0,0,0,0,3.14",
+        ),
+        (["part.pose=[0,2,0.3,0,0,0]"], ReachError, "the master does not reach the first pose"),
+        (["dual.follower_pose=[-0.35,0,0,0,0,3]"], ReachError, "cannot do this"),
+        (["dual.master_speed_m_s=0.25"], ReachError, "the master does not"),
+        (["dual.master_direction=[0,0,0]"], ConfigError, "'dual.master_direction' is no direction"),
+        (["part.file=plate"], PlanError, "1 piece.s. and 1 border.s."),
+        (["dual.density_kg_m3=7800"], ReachError, "the part weighs"),
+        (["dual.bases_file=gone.toml"], InputError, "cannot read the calibration 'gone.toml'"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_anything_moves(
+    changes: list[str], kind: type[Exception], said: str
+) -> None:
+    with pytest.raises(kind, match=said):
+        prepare_dual(dual(*changes))
+
+
+def test_the_calibration_of_other_robots_is_refused(tmp_path: Path) -> None:
+    file = base_file(tmp_path, pair="cell 7")
+    with pytest.raises(CalibrationError, match="another pair of robots: 'cell 7', not 'simulated'"):
+        prepare_dual(dual(f"dual.bases_file={file}"))
+    file = base_file(tmp_path, off_m=0.1, true=False)
+    with pytest.raises(CalibrationError, match=r"100\.0 mm .* set the cell up as it was: --set dual\.follower_pose="):
+        prepare_dual(dual(f"dual.bases_file={file}"))
