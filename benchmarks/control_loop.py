@@ -17,9 +17,13 @@ from polish_sim.cell.kernel import ARRIVED, STOP
 from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import build_recorder
 from polish_sim.experiments import default_scenario
+from polish_sim.experiments.dual import build_dual_cell
+from polish_sim.experiments.dual_task import prepare_dual
 from polish_sim.experiments.force import prepare_force
 
 STEPS, CHUNK, ROUNDS = 20_000, 200, 7
+PAIR_START, PAIR_STEPS = 9000, 4000
+"""Two robots press and move from here on; steps a round, so that the path is long enough."""
 
 
 @njit(cache=True)
@@ -30,6 +34,7 @@ def _bare_steps(model: int, data: int, steps: int) -> None:
 
 def measure() -> Iterator[Row]:
     """Median over interleaved rounds of bare and closed-loop steps."""
+    yield from measure_pair()
     for name, controller in (
         ("hybrid-pi", "hybrid-pi"),
         ("hybrid-adaptive", "hybrid-adaptive"),
@@ -43,6 +48,30 @@ def measure() -> Iterator[Row]:
         yield Row(f"{name}: ratio", f"{loop / bare:.2f}", limit)
         scaled = (loop - bare) * 4.5 / bare
         yield Row(f"{name}: above bare, scaled to bare = 4.5 us", f"{scaled:.2f} us", "7 us" if limit != "-" else "-")
+
+
+def measure_pair() -> Iterator[Row]:
+    """A step of two robots, one moving the part, beside a step of one; CPU time, interleaved."""
+    single = _pressing_cell("hybrid-pi")
+    one = single.kernel._replace(job=single.strokes[0]._replace(hold=np.inf))
+    one.status[STOP] = one.status[ARRIVED] = 0.0
+    one.sequence.stage[0] = 5.0
+    scenario = default_scenario("dual")
+    pair, _ = build_dual_cell(scenario, prepare_dual(scenario))
+    recorder, spent = build_recorder(CHUNK, 4), []
+    for _ in range(PAIR_START // CHUNK):
+        advance(pair.kernel, recorder, pair.law, pair.rng.standard_normal((CHUNK, 12)), CHUNK)
+    for _ in range(ROUNDS):
+        for kernel, cell in ((one, single), (pair.kernel, pair)):
+            begin = time.process_time()
+            for _ in range(PAIR_STEPS // CHUNK):
+                advance(kernel, recorder, cell.law, cell.rng.standard_normal((CHUNK, 12)), CHUNK)
+            spent.append(time.process_time() - begin)
+    if pair.kernel.status[STOP] or not pair.kernel.wrench[2] > 1.0:
+        raise RuntimeError("the benchmark's two robots lost contact: the figure would mean nothing")
+    alone, both = float(np.median(spent[::2])), float(np.median(spent[1::2]))
+    yield Row("two robots: closed loop", f"{1e6 * both / PAIR_STEPS:.2f} us", "")
+    yield Row("two robots: over the loop of one", f"{both / alone:.2f}", "2.2")
 
 
 def _pressing_cell(controller: str) -> Cell:
