@@ -17,7 +17,7 @@ from polish_sim.config import DualConfig
 from polish_sim.errors import CalibrationError, ConfigError, place_in_mm
 from polish_sim.experiments.calibrate_base import TrueBases, simulate_arcs
 from polish_sim.experiments.calibrate_tcp import TcpTrial, simulate_touches
-from polish_sim.motion.coordination import Chain2
+from polish_sim.motion.coordination import Chain2, follower_flange, master_flange
 from polish_sim.spatial import apply, from_pose, inverse, rotation_angle, transform
 
 Array = NDArray[np.float64]
@@ -86,6 +86,25 @@ def calibrated_frames(config: DualConfig, marks: Array, rng: np.random.Generator
     return PairFrames(true, believed)
 
 
+def tool_errors(frames: PairFrames, T_master_work: Array, T_work_tool: Array) -> Array:
+    """How far the tool is off on the part if both arms do exactly what the believed chain asks for.
+
+    Args:
+        frames: What is true and what is believed.
+        T_master_work: Where the host wants the part, base of the master, shape (4, 4).
+        T_work_tool: Where it wants the tool on the part, shape (n, 4, 4).
+
+    Returns:
+        From the tool as wanted to the tool as it is, work frame [m], shape (n, 3).
+    """
+    true, believed = frames
+    T_master_flange = master_flange(believed, T_master_work)
+    T_follower_flange = follower_flange(believed, T_master_work, T_work_tool)
+    T_work_master = inverse(T_master_flange @ true.T_flange_gripper @ true.T_gripper_work)
+    is_now = T_work_master @ true.T_master_follower @ T_follower_flange @ true.T_flange_tool
+    return np.asarray(is_now[:, :3, 3] - T_work_tool[:, :3, 3])
+
+
 def _bases(config: DualConfig, T_master_follower: Array, rng: np.random.Generator) -> Array:
     """The follower's base in the master's: from a file, or single axes turned before a tracker."""
     if config.bases_file:
@@ -105,7 +124,13 @@ def _tool(config: DualConfig, T_flange_tool: Array, rng: np.random.Generator) ->
     """The tool on the follower's flange: from a file, or touches of a point."""
     if config.tool_file:
         T = read_tool_calibration(Path(config.tool_file)).T_flange_tool
-        _check_near(f"'{config.tool_file}' puts the tool", "the cell's tool", T, T_flange_tool, "calibrate it")
+        _check_near(
+            f"'{config.tool_file}' puts the tool",
+            "the cell's tool",
+            T,
+            T_flange_tool,
+            "none: the run then finds its own",
+        )
         return T
     trial = TcpTrial(noise=config.touch_noise_m)
     return fit_tool_frame(simulate_touches(trial, T_flange_tool, rng), trial.noise or None).T_flange_tool
