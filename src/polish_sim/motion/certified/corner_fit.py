@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from polish_sim.motion.certified.buffers import FULL_LEVELS, LEVELS, Corners, Lines, Segments
 from polish_sim.motion.certified.corner import CornerFigures, CornerLimits, CornerWeights, corner_kernel, time_lost
 from polish_sim.motion.certified.corner_enclosure import JointShares
-from polish_sim.motion.certified.corner_parts import Kernel, Sides, copy_scaled
+from polish_sim.motion.certified.corner_parts import Sides, copy_scaled
 from polish_sim.motion.certified.corner_proof import Slowdown, prove_kernel
 from polish_sim.motion.certified.corners import (
     corner_limits,
@@ -77,25 +77,29 @@ def fill_corner(segments: Segments, lines: Lines, corners: Corners, k: int, cour
     )
     corners.chosen[k], corners.levels[k], corners.scales[k, 0] = -1, 1, 0.0
     set_state(corners, k, 0, CornerFigures(0.0, 0.0, 0.0, 0.0))
-    fit = _fit_kernel(task, lines, kernel_of(corners, k), k, course, robot)
-    for _ in range(_REFITS):
-        if not (fit.proof.factor > _REFITTED and math.isfinite(fit.proof.factor)):
+    fit = _Fit(CornerFigures(0.0, 0.0, 0.0, 0.0), Slowdown(math.inf, False, JointShares(0.0, 0.0, 0.0)))
+    limits, soonest = task.limits, math.inf
+    for _ in range(1 + _REFITS):
+        other = _fit_kernel(task, limits, lines, k, course, robot)
+        slowed = scaled_figures(other.figures, 1.0, other.proof.factor)
+        lost = time_lost(slowed, task.limits)
+        if not lost < soonest:
             break
-        lowered = _Task(task.weights, _lowered(task.limits, fit.proof.joints), task.sides, task.q)
-        other = _fit_kernel(lowered, lines, robot.kernel, k, course, robot)
-        if not _time(other, task.limits) < _time(fit, task.limits):
-            break
+        fit, soonest = other, lost
         copy_scaled(robot.kernel, 1.0, 1.0, kernel_of(corners, k))
-        task, fit = lowered, other
+        if other.proof.factor <= _REFITTED:
+            break
+        limits = _lowered(limits, other.proof.joints)
     if not _lay_out_states(fit, task, lines, corners, k, course, robot):
         _lay_out_plain(task, lines, corners, k, course, robot)
 
 
-@njit(cache=True, error_model="numpy")
-def _fit_kernel(task: _Task, lines: Lines, kernel: Kernel, k: int, course: Course, robot: Robot) -> _Fit:
-    """Fill a kernel as large as tolerances, lines and the arm allow."""
+@njit(cache=True, error_model="numpy", inline="always")
+def _fit_kernel(task: _Task, limits: CornerLimits, lines: Lines, k: int, course: Course, robot: Robot) -> _Fit:
+    """Fill the robot's kernel, as large as tolerances, lines and the arm allow."""
+    kernel = robot.kernel
     durations, remaining, gone = kernel
-    figures = corner_kernel(task.weights, task.limits, course.shapes, durations, remaining, gone)
+    figures = corner_kernel(task.weights, limits, course.shapes, durations, remaining, gone)
     scale = room_scale(lines, k, figures.size)
     proof = Slowdown(1.0, True, JointShares(0.0, 0.0, 0.0))
     for _ in range(_SHRINKS):
@@ -131,13 +135,7 @@ def _lowered(limits: CornerLimits, shares: JointShares) -> CornerLimits:
     )
 
 
-@njit(cache=True, error_model="numpy")
-def _time(fit: _Fit, limits: CornerLimits) -> float:
-    """Time lost at a corner by a kernel that is slowed down [s]."""
-    return time_lost(scaled_figures(fit.figures, 1.0, fit.proof.factor), limits)
-
-
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _lay_out_states(
     fit: _Fit, task: _Task, lines: Lines, corners: Corners, k: int, course: Course, robot: Robot
 ) -> bool:
@@ -162,7 +160,7 @@ def _lay_out_states(
     return roomy
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _lay_out_plain(task: _Task, lines: Lines, corners: Corners, k: int, course: Course, robot: Robot) -> None:
     """Add the states of plain kernels to a corner without much room; their scales are negative."""
     figures, kernel = plain_kernel(task.weights, task.limits), robot.kernel

@@ -72,7 +72,7 @@ def fill_bend(segments: Segments, k: int, course: Course) -> None:
     segments.bends[k, 0], segments.bends[k, 1] = bend.length, min(bend.speed, limits.segment_speed)
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def slow_bend(segments: Segments, k: int, course: Course, robot: Robot) -> None:
     """Slow the bend before segment ``k`` down for the joints."""
     length, speed = segments.bends[k, 0], segments.bends[k, 1]
@@ -84,7 +84,7 @@ def slow_bend(segments: Segments, k: int, course: Course, robot: Robot) -> None:
     )
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def bends_hold(segments: Segments, lines: Lines, k: int, course: Course, pen: Pen, robot: Robot) -> bool:
     """Whether all bends laid in line ``k`` keep limits and tolerances at every instant, tip, axis and joints."""
     way = 0.0

@@ -146,7 +146,7 @@ def take_points(stream: Stream, course: Course, tips: Array, rotations: Array, f
             _give_line(stream, course)
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _offer_point(stream: Stream, course: Course, tip: Array, rotation: Array, feed: float) -> bool:
     """Lead the run on to a way point; true if it must be closed before it."""
     counters, held = stream.counters, stream.counters[HELD]
@@ -157,7 +157,7 @@ def _offer_point(stream: Stream, course: Course, tip: Array, rotation: Array, fe
     return bool(held > 1 and not _joins(stream.run, held, course.shares))
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _end_run(stream: Stream) -> bool:
     """The path ends with the run; true if there is anything in it."""
     counters = stream.counters
@@ -165,7 +165,7 @@ def _end_run(stream: Stream) -> bool:
     return bool(counters[LAST] > 0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _restart_run(run: Run, counters: NDArray[np.int64]) -> None:
     """Begin a run with the last two way points of the old one."""
     for to in range(2):
@@ -192,7 +192,7 @@ def _joins(run: Run, last: int, shares: Shares) -> bool:
     return deviation.tip <= shares.tip and deviation.axis <= shares.axis
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _add_segment(stream: Stream, course: Course) -> bool:
     """The chord of the run becomes a segment; false if it leads nowhere or the robot cannot follow."""
     counters, segments, last = stream.counters, stream.segments, stream.counters[LAST]
@@ -215,7 +215,7 @@ def _add_segment(stream: Stream, course: Course) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _string(stream: Stream, course: Course) -> bool:
     """Put the newest segment on the open line; false if that must be closed before it."""
     segments, lines, counters = stream.segments, stream.lines, stream.counters
@@ -234,7 +234,7 @@ def _string(stream: Stream, course: Course) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _close_line(stream: Stream, course: Course, last: int) -> None:
     """The open line ends with segment ``last``; its start becomes a corner."""
     counters, lines, corners, k = stream.counters, stream.lines, stream.corners, stream.counters[LINES]
@@ -245,7 +245,7 @@ def _close_line(stream: Stream, course: Course, last: int) -> None:
         reach_corner(lines, corners, k)
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _decide(stream: Stream, ends: bool) -> int:
     """Decide on the oldest open corner once the look-ahead is full, on all if the path ends.
 
@@ -289,7 +289,7 @@ def _set_stop(corners: Corners, k: int) -> None:
     corners.scales[k, 0] = 0.0
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _give_line(stream: Stream, course: Course) -> None:
     """Put the oldest line into the outbox; both its corners are decided."""
     counters, box, lines, k = stream.counters, stream.outbox, stream.lines, stream.counters[GIVEN]
@@ -302,7 +302,7 @@ def _give_line(stream: Stream, course: Course) -> None:
     counters[GIVEN], counters[OUT_ROWS] = k + 1, row
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _lay_line(stream: Stream, course: Course, k: int) -> None:
     """Lay law and bends of line ``k``; slower if a bend should not keep its limits or find no room."""
     limits = line_limits(stream.lines, k)
@@ -318,7 +318,7 @@ def _lay_line(stream: Stream, course: Course, k: int) -> None:
     stream.counters[STATUS] = NO_LAW
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _give_way_point(stream: Stream, k: int) -> None:
     """Put the end of segment ``k`` into the outbox."""
     box, chain, m = stream.outbox, stream.segments.chain, stream.counters[OUT_SEGMENTS]
@@ -330,7 +330,7 @@ def _give_way_point(stream: Stream, k: int) -> None:
     stream.counters[OUT_SEGMENTS] = m + 1
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _move_to_front(stream: Stream) -> None:
     """Move what is still needed to the front of the buffers."""
     counters, lines = stream.counters, stream.lines
