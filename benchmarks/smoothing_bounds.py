@@ -55,7 +55,7 @@ def _repeat(
 
 def prove(chain: Chain, k: int, arm: Arm, limits: SmoothingLimits) -> Proven | None:
     """Prove segment k of a chain that begins at the arm's start; None if it cannot be."""
-    tool, motion, work = np.zeros(3), np.zeros(3), new_segment_work()
+    tool, motion, work = np.zeros(6), np.zeros(6), new_segment_work()
     segment, ratio = chain_segment(chain_in_base(chain, arm), k), limits.tip_speed / limits.axis_speed
     scale = max(segment.length, segment.angle * ratio, abs(segment.roll) * ratio)
     arguments = (segment, scale, limits.values(), arm, arm.q_start, motion, work)
@@ -73,7 +73,7 @@ def prove(chain: Chain, k: int, arm: Arm, limits: SmoothingLimits) -> Proven | N
 def _used(chain: Chain, arm: Arm, scale: float, motion: Array, limits: SmoothingLimits) -> float:
     rates = chain_rates(chain, np.linspace(0.0, 1.0, 101), arm)
     q1, q2, q3 = (np.abs(rate[0]).max(axis=0) for rate in rates[1:])
-    v, a, j = motion / scale
+    v, a, j = motion[:3] / scale
     shares = np.array([q1 * v, q2 * v * v + q1 * a, q3 * v**3 + 3.0 * q2 * v * a + q1 * j]) / limits.values().joint
     return float(shares.max())
 

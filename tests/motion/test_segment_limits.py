@@ -57,9 +57,9 @@ def shares(chain: Chain, arm: Arm, scale: float, motion: np.ndarray, limits: Smo
 
 def proven(chain: Chain, arm: Arm, scale: float, limits: SmoothingLimits) -> tuple[int, np.ndarray, np.ndarray]:
     segment: Segment = chain_segment(chain_in_base(chain, arm), 0)
-    motion, q = np.zeros(3), arm.q_start.copy()
+    motion, q = np.zeros(6), arm.q_start.copy()
     status = segment_limits(segment, scale, limits.values(), arm, q, motion, new_segment_work())
-    return status, motion, q
+    return status, motion[:3], q
 
 
 def test_no_joint_passes_its_limit_at_the_proven_speeds() -> None:
@@ -84,7 +84,7 @@ def test_where_joints_bind_they_are_used_nearly_fully() -> None:
 
 def test_without_joints_the_tool_alone_binds() -> None:
     chain, arm, scale = next(random_segments(1, 2))
-    motion = np.zeros(3)
+    motion = np.zeros(6)
     segment = chain_segment(chain_in_base(chain, arm), 0)
     segment_limits(segment, scale, TIGHT.values(), arm_or_none(None), arm.q_start.copy(), motion, new_segment_work())
     tip, axis = chain.lengths[0] / scale, chain.angles[0] / scale

@@ -35,7 +35,7 @@ class Segments(NamedTuple):
     spans: Array
     """Generalised length l of each segment [m]: of the tip, or of a turn worth as much time, shape (CAPACITY,)."""
     limits: Array
-    """Speed, acceleration and jerk along l [m/s, m/s^2, m/s^3], shape (CAPACITY, 3)."""
+    """Speed, acceleration and jerk along l [m/s, m/s^2, m/s^3], then those from rest to rest, shape (CAPACITY, 6)."""
     bends: Array
     """Length [m] and largest speed [m/s] of the bend before each segment, shape (CAPACITY, 2)."""
     used: Array
@@ -52,7 +52,8 @@ class Lines(NamedTuple):
     spans: Array
     """Generalised length [m], shape (CAPACITY,)."""
     limits: Array
-    """Speed, acceleration and jerk of the law along it [m/s, m/s^2, m/s^3], shape (CAPACITY, 3)."""
+    """Speed, acceleration and jerk of the law along it [m/s, m/s^2, m/s^3], then those from rest to rest,
+    shape (CAPACITY, 6)."""
     rooms: Array
     """What corners may take of its start and of its end [m], shape (CAPACITY, 2)."""
 
@@ -92,14 +93,14 @@ def new_segments() -> Segments:
         rolls=np.zeros(n),
     )  # fmt: skip
     return Segments(
-        chain, np.zeros(n), np.zeros((n, 3)), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n, dtype=np.int64)
+        chain, np.zeros(n), np.zeros((n, 6)), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n, dtype=np.int64)
     )
 
 
 def new_lines() -> Lines:
     """Buffers without a line."""
     n = CAPACITY
-    return Lines(np.zeros(n + 1, dtype=np.int64), np.zeros(n), np.zeros((n, 3)), np.zeros((n, 2)))
+    return Lines(np.zeros(n + 1, dtype=np.int64), np.zeros(n), np.zeros((n, 6)), np.zeros((n, 2)))
 
 
 def new_corners() -> Corners:

@@ -122,10 +122,10 @@ def fill_limits(segments: Segments, k: int, feed: float, limits: LimitValues, ar
     for j in range(6):
         q[j] = robot.q[k, j]
     status = segment_limits(base_segment(segments, k, arm, robot, 0), span, limits, arm, q, row, robot.work)
-    row[0] = min(row[0], FASTEST)
-    if chain.lengths[k] > 0.0:
-        row[0] = min(row[0], feed * span / chain.lengths[k])
-    row[2] = min(row[2], SHARPEST)
-    # More than this is never reached on the way to full speed.
-    row[1] = min(row[1], math.sqrt(row[0] * row[2]))
+    cap = feed * span / chain.lengths[k] if chain.lengths[k] > 0.0 else math.inf
+    for i in range(0, 6, 3):
+        row[i] = min(row[i], FASTEST, cap)
+        row[i + 2] = min(row[i + 2], SHARPEST)
+        # More than this is never reached on the way to full speed.
+        row[i + 1] = min(row[i + 1], math.sqrt(row[i] * row[i + 2]))
     return int(status)

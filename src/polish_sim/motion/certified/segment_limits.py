@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.motion.certified.joint_choice import binds, choose_limits, worst_share
 from polish_sim.motion.certified.joint_enclosure import Enclosure, enclose, new_enclosure
 from polish_sim.motion.kinematics import JOINT_LIMITS
 from polish_sim.motion.segment_rates import BEYOND, REACHED, SINGULAR, Segment, rates_at, within_range
@@ -24,10 +25,6 @@ Array = NDArray[np.float64]
 
 MOST_PIECES = 20000
 """A segment that needs more pieces (some 50 ms of work) runs through a singularity: no speed can be proven."""
-LOOSE = 1.05
-"""A piece is cut while its bounds exceed the values at its middle by more than this and bind."""
-FINEST = 1.0 / 64.0
-"""Half width below which bounds are taken as they are, if confirmed [-]."""
 FASTEST, SHARPEST = 1e3, 1e9
 """Stand-ins for what no limit binds [m/s, m/s^3]."""
 FEW_GUESSES = 2
@@ -41,11 +38,30 @@ class SegmentWork(NamedTuple):
     enclosure: Enclosure
     most: Array
     """Largest bounds of |q'|, |q''|, |q'''| over the pieces seen, shape (3, 6)."""
+    middle: Array
+    """Largest of them in the middle of a piece, where they are exact, shape (3, 6)."""
+    excess: Array
+    """How far a piece's bounds are above these, shape (3, 6)."""
 
 
 def new_segment_work() -> SegmentWork:
     """Fresh work space."""
-    return SegmentWork(new_enclosure(), np.zeros((3, 6)))
+    return SegmentWork(new_enclosure(), np.zeros((3, 6)), np.zeros((3, 6)), np.zeros((3, 6)))
+
+
+class Grain(NamedTuple):
+    """How closely to bound."""
+
+    loose: float
+    """A piece is cut while its bounds exceed values known to occur by more than this share of a limit."""
+    finest: float
+    """Half width of a piece that is not cut any more if confirmed [-]."""
+    binding: float
+    """Share of a limit from which on it counts."""
+
+
+COARSE, FINE = Grain(0.05, 1.0 / 64.0, 1.0), Grain(0.004, 1.0 / 512.0, 0.9)
+"""For a first round, and for a second one, at what the first one found, where the joints bind."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -67,19 +83,6 @@ def tool_limits(segment: Segment, scale: float, limits: LimitValues, out: Array)
     out[1] = min(acceleration, math.sqrt(out[0] * out[2]))
 
 
-@njit(cache=True, error_model="numpy")
-def _worst_share(rates: Array, scale: float, motion: Array, joint: Array) -> float:
-    """Largest share of a joint's limit used at speed, acceleration and jerk ``motion`` along l."""
-    v, a, j = motion[0] / scale, motion[1] / scale, motion[2] / scale
-    worst = 0.0
-    for i in range(6):
-        q1, q2, q3 = abs(rates[0, i]), abs(rates[1, i]), abs(rates[2, i])
-        worst = max(worst, q1 * v / joint[0, i])
-        worst = max(worst, (q2 * v * v + q1 * a) / joint[1, i])
-        worst = max(worst, (q3 * v * v * v + 3.0 * q2 * v * a + q1 * j) / joint[2, i])
-    return worst
-
-
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _stays_in_range(q: Array, rates: Array, r: float) -> bool:
     """Whether no joint can leave its range within r of the middle."""
@@ -90,9 +93,30 @@ def _stays_in_range(q: Array, rates: Array, r: float) -> bool:
     return True
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _is_loose(scale: float, limits: LimitValues, motion: Array, grain: Grain, work: SegmentWork) -> bool:
+    """Whether a piece's bounds bind and are too far above the values that are known to occur."""
+    e = work.enclosure
+    for i in range(3):
+        for j in range(6):
+            work.middle[i, j] = max(work.middle[i, j], abs(e.arm.rates[i, j]))
+            work.excess[i, j] = max(e.rates[i, j] - work.middle[i, j], 0.0)
+    return bool(
+        worst_share(e.rates, scale, motion, limits.joint) > grain.binding
+        and worst_share(work.excess, scale, motion, limits.joint) > grain.loose
+    )
+
+
 @njit(cache=True, error_model="numpy")
 def bound_joints(
-    segment: Segment, scale: float, limits: LimitValues, arm: Arm, q_near: Array, motion: Array, work: SegmentWork
+    segment: Segment,
+    scale: float,
+    limits: LimitValues,
+    arm: Arm,
+    q_near: Array,
+    motion: Array,
+    grain: Grain,
+    work: SegmentWork,
 ) -> int:
     """Bound the joint derivatives on a whole segment, piece by piece, into ``work.most``.
 
@@ -102,8 +126,9 @@ def bound_joints(
         limits: Of the joints; where they do not bind at ``motion``, loose bounds do.
         arm: Tool and robot.
         q_near: Says the arm's branch [rad], shape (6,).
-        motion: Speed, acceleration and jerk along l that the tool allows.
-        work: Work space.
+        motion: Speed, acceleration and jerk along l that are wanted.
+        grain: How closely to look.
+        work: Work space; ``middle`` holds values known to occur on the segment, or zeros.
 
     Returns:
         REACHED, UNREACHABLE, SINGULAR or BEYOND (a joint's range).
@@ -122,19 +147,18 @@ def bound_joints(
             return SINGULAR
         r = 0.5 * width
         status = rates_at(e.arm, segment, start + r, arm, e.arm.q, e.T)
-        if status != REACHED and width < FINEST:
+        if status != REACHED and width < COARSE.finest:
             return status
         guesses = enclose(e, r, fourth) if status == REACHED else 0
         if guesses == 0:
             width *= 0.5
             continue
         if not _stays_in_range(e.arm.q, e.rates, r):
-            if not within_range(e.arm.q) or width < FINEST:
+            if not within_range(e.arm.q) or width < COARSE.finest:
                 return BEYOND
             width *= 0.5
             continue
-        share = _worst_share(e.rates, scale, motion, limits.joint)
-        if share > 1.0 and r > FINEST and share > LOOSE * _worst_share(e.arm.rates, scale, motion, limits.joint):
+        if r > grain.finest and _is_loose(scale, limits, motion, grain, work):
             width *= 0.5
             continue
         for i in range(3):
@@ -146,79 +170,11 @@ def bound_joints(
     return REACHED
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _greatest_acceleration(most: Array, scale: float, v: float, joint: Array) -> float:
-    """Largest acceleration along l that the joints allow at speed v; negative if v alone is too fast."""
-    largest = math.inf
-    for i in range(6):
-        left = joint[1, i] - most[1, i] * (v / scale) ** 2
-        largest = min(largest, left / (most[0, i] / scale) if left > 0.0 else -1.0)
-    return largest
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _greatest_jerk(most: Array, scale: float, v: float, a: float, joint: Array) -> float:
-    """Largest jerk along l that the joints allow at speed v and acceleration a; negative if none."""
-    v, a = v / scale, a / scale
-    largest = math.inf
-    for i in range(6):
-        left = joint[2, i] - most[2, i] * v * v * v - 3.0 * most[1, i] * v * a
-        largest = min(largest, left / (most[0, i] / scale) if left > 0.0 else -1.0)
-    return largest
-
-
-@njit(cache=True, error_model="numpy")
-def _rest_to_rest(way: float, v: float, a: float, j: float) -> float:
-    """Least time from rest to rest over a way: the S-curve's three boxes (paper file, time-optimal three-box)."""
-    c = min(a / j, math.sqrt(v / j), np.cbrt(0.5 * way / j))
-    # Boxes sorted: way = t1 t2 t3 j with t2 >= t3 = c and t1 >= t2 + t3.
-    peak = j * c
-    b = max(c, min(v / peak, 0.5 * (math.sqrt(c * c + 4.0 * way / peak) - c)))
-    return max(way / (peak * b), b + c) + b + c
-
-
-@njit(cache=True, error_model="numpy")
-def joint_limits(most: Array, scale: float, limits: LimitValues, out: Array) -> None:
-    """Lower speed, acceleration and jerk along l in ``out`` until the joints are in limits too.
-
-    Tried are falling speeds and, at each, falling shares of the acceleration left; taken is the choice that passes a
-    representative way from rest to rest soonest: the segment's own, but no shorter than the tool needs to get fast.
-
-    Args:
-        most: Bounds of the joint derivatives by progress, shape (3, 6).
-        scale: Generalised length [m].
-        limits: Of the joints.
-        out: V, A, J that the tool allows; lowered.
-    """
-    v0, a0, j0 = out[0], out[1], out[2]
-    for i in range(6):
-        v0 = min(v0, limits.joint[0, i] / (most[0, i] / scale) * _SLACK)
-    a = min(a0, _greatest_acceleration(most, scale, v0, limits.joint) * _SLACK)
-    if a == a0 and _greatest_jerk(most, scale, v0, a, limits.joint) >= j0:
-        out[0] = v0
-        return
-    way = max(scale, v0 * v0 / a0 + v0 * a0 / j0)
-    soonest, v = math.inf, v0
-    for _ in range(40):
-        a_most = min(a0, _greatest_acceleration(most, scale, v, limits.joint) * _SLACK)
-        if a_most > 0.0:
-            a = a_most
-            for _ in range(6):
-                j = min(j0, _greatest_jerk(most, scale, v, a, limits.joint) * _SLACK)
-                time = _rest_to_rest(way, v, a, j) if j > 0.0 else math.inf
-                if time < soonest:
-                    soonest, out[0], out[1], out[2] = time, v, a, j
-                a *= 0.8
-        if way / v > soonest:
-            break
-        v *= 0.85
-
-
 @njit(cache=True, error_model="numpy")
 def lower_to_joints(
     segment: Segment, scale: float, limits: LimitValues, arm: Arm, q_near: Array, motion: Array, work: SegmentWork
 ) -> int:
-    """Lower speed, acceleration and jerk along a segment until all joints are in limits on all of it.
+    """Lower speeds, accelerations and jerks along a segment until all joints are in limits on all of it.
 
     Args:
         segment: In the base frame.
@@ -226,16 +182,27 @@ def lower_to_joints(
         limits: Of the joints.
         arm: Tool and robot.
         q_near: Joint angles near the segment's start [rad], shape (6,); overwritten by those at its end.
-        motion: V, A, J along l that the tool allows, finite; lowered.
+        motion: As for `segment_limits`: what the tool allows, finite; lowered.
         work: Work space.
 
     Returns:
         REACHED, UNREACHABLE, SINGULAR (no speed can be proven) or BEYOND (a joint's range).
     """
-    status = bound_joints(segment, scale, limits, arm, q_near, motion, work)
+    for i in range(3):
+        for j in range(6):
+            work.middle[i, j] = 0.0
+    run, stop = motion[:3], motion[3:6]
+    way = max(scale, run[0] ** 2 / run[1] + run[0] * run[1] / run[2])
+    status = bound_joints(segment, scale, limits, arm, q_near, run, COARSE, work)
+    if status == REACHED and binds(work.most, scale, limits.joint, run):
+        choose_limits(work.most, scale, limits.joint, scale, stop)
+        status = bound_joints(segment, scale, limits, arm, q_near, stop, FINE, work)
+        for i in range(3):
+            stop[i] = run[i]
+        choose_limits(work.most, scale, limits.joint, scale, stop)
+        choose_limits(work.most, scale, limits.joint, way, run)
     if status != REACHED:
         return status
-    joint_limits(work.most, scale, limits, motion)
     e = work.enclosure
     status = rates_at(e.arm, segment, 1.0, arm, e.arm.q, e.T)
     for j in range(6):
@@ -261,13 +228,16 @@ def segment_limits(
         limits: Of tool and joints.
         arm: Tool and robot; `arm_or_none`: tool limits only.
         q_near: As for `lower_to_joints`.
-        motion: Written: V, A, J along l in its first three places.
+        motion: Written: V, A, J along l with which a way is passed soon that is long enough to get fast, then those
+            with which the segment takes least time from rest to rest; either three hold on their own, shape (6,).
         work: Work space.
 
     Returns:
         REACHED, UNREACHABLE, SINGULAR or BEYOND (a joint's range).
     """
     tool_limits(segment, scale, limits, motion)
+    for i in range(3):
+        motion[3 + i] = motion[i]
     if not is_there(arm):
         return REACHED
     return lower_to_joints(segment, scale, limits, arm, q_near, motion, work)

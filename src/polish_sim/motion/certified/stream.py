@@ -15,6 +15,7 @@ from polish_sim.motion.certified.buffers import (
     CAPACITY,
     LOOKAHEAD,
     MOST_STRUNG,
+    SPEED,
     Corners,
     Lines,
     Segments,
@@ -43,7 +44,7 @@ from polish_sim.motion.certified.window import (
     decide,
     decide_all,
     forget_past,
-    line_limits,
+    limits_between,
     reach_corner,
 )
 from polish_sim.motion.segment_rates import REACHED
@@ -305,7 +306,9 @@ def _give_line(stream: Stream, course: Course) -> None:
 @njit(cache=True, error_model="numpy", inline="always")
 def _lay_line(stream: Stream, course: Course, k: int) -> None:
     """Lay law and bends of line ``k``; slower if a bend should not keep its limits or find no room."""
-    limits = line_limits(stream.lines, k)
+    corners = stream.corners
+    first, second = corners.chosen[k], corners.chosen[k + 1]
+    limits = limits_between(stream.lines, k, corners.states[k, first, SPEED], corners.states[k + 1, second, SPEED])
     pen = stream.outbox.pen
     for _ in range(_TRIES):
         lay_law(stream.lines, stream.corners, k, limits, pen)

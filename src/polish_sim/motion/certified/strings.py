@@ -69,7 +69,7 @@ def open_line(segments: Segments, lines: Lines, line: int, k: int) -> None:
     """Begin a line with segment ``k``."""
     lines.first[line] = k
     lines.spans[line] = segments.spans[k]
-    for c in range(3):
+    for c in range(6):
         lines.limits[line, c] = segments.limits[k, c]
 
 
@@ -94,3 +94,5 @@ def close_line(segments: Segments, lines: Lines, line: int, last: int) -> None:
         lines.rooms[line, 1] *= 0.5
         lines.limits[line, 1] *= LINE_SHARE
         lines.limits[line, 2] *= LINE_SHARE
+        for c in range(3):
+            lines.limits[line, 3 + c] = lines.limits[line, c]

@@ -29,6 +29,13 @@ def line_limits(lines: Lines, k: int) -> LineLimits:
 
 
 @njit(cache=True, error_model="numpy")
+def limits_between(lines: Lines, k: int, first: float, second: float) -> LineLimits:
+    """Limits along a line that is run into and left at these speeds."""
+    row, c = lines.limits[k], 3 if first == 0.0 and second == 0.0 else 0
+    return LineLimits(row[c], row[c + 1], row[c + 2])
+
+
+@njit(cache=True, error_model="numpy")
 def ends_between(first: Array, second: Array) -> Ends:
     """How the connector between two corners' states begins and ends."""
     return Ends(first[SPEED], first[ACCELERATION], second[SPEED], second[ACCELERATION])
@@ -41,7 +48,8 @@ def run_time(lines: Lines, k: int, first: Array, second: Array) -> float:
     # Rounding may not take a line away from two corners that share it wholly.
     if distance < -1e-15 * lines.spans[k]:
         return math.inf
-    return connector_time(ends_between(first, second), max(distance, 0.0), line_limits(lines, k))
+    limits = limits_between(lines, k, first[SPEED], second[SPEED])
+    return connector_time(ends_between(first, second), max(distance, 0.0), limits)
 
 
 @njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -53,7 +61,7 @@ def reach_corner(lines: Lines, corners: Corners, k: int) -> None:
         for i in range(corners.levels[k - 1] - 1, -1, -1):
             first, cost = corners.states[k - 1, i], corners.costs[k - 1, i]
             distance = lines.spans[k - 1] - first[SIZE] - second[SIZE]
-            if cost + distance / lines.limits[k - 1, 0] >= best:
+            if cost + distance / max(lines.limits[k - 1, 0], lines.limits[k - 1, 3]) >= best:
                 continue
             time = cost + run_time(lines, k - 1, first, second)
             if time < best:
@@ -73,7 +81,7 @@ def best_before_stop(lines: Lines, corners: Corners, k: int) -> int:
         if distance < 0.0:
             continue
         ends = Ends(corners.states[k, i, SPEED], corners.states[k, i, ACCELERATION], 0.0, 0.0)
-        time = corners.costs[k, i] + connector_time(ends, distance, line_limits(lines, k))
+        time = corners.costs[k, i] + connector_time(ends, distance, limits_between(lines, k, ends.v0, 0.0))
         if time < best:
             best, state = time, i
     return state
