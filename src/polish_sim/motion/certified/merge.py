@@ -157,3 +157,22 @@ def _frame_turn(rotations: Array, last: int) -> float:
     for j in range(3):
         square += (rotations[last, j, 0] - rotations[0, j, 0]) ** 2
     return 2.0 * math.asin(min(0.5 * math.sqrt(square), 1.0))
+
+
+@njit(cache=True, error_model="numpy")
+def store_point(run: Run, i: int, tip: Array, rotation: Array, feed: float) -> None:
+    """Write way point ``i`` of a run."""
+    run.feeds[i] = feed
+    for j in range(3):
+        run.tips[i, j] = tip[j]
+        for c in range(3):
+            run.rotations[i, j, c] = rotation[j, c]
+
+
+@njit(cache=True, error_model="numpy")
+def joins(run: Run, last: int, shares: Shares) -> bool:
+    """Whether a run may be led on to its way point ``last``."""
+    if not may_join(run, last, shares):
+        return False
+    deviation = chord_deviation(run, last)
+    return deviation.tip <= shares.tip and deviation.axis <= shares.axis

@@ -60,7 +60,7 @@ class Grain(NamedTuple):
     """Share of a limit from which on it counts."""
 
 
-COARSE, FINE = Grain(0.05, 1.0 / 64.0, 1.0), Grain(0.004, 1.0 / 512.0, 0.9)
+COARSE, FINE = Grain(0.05, 1.0 / 64.0, 1.0), Grain(0.002, 1.0 / 1024.0, 0.9)
 """For a first round, and for a second one, at what the first one found, where the joints bind."""
 
 

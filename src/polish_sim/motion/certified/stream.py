@@ -5,7 +5,7 @@ Every way point goes the same way however many come at once, so the output does 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -36,8 +36,9 @@ from polish_sim.motion.certified.emit import (
     lay_law,
     new_pen,
 )
-from polish_sim.motion.certified.merge import Run, Shares, chord_deviation, empty_run, may_join
+from polish_sim.motion.certified.merge import Run, chord_deviation, empty_run, joins, store_point
 from polish_sim.motion.certified.robot import Robot, fill_limits, new_robot
+from polish_sim.motion.certified.shift import move_corner, move_line, move_row, move_segment, move_way_point
 from polish_sim.motion.certified.strings import close_line, may_string, open_line, string_segment
 from polish_sim.motion.certified.window import (
     best_before_stop,
@@ -50,7 +51,6 @@ from polish_sim.motion.certified.window import (
 from polish_sim.motion.segment_rates import REACHED
 from polish_sim.motion.smoothing.arm import Arm
 from polish_sim.motion.smoothing.build import fill_segment
-from polish_sim.motion.smoothing.chain import Chain
 
 Array = NDArray[np.float64]
 
@@ -151,11 +151,11 @@ def take_points(stream: Stream, course: Course, tips: Array, rotations: Array, f
 def _offer_point(stream: Stream, course: Course, tip: Array, rotation: Array, feed: float) -> bool:
     """Lead the run on to a way point; true if it must be closed before it."""
     counters, held = stream.counters, stream.counters[HELD]
-    _store(stream.run, held, tip, rotation, feed)
+    store_point(stream.run, held, tip, rotation, feed)
     counters[RAW] += 1
     counters[HELD] = held + 1
     counters[LAST], counters[RAW_END] = held - 1, counters[RAW] - 2
-    return bool(held > 1 and not _joins(stream.run, held, course.shares))
+    return bool(held > 1 and not joins(stream.run, held, course.shares))
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -171,26 +171,8 @@ def _restart_run(run: Run, counters: NDArray[np.int64]) -> None:
     """Begin a run with the last two way points of the old one."""
     for to in range(2):
         i = counters[LAST] + to
-        _store(run, to, run.tips[i], run.rotations[i], run.feeds[i])
+        store_point(run, to, run.tips[i], run.rotations[i], run.feeds[i])
     counters[HELD] = 2
-
-
-@njit(cache=True, error_model="numpy")
-def _store(run: Run, i: int, tip: Array, rotation: Array, feed: float) -> None:
-    run.feeds[i] = feed
-    for j in range(3):
-        run.tips[i, j] = tip[j]
-        for c in range(3):
-            run.rotations[i, j, c] = rotation[j, c]
-
-
-@njit(cache=True, error_model="numpy")
-def _joins(run: Run, last: int, shares: Shares) -> bool:
-    """Whether a run may be led on to its way point ``last``."""
-    if not may_join(run, last, shares):
-        return False
-    deviation = chord_deviation(run, last)
-    return deviation.tip <= shares.tip and deviation.axis <= shares.axis
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -340,66 +322,14 @@ def _move_to_front(stream: Stream) -> None:
     shift, last = counters[GIVEN], counters[LINES]
     moved, count = lines.first[shift], counters[SEGMENTS]
     for k in range(shift, last + 1):
-        _move_corner(stream.corners, k, k - shift)
-        _move_line(lines, k, k - shift, moved)
+        move_corner(stream.corners, k, k - shift)
+        move_line(lines, k, k - shift, moved)
     for k in range(moved, count + 1):
-        _move_way_point(stream.segments.chain, k, k - moved)
-        _move(stream.robot.q, k - moved, k)
+        move_way_point(stream.segments.chain, k, k - moved)
+        move_row(stream.robot.q, k - moved, k)
     for k in range(moved, count):
-        _move_segment(stream.segments, k, k - moved)
+        move_segment(stream.segments, k, k - moved)
     counters[FIRST] += moved
     counters[SEGMENTS] -= moved
     counters[LINES] -= shift
     counters[GIVEN] = 0
-
-
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _move_line(lines: Lines, k: int, to: int, moved: int) -> None:
-    lines.first[to] = lines.first[k] - moved
-    _move(lines.spans, to, k)
-    _move(lines.limits, to, k)
-    _move(lines.rooms, to, k)
-
-
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _move_corner(corners: Corners, k: int, to: int) -> None:
-    _move(corners.durations, to, k)
-    _move(corners.remaining, to, k)
-    _move(corners.gone, to, k)
-    _move(corners.scales, to, k)
-    _move(corners.slowdowns, to, k)
-    _move(corners.states, to, k)
-    _move(corners.levels, to, k)
-    _move(corners.costs, to, k)
-    _move(corners.origins, to, k)
-    _move(corners.chosen, to, k)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _move(rows: NDArray[Any], to: int, k: int) -> None:
-    """Row ``k`` of an array over row ``to``, element by element: nothing is allocated."""
-    flat, size = rows.reshape(-1), rows.size // rows.shape[0]
-    for i in range(size):
-        flat[to * size + i] = flat[k * size + i]
-
-
-@njit(cache=True, error_model="numpy")
-def _move_way_point(chain: Chain, k: int, to: int) -> None:
-    _move(chain.tips, to, k)
-    _move(chain.axes, to, k)
-    _move(chain.rotations, to, k)
-
-
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _move_segment(segments: Segments, k: int, to: int) -> None:
-    chain = segments.chain
-    _move(chain.lengths, to, k)
-    _move(chain.directions, to, k)
-    _move(chain.angles, to, k)
-    _move(chain.turn_axes, to, k)
-    _move(chain.rolls, to, k)
-    _move(segments.spans, to, k)
-    _move(segments.limits, to, k)
-    _move(segments.bends, to, k)
-    _move(segments.used, to, k)
-    _move(segments.raw_ends, to, k)
