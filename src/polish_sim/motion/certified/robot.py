@@ -81,7 +81,7 @@ def base_segment(segments: Segments, k: int, arm: Arm, robot: Robot, slot: int) 
     return Segment(tip, frame, chain.lengths[k], direction, chain.angles[k], turn_axis, chain.rolls[k])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def base_sides(segments: Segments, k: int, arm: Arm, robot: Robot) -> Sides:
     """The corner before segment ``k`` as seen from the robot's base."""
     return Sides(

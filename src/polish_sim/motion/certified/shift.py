@@ -11,7 +11,7 @@ from polish_sim.motion.certified.buffers import Corners, Lines, Segments
 from polish_sim.motion.smoothing.chain import Chain
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def move_line(lines: Lines, k: int, to: int, moved: int) -> None:
     """Line ``k``, its segments counted from number ``moved`` on, becomes line ``to``."""
     lines.first[to] = lines.first[k] - moved
@@ -20,7 +20,7 @@ def move_line(lines: Lines, k: int, to: int, moved: int) -> None:
     move_row(lines.rooms, to, k)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def move_corner(corners: Corners, k: int, to: int) -> None:
     """Corner ``k`` becomes corner ``to``."""
     move_row(corners.durations, to, k)
@@ -43,7 +43,7 @@ def move_row(rows: NDArray[Any], to: int, k: int) -> None:
         flat[to * size + i] = flat[k * size + i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def move_way_point(chain: Chain, k: int, to: int) -> None:
     """Way point ``k`` becomes way point ``to``."""
     move_row(chain.tips, to, k)
@@ -51,7 +51,7 @@ def move_way_point(chain: Chain, k: int, to: int) -> None:
     move_row(chain.rotations, to, k)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def move_segment(segments: Segments, k: int, to: int) -> None:
     """Segment ``k`` becomes segment ``to``."""
     chain = segments.chain
