@@ -26,11 +26,16 @@ PLATE = (
 )
 
 
+LAST_S = 0.5
+"""The stop at the end of the time given is the clock's, not the rule's [s]."""
+
+
 def measure(rule: str, feed: float) -> str:
     """A line of figures of one run at a feed [mm/s]."""
     settings = [*PLATE, f"process.feed_m_s={feed / 1e3}", f"smoothing.rule={rule}"]
     run = run_experiment(override(default_scenario("surface"), settings))
-    fed = run.log["phase"] == 2
+    fed = np.flatnonzero(run.log["phase"] == 2)
+    fed = fed[run.log["time_s"][fed] < run.log["time_s"][fed[-1]] - LAST_S]
     step = float(np.median(np.diff(run.log["time_s"][fed])))
     moved = [run.log["target_position_m"][fed]]
     for _ in range(3):
