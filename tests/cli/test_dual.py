@@ -1,0 +1,48 @@
+"""`run dual` on the command line: which calibration goes where, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+
+def test_a_calibration_is_taken_for_what_it_is_of(polish_sim: Callable[..., object], tmp_path: Path) -> None:
+    assert polish_sim("calibrate", "base", "--out", "base")[0] == 0
+    code, out, _ = polish_sim("run", "dual", "--calibration", "base/calibration.toml", "--dry-run")
+    assert code == 0
+    assert "all within reach" in out
+    assert polish_sim("calibrate", "base", "--pair", "cell 7", "--out", "other")[0] == 0
+    code, _, err = polish_sim("run", "dual", "--calibration", "other/calibration.toml", "--out", "run")
+    assert code == 2
+    assert "another pair of robots: 'cell 7'" in err
+    assert polish_sim("calibrate", "tcp", "--out", "tool")[0] == 0
+    code, _, err = polish_sim("run", "dual", "--calibration", "tool/calibration.toml", "--out", "run")
+    assert code == 2
+    assert "from the cell's tool" in err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--stepover", "3"], "--stepover would change nothing in 'run dual'"),
+        (["--mode", "assist"], "--mode would change nothing in 'run dual'"),
+        (["--standoff", "200"], "--standoff 200 is outside 0 to 100 mm"),
+        (["--calibration", "gone.toml"], "cannot read the calibration 'gone.toml'"),
+    ],
+)
+def test_what_a_run_of_two_robots_cannot_take_is_refused(
+    polish_sim: Callable[..., object], tmp_path: Path, words: list[str], said: str
+) -> None:
+    code, _, err = polish_sim("run", "dual", *words, "--out", "run")
+    assert code == 2
+    assert said in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_two_robots_are_idle_elsewhere(polish_sim: Callable[..., object]) -> None:
+    code, _, err = polish_sim("run", "surface", "--standoff", "5")
+    assert code == 2
+    assert "--standoff would change nothing in 'run surface'" in err
