@@ -173,6 +173,15 @@ Duration = Annotated[
 ]
 
 # Two robots
+Dual = Annotated[
+    bool,
+    _option(
+        PAIR,
+        "--dual",
+        None,
+        "For two robots: once around the rim; reach, limits and collisions of both arms are checked.",
+    ),
+]
 MasterSpeed = Annotated[
     float | None,
     _option(PAIR, "--master-speed", "MM/S", "dual: speed at which the master moves the part (mm/s); default 5."),

@@ -8,7 +8,7 @@ from typing import Any
 
 from polish_sim.cli import console
 from polish_sim.cli import option_types as o
-from polish_sim.cli.idle_options import refuse_idle_on_path
+from polish_sim.cli.idle_options import refuse_idle_in, refuse_idle_on_path
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.scenario_options import build_scenario, given_options
@@ -37,6 +37,7 @@ def plan(
     pad_diameter: o.PadDiameter = None,
     contact_force: o.ContactForce = None,
     feed: o.Feed = None,
+    dual: o.Dual = False,
     export: o.Export = None,
     config: o.Config = None,
     set_: o.Set = None,
@@ -45,11 +46,14 @@ def plan(
 ) -> None:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png."""
     given = given_options(locals())
-    scenario = build_scenario(Scenario(), given, config, set_ or [])
+    if dual:
+        refuse_idle_in("dual", given)
+    scenario = build_scenario(Scenario(experiment="dual" if dual else "surface"), given, config, set_ or [])
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.report import save_plots
+    from polish_sim.cli.planning import plan_for_two
     from polish_sim.exchange import ExportSetup, check_formats, export_plan, write_plan
     from polish_sim.experiments import time_law
     from polish_sim.planning import PATTERNS, plan_part
@@ -58,7 +62,8 @@ def plan(
     formats = check_formats(export or [])
     setup = ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
     with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
-        result = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+        asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+        result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
         observer.stage("time the motion")
         result.figures.update(time_law(scenario, result.path))
         write_plan(folder.draft, result)

@@ -2,14 +2,51 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
+
+import numpy as np
 
 from polish_sim.analysis.path_plot import plot_plan
 from polish_sim.analysis.report import save_plots
+from polish_sim.cell import Observer
 from polish_sim.cli import console
 from polish_sim.config import Scenario
 from polish_sim.exchange import write_plan
+from polish_sim.experiments.dual_task import prepare_dual
 from polish_sim.planning import PlanObserver, PlanResult, ToolPath, measure_given_path, plan_part
+
+
+def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
+    """Plan once around a part's rim for two robots, and check that both arms can do it.
+
+    Args:
+        scenario: Part, robots and process.
+        observer: Told of the progress.
+
+    Returns:
+        The plan; its figures say where the part is held and how both arms start.
+
+    Raises:
+        PolishSimError: If the part cannot be used or planned, or an arm cannot follow.
+    """
+    begin = time.perf_counter()
+    task = prepare_dual(scenario, None, observer)
+    path, planned_s = task.place.path, time.perf_counter() - begin
+    result = measure_given_path(path, scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+    result.figures.update(
+        plan_time_s=planned_s,
+        air_length_m=path.length_m - float(np.ptp(path.s[path.process])),
+        axis_deviation_max_rad=0.0,
+        placement_value=task.reach.value,
+        chain_residual_m=task.residual,
+        T_master_work=task.reach.T_master_work.tolist(),
+        T_follower_work=task.place.reach.T_base_work.tolist(),
+        q_master_rad=task.reach.q_master.tolist(),
+        q_follower_rad=task.reach.q_follower.tolist(),
+        tool_spin_rad=task.reach.spin,
+    )
+    return result
 
 
 def plan_to_run(

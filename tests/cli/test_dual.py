@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -46,3 +47,19 @@ def test_two_robots_are_idle_elsewhere(polish_sim: Callable[..., object]) -> Non
     code, _, err = polish_sim("run", "surface", "--standoff", "5")
     assert code == 2
     assert "--standoff would change nothing in 'run surface'" in err
+
+
+def test_a_plan_for_two_says_where_the_part_is_held(polish_sim: Callable[..., object], tmp_path: Path) -> None:
+    code, out, _ = polish_sim("plan", "wheel_hub_rim", "--dual", "--out", "plan")
+    assert code == 0
+    assert "path length" in out
+    figures = json.loads((tmp_path / "plan" / "metrics.json").read_text())
+    assert figures["chain_residual_m"] < 1e-9
+    assert figures["placement_value"] > 0.1
+    assert len(figures["q_master_rad"]) == len(figures["q_follower_rad"]) == 6
+    code, _, err = polish_sim(
+        "plan", "wheel_hub_rim", "--dual", "--set", "dual.follower_pose=[-2.5,0,0,0,0,3]", "--out", "far"
+    )
+    assert code == 2
+    assert "--set dual.follower_pose=[-1.1,0,0,0,0,3.1416]" in err
+    assert not (tmp_path / "far").exists()
