@@ -87,7 +87,10 @@ def plan_law(knots: Array, caps: Array, quantities: list[Bounded], launch: Launc
     controls = size
     for _ in range(MOST_ROUNDS):
         rows = join_rows([_bounds(most, size, fixed), *(rows_of(each, controls, size, fixed) for each in asked)])
-        controls = size * np.where(fixed, 1.0, np.maximum(maximize(np.ones(len(size)), rows), LEAST))
+        shares = maximize(np.ones(len(size)), rows)
+        if shares is None:
+            break
+        controls = size * np.where(fixed, 1.0, np.maximum(shares, LEAST))
         found = [beyond(each, controls) for each in terms]
         asked += [cuts for _, cuts in found]
         if max(excess for excess, _ in found) <= KEPT:
