@@ -10,22 +10,18 @@ import numpy as np  # noqa: E402 - the cache must be chosen before numba loads
 
 from benchmarks.table import Row, print_rows  # noqa: E402
 from polish_sim.calibration.tool import fit_tool_point, orientation_spread, point_error_bound  # noqa: E402
-from polish_sim.config import DualConfig  # noqa: E402
 from polish_sim.experiments.arm_errors import ArmErrorTrial, run_arm_errors  # noqa: E402
 from polish_sim.experiments.calibrate_base import BaseTrial, run_base_calibration  # noqa: E402
 from polish_sim.experiments.calibrate_tcp import TcpTrial, planted_tool, simulate_touches  # noqa: E402
 from polish_sim.experiments.error_budget import BudgetTrial, run_error_budget  # noqa: E402
-from polish_sim.experiments.pair_frames import calibrated_frames, tool_errors  # noqa: E402
-from polish_sim.spatial import from_pose, transform  # noqa: E402
 
-TOUCH_DRAWS, BASE_SEEDS, ARM_SEEDS, BUDGET_DRAWS, PAIR_DRAWS = 5000, 60, 20, 300, 300
+TOUCH_DRAWS, BASE_SEEDS, ARM_SEEDS, BUDGET_DRAWS = 5000, 60, 20, 300
 
 
 def main() -> None:
     print_rows(f"Tool point, {TOUCH_DRAWS} draws", _tool_rows())
     print_rows(f"Base frames from circles, {BASE_SEEDS} seeds", _base_rows())
     print_rows(f"Arms 0.5 mm and 0.02 deg off their table (std), {ARM_SEEDS} seeds", _arm_rows())
-    print_rows(f"Tool on a rim of 80 mm, as 'run dual' calibrates, {PAIR_DRAWS} draws", _pair_rows())
     print_rows(f"Follower's tip relative to the master's, {BUDGET_DRAWS} draws", _budget_rows())
 
 
@@ -82,31 +78,6 @@ def _budget_rows() -> list[Row]:
     ]
     rows.append(Row("all, rms", f"{1e3 * budget.shares['all'].drawn:.4f} mm", "<= 0.06 mm"))
     return [*rows, Row("all, 95% below", f"{1e3 * budget.p95:.4f} mm", "<= 0.10 mm")]
-
-
-def _pair_rows() -> list[Row]:
-    angle = 2.0 * np.pi * np.arange(24) / 24
-    rim = np.stack([0.08 * np.cos(angle), 0.08 * np.sin(angle), np.full(24, 0.038)], axis=1)
-    T_work_tool = transform(np.tile(np.diag([1.0, -1.0, -1.0]), (24, 1, 1)), rim)
-    T_master_work, config = from_pose([-0.55, 0.0, 0.3, 0.0, 0.0, 0.0]), DualConfig()
-    marks = rim[:: 24 // config.marks]
-    errors = np.stack(
-        [
-            np.linalg.norm(
-                tool_errors(
-                    calibrated_frames(config, marks, np.random.default_rng([seed, 15])), T_master_work, T_work_tool
-                ),
-                axis=1,
-            )
-            for seed in range(PAIR_DRAWS)
-        ]
-    )
-    each = np.sqrt(np.mean(errors**2, axis=1))
-    return [
-        Row("rms", f"{1e3 * np.sqrt(np.mean(errors**2)):.4f} mm", "<= 0.06 mm"),
-        Row("95% below", f"{1e3 * np.percentile(errors, 95.0):.4f} mm", "<= 0.10 mm"),
-        Row("single calibrations with an rms above 0.06 mm", f"{100.0 * np.mean(each > 6e-5):.0f}%", ""),
-    ]
 
 
 if __name__ == "__main__":

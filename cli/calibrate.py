@@ -9,6 +9,7 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli import option_types as o
+from polish_sim.cli.calibrate_budget import budget
 from polish_sim.cli.calibrate_frames import base, tcp
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.panels import PanelledCommand
@@ -37,12 +38,12 @@ Drift = Annotated[
     bool, typer.Option("--drift", help="Also estimate a linear drift of the bias.", rich_help_panel=MODEL)
 ]
 
-calibrate = typer.Typer(name="calibrate", help="Calibrate the cell: payload, tcp, base.", rich_markup_mode=None)
+calibrate = typer.Typer(name="calibrate", help="Calibrate the cell: payload, tcp, base, budget.", rich_markup_mode=None)
 
 
 @calibrate.callback()
 def _every_calibration() -> None:
-    """Calibrate the cell; what each command finds is a calibration.toml that runs load."""
+    """Calibrate the cell: a calibration.toml that runs load; budget: what the errors of two robots come to."""
 
 
 @calibrate.command("payload", cls=PanelledCommand, short_help="Tool mass, its centre, sensor bias.")
@@ -85,3 +86,4 @@ def payload(
 
 calibrate.command("tcp", cls=PanelledCommand, short_help="Tool tip and axes on the flange.")(tcp)
 calibrate.command("base", cls=PanelledCommand, short_help="Where a second robot's base stands.")(base)
+calibrate.command("budget", cls=PanelledCommand, short_help="Where the error of two robots comes from.")(budget)

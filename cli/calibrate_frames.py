@@ -56,9 +56,9 @@ def tcp(
     """Find the tool's tip from touches of one fixed point, and its axes from moves along them."""
     given = {"--noise": noise, "--poses": poses, "--cone": cone, "--seed": seed, "--seeds": seeds}
     _refuse_idle(data, given)
-    _within("--noise", noise, 0.0, LARGEST_NOISE_MM, "mm")
-    _within("--poses", poses, 4, MOST_POINTS, "")
-    _within("--cone", cone, 3.0, 90.0, "deg")
+    within("--noise", noise, 0.0, LARGEST_NOISE_MM, "mm")
+    within("--poses", poses, 4, MOST_POINTS, "")
+    within("--cone", cone, 3.0, 90.0, "deg")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.cli import frame_calibration as work
     from polish_sim.experiments.calibrate_tcp import TcpTrial
@@ -91,8 +91,8 @@ def base(
     """Find where the second robot's base stands in the first one's, from a laser tracker or from common touches."""
     given = {"--noise": noise, "--points": points, "--seed": seed, "--seeds": seeds}
     _refuse_idle(data, given)
-    _within("--noise", noise, 0.0, LARGEST_NOISE_MM, "mm")
-    _within("--points", points, 3, MOST_POINTS, "")
+    within("--noise", noise, 0.0, LARGEST_NOISE_MM, "mm")
+    within("--points", points, 3, MOST_POINTS, "")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.cli import frame_calibration as work
     from polish_sim.experiments.calibrate_base import BaseTrial
@@ -117,7 +117,12 @@ def _refuse_idle(data: Path | None, given: Mapping[str, Any]) -> None:
         raise InputError(f"{', '.join(idle)} would change nothing with --data: leave it out.")
 
 
-def _within(name: str, value: float | None, low: float, high: float, unit: str) -> None:
+def within(name: str, value: float | None, low: float, high: float, unit: str) -> None:
+    """Refuse a value of an option outside its range.
+
+    Raises:
+        InputError: It is outside.
+    """
     if value is not None and not low <= value <= high:
         raise InputError(f"{name} {value:g} is outside {low:g} to {high:g} {unit}".rstrip() + ".")
 

@@ -1,0 +1,83 @@
+"""`polish-sim calibrate budget` as a user calls it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from polish_sim.cli import budget as work
+from polish_sim.experiments.pair_budget import PairBudgetTrial, draw_errors
+
+Tool = Callable[..., Any]
+
+
+def metrics(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
+
+
+def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp_path: Path) -> None:
+    call = polish_sim("calibrate", "budget", "--draws", "30", "--check", "--out", "one")
+    assert call.code == 0
+    assert "draw 30 calibrations" in call.err
+    assert {path.name for path in (tmp_path / "one").iterdir()} == {"metrics.json", "budget.png"}
+    figures = metrics(tmp_path / "one")
+    sources = figures["sources"]
+    assert set(sources) == {"bases", "tool", "part", "together"}
+    alone = [sources[name]["predicted_rms_m"] for name in ("bases", "tool", "part")]
+    assert sources["together"]["predicted_rms_m"] == pytest.approx(np.linalg.norm(alone))
+    assert figures["relative_error_rms_m"] == sources["together"]["drawn_rms_m"]
+    assert figures["settings"]["tracker_noise_m"] == 3e-5
+    again = polish_sim("calibrate", "budget", "--draws", "30", "--out", "one")
+    assert again.code == 2
+    assert "exists" in again.err
+
+
+def test_worse_instruments_fall_short(polish_sim: Tool, tmp_path: Path) -> None:
+    words = ("--draws", "30", "--tracker-noise", "0", "--touch-noise", "0.2", "--marks", "4", "--check", "--out", "bad")
+    assert polish_sim("calibrate", "budget", *words).code == 1
+    figures = metrics(tmp_path / "bad")
+    assert figures["settings"]["marks"] == 4
+    assert figures["sources"]["tool"]["predicted_rms_m"] == pytest.approx(2e-4 * np.sqrt(0.4), rel=1e-6)
+    assert figures["sources"]["bases"]["predicted_rms_m"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--draws", "29"], "--draws 29 is outside 30 to 100000"),
+        (["--tracker-noise", "-1"], "--tracker-noise -1 is outside 0 to 10 mm"),
+        (["--touch-noise", "nan"], "--touch-noise nan is outside 0 to 10 mm"),
+        (["--marks", "2"], "--marks 2 is outside 3 to 100"),
+        (["--seed", "-1"], "--seed -1 is outside"),
+        (["--tracker-noise", "0", "--touch-noise", "0"], "leaves no error to share out"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_error(words: list[str], said: str, polish_sim: Tool, tmp_path: Path) -> None:
+    code, out, err = polish_sim("calibrate", "budget", *words, "--out", "no")
+    assert (code, out) == (2, "")
+    assert said in err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("after", "kept"), [(30, True), (3, False)])
+def test_broken_off_what_was_drawn_is_kept_if_it_is_enough(
+    after: int, kept: bool, polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(trial: PairBudgetTrial) -> Iterator[dict[str, Any]]:
+        for count, errors in enumerate(draw_errors(trial)):
+            if count == after:
+                raise KeyboardInterrupt
+            yield errors
+
+    monkeypatch.setattr(work, "draw_errors", interrupted)
+    code, _, err = polish_sim("calibrate", "budget", "--out", "cut")
+    assert code == 130
+    assert "interrupted" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["cut"] * kept
+    if kept:
+        assert metrics(tmp_path / "cut")["draws"] == after

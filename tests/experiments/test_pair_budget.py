@@ -1,0 +1,90 @@
+"""Noise of instruments to the tool on the part: what is drawn is what first order says, source by source."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from polish_sim.config import DualConfig
+from polish_sim.experiments.pair_budget import (
+    SOURCES,
+    TOGETHER,
+    PairBudgetTrial,
+    Share,
+    compare_shares,
+    draw_errors,
+    predict_covariances,
+)
+
+Array = NDArray[np.float64]
+
+TRIAL = PairBudgetTrial(draws=60, points=8, seed=1)
+
+
+@pytest.fixture(scope="module")
+def drawn() -> dict[str, Array]:
+    draws = list(draw_errors(TRIAL))
+    return {name: np.stack([one[name] for one in draws]) for name in draws[0]}
+
+
+@pytest.fixture(scope="module")
+def shares(drawn: dict[str, Array]) -> dict[str, Share]:
+    return compare_shares(TRIAL, predict_covariances(TRIAL), drawn)
+
+
+def test_each_source_alone_and_all_together_are_drawn_as_predicted(shares: dict[str, Share]) -> None:
+    """Four standard errors; sixty draws tell an rms to about 5%, so that a wrong lever or a missing source shows."""
+    assert set(shares) == {*SOURCES, TOGETHER}
+    for share in shares.values():
+        assert abs(share.deviation_sigma) < 4.0
+        assert share.drawn_rms_std_m < 0.1 * share.drawn_rms_m
+        assert share.drawn_p95_m == pytest.approx(share.predicted_p95_m, rel=0.2)
+
+
+@pytest.mark.parametrize("source", [*SOURCES, TOGETHER])
+def test_errors_stretch_as_their_covariance_does(source: str, drawn: dict[str, Array]) -> None:
+    """Whitened by the prediction each place's errors have mean 0 and variance 1 in every direction."""
+    covariances = predict_covariances(TRIAL)[source]
+    white = np.stack([np.linalg.solve(np.linalg.cholesky(C), drawn[source][:, k].T) for k, C in enumerate(covariances)])
+    # 60 draws: a variance has a standard error of sqrt(2 / 60), a mean of 1 / sqrt(60).
+    assert np.abs(np.mean(white**2, axis=2) - 1.0).max() < 4.5 * np.sqrt(2.0 / 60.0)
+    assert np.abs(np.mean(white, axis=2)).max() < 4.5 / np.sqrt(60.0)
+
+
+def test_sources_add_up_as_vectors_draw_by_draw(drawn: dict[str, Array]) -> None:
+    """To first order: what is left is a product of two of them, nanometres."""
+    np.testing.assert_allclose(sum(drawn[name] for name in SOURCES), drawn[TOGETHER], atol=1e-7)
+
+
+def test_the_tool_is_off_by_its_tips_bound_wherever_it_works(shares: dict[str, Share]) -> None:
+    """Closed form for a cone of 45 deg: sigma sqrt((2 + 1 / sin^2 45) / 10), half of it along the flange's z."""
+    assert shares["tool"].predicted_rms_m == pytest.approx(5e-5 * np.sqrt(0.4), rel=1e-6)
+    assert shares["tool"].predicted_axial_share == pytest.approx(0.5, rel=1e-6)
+
+
+def test_ten_times_the_noise_is_ten_times_the_error() -> None:
+    ten = replace(TRIAL, dual=DualConfig(tracker_noise_m=3e-4, touch_noise_m=5e-4))
+    one, many = predict_covariances(TRIAL), predict_covariances(ten)
+    for name in one:
+        np.testing.assert_allclose(many[name], 100.0 * one[name], rtol=1e-3, atol=1e-13)
+
+
+def test_an_exact_tracker_leaves_the_touches_alone() -> None:
+    exact = replace(TRIAL, draws=2, dual=DualConfig(tracker_noise_m=0.0))
+    errors = list(draw_errors(exact))
+    shares = compare_shares(
+        exact, predict_covariances(exact), {name: np.stack([e[name] for e in errors]) for name in errors[0]}
+    )
+    assert shares["bases"].predicted_rms_m == 0.0
+    assert shares["bases"].drawn_rms_m < 1e-10
+    assert shares[TOGETHER].predicted_rms_m == pytest.approx(
+        np.hypot(shares["tool"].predicted_rms_m, shares["part"].predicted_rms_m)
+    )
+
+
+def test_the_tool_on_the_part_is_as_close_as_asked(shares: dict[str, Share]) -> None:
+    assert shares[TOGETHER].predicted_rms_m <= 6e-5
+    assert shares[TOGETHER].predicted_p95_m <= 1e-4
