@@ -32,6 +32,14 @@ TouchNoise = Annotated[
 TrackerNoise = Annotated[
     float | None, _option("--noise", "MM", "Noise of a measured point per coordinate, rms (mm); default 0.03.")
 ]
+CellTool = Annotated[
+    bool,
+    typer.Option(
+        "--cell-tool",
+        help="Simulate the cell's own tool, which `run dual --calibration` takes, not one planted by the seed.",
+        rich_help_panel=PANEL,
+    ),
+]
 Poses = Annotated[int | None, _option("--poses", "N", "Touches, 4 or more; default 10.")]
 Cone = Annotated[float | None, _option("--cone", "DEG", "Tilt of the tool in the touches, 3 to 90 (deg); default 45.")]
 Points = Annotated[
@@ -47,6 +55,7 @@ def tcp(
     noise: TouchNoise = None,
     poses: Poses = None,
     cone: Cone = None,
+    cell_tool: CellTool = False,
     seed: o.Seed = None,
     seeds: o.Seeds = None,
     check: o.Check = False,
@@ -54,7 +63,8 @@ def tcp(
     overwrite: o.Overwrite = False,
 ) -> int:
     """Find the tool's tip from touches of one fixed point, and its axes from moves along them."""
-    given = {"--noise": noise, "--poses": poses, "--cone": cone, "--seed": seed, "--seeds": seeds}
+    given = {"--noise": noise, "--poses": poses, "--cone": cone, "--cell-tool": cell_tool or None}
+    given |= {"--seed": seed, "--seeds": seeds}
     _refuse_idle(data, given)
     within("--noise", noise, 0.0, LARGEST_NOISE_MM, "mm")
     within("--poses", poses, 4, MOST_POINTS, "")
@@ -64,6 +74,8 @@ def tcp(
     from polish_sim.experiments.calibrate_tcp import TcpTrial
 
     trial = TcpTrial(**_chosen(noise=(noise, 1e-3), poses=(poses, 1), cone=(cone, math.pi / 180.0), seed=(seed, 1)))
+    if cell_tool:
+        trial = work.of_the_cell(trial)
     with claimed(out, "calibrate-tcp", overwrite) as folder:
         if data is not None:
             outcome = work.tcp_from_data(data, folder.draft)

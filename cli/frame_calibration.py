@@ -38,6 +38,14 @@ def check_method(name: str) -> None:
     method_named(name)
 
 
+def of_the_cell(trial: TcpTrial) -> TcpTrial:
+    """The same trial of the tool the cell has."""
+    # Lazy: other calibrations of frames need no simulator.
+    from polish_sim.cell import tool_on_flange
+
+    return replace(trial, T_flange_tool=tool_on_flange())
+
+
 def tcp_once(trial: TcpTrial, draft: Path) -> Outcome:
     """Calibrate one simulated tool and write its folder."""
     found = run_tcp_calibration(trial)

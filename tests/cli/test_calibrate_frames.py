@@ -159,6 +159,7 @@ def test_a_touch_off_by_two_millimetres_is_named(files: Any, polish_sim: Tool, t
         (("tcp", "--noise", "-1"), "--noise -1 is outside 0 to 10 mm"),
         (("tcp", "--data", "gone.csv"), "cannot read the flange poses 'gone.csv'"),
         (("tcp", "--data", "gone.csv", "--seed", "3"), "--seed would change nothing with --data"),
+        (("tcp", "--data", "gone.csv", "--cell-tool"), "--cell-tool would change nothing with --data"),
         (("base", "--method", "gps"), "unknown method 'gps'. Known: circles, handshake, poses."),
         (("base", "--points", "5"), "5 points are too few for a circle"),
         (("base", "--method", "handshake", "--data", "gone.csv"), "cannot read the measurements 'gone.csv'"),

@@ -22,7 +22,12 @@ def test_a_calibration_is_taken_for_what_it_is_of(polish_sim: Callable[..., obje
     code, _, err = polish_sim("run", "dual", "--calibration", "tool/calibration.toml", "--out", "run")
     assert code == 2
     assert "from the cell's tool" in err
+    assert "calibrate tcp --cell-tool" in err
     assert not (tmp_path / "run").exists()
+    assert polish_sim("calibrate", "tcp", "--cell-tool", "--seed", "3", "--check", "--out", "own")[0] == 0
+    code, out, _ = polish_sim("run", "dual", "--calibration", "own/calibration.toml", "--dry-run")
+    assert code == 0
+    assert "all within reach" in out
 
 
 @pytest.mark.parametrize(

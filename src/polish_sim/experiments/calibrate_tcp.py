@@ -45,6 +45,8 @@ class TcpTrial:
     move: float = 0.1
     """Length of the moves along the tool's axes [m]."""
     seed: int = 0
+    T_flange_tool: Array | None = None
+    """The tool as it really is, shape (4, 4); None: one is planted by the seed."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def calibrate_tcp_from(measured: ToolMeasurements) -> TcpCalibration:
 
 
 def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
-    """Plant a tool, touch a point with it in planned poses, move along its axes, and find it.
+    """Take or plant a tool, touch a point with it in planned poses, move along its axes, and find it.
 
     Args:
         trial: Noise, poses, seed.
@@ -81,7 +83,7 @@ def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
         ReachError: If the arm cannot reach a pose.
     """
     rng = np.random.default_rng([trial.seed, 11])
-    T_flange_tool = planted_tool(rng)
+    T_flange_tool = planted_tool(rng) if trial.T_flange_tool is None else trial.T_flange_tool
     measured = simulate_touches(trial, T_flange_tool, rng)
     # Exact touches leave rounding: below a nanometre a stated noise says nothing.
     found = fit_tool_frame(measured, trial.noise if trial.noise > 1e-9 else None)

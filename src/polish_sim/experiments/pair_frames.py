@@ -129,7 +129,7 @@ def _tool(config: DualConfig, T_flange_tool: Array, rng: np.random.Generator) ->
             "the cell's tool",
             T,
             T_flange_tool,
-            "none: the run then finds its own",
+            "the one of `calibrate tcp --cell-tool`, or none: the run then finds its own",
         )
         return T
     trial = TcpTrial(noise=config.touch_noise_m)
