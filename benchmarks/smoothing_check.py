@@ -121,6 +121,8 @@ def judge_path(number: int, task: Task) -> list[Judged]:
             rows.append(Judged(rule, path.kind, number, np.full(11, np.nan), math.nan, str(error)))
             continue
         shares = judge_motion(chain, schedule, path, task.limits)
+        if not (np.isfinite(shares).all() and np.isfinite(schedule.end) and np.isfinite(schedule.starts).all()):
+            shares = np.full(11, np.inf)  # no motion at all breaks everything
         rows.append(Judged(rule, path.kind, number, shares, schedule.end, ""))
     return rows
 

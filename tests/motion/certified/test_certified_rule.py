@@ -140,3 +140,12 @@ def test_a_quarter_circle_in_short_chords_takes_little_longer_than_its_length_at
     merged, schedule = plan(chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, None)
     assert schedule.end <= 1.15 * 1.72
     assert measure_deviation(merged, schedule, chain).contour.value <= TOLERANCE
+
+
+@pytest.mark.parametrize("number", [5242, 6314])
+def test_a_bend_that_would_bulge_while_the_tool_brakes_is_laid_shorter(number):
+    chain = draw_path(np.random.default_rng([0, number]), number).chain
+    passed, schedule = plan(chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, None)
+    assert np.isfinite(schedule.starts).all()
+    assert measure_deviation(passed, schedule, chain).contour.value <= TOLERANCE * (1 + 1e-9)
+    assert schedule.end < exact_stop.plan(chain, LIMITS).schedule.end

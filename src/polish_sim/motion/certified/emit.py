@@ -93,7 +93,7 @@ def lay_law(lines: Lines, corners: Corners, k: int, limits: LineLimits, pen: Pen
     """Fill the law of line ``k`` between its two decided corners.
 
     Returns:
-        Its duration [s].
+        Its duration [s], NaN if the line is too short for the corners' speeds under these limits.
     """
     first, second = corners.states[k, corners.chosen[k]], corners.states[k + 1, corners.chosen[k + 1]]
     ends, distance = ends_between(first, second), max(lines.spans[k] - first[SIZE] - second[SIZE], 0.0)
@@ -103,8 +103,8 @@ def lay_law(lines: Lines, corners: Corners, k: int, limits: LineLimits, pen: Pen
 
 
 @njit(cache=True, error_model="numpy")
-def lay_bends(segments: Segments, lines: Lines, k: int, pen: Pen) -> bool:
-    """Place the bends of line ``k`` in its law.
+def lay_bends(segments: Segments, lines: Lines, k: int, pen: Pen, share: float) -> bool:
+    """Place the bends of line ``k`` in its law, each with a share of its planned length.
 
     Returns:
         Whether all fit in.
@@ -113,7 +113,7 @@ def lay_bends(segments: Segments, lines: Lines, k: int, pen: Pen) -> bool:
     for i in range(first + 1, last + 1):
         way += segments.spans[i - 1]
         before, after = 0.5 * segments.spans[i - 1], 0.5 * segments.spans[i]
-        turning = turn_at(pen.law, way, segments.bends[i, 0], before, after)
+        turning = turn_at(pen.law, way, share * segments.bends[i, 0], before, after)
         row = pen.bends[i - first]
         row[0], row[1], row[2], row[3] = turning.begin, turning.duration, turning.jerks[0], turning.jerks[1]
         if turning.duration <= 0.0:

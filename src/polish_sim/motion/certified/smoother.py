@@ -14,6 +14,8 @@ from polish_sim.motion.certified.course import new_course
 from polish_sim.motion.certified.merge import Shares
 from polish_sim.motion.certified.stream import (
     BLOCK,
+    GIVEN,
+    NO_LAW,
     OUT_ROWS,
     OUT_SEGMENTS,
     SEGMENTS,
@@ -95,6 +97,7 @@ class Smoother:
 
         Raises:
             ReachError: The robot cannot go to a way point, or not at any speed that can be proven.
+            SmoothingError: No law of time was found for a line.
         """
         tips, rotations = np.ascontiguousarray(tips, dtype=float), np.ascontiguousarray(rotations, dtype=float)
         caps = np.full(len(tips), np.inf) if feeds is None else np.ascontiguousarray(feeds, dtype=float)
@@ -122,6 +125,13 @@ class Smoother:
         counters, chain = self._stream.counters, self._stream.segments.chain
         if counters[STATUS] == REACHED:
             return
+        if counters[STATUS] == NO_LAW:
+            first, last = self._stream.lines.first[counters[GIVEN] : counters[GIVEN] + 2]
+            start, end = place_in_mm(chain.tips[first]), place_in_mm(chain.tips[last])
+            raise SmoothingError(
+                f"between {start} and {end} no law of time was found that keeps every bend within limits and "
+                "tolerance. Widen the tolerance, or set it to 0 to stop at every point."
+            )
         k = int(counters[SEGMENTS])
         start, end = place_in_mm(chain.tips[k]), place_in_mm(chain.tips[k + 1])
         if counters[STATUS] == UNREACHABLE:

@@ -64,7 +64,9 @@ COUNTERS = 13
 NO_LAW = 9
 """Status: no law was found that keeps a line's bends in their limits."""
 _ROOM = BLOCK + (LOOKAHEAD + 2) * MOST_STRUNG
-_TRIES, _SLOWER = 30, 0.85
+_SLOWINGS, _SLOWER = 25, 0.85
+_SHORTENINGS, _SHORTER = 3, 0.8
+"""Where speed changes along a bend it bulges more than planned for: it is laid shorter before the line is slowed."""
 
 
 class Outbox(NamedTuple):
@@ -143,8 +145,10 @@ def take_points(stream: Stream, course: Course, tips: Array, rotations: Array, f
             open_line(stream.segments, stream.lines, counters[LINES], counters[SEGMENTS] - 1)
             counters[OPEN] = 1
         until = _decide(stream, i > count) if closing or i > count else counters[GIVEN]
-        while counters[GIVEN] < until:
+        while counters[GIVEN] < until and counters[STATUS] == REACHED:
             _give_line(stream, course)
+        if counters[STATUS] != REACHED:
+            break
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -277,6 +281,8 @@ def _give_line(stream: Stream, course: Course) -> None:
     """Put the oldest line into the outbox; both its corners are decided."""
     counters, box, lines, k = stream.counters, stream.outbox, stream.lines, stream.counters[GIVEN]
     _lay_line(stream, course, k)
+    if counters[STATUS] != REACHED:
+        return
     place = Place(k, counters[FIRST], counters[OUT_ROWS])
     row, time = emit_line(stream.segments, lines, stream.corners, box.pen, place, stream.clock[0])
     for i in range(lines.first[k], lines.first[k + 1]):
@@ -287,19 +293,21 @@ def _give_line(stream: Stream, course: Course) -> None:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _lay_line(stream: Stream, course: Course, k: int) -> None:
-    """Lay law and bends of line ``k``; slower if a bend should not keep its limits or find no room."""
+    """Lay law and bends of line ``k``; bends shorter, then the line slower if one breaks a limit or finds no room."""
     corners = stream.corners
     first, second = corners.chosen[k], corners.chosen[k + 1]
     limits = limits_between(stream.lines, k, corners.states[k, first, SPEED], corners.states[k + 1, second, SPEED])
     pen = stream.outbox.pen
-    for _ in range(_TRIES):
-        lay_law(stream.lines, stream.corners, k, limits, pen)
-        if lay_bends(stream.segments, stream.lines, k, pen) and bends_hold(
+    for attempt in range(_SLOWINGS * _SHORTENINGS):
+        slow = _SLOWER ** (attempt // _SHORTENINGS)
+        slower = LineLimits(limits.speed * slow, limits.acceleration * slow**2, limits.jerk * slow**3)
+        if np.isnan(lay_law(stream.lines, corners, k, slower, pen)):
+            break
+        if lay_bends(stream.segments, stream.lines, k, pen, _SHORTER ** (attempt % _SHORTENINGS)) and bends_hold(
             stream.segments, stream.lines, k, course, pen, stream.robot
         ):
             return
         stream.counters[RELAID] += 1
-        limits = LineLimits(limits.speed * _SLOWER, limits.acceleration * _SLOWER**2, limits.jerk * _SLOWER**3)
     stream.counters[STATUS] = NO_LAW
 
 
