@@ -1,4 +1,4 @@
-"""`run surface --path`: a finished plan, and the part it was made on."""
+"""`run surface --path`, `run dual --path`: a finished plan, and the part it was made on."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from polish_sim.cli.idle_options import PATH_OPTIONS
 from polish_sim.config import Scenario
@@ -16,6 +16,10 @@ from polish_sim.experiments.part_setup import part_file
 from polish_sim.models import workpiece_names
 from polish_sim.planning import ToolPath
 from polish_sim.scenario_file import merge
+
+
+PATH_TAKERS: Final = ("surface", "dual")
+"""Experiments that run a finished plan; `smooth` and `teach` take theirs in their own way."""
 
 
 class GivenPlan(NamedTuple):
@@ -39,9 +43,9 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
     Raises:
         InputError: If the plan cannot be read, belongs to another part, or is asked to be planned differently.
     """
-    if scenario.experiment != "surface":
+    if scenario.experiment not in PATH_TAKERS:
         raise InputError(
-            f"--path is for 'run surface' and 'run smooth': '{scenario.experiment}' has no path to be given."
+            f"--path is for 'run surface', 'run dual' and 'run smooth': '{scenario.experiment}' has no path to be given."
         )
     asked = [option for option in PATH_OPTIONS if given.get(option) is not None]
     if asked:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 
@@ -54,7 +55,9 @@ def test_two_robots_are_idle_elsewhere(polish_sim: Callable[..., object]) -> Non
     assert "--standoff would change nothing in 'run surface'" in err
 
 
-def test_a_plan_for_two_says_where_the_part_is_held(polish_sim: Callable[..., object], tmp_path: Path) -> None:
+def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(
+    polish_sim: Callable[..., object], tmp_path: Path
+) -> None:
     code, out, _ = polish_sim("plan", "wheel_hub_rim", "--dual", "--out", "plan")
     assert code == 0
     assert "path length" in out
@@ -62,6 +65,17 @@ def test_a_plan_for_two_says_where_the_part_is_held(polish_sim: Callable[..., ob
     assert figures["chain_residual_m"] < 1e-9
     assert figures["placement_value"] > 0.1
     assert len(figures["q_master_rad"]) == len(figures["q_follower_rad"]) == 6
+    run = ("run", "dual", "--path", "plan", "--set", "process.max_feed_s=0.5")
+    code, _, err = polish_sim(*run, "--out", "run")
+    assert code == 0, err
+    planned, ran = (
+        np.loadtxt(tmp_path / name / "path.csv", delimiter=",", skiprows=1, usecols=(0, 1, 2))
+        for name in ("plan", "run")
+    )
+    np.testing.assert_allclose(ran, planned, atol=1e-9)
+    code, _, err = polish_sim(*run, "--region", "all", "--out", "again")
+    assert code == 2
+    assert "--path is a finished plan: leave --region out" in err
     code, _, err = polish_sim(
         "plan", "wheel_hub_rim", "--dual", "--set", "dual.follower_pose=[-2.5,0,0,0,0,3]", "--out", "far"
     )

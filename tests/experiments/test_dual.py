@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,12 @@ from polish_sim.analysis.bounds import CLAIMS
 from polish_sim.config import Scenario
 from polish_sim.errors import CalibrationError, ConfigError, InputError, PlanError, ReachError
 from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
+from polish_sim.experiments.dual import build_dual_cell
 from polish_sim.experiments.dual_task import prepare_dual
 from polish_sim.experiments.pair_frames import true_chain
 from polish_sim.motion import forward_many
+from polish_sim.planning import PlanResult, measure_given_path
+from polish_sim.planning.toolpath import APPROACH, RETRACT, arc_length
 from polish_sim.scenario_file import override
 
 FREE = ("dual.standoff_m=0.005", "process.feed_m_s=0.05", "dual.master_speed_m_s=0.02", "process.max_feed_s=2")
@@ -111,6 +115,26 @@ def test_the_path_runs_around_the_middle_of_the_rim_on_its_surface() -> None:
     np.testing.assert_allclose(points[:, 2], 0.038, atol=2e-5)
     assert np.linalg.norm(points[0] - points[-1]) < 1e-9
     assert place.path.axes_work[:, 2].min() > 0.9999
+
+
+def two_stretches() -> PlanResult:
+    """The rim's path, a piece of it lifted off the part."""
+    scenario = dual()
+    path = prepare_dual(scenario).place.path
+    first, last = len(path.s) // 2, len(path.s) // 2 + 20
+    points, segment = path.positions_work.copy(), path.segment.copy()
+    points[first:last] += 0.03 * path.axes_work[first:last]
+    segment[first:last] = [RETRACT] * 10 + [APPROACH] * 10
+    lifted = replace(path, positions_work=points, segment=segment, s=arc_length(points))
+    return measure_given_path(lifted, scenario.part, scenario.plan, scenario.process, scenario.pad)
+
+
+def test_a_path_of_two_stretches_is_pressed_but_not_followed_above_the_part() -> None:
+    plan = two_stretches()
+    scenario = dual("process.feed_m_s=0.05")
+    assert len(build_dual_cell(scenario, prepare_dual(scenario, plan))[1]) == 2
+    with pytest.raises(PlanError, match="touches the part in 2 stretches: at a stand-off"):
+        prepare_dual(dual("dual.standoff_m=0.005"), plan)
 
 
 def test_the_reach_is_checked_beforehand() -> None:

@@ -26,7 +26,6 @@ from polish_sim.experiments.part_setup import (
     path_done,
     polishing_strokes,
     random_streams,
-    stretches_in_contact,
     strongest,
 )
 from polish_sim.experiments.placement import tool_rotations
@@ -89,7 +88,7 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> tuple[Cell, list[Job]
     strokes = (
         polishing_strokes(scenario, place.path, place.reach, 0.0, scenario.plan.clearance_m)
         if pressing
-        else free_strokes(scenario, task)
+        else [free_stroke(scenario, task)]
     )
     part = build_real_part(
         place.actual(scenario), scenario.part, task.master.T_base_work, place.region.surface, place.mesh.up,
@@ -108,25 +107,19 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> tuple[Cell, list[Job]
     return cell, strokes
 
 
-def free_strokes(scenario: Scenario, task: DualTask) -> list[Job]:
-    """The process part of a path, followed without touching anything."""
+def free_stroke(scenario: Scenario, task: DualTask) -> Job:
+    """The path, which is one stretch, followed without touching anything."""
     path, reach, process = task.place.path, task.place.reach, scenario.process
     rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
     points = apply(reach.T_base_work, path.positions_work)
-    pace, jobs = feed_pace(process.feed_m_s), []
-    for first, last in stretches_in_contact(path)[:1]:
-        during = slice(first, last + 1)
-        table = build_path_table(points[during], rotations[during], path.s[during])
-        start = build_path_table(points[first : first + 1], rotations[first : first + 1])
-        jobs.append(
-            Job(
-                travel=time_path(start, pace), lead_in=start, process=table, motion=time_path(table, pace),
-                depth=0.0, force=0.0, contact=0.0, approach_speed=process.approach_speed_m_s,
-                feed=process.feed_m_s, threshold=math.inf, search_depth=0.0, hold=0.0,
-                feed_time=process.max_feed_s or math.inf, lift=0.0, start_s=float(path.s[first]),
-            )
-        )  # fmt: skip
-    return jobs
+    pace, table = feed_pace(process.feed_m_s), build_path_table(points, rotations, path.s)
+    start = build_path_table(points[:1], rotations[:1])
+    return Job(
+        travel=time_path(start, pace), lead_in=start, process=table, motion=time_path(table, pace),
+        depth=0.0, force=0.0, contact=0.0, approach_speed=process.approach_speed_m_s,
+        feed=process.feed_m_s, threshold=math.inf, search_depth=0.0, hold=0.0,
+        feed_time=process.max_feed_s or math.inf, lift=0.0, start_s=float(path.s[0]),
+    )  # fmt: skip
 
 
 def with_tool(job: Job, T_believed_true: Array) -> Job:

@@ -16,7 +16,7 @@ from polish_sim.cell.pair_contacts import CLEARANCE, PairContacts
 from polish_sim.cell.pair_scene import Held, build_pair_scene
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.errors import ConfigError, ReachError
+from polish_sim.errors import ConfigError, PlanError, ReachError
 from polish_sim.experiments.assembly import Workplace
 from polish_sim.experiments.pair_frames import PairFrames, calibrated_frames
 from polish_sim.experiments.pair_placement import (
@@ -121,9 +121,19 @@ def master_way(scenario: Scenario, path: ToolPath) -> Array:
 
 
 def lifted(path: ToolPath, standoff: float) -> ToolPath:
-    """What is done of a path: all of it in contact, else its part in contact at this height above the part [m]."""
+    """What is done of a path: all of it in contact, else its part in contact at this height above the part [m].
+
+    Raises:
+        PlanError: The path leaves the part on its way and is to be followed above it: only one stretch can be.
+    """
     if standoff == 0.0:
         return path
+    stretches = len(stretches_in_contact(path))
+    if stretches != 1:
+        raise PlanError(
+            f"this path touches the part in {stretches} stretches: at a stand-off (dual.standoff_m, --standoff) only "
+            "one can be followed. Press with it (--standoff 0), or give a path of one stretch with --path."
+        )
     path = path.rows(path.process)
     return replace(path, positions_work=path.positions_work + standoff * path.axes_work)
 
