@@ -17,7 +17,6 @@ from polish_sim.models import workpiece_names
 from polish_sim.planning import ToolPath
 from polish_sim.scenario_file import merge
 
-
 PATH_TAKERS: Final = ("surface", "dual")
 """Experiments that run a finished plan; `smooth` and `teach` take theirs in their own way."""
 
@@ -45,7 +44,7 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
     """
     if scenario.experiment not in PATH_TAKERS:
         raise InputError(
-            f"--path is for 'run surface', 'run dual' and 'run smooth': '{scenario.experiment}' has no path to be given."
+            f"--path is for 'run surface', 'dual' and 'smooth': '{scenario.experiment}' has no path to be given."
         )
     asked = [option for option in PATH_OPTIONS if given.get(option) is not None]
     if asked:
