@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis.bounds import CLAIMS
+from polish_sim.analysis.guiding_figures import compare_modes
+from polish_sim.cell.guiding import WIDTH, GuidingRun
 from polish_sim.cell.identified_model import IdentifiedJoints, identified_xml
 from polish_sim.cell.serial_chain import own_parameters
 from polish_sim.config import GuideConfig, HandConfig, Scenario
 from polish_sim.control.hand_guiding import MODES
 from polish_sim.errors import InputError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
-from polish_sim.experiments.guided_arm import torque_arm
+from polish_sim.experiments.guided_arm import home_pose, torque_arm
 from polish_sim.experiments.identified_arm import ARM_JOINTS
-from polish_sim.experiments.teach_moves import minimum_jerk
+from polish_sim.experiments.teach_log import PlayedMove, figures_of_moves
+from polish_sim.experiments.teach_moves import minimum_jerk, move_table, moves_of
 
 GRIP = {"turn_stiffness_nm_rad": 30.0, "turn_damping_nm_s_rad": 10.0}
 
@@ -89,9 +92,51 @@ def test_wrong_friction_is_felt_or_stopped_but_never_runs_away(friction_scale: f
 
 
 def test_a_law_that_drives_by_itself_is_stopped_by_its_energy() -> None:
-    run = run_experiment(scenario(GRIP, mode="classical", direction="x", duration_s=0.6, coulomb_share=1.8))
+    wild = {"mode": "classical", "direction": "x", "duration_s": 0.6, "coulomb_share": 1.8}
+    run = run_experiment(scenario(GRIP, **wild, energy_limit_j=1.0))
     assert run.stop_reason is not None
+    assert "more energy than guide.energy_limit_j" in run.stop_reason
+    assert run.figures["lent_energy_j"] == pytest.approx(1.0, abs=0.1)
     assert run.figures["path_done"] == 0.0
+
+
+def cut(rows: int, stop_step: int = 0, interrupted: bool = False) -> PlayedMove:
+    """The first rows of a fast move, at rest."""
+    asked = scenario(mode="gravity", direction="x", duration_s=0.6)
+    move = moves_of(asked.guide, asked.hand)[0]
+    table = move_table(move, asked.hand, home_pose(), 0.001)
+    reason = "links touch" if stop_step else None
+    run = GuidingRun(np.zeros((rows, WIDTH)), np.tile(np.eye(3), (rows, 1, 1)), reason, stop_step, interrupted, 0.0)
+    return PlayedMove(move, table, run)
+
+
+@pytest.mark.parametrize(
+    ("play", "whole"),
+    [
+        (cut(1400, interrupted=True), False),
+        (cut(1900, interrupted=True), True),
+        (cut(1400, stop_step=900), False),
+        (cut(1900, stop_step=1400), False),
+        (cut(2400, stop_step=1900), True),
+    ],
+    ids=["interrupted in it", "interrupted after it", "stopped before it", "stopped in it", "stopped after it"],
+)
+def test_only_a_whole_move_has_a_force(play: PlayedMove, whole: bool) -> None:
+    """The hand moves from 1.1 s to 1.7 s; what brakes record of it after a stop is not the hand's move."""
+    figures = figures_of_moves(scenario(), [play], 1, 1.0)
+    assert np.isfinite(figures["hand_force_peak_n"]) == whole
+    assert np.isfinite(figures["hand_force_rms_n"]) == whole
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_one_move_cut_short_leaves_its_mode_without_a_peak(order: int) -> None:
+    """The largest of a known and an unknown force is unknown, whichever came first."""
+    played = [cut(2400), cut(1400, interrupted=True)][::order]
+    assert np.isnan(figures_of_moves(scenario(), played, 2, 1.0)["hand_force_peak_n"])
+    forces = [{"hand_force_peak_n": 20.0, "hand_force_rms_n": 9.0}, {"hand_force_peak_n": np.nan}][::order]
+    modes = compare_modes(dict(zip(("classical_x_slow", "classical_y_slow"), forces, strict=True)))
+    assert np.isnan(modes["classical_peak_n"])
+    assert np.isnan(compare_modes(dict(zip(("assist_x_slow", "assist_y_slow"), forces, strict=True)))["slow_peak_n"])
 
 
 def test_an_identified_model_is_as_good_as_the_true_one(tmp_path: Path) -> None:

@@ -80,7 +80,8 @@ def compare_modes(moves: Mapping[str, Figures]) -> Figures:
 
     Returns:
         fast_peak_ratio_x, ... : force with inertia compensation by that of the classical law, fast move (``assist_``
-        before it: with the start-up assist); slow_peak_n: largest of the assist's slow moves. Only what can be told.
+        before it: with the start-up assist); slow_peak_n: largest of the assist's slow moves. Only what can be told;
+        undefined where a move was cut short.
     """
     figures: Figures = {}
     for mode, prefix in RATIOS.items():
@@ -94,6 +95,6 @@ def compare_modes(moves: Mapping[str, Figures]) -> Figures:
     for mode in ("none", "classical"):
         forces = [values["hand_force_peak_n"] for name, values in moves.items() if name.startswith(f"{mode}_")]
         if forces:
-            figures[f"{mode}_peak_n"] = max(forces)
+            figures[f"{mode}_peak_n"] = float(np.max(forces))
     slow = [values["hand_force_peak_n"] for name, values in moves.items() if name in ("assist_x_slow", "assist_y_slow")]
-    return figures | ({"slow_peak_n": max(slow)} if slow else {})
+    return figures | ({"slow_peak_n": float(np.max(slow))} if slow else {})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import wrap
 from typing import Final
 
 import numpy as np
@@ -42,6 +43,9 @@ def plot_guiding(record: RunRecord) -> Figure:
         for case, (mode, *place) in enumerate(names):
             if place == [direction, pace]:
                 _draw_case(axes, record, case, mode)
+        if not axes.lines:
+            _say_why(axes, record)
+            continue
         _draw_paper(axes, {mode for mode, *_ in names})
         axes.legend(loc="upper right", ncols=3, columnspacing=1.0, handlelength=1.2, frameon=True, framealpha=0.9)
         axes.set(xlabel="time from the move's start [s]", ylabel=f"{_words(direction, pace)}\nforce of the hand [N]")
@@ -52,7 +56,7 @@ def plot_guiding(record: RunRecord) -> Figure:
     if known:
         grid[0, 0].set_ylim(0.0, 1.45 * max(known))
     title = "Force of a hand that guides the arm, and its peaks while it moves"
-    title += "   (dashed: paper 3, another robot)" if {"none", "classical", "inertia"} & {n[0] for n in names} else ""
+    title += "\n(dashed: paper 3, another robot)" if {"none", "classical", "inertia"} & {n[0] for n in names} else ""
     figure.suptitle(title, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     return figure
 
@@ -87,6 +91,13 @@ def _draw_case(axes: Axes, record: RunRecord, case: int, mode: str) -> None:
         peak = record.metrics[f"{record.metrics['moves'][case]}_hand_force_peak_n"]
         label = mode if peak is None or np.isnan(peak) else f"{mode}: {peak:.3g} N"
         axes.plot(time, force, color=COLORS[mode], lw=1.3, label=label)
+
+
+def _say_why(axes: Axes, record: RunRecord) -> None:
+    """Where no hand moved: what stopped the run, wrapped to the panel."""
+    reason = record.metrics.get("protective_stop") or "no move was begun"
+    text = "\n".join(wrap(f"no force to show: {reason}", 60))
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center")
 
 
 def _draw_paper(axes: Axes, modes: set[str]) -> None:

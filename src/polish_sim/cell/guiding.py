@@ -116,19 +116,20 @@ def run_guided(
     kernel = _build(arm, data, q_start, motion, servos)
     steps = len(servos)
     rows, rotations = np.zeros((steps, WIDTH)), np.zeros((steps, 3, 3))
-    chunk = max(1, round(watcher.frame_every_s / kernel.engine.dt))
+    chunk, touching = max(1, round(watcher.frame_every_s / kernel.engine.dt)), ""
     with interrupts_noted() as interrupt:
         while kernel.status[STEP] < steps and not interrupt.seen:
             last = min(int(kernel.status[STEP]) + chunk, steps)
             _advance(kernel, rows, rotations, last)
+            if kernel.status[STOP] == TOUCH and not touching:
+                # Half a second later, braked, they may be apart again.
+                touching = _links_that_touch(arm.model, data)
             watcher.progress(float(kernel.status[STEP]), float(steps))
             watcher.frame(arm.model, data)
             if _is_over(kernel):
                 break
     done, code = int(kernel.status[STEP]), int(kernel.status[STOP])
-    reason = GUARDS[code] if code else None
-    if code == TOUCH and data.ncon:
-        reason = f"{reason}: " + " and ".join(arm.model.geom(int(g)).name for g in data.contact[0].geom)
+    reason = GUARDS[code] + touching if code else None
     return GuidingRun(
         rows[:done], rotations[:done], reason, int(kernel.status[STOP_STEP]), interrupt.seen, float(arm.limits.lent[1])
     )
@@ -140,6 +141,14 @@ def _build(arm: GuidedArm, data: mujoco.MjData, q_start: Array, motion: HandMoti
         engine_views(arm.model, data), arm.belief, arm.gains, build_memory(6), arm.limits, arm.hand, motion, servos,
         np.array(q_start), np.array(arm.model.jnt_range[joints]), np.zeros((2, 3)), np.zeros(3, np.int64),
     )  # fmt: skip
+
+
+def _links_that_touch(model: mujoco.MjModel, data: mujoco.MjData) -> str:
+    """Which two shapes press on each other the deepest, to be put behind the reason of a stop."""
+    if not data.ncon:
+        return ""
+    deepest = min(data.contact, key=lambda contact: float(contact.dist))
+    return ": " + " and ".join(model.geom(int(shape)).name for shape in deepest.geom)
 
 
 def _is_over(kernel: _Kernel) -> bool:
@@ -160,7 +169,7 @@ def _advance(k: _Kernel, rows: Array, rotations: Array, last: int) -> None:
         guide_by_hand(k.belief, k.gains, memory, granted, e.dt)
         if status[STOP] == 0:
             code = watch_guiding(k.limits, k.belief, k.gains, memory, speed, e.dt)
-            if code == 0 and not math.isfinite(e.qvel[0] + e.qvel[5]):
+            if code == 0 and not _moves_finitely(e):
                 code = UNSTABLE
             if code:
                 status[STOP], status[STOP_STEP] = code, step
@@ -189,15 +198,24 @@ def _advance(k: _Kernel, rows: Array, rotations: Array, last: int) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _moves_finitely(e: EngineViews) -> bool:
+    """Whether every joint has a speed."""
+    total = 0.0
+    for j in range(6):
+        total += e.qvel[j]
+    return math.isfinite(total)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _hold(k: _Kernel, share: float) -> None:
-    """Servos that hold the start, and the tare: what they give beyond the model's gravity."""
+    """Servos that hold the start, and the tare: what law and servos together give beyond the model's gravity."""
     memory = k.memory
     for j in range(6):
         if share > 0.0:
             limit = k.belief.torque_limit[j]
             pull = limit * ((k.start[j] - memory.q[j]) / HOLD_RAD - memory.qd[j] / HOLD_RAD_S)
             if share == 1.0:
-                missing = pull + k.gains.tare * memory.tare[j]
+                missing = memory.torque[j] + pull - memory.weight[j]
                 memory.tare[j] += 2.0 * math.pi * TARE_HZ * k.engine.dt * (missing - memory.tare[j])
             elif abs(memory.tare[j]) < TARE_STEPS * k.gains.encoder * limit / HOLD_RAD:
                 memory.tare[j] = 0.0

@@ -91,7 +91,8 @@ def figures_of_moves(scenario: Scenario, played: Sequence[PlayedMove], asked: in
         figures |= {f"{_name(play.move)}_{name}": value for name, value in values.items()}
     last = played[-1].move.mode
     of_last = [values for play, values in zip(played, measured, strict=True) if play.move.mode == last]
-    figures |= {name: max(values[name] for values in of_last) for name in of_last[0]}
+    # An undefined figure of one move makes that of the mode undefined.
+    figures |= {name: float(np.max([values[name] for values in of_last])) for name in of_last[0]}
     figures |= measure_drift(_seen(played[-1]))
     forces = {_name(play.move): values for play, values in zip(played, measured, strict=True)}
     figures |= compare_modes(forces) | {"moves": list(forces), "model": scenario.guide.model_file or "exact"}
@@ -100,17 +101,17 @@ def figures_of_moves(scenario: Scenario, played: Sequence[PlayedMove], asked: in
 
 def _seen(play: PlayedMove) -> GuidedMove:
     rows, phase = play.run.rows, play.table.phase[: len(play.run.rows)]
-    moved = bool((phase == MOVING).any()) and _stop_phase(play) != MOVING
     return GuidedMove(
-        rows[:, TIME], rows[:, FORCE : FORCE + 3], rows[:, Q : Q + 6], phase == MOVING, phase == OFF, moved,
+        rows[:, TIME], rows[:, FORCE : FORCE + 3], rows[:, Q : Q + 6], phase == MOVING, phase == OFF, _is_whole(play),
         play.run.lent_j,
     )  # fmt: skip
 
 
-def _stop_phase(play: PlayedMove) -> int:
-    """Phase in which the arm stopped itself, or -1."""
-    run: GuidingRun = play.run
-    return int(play.table.phase[min(run.stop_step, len(play.table.phase) - 1)]) if run.stop_reason else -1
+def _is_whole(play: PlayedMove) -> bool:
+    """Whether neither a stop, before it or in it, nor an interrupt cut the hand's move short."""
+    guided = play.run.stop_step if play.run.stop_reason else len(play.run.rows)
+    moving = np.flatnonzero(play.table.phase == MOVING)
+    return len(moving) > 0 and guided > int(moving[-1])
 
 
 def _name(move: Move) -> str:
