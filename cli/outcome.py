@@ -31,7 +31,7 @@ class Outcome:
             console.note("interrupted: what was recorded up to now is kept.")
         for reason in self.stops:
             end = "" if reason.endswith("?") else "."
-            console.note(f"error: protective stop: {reason}{end} The log is kept, to the end of the retract.")
+            console.note(f"error: protective stop: {reason}{end} The log is kept, stop included.")
         for text in self.notes:
             console.note(text)
         show_figures(self.experiment, self.title, self.columns, self._checked)

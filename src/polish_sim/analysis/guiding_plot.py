@@ -56,7 +56,8 @@ def plot_guiding(record: RunRecord) -> Figure:
     if known:
         grid[0, 0].set_ylim(0.0, 1.45 * max(known))
     title = "Force of a hand that guides the arm, and its peaks while it moves"
-    title += "\n(dashed: paper 3, another robot)" if {"none", "classical", "inertia"} & {n[0] for n in names} else ""
+    dashed = any(axes.lines for axes in grid.flat) and not PAPER_N.keys().isdisjoint(mode for mode, *_ in names)
+    title += "\n(dashed: paper 3, another robot)" if dashed else ""
     figure.suptitle(title, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     return figure
 
@@ -89,7 +90,7 @@ def _draw_case(axes: Axes, record: RunRecord, case: int, mode: str) -> None:
     time, force = _curve(record, case)
     if len(time):
         peak = record.metrics[f"{record.metrics['moves'][case]}_hand_force_peak_n"]
-        label = mode if peak is None or np.isnan(peak) else f"{mode}: {peak:.3g} N"
+        label = f"{mode}: cut short" if peak is None or np.isnan(peak) else f"{mode}: {peak:.3g} N"
         axes.plot(time, force, color=COLORS[mode], lw=1.3, label=label)
 
 
@@ -97,6 +98,7 @@ def _say_why(axes: Axes, record: RunRecord) -> None:
     """Where no hand moved: what stopped the run, wrapped to the panel."""
     reason = record.metrics.get("protective_stop") or "no move was begun"
     text = "\n".join(wrap(f"no force to show: {reason}", 60))
+    axes.set_axis_off()
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center")
 
 

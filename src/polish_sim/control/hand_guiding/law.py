@@ -1,6 +1,6 @@
 """Zero-force control: torques by which the arm carries itself and follows the hand (paper 3; layer 7).
 
-    tau = wg g(q) + tare + kc fc s(qd) + kv fv qd + alpha M(q) qdd_f
+    tau = wg (g(q) + tare) + kc fc s(qd) + kv fv qd + alpha M(q) qdd_f
 
 s is tanh(qd / vs); with the start-up assist the sign of the hand's torque, as a momentum observer sees it, takes its
 place at standstill. qdd_f is the low-passed difference of the measured speed. Coriolis torques are left out.
