@@ -26,7 +26,11 @@ from polish_sim.identification.settings import IdentifySettings
 
 SIMULATED, SHORT, STEPWISE, FOR_TASK = "identify", "identify-short", "identify-stepwise", "identify-task"
 MEASURED, MEASURED_STEPWISE = "identify-data", "identify-data-stepwise"
+OTHER = "-other"
+"""After the name of a simulated one whose motion has another objective than the default."""
 FULL_PERIODS = 5
+HALF_TOLD = 0.5
+"""A joint is noted if the model explains less than this share of its torque's variance."""
 
 
 class Logs(NamedTuple):
@@ -50,11 +54,15 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
     if found.weighed is not None:
         write_payload(draft, found.weighed)
         show_payload(found.weighed)
-    experiment = SIMULATED if settings.periods >= FULL_PERIODS else SHORT
-    experiment = STEPWISE if "stepwise_over_joint" in found.figures else experiment
-    experiment = FOR_TASK if task is not None else experiment
     title = f"identification, {settings.method}, {settings.objective}, {settings.periods} periods, seed {settings.seed}"
-    return Outcome(experiment, title, {"this arm": found.figures})
+    return Outcome(FOR_TASK if task is not None else asked_of(settings), title, {"this arm": found.figures})
+
+
+def asked_of(settings: IdentifySettings) -> str:
+    """The name in ``CLAIMS`` of what is asked of a simulated identification without a task."""
+    experiment = SIMULATED if settings.periods >= FULL_PERIODS else SHORT
+    experiment = experiment if settings.method == IdentifySettings.method else STEPWISE
+    return experiment if settings.objective == IdentifySettings.objective else experiment + OTHER
 
 
 def from_log(robot: LoggedRobot, logs: Logs, method: str, draft: Path) -> Outcome:
@@ -71,7 +79,20 @@ def from_log(robot: LoggedRobot, logs: Logs, method: str, draft: Path) -> Outcom
     if found.weighed is not None:
         show_payload(found.weighed)
     experiment = MEASURED if method == "joint" else MEASURED_STEPWISE
-    return Outcome(experiment, f"identification from {file.name}, {method}", {"this robot": found.figures})
+    title = f"identification from {file.name}, {method}"
+    return Outcome(experiment, title, {"this robot": found.figures}, notes=doubts(found))
+
+
+def doubts(found: Identification) -> tuple[str, ...]:
+    """What makes a user's log look wrong though it could be fitted."""
+    shares = zip(found.model.chain.joints, found.figures["r_squared"], strict=True)
+    low = [f"{joint} ({100 * max(share, 0.0):.0f}%)" for joint, share in shares if share < HALF_TOLD]
+    if not low:
+        return ()
+    return (
+        f"the model explains little of the torque of {', '.join(low)}. Are the columns in the joints' order, "
+        "signs and units right, and the torques those of the same samples?",
+    )
 
 
 def robot_for(model: Path | None, joints: str | None) -> LoggedRobot:

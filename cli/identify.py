@@ -147,6 +147,8 @@ def identify(
     given = {name: value for name, value in given.items() if value is not None}
     measured = data if data is not None else payload_data
     asked = given if task is None else {**given, "task": task}
+    if report:
+        _refuse_beside_report({**asked, "data": data, "payload-data": payload_data, "period": period})
     _refuse_idle(asked, data=measured, period=period, model=model, joints=joints, report=report)
     if method is not None and data is None and payload_data is not None:
         raise InputError("--method would change nothing with --payload-data alone: leave it out, or add --data.")
@@ -171,6 +173,13 @@ def identify(
     outcome.show()
     console.say(f"folder: {folder.final}")
     return outcome.exit_code(check)
+
+
+def _refuse_beside_report(given: dict[str, Any]) -> None:
+    """Refuse what a report of the model alone does not look at."""
+    idle = [f"--{name}" for name, value in given.items() if value is not None]
+    if idle:
+        raise InputError(f"{', '.join(idle)} would change nothing with --report: leave it out.")
 
 
 def _refuse_idle(

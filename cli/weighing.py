@@ -27,7 +27,8 @@ EXPERIMENT: Final = "identify-payload-data"
 
 def read_run(file: Path, robot: LoggedRobot, period: float | None) -> tuple[RobotLog, States]:
     """A robot's log and its states."""
-    log = read_robot_log(file, robot.model.chain.geometry.kind.tolist(), periodic=period is not None)
+    chain = robot.model.chain
+    log = read_robot_log(file, chain.geometry.kind.tolist(), period, () if robot.file is None else chain.joints)
     return log, spline_states(log) if period is None else periodic_states(log, period)
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +14,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from polish_sim.analysis.bounds import CLAIMS
 from polish_sim.cell.serial_chain import read_chain
-from polish_sim.cli.identification import simulated
+from polish_sim.cli.identification import asked_of, simulated
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.motion_limits import MotionLimits
 from polish_sim.identification.settings import IdentifySettings
@@ -95,6 +98,7 @@ def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:
         (["--payload-data", "none.csv", "--method", "joint"], "leave it out, or add --data"),
         (["--payload-data", "none.csv"], "cannot read the log 'none.csv'"),
         (["--data", "none.csv", "--task", "line.csv"], "--task would change nothing with --data"),
+        (["--report", "--data", "log.csv", "--seed", "3"], "--seed, --data would change nothing with --report"),
         (["--joints", "a"], "--joints belongs to --model"),
         (["--report", "--model", "none.xml"], "cannot read the robot model 'none.xml'"),
     ],
@@ -143,6 +147,42 @@ def test_a_payload_is_found_from_a_second_log_and_from_the_robots_model_alone(po
         for name, true in (("mass", 1.5), ("center_x", 0.02), ("center_y", -0.01), ("center_z", 0.08)):
             assert float(found[name]["value"]) == pytest.approx(true, abs=4.5 * float(found[name]["std"]))
         assert float(found["mass"]["std"]) < 0.01
+
+
+def test_noise_for_torques_is_noted(polish_sim: Tool, tmp_path: Path) -> None:
+    file = _log(tmp_path / "log.csv")
+    assert "explains little" not in polish_sim("identify", "--data", file, "--period", 10, "--out", "good").err
+    table = np.loadtxt(file, delimiter=",", skiprows=1)
+    table[:, 9] = np.random.default_rng(0).normal(size=len(table))
+    np.savetxt(file, table, delimiter=",", header=",".join(NAMES), comments="")
+    call = polish_sim("identify", "--data", file, "--period", 10, "--out", "noise")
+    assert call.code == 0
+    assert "explains little of the torque of elbow_joint (" in call.err + call.out
+
+
+def test_the_model_it_wrote_is_taken_again_with_the_joints_it_names(polish_sim: Tool, tmp_path: Path) -> None:
+    file = _log(tmp_path / "log.csv")
+    assert polish_sim("identify", "--data", file, "--period", 10, "--out", "found").code == 0
+    words = ["identify", "--data", file, "--period", 10, "--model", "found/identified.xml", "--out", "again"]
+    call = polish_sim(*words)
+    assert call.code == 2
+    joints = "".join(call.err.split("--joints")[1].split()).rstrip(".")
+    call = polish_sim(*words, "--joints", joints)
+    assert call.code == 0, call.err
+    metrics = [json.loads(Path(name, "metrics.json").read_text(encoding="utf-8")) for name in ("found", "again")]
+    assert metrics[1]["base_parameters"] == 58
+    assert metrics[1]["nrms_heldout_mean"] == pytest.approx(metrics[0]["nrms_heldout_mean"], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("settings", "bounded"),
+    [(IdentifySettings(), True), (IdentifySettings(objective="condition"), False)],
+)
+def test_the_bound_of_the_default_objective_is_asked_of_no_other(settings: IdentifySettings, bounded: bool) -> None:
+    for method, periods in (("joint", 5), ("joint", 1), ("stepwise", 1)):
+        claims = {claim.figure: claim for claim in CLAIMS[asked_of(replace(settings, method=method, periods=periods))]}
+        assert math.isfinite(claims["predicted_error_sigma"].high) == bounded
+        assert math.isfinite(claims["nrms_heldout_mean"].high)
 
 
 def test_a_joint_that_stood_still_is_named(polish_sim: Tool, tmp_path: Path) -> None:

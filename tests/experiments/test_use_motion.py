@@ -41,6 +41,21 @@ def test_along_a_path_the_tool_goes_at_the_feed(tmp_path: Path) -> None:
         assert speed == pytest.approx(0.01, rel=0.05)
 
 
+def test_every_move_of_a_teaching_run_counts(tmp_path: Path) -> None:
+    t = np.arange(500) / RATE
+    first, second = np.zeros((500, 6)), np.ones((500, 6))
+    first[:, 0], second[:, 1] = 0.5 * t, 1.0 - 0.25 * t
+    time, case = np.concatenate([t, t]), np.repeat([0.0, 1.0], 500)
+    np.savez(tmp_path / "log.npz", time_s=time, q_rad=np.concatenate([first, second]), case=case)
+    use = use_states(tmp_path)
+    moved = [use.rows(use.q[:, 3] < 0.5), use.rows(use.q[:, 3] > 0.5)]
+    # Constant speeds, and none from the end of one move to the beginning of the next.
+    for states, joint, speed in zip(moved, (0, 1), (0.5, -0.25), strict=True):
+        assert len(states.q) > 90
+        np.testing.assert_allclose(states.qd[:, joint], speed, atol=1e-6)
+        assert np.abs(np.delete(states.qd, joint, axis=1)).max() < 1e-6
+
+
 def test_what_is_no_motion_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     with pytest.raises(InputError, match="holds no joint motion"):

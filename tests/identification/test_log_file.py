@@ -43,6 +43,14 @@ def _gap(table: np.ndarray) -> None:
     table[300:, 0] += 0.7
 
 
+def _milliseconds(table: np.ndarray) -> None:
+    table[:, 0] *= 1000.0
+
+
+def _ten_a_second(table: np.ndarray) -> None:
+    table[:, 0] *= 10.0
+
+
 def _saturated(table: np.ndarray) -> None:
     table[:, 8] = np.clip(table[:, 8], -20.0, 20.0)
 
@@ -61,6 +69,8 @@ def _nothing(table: np.ndarray) -> None:
         (_degrees, r"more than a turn. Are these degrees"),
         (_backwards, r"line 502: time_s does not increase"),
         (_gap, r"line 302: a gap of 0.71 s, 1 in all"),
+        (_milliseconds, r"samples are 10 s apart. Are these milliseconds\? Give seconds, 50 samples a second"),
+        (_ten_a_second, r"samples are 0.1 s apart"),
         (_saturated, r"torque2_nm stands at 20 in \d+%"),
         (_dead, r"torque3_nm is 0 in every sample"),
         (_nothing, r"line 12: q3_rad is 'nan'"),
@@ -98,9 +108,41 @@ def test_a_log_that_is_too_short_is_refused(tmp_path: Path) -> None:
         read_robot_log(_write(tmp_path, TABLE[:100]))
 
 
+def test_fifty_samples_a_second_are_enough(tmp_path: Path) -> None:
+    table = TABLE.copy()
+    table[:, 0] *= 2.0
+    log = read_robot_log(_write(tmp_path, table))
+    # Twice the time, half the speed.
+    speed = spline_states(log).qd[20:-20]
+    assert np.abs(speed - 0.5 * KNOWN.states.qd[20:-20]).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("period", "said"),
+    [(0.01, "0.01 s apart, too few in a period"), (0.4, "0.41 or more here"), (1e5, "holds 9.99 s, less than one")],
+)
+def test_a_period_that_does_not_fit_the_log_is_refused(period: float, said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=f"--period {period:g}: .*{said}"):
+        read_robot_log(_write(tmp_path, TABLE), period=period)
+
+
+def test_the_shortest_period_that_is_taken_has_a_series(tmp_path: Path) -> None:
+    log = read_robot_log(_write(tmp_path, TABLE), period=0.42)
+    assert np.isfinite(periodic_states(log, 0.42).qdd).all()
+
+
+def test_a_model_with_more_joints_than_the_log_is_told_which_to_take(tmp_path: Path) -> None:
+    file = _write(tmp_path, TABLE)
+    joints = [*"abcdef", "pad"]
+    with pytest.raises(InputError, match=r"none of pad\. If these stand still, add --joints a,b,c,d,e,f"):
+        read_robot_log(file, (HINGE,) * 6 + (SLIDE,), joints=joints)
+    with pytest.raises(InputError, match="lacks the columns q7_m, force7_n"):
+        read_robot_log(file, (HINGE,) * 6 + (SLIDE,))
+
+
 def test_gaps_do_no_harm_to_a_periodic_motion(tmp_path: Path) -> None:
     table = np.delete(TABLE, slice(300, 380), axis=0)
-    log = read_robot_log(_write(tmp_path, table), periodic=True)
+    log = read_robot_log(_write(tmp_path, table), period=10.0)
     states = periodic_states(log, 10.0)
     assert np.abs(states.qdd - KNOWN.motion(log.time).qdd).max() < 1e-6
 

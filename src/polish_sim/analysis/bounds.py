@@ -267,7 +267,11 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
         "identify": _identify(6e-4),
         "identify-short": _identify(1.3e-3),
         "identify-stepwise": (*_identify(1.3e-3), *_STEPWISE),
-        # The bound on the predicted error is for the default task, random motions under the same limits.
+        # The bound on the predicted error is the default objective's, and for the default task, random motions under
+        # the same limits.
+        "identify-other": _identify(6e-4, math.inf),
+        "identify-short-other": _identify(1.3e-3, math.inf),
+        "identify-stepwise-other": (*_identify(1.3e-3, math.inf), *_STEPWISE),
         "identify-task": _identify(1.3e-3, math.inf),
         "identify-data": _IDENTIFY_DATA,
         "identify-payload-data": (

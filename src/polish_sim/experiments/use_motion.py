@@ -32,6 +32,8 @@ _SAMPLES: Final = 20_000
 _KNOTS: Final = 10.0
 """Samples between two knots of the spline that tells speeds and accelerations."""
 _MOST: Final = 2000
+_POSES: Final = 2
+"""Of a move, at least."""
 _LEAST: Final = 50
 """Samples of the shortest motion."""
 _TURN_S: Final = 0.02
@@ -48,18 +50,32 @@ def use_states(source: Path) -> States:
         InputError: It is none of these; says what is missing.
         ReachError: The arm cannot follow the path; names the place.
     """
-    time, q = _joints_over_time(source)
-    if len(time) < 2 or np.any(np.diff(time) <= 0.0):
+    moves = [_states_of(time, q) for time, q in _moves(source)]
+    states = States(*(np.concatenate(part) for part in zip(*moves, strict=True)))
+    count = len(states.q)
+    return states.rows(np.unique(np.linspace(0, count - 1, _MOST).astype(np.int64)))
+
+
+def _moves(source: Path) -> list[tuple[Array, Array]]:
+    """Moves one after the other, each with times of its own; those a run broke off at their first pose left out."""
+    time, q, case = _joints_over_time(source)
+    moves = [(time[case == k], q[case == k]) for k in np.unique(case)]
+    moves = [move for move in moves if len(move[0]) >= _POSES]
+    if not moves or any(np.any(np.diff(of_move) <= 0.0) for of_move, _q in moves):
         raise InputError(f"'{source}' holds no motion: wanted two poses or more, time_s increasing.")
+    return moves
+
+
+def _states_of(time: Array, q: Array) -> States:
     count = int(np.clip((time[-1] - time[0]) / _SAMPLE_S, _LEAST, _SAMPLES))
     even = np.linspace(time[0], time[-1], count)
     between = np.stack([np.interp(even, time, joint) for joint in q.T], axis=1)
     knots = _KNOTS * float(even[1] - even[0])
-    states = spline_states(RobotLog(even, between, np.zeros_like(between)), knots)
-    return states.rows(np.unique(np.linspace(0, count - 1, _MOST).astype(np.int64)))
+    return spline_states(RobotLog(even, between, np.zeros_like(between)), knots)
 
 
-def _joints_over_time(source: Path) -> tuple[Array, Array]:
+def _joints_over_time(source: Path) -> tuple[Array, Array, Array]:
+    """Times (m,), positions (m, 6), and which move each row is of (m,)."""
     for name in LOGS:
         if (source / name).is_file():
             return _from_npz(source / name)
@@ -69,19 +85,24 @@ def _joints_over_time(source: Path) -> tuple[Array, Array]:
         names = log_columns((HINGE,) * JOINTS)[0]
         if any(name in source.read_text(encoding="utf-8", errors="replace").lower() for name in names):
             columns, _lines = read_columns(source, ["time_s", *names])
-            return columns[:, 0], columns[:, 1:]
-    return _along_path(source)
+            return columns[:, 0], columns[:, 1:], np.zeros(len(columns))
+    time, q = _along_path(source)
+    return time, q, np.zeros(len(time))
 
 
-def _from_npz(file: Path) -> tuple[Array, Array]:
+def _from_npz(file: Path) -> tuple[Array, Array, Array]:
     try:
         with np.load(file, allow_pickle=False) as columns:
             time, q = columns["time_s"].astype(np.float64), columns["q_rad"].astype(np.float64)
+            # A teaching run is several moves, the clock of each begins at 0.
+            case = columns["case"].astype(np.float64) if "case" in columns else np.zeros(time.shape)
     except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise InputError(f"'{file}' holds no joint motion (time_s, q_rad): {error}.") from None
     if q.ndim != 2 or q.shape != (len(time), JOINTS):
         raise InputError(f"'{file}': q_rad is {q.shape}, time_s {time.shape}; wanted (n, {JOINTS}) and (n,).")
-    return time, q
+    if case.shape != time.shape:
+        raise InputError(f"'{file}': case is {case.shape}, time_s {time.shape}; wanted as many of both.")
+    return time, q, case
 
 
 def _along_path(source: Path) -> tuple[Array, Array]:

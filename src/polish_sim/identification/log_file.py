@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from polish_sim.errors import InputError
 from polish_sim.exchange.checks import finite_column
 from polish_sim.exchange.named_columns import read_named_columns
-from polish_sim.identification.robot_log import RobotLog
+from polish_sim.identification.robot_log import HARMONICS_FITTED, RobotLog
 from polish_sim.motion.serial_chain import HINGE
 
 Array = NDArray[np.float64]
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 TURN: Final = 2.0 * np.pi
 _GAP: Final = 3.0
 """Steps longer than this many usual ones are gaps."""
+_SLOWEST_S: Final = 0.02
+"""Between two samples, at most: splines with a knot every 0.05 s need more of them than knots."""
 _FLAT: Final = 0.01
 """Share of samples at exactly the largest torque from which a drive is taken as saturated."""
 _PILED: Final = 3.0
@@ -39,28 +41,36 @@ def log_columns(kinds: Sequence[int]) -> tuple[list[str], list[str]]:
     return q, torque
 
 
-def read_robot_log(file: Path, kinds: Sequence[int] = _ARM, periodic: bool = False) -> RobotLog:
+def read_robot_log(
+    file: Path, kinds: Sequence[int] = _ARM, period: float | None = None, joints: Sequence[str] = ()
+) -> RobotLog:
     """Read a log and refuse what would spoil an identification.
 
     Args:
         file: The CSV.
         kinds: HINGE or SLIDE, joint by joint, shape (n,).
-        periodic: Whether a period is known: then gaps do no harm.
+        period: After which the motion repeats [s], if it does: then gaps do no harm.
+        joints: Names of the joints in a user's model, shape (n,), to name those of a log that has fewer.
 
     Raises:
-        InputError: A column is missing, a value is none, time does not increase, there are gaps, angles look like
-            degrees, a torque is saturated; names the place.
+        InputError: A column is missing, a value is none, time does not increase or is in other units, there are gaps,
+            the period does not fit, angles look like degrees, a torque is saturated; names the place.
     """
     q_names, torque_names = log_columns(kinds)
-    joints = len(q_names)
-    values, lines = read_columns(file, ["time_s", *q_names, *torque_names])
-    log = RobotLog(values[:, 0], values[:, 1 : 1 + joints], values[:, 1 + joints :])
+    columns, lines = _read(file)
+    _check_joints(file, columns, kinds, joints)
+    values = _numbers(file, columns, lines, ["time_s", *q_names, *torque_names])
+    log = RobotLog(values[:, 0], values[:, 1 : 1 + len(kinds)], values[:, 1 + len(kinds) :])
     if len(log.time) < _LEAST_SAMPLES:
         raise InputError(
             f"'{file}' holds {len(log.time)} samples; an identification takes at least {_LEAST_SAMPLES}, better 10 s "
             "at 250 Hz or more."
         )
-    _check_time(file, log.time, lines, periodic)
+    _check_order(file, log.time, lines)
+    if period is None:
+        _check_steps(file, log.time, lines)
+    else:
+        _check_period(file, log.time, period)
     _check_units(file, log, q_names)
     _check_saturation(file, log, torque_names)
     return log
@@ -73,6 +83,10 @@ def read_columns(file: Path, names: Sequence[str]) -> tuple[Array, list[int]]:
         InputError: A column is missing or a value is no number; names it.
     """
     columns, lines = _read(file)
+    return _numbers(file, columns, lines, names), lines
+
+
+def _numbers(file: Path, columns: dict[str, list[str]], lines: list[int], names: Sequence[str]) -> Array:
     missing = [name for name in names if name not in columns]
     if missing:
         raise InputError(
@@ -83,8 +97,7 @@ def read_columns(file: Path, names: Sequence[str]) -> tuple[Array, list[int]]:
     def place(row: int) -> str:
         return f"line {lines[row]}"
 
-    values = np.stack([finite_column(file, name, columns[name], place) for name in names], axis=1)
-    return values, lines
+    return np.stack([finite_column(file, name, columns[name], place) for name in names], axis=1)
 
 
 def _read(file: Path) -> tuple[dict[str, list[str]], list[int]]:
@@ -98,7 +111,19 @@ def _read(file: Path) -> tuple[dict[str, list[str]], list[int]]:
     return dict(columns), list(lines)
 
 
-def _check_time(file: Path, time: Array, lines: list[int], periodic: bool) -> None:
+def _check_joints(file: Path, columns: dict[str, list[str]], kinds: Sequence[int], joints: Sequence[str]) -> None:
+    """Refuse a model that goes on after the log's last joint, and name the joints to take."""
+    pairs = zip(*log_columns(kinds), strict=True)
+    logged = [q in columns and torque in columns for q, torque in pairs]
+    first = sum(logged)
+    if 0 < first < len(joints) and all(logged[:first]):
+        raise InputError(
+            f"'{file}' has columns of the first {first} of the model's {len(joints)} joints, none of "
+            f"{', '.join(joints[first:])}. If these stand still, add --joints {','.join(joints[:first])}."
+        )
+
+
+def _check_order(file: Path, time: Array, lines: list[int]) -> None:
     step = np.diff(time)
     if np.any(step <= 0.0):
         row = int(np.argmax(step <= 0.0)) + 1
@@ -106,13 +131,40 @@ def _check_time(file: Path, time: Array, lines: list[int], periodic: bool) -> No
             f"'{file}', line {lines[row]}: time_s does not increase ({time[row]:g} after {time[row - 1]:g}). "
             "Sort the samples and leave double ones out."
         )
-    gaps = step > _GAP * np.median(step)
-    if np.any(gaps) and not periodic:
+
+
+def _check_steps(file: Path, time: Array, lines: list[int]) -> None:
+    """Samples close enough, and none missing, for splines."""
+    step = np.diff(time)
+    usual = float(np.median(step))
+    if usual > 1.001 * _SLOWEST_S:
+        raise InputError(
+            f"'{file}': samples are {usual:.3g} s apart. Are these milliseconds? Give seconds, "
+            f"{1.0 / _SLOWEST_S:.0f} samples a second or more."
+        )
+    gaps = step > _GAP * usual
+    if np.any(gaps):
         row = int(np.argmax(gaps)) + 1
         raise InputError(
             f"'{file}', line {lines[row]}: a gap of {step[row - 1]:.3g} s, {int(gaps.sum())} in all; samples are "
-            f"{np.median(step):.3g} s apart. Accelerations cannot be told across a gap: log without, or give --period "
+            f"{usual:.3g} s apart. Accelerations cannot be told across a gap: log without, or give --period "
             "if the motion repeats."
+        )
+
+
+def _check_period(file: Path, time: Array, period: float) -> None:
+    """A whole period in the log, and more samples in it than the series has coefficients."""
+    usual, span = float(np.median(np.diff(time))), float(time[-1] - time[0])
+    least = (2 * HARMONICS_FITTED + 1) * usual
+    if period > span + _GAP * usual:
+        raise InputError(
+            f"--period {period:g}: '{file}' holds {span:.4g} s, less than one period (s). Log a whole one, or leave "
+            "--period out."
+        )
+    if period < least:
+        raise InputError(
+            f"--period {period:g}: samples of '{file}' are {usual:.3g} s apart, too few in a period. Give the time (s, "
+            f"{least:.3g} or more here) after which the whole motion repeats, and time_s in seconds."
         )
 
 
