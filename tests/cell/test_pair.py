@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -20,6 +21,7 @@ from polish_sim.errors import ReachError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.models import workpiece_path
 from polish_sim.motion import forward
+from polish_sim.scenario_file import override
 from polish_sim.spatial import from_pose, inverse, transform
 from tests.cell.cells import (
     EVERY_STEP,
@@ -81,6 +83,16 @@ def test_both_robots_stand_where_they_are_put_and_the_world_is_the_followers_bas
     flange = T_FOLLOWER_MASTER @ forward(Q_MASTER)
     np.testing.assert_allclose(data.site("master_flange").xpos, flange[:3, 3], atol=1e-9)
     np.testing.assert_allclose(data.body("master_part").xpos, (flange @ ON_GRIPPER)[:3, 3], atol=1e-9)
+
+
+def test_both_robots_step_alike_and_the_engine_has_nothing_to_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    fine = override(Scenario(), ["simulation.timestep_s=0.0002"])
+    model = build_pair_scene(fine, T_FOLLOWER_MASTER, Held(hub(), 2700.0, ON_GRIPPER))
+    assert model.opt.timestep == 0.0002
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_master_carries_the_parts_mass() -> None:

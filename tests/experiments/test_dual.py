@@ -92,6 +92,14 @@ def test_a_base_believed_a_millimetre_off_puts_the_tool_a_millimetre_off(tmp_pat
     assert run.figures["tracking_error_worst_m"] < 2e-4
 
 
+def test_the_speed_is_that_of_the_tool_on_the_part_however_the_part_moves(free: RunResult, pressed: RunResult) -> None:
+    for run, feed in ((free, 0.05), (pressed, 0.01)):
+        fed = run.trace.path_s_m[run.trace.phase == 2]
+        time = run.trace.time_s[run.trace.phase == 2]
+        assert run.figures["speed_mean_m_s"] == pytest.approx(np.ptp(fed) / np.ptp(time), rel=0.02)
+        assert run.figures["speed_mean_m_s"] < 1.02 * feed
+
+
 def test_the_force_is_held_on_the_moving_rim(pressed: RunResult) -> None:
     figures = pressed.figures
     assert figures["protective_stop"] is None
@@ -156,7 +164,11 @@ def test_the_reach_is_checked_beforehand() -> None:
         (["dual.master_speed_m_s=0.25"], ReachError, "the master does not"),
         (["dual.master_direction=[0,0,0]"], ConfigError, "'dual.master_direction' is no direction"),
         (["part.file=plate"], PlanError, "1 piece.s. and 1 border.s."),
-        (["dual.density_kg_m3=7800"], ReachError, "the part weighs"),
+        (
+            ["dual.density_kg_m3=20000"],
+            ReachError,
+            r"^the part weighs 15\.05 kg: .*density_kg_m3=\.\.\.$",
+        ),
         (["dual.bases_file=gone.toml"], InputError, "cannot read the calibration 'gone.toml'"),
     ],
 )

@@ -66,17 +66,19 @@ def measure_pair(trace: Trace, errors: PairErrors) -> dict[str, Any]:
         only while a force is controlled), tracking_error_worst_m: the largest of them; relative_error_rms_m,
         relative_error_p95_m, relative_error_max_m: of the distance between the tool on the part as it is and as
         wanted, calibration errors included, the part's own errors not (across the tool axis in contact);
-        master_way_m: how far the part was moved.
+        master_way_m: how far the part was moved; speed_mean_m_s, speed_std_m_s: of the tool point relative to the part.
     """
     if not len(errors.tracking):
         nothing = float("nan")
         return {"tracking_error_max_m": [nothing] * 3} | dict.fromkeys(
             ("tracking_error_worst_m", "relative_error_rms_m", "relative_error_p95_m", "relative_error_max_m",
-             "master_way_m"), nothing,
+             "master_way_m", "speed_mean_m_s", "speed_std_m_s"), nothing,
         )  # fmt: skip
     tracking = np.abs(errors.tracking).max(axis=0)
     relative = np.linalg.norm(errors.relative, axis=1)
-    shift = trace.part_shift_m[trace.phase == PROCESS]
+    process = trace.phase == PROCESS
+    shift = trace.part_shift_m[process]
+    speed = np.linalg.norm(np.gradient(trace.tool_on_part_m, trace.time_s, axis=0)[process], axis=1)
     return {
         "tracking_error_max_m": tracking.tolist(),
         "tracking_error_worst_m": float(tracking.max()),
@@ -84,6 +86,8 @@ def measure_pair(trace: Trace, errors: PairErrors) -> dict[str, Any]:
         "relative_error_p95_m": float(np.percentile(relative, 95.0)),
         "relative_error_max_m": float(relative.max()),
         "master_way_m": float(np.linalg.norm(shift[-1] - shift[0])),
+        "speed_mean_m_s": float(speed.mean()),
+        "speed_std_m_s": float(speed.std()),
     }
 
 

@@ -55,10 +55,9 @@ def build_pair_scene(scenario: Scenario, T_follower_master: Array, held: Held) -
     Raises:
         ReachError: The part is too heavy for the master.
     """
-    scene = _file_without_keyframe()
+    scene = _file_without_keyframe(scenario)
     scene.delete(scene.body("base"))
-    set_options(scene, scenario)
-    follower, master = robot_with_tool(scenario), _file_without_keyframe()
+    follower, master = robot_with_tool(scenario), _file_without_keyframe(scenario)
     for key in list(follower.keys):
         follower.delete(key)
     master.delete(master.body("tool_mount"))
@@ -77,9 +76,24 @@ def part_mass(mesh: PartMesh, density: float) -> float:
     return density * _volume_and_center(mesh)[0]
 
 
-def _file_without_keyframe() -> Any:
-    """The model file; a keyframe of one robot fits no scene of two."""
+def check_load(mesh: PartMesh, density: float) -> None:
+    """Refuse a part that is too heavy for the master.
+
+    Raises:
+        ReachError: Says what it weighs and what the master carries.
+    """
+    mass = part_mass(mesh, density)
+    if not 0.0 < mass + GRIPPER_MASS <= PAYLOAD_LIMIT:
+        raise ReachError(
+            f"the part weighs {mass:.2f} kg: with the gripper's {GRIPPER_MASS:g} kg the master would carry more than "
+            f"its {PAYLOAD_LIMIT:g} kg. Take a smaller part, or its true density with --set dual.density_kg_m3=..."
+        )
+
+
+def _file_without_keyframe(scenario: Scenario) -> Any:
+    """The model file, stepped as everything attached to it; a keyframe of one robot fits no scene of two."""
     spec = mujoco.MjSpec.from_file(str(robot_model_path()))
+    set_options(spec, scenario)
     for key in list(spec.keys):
         spec.delete(key)
     return spec
@@ -99,13 +113,9 @@ def _add_gripper(master: Any, held: Held) -> None:
     if held.margin is not None:
         part.geoms[0].contype = part.geoms[0].conaffinity = 1
         part.geoms[0].margin = held.margin
+    check_load(held.mesh, held.density)
     volume, center = _volume_and_center(held.mesh)
     mass = held.density * volume
-    if not 0.0 < mass + GRIPPER_MASS <= PAYLOAD_LIMIT:
-        raise ReachError(
-            f"the part weighs {mass:.2f} kg: with the gripper's {GRIPPER_MASS:g} kg the master would carry more than "
-            f"its {PAYLOAD_LIMIT:g} kg. Take a smaller part, or its true density with --set dual.density_kg_m3=..."
-        )
     size = np.ptp(held.mesh.vertices, axis=0)
     part.gravcomp, part.mass, part.ipos, part.explicitinertial = 1.0, mass, center, True
     part.inertia = mass / 12.0 * np.maximum((size**2).sum() - size**2, 1e-6)

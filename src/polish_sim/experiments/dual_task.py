@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from polish_sim.cell import Observer, Silent
 from polish_sim.cell.carrier import RAMP_S, MasterRows
 from polish_sim.cell.pair_contacts import CLEARANCE, PairContacts
-from polish_sim.cell.pair_scene import Held, build_pair_scene
+from polish_sim.cell.pair_scene import Held, build_pair_scene, check_load
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import ConfigError, PlanError, ReachError
@@ -32,7 +32,7 @@ from polish_sim.experiments.part_setup import check_set_points, part_file, stret
 from polish_sim.experiments.placement import Reach, given_placement
 from polish_sim.experiments.real_shape import real_shape
 from polish_sim.experiments.rim_path import rim_path
-from polish_sim.geometry import fit_surface, load_part, select_region
+from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.motion import forward_many
 from polish_sim.motion.coordination import follow_joints, master_flange, plan_coordinated
 from polish_sim.planning import PlanResult, ToolPath
@@ -78,6 +78,7 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     build_controller(scenario.controller)
     observer.stage("plan the path")
     mesh, surface, region, path = _planned(scenario, plan)
+    check_load(mesh, scenario.dual.density_kg_m3)
     check_set_points(path)
     path = lifted(path, scenario.dual.standoff_m)
     observer.stage("calibrate the robots")
@@ -138,14 +139,22 @@ def lifted(path: ToolPath, standoff: float) -> ToolPath:
     return replace(path, positions_work=path.positions_work + standoff * path.axes_work)
 
 
-def _planned(scenario: Scenario, plan: PlanResult | None) -> tuple:  # type: ignore[type-arg]
+class _Planned(NamedTuple):
+    mesh: PartMesh
+    surface: Surface
+    region: Region
+    path: ToolPath
+
+
+def _planned(scenario: Scenario, plan: PlanResult | None) -> _Planned:
+    """The path that was given, else once around the part's rim; and what it is on."""
     if plan is not None:
-        return plan.mesh, plan.surface, plan.region, plan.path
+        return _Planned(plan.mesh, plan.surface, plan.region, plan.path)
     mesh = load_part(part_file(scenario.part.file), scenario.part.unit, scenario.part.up)
     angle = scenario.plan.feature_angle_rad
     surface = fit_surface(mesh, angle)
     region = select_region(surface, mesh, scenario.plan.region, angle, scenario.plan.edge_margin_m)
-    return mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m)
+    return _Planned(mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m))
 
 
 def _base_text(T_master_follower: Array | None) -> str:

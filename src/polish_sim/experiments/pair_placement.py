@@ -164,7 +164,7 @@ def sampled(work: Work, T_master_work: Array, spin: float, count: int = SAMPLES)
 def _try_pose(work: Work, T_master_work: Array, collides: Collides) -> tuple[PairReach | None, float, str]:
     """The best way with one pose of the part; else how far it came, and why no further."""
     T_flange_work = work.chain.T_flange_gripper @ work.chain.T_gripper_work
-    parts, tools = sampled(work, T_master_work, 0.0)
+    parts, _ = sampled(work, T_master_work, 0.0)
     masters, came_m, why_m = _configurations(parts, T_flange_work, "master")
     if not masters:
         return None, came_m, why_m
