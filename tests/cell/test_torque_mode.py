@@ -109,3 +109,11 @@ def test_a_file_that_is_no_model_is_refused(tmp_path) -> None:  # type: ignore[n
     file.write_text("<mujoco>")
     with pytest.raises(InputError, match=r"identified.xml' is not a robot's MJCF"):
         chain_of_file(file, ARM_JOINTS)
+
+
+def test_a_model_of_another_arm_is_refused_by_its_file(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    file = tmp_path / "pendulum.xml"
+    body = '<body><joint name="hinge" type="hinge"/><geom size="0.1"/></body>'
+    file.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    with pytest.raises(InputError, match=r"pendulum.xml' is not this arm's: the model has no joint"):
+        chain_of_file(file, ARM_JOINTS)

@@ -196,8 +196,14 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
         "teach-some": (
             Claim("hand_force_peak_n", "hand force, last mode, peak", "N", 1.0),
             Claim("hand_force_rms_n", "  rms", "N", 1.0),
-            Claim("drift_rad", "hands off, drift", "deg", _DEGREES),
+            Claim("drift_rad", "hands off, drift", "deg", _DEGREES, "-", high=0.01 / _DEGREES),
             Claim("lent_energy_j", "energy lent, most", "J", 1.0),
+            _PATH_DONE,
+        ),
+        # An arm that does not carry itself is not let go.
+        "teach-none": (
+            Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
+            Claim("hand_force_rms_n", "  rms", "N", 1.0),
             _PATH_DONE,
         ),
         "teach-path": (
@@ -297,7 +303,7 @@ def claims_of(scenario: Scenario) -> str:
     if scenario.experiment == "teach" and scenario.drag.follow:
         return "teach-path"
     if scenario.experiment == "teach" and (guide.mode or guide.direction or guide.duration_s):
-        return "teach-some"
+        return "teach-none" if guide.mode == "none" else "teach-some"
     if scenario.experiment == "dual" and scenario.dual.standoff_m > 0.0:
         return "dual-free"
     return scenario.experiment

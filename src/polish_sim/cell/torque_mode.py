@@ -65,4 +65,7 @@ def chain_of_file(file: Path, joints: Sequence[str]) -> SerialChain:
         raise InputError(
             f"guide.model_file '{file}' is not a robot's MJCF: {reason}. Give an identified.xml."
         ) from error
-    return read_chain(model, joints)
+    try:
+        return read_chain(model, joints)
+    except InputError as error:
+        raise InputError(f"guide.model_file '{file}' is not this arm's: {error}") from error
