@@ -69,7 +69,7 @@ def plan(
         write_plan(folder.draft, result)
         export_plan(folder.draft, result, formats, setup)
         observer.stage("draw")
-        save_plots(folder.draft, {"path.png": plot_plan(result)})
+        save_plots(folder.draft, {"path.png": plot_plan(result, "Once around the rim" if dual else "")})
     for note in result.notes:
         console.note(f"note: {note}")
     console.table(f"plan of {result.mesh.name}", ["figure", "unit", "value"], _rows(result.figures))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpl_toolkits.mplot3d import proj3d
@@ -43,6 +45,14 @@ def test_the_head_tells_the_figures_on_a_line_of_their_own(result):
     figure = plot_plan(result)
     assert "1 run" in figure.texts[-1].get_text()
     assert "sphere_100" in figure.get_suptitle()
+
+
+def test_a_path_without_neighbouring_turns_has_its_own_name_and_no_step_over(result):
+    assert "step-over 12 mm" in plot_plan(result).texts[-1].get_text()
+    alone = result.figures | {"stepover_p5_m": np.nan, "stepover_p95_m": np.nan}
+    figure = plot_plan(replace(result, figures=alone), "Once around the rim")
+    assert figure.get_suptitle().strip() == "Once around the rim on sphere_100"
+    assert "step-over" not in figure.texts[-1].get_text()
 
 
 def test_the_axes_from_above_are_named_after_the_part_s(result):

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis.bounds import CLAIMS
+from polish_sim.analysis.dual_plot import plot_dual
+from polish_sim.analysis.run_record import RunRecord
 from polish_sim.config import Scenario
 from polish_sim.errors import CalibrationError, ConfigError, InputError, PlanError, ReachError
 from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
@@ -98,6 +100,16 @@ def test_the_speed_is_that_of_the_tool_on_the_part_however_the_part_moves(free: 
         time = run.trace.time_s[run.trace.phase == 2]
         assert run.figures["speed_mean_m_s"] == pytest.approx(np.ptp(fed) / np.ptp(time), rel=0.02)
         assert run.figures["speed_mean_m_s"] < 1.02 * feed
+
+
+def test_the_legend_of_the_errors_covers_none_of_them(free: RunResult) -> None:
+    figure = plot_dual(RunRecord("dual", free.scenario, free.figures, free.log, free.path))
+    figure.canvas.draw()
+    axes = figure.axes[0]
+    legend = axes.get_legend().get_window_extent()
+    drawn = [axes.transData.transform(line.get_xydata()) for line in axes.lines if "of the part" in line.get_label()]
+    assert len(drawn) == 3
+    assert not any(legend.contains(x, y) for x, y in np.concatenate(drawn))
 
 
 def test_the_force_is_held_on_the_moving_rim(pressed: RunResult) -> None:

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 BAND_MM = 0.1
 BAND_N = 1.5
 WRIST_3 = 5
+LEGEND_SHARE = 0.3
+"""Of the errors' range, kept free for their legend."""
 
 
 @styled
@@ -85,6 +87,9 @@ def _draw_error(axes: Axes, time: Array, record: RunRecord, process: NDArray[np.
         axes.plot(time, relative[:, k], color=color, lw=0.9, label=f"{'xyz'[k]} of the part")
     shade_band(axes, 0.0, BAND_MM, f"± {BAND_MM:g} mm")
     axes.set_ylabel("tool on the part [mm]")
+    # Below the errors, wherever they run.
+    low, high = axes.get_ylim()
+    axes.set_ylim(low - LEGEND_SHARE * (high - low), high)
     axes.legend(ncols=4, loc="lower right")
 
 

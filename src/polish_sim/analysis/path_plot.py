@@ -55,11 +55,12 @@ TINT = np.array([0.93, 0.95, 1.0])
 
 
 @styled
-def plot_plan(result: PlanResult) -> Figure:
+def plot_plan(result: PlanResult, name: str = "") -> Figure:
     """Draw a plan.
 
     Args:
         result: The plan.
+        name: What the path is called; else its pattern or its file.
 
     Returns:
         The figure: 3D on the left, from above on the right.
@@ -78,6 +79,7 @@ def plot_plan(result: PlanResult) -> Figure:
     _draw_leads(solid, flat, path, shown)
     _draw_axes(solid, path, shown, frame)
     _finish(figure, flat, result, scale, frame)
+    _head(figure, result, name or _what(result.plan))
     fill_view(solid, np.concatenate([vertices, shown]))
     return figure
 
@@ -185,18 +187,22 @@ def _finish(figure: Figure, flat: Axes, result: PlanResult, scale: Normalize, fr
     flat.xaxis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
     figure.legend(*flat.get_legend_handles_labels(), loc="outside lower left", ncols=2)
     figure.colorbar(ScalarMappable(scale, COLORS), ax=flat, label="along the path [m]", shrink=0.85, pad=0.02)
+
+
+def _head(figure: Figure, result: PlanResult, name: str) -> None:
+    """The heading, and under it how long and how dense the path is."""
     m = result.figures
     near, far = MM * m["stepover_p5_m"], MM * m["stepover_p95_m"]
     # A path without neighbouring turns has no spacing to tell.
-    spread = f", p5-p95 {near:.2f}-{far:.2f} mm" if np.isfinite([near, far]).all() else ""
+    beside = np.isfinite([near, far]).all()
     facts = (
         f"{m['path_length_m']:.2f} m in {m['retracts']} run{'s' if m['retracts'] != 1 else ''}",
-        f"step-over {MM * result.plan.stepover_m:g} mm{spread}",
+        *([f"step-over {MM * result.plan.stepover_m:g} mm, p5-p95 {near:.2f}-{far:.2f} mm"] if beside else []),
         f"{100.0 * m['coverage']:.1f}% covered",
     )
     # Over a narrow map the facts would be cut off: they have a line of their own.
     figure.suptitle(
-        f"{_what(result.plan)} on {result.mesh.name}\n",
+        f"{name} on {result.mesh.name}\n",
         x=0.01,
         ha="left",
         fontsize=11.5,
