@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.errors import SmoothingError
 from polish_sim.motion.certified.smoother import Smoother, join_pieces
 from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.smoothing.arm import Arm
@@ -36,6 +37,10 @@ def plan(
 
     Returns:
         The chain with short segments merged, its way points a part of the given ones; its schedule.
+
+    Raises:
+        ReachError: A place out of reach or singular.
+        SmoothingError: No motion was found within the limits.
     """
     smoother = Smoother(limits, tolerance, axis_tolerance, arm)
     caps = None if feeds is None else np.concatenate([[np.inf], feeds])
@@ -43,5 +48,7 @@ def plan(
     merged = build_chain(
         np.concatenate([chain.tips[:1], pieces.tips]), np.concatenate([chain.rotations[:1], pieces.rotations])
     )
+    if not np.isfinite(smoother.time):
+        raise SmoothingError("no motion was found within the limits: those of the joints are too tight for this path.")
     schedule = Schedule(pieces.segments, pieces.starts, pieces.durations, pieces.coefficients, smoother.time)
     return Smoothed(merged, schedule)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.motion.smoothing.arm import Arm
 from polish_sim.motion.smoothing.chain import Chain
 from polish_sim.motion.smoothing.limits import SmoothingLimits
@@ -19,7 +20,6 @@ from polish_sim.motion.spline.timing import Passage, pass_by, passage_at, slowed
 from polish_sim.motion.timed_path import TimedPath, row_times
 
 Array = NDArray[np.float64]
-
 
 REFINEMENTS = (1, 2, 4)
 """How finely the law is solved for, one after the other while limits are broken between its knots."""
@@ -73,6 +73,9 @@ def plan_spline(
         factor = time_needed(curve, passage, limits, arm)
         if factor <= MOST_SLOWED:
             break
+    if not np.isfinite(factor):
+        start = place_in_mm(chain.tips[0])
+        raise SmoothingError(f"no law of time was found from {start} on. Set smoothing.rule to certified.")
     return SplineMotion(curve, slowed(passage, max(factor, 1.0)))
 
 
@@ -98,7 +101,7 @@ def _fastest(
     """The fastest passage by what is so at its knots: coarse ones and those between, the more the higher refinement."""
     rates = curve_rates(curve, coarse)
     bounded = bounded_quantities(rates, limits, arm)
-    launch = launch_of(curve.length, bounded)
+    launch = launch_of(curve.length, float(_feed_cap(rates.places, feed)[[0, -1]].min()), bounded)
     speeds = envelope(coarse, _feed_cap(rates.places, feed), bounded, launch)
     knots = law_knots(coarse, speeds, launch, refinement)
     rates = curve_rates(curve, knots)

@@ -23,8 +23,6 @@ BEFORE_LIMITS = 0.97
 """Of the speed at which a limit would be met, at the end of the launch."""
 LAUNCH_GROWTH = 1.2
 """After it the time from rest grows by this factor from knot to knot, until knots are ``KNOT_TIME`` apart."""
-
-
 SAME_KNOT = 2e-5
 """Knots nearer than this are not told apart [m]."""
 
@@ -36,13 +34,17 @@ def coarse_knots(curve: Curve, refinement: int) -> Array:
     return np.append((knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel(), knots[-1])
 
 
-def launch_of(length: float, quantities: list[Bounded]) -> Launch:
-    """The launch of a motion over a length [m]: short beside the way, and until bends make themselves felt."""
+def launch_of(length: float, slowest: float, quantities: list[Bounded]) -> Launch:
+    """The launch of a motion over a length [m]: short beside the way, and until bends make themselves felt.
+
+    After it the speed still rises by as much again while the acceleration fades: that may not pass ``slowest``, the
+    smaller speed wanted at the ends [m/s].
+    """
     jerk = LAUNCH_SHARE * jerk_from_rest(quantities)
     launch = Launch(jerk, min(LAUNCH_TIME, 0.1 * float(np.cbrt(length / jerk))))
     ends = [at_ends(each) for each in quantities]
     moved = np.ones(2)
-    while max(
+    while 2.0 * launch.speed > BEFORE_LIMITS * slowest or max(
         time_factor(each, launch.speed * moved, launch.acceleration * moved, jerk * moved) for each in ends
     ) > BEFORE_LIMITS:  # fmt: skip
         launch = launch._replace(duration=0.7 * launch.duration)
