@@ -1,0 +1,35 @@
+"""Section [dual] of the scenario (layer 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from polish_sim.config.key import key
+
+
+@dataclass(frozen=True)
+class DualConfig:
+    """Two robots, for the experiment dual: the master holds the part and moves, the follower works on it."""
+
+    follower_pose: tuple[float, ...] = key(
+        (-1.1, 0.0, 0.0, 0.0, 0.0, 3.0),
+        "where the follower's base really stands in the master's: x, y, z [m], rotation vector [rad]",
+        length=6,
+    )
+    pair: str = key("simulated", "the two robots, as their calibration names them")
+    bases_file: str = key(
+        "",
+        "calibration.toml of `calibrate base`; empty = calibrated before the run with a simulated tracker",
+    )
+    tool_file: str = key(
+        "", "calibration.toml of `calibrate tcp`; empty = calibrated before the run with simulated touches"
+    )
+    tracker_noise_m: float = key(3e-5, "noise of the simulated tracker per coordinate, rms [m]", 0.0, 0.01)
+    touch_noise_m: float = key(5e-5, "noise of simulated touches per coordinate, rms [m]", 0.0, 0.01)
+    marks: int = key(3, "marks around the part, touched to find it on the master's flange", 3, 100)
+    master_speed_m_s: float = key(0.005, "speed of the part while it is worked on [m/s]", 0.0, 0.25)
+    master_direction: tuple[float, ...] = key((0.0, 1.0, 0.0), "direction of that motion, base of the master", length=3)
+    standoff_m: float = key(
+        0.0, "the tool follows this far above the part and touches nothing, 0 = presses on it [m]", 0.0, 0.1
+    )
+    density_kg_m3: float = key(2700.0, "density of the part in the gripper [kg/m^3]", 1.0, 25000.0)
