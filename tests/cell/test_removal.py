@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.cell.pad_motion import PadMotion, pad_motion
 from polish_sim.cell.pressed_nodes import PressedNodes
 from polish_sim.cell.removal import Removed, expose_nodes
+from polish_sim.log import RunLog
 from polish_sim.trace import Trace
 from tests.analysis.synthetic import log_of, trace_of
 from tests.cell.fields import part_at, plane
@@ -199,6 +200,33 @@ def test_how_often_rows_are_logged_changes_nothing() -> None:
 def test_a_part_that_moves_with_the_tool_is_polished_as_one_at_rest() -> None:
     still, moving = exposed(*run_of(), every=4), exposed(*run_of(drift=0.01), every=4)
     np.testing.assert_allclose(moving.exposure, still.exposure, rtol=1e-3, atol=1e-3 * still.exposure.max())
+
+
+def test_a_part_that_is_carried_and_turned_with_the_tool_is_polished_as_one_at_rest() -> None:
+    trace, quaternion = run_of()
+    log, tool = log_of(trace, every=4), Rotation.from_quat(quaternion, scalar_first=True)
+    still = expose_nodes(level_nodes(FINE), pad_motion(_with_tool(log, tool, len(log)), trace, part_at(plane()), R),
+                         R, STIFFNESS)  # fmt: skip
+
+    def carried(t: Array) -> tuple[Rotation, Array]:
+        """The part at some moments: half a radian and 200 mm in the 1.5 s of the pass."""
+        return Rotation.from_rotvec(np.outer(t, [0.2, -0.1, 0.25])), np.outer(t, [0.05, 0.1, -0.07])
+
+    turn, shift = carried(trace.time_s)
+    moved = trace._replace(
+        tcp_position_m=turn.apply(trace.tcp_position_m) + shift, part_shift_m=shift,
+        tool_on_part_m=trace.tcp_position_m, tcp_speed_m_s=np.full(len(trace.time_s), 0.15),
+    )  # fmt: skip
+    turns, _ = carried(np.asarray(log["time_s"]))
+    motion = pad_motion(_with_tool(log, turns * tool, None), moved, part_at(plane()), R, turns.as_matrix())
+    found = expose_nodes(level_nodes(FINE), motion, R, STIFFNESS)
+    np.testing.assert_allclose(found.exposure, still.exposure, rtol=1e-5, atol=1e-5 * still.exposure.max())
+
+
+def _with_tool(log: RunLog, tool: Rotation, count: int | None) -> RunLog:
+    """A log in which the tool stands like that, at every row or always."""
+    turns = tool.as_quat(scalar_first=True)
+    return RunLog({**log.columns, "tcp_quaternion_wxyz": turns if count is None else np.tile(turns, (count, 1))})
 
 
 def test_nodes_beside_the_region_take_their_share_of_the_force() -> None:

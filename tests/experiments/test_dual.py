@@ -122,6 +122,18 @@ def test_the_force_is_held_on_the_moving_rim(pressed: RunResult) -> None:
     assert figures["master_way_m"] == pytest.approx(0.005 * (4.0 - 0.25), abs=0.001)
 
 
+def test_the_moving_part_loses_what_one_at_rest_would_to_a_single_robot(pressed: RunResult) -> None:
+    dual_run = pressed.scenario
+    plan = measure_given_path(pressed.path, dual_run.part, dual_run.plan, dual_run.process, dual_run.pad)
+    alone = override(default_scenario("surface"), ["part.file=wheel_hub_rim", "process.max_feed_s=4"])
+    still = run_experiment(alone, plan)
+    # How it is spread differs a little: the pad levels itself about its own y axis, which the robots hold differently.
+    assert pressed.figures["exposure_nm"] == pytest.approx(still.figures["exposure_nm"], rel=0.005)
+    assert pressed.figures["removal_unplaced"] == 0.0
+    taken = pressed.figures["exposure_nm"] * (1.0 + pressed.figures["removal_elsewhere"])
+    assert pressed.log["exposure_nm"][-1] == pytest.approx(taken, rel=1e-9)
+
+
 def test_the_same_seed_gives_the_same_log(pressed: RunResult) -> None:
     again = run_experiment(pressed.scenario)
     for name in again.log.names:

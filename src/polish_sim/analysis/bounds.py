@@ -138,6 +138,7 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = MappingProxyType(
             Claim("force_within_1n", "force in ±1 N", "%", 100.0, more_is_better=True),
             Claim("contact_lost_s", "contact lost", "s", 1.0),
             *_PAIR,
+            Claim("removal_cv", "removal, std / mean", "%", 100.0),
             _PATH_DONE,
         ),
         "dual-free": (*_PAIR, _PATH_DONE),

@@ -120,7 +120,9 @@ def _name(record: RunRecord) -> str:
 
 
 def _pattern(record: RunRecord) -> str:
-    return "given path" if record.scenario.plan.file else record.scenario.plan.pattern
+    if record.scenario.plan.file:
+        return "given path"
+    return "once around the rim" if record.scenario.experiment == "dual" else record.scenario.plan.pattern
 
 
 def _shown(removal: RemovalMap) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.analysis.dual_figures import Wanted, measure_pair, pair_errors
 from polish_sim.analysis.metrics import measure_surface
+from polish_sim.analysis.removal_figures import measure_removal
 from polish_sim.cell import Cell, CellRun, Job, Observer, RealPart, Silent, build_real_part
 from polish_sim.cell.pair_scene import Held, build_pair_scene
 from polish_sim.cell.sequence import feed_pace
@@ -29,10 +30,11 @@ from polish_sim.experiments.part_setup import (
     strongest,
 )
 from polish_sim.experiments.placement import tool_rotations
+from polish_sim.experiments.removal import remove_material
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.tool_payload import believe_tool
-from polish_sim.log import with_column
-from polish_sim.motion import forward
+from polish_sim.log import RunLog, with_column
+from polish_sim.motion import forward, forward_many
 from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import PathTable, build_path_table
 from polish_sim.planning import PlanResult
@@ -59,29 +61,39 @@ def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Obser
     task = prepare_dual(scenario, plan, observer)
     observer.stage("prepare the cell")
     pressing = scenario.dual.standoff_m == 0.0
-    cell, strokes = build_dual_cell(scenario, task)
+    cell, strokes, part = build_dual_cell(scenario, task)
     observer.stage("simulate")
     run = cell.run(observer)
     path, reach = task.place.path, task.place.reach
     fed = run.trace.path_s_m[run.trace.phase == 2]
     errors = pair_errors(run.trace, wanted_on_part(strokes, reach.T_base_work), pressing)
     figures: dict[str, Any] = measure_pair(run.trace, errors)
+    log, removal = run.log, None
     if pressing:
         force = measure_surface(run.trace, path, scenario.process.contact_force_n)
         figures |= {name: value for name, value in force.items() if name not in figures}
+        removal, log = remove_material(scenario, task.place, part, run, part_turns(log, task, part))
+        figures |= measure_removal(removal)
     figures |= {"chain_residual_m": task.residual, "placement_value": task.reach.value}
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
     figures |= cell.payload_errors._asdict()
-    log = with_column(run.log, "relative_error_m", _at_rows(run, errors.relative))
-    return RunResult(scenario, log, run.trace, figures, run.stop_reason, run.interrupted, path)
+    log = with_column(log, "relative_error_m", _at_rows(run, errors.relative))
+    return RunResult(scenario, log, run.trace, figures, run.stop_reason, run.interrupted, path, removal)
 
 
-def build_dual_cell(scenario: Scenario, task: DualTask) -> tuple[Cell, list[Job]]:
-    """Set the cell up: what is true in the scene, what is believed in the plan.
+class DualCell(NamedTuple):
+    """Two robots about to start."""
 
-    Returns:
-        The cell, not yet run, and the strokes as the host wants them, its tool where it believes it to be.
-    """
+    cell: Cell
+    """Not yet run."""
+    strokes: list[Job]
+    """As the host wants them, its tool where it believes it to be."""
+    part: RealPart
+    """Where it really is at the start."""
+
+
+def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
+    """Set the cell up: what is true in the scene, what is believed in the plan."""
     streams, place = random_streams(scenario.seed), task.place
     pressing = scenario.dual.standoff_m == 0.0
     scenario = scenario if pressing else replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
@@ -104,7 +116,14 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> tuple[Cell, list[Job]
         streams[SENSOR_STREAM], course_for(controller, scenario, place, strokes), task.master,
     )  # fmt: skip
     believe_tool(cell, streams[PAYLOAD_STREAM])
-    return cell, strokes
+    return DualCell(cell, strokes, part)
+
+
+def part_turns(log: RunLog, task: DualTask, part: RealPart) -> Array:
+    """How the part the master carries really stands in the follower's base at the log's rows, shape (n, 3, 3)."""
+    flanges = forward_many(np.asarray(log["master_q_rad"], dtype=np.float64))
+    R_base_master = inverse(task.frames.true.T_master_follower)[:3, :3]
+    return np.asarray(R_base_master @ flanges[:, :3, :3] @ _part_on_flange(task, part)[:3, :3])
 
 
 def free_stroke(scenario: Scenario, task: DualTask) -> Job:

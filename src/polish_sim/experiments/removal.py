@@ -1,4 +1,4 @@
-"""What a run of ``surface`` took off the part, by Preston's law (layer 9)."""
+"""What a run of ``surface`` or ``dual`` took off the part, by Preston's law (layer 9)."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from polish_sim.experiments.real_shape import touched
 from polish_sim.log import RunLog, with_column
 from polish_sim.removal import RemovalMap
 
+Array = NDArray[np.float64]
+
 
 class Removal(NamedTuple):
     """A run's removal, over the region and over time."""
@@ -27,7 +29,9 @@ class Removal(NamedTuple):
     """The run's log with the running exposure of the whole part."""
 
 
-def remove_material(scenario: Scenario, place: Workplace, part: RealPart, run: CellRun) -> Removal:
+def remove_material(
+    scenario: Scenario, place: Workplace, part: RealPart, run: CellRun, part_turns: Array | None = None
+) -> Removal:
     """Sum Preston's law up over a finished run; the loop is not slowed down by it.
 
     Args:
@@ -35,6 +39,7 @@ def remove_material(scenario: Scenario, place: Workplace, part: RealPart, run: C
         place: The nominal part, its region and the path.
         part: The part the pad met.
         run: The run.
+        part_turns: How a part that is carried stands in the base at the log's rows, shape (n, 3, 3).
 
     Returns:
         The map and the log.
@@ -43,7 +48,7 @@ def remove_material(scenario: Scenario, place: Workplace, part: RealPart, run: C
     nodes = place_nodes(
         place.surface, place.region, part, touched(place.shape, place.path, pad.radius_m, part.field.band)
     )
-    motion = pad_motion(run.log, run.trace, part, pad.radius_m)
+    motion = pad_motion(run.log, run.trace, part, pad.radius_m, part_turns)
     removed = expose_nodes(nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale)
     own = len(nodes.mesh.vertices)
     pressed = float(motion.impulses.sum())
@@ -62,7 +67,7 @@ def remove_material(scenario: Scenario, place: Workplace, part: RealPart, run: C
     return Removal(removal, with_column(run.log, "exposure_nm", _running(run.log, motion, removed)))
 
 
-def _running(log: RunLog, motion: PadMotion, removed: Removed) -> NDArray[np.float64]:
+def _running(log: RunLog, motion: PadMotion, removed: Removed) -> Array:
     """Exposure summed over the part up to each row of the log [N m], shape (n,)."""
     rows = np.asarray(log["time_s"], dtype=np.float64)
     if not len(motion.times):

@@ -33,7 +33,7 @@ class RunResult:
     path: ToolPath | None = None
     """The path that was run, work frame."""
     removal: RemovalMap | None = None
-    """What it took off the part, of ``surface`` only."""
+    """What it took off the part, of ``surface`` and of ``dual`` in contact."""
 
 
 def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None) -> dict[str, Any]:
