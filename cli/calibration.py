@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from polish_sim.kernel_cache import is_warm, use_kernel_cache
 from polish_sim.scenario_file import to_toml
 
 SIMULATED, MEASURED = "calibrate-payload", "calibrate-payload-data"
+UNFINISHED = ".seed"
 
 
 def one_seed(scenario: Scenario, drift: bool, draft: Path) -> Outcome:
@@ -45,15 +47,18 @@ def many_seeds(scenario: Scenario, drift: bool, seeds: Sequence[int], draft: Pat
         try:
             for seed in seeds:
                 found = run_payload_calibration(replace(scenario, seed=seed), drift)
-                folder = draft / f"seed-{seed:04d}"
-                folder.mkdir()
-                _write(folder, found)
+                # Renamed when whole, so that breaking off leaves no folder with half of its files.
+                unfinished = draft / UNFINISHED
+                unfinished.mkdir()
+                _write(unfinished, found)
+                unfinished.rename(draft / f"seed-{seed:04d}")
                 runs[seed] = found.figures
                 observer.progress(len(runs), len(seeds))
         except KeyboardInterrupt:
             if not runs:
                 raise
             interrupted = True
+            shutil.rmtree(draft / UNFINISHED, ignore_errors=True)
     mean, worst = aggregate(SIMULATED, list(runs.values()))
     table = {"experiment": SIMULATED, "seeds": list(runs), "mean": mean, "worst": worst}
     write_json(draft / METRICS, table | {"runs": runs, "versions": package_versions()})

@@ -21,6 +21,7 @@ from polish_sim.calibration.frames import (
     write_base_calibration,
 )
 from polish_sim.calibration.tool import read_tool_measurements, tip_positions_flange, tool_table, write_tool_calibration
+from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
 from polish_sim.experiments.calibrate_base import BasesFound, BaseTrial, calibrate_base_from, run_base_calibration
 from polish_sim.experiments.calibrate_tcp import TcpCalibration, TcpTrial, calibrate_tcp_from, run_tcp_calibration
@@ -55,8 +56,7 @@ def tcp_once(trial: TcpTrial, draft: Path) -> Outcome:
 
 def tcp_many(trial: TcpTrial, seeds: Sequence[int], draft: Path) -> Outcome:
     """Calibrate with each seed; what is checked is the worst of each figure."""
-    runs = {seed: run_tcp_calibration(replace(trial, seed=seed)).figures for seed in seeds}
-    return _together(TCP, f"tool frame, {len(runs)} seeds", runs, draft)
+    return _together(TCP, "tool frame", seeds, lambda seed: run_tcp_calibration(replace(trial, seed=seed)).figures, draft)
 
 
 def tcp_from_data(file: Path, draft: Path) -> Outcome:
@@ -77,8 +77,11 @@ def base_once(trial: BaseTrial, pair: str, draft: Path) -> Outcome:
 
 def base_many(trial: BaseTrial, seeds: Sequence[int], draft: Path) -> Outcome:
     """Calibrate with each seed; what is checked is the worst of each figure."""
-    runs = {seed: run_base_calibration(replace(trial, seed=seed)).figures for seed in seeds}
-    return _together(_METHOD_CLAIMS[trial.method], f"bases by {trial.method}, {len(runs)} seeds", runs, draft)
+
+    def figures(seed: int) -> Mapping[str, Any]:
+        return run_base_calibration(replace(trial, seed=seed)).figures
+
+    return _together(_METHOD_CLAIMS[trial.method], f"bases by {trial.method}", seeds, figures, draft)
 
 
 def base_from_data(file: Path, method: str, pair: str, draft: Path) -> Outcome:
@@ -89,8 +92,11 @@ def base_from_data(file: Path, method: str, pair: str, draft: Path) -> Outcome:
     return Outcome(BASE_DATA, f"bases from {file.name}", columns, notes=_base_notes(found))
 
 
-def _together(experiment: str, title: str, runs: Mapping[int, Mapping[str, Any]], draft: Path) -> Outcome:
-    """Rms and worst value of each figure over the seeds."""
+def _together(
+    experiment: str, what: str, seeds: Sequence[int], figures: Callable[[int], Mapping[str, Any]], draft: Path
+) -> Outcome:
+    """Rms and worst value of each figure over the seeds; broken off, over those that were done."""
+    runs, interrupted = _each_seed(seeds, figures)
 
     def over(summary: Callable[[list[float]], float]) -> dict[str, float]:
         known = {c.figure: [run[c.figure] for run in runs.values() if c.figure in run] for c in CLAIMS[experiment]}
@@ -99,7 +105,26 @@ def _together(experiment: str, title: str, runs: Mapping[int, Mapping[str, Any]]
     rms, worst = over(lambda values: float(np.sqrt(np.mean(np.square(values))))), over(max)
     table = {"experiment": experiment, "seeds": list(runs), "rms": rms, "worst": worst, "runs": runs}
     write_json(draft / METRICS, table | {"versions": package_versions()})
-    return Outcome(experiment, title, {"rms": rms, "worst seed": worst})
+    columns = {"rms": rms, "worst seed": worst}
+    return Outcome(experiment, f"{what}, {len(runs)} seeds", columns, interrupted=interrupted)
+
+
+def _each_seed(
+    seeds: Sequence[int], figures: Callable[[int], Mapping[str, Any]]
+) -> tuple[dict[int, Mapping[str, Any]], bool]:
+    """Figures by seed, and whether the user broke off after the first."""
+    runs: dict[int, Mapping[str, Any]] = {}
+    with console.progress() as observer:
+        observer.stage(f"calibrate {len(seeds)} seeds")
+        try:
+            for seed in seeds:
+                runs[seed] = figures(seed)
+                observer.progress(len(runs), len(seeds))
+        except KeyboardInterrupt:
+            if not runs:
+                raise
+            return runs, True
+    return runs, False
 
 
 def _write_tcp(folder: Path, done: TcpCalibration) -> None:

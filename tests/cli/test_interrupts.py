@@ -1,12 +1,14 @@
-"""Ctrl-C of the commands that record nothing on the way: 130, one line, and no file is left half written."""
+"""Ctrl-C: 130 and one line; no file is left half written, and what was recorded is kept."""
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import signal
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -23,30 +25,54 @@ def write_long_path(file: Path) -> None:
     file.write_text("x,y,z,i,j,k\n" + "\n".join(lines) + "\n")
 
 
+def broken_off(words: list[str], folder: Path, ready: Callable[[Path], bool], then_s: float) -> str:
+    """What a command says when Ctrl-C comes a while after its draft folder is ready; it ends with 130."""
+    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(
+        [*PROGRAM, *words, "--out", "out/cut"], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
+    ) as run:
+        while not ready(folder / "out/.cut.part"):
+            assert run.poll() is None, run.communicate()[1]
+            time.sleep(0.02)
+        time.sleep(then_s)
+        run.send_signal(signal.SIGINT)
+        _, err = run.communicate()
+    assert run.returncode == 130, err
+    assert "Traceback" not in err
+    return err
+
+
 @pytest.mark.parametrize(
     "words",
     [
         ["smooth", "path.csv"],
         ["run", "smooth"],
         ["identify", "--starts", "50"],
-        ["calibrate", "tcp", "--seeds", "100000"],
-        ["calibrate", "base", "--seeds", "100000"],
     ],
     ids=" ".join,
 )
-def test_ctrl_c_is_130_with_one_line_and_nothing_half_written(words: list[str], tmp_path: Path) -> None:
+def test_ctrl_c_of_what_records_nothing_on_the_way_leaves_nothing(words: list[str], tmp_path: Path) -> None:
     write_long_path(tmp_path / "path.csv")
-    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen(
-        [*PROGRAM, *words, "--out", "out/cut"], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
-    ) as run:
-        while not (tmp_path / "out/.cut.part").exists():
-            assert run.poll() is None, run.communicate()[1]
-            time.sleep(0.02)
-        time.sleep(1.0)
-        run.send_signal(signal.SIGINT)
-        _, err = run.communicate()
-    assert run.returncode == 130, err
-    assert "Traceback" not in err
+    err = broken_off(words, tmp_path, lambda draft: draft.exists(), 1.0)
     assert err.splitlines()[-1].startswith("error: interrupted")
     assert [path.name for path in tmp_path.iterdir()] == ["path.csv"]
+
+
+@pytest.mark.parametrize("what", ["tcp", "base", "payload"])
+def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(what: str, tmp_path: Path) -> None:
+    words = ["calibrate", what, "--seeds", "100000"]
+    if what == "payload":
+        err = broken_off(words, tmp_path, lambda draft: (draft / "seed-0001").exists(), 0.05)
+    else:
+        err = broken_off(words, tmp_path, lambda draft: draft.exists(), 2.0)
+    assert "interrupted: what was recorded up to now is kept." in err
+    cut = tmp_path / "out/cut"
+    metrics = json.loads((cut / "metrics.json").read_text(encoding="utf-8"))
+    count = len(metrics["seeds"])
+    assert 0 < count < 100_000
+    assert metrics["seeds"] == list(range(count))
+    assert len(metrics["runs"]) == count
+    folders = {f"seed-{seed:04d}" for seed in range(count)} if what == "payload" else set()
+    assert {path.name for path in cut.iterdir()} == {"metrics.json"} | folders
+    files = {"calibration.toml", "residuals.csv", "metrics.json", "config.toml", "residuals.png", "drift.png"}
+    assert all({path.name for path in (cut / name).iterdir()} == files for name in folders)
