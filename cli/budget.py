@@ -24,7 +24,7 @@ from polish_sim.experiments.pair_budget import (
     budget_figures,
     compare_shares,
     draw_errors,
-    predict_covariances,
+    predict,
 )
 
 Array = NDArray[np.float64]
@@ -32,20 +32,16 @@ Array = NDArray[np.float64]
 BUDGET = "calibrate-budget"
 CURVE = 300
 """Steps of the predicted density."""
-_INSTRUMENTS = {"bases": "tracker", "tool": "touches", "part": "touches", TOGETHER: "all"}
+_INSTRUMENTS = {"bases": "tracker", "tool": "touches", "part": "touches", "closing": "touches", TOGETHER: "all"}
 
 
 def chosen_trial(
-    draws: int | None, tracker_noise: float | None, touch_noise: float | None, marks: int | None, seed: int | None
+    draws: int | None, noise: Mapping[str, float | None], counts: Mapping[str, int | None], seed: int | None
 ) -> PairBudgetTrial:
-    """The trial with what was given on the command line; noise in mm."""
+    """The trial with what was given on the command line: noise [mm] and counts by the names of section [dual]."""
     trial = PairBudgetTrial()
-    given = {
-        "tracker_noise_m": tracker_noise if tracker_noise is None else 1e-3 * tracker_noise,
-        "touch_noise_m": touch_noise if touch_noise is None else 1e-3 * touch_noise,
-        "marks": marks,
-    }
-    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    chosen: dict[str, Any] = {name: 1e-3 * value for name, value in noise.items() if value is not None}
+    chosen |= {name: value for name, value in counts.items() if value is not None}
     own = {name: value for name, value in (("draws", draws), ("seed", seed)) if value is not None}
     return replace(trial, dual=replace(trial.dual, **chosen), **own)
 
@@ -54,7 +50,7 @@ def budget_once(trial: PairBudgetTrial, least: int, draft: Path) -> Outcome:
     """Predict, draw, compare and write; broken off, what was drawn is kept if it is ``least`` draws or more."""
     with console.progress() as observer:
         observer.stage("predict by covariances")
-        covariances = predict_covariances(trial)
+        prediction = predict(trial)
         observer.stage(f"draw {trial.draws} calibrations")
         drawn: list[dict[str, Array]] = []
         interrupted = False
@@ -66,10 +62,11 @@ def budget_once(trial: PairBudgetTrial, least: int, draft: Path) -> Outcome:
             if len(drawn) < least:
                 raise
             interrupted = True
+    covariances = prediction.covariances
     errors = {name: np.stack([one[name] for one in drawn]) for name in covariances}
     shares = compare_shares(trial, covariances, errors)
     total = _total(errors[TOGETHER], covariances[TOGETHER])
-    predicted, figures = budget_figures(trial, shares, errors[TOGETHER], total.rms_asked)
+    predicted, figures = budget_figures(trial, prediction, shares, errors[TOGETHER], total.rms_asked)
     _write(draft, trial, shares, figures, total)
     _show_shares(shares)
     columns = {"analysis": predicted, "drawn": figures}
@@ -80,7 +77,9 @@ def _write(
     draft: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Mapping[str, Any], total: Total
 ) -> None:
     sources = {name: share._asdict() for name, share in shares.items()}
-    settings = {name: getattr(trial.dual, name) for name in ("tracker_noise_m", "touch_noise_m", "marks")}
+    settings = {
+        name: getattr(trial.dual, name) for name in ("tracker_noise_m", "touch_noise_m", "marks", "closing_touches")
+    }
     settings |= {name: value for name, value in asdict(trial).items() if name != "dual"}
     record = {"experiment": BUDGET, "settings": settings, **figures, "sources": sources}
     write_json(draft / METRICS, record | {"versions": package_versions()})
@@ -92,7 +91,7 @@ def _write(
     }
     facts = [
         f"tracker {1e3 * trial.dual.tracker_noise_m:g} mm, touches {1e3 * trial.dual.touch_noise_m:g} mm",
-        f"{trial.dual.marks} marks, {figures['draws']} calibrations",
+        f"{trial.dual.marks} marks, {trial.dual.closing_touches} closing touches, {figures['draws']} calibrations",
     ]
     save_plots(draft, {"budget.png": plot_budget(bars, total, "Error budget of the tool on the part", facts)})
 

@@ -14,6 +14,7 @@ from polish_sim.errors import InputError
 
 LEAST_DRAWS, MOST_DRAWS = 30, 100_000
 LEAST_MARKS, MOST_MARKS = 3, 100
+MOST_CLOSING = 1000
 
 Draws = Annotated[
     int | None,
@@ -41,6 +42,15 @@ Marks = Annotated[
     int | None,
     typer.Option("--marks", metavar="N", help="Marks that tell the part, 3 to 100; default 3.", rich_help_panel=PANEL),
 ]
+Closing = Annotated[
+    int | None,
+    typer.Option(
+        "--closing",
+        metavar="N",
+        help="Touches of the marks with the tool, which adjust all to each other; default 12, 0 = none.",
+        rich_help_panel=PANEL,
+    ),
+]
 
 
 def budget(
@@ -48,6 +58,7 @@ def budget(
     tracker_noise: TrackerNoise = None,
     touch_noise: TouchNoise = None,
     marks: Marks = None,
+    closing: Closing = None,
     seed: o.Seed = None,
     check: o.Check = False,
     out: o.Out = None,
@@ -58,13 +69,19 @@ def budget(
     within("--tracker-noise", tracker_noise, 0.0, LARGEST_NOISE_MM, "mm")
     within("--touch-noise", touch_noise, 0.0, LARGEST_NOISE_MM, "mm")
     within("--marks", marks, LEAST_MARKS, MOST_MARKS, "")
+    within("--closing", closing, 0, MOST_CLOSING, "")
     within("--seed", seed, 0, 2**63 - 1, "")
     if tracker_noise == 0.0 and touch_noise == 0.0:
         raise InputError("--tracker-noise 0 with --touch-noise 0 leaves no error to share out: give one of them.")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.cli.budget import budget_once, chosen_trial
 
-    trial = chosen_trial(draws, tracker_noise, touch_noise, marks, seed)
+    trial = chosen_trial(
+        draws,
+        {"tracker_noise_m": tracker_noise, "touch_noise_m": touch_noise},
+        {"marks": marks, "closing_touches": closing},
+        seed,
+    )
     with claimed(out, "calibrate-budget", overwrite) as folder:
         outcome = budget_once(trial, LEAST_DRAWS, folder.draft)
     outcome.show()

@@ -56,7 +56,9 @@ def tcp_once(trial: TcpTrial, draft: Path) -> Outcome:
 
 def tcp_many(trial: TcpTrial, seeds: Sequence[int], draft: Path) -> Outcome:
     """Calibrate with each seed; what is checked is the worst of each figure."""
-    return _together(TCP, "tool frame", seeds, lambda seed: run_tcp_calibration(replace(trial, seed=seed)).figures, draft)
+    return _together(
+        TCP, "tool frame", seeds, lambda seed: run_tcp_calibration(replace(trial, seed=seed)).figures, draft
+    )
 
 
 def tcp_from_data(file: Path, draft: Path) -> Outcome:

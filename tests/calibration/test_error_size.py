@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import chi
+from scipy.stats import chi, chi2
 
-from polish_sim.calibration.error_size import length_probability, length_quantile
+from polish_sim.calibration.error_size import length_probability, length_quantile, quadratic_tail
 
 
 def test_the_same_in_all_directions_is_a_chi_with_three_degrees_of_freedom() -> None:
@@ -36,3 +36,15 @@ def test_errors_of_several_places_are_what_is_drawn_of_them() -> None:
 
 def test_no_error_has_no_length() -> None:
     assert length_quantile(np.zeros((2, 3, 3)), 0.95) == 0.0
+
+
+def test_a_sum_of_equal_squares_is_a_chi_square_and_of_unequal_ones_what_draws_say() -> None:
+    weight = np.diag([2.0, 2.0, 2.0, 2.0])
+    for limit in (1.0, 8.0, 30.0):
+        assert quadratic_tail(0.5 * np.eye(4), weight, limit) == pytest.approx(chi2.sf(limit, 4), abs=1e-8)
+    rng = np.random.default_rng(0)
+    L = rng.uniform(-1.0, 1.0, (5, 5))
+    squares = np.sum((L @ rng.standard_normal((5, 40_000))) ** 2, axis=0)
+    limit = float(np.percentile(squares, 80.0))
+    assert quadratic_tail(L @ L.T, np.eye(5), limit) == pytest.approx(0.2, abs=4.0 * np.sqrt(0.16 / 40_000))
+    assert quadratic_tail(np.zeros((5, 5)), np.eye(5), 1.0) == 0.0

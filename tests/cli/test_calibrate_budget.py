@@ -27,8 +27,8 @@ def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp
     assert {path.name for path in (tmp_path / "one").iterdir()} == {"metrics.json", "budget.png"}
     figures = metrics(tmp_path / "one")
     sources = figures["sources"]
-    assert set(sources) == {"bases", "tool", "part", "together"}
-    alone = [sources[name]["predicted_rms_m"] for name in ("bases", "tool", "part")]
+    assert set(sources) == {"bases", "tool", "part", "closing", "together"}
+    alone = [sources[name]["predicted_rms_m"] for name in ("bases", "tool", "part", "closing")]
     assert sources["together"]["predicted_rms_m"] == pytest.approx(np.linalg.norm(alone))
     assert figures["relative_error_rms_m"] == sources["together"]["drawn_rms_m"]
     assert figures["settings"]["tracker_noise_m"] == 3e-5
@@ -38,10 +38,12 @@ def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp
 
 
 def test_worse_instruments_fall_short(polish_sim: Tool, tmp_path: Path) -> None:
-    words = ("--draws", "30", "--tracker-noise", "0", "--touch-noise", "0.2", "--marks", "4", "--check", "--out", "bad")
+    noise = ("--tracker-noise", "0", "--touch-noise", "0.2")
+    words = ("--draws", "30", *noise, "--marks", "4", "--closing", "0", "--check", "--out", "bad")
     assert polish_sim("calibrate", "budget", *words).code == 1
     figures = metrics(tmp_path / "bad")
     assert figures["settings"]["marks"] == 4
+    assert figures["settings"]["closing_touches"] == 0
     assert figures["sources"]["tool"]["predicted_rms_m"] == pytest.approx(2e-4 * np.sqrt(0.4), rel=1e-6)
     assert figures["sources"]["bases"]["predicted_rms_m"] == 0.0
 
@@ -53,6 +55,7 @@ def test_worse_instruments_fall_short(polish_sim: Tool, tmp_path: Path) -> None:
         (["--tracker-noise", "-1"], "--tracker-noise -1 is outside 0 to 10 mm"),
         (["--touch-noise", "nan"], "--touch-noise nan is outside 0 to 10 mm"),
         (["--marks", "2"], "--marks 2 is outside 3 to 100"),
+        (["--closing", "-1"], "--closing -1 is outside 0 to 1000"),
         (["--seed", "-1"], "--seed -1 is outside"),
         (["--tracker-noise", "0", "--touch-noise", "0"], "leaves no error to share out"),
     ],

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import gammainc
 
@@ -56,6 +57,30 @@ def length_quantile(covariances: Array, share: float) -> float:
         return float(length_probability(covariances, np.array([length]))[0]) - share
 
     return float(brentq(beyond, 0.0, longest, xtol=1e-6 * longest))
+
+
+def quadratic_tail(covariance: Array, weight: Array, limit: float) -> float:
+    """How often x^T W x is above a limit, x Gaussian with mean zero.
+
+    With eigenvalues l of C W / limit it is the integral of exp(-s) / (s sqrt(prod(1 - 2 l s))) ds / (2 pi i) along a
+    line that leaves 0 to its left and 1 / (2 l) to its right; bent to the right it falls like a Gaussian.
+
+    Args:
+        covariance: Of x, shape (n, n).
+        weight: W, symmetric and positive semi-definite, shape (n, n).
+        limit: Above 0, in the unit of x^T W x.
+    """
+    values = np.linalg.eigvals(covariance @ weight).real / limit
+    if not values.max(initial=0.0) > 0.0:
+        return 0.0
+    first = 0.5 / float(values.max())
+    bend = 0.5 / max(first, 1.0)
+
+    def height(t: float) -> float:
+        s = 0.5 * first + bend * t * t + 1j * t
+        return float((np.exp(-s) / (s * np.prod(np.sqrt(1.0 - 2.0 * values * s))) * (1.0 - 2j * bend * t)).real)
+
+    return float(quad(height, 0.0, np.sqrt(40.0 / bend), epsabs=1e-9, limit=200)[0] / np.pi)
 
 
 def _directions() -> tuple[Array, Array]:

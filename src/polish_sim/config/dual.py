@@ -27,6 +27,9 @@ class DualConfig:
     tracker_noise_m: float = key(3e-5, "noise of the simulated tracker per coordinate, rms [m]", 0.0, 0.01)
     touch_noise_m: float = key(5e-5, "noise of simulated touches per coordinate, rms [m]", 0.0, 0.01)
     marks: int = key(3, "marks around the part, touched to find it on the master's flange", 3, 100)
+    closing_touches: int = key(
+        12, "touches of these marks with the tool that adjust bases, tool and part to each other; 0 = none", 0, 1000
+    )
     master_speed_m_s: float = key(0.005, "speed of the part while it is worked on [m/s]", 0.0, 0.25)
     master_direction: tuple[float, ...] = key((0.0, 1.0, 0.0), "direction of that motion, base of the master", length=3)
     standoff_m: float = key(

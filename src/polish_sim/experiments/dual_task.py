@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -18,7 +19,7 @@ from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import ConfigError, PlanError, ReachError
 from polish_sim.experiments.assembly import Workplace
-from polish_sim.experiments.pair_frames import PairFrames, calibrated_frames
+from polish_sim.experiments.pair_frames import PairFrames, calibrated_frames, true_chain
 from polish_sim.experiments.pair_placement import (
     Collides,
     PairReach,
@@ -28,15 +29,16 @@ from polish_sim.experiments.pair_placement import (
     sampled,
     suggest_base,
 )
+from polish_sim.experiments.pair_survey import Site
 from polish_sim.experiments.part_setup import check_set_points, part_file, stretches_in_contact
 from polish_sim.experiments.placement import Reach, given_placement
 from polish_sim.experiments.real_shape import real_shape
 from polish_sim.experiments.rim_path import rim_path
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.motion import forward_many
-from polish_sim.motion.coordination import follow_joints, master_flange, plan_coordinated
+from polish_sim.motion.coordination import Chain2, follow_joints, master_flange, plan_coordinated
 from polish_sim.planning import PlanResult, ToolPath
-from polish_sim.spatial import inverse
+from polish_sim.spatial import inverse, perpendicular, rotation_to_axis, transform
 
 Array = NDArray[np.float64]
 
@@ -80,17 +82,13 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     mesh, surface, region, path = _planned(scenario, plan)
     check_load(mesh, scenario.dual.density_kg_m3)
     check_set_points(path)
-    path = lifted(path, scenario.dual.standoff_m)
-    observer.stage("calibrate the robots")
-    frames = calibrated_frames(scenario.dual, _marks(path, scenario.dual.marks), _frames_stream(scenario.seed))
-    observer.stage("check the reach of both robots")
+    touched, path = path, lifted(path, scenario.dual.standoff_m)
     way = master_way(scenario, path)
+    observer.stage("calibrate the robots")
+    frames = calibrated_frames(scenario.dual, _site(scenario, touched, region.up, way), _frames_stream(scenario.seed))
+    observer.stage("check the reach of both robots")
     work = Work(frames.believed, path, way)
-    poses = (
-        (frames.believed.T_master_follower @ T for T in given_placement(scenario.part.pose))
-        if scenario.part.pose
-        else default_poses(frames.believed, region.up, way)
-    )
+    poses = _poses(scenario, frames.believed, region.up, way)
     held = Held(mesh, scenario.dual.density_kg_m3, frames.true.T_flange_gripper, CLEARANCE)
 
     def contacts(T_master_follower: Array) -> Collides:
@@ -167,10 +165,21 @@ def _base_text(T_master_follower: Array | None) -> str:
     )
 
 
-def _marks(path: ToolPath, count: int) -> Array:
-    """Points to find the part by, spread along the path, shape (count, 3)."""
-    positions = path.positions_work[path.process]
-    return positions[np.linspace(0, len(positions), count, endpoint=False).astype(int)]
+def _poses(scenario: Scenario, chain: Chain2, up: Array, way: Array) -> Iterator[Array]:
+    """Where the part may be held at the start of its way, base of the master, each (4, 4)."""
+    if scenario.part.pose:
+        return (chain.T_master_follower @ T for T in given_placement(scenario.part.pose))
+    return default_poses(chain, up, way)
+
+
+def _site(scenario: Scenario, path: ToolPath, up: Array, way: Array) -> Site:
+    """Marks to find the part by, spread along the path, touched half way of the first place the part may be held."""
+    rows = np.flatnonzero(path.process)
+    rows = rows[np.linspace(0, len(rows), scenario.dual.marks, endpoint=False).astype(int)]
+    T_master_work = next(_poses(scenario, true_chain(scenario.dual), up, way)).copy()
+    T_master_work[:3, 3] += 0.5 * way
+    R_work_tool = np.stack([rotation_to_axis(-axis[None], perpendicular(axis))[0] for axis in path.axes_work[rows]])
+    return Site(T_master_work, transform(R_work_tool, path.positions_work[rows]))
 
 
 def _frames_stream(seed: int) -> np.random.Generator:

@@ -1,8 +1,9 @@
 """Error budget of the tool on the part, two arms calibrated as `run dual` calibrates them (layer 9).
 
-Noise of tracker and touches goes through the calibrations of bases, tool and part to the tool's place on the rim:
-once to first order, by covariances, and once drawn, each source alone and all together. To first order the error is,
-in the part's axes, R_work_flange (t + psi x r_mark) - R_work_master (d + phi x r_base) - R_work_tool R_tool_flange p:
+Noise of the instruments goes through the calibration of bases, tool and part, and through their adjustment to closing
+touches, to the tool's place on the rim: once to first order, by covariances, and once drawn, the noise of each source
+alone and of all together. To first order the error is, in the part's axes,
+R_work_flange (t + psi x r_mark) - R_work_master (d + phi x r_base) - R_work_tool R_tool_flange p:
 d, phi of the follower's base in the master's, t, psi of the part on its flange, p of the tip on its own.
 """
 
@@ -10,39 +11,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.calibration.error_size import length_quantile
-from polish_sim.calibration.frames import ROBOTS, point_covariance
-from polish_sim.calibration.tool import fit_tool_point
+from polish_sim.calibration.error_size import length_quantile, quadratic_tail
+from polish_sim.calibration.pair import SOURCES, PairAdjustment, PairParts, adjust_pair
+from polish_sim.calibration.pair.adjustment import BASES, PART, TIP, point_slopes
 from polish_sim.config import DualConfig
-from polish_sim.experiments.calibrate_base import TrueBases, simulate_arcs
-from polish_sim.experiments.calibrate_tcp import TOOL_DOWN, TcpTrial, simulate_touches
-from polish_sim.experiments.pair_frames import (
-    ARC_POINTS,
-    T_TRACKER_MASTER,
-    PairFrames,
-    calibrated_frames,
-    tool_errors,
-    true_chain,
-)
+from polish_sim.experiments.calibrate_tcp import TOOL_DOWN
+from polish_sim.experiments.pair_frames import PairFrames, believed_chain, tool_errors, true_chain
 from polish_sim.experiments.pair_placement import default_poses
+from polish_sim.experiments.pair_survey import Site, find_parts, touch_marks
 from polish_sim.motion.coordination import Chain2
-from polish_sim.spatial import apply, skew, transform
+from polish_sim.spatial import apply, transform
 
 Array = NDArray[np.float64]
 
-SOURCES: Final[Mapping[str, str]] = MappingProxyType(
-    {"bases": "T_master_follower", "tool": "T_flange_tool", "part": "T_flange_gripper"}
-)
-"""What is calibrated, and the link of the chain its error sits in: the part's is told together with the gripper's."""
 TOGETHER: Final = "together"
-ARC_DESIGNS: Final = 20
-"""Sets of measured arcs the bases' covariance is averaged over: a tracker takes its points where it will."""
+DESIGNS: Final = 10
+"""Sets of measured arcs the prediction is averaged over: a tracker takes its points where it will."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +54,10 @@ class PairBudgetTrial:
         return transform(np.tile(TOOL_DOWN, (self.points, 1, 1)), self._around(self.points))
 
     @property
-    def marks(self) -> Array:
-        """Points that are touched to find the part, evenly around the rim [m], shape (dual.marks, 3)."""
-        return self._around(self.dual.marks)
+    def site(self) -> Site:
+        """Points of the rim that are touched to find the part, and again with the tool; `dual.marks` of them."""
+        count = self.dual.marks
+        return Site(self.T_master_work, transform(np.tile(TOOL_DOWN, (count, 1, 1)), self._around(count)))
 
     @property
     def T_master_work(self) -> Array:
@@ -104,39 +94,65 @@ class Share(NamedTuple):
         return (self.drawn_rms_m - self.predicted_rms_m) / self.drawn_rms_std_m if self.drawn_rms_std_m else 0.0
 
 
-def predict_covariances(trial: PairBudgetTrial) -> dict[str, Array]:
-    """Covariance of the tool's place on the part by source and together, to first order.
+class Prediction(NamedTuple):
+    """What covariances say of the tool on the part, to first order."""
+
+    slopes: Array
+    """How the tool's place on the part moves with the 15 unknowns, work frame, shape (points, 3, 15)."""
+    shares: Mapping[str, Array]
+    """Covariance of the unknowns by source, (15, 15) each; they add up to the whole."""
+
+    @property
+    def covariances(self) -> dict[str, Array]:
+        """Of the tool's place by source and together [m^2], work frame, each (points, 3, 3)."""
+        J = self.slopes
+        found = {name: np.asarray(J @ C @ np.swapaxes(J, 1, 2)) for name, C in self.shares.items()}
+        return found | {TOGETHER: np.sum(list(found.values()), axis=0)}
+
+    def above_share(self, rms: float) -> float:
+        """Share of calibrations whose rms around the rim is larger than this [m]."""
+        stacked = self.slopes.reshape(-1, self.slopes.shape[2])
+        mean_square = stacked.T @ stacked / len(self.slopes)
+        return quadratic_tail(np.sum(list(self.shares.values()), axis=0), mean_square, rms**2)
+
+
+def predict(trial: PairBudgetTrial) -> Prediction:
+    """Noise of the instruments to the tool on the part, to first order.
 
     Args:
-        trial: Noise, marks, rim.
-
-    Returns:
-        By source [m^2], work frame, each (points, 3, 3).
+        trial: Noise, marks, closing touches, rim.
     """
-    true = true_chain(trial.dual)
-    tip = _tip_covariance(trial.dual.touch_noise_m)
-    R_work_flange = trial.T_work_tool[:, :3, :3] @ true.T_flange_tool[:3, :3].T
-    found = {
-        "bases": _bases_covariances(trial, true),
-        "tool": R_work_flange @ tip @ np.swapaxes(R_work_flange, 1, 2),
-        "part": _part_covariances(trial, true, tip),
-    }
-    return found | {TOGETHER: np.sum(list(found.values()), axis=0)}
+    dual, site, true = trial.dual, trial.site, true_chain(trial.dual)
+    adjusted = [_adjusted_exactly(dual, true, site, np.random.default_rng([trial.seed, 16, k])) for k in range(DESIGNS)]
+    shares = {name: np.mean([one.share(name) for one in adjusted], axis=0) for name in SOURCES}
+    if dual.tracker_noise_m == 0.0:
+        shares["bases"] = np.zeros((15, 15))
+    if dual.touch_noise_m == 0.0:
+        shares |= dict.fromkeys(("tool", "part", "closing"), np.zeros((15, 15)))
+    return Prediction(_slopes(trial, true), shares)
 
 
 def draw_errors(trial: PairBudgetTrial) -> Iterator[dict[str, Array]]:
     """Calibrate again and again, through the whole chain: nothing is linear here.
 
     Yields:
-        Draw by draw, by source and together: from the tool as wanted to the tool as it is, work frame [m],
-        each (points, 3).
+        Draw by draw, with the noise of each source alone and of all together: from the tool as wanted to the tool as
+        it is, work frame [m], each (points, 3).
     """
     rng = np.random.default_rng([trial.seed, 15])
-    T_master_work, T_work_tool, marks = trial.T_master_work, trial.T_work_tool, trial.marks
+    dual, site, true = trial.dual, trial.site, true_chain(trial.dual)
+    T_master_work, T_work_tool, noise = trial.T_master_work, trial.T_work_tool, trial.dual.touch_noise_m
     for _ in range(trial.draws):
-        true, believed = calibrated_frames(trial.dual, marks, rng)
-        chains = {name: true._replace(**{link: getattr(believed, link)}) for name, link in SOURCES.items()}
-        chains[TOGETHER] = believed
+        found, R_flange_tool = find_parts(dual, true, site, rng)
+        exact = true_parts(found, true, site)
+        touched = touch_marks(true, site, dual.closing_touches, noise, rng)
+        silent = touch_marks(true, site, dual.closing_touches, 0.0, rng)
+        heard = {name: (_only(name, found, exact), touched if name == "closing" else silent) for name in SOURCES}
+        heard[TOGETHER] = (found, touched)
+        chains = {
+            name: believed_chain(adjust_pair(parts, site.marks_work, closing, noise), R_flange_tool, true)
+            for name, (parts, closing) in heard.items()
+        }
         yield {name: tool_errors(PairFrames(true, chain), T_master_work, T_work_tool) for name, chain in chains.items()}
 
 
@@ -155,12 +171,13 @@ def compare_shares(
 
 
 def budget_figures(
-    trial: PairBudgetTrial, shares: Mapping[str, Share], errors: Array, asked_rms: float
+    trial: PairBudgetTrial, prediction: Prediction, shares: Mapping[str, Share], errors: Array, asked_rms: float
 ) -> tuple[dict[str, float], dict[str, float]]:
     """The figures of the whole, as analysis and as the draws have them.
 
     Args:
         trial: What was predicted and drawn.
+        prediction: Of it.
         shares: By source and together.
         errors: Together, draw by draw, work frame [m], shape (draws, points, 3).
         asked_rms: Calibrations with a larger rms around the rim are counted [m].
@@ -176,6 +193,7 @@ def budget_figures(
         "relative_error_p95_m": whole.predicted_p95_m,
         "across_error_rms_m": whole.predicted_across_rms_m,
         "axial_share": whole.predicted_axial_share,
+        "calibrations_above_share": prediction.above_share(asked_rms),
     }
     drawn = {
         "relative_error_rms_m": whole.drawn_rms_m,
@@ -211,38 +229,32 @@ def _share(covariances: Array, errors: Array, axes: Array) -> Share:
     )
 
 
-def _bases_covariances(trial: PairBudgetTrial, true: Chain2) -> Array:
-    """Of points of the part that move with the follower's base, shape (points, 3, 3)."""
-    noise, T = trial.dual.tracker_noise_m, true.T_master_follower
-    if noise == 0.0:
-        return np.zeros((trial.points, 3, 3))
-    stand = TrueBases(dict(zip(ROBOTS, (T_TRACKER_MASTER, T_TRACKER_MASTER @ T), strict=True)))
-    rng = np.random.default_rng([trial.seed, 16])
-    frame = np.mean(
-        [simulate_arcs(stand, ARC_POINTS, 0.0, rng).fit(noise).covariance for _ in range(ARC_DESIGNS)], axis=0
-    )
-    R_work_master = trial.T_master_work[:3, :3].T
-    offsets = apply(trial.T_master_work, trial.T_work_tool[:, :3, 3]) - T[:3, 3]
-    return np.stack([R_work_master @ point_covariance(frame, offset) @ R_work_master.T for offset in offsets])
+def true_parts(found: PairParts, true: Chain2, site: Site) -> PairParts:
+    """Bases, tool and marks as they really are, believed to be known as well as those that were found."""
+    marks = apply(true.T_flange_gripper @ true.T_gripper_work, site.marks_work)
+    return found._replace(T_master_follower=true.T_master_follower, tip=true.T_flange_tool[:3, 3], marks_flange=marks)
 
 
-def _tip_covariance(noise: float) -> Array:
-    """Of a tip found by touches, flange axes [m^2], shape (3, 3): orientations alone decide it."""
-    exact = simulate_touches(TcpTrial(noise=0.0), np.eye(4), np.random.default_rng(0))
-    return fit_tool_point(exact.touches, noise).covariance[:3, :3]
+def _only(source: str, found: PairParts, exact: PairParts) -> PairParts:
+    """What is exact, with the noise of one source."""
+    name = {"bases": "T_master_follower", "tool": "tip", "part": "marks_flange"}.get(source)
+    return exact if name is None else exact._replace(**{name: getattr(found, name)})
 
 
-def _part_covariances(trial: PairBudgetTrial, true: Chain2, mark: Array) -> Array:
-    """Of points of the part that is found by its marks, each with the covariance of a tip, shape (points, 3, 3)."""
+def _adjusted_exactly(dual: DualConfig, true: Chain2, site: Site, rng: np.random.Generator) -> PairAdjustment:
+    """The adjustment without any noise drawn, weighed as if there were: what its covariance needs."""
+    found, _ = find_parts(dual, true, site, rng)
+    closing = touch_marks(true, site, dual.closing_touches, 0.0, rng)
+    return adjust_pair(true_parts(found, true, site), site.marks_work, closing, dual.touch_noise_m)
+
+
+def _slopes(trial: PairBudgetTrial, true: Chain2) -> Array:
+    """How the tool's place on the part moves with bases, tip and part, work frame, shape (points, 3, 15)."""
     T_flange_work = true.T_flange_gripper @ true.T_gripper_work
-    slopes = _slopes(apply(T_flange_work, trial.marks))
-    # Kabsch's rotation is the least-squares one, all marks and axes weighed alike, though they are not known alike.
-    gain = np.linalg.pinv(slopes.reshape(-1, 6))
-    frame = gain @ np.kron(np.eye(len(slopes)), mark) @ gain.T
-    J = T_flange_work[:3, :3].T @ _slopes(apply(T_flange_work, trial.T_work_tool[:, :3, 3]))
-    return np.asarray(J @ frame @ np.swapaxes(J, 1, 2))
-
-
-def _slopes(points: Array) -> Array:
-    """How points move with a frame's origin and small turns about it, shape (n, 3, 6)."""
-    return np.stack([np.concatenate([np.eye(3), -skew(point)], axis=1) for point in points])
+    R_work_master, R_work_flange = trial.T_master_work[:3, :3].T, T_flange_work[:3, :3].T
+    points = trial.T_work_tool[:, :3, 3]
+    J = np.zeros((trial.points, 3, 15))
+    J[..., BASES] = -R_work_master @ point_slopes(true.T_master_follower, apply(trial.T_master_work, points))
+    J[..., TIP] = -trial.T_work_tool[:, :3, :3] @ true.T_flange_tool[:3, :3].T
+    J[..., PART] = R_work_flange @ point_slopes(T_flange_work, apply(T_flange_work, points))
+    return J

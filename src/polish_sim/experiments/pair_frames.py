@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.calibration.frames import fit_frame, read_base_calibration
-from polish_sim.calibration.tool import ToolTouches, fit_tool_frame, fit_tool_point, read_tool_calibration
+from polish_sim.calibration.frames import read_base_calibration
+from polish_sim.calibration.pair import PairAdjustment, PairParts, adjust_pair
+from polish_sim.calibration.tool import read_tool_calibration
 from polish_sim.cell import tool_on_flange
 from polish_sim.cell.pair_scene import GRIPPER_LENGTH
 from polish_sim.config import DualConfig
 from polish_sim.errors import CalibrationError, ConfigError, place_in_mm
-from polish_sim.experiments.calibrate_base import TrueBases, simulate_arcs
-from polish_sim.experiments.calibrate_tcp import TcpTrial, simulate_touches
+from polish_sim.experiments.pair_survey import Site, find_parts, touch_marks
 from polish_sim.motion.coordination import Chain2, follower_flange, master_flange
-from polish_sim.spatial import apply, from_pose, inverse, rotation_angle, transform
+from polish_sim.spatial import from_pose, inverse, rotation_angle, transform
 
 Array = NDArray[np.float64]
 
-T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
-"""Where the simulated tracker sees the master."""
-ARC_POINTS: Final = 200
 FAR_M, FAR_RAD = 0.01, 0.1
 """A calibration farther off than this is that of another tool, or of robots that stand elsewhere [m], [rad]."""
 
@@ -60,12 +57,12 @@ def _chain(T_master_follower: Array) -> Chain2:
     return Chain2(T_master_follower, T_flange_gripper, np.eye(4), tool_on_flange())
 
 
-def calibrated_frames(config: DualConfig, marks: Array, rng: np.random.Generator) -> PairFrames:
+def calibrated_frames(config: DualConfig, site: Site, rng: np.random.Generator) -> PairFrames:
     """What is true and what the host believes of it.
 
     Args:
         config: Where the robots stand; calibrations, or the noise of those that are simulated before the run.
-        marks: Points of the part that can be touched, work frame [m], shape (n, 3): the part is found by them.
+        site: Where the part's marks are touched.
         rng: Draws the noise.
 
     Returns:
@@ -76,14 +73,22 @@ def calibrated_frames(config: DualConfig, marks: Array, rng: np.random.Generator
         CalibrationError: It is another pair's or another tool's, or does not fit where the robots stand.
     """
     true = true_chain(config)
-    T_flange_work = true.T_flange_gripper @ true.T_gripper_work
-    believed = Chain2(
-        _bases(config, true.T_master_follower, rng),
-        _part_on_flange(config, T_flange_work, marks, rng) @ inverse(true.T_gripper_work),
+    parts, R_flange_tool = _given(config, true, find_parts(config, true, site, rng))
+    # A calibration from a file is believed as it is.
+    count = 0 if config.bases_file or config.tool_file else config.closing_touches
+    closing = touch_marks(true, site, count, config.touch_noise_m, rng)
+    adjusted = adjust_pair(parts, site.marks_work, closing, config.touch_noise_m)
+    return PairFrames(true, believed_chain(adjusted, R_flange_tool, true))
+
+
+def believed_chain(adjusted: PairAdjustment, R_flange_tool: Array, true: Chain2) -> Chain2:
+    """The chain as it was found; the part's place is told together with the gripper's."""
+    return Chain2(
+        adjusted.T_master_follower,
+        adjusted.T_flange_work @ inverse(true.T_gripper_work),
         true.T_gripper_work,
-        _tool(config, true.T_flange_tool, rng),
+        transform(R_flange_tool, adjusted.tip),
     )
-    return PairFrames(true, believed)
 
 
 def tool_errors(frames: PairFrames, T_master_work: Array, T_work_tool: Array) -> Array:
@@ -105,48 +110,32 @@ def tool_errors(frames: PairFrames, T_master_work: Array, T_work_tool: Array) ->
     return np.asarray(is_now[:, :3, 3] - T_work_tool[:, :3, 3])
 
 
-def _bases(config: DualConfig, T_master_follower: Array, rng: np.random.Generator) -> Array:
-    """The follower's base in the master's: from a file, or single axes turned before a tracker."""
+def _given(config: DualConfig, true: Chain2, found: tuple[PairParts, Array]) -> tuple[PairParts, Array]:
+    """What was found, what files say instead of it put in its place."""
+    parts, R_flange_tool = found
     if config.bases_file:
-        T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
-        pose = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
-        told = (
-            "set the cell up as it was: --set dual.follower_pose=[" + ",".join(f"{number:.5g}" for number in pose) + "]"
-        )
-        _check_near(f"'{config.bases_file}' puts the follower's base", "dual.follower_pose", T, T_master_follower, told)
-        return T
-    truth = TrueBases({"master": T_TRACKER_MASTER, "follower": T_TRACKER_MASTER @ T_master_follower})
-    noise = config.tracker_noise_m
-    return simulate_arcs(truth, ARC_POINTS, noise, rng).fit(noise or None).T_master_follower
-
-
-def _tool(config: DualConfig, T_flange_tool: Array, rng: np.random.Generator) -> Array:
-    """The tool on the follower's flange: from a file, or touches of a point."""
+        parts = parts._replace(T_master_follower=_bases_of(config, true.T_master_follower))
     if config.tool_file:
-        T = read_tool_calibration(Path(config.tool_file)).T_flange_tool
-        _check_near(
-            f"'{config.tool_file}' puts the tool",
-            "the cell's tool",
-            T,
-            T_flange_tool,
-            "the one of `calibrate tcp --cell-tool`, or none: the run then finds its own",
-        )
-        return T
-    trial = TcpTrial(noise=config.touch_noise_m)
-    return fit_tool_frame(simulate_touches(trial, T_flange_tool, rng), trial.noise or None).T_flange_tool
+        T = _tool_of(config, true.T_flange_tool)
+        parts, R_flange_tool = parts._replace(tip=T[:3, 3]), T[:3, :3]
+    return parts, R_flange_tool
 
 
-def _part_on_flange(config: DualConfig, T_flange_work: Array, marks: Array, rng: np.random.Generator) -> Array:
-    """The part on the master's flange: every mark on it is brought to a fixed point in several orientations.
+def _bases_of(config: DualConfig, T_master_follower: Array) -> Array:
+    """The follower's base in the master's, from a file."""
+    T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
+    pose = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
+    told = "set the cell up as it was: --set dual.follower_pose=[" + ",".join(f"{number:.5g}" for number in pose) + "]"
+    _check_near(f"'{config.bases_file}' puts the follower's base", "dual.follower_pose", T, T_master_follower, told)
+    return T
 
-    Marks far apart tell the part's turn better than moves of one tip do.
-    """
-    trial = TcpTrial(noise=config.touch_noise_m)
-    found = []
-    for mark in apply(T_flange_work, marks):
-        touches: ToolTouches = simulate_touches(trial, transform(np.eye(3), mark), rng).touches
-        found.append(fit_tool_point(touches, trial.noise or None).point)
-    return fit_frame(np.stack(found), marks, trial.noise or None).T
+
+def _tool_of(config: DualConfig, T_flange_tool: Array) -> Array:
+    """The tool on the follower's flange, from a file."""
+    T = read_tool_calibration(Path(config.tool_file)).T_flange_tool
+    cure = "the one of `calibrate tcp --cell-tool`, or none: the run then finds its own"
+    _check_near(f"'{config.tool_file}' puts the tool", "the cell's tool", T, T_flange_tool, cure)
+    return T
 
 
 def _check_near(what: str, wanted: str, T: Array, T_true: Array, cure: str) -> None:
