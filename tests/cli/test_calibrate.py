@@ -90,6 +90,43 @@ def test_poses_alike_are_one_message_and_nothing_is_written(folder: Path, polish
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.parametrize(
+    ("columns", "scales", "said"),
+    [
+        (("fy_n", "fx_n", "fz_n"), (1.0, 1.0, 1.0), "if they are read as fy, fx, fz: columns are swapped"),
+        (("fx_n", "fy_n", "fz_n"), (1.0, 1.0, -1.0), "if they are read as fx, fy, -fz"),
+        (("tx_nm", "tz_nm", "ty_nm"), (1.0, 1.0, 1.0), "if they are read as tx, tz, ty"),
+        (("tx_nm", "ty_nm", "tz_nm"), (1e3, 1e3, 1e3), "are the torques in N m"),
+        (("fx_n", "fy_n", "fz_n"), (-1.0, -1.0, -1.0), "the readings have the opposite sign"),
+    ],
+)
+def test_readings_that_follow_no_weight_are_refused(
+    columns: tuple[str, ...], scales: tuple[float, ...], said: str, folder: Path, polish_sim: Tool, tmp_path: Path
+) -> None:
+    rows = list(csv.reader((folder / "residuals.csv").open(encoding="utf-8")))
+    given = [list(row) for row in rows]
+    for name, source, scale in zip(sorted(columns), columns, scales, strict=True):
+        to, of = rows[0].index(name), rows[0].index(source)
+        for row, read in zip(given[1:], rows[1:], strict=True):
+            row[to] = str(scale * float(read[of]))
+    (tmp_path / "bad.csv").write_text("\n".join(map(",".join, given)) + "\n", encoding="utf-8")
+    code, out, err = polish_sim("calibrate", "payload", "--data", "bad.csv", "--out", "no")
+    assert (code, out) == (2, "")
+    assert said in err.replace("\n", " ")
+    assert not (tmp_path / "no").exists()
+
+
+def test_half_of_the_readings_in_another_unit_are_refused(folder: Path, polish_sim: Tool, tmp_path: Path) -> None:
+    rows = list(csv.reader((folder / "residuals.csv").open(encoding="utf-8")))
+    first = rows[0].index("fx_n")
+    for row in rows[1 : 1 + len(rows) // 2]:
+        row[first : first + 3] = [str(1e-3 * float(value)) for value in row[first : first + 3]]
+    (tmp_path / "bad.csv").write_text("\n".join(map(",".join, rows)) + "\n", encoding="utf-8")
+    code, _, err = polish_sim("calibrate", "payload", "--data", "bad.csv", "--out", "no")
+    assert code == 2
+    assert "the forces do not follow a tool's weight" in err or "fit no tool the others agree on" in err
+
+
 def test_too_noisy_a_sensor_falls_short(polish_sim: Tool) -> None:
     words = ("--noise", "20", "--poses", "4", "--set", "payload.average_s=0.02", "--out", "noisy")
     assert polish_sim("calibrate", "payload", *words).code == 0

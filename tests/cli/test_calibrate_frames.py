@@ -91,7 +91,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[list[str]]
     from polish_sim.cli.main import commands
 
     folder, made = tmp_path_factory.mktemp("files"), {}
-    for name, words in {"tcp": ["tcp"], "circles": ["base"], "poses": ["base", "--method", "poses"]}.items():
+    methods = {name: ["base", "--method", name] for name in ("circles", "poses", "handshake")}
+    for name, words in ({"tcp": ["tcp"]} | methods).items():
         assert execute(commands, ["calibrate", *words, "--out", str(folder / name)]) == 0
         made[name] = table(folder / name / "residuals.csv")
     return made
@@ -113,6 +114,25 @@ def renamed(rows: list[list[str]], a: str, b: str) -> list[list[str]]:
     return [[b if name == a else name for name in rows[0]], *rows[1:]]
 
 
+def in_metres(rows: list[list[str]]) -> list[list[str]]:
+    """The header says metres, the numbers are millimetres."""
+    return [[name.replace("_mm", "_m") for name in rows[0]], *rows[1:]]
+
+
+def scaled(rows: list[list[str]], scale: float) -> list[list[str]]:
+    """Every length in another unit than the header says."""
+    length = [name.endswith("_mm") for name in rows[0]]
+    return [
+        rows[0],
+        *([str(scale * float(v)) if k else v for k, v in zip(length, row, strict=True)] for row in rows[1:]),
+    ]
+
+
+def on_a_line(rows: list[list[str]]) -> list[list[str]]:
+    """Where the master touched lies on a line."""
+    return [rows[0], *([f"{300 + 10 * k}", f"{200 - 5 * k}", f"{100 + k}", *row[3:]] for k, row in enumerate(rows[1:]))]
+
+
 BAD: list[tuple[str, Callable[[list[list[str]]], list[list[str]]], str]] = [
     ("tcp", lambda r: r[:4], "3 touches cannot tell"),
     ("tcp", lambda r: [r[0], *[r[1]] * 6], "stands nearly the same in all 6 touches"),
@@ -122,6 +142,22 @@ BAD: list[tuple[str, Callable[[list[list[str]]], list[list[str]]], str]] = [
     ("tcp", lambda r: changed(r, 2, "qw", 1.0, 0.5), "are not a unit quaternion"),
     ("tcp", lambda r: [row for row in r if row[1] != "in_xz"], "0 lines of the kind 'in_xz'"),
     ("tcp", lambda r: renamed(r, "z_mm", "height"), "lacks the column z_mm"),
+    ("tcp", in_metres, "no robot works there. Are these numbers in m, as the header says?"),
+    ("tcp", lambda r: scaled(r, 1e-3), "no robot works there. Are these numbers in mm"),
+    ("tcp", lambda r: [[";".join(row)] for row in r], "the columns are separated by semicolons"),
+    ("circles", in_metres, "Wrong unit, or joints not at zero?"),
+    ("poses", in_metres, "no robot works there"),
+    ("handshake", in_metres, "no robot works there"),
+    ("handshake", lambda r: scaled(r, 1e-3), "no robot works there"),
+    ("handshake", lambda r: r[:3], "2 points give no frame"),
+    ("handshake", lambda r: [r[0], *[r[1]] * 8], "lie on a line or in one place"),
+    ("handshake", on_a_line, "lie on a line or in one place"),
+    ("handshake", lambda r: swapped(r, "master_x_mm", "master_y_mm"), "mirror image"),
+    ("handshake", lambda r: [row[3:] for row in r], "holds no touches of the master"),
+    ("circles", lambda r: [row[:1] + ["1"] + row[2:] if row[1] == "2" else row for row in r], "no arc of axis 2"),
+    ("circles", lambda r: [r[0], *(["follower", *x[1:]] for x in r[1:] if x[0] == "master")], "of the master"),
+    ("circles", lambda r: [row for row in r if row[1] != "2"] + [[x[0], "2", *x[2:]] for x in r if x[1] == "1"],
+     "nearly parallel"),
     ("circles", lambda r: [row for row in r if row[0] != "follower"], "no measurement of the follower"),
     ("circles", lambda r: [row for row in r if row[1] != "2"], "no arc of axis 2 of the master"),
     ("circles", lambda r: swapped(r, "x_mm", "z_mm"), "left-handed"),
@@ -141,6 +177,36 @@ def test_bad_files_are_one_message_and_nothing_is_written(
     assert err.startswith("error: ")
     assert said in err.replace("\n", " ")
     assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "line", "column", "said"),
+    [
+        ("circles", 4, "y_mm", "master, axis 1: 4"),
+        ("poses", 4, "tracker_y_mm", "master, poses: 4"),
+        ("handshake", 4, "follower_y_mm", "touches of both: 4"),
+    ],
+)
+def test_a_point_of_the_bases_off_by_two_millimetres_is_named(
+    name: str, line: int, column: str, said: str, files: Any, polish_sim: Tool, tmp_path: Path
+) -> None:
+    write(tmp_path / "off.csv", changed(files[name], line, column, 1.0, 2.0))
+    code, _, err = polish_sim("calibrate", "base", "--method", name, "--data", "off.csv", "--out", "two")
+    assert code == 0
+    assert f"note: {said} does not fit the others and was left out" in err
+    assert metrics(tmp_path / "two")["outliers"] == [said]
+
+
+@pytest.mark.parametrize("what", ["tcp", "base"])
+def test_files_that_are_none_are_one_message(what: str, polish_sim: Tool, tmp_path: Path) -> None:
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "empty.csv").write_bytes(b"")
+    (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
+    for name, said in (("folder", "Is a directory"), ("empty", "holds no"), ("binary", "is not a text file")):
+        code, out, err = polish_sim("calibrate", what, "--data", f"{name}.csv", "--out", "no")
+        assert (code, out) == (2, "")
+        assert said in err
+        assert not (tmp_path / "no").exists()
 
 
 def test_a_touch_off_by_two_millimetres_is_named(files: Any, polish_sim: Tool, tmp_path: Path) -> None:

@@ -23,6 +23,8 @@ ROTATION_VECTOR: Final = ("rx_rad", "ry_rad", "rz_rad")
 MATRIX: Final = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
 UNITS: Final[Mapping[str, float]] = {"m": 1.0, "mm": 1e-3}
 _LARGEST_RATIO = 100.0
+REACH: Final = (0.02, 5.0)
+"""How far from its base a robot's flange or tip is, in the middle of all lines, whatever the robot [m]."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,22 @@ class Columns:
         self.need(names, f"{what}, in mm (or in m: {', '.join(f'{prefix}{axis}_m' for axis in 'xyz')})")
         points = UNITS[unit] * self.numbers(names)
         self._refuse_mixed(points, what)
+        return points
+
+    def reached_points(self, prefix: str, what: str) -> Array:
+        """The same of points a robot reached, in its own base: where no robot can be the unit is another one.
+
+        Raises:
+            InputError: As `points`, or too near or too far for any robot.
+        """
+        points = self.points(prefix, what)
+        middle = float(np.median(np.linalg.norm(points, axis=1)))
+        if not REACH[0] <= middle <= REACH[1]:
+            unit = next(unit for unit in UNITS if f"{prefix}x_{unit}" in self.texts)
+            raise InputError(
+                f"'{self.file}': {what} is {1e3 * middle:.4g} mm from the robot's base in the middle of all lines: no "
+                f"robot works there. Are these numbers in {unit}, as the header says?"
+            )
         return points
 
     def _refuse_mixed(self, points: Array, what: str) -> None:

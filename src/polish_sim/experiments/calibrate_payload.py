@@ -17,6 +17,7 @@ from polish_sim.calibration import (
     payload_regressor,
     plan_payload_poses,
 )
+from polish_sim.calibration.doubtful_readings import refuse_doubtful, refuse_swapped_columns
 from polish_sim.cell import Cell, Observer, Silent, read_at_rest, weight_of
 from polish_sim.cell.sequence import TARE_TIME
 from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
@@ -72,7 +73,9 @@ def calibrate_from(readings: PayloadReadings, drift: bool) -> PayloadCalibration
     Raises:
         CalibrationError: If they do not tell the tool.
     """
+    refuse_swapped_columns(readings)
     estimate = fit_without_outliers(readings, drift)
+    refuse_doubtful(readings, estimate)
     return PayloadCalibration(None, readings, estimate, estimate_figures(estimate))
 
 

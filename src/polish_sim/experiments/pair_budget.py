@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from polish_sim.calibration.error_size import length_quantile, quadratic_tail
 from polish_sim.calibration.pair import SOURCES, PairAdjustment, PairParts, adjust_pair
-from polish_sim.calibration.pair.adjustment import BASES, PART, TIP, point_slopes
+from polish_sim.calibration.pair.adjustment import BASES, LEAST_NOISE, PART, TIP, point_slopes
 from polish_sim.config import DualConfig
 from polish_sim.experiments.calibrate_tcp import TOOL_DOWN
 from polish_sim.experiments.pair_frames import PairFrames, believed_chain, tool_errors, true_chain
@@ -90,7 +90,9 @@ class Share(NamedTuple):
 
     @property
     def deviation_sigma(self) -> float:
-        """Drawn minus predicted, over how well the draws tell it."""
+        """Drawn minus predicted, over how well the draws tell it; nothing where there is no noise but rounding."""
+        if max(self.drawn_rms_m, self.predicted_rms_m) < LEAST_NOISE:
+            return 0.0
         return (self.drawn_rms_m - self.predicted_rms_m) / self.drawn_rms_std_m if self.drawn_rms_std_m else 0.0
 
 

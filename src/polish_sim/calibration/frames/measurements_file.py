@@ -95,7 +95,7 @@ def _read_arcs(columns: Columns) -> AxisArcs:
 
 def _read_poses(columns: Columns) -> TrackedPoses:
     robots = _robots(columns)
-    own = columns.points("", "the target's position in the robot's base")
+    own = columns.reached_points("", "the target's position in the robot's base")
     seen = columns.points("tracker_", "the target's position seen by the tracker")
     for robot in ROBOTS:
         count = int(np.sum(robots == robot))
@@ -113,7 +113,7 @@ def _read_handshake(columns: Columns) -> Handshake:
                 f"'{columns.file}' holds no touches of the {robot}: wanted {', '.join(f'{robot}_{n}' for n in _XYZ)}. "
                 f"It has: {', '.join(columns.texts)}."
             )
-    return Handshake(*(columns.points(f"{robot}_", f"where the {robot} touched") for robot in ROBOTS))
+    return Handshake(*(columns.reached_points(f"{robot}_", f"where the {robot} touched") for robot in ROBOTS))
 
 
 def _arc_table(measured: BaseMeasurements, found: BaseCalibration) -> str:

@@ -1,0 +1,45 @@
+"""`python -m benchmarks.calibration_effort`: error of the tool on the part for the touches spent on calibrating."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from polish_sim.kernel_cache import use_kernel_cache
+
+use_kernel_cache()
+
+import numpy as np  # noqa: E402 - the cache must be chosen before numba loads
+
+from benchmarks.table import Row, print_rows  # noqa: E402
+from polish_sim.analysis.bounds import CLAIMS  # noqa: E402
+from polish_sim.experiments.calibrate_tcp import TcpTrial  # noqa: E402
+from polish_sim.experiments.pair_budget import TOGETHER, PairBudgetTrial, predict  # noqa: E402
+
+EFFORTS = ((3, 0), (6, 0), (12, 0), (3, 3), (3, 6), (3, 12), (3, 24), (6, 12), (6, 24))
+"""Marks on the part and closing touches."""
+MOVES, MINUTES_A_TOUCH = 3, 0.5
+"""Moves of the tool along its axes; a touch by hand with a pointer, the way there included [min]."""
+
+
+def main() -> None:
+    asked = {claim.figure: claim.high for claim in CLAIMS["calibrate-budget"]}
+    print_rows("Tool on the part, by covariances: rms, and calibrations with more than is asked", _rows(asked))
+
+
+def _rows(asked: dict[str, float]) -> list[Row]:
+    rows = []
+    for marks, closing in EFFORTS:
+        trial = PairBudgetTrial()
+        trial = replace(trial, dual=replace(trial.dual, marks=marks, closing_touches=closing))
+        prediction = predict(trial)
+        C = prediction.covariances[TOGETHER]
+        rms = float(np.sqrt(np.mean(np.trace(C, axis1=1, axis2=2))))
+        above = prediction.above_share(asked["relative_error_rms_m"])
+        touches = TcpTrial().poses * (1 + marks) + MOVES + closing
+        what = f"{marks} marks, {closing} closing touches: {touches} touches, {MINUTES_A_TOUCH * touches:.0f} min"
+        rows.append(Row(what, f"{1e3 * rms:.4f} mm, {100.0 * above:.2f}%", "<= 0.06 mm, 2%"))
+    return rows
+
+
+if __name__ == "__main__":
+    main()
