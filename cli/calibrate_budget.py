@@ -40,14 +40,19 @@ TouchNoise = Annotated[
 ]
 Marks = Annotated[
     int | None,
-    typer.Option("--marks", metavar="N", help="Marks that tell the part, 3 to 100; default 3.", rich_help_panel=PANEL),
+    typer.Option(
+        "--marks",
+        metavar="N",
+        help="Marks on the part, touched to find it, 3 to 100; default 3.",
+        rich_help_panel=PANEL,
+    ),
 ]
 Closing = Annotated[
     int | None,
     typer.Option(
         "--closing",
         metavar="N",
-        help="Touches of the marks with the tool, which adjust all to each other; default 12, 0 = none.",
+        help="Touches of the marks with the tool, to which all is adjusted; default 12, 0 = none.",
         rich_help_panel=PANEL,
     ),
 ]

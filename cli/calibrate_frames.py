@@ -44,10 +44,12 @@ Poses = Annotated[int | None, _option("--poses", "N", "Touches, 4 or more; defau
 Cone = Annotated[float | None, _option("--cone", "DEG", "Tilt of the tool in the touches, 3 to 90 (deg); default 45.")]
 Points = Annotated[
     int | None,
-    _option("--points", "N", "Points of an arc, poses of a robot, or common points; default 200, 12, 10."),
+    _option("--points", "N", "Points of an arc (default 200), poses of each robot (12) or common points (10)."),
 ]
-Method = Annotated[str, _option("--method", "NAME", "circles (default), poses or handshake: docs/calibration.md.")]
-Pair = Annotated[str, _option("--pair", "NAME", "The two robots this is true for; a run refuses another pair's.")]
+Method = Annotated[str, _option("--method", "NAME", "circles, poses or handshake: docs/calibration.md.")]
+Pair = Annotated[
+    str, _option("--pair", "NAME", "Name of the two robots; a run refuses the calibration of another pair.")
+]
 
 
 def tcp(

@@ -170,6 +170,7 @@ def _write_base(folder: Path, done: BasesFound, method: str, pair: str) -> None:
         [circle.center + 0.4 * np.outer([-1.0, 1.0], circle.axis) for circle in circles],
         frames or [("master", np.eye(4)), ("follower", found.T_master_follower)],
         [Residuals(group.name, group.residuals, group.used) for group in found.groups],
+        "tracker" if found.bases else "master's base",
     )
     facts = [f"{len(done.figures['outliers'])} left out", f"residual {1e3 * done.figures['residual_rms_m']:.3f} mm rms"]
     save_plots(folder, {"bases.png": plot_bases(scene, "Calibration of the bases", facts)})

@@ -55,6 +55,8 @@ class BaseScene(NamedTuple):
     frames: Sequence[tuple[str, Array]]
     """Bases, each (4, 4)."""
     residuals: Sequence[Residuals]
+    frame: str
+    """Whose frame it is, for the axes."""
 
 
 @styled
@@ -97,7 +99,7 @@ def plot_bases(scene: BaseScene, title: str, facts: Sequence[str]) -> Figure:
     # Not along an axis of either arm: circles would look like lines.
     space.view_init(elev=24.0, azim=-32.0)
     everything = [points for _, points in scene.points] + [T[None, :3, 3] for _, T in scene.frames]
-    _finish(space, np.concatenate(everything), "tracker" if scene.circles else "reference")
+    _finish(space, np.concatenate(everything), scene.frame)
     _residual_bars(bars, scene.residuals)
     bars.set_xlabel("measurement, group by group")
     head(figure, bars, title, facts)
