@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.analysis.bounds import CLAIMS
 from polish_sim.analysis.budget_plot import Bar, Total, plot_budget
+from polish_sim.analysis.claims import CLAIMS
 from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 from polish_sim.calibration.error_size import length_probability

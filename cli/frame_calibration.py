@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.analysis.bounds import CLAIMS
+from polish_sim.analysis.claims import CLAIMS
 from polish_sim.analysis.frames_plot import BaseScene, Residuals, ToolScene, plot_bases, plot_tool
 from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json

@@ -12,6 +12,7 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli import option_types as o
+from polish_sim.cli.option_groups import ConfigOptions, OutputOptions, RegionOptions, ToolOptions, takes_groups
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.scenario_options import build_scenario, given_options
@@ -47,26 +48,20 @@ Stepover = Annotated[
 ]
 
 
+@takes_groups
 def inspect(
     path: PathFile,
+    *,
     part: Part = None,
-    units: o.Units = None,
-    up: o.Up = None,
-    region: o.Region = None,
-    feature_angle: o.FeatureAngle = None,
-    edge_margin: o.EdgeMargin = None,
+    region: RegionOptions,
     stepover: Stepover = None,
     overlap: o.Overlap = None,
-    pad_diameter: o.PadDiameter = None,
-    contact_force: o.ContactForce = None,
-    feed: o.Feed = None,
-    config: o.Config = None,
-    set_: o.Set = None,
-    out: o.Out = None,
-    overwrite: o.Overwrite = False,
+    tool: ToolOptions,
+    settings: ConfigOptions,
+    output: OutputOptions,
 ) -> None:
     """Measure a tool path on a part: metrics.json, coverage.ply and two pictures."""
-    given = given_options(locals())
+    given = given_options({"part": part, "stepover": stepover, "overlap": overlap}, region, tool)
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.coverage_mesh import write_coverage_mesh
@@ -84,13 +79,13 @@ def inspect(
         base = merge(base, {"plan": facts["plan"], "part": {"unit": facts["part"]["unit"]}}, "")
     if part is None:
         given["--part"] = _shipped_part(path, facts)
-    scenario = build_scenario(base, given, config, set_ or [])
+    scenario = build_scenario(base, given, settings.config, settings.set_ or [])
     if facts:
         check_part(path, scenario.part.file, facts["part"])
     plan, notes = scenario.plan, list[str]()
     if not facts and stepover is None and overlap is None and plan.stepover_m == Scenario().plan.stepover_m:
         plan = replace(plan, stepover_m=guessed_stepover(tool_path, scenario.pad, notes))
-    with claimed(out, "inspect", overwrite) as folder, console.progress() as observer:
+    with claimed(output.out, "inspect", output.overwrite) as folder, console.progress() as observer:
         found = inspect_path(tool_path, scenario.part, plan, scenario.process, scenario.pad, observer)
         observer.stage("draw")
         notes += found.notes

@@ -9,46 +9,38 @@ from typing import Any
 from polish_sim.cli import console
 from polish_sim.cli import option_types as o
 from polish_sim.cli.idle_options import refuse_idle_in, refuse_idle_on_path
+from polish_sim.cli.option_groups import (
+    ConfigOptions,
+    OutputOptions,
+    PatternOptions,
+    RegionOptions,
+    ToolOptions,
+    takes_groups,
+)
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.scenario_options import build_scenario, given_options
 from polish_sim.config import Scenario
 
 
+@takes_groups
 def plan(
     part: o.PartFile,
-    units: o.Units = None,
-    up: o.Up = None,
-    region: o.Region = None,
-    feature_angle: o.FeatureAngle = None,
-    edge_margin: o.EdgeMargin = None,
-    pattern: o.Pattern = None,
-    stepover: o.Stepover = None,
-    overlap: o.Overlap = None,
-    order: o.Order = None,
-    direction: o.Direction = None,
-    start: o.Start = None,
-    raster_direction: o.RasterDirection = None,
-    lead_in: o.LeadIn = None,
-    lead_angle: o.LeadAngle = None,
-    tilt_angle: o.TiltAngle = None,
-    axis_smoothing: o.AxisSmoothing = None,
-    axis_deviation: o.AxisDeviation = None,
-    pad_diameter: o.PadDiameter = None,
-    contact_force: o.ContactForce = None,
-    feed: o.Feed = None,
+    *,
+    region: RegionOptions,
+    pattern: PatternOptions,
+    tool: ToolOptions,
     dual: o.Dual = False,
     export: o.Export = None,
-    config: o.Config = None,
-    set_: o.Set = None,
-    out: o.Out = None,
-    overwrite: o.Overwrite = False,
+    settings: ConfigOptions,
+    output: OutputOptions,
 ) -> None:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png."""
-    given = given_options(locals())
+    given = given_options({"part": part}, region, pattern, tool)
     if dual:
         refuse_idle_in("dual", given)
-    scenario = build_scenario(Scenario(experiment="dual" if dual else "surface"), given, config, set_ or [])
+    base = Scenario(experiment="dual" if dual else "surface")
+    scenario = build_scenario(base, given, settings.config, settings.set_ or [])
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.path_plot import plot_plan
@@ -61,7 +53,7 @@ def plan(
     refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
     formats = check_formats(export or [])
     setup = ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
-    with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
+    with claimed(output.out, "plan", output.overwrite) as folder, console.progress() as observer:
         asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
         result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
         observer.stage("time the motion")

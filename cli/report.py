@@ -17,7 +17,7 @@ Runs = Annotated[list[Path], typer.Argument(help="Run folders made by 'run'.", s
 def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
     # Lazy: --help must not wait for matplotlib.
-    from polish_sim.analysis.bounds import claims_of
+    from polish_sim.analysis.claims import claims_of
     from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
     from polish_sim.analysis.report import draw_comparison, draw_plots, save_plots
     from polish_sim.analysis.run_record import read_record, write_json

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,14 @@ from polish_sim.cli import console
 from polish_sim.cli import option_types as o
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.idle_options import refuse_idle_in, refuse_idle_on_path
+from polish_sim.cli.option_groups import (
+    ConfigOptions,
+    OutputOptions,
+    PatternOptions,
+    RegionOptions,
+    ToolOptions,
+    takes_groups,
+)
 from polish_sim.cli.output_folder import claimed
 from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.scenario_options import build_scenario, given_options
@@ -21,56 +30,68 @@ if TYPE_CHECKING:
     from polish_sim.planning import ToolPath
 
 
+@dataclass(frozen=True)
+class WorkpieceOptions:
+    """The part in the cell."""
+
+    part: o.Part = None
+    real_part: o.RealPart = None
+    part_pose: o.PartPose = None
+
+
+@dataclass(frozen=True)
+class JobOptions:
+    """What one experiment or another has beside the path: spindle, second robot, guiding hand."""
+
+    spindle_rpm: o.SpindleSpeed = None
+    master_speed: o.MasterSpeed = None
+    standoff: o.Standoff = None
+    mode: o.Mode = None
+    duration: o.Duration = None
+    follow: o.Follow = None
+
+
+@dataclass(frozen=True)
+class TrialOptions:
+    """Who controls, what is drawn at random or goes wrong, and what is done with the run."""
+
+    controller: o.Controller = None
+    calibration: o.Calibration = None
+    seed: o.Seed = None
+    seeds: o.Seeds = None
+    fault: o.Faults = None
+    dry_run: o.DryRun = False
+    check: o.Check = False
+    view: o.View = False
+
+
+@dataclass(frozen=True)
+class RecordOptions:
+    """What is kept of the run."""
+
+    video: o.Video = False
+    log_rate: o.LogRate = None
+
+
+@takes_groups
 def run(
     experiment: o.Experiment,
-    part: o.Part = None,
-    real_part: o.RealPart = None,
-    part_pose: o.PartPose = None,
-    units: o.Units = None,
-    up: o.Up = None,
-    region: o.Region = None,
-    feature_angle: o.FeatureAngle = None,
-    edge_margin: o.EdgeMargin = None,
+    *,
+    workpiece: WorkpieceOptions,
+    region: RegionOptions,
     path: o.PathFile = None,
-    pattern: o.Pattern = None,
-    stepover: o.Stepover = None,
-    overlap: o.Overlap = None,
-    order: o.Order = None,
-    direction: o.Direction = None,
-    start: o.Start = None,
-    raster_direction: o.RasterDirection = None,
-    lead_in: o.LeadIn = None,
-    lead_angle: o.LeadAngle = None,
-    tilt_angle: o.TiltAngle = None,
-    axis_smoothing: o.AxisSmoothing = None,
-    axis_deviation: o.AxisDeviation = None,
-    pad_diameter: o.PadDiameter = None,
-    contact_force: o.ContactForce = None,
-    feed: o.Feed = None,
-    spindle_rpm: o.SpindleSpeed = None,
-    master_speed: o.MasterSpeed = None,
-    standoff: o.Standoff = None,
-    mode: o.Mode = None,
-    duration: o.Duration = None,
-    follow: o.Follow = None,
-    controller: o.Controller = None,
-    calibration: o.Calibration = None,
-    seed: o.Seed = None,
-    seeds: o.Seeds = None,
-    fault: o.Faults = None,
-    dry_run: o.DryRun = False,
-    check: o.Check = False,
-    view: o.View = False,
-    config: o.Config = None,
-    set_: o.Set = None,
-    video: o.Video = False,
-    log_rate: o.LogRate = None,
-    out: o.Out = None,
-    overwrite: o.Overwrite = False,
+    pattern: PatternOptions,
+    tool: ToolOptions,
+    job: JobOptions,
+    trial: TrialOptions,
+    settings: ConfigOptions,
+    record: RecordOptions,
+    output: OutputOptions,
 ) -> int:
     """Simulate an experiment of the papers: arc, force, surface, smooth, teach or dual."""
-    given = given_options(locals())
-    switches = {"--view": view or None, "--video": video or None, "--dry-run": dry_run or None}
+    given = given_options(workpiece, region, pattern, tool, job, trial, record)
+    view, video, seeds = trial.view, record.video, trial.seeds
+    switches = {"--view": view or None, "--video": video or None, "--dry-run": trial.dry_run or None}
     refuse_idle_in(experiment, given | {"--seeds": seeds} | switches)
     if seeds is not None and (view or video):
         raise InputError("--view and --video show one run: leave --seeds out.")
@@ -80,19 +101,19 @@ def run(
     from polish_sim.cli.simulation import check_reach, run_once
     from polish_sim.experiments import default_scenario
 
-    scenario = build_scenario(default_scenario(experiment), given, config, set_ or [])
+    scenario = build_scenario(default_scenario(experiment), given, settings.config, settings.set_ or [])
     plan, scenario = _checked(scenario, given, path)
-    if dry_run:
+    if trial.dry_run:
         check_reach(scenario, plan)
         return DONE
-    with claimed(out, f"run-{experiment}", overwrite) as folder:
+    with claimed(output.out, f"run-{experiment}", output.overwrite) as folder:
         if seeds is None:
             outcome = run_once(scenario, plan, folder.draft, open_sinks(folder.draft, view, video))
         else:
             outcome = run_seeds(scenario, plan, range(scenario.seed, scenario.seed + seeds), folder.draft)
     outcome.show()
     console.say(f"folder: {folder.final}")
-    return outcome.exit_code(check)
+    return outcome.exit_code(trial.check)
 
 
 def _checked(scenario: Scenario, given: Mapping[str, Any], path: Path | None) -> tuple[ToolPath | None, Scenario]:

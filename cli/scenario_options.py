@@ -89,16 +89,22 @@ OTHERS: Final = ("--overlap", "--part-pose", "--log-rate", "--seed", "--fault")
 """Options with a reading of their own."""
 
 
-def given_options(arguments: Mapping[str, Any]) -> dict[str, Any]:
+def given_options(*groups: object) -> dict[str, Any]:
     """Options by the names a user writes.
 
     Args:
-        arguments: A command's arguments by the names Python has for them, e.g. ``pad_diameter``; others may be there.
+        groups: Groups of options: dataclasses or mappings, by the names Python has for them, e.g. ``pad_diameter``;
+            other options may be among them.
 
     Returns:
         Those that set something of the scenario, e.g. ``--pad-diameter``; None where not given.
     """
-    named = {"--" + name.replace("_", "-"): value for name, value in arguments.items()}
+    given = {
+        name: value
+        for group in groups
+        for name, value in (group if isinstance(group, Mapping) else vars(group)).items()
+    }
+    named = {"--" + name.replace("_", "-"): value for name, value in given.items()}
     return {option: named[option] for option in (*OPTIONS, *TRIPLES, *OTHERS) if option in named}
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.analysis.bounds import CLAIMS, claims_of
+from polish_sim.analysis.claims import CLAIMS, claims_of
 from polish_sim.analysis.report import draw_seeds, save_plots
 from polish_sim.analysis.run_record import package_versions, read_record, write_json
 from polish_sim.cli import console

@@ -7,8 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from polish_sim.analysis.bounds import claims_of
 from polish_sim.analysis.cell_plot import plot_cell
+from polish_sim.analysis.claims import claims_of
 from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
 from polish_sim.analysis.report import draw_plots, save_plots
 from polish_sim.analysis.run_record import RunRecord, package_versions, write_record

@@ -12,6 +12,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError
 
 T = TypeVar("T")
+N = TypeVar("N", int, float)
 
 _COUNTS = {3: "three", 6: "six"}
 
@@ -111,12 +112,15 @@ def _parse_value(text: str) -> Any:
 
 
 def _checked(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
+    """A value of the type of the ``current`` one and within its field's range."""
     if isinstance(current, tuple):
         length = spec.metadata["length"]
-        listed = isinstance(value, (list, tuple)) and len(value) in (0, length)
+        # Only what is chosen where it is not given may be left empty.
+        lengths, or_empty = ((0, length), " (or empty)") if spec.default == () else ((length,), "")
+        listed = isinstance(value, (list, tuple)) and len(value) in lengths
         if not listed or not all(_is_number(v) for v in value):
-            raise ConfigError(f"'{where}' must be a list of {_COUNTS[length]} numbers (or empty), got {value!r}.")
-        return tuple(float(v) for v in value)
+            raise ConfigError(f"'{where}' must be a list of {_COUNTS[length]} numbers{or_empty}, got {value!r}.")
+        return tuple(_within(where, float(v), spec) for v in value)
     if isinstance(current, str):
         if not isinstance(value, str):
             raise ConfigError(f"'{where}' must be text, got {value!r}.")
@@ -124,15 +128,17 @@ def _checked(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
     if isinstance(current, int):
         if isinstance(value, bool) or not isinstance(value, int):
             raise ConfigError(f"'{where}' must be a whole number, got {value!r}.")
-        number: float = value
-    else:
-        if not _is_number(value):
-            raise ConfigError(f"'{where}' must be a number, got {value!r}.")
-        number = value = float(value)
+        return _within(where, value, spec)
+    if not _is_number(value):
+        raise ConfigError(f"'{where}' must be a number, got {value!r}.")
+    return _within(where, float(value), spec)
+
+
+def _within(where: str, number: N, spec: Field[Any]) -> N:
     low, high = spec.metadata["low"], spec.metadata["high"]
     if not low <= number <= high:
-        raise ConfigError(f"'{where}' = {value!r} is outside {low:g} to {high:g}: {spec.metadata['text']}.")
-    return value
+        raise ConfigError(f"'{where}' = {number!r} is outside {low:g} to {high:g}: {spec.metadata['text']}.")
+    return number
 
 
 def _is_number(value: Any) -> bool:

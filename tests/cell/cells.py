@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import Cell, Job, RealPart, Silent, build_scene, no_part, tool_on_flange
-from polish_sim.cell.sequence import TRAVEL_PACE, feed_pace
+from polish_sim.cell.feed_pace import TRAVEL_PACE, feed_pace
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.control.laws import Controller

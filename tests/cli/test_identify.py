@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.analysis.bounds import CLAIMS
+from polish_sim.analysis.claims import CLAIMS
 from polish_sim.cell.serial_chain import read_chain
 from polish_sim.cli.identification import asked_of, simulated
 from polish_sim.identification.excitation import random_motion

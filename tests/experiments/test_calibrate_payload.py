@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.analysis.bounds import CLAIMS, shortfalls
+from polish_sim.analysis.claims import CLAIMS, shortfalls
 from polish_sim.calibration import plan_payload_poses, write_calibration
 from polish_sim.calibration.poses import move
 from polish_sim.cell import weight_of

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.analysis.bounds import CLAIMS, claims_of
+from polish_sim.analysis.claims import CLAIMS, claims_of
 from polish_sim.config import DragConfig, HandConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment

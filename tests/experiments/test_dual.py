@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.analysis.bounds import CLAIMS
+from polish_sim.analysis.claims import CLAIMS
 from polish_sim.analysis.dual_plot import plot_dual
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.config import Scenario

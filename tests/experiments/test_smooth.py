@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.analysis.bounds import CLAIMS
+from polish_sim.analysis.claims import CLAIMS
 from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.trial import LENGTH

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.analysis.bounds import CLAIMS
+from polish_sim.analysis.claims import CLAIMS
 from polish_sim.analysis.guiding_figures import compare_modes
 from polish_sim.cell.guiding import WIDTH, GuidingRun
 from polish_sim.cell.identified_model import IdentifiedJoints, identified_xml

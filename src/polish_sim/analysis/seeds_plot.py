@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from polish_sim.analysis.bounds import CLAIMS, Claim, bound_text, claims_of
+from polish_sim.analysis.claims import CLAIMS, Claim, bound_text, claims_of
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREEN, ORANGE, new_figure, styled
 

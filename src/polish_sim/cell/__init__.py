@@ -9,7 +9,7 @@ from polish_sim.cell.observer import Observer, Silent
 from polish_sim.cell.real_part import Touch, build_real_part, no_part
 from polish_sim.cell.rest import read_at_rest
 from polish_sim.cell.scene import build_scene, tool_on_flange
-from polish_sim.cell.sequence import Job
+from polish_sim.cell.stroke import Job
 
 __all__ = [
     "FAULTS",

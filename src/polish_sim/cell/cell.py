@@ -27,9 +27,9 @@ from polish_sim.cell.protective_stop import build_stop_motion
 from polish_sim.cell.python_law import PythonLaw
 from polish_sim.cell.recorder import MASTER_Q, build_recorder, trace_from
 from polish_sim.cell.safety_record import SafetyRecord, record_safety
-from polish_sim.cell.sequence import Job, begin_next_stroke, build_sequence_state, expected_duration
 from polish_sim.cell.speedl import build_speedl, build_speedl_state
 from polish_sim.cell.spindle import build_spindle
+from polish_sim.cell.stroke import Job, begin_next_stroke, build_sequence_state, expected_duration
 from polish_sim.cell.wrist_sensor import SensorModel, SensorState, build_sensor
 from polish_sim.config import Scenario
 from polish_sim.control.course import Course

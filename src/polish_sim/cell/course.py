@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.cell.contact import build_pad
-from polish_sim.cell.sequence import Job
+from polish_sim.cell.stroke import Job
 from polish_sim.config import Scenario
 from polish_sim.control.course import Course
 from polish_sim.geometry.distance.distance_field import DistanceField

@@ -13,9 +13,9 @@ from polish_sim.cell.contact import Pad, RealPart
 from polish_sim.cell.guards import Guards
 from polish_sim.cell.part_motion import PartMotion
 from polish_sim.cell.protective_stop import StopMotion
-from polish_sim.cell.sequence import Job, SequenceState
 from polish_sim.cell.speedl import SpeedlModel, SpeedlState
 from polish_sim.cell.spindle import Spindle
+from polish_sim.cell.stroke import Job, SequenceState
 from polish_sim.cell.wrist_sensor import Payload, SensorModel, SensorState
 
 Array = NDArray[np.float64]

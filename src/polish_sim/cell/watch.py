@@ -35,9 +35,9 @@ from polish_sim.cell.guards import (
     Guards,
 )
 from polish_sim.cell.kernel import CellKernel, EngineViews
-from polish_sim.cell.sequence import TARE, TOUCH_DOWN
 from polish_sim.cell.speedl import AGE, NUMBER, WEAKEST
 from polish_sim.cell.spindle import SPIN
+from polish_sim.cell.stroke import TARE, TOUCH_DOWN
 from polish_sim.cell.wrist_sensor import CHANGED
 from polish_sim.control.signals import Measurement, Target
 from polish_sim.geometry.distance.distance_field import field_distance

@@ -10,7 +10,7 @@ import numpy as np
 
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.cell import Cell, Job, Observer, Silent, build_scene, no_part, tool_on_flange
-from polish_sim.cell.sequence import feed_pace
+from polish_sim.cell.feed_pace import feed_pace
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams

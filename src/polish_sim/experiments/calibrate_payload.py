@@ -19,7 +19,7 @@ from polish_sim.calibration import (
 )
 from polish_sim.calibration.doubtful_readings import refuse_doubtful, refuse_swapped_columns
 from polish_sim.cell import Cell, Observer, Silent, read_at_rest, weight_of
-from polish_sim.cell.sequence import TARE_TIME
+from polish_sim.cell.stroke import TARE_TIME
 from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, SENSOR_STREAM, random_streams

@@ -14,8 +14,8 @@ from polish_sim.analysis.dual_figures import Wanted, measure_pair, pair_errors
 from polish_sim.analysis.metrics import measure_surface
 from polish_sim.analysis.removal_figures import measure_removal
 from polish_sim.cell import Cell, CellRun, Job, Observer, RealPart, Silent, build_real_part
+from polish_sim.cell.feed_pace import feed_pace
 from polish_sim.cell.pair_scene import Held, build_pair_scene
-from polish_sim.cell.sequence import feed_pace
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import course_for

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import Job, tool_on_flange
-from polish_sim.cell.sequence import TRAVEL_PACE, feed_pace
+from polish_sim.cell.feed_pace import TRAVEL_PACE, feed_pace
 from polish_sim.config import ProcessConfig, Scenario
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.experiments.placement import (

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.cell.sequence import feed_pace
+from polish_sim.cell.feed_pace import feed_pace
 from polish_sim.config import Scenario
 from polish_sim.errors import SmoothingError, unknown_name
 from polish_sim.motion.joint_motion import joint_motion

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from polish_sim.analysis.bounds import CLAIMS, Claim, bound_text, shortfalls, value_text
+from polish_sim.analysis.claims import CLAIMS, Claim, bound_text, shortfalls, value_text
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_surface
 from polish_sim.analysis.removal_figures import measure_removal
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, removal_map, surface_trace
