@@ -35,11 +35,15 @@ def build_scene(scenario: Scenario, mesh: PartMesh | None, part: RealPart | None
     """
     spec = robot_with_tool(scenario)
     if mesh is not None and part is not None:
-        T_base_part = transform(part.rotation, part.position)
-        _add_table(spec)
-        add_drawn_part(spec, spec.worldbody, mesh, T_base_part)
-        _add_fixture(spec, apply(T_base_part, mesh.vertices))
+        lay_part(spec, mesh, transform(part.rotation, part.position))
     return spec.compile()
+
+
+def lay_part(spec: Any, mesh: PartMesh, T_base_part: Array) -> None:
+    """Put a part on its fixture on the table; the part is drawn only."""
+    _add_table(spec)
+    add_drawn_part(spec, spec.worldbody, mesh, T_base_part)
+    _add_fixture(spec, apply(T_base_part, mesh.vertices))
 
 
 def robot_with_tool(scenario: Scenario) -> Any:

@@ -4,26 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
-from polish_sim.cell.scene import robot_spec
+from polish_sim.cell.scene import lay_part, robot_spec
 from polish_sim.cell.serial_chain import read_chain
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
+from polish_sim.geometry.mesh import PartMesh
 from polish_sim.motion.serial_chain import SerialChain
 
 CLAMP_N: Final = 100.0
 """The head's slide is clamped while a hand guides the tool: dry friction far above its weight [N]."""
 
 
-def build_torque_arm(scenario: Scenario, joints: Sequence[str]) -> mujoco.MjModel:
+class LaidPart(NamedTuple):
+    """A part that lies before the arm."""
+
+    mesh: PartMesh
+    T_base_part: NDArray[np.float64]
+    """Shape (4, 4)."""
+
+
+def build_torque_arm(scenario: Scenario, joints: Sequence[str], part: LaidPart | None = None) -> mujoco.MjModel:
     """Compile the arm with one motor a joint, the scenario's joint friction and its unknown payload.
 
     Args:
         scenario: Head, time step and ``guide``.
         joints: Names of the driven joints, from base to flange.
+        part: What lies on the table before it, or None for an arm alone; its contact is not computed.
 
     Returns:
         The model. Nothing holds its weight but the motors: the model file's balancing of the links is taken off.
@@ -49,6 +61,8 @@ def build_torque_arm(scenario: Scenario, joints: Sequence[str]) -> mujoco.MjMode
             name="payload", pos=tool.pos, mass=guide.payload_kg, explicitinertial=True,
             inertia=[0.4 * guide.payload_kg * size**2] * 3,
         )  # fmt: skip
+    if part is not None:
+        lay_part(spec, part.mesh, part.T_base_part)
     return spec.compile()
 
 

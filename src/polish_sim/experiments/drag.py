@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from polish_sim.analysis.teaching_figures import measure_taught
 from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.cell.guiding import Q, run_guided
+from polish_sim.cell.torque_mode import LaidPart
 from polish_sim.config import Scenario
 from polish_sim.experiments.drag_hand import DragTable, drag_table
 from polish_sim.experiments.drag_path import DragTask, prepare_drag
@@ -51,7 +52,8 @@ def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
         scenario.hand, turn_stiffness_nm_rad=scenario.drag.turn_stiffness_nm_rad,
         turn_damping_nm_s_rad=scenario.drag.turn_damping_nm_s_rad,
     )  # fmt: skip
-    arm = guided_arm(scenario, mode, torque_arm(scenario), believe(scenario), hand_of(grip))
+    model = torque_arm(scenario, LaidPart(task.mesh, task.reach.T_base_work))
+    arm = guided_arm(scenario, mode, model, believe(scenario), hand_of(grip))
     dragged = drag_table(
         task.positions_base, task.rotations, scenario.drag, scenario.hand, scenario.simulation.timestep_s,
         np.random.default_rng(scenario.seed),

@@ -15,7 +15,7 @@ from polish_sim.cell import tool_on_flange
 from polish_sim.cell.guiding import GuidedArm
 from polish_sim.cell.hand import Hand
 from polish_sim.cell.serial_chain import read_chain
-from polish_sim.cell.torque_mode import build_torque_arm, chain_of_file
+from polish_sim.cell.torque_mode import LaidPart, build_torque_arm, chain_of_file
 from polish_sim.config import HandConfig, Scenario
 from polish_sim.control.hand_guiding import Belief, GuidingLimits, gains_of
 from polish_sim.experiments.identified_arm import ARM_JOINTS
@@ -32,9 +32,9 @@ DIRECTIONS: Final[Mapping[str, tuple[float, float, float]]] = MappingProxyType(
 """Unit vectors in the base frame."""
 
 
-def torque_arm(scenario: Scenario) -> Any:
-    """The compiled arm in torque mode, see ``cell.torque_mode``."""
-    return build_torque_arm(scenario, ARM_JOINTS)
+def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> Any:
+    """The compiled arm in torque mode, with a part before it or alone; see ``cell.torque_mode``."""
+    return build_torque_arm(scenario, ARM_JOINTS, part)
 
 
 def believe(scenario: Scenario) -> Belief:
