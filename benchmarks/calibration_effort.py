@@ -11,7 +11,7 @@ use_kernel_cache()
 import numpy as np  # noqa: E402 - the cache must be chosen before numba loads
 
 from benchmarks.table import Row, print_rows  # noqa: E402
-from polish_sim.analysis.bounds import CLAIMS  # noqa: E402
+from polish_sim.analysis.claims import CLAIMS  # noqa: E402
 from polish_sim.experiments.calibrate_tcp import TcpTrial  # noqa: E402
 from polish_sim.experiments.pair_budget import TOGETHER, PairBudgetTrial, predict  # noqa: E402
 

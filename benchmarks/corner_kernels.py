@@ -17,6 +17,7 @@ from matplotlib.figure import Figure  # noqa: E402
 from numba import njit  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
+from polish_sim.analysis.style import BLUE, GREY, SERIES, new_figure, styled  # noqa: E402
 from polish_sim.motion.certified.corner import (  # noqa: E402
     FAR,
     PIECES,
@@ -72,10 +73,14 @@ def _derivatives(pieces: Array, t: Array) -> Array:
     return np.array([row.ravel() for row in rows])
 
 
+@styled
 def plot_kernels(shapes: CornerShapes) -> Figure:
     """Paths in the corner, speed, acceleration and jerk of four turns."""
-    figure = Figure(figsize=(14, 9), layout="constrained")
-    axes = figure.subplots(3, len(TURNS), squeeze=False)
+    figure = new_figure(12.0, 7.6)
+    figure.suptitle(
+        f"Corners rounded within {TOLERANCE * _MM:g} mm", x=0.01, ha="left", fontsize=11.5, fontweight="bold"
+    )
+    axes = figure.subplots(3, len(TURNS), squeeze=False, sharey="row")
     for column, degrees in enumerate(TURNS):
         turn = float(np.radians(degrees))
         kernel = kernel_of(shapes, turn)
@@ -83,6 +88,10 @@ def plot_kernels(shapes: CornerShapes) -> Figure:
         _plot_path(axes[0, column], kernel, turn)
         _plot_distance(axes[1, column], kernel, turn)
         _plot_shares(axes[2, column], kernel, turn)
+    for row, meaning in enumerate(("y [mm]", "distance to the line,\ninside + [mm]", "share of the limit")):
+        axes[row, 0].set_ylabel(meaning)
+    axes[0, 0].legend(loc="upper left")
+    axes[2, 0].legend(loc="upper left", ncols=3, handlelength=1.0, columnspacing=1.0)
     return figure
 
 
@@ -96,27 +105,27 @@ def _plot_path(axes: Axes, kernel: Kernel, turn: float) -> None:
     """The tip round the vertex, a few tolerances wide."""
     x, y = _along(kernel, turn, 0)
     leg = 8 * TOLERANCE * _MM
-    axes.plot([-leg, 0, leg * np.cos(turn)], [0, 0, leg * np.sin(turn)], color="0.6", label="path")
-    axes.plot(x * _MM, y * _MM, label="tip")
-    axes.set(xlim=(-leg, leg), ylim=(-0.4 * leg, leg), aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
-    axes.legend()
+    axes.plot([-leg, 0, 2 * leg * np.cos(turn)], [0, 0, 2 * leg * np.sin(turn)], color=GREY, label="path")
+    axes.plot(x * _MM, y * _MM, color=BLUE, label="tip")
+    axes.set(xlim=(-leg, leg), ylim=(-0.4 * leg, leg), xlabel="x [mm]")
+    axes.set_aspect("equal", adjustable="box")
 
 
 def _plot_distance(axes: Axes, kernel: Kernel, turn: float) -> None:
     """Distance to the old line in the first half, to the new one in the second, with sign."""
     distance = np.where(np.abs(kernel.remaining[0]) > np.abs(kernel.gone[0]), kernel.gone[0], kernel.remaining[0])
-    axes.plot(kernel.times * 1e3, distance * np.sin(turn) * _MM)
+    axes.plot(kernel.times * 1e3, distance * np.sin(turn) * _MM, color=BLUE)
     for side in (-1, 1):
-        axes.axhline(side * TOLERANCE * _MM, color="0.6", linestyle="--")
-    axes.set(xlabel="time [ms]", ylabel="distance to the line, inside + [mm]")
+        axes.axhline(side * TOLERANCE * _MM, color=GREY, linestyle="--")
+    axes.set(xlabel="time [ms]")
 
 
 def _plot_shares(axes: Axes, kernel: Kernel, turn: float) -> None:
     """Norms of speed, acceleration and jerk as shares of their limits."""
     for order, name in enumerate(("speed", "acceleration", "jerk"), start=1):
-        axes.plot(kernel.times * 1e3, np.hypot(*_along(kernel, turn, order)) / LINE[order - 1], label=name)
-    axes.set(xlabel="time [ms]", ylabel="share of the limit", ylim=(0, 1.25))
-    axes.legend(loc="upper center", ncols=3, fontsize=8, handlelength=1.0, columnspacing=1.0, frameon=False)
+        share = np.hypot(*_along(kernel, turn, order)) / LINE[order - 1]
+        axes.plot(kernel.times * 1e3, share, color=SERIES[order - 1], label=name)
+    axes.set(xlabel="time [ms]", ylim=(0, 1.25))
 
 
 @njit
@@ -144,7 +153,7 @@ def microseconds(shapes: CornerShapes, weights: CornerWeights, count: int = 2000
 
 def main() -> None:
     shapes = corner_shapes()
-    plot_kernels(shapes).savefig(Path(sys.argv[1]), dpi=100)
+    plot_kernels(shapes).savefig(Path(sys.argv[1]))
     print("  turn [deg]   lost [ms]   size [mm]   speed [mm/s]")
     for degrees in (3, 10, 15, 20, 30, 45, 60, 75, 90, 120, 150, 180):
         kernel = kernel_of(shapes, float(np.radians(degrees)))

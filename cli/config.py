@@ -15,12 +15,17 @@ LIMITS = "limits"
 
 def config(
     experiment: Annotated[
-        str, typer.Argument(help="arc, force, surface, smooth, calibrate-payload, or limits.", show_default=False)
+        str,
+        typer.Argument(
+            metavar="EXPERIMENT",
+            help="arc, force, surface, smooth, teach, dual, calibrate-payload, or limits.",
+            show_default=False,
+        ),
     ],
 ) -> None:
     """Print the full default config of an experiment as TOML; `plan` and `inspect` take the keys of surface.
 
-    ``limits`` prints the default limits of tool and joints, for the command `smooth`.
+    `limits` prints the default limits of tool and joints, for the command `smooth`.
     """
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.experiments import PAYLOAD_SCENARIO, default_scenario

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -18,11 +20,20 @@ if TYPE_CHECKING:
 
 PLAIN_WIDTH = 160
 """Width of tables when the output is not a terminal: wide enough not to wrap."""
+LABEL_WIDTH = 14
+"""Of the labels that stand before names."""
 
 
 def say(text: str = "") -> None:
     """Print a line of results on stdout, as it is."""
     print(text, flush=True)
+
+
+def say_names(label: str, names: Sequence[str]) -> None:
+    """Print names beside their label on stdout; on a terminal they wrap there, else they are one line."""
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    head, margin = f"{label:<{LABEL_WIDTH}}", " " * LABEL_WIDTH
+    say(textwrap.fill(", ".join(names), width, initial_indent=head, subsequent_indent=margin, break_on_hyphens=False))
 
 
 def note(text: str) -> None:

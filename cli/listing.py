@@ -14,7 +14,7 @@ KINDS = ("parts", "controllers", "experiments", "patterns", "faults")
 
 Kind = Annotated[
     str | None,
-    typer.Argument(metavar="[KIND]", help=f"{', '.join(KINDS)}: one a line, with what it is.", show_default=False),
+    typer.Argument(metavar="KIND", help=f"{', '.join(KINDS)}: one a line, with what it is.", show_default=False),
 ]
 
 
@@ -25,7 +25,7 @@ def list_names(kind: Kind = None) -> None:
     known = _known()
     if kind is None:
         for each, entries in known.items():
-            console.say(f"{each + ':':<13} {', '.join(entries)}")
+            console.say_names(f"{each}:", list(entries))
         return
     width = max(len(name) for name in known[kind])
     for name, text in known[kind].items():
@@ -33,18 +33,24 @@ def list_names(kind: Kind = None) -> None:
 
 
 def _known() -> Mapping[str, Mapping[str, str]]:
-    """Names of every kind, each with a line that says what it is, or with none."""
+    """Names of every kind, each with a line that says what it is."""
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.cell import FAULTS
     from polish_sim.control import CONTROLLERS
     from polish_sim.experiments import EXPERIMENTS
-    from polish_sim.models import workpiece_names
+    from polish_sim.models import WORKPIECES
     from polish_sim.planning import PATTERNS
 
     return {
-        "parts": dict.fromkeys(workpiece_names(), ""),
-        "controllers": {**dict.fromkeys(CONTROLLERS, ""), "FILE.py:CLASS": "your own, see docs/controllers.md"},
+        "parts": WORKPIECES,
+        "controllers": {**_told(CONTROLLERS), "FILE.py:CLASS": "your own, see docs/controllers.md"},
         "experiments": dict(EXPERIMENTS),
-        "patterns": dict.fromkeys(PATTERNS, ""),
+        "patterns": _told({name: pattern.plan for name, pattern in PATTERNS.items()}),
         "faults": {name: fault.text for name, fault in FAULTS.items()},
     }
+
+
+def _told(functions: Mapping[str, object]) -> dict[str, str]:
+    """The first line of each function's docstring, as a phrase."""
+    lines = {name: (function.__doc__ or "").strip().partition("\n")[0] for name, function in functions.items()}
+    return {name: line[:1].lower() + line[1:].rstrip(".") for name, line in lines.items()}

@@ -34,7 +34,7 @@ commands = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
 )
 
 
@@ -54,17 +54,17 @@ def _every_command(
     """Take the options that stand before the command; the boundary reads --debug itself."""
 
 
-commands.command("demo", short_help="The whole main job on a shipped part.")(demo)
+commands.command("demo", cls=PanelledCommand, short_help="The whole main job on a shipped part.")(demo)
 commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part.")(plan)
 commands.command("inspect", cls=PanelledCommand, short_help="The quality of any tool path on a part.")(inspect)
 commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion along any tool path.")(smooth)
-commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force, surface or smooth.")(run)
-commands.command("score", short_help="Score a controller by a fixed battery of cases.")(score)
-commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base.")
+commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force, surface, smooth, teach or dual.")(run)
+commands.command("score", cls=PanelledCommand, short_help="Score a controller by a fixed battery of cases.")(score)
+commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, budget.")
 commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(identify)
-commands.command("report", short_help="Plots and tables again from saved runs.")(report)
-commands.command("config", short_help="The full default config as TOML.")(config)
-commands.command("list", short_help="What ships with the package.")(list_names)
+commands.command("report", cls=PanelledCommand, short_help="Plots and tables again from saved runs.")(report)
+commands.command("config", cls=PanelledCommand, short_help="The full default config as TOML.")(config)
+commands.command("list", cls=PanelledCommand, short_help="What ships with the package.")(list_names)
 
 
 def app() -> None:

@@ -35,7 +35,8 @@ Part = Annotated[
         PART,
         "--part",
         "PART",
-        "STL, PLY or OBJ file, or the name of a shipped part; default freeform (surface), plate (force).",
+        "STL, PLY or OBJ file, or the name of a shipped part; default freeform (surface, teach), plate (force), "
+        "wheel_hub_rim (dual).",
     ),
 ]
 RealPart = Annotated[
@@ -99,6 +100,15 @@ Direction = Annotated[
         PATH,
         "--direction",
         "NAME",
+        "spiral, contour: conventional (default: what is not done yet on the left) or climb.",
+    ),
+]
+DirectionInRun = Annotated[
+    str | None,
+    _option(
+        PATH,
+        "--direction",
+        "NAME",
         "spiral, contour: conventional (default: what is not done yet on the left) or climb. teach: x or y, the way of "
         "the hand's move; default both.",
     ),
@@ -148,7 +158,7 @@ AxisDeviation = Annotated[
 # Tool and process
 PadDiameter = Annotated[float | None, _option(TOOL, "--pad-diameter", "MM", "Diameter of the pad (mm); default 50.")]
 ContactForce = Annotated[float | None, _option(TOOL, "--contact-force", "N", "Force to hold (N); default 20.")]
-Feed = Annotated[float | None, _option(TOOL, "--feed", "MM_S", "Speed along the path (mm/s); default 10.")]
+Feed = Annotated[float | None, _option(TOOL, "--feed", "MM/S", "Speed along the path (mm/s); default 10.")]
 SpindleSpeed = Annotated[
     float | None,
     _option(TOOL, "--spindle-rpm", "RPM", "Speed of the spindle, 0 = off (1/min); default 6000 in surface, else off."),
@@ -157,7 +167,12 @@ SpindleSpeed = Annotated[
 # Hand guiding
 Mode = Annotated[
     str | None,
-    _option(HAND, "--mode", "NAME", "teach: none, gravity, classical, inertia or assist; default: all, side by side."),
+    _option(
+        HAND,
+        "--mode",
+        "NAME",
+        "teach: none, gravity, classical, inertia or assist; default: all, side by side; with --follow: assist.",
+    ),
 ]
 Follow = Annotated[
     str | None,
@@ -192,7 +207,10 @@ Standoff = Annotated[
 ]
 
 # Run
-Experiment = Annotated[str, typer.Argument(help="arc, force, surface, smooth, teach or dual.", show_default=False)]
+Experiment = Annotated[
+    str,
+    typer.Argument(metavar="EXPERIMENT", help="arc, force, surface, smooth, teach or dual.", show_default=False),
+]
 Controller = Annotated[
     str | None,
     _option(RUN, "--controller", "NAME", "A shipped one of 'polish-sim list' (default hybrid-pi), or FILE.py:CLASS."),

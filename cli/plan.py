@@ -31,8 +31,8 @@ def plan(
     pattern: PatternOptions,
     tool: ToolOptions,
     dual: o.Dual = False,
-    export: o.Export = None,
     settings: ConfigOptions,
+    export: o.Export = None,
     output: OutputOptions,
 ) -> None:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png."""

@@ -11,7 +11,7 @@ from polish_sim.cli import console
 from polish_sim.cli.option_types import Out, Overwrite
 from polish_sim.cli.output_folder import claimed
 
-Runs = Annotated[list[Path], typer.Argument(help="Run folders made by 'run'.", show_default=False)]
+Runs = Annotated[list[Path], typer.Argument(metavar="RUN", help="Run folders made by 'run'.", show_default=False)]
 
 
 def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:

@@ -40,6 +40,13 @@ class WorkpieceOptions:
 
 
 @dataclass(frozen=True)
+class PathOptions(PatternOptions):
+    """How a path is planned; the hand of ``teach`` has a direction, too."""
+
+    direction: o.DirectionInRun = None
+
+
+@dataclass(frozen=True)
 class JobOptions:
     """What one experiment or another has beside the path: spindle, second robot, guiding hand."""
 
@@ -80,7 +87,7 @@ def run(
     workpiece: WorkpieceOptions,
     region: RegionOptions,
     path: o.PathFile = None,
-    pattern: PatternOptions,
+    pattern: PathOptions,
     tool: ToolOptions,
     job: JobOptions,
     trial: TrialOptions,

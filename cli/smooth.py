@@ -66,7 +66,7 @@ Feed = Annotated[
     float | None,
     typer.Option(
         "--feed",
-        metavar="MM_S",
+        metavar="MM/S",
         help="Largest speed of the tip (mm/s), instead of the limits' and the path's own feeds.",
         rich_help_panel=MOTION,
     ),

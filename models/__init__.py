@@ -2,11 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from polish_sim.errors import unknown_name
 
 _FOLDER = Path(__file__).resolve().parent
+
+WORKPIECES: Mapping[str, str] = MappingProxyType(
+    {
+        "cylinder": "part of a cylinder, R = 150 mm, up to 32 deg steep",
+        "freeform": "dome with six rounded folds like spokes, for the paper's part",
+        "plate": "plane",
+        "plate_ramp": "the plate with a ramp of 8 deg",
+        "plate_step": "the plate with an edge of 1 mm across",
+        "plate_two_holes": "plane with two holes",
+        "saddle": "saddle",
+        "sphere_100": "cap of a sphere, R = 100 mm",
+        "sphere_300": "cap of a sphere, R = 300 mm",
+        "sphere_50": "cap of a sphere, R = 50 mm",
+        "wheel_hub_rim": "crowned ring around a web with a bore",
+    }
+)
+"""The shipped workpieces and what is on top of each; README.md has their measures."""
 
 
 def robot_model_path() -> Path:
@@ -16,7 +35,7 @@ def robot_model_path() -> Path:
 
 def workpiece_names() -> tuple[str, ...]:
     """Names of the shipped workpieces, sorted."""
-    return tuple(sorted(path.stem for path in (_FOLDER / "workpieces").glob("*.stl")))
+    return tuple(WORKPIECES)
 
 
 def workpiece_path(name: str) -> Path:
@@ -36,4 +55,4 @@ def workpiece_path(name: str) -> Path:
     return _FOLDER / "workpieces" / f"{name}.stl"
 
 
-__all__ = ["robot_model_path", "workpiece_names", "workpiece_path"]
+__all__ = ["WORKPIECES", "robot_model_path", "workpiece_names", "workpiece_path"]

@@ -42,6 +42,13 @@ def test_every_linked_file_exists() -> None:
     assert [link for link in links if not (ROOT / link).exists()] == []
 
 
+def test_every_picture_of_the_gallery_says_how_it_is_made() -> None:
+    told = (ROOT / "results" / "README.md").read_text(encoding="utf-8").partition("## gallery/")[2]
+    pictures = {path.name for path in (ROOT / "results" / "gallery").iterdir()}
+    first_column = "".join(re.findall(r"^\|([^|]*)\|", told, flags=re.MULTILINE))
+    assert set(re.findall(r"`([a-z_]+\.png)`", first_column)) == pictures
+
+
 @pytest.mark.parametrize("target", ["demo", "test", "check", "bench", "clean"])
 def test_the_makefile_has_the_promised_targets(target: str) -> None:
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)

@@ -12,6 +12,7 @@ import pytest
 
 from polish_sim import __version__
 from polish_sim.cell import FAULTS
+from polish_sim.cli.listing import KINDS
 from polish_sim.cli.main import commands
 
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
@@ -50,7 +51,7 @@ def test_the_version_is_the_package_s(polish_sim: Callable[..., object]) -> None
         (["runn"], "Known: calibrate, config, demo"),
         (["run", "circle"], "unknown experiment 'circle'. Known: arc, dual, force, smooth, surface, teach"),
         (["config", "circle"], "unknown experiment 'circle'. Known: arc, dual, force, smooth, surface, teach"),
-        (["run"], "experiment"),
+        (["run"], "EXPERIMENT"),
         (["run", "arc", "--fed", "3"], "--fed"),
         (["run", "arc", "--feed", "fast"], "--feed"),
         (["run", "arc", "--seeds", "0"], "--seeds"),
@@ -132,6 +133,13 @@ def test_list_of_one_kind_says_what_each_is(polish_sim: Callable[..., object]) -
     assert code == 2
     assert "parts" in err
     assert "faults" in err
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_everything_listed_of_a_kind_has_a_line_of_its_own(polish_sim: Callable[..., object], kind: str) -> None:
+    _, out, _ = polish_sim("list", kind)
+    told = dict(line.split(maxsplit=1) for line in out.splitlines())
+    assert all(text and not text.endswith(".") for text in told.values())
 
 
 def test_list_names_what_ships(polish_sim: Callable[..., object]) -> None:

@@ -37,6 +37,7 @@ def curvature_along_circle(radius):
 
 def test_every_generated_part_ships_and_every_shipped_part_is_generated():
     assert list(workpiece_names()) == NAMES
+    assert sorted(path.stem for path in workpiece_path("plate").parent.glob("*.stl")) == NAMES
     assert {"plate", "cylinder", "saddle", "freeform", "sphere_300", "wheel_hub_rim"} <= set(NAMES)
 
 

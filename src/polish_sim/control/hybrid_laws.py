@@ -180,7 +180,7 @@ def hybrid_pi(config: ControllerConfig) -> CompiledController:
 
 
 def hybrid_pi_position(config: ControllerConfig) -> CompiledController:
-    """Its sister with the position loop of eq. 5."""
+    """The sister of hybrid-pi, with the position loop of eq. 5."""
     return CompiledController(gains_of(config), STATE_SIZE, step_hybrid_pi_position, hybrid_pi_position_law)
 
 

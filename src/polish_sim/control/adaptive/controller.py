@@ -50,7 +50,7 @@ class AdaptiveController(CompiledController):
 
 
 def hybrid_adaptive(config: ControllerConfig) -> AdaptiveController:
-    """The controller for a real polishing cell: laws composed, each ablatable by ``controller.adaptive.laws``.
+    """The controller for a real polishing cell, of laws that `controller.adaptive.laws` can leave out one by one.
 
     Raises:
         ConfigError: If it names a law that does not exist.
