@@ -22,7 +22,7 @@ class PanelledCommand(TyperCommand):
         rest: list[tuple[str, str]] = []
         for parameter in self.get_params(ctx):
             if parameter.param_type_name == "argument":
-                panels["Arguments"].append((_shown(parameter), parameter.help))
+                panels["Arguments"].append((_shown(parameter), getattr(parameter, "help", "")))
                 continue
             record = parameter.get_help_record(ctx)
             if record is None:

@@ -136,7 +136,6 @@ def test_force_and_feed_are_the_job_s_own_exactly_unless_the_path_names_them() -
     for s in np.random.default_rng(1).uniform(-0.01, 0.21, 200):
         assert sample_share(table, table.force_share, s) == 1.0
         assert sample_share(table, table.feed_share, s) == 1.0
-    assert table.feed_length == table.length
 
 
 def test_shares_are_linear_between_the_points_they_were_given_at() -> None:
@@ -144,14 +143,6 @@ def test_shares_are_linear_between_the_points_they_were_given_at() -> None:
     table = with_set_points(straight_table(), s, np.array([1.0, 2.0, 0.5]), np.array([0.5, 0.5, 0.5]))
     for place, share in ((0.0, 1.0), (0.025, 1.5), (0.05, 2.0), (0.125, 1.25), (0.2, 0.5), (0.4, 0.5)):
         assert sample_share(table, table.force_share, place) == pytest.approx(share)
-    assert table.feed_length == pytest.approx(0.4)
-
-
-def test_time_along_a_feed_that_grows_is_its_integral() -> None:
-    """The integral of ds / (1 + 5 s) over 0.2 m is ln(2) / 5."""
-    s = np.linspace(0.0, 0.2, 41)
-    table = with_set_points(straight_table(), s, None, 1.0 + 5.0 * s)
-    assert table.feed_length == pytest.approx(np.log(2.0) / 5.0, rel=1e-5)
 
 
 def test_before_a_slow_place_the_feed_falls_in_time() -> None:

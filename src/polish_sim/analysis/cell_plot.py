@@ -14,8 +14,6 @@ from polish_sim.motion import link_frames
 
 Array = NDArray[np.float64]
 
-REACH_M = 0.85
-
 
 @styled
 def plot_cell(record: RunRecord) -> Figure:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -116,11 +116,6 @@ def jerk_peaks(play: PlayedRule, joint: int, limit: float) -> Rows:
     framed = np.concatenate([[0.0], size, [0.0]])  # a peak may stand at an end
     rows, _ = find_peaks(framed, height=least, distance=max(1, round(APART_S / _step(play.time))))
     return np.asarray(rows - 1, dtype=np.int64)
-
-
-def reference_of(plays: Sequence[PlayedRule]) -> PlayedRule:
-    """The play of the rule the others are compared with."""
-    return next(play for play in plays if play.rule == REFERENCE)
 
 
 def _reduced(own: dict[str, Any], other: dict[str, Any], name: str) -> list[float]:

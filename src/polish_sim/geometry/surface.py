@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.geometry.bezier import blend, differentiate, patch_areas
+from polish_sim.geometry.bezier import blend, patch_areas
 from polish_sim.geometry.bvh import BoxTree, build_box_tree
 from polish_sim.geometry.closest import closest_points
 from polish_sim.geometry.jets import unpack
@@ -117,11 +117,6 @@ class Surface:
         facets, barycentric = np.asarray(facets, dtype=np.int32), np.asarray(barycentric, dtype=np.float64)
         normals = blend(self.normal_control, facets, barycentric)
         return SurfacePoints(blend(self.control, facets, barycentric), unit(normals))
-
-    def patch_normals(self, facets: Ints, barycentric: Floats) -> Floats:
-        """Unit normals of the patches themselves, which jump a little between patches, shape (n, 3)."""
-        along_u, along_v = differentiate(self.control, np.asarray(facets, dtype=np.int32), barycentric)
-        return unit(np.cross(along_u, along_v))
 
     def closest(self, points: Floats, hint: Ints | None = None) -> ClosestPoints:
         """Closest point of the surface to each point.

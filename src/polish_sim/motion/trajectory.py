@@ -38,12 +38,6 @@ class PathTable(NamedTuple):
     feed_share: Array
     """Feed as a share of the job's [-], shape (n,); ones unless the path says otherwise."""
 
-    @property
-    def feed_length(self) -> float:
-        """Length of a path that takes as long at the job's feed all along [m]."""
-        slowness = 1.0 / self.feed_share
-        return self.length * float(np.mean(0.5 * (slowness[1:] + slowness[:-1])))
-
 
 def build_path_table(
     positions: Array,

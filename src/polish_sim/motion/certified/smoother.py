@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -155,33 +154,6 @@ class Smoother:
             rows.durations[:r].copy(),
             rows.coefficients[:r].copy(),
         )
-
-
-def smooth_stream(
-    source: Iterable[tuple[Array, Array]],
-    limits: SmoothingLimits,
-    tolerance: float,
-    axis_tolerance: float,
-    arm: Arm | None = None,
-) -> Iterator[MotionPieces]:
-    """Smooth way points as an iterator gives them.
-
-    Args:
-        source: Chunks of (tips (n, 3), tool frames (n, 3, 3)) of any sizes.
-        limits: Of tool and joints.
-        tolerance: [m].
-        axis_tolerance: [rad].
-        arm: The robot; None: tool limits only.
-
-    Yields:
-        Pieces of the motion as soon as they are certain.
-    """
-    smoother = Smoother(limits, tolerance, axis_tolerance, arm)
-    for tips, rotations in source:
-        pieces = smoother.feed(tips, rotations)
-        if len(pieces.way_points):
-            yield pieces
-    yield smoother.finish()
 
 
 def join_pieces(pieces: list[MotionPieces]) -> MotionPieces:

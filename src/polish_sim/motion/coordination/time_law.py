@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-PEAK_SPEED = 15.0 / 8.0
-"""Highest speed, as a multiple of the mean."""
-
 
 class Progress(NamedTuple):
     """Share of a way done, and its derivatives by the share of the time."""
