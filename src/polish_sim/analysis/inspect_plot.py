@@ -210,8 +210,8 @@ def _draw_spacing(axes: Axes, found: Inspection) -> None:
         label=f"p5-p95 {MM * spacing.p5_m:.2f}-{MM * spacing.p95_m:.2f} mm",
     )  # fmt: skip
     axes.set_yscale("symlog", linthresh=1.0)
-    axes.set_ylim(0.0, 800.0)
-    axes.legend(loc="upper left")
+    axes.set_ylim(0.0, 5000.0)
+    axes.legend(loc="upper left", frameon=True, edgecolor="none")
 
 
 def _draw_times(axes: Axes, found: Inspection) -> None:
@@ -222,4 +222,4 @@ def _draw_times(axes: Axes, found: Inspection) -> None:
     axes.axvline(2.0 * m["exposure_median_s"], color=ORANGE, lw=1.0, label="twice the median")
     axes.set(xlabel="time under the pad [s]", ylabel="share of the area [%]")
     axes.set_ylim(0.0, 1.3 * axes.get_ylim()[1])
-    axes.legend(loc="upper left")
+    axes.legend(loc="upper left", frameon=True, edgecolor="none")

@@ -47,6 +47,6 @@ def _draw_claim(axes: Axes, claim: Claim, records: Sequence[RunRecord]) -> None:
     axes.set_ylabel(f"[{claim.unit}]")
     met = sum(claim.met_by(value) for _, value in known)
     axes.set_title(
-        f"{claim.label}, asked {bound_text(claim)} {claim.unit}: met by {met} of {len(records)}", fontsize=9.0
+        f"{claim.label.strip()}, asked {bound_text(claim)} {claim.unit}: met by {met} of {len(records)}", fontsize=9.0
     )
     axes.margins(y=0.25)

@@ -80,8 +80,8 @@ def plot_tracking_bars(record: RunRecord) -> Figure:
                     )
             axes.set_title(f"{text}, {title}", fontsize=9.0, fontweight="normal")
             axes.set(ylabel="error [µrad]" if column == 0 else None)
-            axes.set_xticks(range(6), JOINT_NAMES)
-    grid[0, 0].legend(loc="upper right")
+            axes.set_xticks(range(6), [name.replace(" ", "\n") for name in JOINT_NAMES])
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
     figure.suptitle("Tracking error by joint and rule", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     return figure
 
