@@ -210,7 +210,9 @@ def _draw_spacing(axes: Axes, found: Inspection) -> None:
         label=f"p5-p95 {MM * spacing.p5_m:.2f}-{MM * spacing.p95_m:.2f} mm",
     )  # fmt: skip
     axes.set_yscale("symlog", linthresh=1.0)
-    axes.set_ylim(0.0, 5000.0)
+    axes.set_yticks((0, 1, 10, 100), labels=("0", "1", "10", "100"))
+    axes.minorticks_off()
+    axes.set_ylim(0.0, 5000.0)  # room for the legend
     axes.legend(loc="upper left", frameon=True, edgecolor="none")
 
 
