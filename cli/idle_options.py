@@ -31,8 +31,10 @@ PATH_OPTIONS: Final = (
 
 HAND_OPTIONS: Final = ("--mode", "--duration", "--follow")
 """What only a hand that guides the arm has."""
-PAIR_OPTIONS: Final = ("--master-speed", "--standoff")
+PAIR_OPTIONS: Final = ("--master-speed", "--master-turn", "--master-path", "--standoff")
 """What only two robots have."""
+TOLD_BY_PATH: Final = ("--master-speed", "--master-turn", "--part-pose")
+"""What a file of the master's motion says already."""
 
 IDLE: Final[Mapping[str, frozenset[str]]] = {
     "arc": frozenset(
@@ -79,10 +81,24 @@ def refuse_idle_in(experiment: str, given: Mapping[str, Any]) -> None:
     Raises:
         InputError: Naming them.
     """
+    told = [option for option in TOLD_BY_PATH if given.get(option) is not None]
+    if told and given.get("--master-path") is not None:
+        raise InputError(f"--master-path says where the part goes: leave {', '.join(told)} out.")
     experiment = f"{experiment} --follow" if given.get("--follow") is not None and experiment == "teach" else experiment
     idle = sorted(option for option in IDLE.get(experiment, ()) if given.get(option) is not None)
     if idle:
         raise InputError(f"{', '.join(idle)} would change nothing in 'run {experiment}': leave it out.")
+
+
+def refuse_one_robot(given: Mapping[str, Any]) -> None:
+    """Refuse options of two robots where a plan is for one.
+
+    Raises:
+        InputError: Naming them.
+    """
+    idle = [option for option in PAIR_OPTIONS if given.get(option) is not None]
+    if idle:
+        raise InputError(f"{', '.join(idle)} is for two robots: give --dual as well, or leave it out.")
 
 
 def refuse_idle_on_path(plan: PlanConfig, listens: Mapping[str, tuple[str, ...]], given: Mapping[str, Any]) -> None:

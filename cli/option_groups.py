@@ -54,6 +54,15 @@ class ToolOptions:
 
 
 @dataclass(frozen=True)
+class MasterOptions:
+    """How the master of two robots moves the part."""
+
+    master_speed: o.MasterSpeed = None
+    master_turn: o.MasterTurn = None
+    master_path: o.MasterPath = None
+
+
+@dataclass(frozen=True)
 class ConfigOptions:
     """Keys of the scenario that have no option of their own."""
 

@@ -201,6 +201,14 @@ MasterSpeed = Annotated[
     float | None,
     _option(PAIR, "--master-speed", "MM/S", "dual: speed at which the master moves the part (mm/s); default 5."),
 ]
+MasterTurn = Annotated[
+    float | None,
+    _option(PAIR, "--master-turn", "DEG/S", "dual: the part turns about its own axis meanwhile (deg/s); default 0."),
+]
+MasterPath = Annotated[
+    Path | None,
+    _option(PAIR, "--master-path", "FILE", "dual: CSV of the part's or the master's flange's poses over time instead."),
+]
 Standoff = Annotated[
     float | None,
     _option(PAIR, "--standoff", "MM", "dual: follow this far above the part, without force (mm); default: press."),

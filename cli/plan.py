@@ -8,9 +8,10 @@ from typing import Any
 
 from polish_sim.cli import console
 from polish_sim.cli import option_types as o
-from polish_sim.cli.idle_options import refuse_idle_in, refuse_idle_on_path
+from polish_sim.cli.idle_options import refuse_idle_in, refuse_idle_on_path, refuse_one_robot
 from polish_sim.cli.option_groups import (
     ConfigOptions,
+    MasterOptions,
     OutputOptions,
     PatternOptions,
     RegionOptions,
@@ -31,14 +32,17 @@ def plan(
     pattern: PatternOptions,
     tool: ToolOptions,
     dual: o.Dual = False,
+    master: MasterOptions,
     settings: ConfigOptions,
     export: o.Export = None,
     output: OutputOptions,
 ) -> None:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png."""
-    given = given_options({"part": part}, region, pattern, tool)
+    given = given_options({"part": part}, region, pattern, tool, master)
     if dual:
         refuse_idle_in("dual", given)
+    else:
+        refuse_one_robot(given)
     base = Scenario(experiment="dual" if dual else "surface")
     scenario = build_scenario(base, given, settings.config, settings.set_ or [])
     prepare_headless()

@@ -13,6 +13,7 @@ from polish_sim.cli.boundary import DONE
 from polish_sim.cli.idle_options import refuse_idle_in, refuse_idle_on_path
 from polish_sim.cli.option_groups import (
     ConfigOptions,
+    MasterOptions,
     OutputOptions,
     PatternOptions,
     RegionOptions,
@@ -48,10 +49,9 @@ class PathOptions(PatternOptions):
 
 @dataclass(frozen=True)
 class JobOptions:
-    """What one experiment or another has beside the path: spindle, second robot, guiding hand."""
+    """What one experiment or another has beside the path: spindle, stand-off, guiding hand."""
 
     spindle_rpm: o.SpindleSpeed = None
-    master_speed: o.MasterSpeed = None
     standoff: o.Standoff = None
     mode: o.Mode = None
     duration: o.Duration = None
@@ -89,6 +89,7 @@ def run(
     path: o.PathFile = None,
     pattern: PathOptions,
     tool: ToolOptions,
+    master: MasterOptions,
     job: JobOptions,
     trial: TrialOptions,
     settings: ConfigOptions,
@@ -96,7 +97,7 @@ def run(
     output: OutputOptions,
 ) -> int:
     """Simulate an experiment of the papers: arc, force, surface, smooth, teach or dual."""
-    given = given_options(workpiece, region, pattern, tool, job, trial, record)
+    given = given_options(workpiece, region, pattern, tool, master, job, trial, record)
     view, video, seeds = trial.view, record.video, trial.seeds
     switches = {"--view": view or None, "--video": video or None, "--dry-run": trial.dry_run or None}
     refuse_idle_in(experiment, given | {"--seeds": seeds} | switches)

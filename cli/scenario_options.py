@@ -24,6 +24,7 @@ class Unit(NamedTuple):
 MM: Final = Unit("mm", 1e-3)
 DEG: Final = Unit("deg", math.pi / 180.0)
 MM_S: Final = Unit("mm/s", 1e-3)
+DEG_S: Final = Unit("deg/s", math.pi / 180.0)
 SECOND: Final = Unit("s", 1.0)
 NEWTON: Final = Unit("N", 1.0)
 PER_MINUTE: Final = Unit("1/min", 1.0)
@@ -68,6 +69,8 @@ OPTIONS: Final[Mapping[str, Target]] = {
     "--follow": Target("drag", "follow"),
     "--duration": Target("guide", "duration_s", SECOND),
     "--master-speed": Target("dual", "master_speed_m_s", MM_S),
+    "--master-turn": Target("dual", "master_turn_rad_s", DEG_S),
+    "--master-path": Target("dual", "master_path"),
     "--standoff": Target("dual", "standoff_m", MM),
     "--noise": Target("sensor", "force_noise_n", NEWTON),
 }
@@ -156,7 +159,8 @@ def _overlapping(scenario: Scenario, stepover: float | None, overlap: float) -> 
 
 def _placed(scenario: Scenario) -> Scenario:
     """Name every file a scenario names from the root, so that the written config runs from any folder."""
-    files = (("part", "file"), ("payload", "file"), ("dual", "bases_file"), ("dual", "tool_file"), ("drag", "follow"))
+    pair = (("dual", "bases_file"), ("dual", "tool_file"), ("dual", "master_path"))
+    files = (("part", "file"), ("payload", "file"), *pair, ("drag", "follow"))
     for section, key in files:
         file = Path(getattr(getattr(scenario, section), key))
         if file.is_file():

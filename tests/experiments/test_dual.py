@@ -161,12 +161,10 @@ def two_stretches() -> PlanResult:
     return measure_given_path(lifted, scenario.part, scenario.plan, scenario.process, scenario.pad)
 
 
-def test_a_path_of_two_stretches_is_pressed_but_not_followed_above_the_part() -> None:
+def test_a_path_of_two_stretches_is_pressed_in_two_strokes() -> None:
     plan = two_stretches()
     scenario = dual("process.feed_m_s=0.05")
     assert len(build_dual_cell(scenario, prepare_dual(scenario, plan))[1]) == 2
-    with pytest.raises(PlanError, match="touches the part in 2 stretches: at a stand-off"):
-        prepare_dual(dual("dual.standoff_m=0.005"), plan)
 
 
 def test_the_reach_is_checked_beforehand() -> None:

@@ -6,11 +6,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from polish_sim.analysis.rows import PROCESS
 from polish_sim.trace import Trace
 
 Array = NDArray[np.float64]
+
+TURNS = 200
+"""So many turns of a run are added up: more would add up the servos' trembling."""
 
 
 class Wanted(NamedTuple):
@@ -22,8 +26,6 @@ class Wanted(NamedTuple):
     """Tool point, work frame [m], shape (n, 3)."""
     axes: Array
     """Unit tool axis into the part, work frame, shape (n, 3)."""
-    R_base_work: Array
-    """How the work frame stands in the base of the robot with the tool, shape (3, 3)."""
 
 
 class PairErrors(NamedTuple):
@@ -35,17 +37,18 @@ class PairErrors(NamedTuple):
     """From where the tool is wanted on the part to where it really is on it [m], shape (n, 3)."""
 
 
-def pair_errors(trace: Trace, wanted: Wanted, pressing: bool) -> PairErrors:
+def pair_errors(trace: Trace, wanted: Wanted, R_base_work: Array, pressing: bool) -> PairErrors:
     """Errors of the process phase.
 
     Args:
         trace: The run.
         wanted: What was to be done.
+        R_base_work: How the work frame stands in the base of the robot with the tool then, shape (n, 3, 3).
         pressing: Whether the force decides how deep the tool is: then what is along the tool axis does not count.
     """
     part = trace.phase == PROCESS
     s = trace.path_s_m[part]
-    tracking = trace.target_error_m[part] @ wanted.R_base_work
+    tracking = np.einsum("nij,ni->nj", R_base_work, trace.target_error_m[part])
     relative = trace.tool_on_part_m[part] - _along(wanted.s, wanted.points, s)
     if pressing:
         axes = _along(wanted.s, wanted.axes, s)
@@ -54,25 +57,27 @@ def pair_errors(trace: Trace, wanted: Wanted, pressing: bool) -> PairErrors:
     return PairErrors(tracking, relative)
 
 
-def measure_pair(trace: Trace, errors: PairErrors) -> dict[str, Any]:
+def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[str, Any]:
     """Measure how the tool follows the moving part, over the whole process phase, its ramps included.
 
     Args:
         trace: The run.
         errors: Of it, see ``pair_errors``.
+        R_base_work: As there.
 
     Returns:
         tracking_error_max_m: largest distance from the target along x, y, z of the part (a list; across the tool axis
         only while a force is controlled), tracking_error_worst_m: the largest of them; relative_error_rms_m,
         relative_error_p95_m, relative_error_max_m: of the distance between the tool on the part as it is and as
         wanted, calibration errors included, the part's own errors not (across the tool axis in contact);
-        master_way_m: how far the part was moved; speed_mean_m_s, speed_std_m_s: of the tool point relative to the part.
+        master_way_m: how far the part's origin was moved, from first to last; master_turn_rad: how far the part was
+        turned, there and back counted; speed_mean_m_s, speed_std_m_s: of the tool point relative to the part.
     """
     if not len(errors.tracking):
         nothing = float("nan")
         return {"tracking_error_max_m": [nothing] * 3} | dict.fromkeys(
             ("tracking_error_worst_m", "relative_error_rms_m", "relative_error_p95_m", "relative_error_max_m",
-             "master_way_m", "speed_mean_m_s", "speed_std_m_s"), nothing,
+             "master_way_m", "master_turn_rad", "speed_mean_m_s", "speed_std_m_s"), nothing,
         )  # fmt: skip
     tracking = np.abs(errors.tracking).max(axis=0)
     relative = np.linalg.norm(errors.relative, axis=1)
@@ -85,10 +90,16 @@ def measure_pair(trace: Trace, errors: PairErrors) -> dict[str, Any]:
         "relative_error_rms_m": float(np.sqrt(np.mean(relative**2))),
         "relative_error_p95_m": float(np.percentile(relative, 95.0)),
         "relative_error_max_m": float(relative.max()),
+        "master_turn_rad": _turned(R_base_work[:: max(1, len(R_base_work) // TURNS)]),
         "master_way_m": float(np.linalg.norm(shift[-1] - shift[0])),
         "speed_mean_m_s": float(speed.mean()),
         "speed_std_m_s": float(speed.std()),
     }
+
+
+def _turned(R: Array) -> float:
+    """Sum of the turns from one rotation to the next [rad], (n, 3, 3)."""
+    return float(Rotation.from_matrix(np.swapaxes(R[:-1], 1, 2) @ R[1:]).magnitude().sum()) if len(R) > 1 else 0.0
 
 
 def _along(s: Array, values: Array, places: Array) -> Array:

@@ -26,7 +26,38 @@ FIRST_JOINT, FIRST_CONTROL = 7, 12
 """Where the master's joints and controls begin: the follower, with its head, comes first."""
 RAMP_S = 0.5  # in which the master comes to its speed and back to rest
 
-CLOCK, RATE = 0, 1
+CLOCK, RAMP = 0, 1
+
+
+class MasterTime(NamedTuple):
+    """Time of the master's rows at n moments, see ``drive_carrier``."""
+
+    clock: Array
+    """What has passed of it [s], shape (n,)."""
+    rate: Array
+    """At which it passes [-], shape (n,)."""
+
+
+def time_let_go(since: Array) -> MasterTime:
+    """How the time of the master's rows passes after it was let go from rest, (n,) [s]."""
+    ramp = np.clip(since / RAMP_S, 0.0, 1.0)
+    return MasterTime(np.maximum(since - RAMP_S, 0.0) + _ramped(ramp), _rate(ramp))
+
+
+def time_held(let_go: float, since: Array) -> MasterTime:
+    """How it passes after the master is held again, (n,) [s], having been let go for a time [s]."""
+    before = np.array(min(let_go / RAMP_S, 1.0))
+    ramp = np.clip(before - since / RAMP_S, 0.0, 1.0)
+    return MasterTime(_ramped(before) - _ramped(ramp), _rate(ramp))
+
+
+def _rate(ramp: Array) -> Array:
+    return np.asarray(ramp**2 * (3.0 - 2.0 * ramp))
+
+
+def _ramped(ramp: Array) -> Array:
+    """The time that passes until the rate is so far up [s]."""
+    return np.asarray(RAMP_S * ramp**3 * (1.0 - 0.5 * ramp))
 
 
 class MasterRows(NamedTuple):
@@ -58,7 +89,7 @@ class Carrier(NamedTuple):
     qd: Array
     """Rows of joint speeds [rad/s], shape (n, 6)."""
     clock: Array
-    """Time of the rows [s] and the rate at which it passes [-], shape (2,)."""
+    """Time of the rows [s] and how far its rate has been ramped up [-], shape (2,)."""
     flange_body: int
     part_body: int
     R_rest: Array
@@ -125,13 +156,18 @@ def _split(T: Array) -> tuple[Array, Array]:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def drive_carrier(carrier: Carrier, going: bool, dt: float, ctrl: Array) -> None:
-    """Let the master's rows pass while it is ``going``, from rest and back to rest, and tell its joint servos."""
+    """Let the master's rows pass while it is ``going``, from rest and back to rest, and tell its joint servos.
+
+    The rate at which their time passes rises and falls as 3 x^2 - 2 x^3, so that the acceleration is continuous.
+    """
     clock = carrier.clock
-    left = carrier.duration - clock[CLOCK]
-    wanted = 1.0 if going and left > 0.5 * RAMP_S * clock[RATE] * clock[RATE] + dt else 0.0
+    left, x = carrier.duration - clock[CLOCK], clock[RAMP]
+    wanted = 1.0 if going and left > RAMP_S * x * x * x * (1.0 - 0.5 * x) + dt else 0.0
     step = dt / RAMP_S
-    clock[RATE] += min(max(wanted - clock[RATE], -step), step)
-    clock[CLOCK] = min(clock[CLOCK] + clock[RATE] * dt, carrier.duration)
+    clock[RAMP] += min(max(wanted - x, -step), step)
+    x = clock[RAMP]
+    rate = x * x * (3.0 - 2.0 * x)
+    clock[CLOCK] = min(clock[CLOCK] + rate * dt, carrier.duration)
     h = carrier.spacing
     row = min(int(clock[CLOCK] / h), carrier.q.shape[0] - 2)
     u = clock[CLOCK] / h - row
@@ -141,7 +177,7 @@ def drive_carrier(carrier: Carrier, going: bool, dt: float, ctrl: Array) -> None
         rise = b - a
         c, d = 3.0 * rise - 2.0 * va - vb, va + vb - 2.0 * rise
         ctrl[FIRST_CONTROL + 2 * j] = a + u * (va + u * (c + u * d))
-        ctrl[FIRST_CONTROL + 2 * j + 1] = clock[RATE] * (va + u * (2.0 * c + 3.0 * u * d)) / h
+        ctrl[FIRST_CONTROL + 2 * j + 1] = rate * (va + u * (2.0 * c + 3.0 * u * d)) / h
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

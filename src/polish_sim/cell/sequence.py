@@ -51,7 +51,7 @@ def advance_sequence(
     if stage == TARE and state.stage[1] >= TARE_START + TARE_TIME - 0.5 * dt:
         _enter(state, APPROACH if job.contact > 0.0 else PROCESS)
     elif stage == TRAVEL and state.clock[0] >= job.travel.duration:
-        _enter(state, TARE if job.retare > 0.0 else APPROACH)
+        _enter(state, TARE if job.retare > 0.0 else APPROACH if job.contact > 0.0 else PROCESS)
         state.path[0], state.path[1] = 0.0, 0.0
     elif stage in (APPROACH, SEEK):
         if touching:

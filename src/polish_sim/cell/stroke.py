@@ -97,6 +97,6 @@ def begin_next_stroke(state: SequenceState) -> None:
 
 def expected_duration(job: Job) -> float:
     """How long the job takes if contact is where it is expected [s]."""
-    approach = job.lead_in.length / job.approach_speed + job.travel.duration if job.contact else 0.0
+    approach = job.travel.duration + (job.lead_in.length / job.approach_speed if job.contact else 0.0)
     feed = min(max(job.motion.playing_time, job.hold), job.feed_time)
     return TARE_START + TARE_TIME + approach + TOUCH_DOWN_TIME * job.contact + feed + job.lift / RETRACT_SPEED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from polish_sim.config.key import key
@@ -31,7 +32,24 @@ class DualConfig:
         12, "touches of these marks with the tool that adjust bases, tool and part to each other; 0 = none", 0, 1000
     )
     master_speed_m_s: float = key(0.005, "speed of the part while it is worked on [m/s]", 0.0, 0.25)
-    master_direction: tuple[float, ...] = key((0.0, 1.0, 0.0), "direction of that motion, base of the master", length=3)
+    master_direction: tuple[float, ...] = key(
+        (0.0, 1.0, 0.0), "direction of that motion, at its start, base of the master", length=3
+    )
+    master_arc_radius_m: float = key(
+        0.0, "it bends to the left (above 0) or right on this radius, seen from above, 0 = straight [m]", -100.0, 100.0
+    )
+    master_turn_rad_s: float = key(
+        0.0, "speed at which the part turns about its own axis meanwhile, right-handed [rad/s]", -math.pi, math.pi
+    )
+    master_axis: tuple[float, ...] = key(
+        (), "direction of that axis in the work frame; empty = the side that is worked on", length=3
+    )
+    master_center: tuple[float, ...] = key(
+        (), "a point on that axis: x, y, z in the work frame [m]; empty = the middle of the path", length=3
+    )
+    master_path: str = key(
+        "", "CSV of poses of the part, or of the master's flange, over time instead of all that; see docs/dual.md"
+    )
     standoff_m: float = key(
         0.0, "the tool follows this far above the part and touches nothing, 0 = presses on it [m]", 0.0, 0.1
     )

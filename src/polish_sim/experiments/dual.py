@@ -2,41 +2,38 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from polish_sim.analysis.dual_figures import Wanted, measure_pair, pair_errors
 from polish_sim.analysis.metrics import measure_surface
 from polish_sim.analysis.removal_figures import measure_removal
 from polish_sim.cell import Cell, CellRun, Job, Observer, RealPart, Silent, build_real_part
-from polish_sim.cell.feed_pace import feed_pace
 from polish_sim.cell.pair_scene import Held, build_pair_scene
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import course_for
 from polish_sim.experiments.dual_task import DualTask, prepare_dual
+from polish_sim.experiments.pair_strokes import pair_strokes
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
     PAYLOAD_STREAM,
     SENSOR_STREAM,
     path_done,
-    polishing_strokes,
     random_streams,
     strongest,
 )
-from polish_sim.experiments.placement import tool_rotations
 from polish_sim.experiments.removal import remove_material
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.tool_payload import believe_tool
 from polish_sim.log import RunLog, with_column
 from polish_sim.motion import forward, forward_many
-from polish_sim.motion.timed_path import TimedPath, time_path
-from polish_sim.motion.trajectory import PathTable, build_path_table
+from polish_sim.motion.timed_path import TimedPath
+from polish_sim.motion.trajectory import PathTable
 from polish_sim.planning import PlanResult
 from polish_sim.spatial import apply, inverse
 
@@ -66,8 +63,9 @@ def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Obser
     run = cell.run(observer)
     path, reach = task.place.path, task.place.reach
     fed = run.trace.path_s_m[run.trace.phase == 2]
-    errors = pair_errors(run.trace, wanted_on_part(strokes, reach.T_base_work), pressing)
-    figures: dict[str, Any] = measure_pair(run.trace, errors)
+    turns = work_turns(run, task)
+    errors = pair_errors(run.trace, wanted_on_part(strokes, reach.T_base_work), turns, pressing)
+    figures: dict[str, Any] = measure_pair(run.trace, errors, turns)
     log, removal = run.log, None
     if pressing:
         force = measure_surface(run.trace, path, scenario.process.contact_force_n)
@@ -97,11 +95,7 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
     streams, place = random_streams(scenario.seed), task.place
     pressing = scenario.dual.standoff_m == 0.0
     scenario = scenario if pressing else replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
-    strokes = (
-        polishing_strokes(scenario, place.path, place.reach, 0.0, scenario.plan.clearance_m)
-        if pressing
-        else [free_stroke(scenario, task)]
-    )
+    strokes = pair_strokes(scenario, place.path, task.placed)
     part = build_real_part(
         place.actual(scenario), scenario.part, task.master.T_base_work, place.region.surface, place.mesh.up,
         streams[PART_STREAM],
@@ -126,21 +120,6 @@ def part_turns(log: RunLog, task: DualTask, part: RealPart) -> Array:
     return np.asarray(R_base_master @ flanges[:, :3, :3] @ _part_on_flange(task, part)[:3, :3])
 
 
-def free_stroke(scenario: Scenario, task: DualTask) -> Job:
-    """The path, which is one stretch, followed without touching anything."""
-    path, reach, process = task.place.path, task.place.reach, scenario.process
-    rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
-    points = apply(reach.T_base_work, path.positions_work)
-    pace, table = feed_pace(process.feed_m_s), build_path_table(points, rotations, path.s)
-    start = build_path_table(points[:1], rotations[:1])
-    return Job(
-        travel=time_path(start, pace), lead_in=start, process=table, motion=time_path(table, pace),
-        depth=0.0, force=0.0, contact=0.0, approach_speed=process.approach_speed_m_s,
-        feed=process.feed_m_s, threshold=math.inf, search_depth=0.0, hold=0.0,
-        feed_time=process.max_feed_s or math.inf, lift=0.0, start_s=float(path.s[0]),
-    )  # fmt: skip
-
-
 def with_tool(job: Job, T_believed_true: Array) -> Job:
     """The stroke the real tool makes where the host moves the one it believes in: every pose times this (4, 4)."""
     return job._replace(
@@ -158,7 +137,20 @@ def wanted_on_part(strokes: list[Job], T_base_work: Array) -> Wanted:
     turns = Rotation.from_quat(np.concatenate([job.motion.quaternions for job in strokes]), scalar_first=True)
     T_work_base = inverse(T_base_work)
     axes = turns.as_matrix()[:, :, 2] @ T_work_base[:3, :3].T
-    return Wanted(s, apply(T_work_base, points), axes, np.ascontiguousarray(T_base_work[:3, :3]))
+    return Wanted(s, apply(T_work_base, points), axes)
+
+
+def work_turns(run: CellRun, task: DualTask) -> Array:
+    """How the work frame really stands in the follower's base at the steps of the process, shape (n, 3, 3)."""
+    true = task.frames.true
+    R_flange_work = (true.T_flange_gripper @ true.T_gripper_work)[:3, :3]
+    q = np.ascontiguousarray(run.log["master_q_rad"], dtype=np.float64)
+    R = true.T_master_follower[:3, :3].T @ forward_many(q)[:, :3, :3] @ R_flange_work
+    times, wanted = np.asarray(run.log["time_s"], dtype=np.float64), run.trace.time_s[run.trace.phase == 2]
+    if len(times) < 2:
+        return np.repeat(R[:1], len(wanted), axis=0)
+    between = Slerp(times, Rotation.from_matrix(R))
+    return np.asarray(between(np.clip(wanted, times[0], times[-1])).as_matrix()) if len(wanted) else R[:0]
 
 
 def _at_rows(run: CellRun, values: Array) -> Array:

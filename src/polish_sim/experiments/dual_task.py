@@ -3,47 +3,55 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from polish_sim.cell import Observer, Silent
-from polish_sim.cell.carrier import RAMP_S, MasterRows
+from polish_sim.cell import Observer, Silent, tool_on_flange
+from polish_sim.cell.carrier import MasterRows
 from polish_sim.cell.pair_contacts import CLEARANCE, PairContacts
 from polish_sim.cell.pair_scene import Held, build_pair_scene, check_load
+from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.errors import ConfigError, PlanError, ReachError
+from polish_sim.errors import ReachError
 from polish_sim.experiments.assembly import Workplace
+from polish_sim.experiments.master_motion import master_motion
+from polish_sim.experiments.pair_checks import Check, check_length, check_motion
+from polish_sim.experiments.pair_cure import Trial, held_poses, what_would_do
 from polish_sim.experiments.pair_frames import PairFrames, calibrated_frames, true_chain
 from polish_sim.experiments.pair_placement import (
     Collides,
     PairReach,
     Work,
-    default_poses,
     find_pair_reach,
     sampled,
-    suggest_base,
+    tool_on_start,
 )
+from polish_sim.experiments.pair_strokes import lifted, pair_strokes
 from polish_sim.experiments.pair_survey import Site
-from polish_sim.experiments.part_setup import check_set_points, part_file, stretches_in_contact
-from polish_sim.experiments.placement import Reach, given_placement
+from polish_sim.experiments.pair_visits import Visits, plan_visits
+from polish_sim.experiments.part_setup import PlacedTool, check_set_points, part_file
+from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.real_shape import real_shape
 from polish_sim.experiments.rim_path import rim_path
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.motion import forward_many
-from polish_sim.motion.coordination import Chain2, follow_joints, master_flange, plan_coordinated
+from polish_sim.motion.coordination import follow_joints, master_flange, plan_coordinated
+from polish_sim.motion.smoothing.arm import build_arm
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.spatial import inverse, perpendicular, rotation_to_axis, transform
 
 Array = NDArray[np.float64]
 
+SAMPLES: Final = 60  # moments of the work at which a way to do it is tried
+LOOK_S: Final = 0.05  # between the moments at which the way that is taken is looked at, at most [s]
+LOOK_M: Final = 0.001  # between its places, at most [m]
 ROW_S: Final = 0.02  # between rows of the master's joints [s]
-SPARE_S: Final = 1.0  # of its motion beyond the path at the feed, for ramps of both [s]
+SPARE_S: Final = 1.0  # of its motion beyond the work, should the controller slow the feed [s]
 FRAMES_STREAM: Final = 15  # of the seed, for the simulated calibrations
 
 
@@ -55,8 +63,10 @@ class DualTask:
     """As the follower sees it, part at the start of its way and where the host believes it to be."""
     frames: PairFrames
     reach: PairReach
-    way: Array
-    """How the master moves the part, its base [m], shape (3,)."""
+    work: Work
+    """What is done, as the host believes it."""
+    placed: PlacedTool
+    """The tool along the path, base of the follower, the part at its start."""
     master: MasterRows
     residual: float
     """Of the closed chain, over the planned joints [m] or [rad]."""
@@ -83,58 +93,42 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     check_load(mesh, scenario.dual.density_kg_m3)
     check_set_points(path)
     touched, path = path, lifted(path, scenario.dual.standoff_m)
-    way = master_way(scenario, path)
+    visits = _visits(scenario, path)
     observer.stage("calibrate the robots")
-    frames = calibrated_frames(scenario.dual, _site(scenario, touched, region.up, way), _frames_stream(scenario.seed))
+    site = _site(scenario, touched, visits, region.up)
+    frames = calibrated_frames(scenario.dual, site, _frames_stream(scenario.seed))
     observer.stage("check the reach of both robots")
-    work = Work(frames.believed, path, way)
-    poses = _poses(scenario, frames.believed, region.up, way)
+    motion = master_motion(scenario, path, region.up, frames.believed)
+    check_length(visits, motion)
+    work = Work(frames.believed, visits, motion.way)
     held = Held(mesh, scenario.dual.density_kg_m3, frames.true.T_flange_gripper, CLEARANCE)
 
     def contacts(T_master_follower: Array) -> Collides:
         return PairContacts(build_pair_scene(scenario, inverse(T_master_follower), held)).first
 
+    collides = contacts(frames.true.T_master_follower)
     try:
-        reach = find_pair_reach(work, poses, contacts(frames.true.T_master_follower))
+        reach = find_pair_reach(work, held_poses(scenario, work, motion, region.up), collides)
     except ReachError as error:
-        observer.stage("look for another place of the follower's base")
-        better = suggest_base(work, region.up, contacts)
-        raise ReachError(f"{error} {_base_text(better)}") from error
+        observer.stage("look for what would do")
+        cure = what_would_do(Trial(scenario, work, motion, path, region.up, collides, contacts))
+        raise ReachError(f"{error} {cure}") from error
     T_base_work = inverse(frames.believed.T_master_follower) @ reach.T_master_work
     own = Reach(T_base_work, reach.spin, reach.q_follower, reach.value)
     place = Workplace(mesh, surface, region, path, own, real_shape(scenario, mesh, surface, path))
-    return DualTask(place, frames, reach, way, _master_rows(scenario, frames, reach, way), _residual(work, reach))
+    rotations = tool_on_start(work, reach, path.axes_work, visits.clock_at(path.s))
+    placed = PlacedTool(T_base_work, rotations, build_arm(np.eye(4), tool_on_flange(), reach.q_follower))
+    master = _master_rows(frames, reach, work)
+    closely = _visits(scenario, path, min(LOOK_S, LOOK_M / scenario.process.feed_m_s))
+    check_motion(Check(work, reach, motion, closely, scenario.robot), master, collides)
+    return DualTask(place, frames, reach, work, placed, master, _residual(work, reach))
 
 
-def master_way(scenario: Scenario, path: ToolPath) -> Array:
-    """How far the master moves the part while the path is done at the feed, base of the master [m], shape (3,).
-
-    Raises:
-        ConfigError: The direction is none.
-    """
-    direction = np.array(scenario.dual.master_direction)
-    size = float(np.linalg.norm(direction)) if len(direction) else 0.0
-    if not size > 0.0:
-        raise ConfigError("'dual.master_direction' is no direction: give x, y, z, not all zero.")
-    return np.asarray(direction / size * scenario.dual.master_speed_m_s * _working_time(scenario, path))
-
-
-def lifted(path: ToolPath, standoff: float) -> ToolPath:
-    """What is done of a path: all of it in contact, else its part in contact at this height above the part [m].
-
-    Raises:
-        PlanError: The path leaves the part on its way and is to be followed above it: only one stretch can be.
-    """
-    if standoff == 0.0:
-        return path
-    stretches = len(stretches_in_contact(path))
-    if stretches != 1:
-        raise PlanError(
-            f"this path touches the part in {stretches} stretches: at a stand-off (dual.standoff_m, --standoff) only "
-            "one can be followed. Press with it (--standoff 0), or give a path of one stretch with --path."
-        )
-    path = path.rows(path.process)
-    return replace(path, positions_work=path.positions_work + standoff * path.axes_work)
+def _visits(scenario: Scenario, path: ToolPath, step: float | None = None) -> Visits:
+    """Moments of the work, in the work frame, every so often [s]; the tool's limits alone decide how fast it goes."""
+    placed = PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
+    jobs = pair_strokes(scenario, path, placed)
+    return plan_visits(jobs, step or sum(expected_duration(job) for job in jobs) / SAMPLES)
 
 
 class _Planned(NamedTuple):
@@ -155,29 +149,15 @@ def _planned(scenario: Scenario, plan: PlanResult | None) -> _Planned:
     return _Planned(mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m))
 
 
-def _base_text(T_master_follower: Array | None) -> str:
-    if T_master_follower is None:
-        return "No other place of the follower's base that was tried would do either."
-    x, y = T_master_follower[:2, 3]
-    return (
-        "It can be done with the follower's base elsewhere and the part where it is put by itself: "
-        f"--set dual.follower_pose=[{x:g},{y:g},0,0,0,{math.pi:.5g}]."
-    )
-
-
-def _poses(scenario: Scenario, chain: Chain2, up: Array, way: Array) -> Iterator[Array]:
-    """Where the part may be held at the start of its way, base of the master, each (4, 4)."""
-    if scenario.part.pose:
-        return (chain.T_master_follower @ T for T in given_placement(scenario.part.pose))
-    return default_poses(chain, up, way)
-
-
-def _site(scenario: Scenario, path: ToolPath, up: Array, way: Array) -> Site:
+def _site(scenario: Scenario, path: ToolPath, visits: Visits, up: Array) -> Site:
     """Marks to find the part by, spread along the path, touched half way of the first place the part may be held."""
     rows = np.flatnonzero(path.process)
     rows = rows[np.linspace(0, len(rows), scenario.dual.marks, endpoint=False).astype(int)]
-    T_master_work = next(_poses(scenario, true_chain(scenario.dual), up, way)).copy()
-    T_master_work[:3, 3] += 0.5 * way
+    true = true_chain(scenario.dual)
+    motion = master_motion(scenario, path, up, true)
+    work = Work(true, visits, motion.way)
+    T_master_work = next(held_poses(scenario, work, motion, up)).copy()
+    T_master_work[:3, 3] += work.middle
     R_work_tool = np.stack([rotation_to_axis(-axis[None], perpendicular(axis))[0] for axis in path.axes_work[rows]])
     return Site(T_master_work, transform(R_work_tool, path.positions_work[rows]))
 
@@ -186,23 +166,12 @@ def _frames_stream(seed: int) -> np.random.Generator:
     return np.random.default_rng([seed, FRAMES_STREAM])
 
 
-def _working_time(scenario: Scenario, path: ToolPath) -> float:
-    """How long the path in contact takes at the feed, with something to spare [s]."""
-    length = sum(float(path.s[b] - path.s[a]) for a, b in stretches_in_contact(path))
-    longest = scenario.process.max_feed_s or math.inf
-    return min(length / scenario.process.feed_m_s, longest) + SPARE_S
-
-
-def _master_rows(scenario: Scenario, frames: PairFrames, reach: PairReach, way: Array) -> MasterRows:
-    """Joints of the master along its way, at constant speed; the loop lets their time begin and end gently."""
+def _master_rows(frames: PairFrames, reach: PairReach, work: Work) -> MasterRows:
+    """Joints of the master along its way; the loop lets their time begin and end gently."""
     believed, true = frames.believed, frames.true
-    speed = scenario.dual.master_speed_m_s
-    duration = max(float(np.linalg.norm(way)) / speed if speed > 0.0 else 0.0, 2.0 * RAMP_S)
-    rows = math.ceil(duration / ROW_S) + 1
-    parts = np.tile(reach.T_master_work, (rows, 1, 1))
-    parts[:, :3, 3] += np.linspace(0.0, 1.0, rows)[:, None] * way
-    q = follow_joints(master_flange(believed, parts), reach.q_master, "master")
-    time = np.linspace(0.0, duration, rows)
+    duration = min(float(work.visits.clock[-1]) + SPARE_S, work.way.lasts)
+    time = np.linspace(0.0, duration, math.ceil(duration / ROW_S) + 1)
+    q = follow_joints(master_flange(believed, work.way(reach.T_master_work, time)), reach.q_master, "master")
     T_master_work = forward_many(q[:1])[0] @ true.T_flange_gripper @ true.T_gripper_work
     return MasterRows(
         float(time[1]),

@@ -1,25 +1,24 @@
 """Where the part is held and how both arms do their work on it, decided and checked before anything moves (layer 9).
 
-The master moves the part along a straight way with its orientation kept while the follower runs once along its path.
-The turn of the tool about its axis is free; it is chosen to keep away from joint limits.
+The master moves the part while the follower runs along its path. The turn of the tool about its axis is free: in the
+follower's base it stays as it is, however the part turns, and is chosen to keep away from joint limits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from itertools import islice
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import ReachError
-from polish_sim.experiments.placement import failure_of, tool_rotations
-from polish_sim.motion import inverse_all, track
-from polish_sim.motion.coordination import Chain2
+from polish_sim.experiments.pair_visits import Visits
+from polish_sim.experiments.placement import failure_of, rotations_towards, spin_direction
+from polish_sim.motion import JointPath, inverse_all, track
+from polish_sim.motion.coordination import Chain2, PartWay
 from polish_sim.motion.coordination.joints import COMFORTABLE, limit_margin
-from polish_sim.planning.toolpath import ToolPath
-from polish_sim.spatial import from_pose, inverse, rotation_to_axis, transform
+from polish_sim.spatial import inverse, rotation_to_axis, transform
 
 Array = NDArray[np.float64]
 
@@ -34,12 +33,6 @@ HEIGHTS: Final = (0.3, 0.2, 0.4, 0.5)
 SPINS: Final = tuple(np.radians(range(0, 360, 45)))
 GOOD: Final = 0.1
 """A way this far from singularities and limits is taken without looking further [-]."""
-SAMPLES: Final = 60
-BASE_DISTANCES: Final = (1.1, 1.0, 1.2, 0.9, 1.3)
-"""Between the bases, when another place for the follower's is looked for [m]."""
-BASE_POSES: Final = 18
-"""Poses of the part that are tried with each of them."""
-
 Collides = Callable[[Array, Array], str]
 """What touches what with joints of master and follower (n, 6) each; empty if nothing does."""
 
@@ -48,10 +41,16 @@ class Work(NamedTuple):
     """What is to be done."""
 
     chain: Chain2
-    path: ToolPath
-    """Where the tool goes on the part."""
-    way: Array
-    """How the master moves the part meanwhile, from first to last point, base of the master [m], shape (3,)."""
+    visits: Visits
+    """Where the tool goes on the part, and when."""
+    way: PartWay
+    """How the master moves the part meanwhile, base of the master."""
+
+    @property
+    def middle(self) -> Array:
+        """How far the middle of the part's way is from its start, base of the master [m], shape (3,)."""
+        shifts = self.way.shift(self.visits.clock)
+        return np.asarray(0.5 * (shifts.min(axis=0) + shifts.max(axis=0)))
 
 
 class PairReach(NamedTuple):
@@ -69,13 +68,13 @@ class PairReach(NamedTuple):
     """Least singular value of both arms on the way, less where a joint comes near its limits [-]."""
 
 
-def default_poses(chain: Chain2, up: Array, way: Array) -> Iterator[Array]:
+def default_poses(chain: Chain2, up: Array, middle_of_way: Array) -> Iterator[Array]:
     """Candidate poses of the part at the start of its way, best guess first.
 
     Args:
         chain: Where the bases stand.
         up: Side of the part to be worked on, work frame, shape (3,).
-        way: How the part moves, base of the master [m], shape (3,).
+        middle_of_way: How far the middle of its way is from its start, base of the master [m], shape (3,).
 
     Yields:
         T_master_work, shape (4, 4).
@@ -89,7 +88,7 @@ def default_poses(chain: Chain2, up: Array, way: Array) -> Iterator[Array]:
             for share in SHARES:
                 for side in SIDES:
                     middle = share * between + side * beside + np.array([0.0, 0.0, height])
-                    yield transform(R, middle - 0.5 * way)
+                    yield transform(R, middle - middle_of_way)
 
 
 def find_pair_reach(work: Work, poses: Iterable[Array], collides: Collides) -> PairReach:
@@ -119,52 +118,73 @@ def find_pair_reach(work: Work, poses: Iterable[Array], collides: Collides) -> P
     if best is None:
         raise ReachError(
             f"the two robots cannot do this: {furthest[1]}. Hold the part elsewhere with --part-pose (follower's "
-            "base), or move it less or another way (dual.master_speed_m_s, dual.master_direction)."
+            "base), or move it less or another way (dual.master_speed_m_s, dual.master_direction, "
+            "dual.master_turn_rad_s, dual.master_path)."
         )
     return best
 
 
-def suggest_base(work: Work, up: Array, scene_check: Callable[[Array], Collides]) -> Array | None:
-    """Another place for the follower's base at which the work can be done.
+class Sampled(NamedTuple):
+    """Both robots' work at n moments."""
+
+    parts: Array
+    """Poses of the part in the master's base, shape (n, 4, 4)."""
+    tools: Array
+    """Poses of the tool in the follower's base, shape (n, 4, 4)."""
+
+
+def sampled(work: Work, T_master_work: Array, spin: float, visits: Visits | None = None) -> Sampled:
+    """Where part and tool are at the moments of the work, or at other ones.
 
     Args:
-        work: What is to be done; its chain says what the follower's base is now.
-        up: Side of the part to be worked on, work frame, shape (3,).
-        scene_check: Makes the check for arms that touch, for a base of the follower in the master's (4, 4).
+        work: What is to be done.
+        T_master_work: The part at the start, base of the master, shape (4, 4).
+        spin: Turn of the tool about its axis [rad].
+        visits: The moments; those of the work if not given.
+    """
+    at = work.visits if visits is None else visits
+    parts = work.way(T_master_work, at.clock)
+    T_follower_work = inverse(work.chain.T_master_follower) @ parts
+    points = np.einsum("nij,nj->ni", T_follower_work[:, :3, :3], at.points) + T_follower_work[:, :3, 3]
+    turned = T_follower_work[:, :3, :3] @ _work_to_tool(work, T_master_work, spin, at.axes, at.meant)
+    return Sampled(parts, transform(turned, points))
+
+
+def tool_on_start(work: Work, reach: PairReach, axes: Array, clock: Array) -> Array:
+    """How the tool stands at points of the part, turned back with the part to where it is at the start.
+
+    Args:
+        work: What is to be done.
+        reach: How.
+        axes: Tool axes from the part to the tool there, work frame, shape (n, 3).
+        clock: Time of the master's motion when it is there [s], shape (n,).
 
     Returns:
-        T_master_follower, shape (4, 4), the bases facing each other; None if none of the tried ones will do.
+        R_follower_tool, shape (n, 3, 3).
     """
-    for distance in BASE_DISTANCES:
-        T = from_pose([-distance, 0.0, 0.0, 0.0, 0.0, np.pi])
-        moved = work._replace(chain=work.chain._replace(T_master_follower=T))
-        try:
-            find_pair_reach(moved, islice(default_poses(moved.chain, up, work.way), BASE_POSES), scene_check(T))
-        except ReachError:
-            continue
-        return T
-    return None
+    R_follower_start = work.chain.T_master_follower[:3, :3].T @ reach.T_master_work[:3, :3]
+    return np.asarray(R_follower_start @ _work_to_tool(work, reach.T_master_work, reach.spin, axes, clock))
 
 
-def sampled(work: Work, T_master_work: Array, spin: float, count: int = SAMPLES) -> tuple[Array, Array]:
-    """Poses of the part in the master's base and of the tool in the follower's while the path is done, (n, 4, 4)."""
-    rows = np.unique(np.linspace(0, len(work.path.s) - 1, count).astype(int))
-    first, last = np.flatnonzero(work.path.process)[[0, -1]]
-    rows = np.unique(np.concatenate([rows, [first, last]]))
-    s = work.path.s
-    share = np.clip((s[rows] - s[first]) / (s[last] - s[first]), 0.0, 1.0)
-    parts = np.tile(T_master_work, (len(rows), 1, 1))
-    parts[:, :3, 3] += share[:, None] * work.way
-    T_follower_work = inverse(work.chain.T_master_follower) @ parts
-    axes = np.einsum("nij,nj->ni", T_follower_work[:, :3, :3], work.path.axes_work[rows])
-    points = np.einsum("nij,nj->ni", T_follower_work[:, :3, :3], work.path.positions_work[rows])
-    return parts, transform(tool_rotations(axes, spin), points + T_follower_work[:, :3, 3])
+def _work_to_tool(work: Work, T_master_work: Array, spin: float, axes: Array, clock: Array) -> Array:
+    """R_work_tool (n, 3, 3) with axes (n, 3) such that the tool keeps its turn in the follower's base at a clock."""
+    R_follower_work = work.chain.T_master_follower[:3, :3].T @ work.way(T_master_work, clock)[:, :3, :3]
+    axes_follower = np.einsum("nij,nj->ni", R_follower_work, axes)
+    wanted = rotations_towards(axes_follower, _direction(work, T_master_work, spin))
+    return np.asarray(np.swapaxes(R_follower_work, 1, 2) @ wanted)
+
+
+def _direction(work: Work, T_master_work: Array, spin: float) -> Array:
+    """Where tool x points for a spin during all of the work, follower's base, shape (3,)."""
+    parts = work.way(T_master_work, work.visits.clock)[:, :3, :3]
+    axes = np.einsum("nij,nj->ni", work.chain.T_master_follower[:3, :3].T @ parts, work.visits.axes)
+    return spin_direction(axes, spin)
 
 
 def _try_pose(work: Work, T_master_work: Array, collides: Collides) -> tuple[PairReach | None, float, str]:
     """The best way with one pose of the part; else how far it came, and why no further."""
     T_flange_work = work.chain.T_flange_gripper @ work.chain.T_gripper_work
-    parts, _ = sampled(work, T_master_work, 0.0)
+    parts = work.way(T_master_work, work.visits.clock)
     masters, came_m, why_m = _configurations(parts, T_flange_work, "master")
     if not masters:
         return None, came_m, why_m
@@ -172,7 +192,7 @@ def _try_pose(work: Work, T_master_work: Array, collides: Collides) -> tuple[Pai
     joints: dict[int, tuple[Array, Array]] = {}
     came_f, why_f = -1.0, ""
     for spin in SPINS:
-        _, tools = sampled(work, T_master_work, float(spin))
+        tools = sampled(work, T_master_work, float(spin)).tools
         followers, came, why = _configurations(tools, work.chain.T_flange_tool, "follower")
         if came > came_f:
             came_f, why_f = came, why
@@ -194,7 +214,7 @@ def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[t
     furthest, reason = 0.0, f"the {arm} does not reach the first pose"
     solutions = inverse_all(np.ascontiguousarray(poses[0] @ inverse(T_flange_end)))
     for q in solutions[~np.isnan(solutions).any(axis=1)]:
-        joints = track(poses, T_flange_end, (q + np.pi) % (2.0 * np.pi) - np.pi)
+        joints = _tracked(poses, T_flange_end, q)
         failure = failure_of(joints, False)
         if failure is None:
             value = joints.smallest_singular_value * min(1.0, limit_margin(joints.q) / COMFORTABLE)
@@ -205,6 +225,16 @@ def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[t
     return sorted(found, key=lambda way: -way[0]), furthest, reason
 
 
+def _tracked(poses: Array, T_flange_end: Array, q: Array) -> JointPath:
+    """Joints along poses from near a configuration (6,), whole turns off where that suits their limits better."""
+    joints = track(poses, T_flange_end, (q + np.pi) % (2.0 * np.pi) - np.pi)
+    reached = joints.q[~np.isnan(joints.q[:, 0])]
+    if not len(reached):
+        return joints
+    turns = np.round(0.5 * (reached.min(axis=0) + reached.max(axis=0)) / (2.0 * np.pi))
+    return track(poses, T_flange_end, reached[0] - 2.0 * np.pi * turns) if turns.any() else joints
+
+
 def _frame(up: Array, wanted: Array) -> Array:
     """A rotation that turns ``up`` of the part, roughly its z, to a direction [base of the master]."""
     z = wanted / np.linalg.norm(wanted)
@@ -213,4 +243,13 @@ def _frame(up: Array, wanted: Array) -> Array:
     return np.asarray(R_z @ R_up.T)
 
 
-__all__ = ["Collides", "PairReach", "Work", "default_poses", "find_pair_reach", "sampled", "suggest_base"]
+__all__ = [
+    "Collides",
+    "PairReach",
+    "Sampled",
+    "Work",
+    "default_poses",
+    "find_pair_reach",
+    "sampled",
+    "tool_on_start",
+]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from polish_sim.experiments.placement import (
 from polish_sim.experiments.stroke_motion import Stroke, stroke_motion
 from polish_sim.geometry import PartMesh
 from polish_sim.models import workpiece_names, workpiece_path
-from polish_sim.motion.smoothing.arm import build_arm
+from polish_sim.motion.smoothing.arm import Arm, build_arm
 from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import build_path_table, with_set_points
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed
@@ -100,8 +101,19 @@ def reach_path(scenario: Scenario, mesh: PartMesh, path: ToolPath) -> Reach:
     return reach._replace(q_start=np.array(joints.q[0]))
 
 
+class PlacedTool(NamedTuple):
+    """A path before the robot, and how the tool stands at its points."""
+
+    T_base_work: Array
+    """Pose of the work frame, shape (4, 4)."""
+    rotations: Array
+    """R_base_tool at every point of the path, shape (n, 3, 3)."""
+    arm: Arm | None
+    """The robot, for strokes that keep the limits of its joints; None: only the tool's count."""
+
+
 def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: float, lift: float) -> list[Job]:
-    """The strokes of a path: for each stretch in contact the way down to it and the stretch itself, pressed in.
+    """The strokes of a path on a part that stands still, see ``placed_strokes``.
 
     Args:
         scenario: Force, feed, approach.
@@ -109,21 +121,34 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
         reach: Placement and tool spin.
         hold: Time to stay at the end of a stroke [s].
         lift: Height of the retract [m]; 0 for none.
+    """
+    rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
+    arm = build_arm(np.eye(4), tool_on_flange(), reach.q_start)
+    return placed_strokes(scenario, path, PlacedTool(reach.T_base_work, rotations, arm), hold, lift)
+
+
+def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float) -> list[Job]:
+    """The strokes of a path: for each stretch in contact the way down to it and the stretch itself, pressed in.
+
+    Args:
+        scenario: Force, feed, approach.
+        path: The path, work frame, not pressed.
+        placed: Where it is, and how the tool stands.
+        hold: Time to stay at the end of a stroke [s].
+        lift: Height of the retract [m]; 0 for none.
 
     Returns:
         The jobs in order, in the base frame.
     """
-    process, depths = scenario.process, pressing_depths(scenario, path)
+    process, depths, rotations = scenario.process, pressing_depths(scenario, path), placed.rotations
     if process.tare not in TARES:
         raise unknown_name("moment to tare", process.tare, TARES)
-    rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
-    nominal = apply(reach.T_base_work, path.positions_work)
-    pressed_in = apply(reach.T_base_work, pressed(path, depths).positions_work)
-    arm = build_arm(np.eye(4), tool_on_flange(), reach.q_start)
+    nominal = apply(placed.T_base_work, path.positions_work)
+    pressed_in = apply(placed.T_base_work, pressed(path, depths).positions_work)
     jobs: list[Job] = []
     left = process.max_feed_s or math.inf
     for first, last in stretches_in_contact(path):
-        leave = first - _points_before(path, first)
+        leave = first - points_before(path, first)
         come = _last_approach(path, leave, first, lift) if jobs else leave
         through, before = slice(leave, come + 1), slice(come, first + 1)
         during = slice(first, last + 1)
@@ -138,12 +163,12 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
         )
         feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
         stroke = Stroke(pressed_in[during], rotations[during], path.s[during] - path.s[first], feed)
-        motion = stroke_motion(scenario, stroke, arm)
+        motion = stroke_motion(scenario, stroke, placed.arm)
         if motion is None:
             motion = time_path(table, feed_pace(process.feed_m_s))
         jobs.append(
             Job(
-                travel=_travel(jobs, nominal[through], rotations[through]),
+                travel=travel_to(jobs, nominal[through], rotations[through]),
                 lead_in=build_path_table(nominal[before], rotations[before]),
                 process=table,
                 motion=motion,
@@ -194,7 +219,7 @@ def _lift_off(lift: float, depth_first: float, depth_last: float) -> float:
     return max(lift + (depth_last - depth_first), 1e-3) if lift > 0.0 else 0.0
 
 
-def _points_before(path: ToolPath, first: int) -> int:
+def points_before(path: ToolPath, first: int) -> int:
     """Number of approach and lead-in points right before a stretch."""
     count = 0
     while count < first and path.segment[first - 1 - count] in (APPROACH, LEAD_IN):
@@ -209,7 +234,7 @@ def _last_approach(path: ToolPath, leave: int, first: int, lift: float) -> int:
     return leave + int(high[-1]) if len(high) else leave
 
 
-def _travel(jobs: list[Job], way: Array, rotations: Array) -> TimedPath:
+def travel_to(jobs: list[Job], way: Array, rotations: Array) -> TimedPath:
     """From above the end of the last stroke through the air to where the next way down begins."""
     if not jobs:
         return time_path(build_path_table(way[:1], rotations[:1]), TRAVEL_PACE)

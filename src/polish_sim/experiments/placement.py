@@ -57,14 +57,23 @@ def tool_rotations(axes_base: Array, spin: float) -> Array:
     Returns:
         R_base_tool, shape (n, 3, 3). A spin along the feed would wind the last joint up, turn after turn.
     """
+    return rotations_towards(axes_base, spin_direction(axes_base, spin))
+
+
+def spin_direction(axes_base: Array, spin: float) -> Array:
+    """Where tool x points for a spin, but for what lies along the tool axis: base frame, shape (3,)."""
     main = -axes_base.mean(axis=0)
     main /= np.linalg.norm(main)
     start = rotation_to_axis(main[None], np.eye(3)[0 if abs(main[0]) < 0.8 else 1])[0]
-    hint = start @ np.array([math.cos(spin), math.sin(spin), 0.0])
+    return np.asarray(start @ np.array([math.cos(spin), math.sin(spin), 0.0]))
+
+
+def rotations_towards(axes_base: Array, direction: Array) -> Array:
+    """Tool frames with z against axes (n, 3) and x as near a direction (3,) as that allows, shape (n, 3, 3)."""
     z_axes = -axes_base
-    if np.min(np.linalg.norm(np.cross(z_axes, hint), axis=1)) < 0.05:
+    if np.min(np.linalg.norm(np.cross(z_axes, direction), axis=1)) < 0.05:
         raise ReachError("the tool axes of this path turn through more than a right angle: no fixed tool spin fits.")
-    return rotation_to_axis(z_axes, hint)
+    return rotation_to_axis(z_axes, direction)
 
 
 def find_reach(
@@ -198,5 +207,7 @@ __all__ = [
     "find_reach",
     "given_placement",
     "nearest_solution",
+    "rotations_towards",
+    "spin_direction",
     "tool_rotations",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -16,6 +17,7 @@ _PAIR: Final = (
     *TOOL_ON_PART,
     Claim("chain_residual_m", "closed chain of the planned joints", "mm", 1e3, high=1e-9),
     Claim("master_way_m", "way of the part", "mm", 1e3),
+    Claim("master_turn_rad", "turn of the part", "deg", math.degrees(1.0)),
 )
 
 DUAL: Final[Mapping[str, tuple[Claim, ...]]] = {

@@ -1,0 +1,88 @@
+"""A master's motion from a user's file: poses of the part, or of the flange that holds it, over time (layer 9)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.calibration.csv_columns import Columns, read_columns
+from polish_sim.errors import InputError
+from polish_sim.motion.coordination import Chain2
+from polish_sim.spatial import transform
+
+Array = NDArray[np.float64]
+
+TIME: Final = "time_s"
+FLANGE: Final = "flange_"
+"""What the columns of a place begin with where the poses are the flange's."""
+JUMP_M_S, JUMP_RAD_S = 1.0, np.pi
+"""Faster from one line to the next is a jump: the tool speed a UR5e is sold with, and its joints' [m/s], [rad/s]."""
+
+
+class MasterPath(NamedTuple):
+    """Poses over time, base of the master."""
+
+    times: Array
+    """From zero, increasing [s], shape (n,)."""
+    poses: Array
+    """Shape (n, 4, 4)."""
+    of_flange: bool
+    """Whether they are those of the flange; else of the part."""
+    columns: Columns
+    """Says where a row stands."""
+
+    def part_poses(self, chain: Chain2) -> Array:
+        """The part's poses by a chain the host believes in, shape (n, 4, 4)."""
+        return self.poses @ chain.T_flange_gripper @ chain.T_gripper_work if self.of_flange else self.poses
+
+    def place(self, time: float) -> str:
+        """The file and the line that is reached at a time [s] or next after it."""
+        row = min(int(np.searchsorted(self.times, time)), len(self.times) - 1)
+        return f"'{self.columns.file}', {self.columns.place(row)}"
+
+
+def read_master_path(file: Path) -> MasterPath:
+    """Read poses over time.
+
+    Columns in any order: ``time_s``; the place ``x_mm..z_mm`` or ``x_m..z_m`` of the part's origin, or of the flange's
+    if they begin with ``flange_``; the orientation ``qw..qz``, ``rx_rad..rz_rad`` or ``r11..r33``. Base of the master.
+
+    Raises:
+        InputError: No such file, a column missing, fewer than two lines, time that does not increase, a jump, a value
+            that is none; names the line.
+    """
+    columns = read_columns(file, "pose of the master's motion", "poses over time")
+    columns.need((TIME,), "the time of each pose [s]")
+    of_flange = any(name.startswith(FLANGE) for name in columns.texts)
+    what = "the flange" if of_flange else "the part"
+    points = columns.points(FLANGE if of_flange else "", f"the place of {what}")
+    poses = transform(columns.rotations(what), points)
+    times = columns.numbers((TIME,))[:, 0]
+    if len(times) < 2:
+        raise InputError(f"'{file}' has one pose: a motion needs two or more.")
+    early = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(early):
+        row = int(early[0]) + 1
+        raise InputError(
+            f"'{file}', {columns.place(row)}: {TIME} is {times[row]:g} after {times[row - 1]:g}, it must increase."
+        )
+    _refuse_jumps(columns, what, times, poses)
+    return MasterPath(times - times[0], poses, of_flange, columns)
+
+
+def _refuse_jumps(columns: Columns, what: str, times: Array, poses: Array) -> None:
+    steps = np.diff(times)
+    way = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    turn = Rotation.from_matrix(np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3]).magnitude()
+    jumps = np.flatnonzero((way > JUMP_M_S * steps) | (turn > JUMP_RAD_S * steps))
+    if len(jumps):
+        k = int(jumps[0])
+        raise InputError(
+            f"'{columns.file}', {columns.place(k + 1)}: {what} would jump by {1e3 * way[k]:.4g} mm and "
+            f"{np.degrees(turn[k]):.4g} deg in {steps[k]:.4g} s. A UR5e does {1e3 * JUMP_M_S:g} mm/s and "
+            f"{np.degrees(JUMP_RAD_S):g} deg/s at most: give the poses between, or more time."
+        )

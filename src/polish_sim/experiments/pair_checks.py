@@ -1,0 +1,169 @@
+"""Whether both arms can do the work all the way and as fast as asked, before anything moves (layer 9)."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell.carrier import RAMP_S, MasterRows
+from polish_sim.config import RobotConfig
+from polish_sim.errors import InputError, ReachError
+from polish_sim.experiments.master_motion import MasterMotion
+from polish_sim.experiments.pair_placement import Collides, PairReach, Sampled, Work, sampled
+from polish_sim.experiments.pair_visits import ON_THE_WAY, Visits
+from polish_sim.experiments.placement import failure_of
+from polish_sim.motion import track
+from polish_sim.motion.smoothing.limits import JOINT_ACCELERATION
+
+Array = NDArray[np.float64]
+
+RAMP_PEAK: Final = 1.5 / RAMP_S  # steepest rise of the rate at which the master's time passes [1/s]
+DIFFERENCE_S: Final = 0.01  # of the master's time, for derivatives [s]
+
+
+class Check(NamedTuple):
+    """What is looked at, closely."""
+
+    work: Work
+    reach: PairReach
+    motion: MasterMotion
+    visits: Visits
+    """More of them than the work was planned with."""
+    robot: RobotConfig
+    """Limits of both arms."""
+
+
+def check_length(visits: Visits, motion: MasterMotion) -> None:
+    """Refuse a motion that is over before the work.
+
+    Raises:
+        InputError: Says by how much.
+    """
+    needed, lasts = float(visits.clock[-1]), motion.way.lasts
+    if motion.file is not None and lasts < needed:
+        raise InputError(
+            f"'{motion.file.columns.file}' lasts {lasts:.2f} s, the tool works on the part for {needed:.2f} s: "
+            f"{needed - lasts:.2f} s are missing. Go on with it, raise --feed, or stop early with "
+            "--set process.max_feed_s=..."
+        )
+
+
+def check_motion(check: Check, rows: MasterRows, collides: Collides) -> None:
+    """Follow all of the work closely with both arms.
+
+    Args:
+        check: What is looked at.
+        rows: What the master's joints do.
+        collides: Looks for arms that touch.
+
+    Raises:
+        ReachError: An arm would be too fast or cannot follow, or something would touch; names joint and moment.
+    """
+    check_master(check, rows)
+    check_carried(check)
+    now = sampled(check.work, check.reach.T_master_work, check.reach.spin, check.visits)
+    q_follower = _follow(check, now)
+    times = rows.spacing * np.arange(len(rows.q), dtype=np.float64)
+    q_master = np.stack([np.interp(check.visits.clock, times, rows.q[:, j]) for j in range(6)], axis=1)
+    touching = collides(q_master, q_follower)
+    if touching:
+        raise ReachError(f"{touching} would touch on the way. Hold the part elsewhere, or move it another way.")
+
+
+def check_master(check: Check, rows: MasterRows) -> None:
+    """Refuse a motion too fast for the master's joints.
+
+    Raises:
+        ReachError: Names the joint, the moment and, of a file, the line.
+    """
+    times = rows.spacing * np.arange(len(rows.q), dtype=np.float64)
+    speed, change = np.abs(rows.qd), np.abs(np.gradient(rows.qd, rows.spacing, axis=0))
+    _refuse(check, speed, times, check.robot.joint_speed_limit_rad_s, "turn at", "deg/s")
+    _refuse(check, change, times, JOINT_ACCELERATION, "be accelerated by", "deg/s^2")
+    # Where it is let go or brakes, its time does not pass evenly.
+    at = check.visits.clock[check.visits.rate < 1.0]
+    ramps = RAMP_PEAK * np.stack([np.interp(at, times, speed[:, j]) for j in range(6)], axis=1)
+    _refuse(check, ramps, at, JOINT_ACCELERATION, "be accelerated, from rest or to rest, by", "deg/s^2")
+
+
+def check_carried(check: Check) -> None:
+    """Refuse a motion of the part that the follower's velocity interface cannot keep up with.
+
+    Raises:
+        ReachError: Names the moment and both accelerations.
+    """
+    at, way, T = check.visits, check.work.way, check.reach.T_master_work
+    # A file's motion has an end on either side.
+    clock = np.clip(at.clock, DIFFERENCE_S, max(way.lasts - DIFFERENCE_S, DIFFERENCE_S))
+    before, now, after = (way(T, clock + shift) for shift in (-DIFFERENCE_S, 0.0, DIFFERENCE_S))
+    places = [np.einsum("nij,nj->ni", P[:, :3, :3], at.points) + P[:, :3, 3] for P in (before, now, after)]
+    turns = [
+        Rotation.from_matrix(b[:, :3, :3] @ np.swapaxes(a[:, :3, :3], 1, 2)).as_rotvec() / DIFFERENCE_S
+        for a, b in ((before, now), (now, after))
+    ]
+    velocity = (places[2] - places[0]) / (2.0 * DIFFERENCE_S)
+    ramping = np.where(at.rate < 1.0, RAMP_PEAK, 0.0)
+    linear = np.linalg.norm(places[2] - 2.0 * places[1] + places[0], axis=1) / DIFFERENCE_S**2
+    angular = np.linalg.norm(turns[1] - turns[0], axis=1) / DIFFERENCE_S
+    linear += ramping * np.linalg.norm(velocity, axis=1)
+    angular += ramping * np.linalg.norm(0.5 * (turns[0] + turns[1]), axis=1)
+    robot = check.robot
+    for found, most, unit, scale, key in (
+        (linear, robot.linear_acceleration_m_s2, "mm/s^2", 1e3, "robot.linear_acceleration_m_s2"),
+        (angular, robot.angular_acceleration_rad_s2, "deg/s^2", np.degrees(1.0), "robot.angular_acceleration_rad_s2"),
+    ):
+        row = int(found.argmax())
+        if found[row] > most:
+            raise ReachError(
+                f"the part would carry the tool with {scale * found[row]:.0f} {unit}"
+                f"{_place(check, float(at.clock[row]))}: the follower does {scale * most:.0f} ({key}). {_cure(check)}"
+            )
+
+
+def _follow(check: Check, now: Sampled) -> Array:
+    """Joints of the follower at all visits, shape (n, 6); refused if it cannot follow or not as fast."""
+    at = check.visits
+    joints = track(now.tools, check.work.chain.T_flange_tool, check.reach.q_follower)
+    failure = failure_of(joints, False)
+    if failure is not None:
+        raise ReachError(
+            f"the follower cannot do this: at {1e3 * at.s[failure.point]:.1f} mm of the path {failure.reason}."
+        )
+    moving = (at.stroke[1:] == at.stroke[:-1]) & (at.stroke[1:] != ON_THE_WAY) & (np.diff(at.time) > 0.0)
+    speed = np.abs(np.diff(joints.q, axis=0)[moving]) / np.diff(at.time)[moving, None]
+    most = check.robot.joint_speed_limit_rad_s
+    if len(speed) and speed.max() > most:
+        row, joint = np.unravel_index(int(speed.argmax()), speed.shape)
+        raise ReachError(
+            f"joint {joint + 1} of the follower would turn at {np.degrees(speed.max()):.0f} deg/s at "
+            f"{1e3 * at.s[1:][moving][row]:.1f} mm of the path: {np.degrees(most):.0f} is its most. {_cure(check)}"
+        )
+    return joints.q
+
+
+def _refuse(check: Check, found: Array, times: Array, most: float, doing: str, unit: str) -> None:
+    """Refuse what is above a limit, (n, 6) at times of the master's motion (n,)."""
+    if not found.size or found.max() <= most:
+        return
+    row, joint = np.unravel_index(int(found.argmax()), found.shape)
+    raise ReachError(
+        f"joint {joint + 1} of the master would {doing} {np.degrees(found.max()):.0f} {unit}"
+        f"{_place(check, float(times[row]))}: {np.degrees(most):.0f} is its most. {_cure(check)}"
+    )
+
+
+def _place(check: Check, clock: float) -> str:
+    file = check.motion.file
+    return f" {clock:.2f} s into its motion" + (f" ({file.place(clock)})" if file is not None else "")
+
+
+def _cure(check: Check) -> str:
+    if check.motion.file is not None:
+        return "Give it more time."
+    return "Lower dual.master_speed_m_s or dual.master_turn_rad_s, or hold the part elsewhere with --part-pose."
+
+
+__all__ = ["Check", "check_carried", "check_length", "check_master", "check_motion"]

@@ -1,0 +1,214 @@
+"""How the master may move the part: turned against the feed, along files, by strokes in the air; what is refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.config import Scenario
+from polish_sim.errors import ConfigError, InputError, PolishSimError, ReachError
+from polish_sim.experiments import RunResult, default_scenario, run_experiment
+from polish_sim.experiments.dual import build_dual_cell
+from polish_sim.experiments.dual_task import DualTask, prepare_dual
+from polish_sim.experiments.pair_placement import sampled
+from polish_sim.motion import forward_many
+from polish_sim.motion.coordination import master_flange
+from polish_sim.scenario_file import override
+from polish_sim.spatial import inverse
+from tests.experiments.test_dual import EXACT, two_stretches
+
+FEED, RADIUS = 0.05, 0.08
+ABOVE = ("dual.standoff_m=0.005", f"process.feed_m_s={FEED}", *EXACT)
+SHORT = (*ABOVE, "process.max_feed_s=2")
+AGAINST = ("dual.master_speed_m_s=0", f"dual.master_turn_rad_s={-FEED / RADIUS}")
+BEGUN_S, TARED_S = 0.8, 0.4
+
+
+def dual(*changes: str) -> Scenario:
+    return override(default_scenario("dual"), list(changes))
+
+
+def poses_of(run: RunResult, column: str) -> NDArray[np.float64]:
+    return forward_many(np.ascontiguousarray(run.log[column], dtype=np.float64))
+
+
+def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still() -> None:
+    run = run_experiment(dual(*ABOVE, *AGAINST, "process.max_feed_s=4"))
+    trace = run.trace
+    fed = np.flatnonzero(trace.phase == 2)
+    even = fed[(trace.time_s[fed] > trace.time_s[fed[0]] + BEGUN_S) & (trace.time_s[fed] < trace.time_s[fed[-1]] - 0.4)]
+    assert np.ptp(trace.tcp_position_m[even], axis=0).max() < 1e-4
+    on_part = np.linalg.norm(np.gradient(trace.tool_on_part_m[even], trace.time_s[even], axis=0), axis=1)
+    assert on_part.mean() == pytest.approx(FEED, rel=1e-3)
+    follower = np.ptp(poses_of(run, "q_rad")[run.log["phase"] == 2], axis=0)
+    assert np.abs(follower[:3, :3]).max() < 0.05
+    # Its time ramps up in half a second: a quarter of one is lost.
+    assert run.figures["master_turn_rad"] == pytest.approx(FEED / RADIUS * (4.0 - 0.25), rel=0.02)
+    assert run.figures["relative_error_rms_m"] < 6e-5
+
+
+def test_a_hub_turned_once_round_starts_its_wrist_where_the_turn_fits() -> None:
+    q = prepare_dual(dual(*ABOVE, *AGAINST)).master.q
+    assert np.ptp(q[:, 5]) > 2.0 * math.pi
+    assert np.abs(q[:, 5]).max() < 2.0 * math.pi
+
+
+def between(task: DualTask, run: RunResult) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Part and tool as they came, in where the check looked for them at its moments up to the last feed, (n, 4, 4)."""
+    visits = task.work.visits
+    planned = sampled(task.work, task.reach.T_master_work, task.reach.spin)
+    there = slice(int(np.flatnonzero(visits.stroke >= 0)[-1]) + 1)
+    rows = np.searchsorted(run.log["time_s"], visits.time[there] + TARED_S)
+    true = task.frames.true
+    parts = poses_of(run, "master_q_rad")[rows] @ true.T_flange_gripper @ true.T_gripper_work
+    tools = poses_of(run, "q_rad")[rows] @ true.T_flange_tool
+    return inverse(planned.parts[there]) @ parts, inverse(planned.tools[there]) @ tools
+
+
+def test_two_stretches_above_the_part_are_followed_as_the_check_looked_at_them() -> None:
+    plan = two_stretches()
+    scenario = dual(*ABOVE, "dual.master_turn_rad_s=0.1", "dual.master_speed_m_s=0.01", "simulation.log_rate_hz=0")
+    task = prepare_dual(scenario, plan)
+    assert len(build_dual_cell(scenario, task)[1]) == 2
+    run = run_experiment(scenario, plan)
+    assert run.stop_reason is None
+    assert run.figures["path_done"] == 1.0
+    assert run.figures["relative_error_rms_m"] < 6e-5
+    lifted = run.trace.tool_on_part_m[run.trace.phase == 3][:, 2]
+    assert lifted.max() == pytest.approx(0.038 + 0.005 + scenario.plan.clearance_m, abs=1e-3)
+    for off in between(task, run):
+        assert np.linalg.norm(off[:, :3, 3], axis=1).max() < 2e-4
+        assert Rotation.from_matrix(off[:, :3, :3]).magnitude().max() < 0.01
+
+
+def write_motion(file: Path, times: NDArray[np.float64], poses: NDArray[np.float64], flange: bool = False) -> str:
+    name = "flange_" if flange else ""
+    lines = [f"time_s,{name}x_mm,{name}y_mm,{name}z_mm,qw,qx,qy,qz"]
+    turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
+    for t, T, quaternion in zip(times, poses, turns, strict=True):
+        lines.append(",".join(f"{value:.9g}" for value in (t, *(1e3 * T[:3, 3]), *quaternion)))
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return f"dual.master_path={file}"
+
+
+@pytest.mark.parametrize("flange", [False, True])
+def test_a_file_of_a_motion_is_followed_like_the_motion_itself(tmp_path: Path, flange: bool) -> None:
+    setting = ("dual.master_turn_rad_s=0.2", "dual.master_arc_radius_m=0.1", "dual.master_speed_m_s=0.02")
+    task = prepare_dual(dual(*SHORT, *setting))
+    times = 7.0 + np.linspace(0.0, 3.0, 31)
+    poses = task.work.way(task.reach.T_master_work, times - times[0])
+    given = master_flange(task.frames.believed, poses) if flange else poses
+    again = prepare_dual(dual(*SHORT, write_motion(tmp_path / "way.csv", times, given, flange)))
+    moments = np.linspace(0.0, 3.0, 100)
+    asked, read = (one.work.way(one.reach.T_master_work, moments) for one in (task, again))
+    np.testing.assert_allclose(read, asked, atol=2e-6)
+    rows = again.master.spacing * np.arange(len(again.master.q))
+    played = forward_many(again.master.q) @ again.frames.believed.T_flange_gripper
+    np.testing.assert_allclose(played, again.work.way(again.reach.T_master_work, rows), atol=1e-9)
+
+
+def test_an_arc_bends_in_the_run_as_told() -> None:
+    task = prepare_dual(dual(*ABOVE, "dual.master_arc_radius_m=-0.05", "dual.master_speed_m_s=0.02"))
+    places = (forward_many(task.master.q) @ task.frames.true.T_flange_gripper)[:, :3, 3]
+    # Along y at first, and to the right: the middle is at +x.
+    middle = places[0] + np.array([0.05, 0.0, 0.0])
+    np.testing.assert_allclose(np.linalg.norm(places - middle, axis=1), 0.05, atol=1e-6)
+    assert np.ptp(places[:, 2]) < 1e-6
+
+
+@pytest.fixture(scope="module")
+def short() -> DualTask:
+    return prepare_dual(dual(*SHORT))
+
+
+Change = Callable[[NDArray[np.float64], NDArray[np.float64]], object]
+
+
+def shorter(times: NDArray[np.float64], _poses: NDArray[np.float64]) -> None:
+    times *= 0.5
+
+
+def backwards(times: NDArray[np.float64], _poses: NDArray[np.float64]) -> None:
+    times[5] = times[4]
+
+
+def jumping(_times: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
+    poses[7, :3, 3] += [0.3, 0.0, 0.0]
+
+
+def far_away(_times: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
+    poses[:, :3, 3] += [0.0, 2.0, 0.0]
+
+
+def spinning(times: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
+    poses[:, :3, :3] = poses[:, :3, :3] @ Rotation.from_rotvec(times[:, None] * [0.0, 0.0, 0.6]).as_matrix()
+
+
+def shaking(times: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
+    poses[:, 0, 3] += 0.004 * np.sin(10.0 * times)
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "said"),
+    [
+        (shorter, InputError, r"lasts 1\.50 s, the tool works on the part for 2\.00 s: 0\.50 s are missing"),
+        (backwards, InputError, r"way\.csv', line 7: time_s is 0\.4 after 0\.4, it must increase"),
+        (jumping, InputError, r"line 9: the part would jump by 300 mm and 0 deg in 0\.1 s"),
+        (far_away, ReachError, "the master does not reach the first pose.*base elsewhere|No other place"),
+        (spinning, ReachError, r"joint 6 of the master would turn at 3[45] deg/s .* line \d+\): 29 is its most"),
+        (
+            shaking,
+            ReachError,
+            r"the part would carry the tool with 4\d\d mm/s\^2 .* line \d+\): the follower does 300",
+        ),
+    ],
+)
+def test_a_motion_that_cannot_be_done_is_refused(
+    tmp_path: Path, short: DualTask, change: Change, kind: type[PolishSimError], said: str
+) -> None:
+    times = np.linspace(0.0, 3.0, 31)
+    poses = short.work.way(short.reach.T_master_work, times)
+    change(times, poses)
+    slow = ("robot.joint_speed_limit_rad_s=0.5", "robot.linear_acceleration_m_s2=0.3")
+    with pytest.raises(kind, match=said):
+        prepare_dual(dual(*SHORT, *slow, write_motion(tmp_path / "way.csv", times, poses)))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "time_s,x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n1,0,0,1,0.9,0,0,0\n",
+            "line 3: qw to qz are not a unit quat",
+        ),
+        ("time_s,x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n", "has one pose: a motion needs two or more"),
+        ("x_m,y_m,z_m,qw,qx,qy,qz\n0,0,1,1,0,0,0\n", "lacks the column time_s: the time of each pose"),
+        ("time_s,x_m,y_m,z_m\n0,0,0,1\n1,0,0,1\n", "says nowhere how the part stood"),
+        ("time_s,flange_x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n", "lacks the columns flange_y_m, flange_z_m"),
+        ("time_s,x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n1,0,nan,1,1,0,0,0\n", "line 3"),
+    ],
+)
+def test_a_file_that_is_no_motion_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    file = tmp_path / "way.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=said):
+        prepare_dual(dual(f"dual.master_path={file}"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (["dual.master_arc_radius_m=1", "dual.master_direction=[0,0,1]"], "dual.master_direction is vertical"),
+        (["dual.master_axis=[0,0,0]"], "'dual.master_axis' is no direction"),
+        (["dual.master_path=way.csv", "part.pose=[0,0,0,0,0,0]"], "says where the part is held: leave part.pose"),
+    ],
+)
+def test_settings_of_the_motion_that_do_not_fit_are_refused(changes: list[str], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        prepare_dual(dual(*changes))
