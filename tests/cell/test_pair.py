@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import Cell, CellRun, no_part
-from polish_sim.cell.carrier import FIRST_JOINT, MasterRows
+from polish_sim.cell.carrier import CLOCK, FIRST_JOINT, RAMP_S, MasterRows, time_held, time_let_go
 from polish_sim.cell.pair_contacts import CLEARANCE, PairContacts
 from polish_sim.cell.pair_scene import GRIPPER_LENGTH, GRIPPER_MASS, Held, build_pair_scene, part_mass
 from polish_sim.config import Scenario
@@ -151,6 +151,26 @@ def test_speeds_of_part_and_target_are_the_derivatives_of_their_places() -> None
         found = np.gradient(np.array(place), 0.001, axis=0)[5:-5]
         np.testing.assert_allclose(found, np.array(speed)[5:-5], atol=2e-5)
         assert np.abs(found).max() > 0.01
+
+
+def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest() -> None:
+    cell = pair_cell(rows(turns=True)._replace(spacing=0.007))
+    clock: list[float] = []
+    cell.run(EachStep(lambda _model, _data: clock.append(float(cell.kernel.carrier.clock[CLOCK]))))
+    seen = np.array(clock)
+    start = int(np.argmax(seen > 0.0))
+    # It has 0.7 s of rows, of which half a ramp is braking: let go for 0.7 s, then held until it stands at their end.
+    since = 0.001 * np.arange(1, 1 + len(seen) - start)
+    let_go = time_let_go(since)
+    np.testing.assert_allclose(seen[start:][since < 0.69], let_go.clock[since < 0.69], atol=1e-3)
+    held = float(time_let_go(np.array([0.7])).clock[0]) + time_held(0.7, since[since > 0.71] - 0.7).clock
+    np.testing.assert_allclose(seen[start:][since > 0.71], held, atol=2e-3)
+    assert seen[-1] == pytest.approx(0.7, abs=2e-3)
+    rate, change = np.gradient(let_go.clock, since), np.gradient(let_go.rate, since)
+    np.testing.assert_allclose(rate[5:-5], let_go.rate[5:-5], atol=1e-4)
+    # No step of the acceleration: 1.5 / RAMP_S at its highest, nothing at either end of the ramp.
+    assert np.abs(np.diff(change)).max() < 0.03
+    assert change.max() == pytest.approx(1.5 / RAMP_S, rel=1e-3)
 
 
 def pressed_cell(look: Callable[[mujoco.MjModel, mujoco.MjData], None] | None, turns: bool) -> CellRun:

@@ -37,6 +37,12 @@ def test_a_calibration_is_taken_for_what_it_is_of(polish_sim: Callable[..., obje
         (["--stepover", "3"], "--stepover would change nothing in 'run dual'"),
         (["--mode", "assist"], "--mode would change nothing in 'run dual'"),
         (["--standoff", "200"], "--standoff 200 is outside 0 to 100 mm"),
+        (["--master-path", "gone.csv"], "cannot read the poses 'gone.csv'"),
+        (
+            ["--master-path", "way.csv", "--master-turn", "3"],
+            "--master-path says where the part goes: leave --master-turn out",
+        ),
+        (["--master-turn", "300"], "--master-turn 300 is outside -180 to 180 deg/s"),
         (["--calibration", "gone.toml"], "cannot read the calibration 'gone.toml'"),
     ],
 )
@@ -50,6 +56,9 @@ def test_what_a_run_of_two_robots_cannot_take_is_refused(
 
 
 def test_two_robots_are_idle_elsewhere(polish_sim: Callable[..., object]) -> None:
+    code, _, err = polish_sim("plan", "plate", "--master-turn", "5")
+    assert code == 2
+    assert "--master-turn is for two robots: give --dual as well" in err
     code, _, err = polish_sim("run", "surface", "--standoff", "5")
     assert code == 2
     assert "--standoff would change nothing in 'run surface'" in err

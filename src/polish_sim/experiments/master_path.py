@@ -55,7 +55,7 @@ def read_master_path(file: Path) -> MasterPath:
         InputError: No such file, a column missing, fewer than two lines, time that does not increase, a jump, a value
             that is none; names the line.
     """
-    columns = read_columns(file, "pose of the master's motion", "poses over time")
+    columns = read_columns(file, "pose", "poses over time")
     columns.need((TIME,), "the time of each pose [s]")
     of_flange = any(name.startswith(FLANGE) for name in columns.texts)
     what = "the flange" if of_flange else "the part"

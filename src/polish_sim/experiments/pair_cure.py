@@ -77,10 +77,10 @@ def _slower(trial: Trial) -> str:
         tried = trial._replace(scenario=slower, motion=motion, work=trial.work._replace(way=motion.way))
         if _can(tried, trial.collides):
             held = " and --part-pose left out" if trial.scenario.part.pose else ""
+            speed, short = 1e3 * share * dual.master_speed_m_s, _way(tried.work)
             return (
-                f"The master would carry the part along {1e3 * far:.0f} mm. With --master-speed "
-                f"{1e3 * share * dual.master_speed_m_s:.3g}{held} these are {1e3 * _way(tried.work):.0f} mm, and it can "
-                "be done."
+                f"The master would carry the part along {1e3 * far:.0f} mm; with --master-speed {speed:.3g}{held} these "
+                f"are {1e3 * short:.0f} mm, and it can be done."
             )
     return ""
 
