@@ -16,6 +16,8 @@ from polish_sim.errors import ConfigError, InputError, PolishSimError, ReachErro
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.experiments.dual import build_dual_cell
 from polish_sim.experiments.dual_task import DualTask, prepare_dual
+from polish_sim.experiments.master_motion import MasterMotion
+from polish_sim.experiments.pair_checks import Check, check_motion
 from polish_sim.experiments.pair_placement import sampled
 from polish_sim.motion import forward_many
 from polish_sim.motion.coordination import master_flange
@@ -85,6 +87,18 @@ def test_two_stretches_above_the_part_are_followed_as_the_check_looked_at_them()
     for off in between(task, run):
         assert np.linalg.norm(off[:, :3, 3], axis=1).max() < 2e-4
         assert Rotation.from_matrix(off[:, :3, :3]).magnitude().max() < 0.01
+
+
+def test_a_few_moments_out_of_reach_between_those_that_were_tried_are_found(short: DualTask) -> None:
+    check = Check(short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot)
+    check_motion(check, short.master, lambda _master, _follower: "")
+    with pytest.raises(ReachError, match="tool and part would touch on the way"):
+        check_motion(check, short.master, lambda _master, _follower: "tool and part")
+    axes, middle = short.work.visits.axes.copy(), len(short.work.visits.s) // 2
+    axes[middle] = Rotation.from_rotvec([0.0, 1.4, 0.0]).apply(axes[middle])
+    tilted = check._replace(visits=check.visits._replace(axes=axes))
+    with pytest.raises(ReachError, match=r"follower cannot do this: at \d+|joint \d of the follower would turn at \d+"):
+        check_motion(tilted, short.master, lambda _master, _follower: "")
 
 
 def write_motion(file: Path, times: NDArray[np.float64], poses: NDArray[np.float64], flange: bool = False) -> str:

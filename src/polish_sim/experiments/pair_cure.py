@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 
 BASE_DISTANCES: Final = (1.1, 1.0, 1.2, 0.9, 1.3)
 """Between the bases, when another place for the follower's is looked for [m]."""
-SPEED_SHARES: Final = (0.5, 0.2, 0.1)
-"""Of the master's speed, when a slower one is looked for."""
+WAYS: Final = (0.6, 0.4, 0.2, 0.1)
+"""Lengths of the part's way, when a slower master is looked for [m]."""
 POSES: Final = 18
 """Poses of the part that are tried each time."""
 
@@ -71,16 +71,16 @@ def _slower(trial: Trial) -> str:
     if trial.motion.file is not None or dual.master_speed_m_s == 0.0:
         return ""
     far = _way(trial.work)
-    for share in SPEED_SHARES:
-        slower = replace(trial.scenario, dual=replace(dual, master_speed_m_s=share * dual.master_speed_m_s))
+    for short in (way for way in WAYS if way < far):
+        speed = short / far * dual.master_speed_m_s
+        slower = replace(trial.scenario, dual=replace(dual, master_speed_m_s=speed))
         motion = master_motion(slower, trial.path, trial.up, trial.work.chain)
         tried = trial._replace(scenario=slower, motion=motion, work=trial.work._replace(way=motion.way))
         if _can(tried, trial.collides):
-            held = " and --part-pose left out" if trial.scenario.part.pose else ""
-            speed, short = 1e3 * share * dual.master_speed_m_s, _way(tried.work)
+            held = " and without --part-pose" if trial.scenario.part.pose else ""
             return (
-                f"The master would carry the part along {1e3 * far:.0f} mm; with --master-speed {speed:.3g}{held} these "
-                f"are {1e3 * short:.0f} mm, and it can be done."
+                f"The master would carry the part along {1e3 * far:.0f} mm. With --master-speed {1e3 * speed:.3g}{held} "
+                f"it is {1e3 * short:.0f} mm, and it can be done."
             )
     return ""
 
