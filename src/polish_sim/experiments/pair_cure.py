@@ -79,8 +79,8 @@ def _slower(trial: Trial) -> str:
         if _can(tried, trial.collides):
             held = " and without --part-pose" if trial.scenario.part.pose else ""
             return (
-                f"The master would carry the part along {1e3 * far:.0f} mm. With --master-speed {1e3 * speed:.3g}{held} "
-                f"it is {1e3 * short:.0f} mm, and it can be done."
+                f"The master would carry the part along {1e3 * far:.0f} mm. With --master-speed {1e3 * speed:.3g}"
+                f"{held} it is {1e3 * short:.0f} mm, and it can be done."
             )
     return ""
 
