@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from polish_sim.analysis.claims import CLAIMS, Claim, bound_text, shortfalls, value_text
+from polish_sim.analysis.claims import CLAIMS, Claim, bound_text, shortfalls, value_text, without_paper
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 
@@ -24,6 +24,8 @@ class Outcome:
     interrupted: bool = False
     notes: tuple[str, ...] = ()
     """What else is to be told."""
+    paper_task: bool = True
+    """Whether this is the paper's own trial: only then its figures are shown."""
 
     def show(self) -> None:
         """Print why the run ended early, if it did, and the table of figures."""
@@ -34,7 +36,9 @@ class Outcome:
             console.note(f"error: protective stop: {reason}{end} The log is kept, stop included.")
         for text in self.notes:
             console.note(text)
-        show_figures(self.experiment, self.title, self.columns, self._checked)
+        claims = CLAIMS[self.experiment]
+        shown = claims if self.paper_task else without_paper(claims)
+        show_figures(shown, self.title, self.columns, self._checked)
 
     def exit_code(self, check: bool) -> int:
         """The code to end with; falling short counts only when it was asked to ``check``."""
@@ -50,15 +54,25 @@ class Outcome:
 
 
 def show_figures(
-    experiment: str,
+    claims: Sequence[Claim],
     title: str,
     columns: Mapping[str, Mapping[str, Any]],
     checked: Mapping[str, Any] | None = None,
+    settings: Sequence[Sequence[str]] = (),
 ) -> None:
-    """Print figures beside the paper's and what is asked of them; ``checked`` says whose verdict stands at the end."""
+    """Print figures beside the paper's and what is asked of them.
+
+    Args:
+        claims: The figures to show.
+        title: Of the table.
+        columns: Figures by heading.
+        checked: Whose verdict stands at the end.
+        settings: Rows above the figures: label, unit, a value for each column.
+    """
     headings = ["figure", "unit", *columns, "paper", "asked"] + (["met"] if checked is not None else [])
-    rows = [_row(claim, list(columns.values()), checked) for claim in CLAIMS[experiment]]
-    console.table(title, headings, rows)
+    above = [[*row, *[""] * (len(headings) - len(row))] for row in settings]
+    rows = [_row(claim, list(columns.values()), checked) for claim in claims]
+    console.table(title, headings, above + rows)
 
 
 def _row(claim: Claim, columns: Sequence[Mapping[str, Any]], checked: Mapping[str, Any] | None) -> list[str]:

@@ -17,13 +17,14 @@ Runs = Annotated[list[Path], typer.Argument(metavar="RUN", help="Run folders mad
 def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
     # Lazy: --help must not wait for matplotlib.
-    from polish_sim.analysis.claims import claims_of
+    from polish_sim.analysis.claims import claims_shown
     from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
     from polish_sim.analysis.report import draw_comparison, draw_plots, save_plots
-    from polish_sim.analysis.run_record import read_record, write_json
+    from polish_sim.analysis.run_record import read_records, write_json
+    from polish_sim.analysis.run_settings import notes_of, setting_rows
     from polish_sim.cli.outcome import show_figures
 
-    records = [read_record(folder) for folder in runs]
+    records = read_records(runs)
     experiment = records[0].scenario.experiment
     with claimed(out, f"report-{experiment}", overwrite) as folder:
         plots = draw_plots(records[0]) if len(records) == 1 else draw_comparison(records)
@@ -31,8 +32,10 @@ def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
         if len(records) == 1 and records[0].removal is not None:
             write_removal_mesh(folder.draft / REMOVAL_MESH, records[0].removal)
         write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
-    columns = {f"{record.name} ({record.scenario.controller.name})": record.metrics for record in records}
-    show_figures(
-        claims_of(records[0].scenario), f"{experiment}: {len(records)} run{'s' if len(records) > 1 else ''}", columns
-    )
+    columns = {record.name: record.metrics for record in records}
+    claims = claims_shown([record.scenario for record in records])
+    title = f"{experiment}: {len(records)} run{'s' if len(records) > 1 else ''}"
+    show_figures(claims, title, columns, settings=setting_rows(records))
+    for text in notes_of(records):
+        console.note(f"note: {text}")
     console.say(f"folder: {folder.final}")

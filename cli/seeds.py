@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.analysis.claims import CLAIMS, claims_of
+from polish_sim.analysis.claims import CLAIMS, claims_of, is_paper_task
 from polish_sim.analysis.report import draw_seeds, save_plots
 from polish_sim.analysis.run_record import package_versions, read_record, write_json
 from polish_sim.cli import console
@@ -55,7 +55,13 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
     ]
     title = f"{scenario.experiment}, {scenario.controller.name}, {len(runs)} seeds"
     return Outcome(
-        claims_of(scenario), title, {"mean": mean, "worst seed": worst}, tuple(stops), interrupted, tuple(missed)
+        claims_of(scenario),
+        title,
+        {"mean": mean, "worst seed": worst},
+        tuple(stops),
+        interrupted,
+        tuple(missed),
+        is_paper_task(scenario),
     )
 
 

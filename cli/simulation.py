@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from polish_sim.analysis.cell_plot import plot_cell
-from polish_sim.analysis.claims import claims_of
+from polish_sim.analysis.claims import claims_of, is_paper_task
 from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
 from polish_sim.analysis.report import draw_plots, save_plots
 from polish_sim.analysis.run_record import RunRecord, package_versions, write_record
@@ -68,6 +68,7 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
         (result.stop_reason,) if result.stop_reason else (),
         result.interrupted or broken_off,
         tuple(_of_faults(record.metrics)),
+        is_paper_task(scenario),
     )
 
 

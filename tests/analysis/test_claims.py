@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
-from polish_sim.analysis.claims import CLAIMS, Claim, bound_text, shortfalls, value_text
+from polish_sim.analysis.claims import CLAIMS, Claim, bound_text, claims_shown, shortfalls, value_text
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_surface
 from polish_sim.analysis.removal_figures import measure_removal
+from polish_sim.experiments import default_scenario
+from polish_sim.scenario_file import merge
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, removal_map, surface_trace
 
 
@@ -52,6 +55,35 @@ def test_the_worst_of_several_seeds_is_the_least_good() -> None:
 def test_a_lower_bound_goes_with_more_being_better() -> None:
     for claim in (claim for claims in CLAIMS.values() for claim in claims):
         assert claim.more_is_better or math.isinf(claim.low)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "changed"),
+    [
+        ("arc", {"process": {"feed_m_s": 0.02}}),
+        ("force", {"part": {"file": "freeform"}}),
+        ("surface", {"part": {"file": "plate"}}),
+        ("surface", {"process": {"contact_force_n": 12.0}}),
+        ("surface", {"process": {"feed_m_s": 0.03}}),
+        ("surface", {"plan": {"file": "mine.csv"}}),
+        ("smooth", {"plan": {"file": "mine.csv"}}),
+    ],
+)
+def test_the_paper_s_figures_stand_beside_its_own_trial_only(experiment: str, changed: dict[str, Any]) -> None:
+    trial = default_scenario(experiment)
+    other = merge(trial, changed, "")
+    assert claims_shown([trial]) == CLAIMS[experiment]
+    for scenarios in ([other], [trial, other]):
+        assert {claim.paper for claim in claims_shown(scenarios)} == {"-"}
+        assert [claim.figure for claim in claims_shown(scenarios)] == [claim.figure for claim in CLAIMS[experiment]]
+
+
+def test_a_single_mode_of_hand_guiding_is_not_called_the_last() -> None:
+    alone = merge(default_scenario("teach"), {"guide": {"mode": "gravity"}}, "")
+    every = merge(default_scenario("teach"), {"guide": {"direction": "x"}}, "")
+    labels = [[claim.label for claim in claims_shown([scenario])] for scenario in (alone, every)]
+    assert labels[0][0] == "hand force, peak"
+    assert labels[1][0] == "hand force, last mode, peak"
 
 
 def test_bounds_and_values_are_shown_in_the_units_of_the_table() -> None:

@@ -17,6 +17,7 @@ from polish_sim.analysis.report import draw_comparison, draw_plots, draw_seeds, 
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
+from polish_sim.log import RunLog
 from polish_sim.trace import Trace
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, log_of, surface_trace, trace_of
 
@@ -37,6 +38,11 @@ def surface_record(trace: Trace | None = None, controller: str = "hybrid-pi") ->
     scenario = Scenario()
     scenario = replace(scenario, controller=replace(scenario.controller, name=controller))
     return RunRecord("s", scenario, measure_surface(run, path, 20.0), log_of(run), path)
+
+
+def with_force(record: RunRecord, force_n: float) -> RunRecord:
+    scenario = record.scenario
+    return replace(record, scenario=replace(scenario, process=replace(scenario.process, contact_force_n=force_n)))
 
 
 RECORDS = [arc_record, force_record, surface_record]
@@ -94,6 +100,50 @@ def test_several_runs_share_one_axis(make: Callable[[], RunRecord]) -> None:
     (figure,) = draw_comparison([make(), make()]).values()
     assert len(figure.axes) == 1
     assert_labelled(figure)
+
+
+def test_every_run_has_the_band_of_its_own_force_on_one_scale() -> None:
+    runs = [surface_record(), with_force(surface_record(), 12.0)]
+    first, _, second, _ = draw_comparison(runs)["force.png"].axes
+    for axes, force in ((first, 20.0), (second, 12.0)):
+        band = axes.patches[0].get_extents().transformed(axes.transData.inverted())
+        assert (band.y0, band.y1) == pytest.approx((force - 4.0, force + 4.0))
+    assert np.ptp(first.get_ylim()) == pytest.approx(np.ptp(second.get_ylim()))
+
+
+def test_force_steps_to_different_forces_have_a_band_each() -> None:
+    (axes,) = draw_comparison([force_record(), with_force(force_record(), 10.0)])["force.png"].axes
+    assert axes.get_legend() is not None
+    names = [text.get_text() for text in axes.get_legend().get_texts()]  # type: ignore[union-attr]
+    assert {"10 ± 3 N", "20 ± 3 N"} <= set(names)
+    assert any(name.endswith("10 N") for name in names)
+
+
+def test_the_noise_of_a_constant_curvature_stays_as_small_as_it_is() -> None:
+    record = surface_record()
+    assert record.path is not None
+    noise = 10.0 + 0.01 * np.random.default_rng(0).standard_normal(len(record.path.s))
+    figure = draw_plots(replace(record, path=replace(record.path, curvature=noise)))["force.png"]
+    low, high = figure.axes[1].get_ylim()
+    assert low < 0.0
+    assert high > 10.0
+
+
+def test_a_way_without_a_bend_says_so() -> None:
+    record = surface_record()
+    metrics = {**record.metrics, "curvature_peaks": 0, "force_error_at_peaks_n": np.nan}
+    figure = draw_plots(replace(record, metrics=metrics))["force.png"]
+    assert figure.axes[0].get_title(loc="left").endswith("no curvature peak on the way")
+
+
+def test_a_bend_too_near_an_end_to_be_drawn_is_told() -> None:
+    record = surface_record()
+    fed = np.flatnonzero(record.log["phase"] == 2)
+    cut = record.log["phase"].copy()
+    cut[fed[: len(fed) // 8]] = 1
+    figure = draw_plots(replace(record, log=RunLog({**record.log.columns, "phase": cut})))["peaks.png"]
+    assert "1 less than 40 mm from an end, not drawn" in figure.axes[0].get_title(loc="left")
+    assert figure.axes[0].get_legend().get_texts()[0].get_text() == "mean of 2 peaks"  # type: ignore[union-attr]
 
 
 def test_runs_of_different_experiments_are_not_put_side_by_side() -> None:

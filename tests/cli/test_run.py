@@ -129,8 +129,8 @@ def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Polish, tmp_
     assert polish_sim("report", "a", "--out", "alone")[0] == 0
     code, out, _ = polish_sim("report", "a", "b", "--out", "both")
     assert code == 0
-    assert "a (hybrid-pi)" in out
-    assert "b (hybrid-pi-position)" in out
+    (row,) = [line.split() for line in out.splitlines() if line.strip().startswith("controller")]
+    assert row == ["controller", "hybrid-pi", "hybrid-pi-position"]
     for folder in ("alone", "both"):
         assert (tmp_path / folder / "arc.png").stat().st_size > 10_000
 

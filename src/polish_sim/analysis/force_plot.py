@@ -61,13 +61,17 @@ def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
     """
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
-    target = records[0].scenario.process.contact_force_n
-    shade_band(axes, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
-    highest, longest = target + 2.5 * BAND_N, np.zeros(1)
+    targets = sorted({record.scenario.process.contact_force_n for record in records})
+    for target in targets:
+        shade_band(axes, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
+    highest, longest = targets[-1] + 2.5 * BAND_N, np.zeros(1)
     few = len(records) <= len(SERIES)
     for index, record in enumerate(records):
         time, force = response(record)
-        color, label = (SERIES[index], f"{record.name}: {record.scenario.controller.name}") if few else (BLUE, None)
+        named = f"{record.name}: {record.scenario.controller.name}"
+        if len(targets) > 1:
+            named += f", {record.scenario.process.contact_force_n:g} N"
+        color, label = (SERIES[index], named) if few else (BLUE, None)
         axes.plot(time, force, color=color, lw=1.2 if few else 0.6, alpha=1.0 if few else 0.5, label=label)
         highest, longest = max(highest, float(force.max(initial=0.0)) + BAND_N), max(longest, time, key=_end)
     axes.axvline(0.0, color=ORANGE, lw=1.0, label="first contact")

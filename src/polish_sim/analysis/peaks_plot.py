@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from polish_sim.analysis.peaks import curvature_peaks
+from polish_sim.analysis.peaks import WINDOW_M, curvature_peaks
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, head, new_figure, styled
 from polish_sim.analysis.surface_plot import process_force
@@ -38,15 +38,28 @@ def plot_peaks(record: RunRecord) -> Figure:
         axes.axvline(0.0, color=ORANGE, lw=0.9)
     force.set(ylabel="force - set force [N]")
     bend.set(xlabel="along the path, from the curvature peak [mm]", ylabel="curvature [1/m]")
-    fact = f"largest mean error {np.abs(errors.mean(axis=0)).max():.2f} N" if len(errors) else "no bend on the way"
     bend.set_xlim(1e3 * offset[0], 1e3 * offset[-1])
     if len(errors):
         force.legend(loc="upper left")
     else:
         force.set_yticks([])
         bend.set_yticks([])
-    head(figure, force, f"Force where the path bends strongly, {record.scenario.controller.name}", (fact,))
+    title = f"Force where the path bends strongly, {record.scenario.controller.name}"
+    head(figure, force, title, _facts(record, errors))
     return figure
+
+
+def _facts(record: RunRecord, errors: Array) -> list[str]:
+    """The largest of the mean, and beside it the figure of the table, which is of all peaks that were passed."""
+    if not len(errors):
+        return ["no bend with its surroundings on the way"]
+    facts = [f"largest of the mean {np.abs(errors.mean(axis=0)).max():.2f} N"]
+    own, count = record.metrics.get("force_error_at_peaks_n"), record.metrics.get("curvature_peaks", 0)
+    if own is not None:
+        facts.append(f"largest within {1e3 * WINDOW_M:.0f} mm of each: {own:.2f} N, mean of {count}")
+    if count > len(errors):
+        facts.append(f"{count - len(errors)} less than {1e3 * HALF_WIDTH_M:.0f} mm from an end, not drawn")
+    return facts
 
 
 def around_peaks(record: RunRecord, offset: Array) -> tuple[Array, Array]:

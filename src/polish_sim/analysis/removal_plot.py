@@ -196,7 +196,8 @@ def _draw_shares(axes: Axes, record: RunRecord) -> None:
         axes.axvline(m[f"removal_{name}"], color=GREY, lw=1.0, ls=":")
         if UNDER <= m[f"removal_{name}"] <= TOP:  # elsewhere its name would lie beside the axes
             axes.text(m[f"removal_{name}"], 0.7 * top, f" {name} {m[f'removal_{name}']:.2f} ", ha=side, color=GREY)
-    axes.set(xlabel=RELATIVE, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.25), ylim=(0.0, top))
+    label = f"{RELATIVE}, the untouched {_untouched(record)} left out" if _bare(removal) else RELATIVE
+    axes.set(xlabel=label, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.25), ylim=(0.0, top))
 
 
 def _mark_bands(axes: Axes) -> None:
@@ -206,9 +207,12 @@ def _mark_bands(axes: Axes) -> None:
 
 
 def _histogram(removal: RemovalMap) -> tuple[Array, Array]:
-    """Edges of classes of removal over its mean, and the share of the area in each per 0.1 [%]."""
+    """Edges of classes of removal over its mean, and the share of the area in each per 0.1 [%].
+
+    What was not touched at all would be one spike as high as the classes are narrow: it is in none of them.
+    """
     edges = np.linspace(0.0, TOP + 0.5, BINS + 1)
-    found, _ = np.histogram(removal.relative, edges, weights=removal.areas)
+    found, _ = np.histogram(removal.relative, edges, weights=np.where(removal.exposure > 0.0, removal.areas, 0.0))
     return edges, 100.0 * found / removal.areas.sum() * 0.1 / (edges[1] - edges[0])
 
 
@@ -219,10 +223,11 @@ def _outline(removal: RemovalMap) -> tuple[Array, Array]:
 
 def _spread(record: RunRecord) -> str:
     m = record.metrics
-    return (
+    spread = (
         f"std {100.0 * m['removal_cv']:.0f}%, under {100.0 * m['under_polished_share']:.1f}%, "
         f"over {100.0 * m['over_polished_share']:.1f}%"
     )
+    return f"{spread}\nuntouched {_untouched(record)}, not in the curve" if _bare(_of(record)) else spread
 
 
 def _facts(record: RunRecord) -> tuple[str, ...]:
@@ -231,5 +236,11 @@ def _facts(record: RunRecord) -> tuple[str, ...]:
         amount = f"mean {MICRO * m['removal_mean_m']:.3g} µm, {1e9 * m['removal_volume_m3']:.3g} mm³"
     else:
         amount = f"pressure x way {m['exposure_mean_n_m']:.3g} N/m on average"
-    untouched = f"{100.0 * m['unpolished_share']:.2f}% of the area untouched"
+    untouched = f"untouched on the part as it is: {_untouched(record)} of the area"
+    if m.get("coverage") is not None:
+        untouched += f" (beside the pad's disc on the drawing: {100.0 * (1.0 - m['coverage']):.2f}%)"
     return amount, f"standard deviation {100.0 * m['removal_cv']:.1f}% of the mean", untouched
+
+
+def _untouched(record: RunRecord) -> str:
+    return f"{100.0 * record.metrics['unpolished_share']:.2f}%"

@@ -6,8 +6,8 @@ import json
 import math
 import platform
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -68,6 +68,21 @@ def read_record(folder: Path) -> RunRecord:
     removal = read_removal(folder / REMOVAL) if (folder / REMOVAL).is_file() else None
     name, metrics, log = folder.resolve().name, read_json(folder / METRICS), read_log(folder / LOG)
     return RunRecord(name, scenario, metrics, log, path, removal)
+
+
+def read_records(folders: Sequence[Path]) -> list[RunRecord]:
+    """Read runs back under names that tell them apart: their folders' own, or as they are given where these repeat.
+
+    Raises:
+        InputError: If a folder is not a run's, or a file in it is damaged.
+    """
+    records = [read_record(folder) for folder in folders]
+    names = [record.name for record in records]
+    if len(set(names)) < len(names):
+        names = [str(folder) for folder in folders]
+    if len(set(names)) < len(names):
+        names = [f"{name} #{number}" for number, name in enumerate(names, 1)]
+    return [replace(record, name=name) for record, name in zip(records, names, strict=True)]
 
 
 def write_json(file: Path, figures: Mapping[str, Any]) -> None:

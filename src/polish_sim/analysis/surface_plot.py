@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from polish_sim.analysis.peaks import FLAT_1_M, SHARP_1_M, curvature_peaks
+from polish_sim.analysis.peaks import FLAT_1_M, SHARP_1_M, WINDOW_M, curvature_peaks
 from polish_sim.analysis.rows import fed, numbers
 from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.run_settings import WHOLE, ending
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
 from polish_sim.planning.toolpath import ToolPath
 
@@ -35,13 +37,11 @@ def plot_surface_force(record: RunRecord) -> Figure:
     """
     figure = new_figure(10.0, 5.4)
     force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
-    target = record.scenario.process.contact_force_n
     _draw_force(force, record, BLUE, "exact contact force")
-    if record.path is not None and record.path.force is not None:
-        _draw_wanted(force, record.path, target)
-    else:
-        shade_band(force, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
-    force.set(ylabel="force along the tool axis [N]", ylim=_force_limits([record], target))
+    _draw_wanted(force, record, "force of the path" if _names_force(record) else f"{_set_force(record):g}")
+    below, above = _error_limits([record])
+    limits = max(_set_force(record) + below, -2.0), _set_force(record) + above
+    force.set(ylabel="force along the tool axis [N]", ylim=limits)
     if record.path is not None:
         _draw_curvature(bend, record.path)
         _mark_peaks((force, bend), record.path)
@@ -51,8 +51,8 @@ def plot_surface_force(record: RunRecord) -> Figure:
     facts = (
         f"in ±{BAND_N:g} N: {_percent(m.get('force_within_4n'))}",
         f"rms {_newton(m.get('force_rms_error_n'))}",
-        f"{m.get('curvature_peaks', 0)} curvature peaks: error there {_newton(m.get('force_error_at_peaks_n'))}, "
-        f"median {_newton(m.get('force_error_median_n'))}",
+        f"median error {_newton(m.get('force_error_median_n'))}",
+        _at_peaks(m),
     )
     head(figure, force, f"Force along the path, {record.scenario.controller.name}", facts)
     return figure
@@ -69,15 +69,16 @@ def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
         The figure.
     """
     figure = new_figure(10.0, 1.2 + 2.1 * len(records))
-    grid = figure.subplots(len(records), 2, sharex="col", sharey=True, width_ratios=(4.0, 1.0), squeeze=False)
-    target = records[0].scenario.process.contact_force_n
-    low, high = _force_limits(records, target)
+    grid = figure.subplots(len(records), 2, sharex="col", sharey="row", width_ratios=(4.0, 1.0), squeeze=False)
+    below, above = _error_limits(records)
     for index, (record, (along, share)) in enumerate(zip(records, grid, strict=True)):
-        color = SERIES[index % len(SERIES)]
+        color, target = SERIES[index % len(SERIES)], _set_force(record)
+        # Every run about its own set force, all on one scale.
+        low, high = max(target + below, -2.0), target + above
         _draw_force(along, record, color, None)
-        shade_band(along, target, BAND_N, "")
+        _draw_wanted(along, record, "")
         along.set(ylabel="force [N]", ylim=(low, high))
-        along.set_title(f"{record.scenario.controller.name} ({record.name})", fontsize=9.0, color=color)
+        along.set_title(_title(record), fontsize=9.0, color=color)
         _, force = process_force(record)
         share.hist(force, bins=np.linspace(low, high, 60), orientation="horizontal", color=color, density=True)
         shade_band(share, target, BAND_N, "")
@@ -104,18 +105,33 @@ def _draw_force(axes: Axes, record: RunRecord, color: str, label: str | None) ->
     axes.plot(place, force, color=color, lw=0.7, label=label)
 
 
-def _draw_wanted(axes: Axes, path: ToolPath, usual: float) -> None:
-    """The force the path asks for, and the band around it."""
-    s = path.s[path.process]
-    wanted = path.force_at(s, usual)
+def _set_force(record: RunRecord) -> float:
+    return record.scenario.process.contact_force_n
+
+
+def _names_force(record: RunRecord) -> bool:
+    """Whether the path says with which force it is to be run."""
+    return record.path is not None and record.path.force is not None
+
+
+def _draw_wanted(axes: Axes, record: RunRecord, name: str) -> None:
+    """The force asked for, of the path where that names one, and the band around it."""
+    label = f"{name} ± {BAND_N:g} N" if name else ""
+    if record.path is None or record.path.force is None:
+        shade_band(axes, _set_force(record), BAND_N, label)
+        return
+    s = record.path.s[record.path.process]
+    wanted = record.path.force_at(s, _set_force(record))
     axes.fill_between(s, wanted - BAND_N, wanted + BAND_N, color=GREEN, alpha=0.13, lw=0, zorder=0)
-    axes.plot(s, wanted, color=GREEN, lw=1.2, ls="--", label=f"force of the path ± {BAND_N:g} N")
+    axes.plot(s, wanted, color=GREEN, lw=1.2, ls="--", label=label or None)
 
 
 def _draw_curvature(axes: Axes, path: ToolPath) -> None:
     process = path.process
     axes.plot(path.s[process], path.curvature[process], color=GREY, lw=0.9)
-    low, high = axes.get_ylim()
+    # From flat on, so that the fit's noise on a plane, a sphere or a cylinder stays as small as it is.
+    low, high = min(axes.get_ylim()[0], -FLAT_1_M), max(axes.get_ylim()[1], FLAT_1_M)
+    axes.set_ylim(1.2 * low, 1.2 * high)
     for level, color, style in ((SHARP_1_M, ORANGE, "--"), (FLAT_1_M, GREY, ":")):
         for line in (-level, level):
             if low <= line <= high:
@@ -139,10 +155,26 @@ def _mark_peaks(panels: Sequence[Axes], path: ToolPath) -> None:
             )
 
 
-def _force_limits(records: Sequence[RunRecord], target: float) -> tuple[float, float]:
-    forces = np.concatenate([process_force(record)[1] for record in records])
-    low = min(target - 1.6 * BAND_N, float(forces.min(initial=target)) - 1.0)
-    return max(low, -2.0), max(target + 1.6 * BAND_N, float(forces.max(initial=target)) + 1.0)
+def _error_limits(records: Sequence[RunRecord]) -> tuple[float, float]:
+    """How far below and above its set force any of the runs is to be shown [N]."""
+    offsets = np.concatenate([process_force(record)[1] - _set_force(record) for record in records])
+    below = min(-1.6 * BAND_N, float(offsets.min(initial=0.0)) - 1.0)
+    return below, max(1.6 * BAND_N, float(offsets.max(initial=0.0)) + 1.0)
+
+
+def _title(record: RunRecord) -> str:
+    """Who ran, and what was asked; how it ended if it is not whole."""
+    asked = f"{_set_force(record):g} N at {1e3 * record.scenario.process.feed_m_s:g} mm/s"
+    end = ending(record)
+    return f"{record.scenario.controller.name} ({record.name}), {asked}{'' if end == WHOLE else f', {end}'}"
+
+
+def _at_peaks(m: Mapping[str, Any]) -> str:
+    count = m.get("curvature_peaks", 0)
+    if not count:
+        return "no curvature peak on the way"
+    error = _newton(m.get("force_error_at_peaks_n"))
+    return f"{count} curvature peaks: largest error within {1e3 * WINDOW_M:.0f} mm {error} on average"
 
 
 def _percent(value: float | None) -> str:

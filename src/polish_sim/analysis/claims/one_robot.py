@@ -31,7 +31,7 @@ ONE_ROBOT: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("force_mean_n", "force, mean", "N", 1.0, "20"),
         Claim("force_rms_error_n", "force error, rms", "N", 1.0),
         Claim("force_max_deviation_n", "force error, max", "N", 1.0, "4"),
-        Claim("force_error_at_peaks_n", "force error at the peaks", "N", 1.0),
+        Claim("force_error_at_peaks_n", "largest error at a peak, mean of the peaks", "N", 1.0),
         Claim("force_error_median_n", "force error, median", "N", 1.0),
         Claim("curvature_peaks", "curvature peaks", "", 1.0, "6"),
         Claim("contact_lost_s", "contact lost", "s", 1.0, "0"),

@@ -26,7 +26,9 @@ def claims_of(scenario: Scenario) -> str:
     if scenario.experiment == "teach" and scenario.drag.follow:
         return "teach-path"
     if scenario.experiment == "teach" and (guide.mode or guide.direction or guide.duration_s):
-        return "teach-none" if guide.mode == "none" else "teach-some"
+        if not guide.mode:
+            return "teach-some"
+        return "teach-none" if guide.mode == "none" else "teach-one"
     if scenario.experiment == "dual" and scenario.dual.standoff_m > 0.0:
         return "dual-free"
     return scenario.experiment

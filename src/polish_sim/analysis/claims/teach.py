@@ -7,6 +7,11 @@ from typing import Final
 
 from polish_sim.analysis.claims.claim import DEGREES, PATH_DONE, Claim
 
+_LET_GO: Final = (
+    Claim("drift_rad", "hands off, drift", "deg", DEGREES, "-", high=0.01 / DEGREES),
+    Claim("lent_energy_j", "energy lent, most", "J", 1.0),
+)
+
 TEACH: Final[Mapping[str, tuple[Claim, ...]]] = {
     "teach": (
         Claim("none_peak_n", "hand force, nothing compensated, peak", "N", 1.0, "> 100"),
@@ -20,15 +25,19 @@ TEACH: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("assist_fast_peak_ratio_y", "  along y, peak", "", 1.0),
         Claim("assist_fast_rms_ratio_y", "  rms", "", 1.0),
         Claim("slow_peak_n", "  slow moves, peak", "N", 1.0, "-", high=10.0),
-        Claim("drift_rad", "hands off, drift", "deg", DEGREES, "-", high=0.01 / DEGREES),
-        Claim("lent_energy_j", "energy lent, most", "J", 1.0),
+        *_LET_GO,
         PATH_DONE,
     ),
     "teach-some": (
         Claim("hand_force_peak_n", "hand force, last mode, peak", "N", 1.0),
         Claim("hand_force_rms_n", "  rms", "N", 1.0),
-        Claim("drift_rad", "hands off, drift", "deg", DEGREES, "-", high=0.01 / DEGREES),
-        Claim("lent_energy_j", "energy lent, most", "J", 1.0),
+        *_LET_GO,
+        PATH_DONE,
+    ),
+    "teach-one": (
+        Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
+        Claim("hand_force_rms_n", "  rms", "N", 1.0),
+        *_LET_GO,
         PATH_DONE,
     ),
     # An arm that does not carry itself is not let go.
