@@ -23,6 +23,7 @@ from polish_sim.experiments.master_motion import master_motion
 from polish_sim.experiments.pair_checks import Check, check_length, check_motion
 from polish_sim.experiments.pair_cure import Trial, held_poses, what_would_do
 from polish_sim.experiments.pair_frames import PairFrames, calibrated_frames, true_chain
+from polish_sim.experiments.pair_marks import marks_on
 from polish_sim.experiments.pair_placement import (
     Collides,
     PairReach,
@@ -43,7 +44,7 @@ from polish_sim.motion import forward_many
 from polish_sim.motion.coordination import follow_joints, master_flange, plan_coordinated
 from polish_sim.motion.smoothing.arm import build_arm
 from polish_sim.planning import PlanResult, ToolPath
-from polish_sim.spatial import inverse, perpendicular, rotation_to_axis, transform
+from polish_sim.spatial import inverse
 
 Array = NDArray[np.float64]
 
@@ -92,10 +93,10 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     mesh, surface, region, path = _planned(scenario, plan)
     check_load(mesh, scenario.dual.density_kg_m3)
     check_set_points(path)
-    touched, path = path, lifted(path, scenario.dual.standoff_m)
+    path = lifted(path, scenario.dual.standoff_m)
     visits = _visits(scenario, path)
     observer.stage("calibrate the robots")
-    site = _site(scenario, touched, visits, region.up)
+    site = _site(scenario, path, visits, region.up, marks_on(region, surface, scenario.dual.marks))
     frames = calibrated_frames(scenario.dual, site, _frames_stream(scenario.seed))
     observer.stage("check the reach of both robots")
     motion = master_motion(scenario, path, region.up, frames.believed)
@@ -149,17 +150,14 @@ def _planned(scenario: Scenario, plan: PlanResult | None) -> _Planned:
     return _Planned(mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m))
 
 
-def _site(scenario: Scenario, path: ToolPath, visits: Visits, up: Array) -> Site:
-    """Marks to find the part by, spread along the path, touched half way of the first place the part may be held."""
-    rows = np.flatnonzero(path.process)
-    rows = rows[np.linspace(0, len(rows), scenario.dual.marks, endpoint=False).astype(int)]
+def _site(scenario: Scenario, path: ToolPath, visits: Visits, up: Array, T_work_marks: Array) -> Site:
+    """The marks, touched half way of the first place the part may be held."""
     true = true_chain(scenario.dual)
     motion = master_motion(scenario, path, up, true)
     work = Work(true, visits, motion.way)
     T_master_work = next(held_poses(scenario, work, motion, up)).copy()
     T_master_work[:3, 3] += work.middle
-    R_work_tool = np.stack([rotation_to_axis(-axis[None], perpendicular(axis))[0] for axis in path.axes_work[rows]])
-    return Site(T_master_work, transform(R_work_tool, path.positions_work[rows]))
+    return Site(T_master_work, T_work_marks)
 
 
 def _frames_stream(seed: int) -> np.random.Generator:
