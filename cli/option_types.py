@@ -224,13 +224,13 @@ Controller = Annotated[
     _option(RUN, "--controller", "NAME", "A shipped one of 'polish-sim list' (default hybrid-pi), or FILE.py:CLASS."),
 ]
 Calibration = Annotated[
-    Path | None,
+    list[Path] | None,
     _option(
         RUN,
         "--calibration",
         "FILE",
         "calibration.toml of 'calibrate payload': the tool whose weight is compensated; in dual also of 'calibrate "
-        "base' or 'tcp'; default: calibrated before the run.",
+        "base' and 'tcp', one of each; default: calibrated before the run.",
     ),
 ]
 Seed = Annotated[int | None, _option(RUN, "--seed", "N", "Seed of everything random; default 0.")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -63,7 +63,6 @@ OPTIONS: Final[Mapping[str, Target]] = {
     "--feed": Target("process", "feed_m_s", MM_S),
     "--pad-diameter": Target("pad", "radius_m", DIAMETER),
     "--spindle-rpm": Target("spindle", "speed_rpm", PER_MINUTE),
-    "--calibration": Target("payload", "file"),
     "--poses": Target("payload", "poses"),
     "--mode": Target("guide", "mode"),
     "--follow": Target("drag", "follow"),
@@ -88,7 +87,7 @@ TRIPLES: Final[Mapping[str, Target]] = {
 }
 """Options of the form X,Y,Z."""
 
-OTHERS: Final = ("--overlap", "--part-pose", "--log-rate", "--seed", "--fault")
+OTHERS: Final = ("--calibration", "--overlap", "--part-pose", "--log-rate", "--seed", "--fault")
 """Options with a reading of their own."""
 
 
@@ -215,12 +214,8 @@ def _numbers(text: str, count: int) -> list[float]:
 
 
 def _table(option: str, value: Any, experiment: str) -> dict[str, Any]:
-    if option == "--calibration" and experiment == "dual":
-        # Lazy: only a run of two robots reads a calibration to see what it is of.
-        from polish_sim.calibration import calibration_kind
-
-        section, key = CALIBRATIONS[calibration_kind(Path(value), tuple(CALIBRATIONS))]
-        return {section: {key: value}}
+    if option == "--calibration":
+        return _calibrations(value, experiment)
     if option == "--direction" and experiment == "teach":
         return {"guide": {"direction": value}}
     if option == "--seed":
@@ -235,6 +230,35 @@ def _table(option: str, value: Any, experiment: str) -> dict[str, Any]:
         return {TRIPLES[option].section: {TRIPLES[option].key: parse_triple(option, value)}}
     target = OPTIONS[option]
     return {target.section: {target.key: value if target.unit is None else _in_si(option, value)}}
+
+
+def _calibrations(files: Sequence[Path], experiment: str) -> dict[str, Any]:
+    """Each file where its kind of calibration goes.
+
+    Raises:
+        InputError: Two of one kind, or not a calibration.
+    """
+    if experiment != "dual":
+        if len(files) > 1:
+            raise InputError("--calibration is given more than once: a run of one robot takes one, of 'payload'.")
+        section, key = CALIBRATIONS["payload"]
+        return {section: {key: str(files[0])}}
+    # Lazy: only a run of two robots reads a calibration to see what it is of.
+    from polish_sim.calibration import calibration_kind
+
+    taken: dict[str, Path] = {}
+    for file in files:
+        kind = calibration_kind(file, tuple(CALIBRATIONS))
+        if kind in taken:
+            raise InputError(
+                f"'{taken[kind]}' and '{file}' are both calibrations of the kind '{kind}': give one of each."
+            )
+        taken[kind] = file
+    table: dict[str, Any] = {}
+    for kind, file in taken.items():
+        section, key = CALIBRATIONS[kind]
+        table.setdefault(section, {})[key] = str(file)
+    return table
 
 
 def _in_si(option: str, value: float) -> float:

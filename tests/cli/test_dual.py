@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from polish_sim.spatial import from_pose
 
 
 def test_a_calibration_is_taken_for_what_it_is_of(polish_sim: Callable[..., object], tmp_path: Path) -> None:
@@ -29,6 +32,55 @@ def test_a_calibration_is_taken_for_what_it_is_of(polish_sim: Callable[..., obje
     code, out, _ = polish_sim("run", "dual", "--calibration", "own/calibration.toml", "--dry-run")
     assert code == 0
     assert "all within reach" in out
+
+
+def test_calibrations_of_bases_and_tool_are_both_taken_and_the_cell_stands_as_they_were_made(
+    polish_sim: Callable[..., object], tmp_path: Path
+) -> None:
+    assert polish_sim("calibrate", "base", "--seed", "1", "--out", "base")[0] == 0
+    assert polish_sim("calibrate", "tcp", "--cell-tool", "--out", "tool")[0] == 0
+    both = ("--calibration", "base/calibration.toml", "--calibration", "tool/calibration.toml")
+    short = ("--set", "process.max_feed_s=0.3", "--standoff", "5")
+    code, _, err = polish_sim("run", "dual", *both, *short, "--out", "run")
+    assert code == 0, err
+    settings = tomllib.loads((tmp_path / "run" / "config.toml").read_text(encoding="utf-8"))["dual"]
+    assert Path(settings["bases_file"]).parent.name == "base"
+    assert Path(settings["tool_file"]).parent.name == "tool"
+    planted = json.loads((tmp_path / "base" / "metrics.json").read_text(encoding="utf-8"))["true_transform"]
+    np.testing.assert_allclose(from_pose(settings["follower_pose"]), planted, atol=1e-12)
+    code, _, err = polish_sim("run", "dual", "--config", "run/config.toml", "--dry-run")
+    assert code == 0, err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--calibration", "base/calibration.toml", "--calibration", "base/calibration.toml"], "give one of each"),
+        (["--calibration", "base/calibration.toml", "--set", "dual.follower_pose=[-1.1,0.01,0,0,0,3]"],
+         "leave one of them out"),
+    ],
+)  # fmt: skip
+def test_calibrations_that_contradict_are_refused(
+    words: list[str], said: str, polish_sim: Callable[..., object], tmp_path: Path
+) -> None:
+    assert polish_sim("calibrate", "base", "--out", "base")[0] == 0
+    code, _, err = polish_sim("run", "dual", *words, "--out", "run")
+    assert code == 2
+    assert said in err.replace("\n", " ")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("spoil", ["transform", "pair", "true_transform", "all"])
+def test_a_spoilt_calibration_is_one_message(spoil: str, polish_sim: Callable[..., object], tmp_path: Path) -> None:
+    assert polish_sim("calibrate", "base", "--out", "base")[0] == 0
+    file = tmp_path / "base" / "calibration.toml"
+    text = file.read_text(encoding="utf-8")
+    start = text.index(f"\n{spoil} =") + 1 if spoil != "all" else 0
+    file.write_text(text[:start] + f"{spoil} = [[1.0, nan]]\n" if start else "\x00\x01", encoding="utf-8")
+    code, out, err = polish_sim("run", "dual", "--calibration", "base/calibration.toml", "--out", "run")
+    assert (code, out) == (2, "")
+    assert "calibration.toml'" in err
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import course_for
 from polish_sim.experiments.dual_task import DualTask, prepare_dual
+from polish_sim.experiments.pair_frames import settled_bases
 from polish_sim.experiments.pair_strokes import pair_strokes
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
@@ -55,6 +56,7 @@ def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Obser
         PolishSimError: If the part, a calibration or the placement cannot be used.
     """
     observer = observer or Silent()
+    scenario = replace(scenario, dual=settled_bases(scenario.dual))
     task = prepare_dual(scenario, plan, observer)
     observer.stage("prepare the cell")
     pressing = scenario.dual.standoff_m == 0.0

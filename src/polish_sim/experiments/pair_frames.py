@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,8 @@ from polish_sim.spatial import from_pose, inverse, rotation_angle, transform
 
 Array = NDArray[np.float64]
 
+SAME_POSE: Final = 1e-8
+"""Poses that differ by less are the same but for rounding [m], [-]."""
 FAR_M, FAR_RAD = 0.01, 0.1
 """A calibration farther off than this is that of another tool, or of robots that stand elsewhere [m], [rad]."""
 
@@ -33,23 +37,53 @@ class PairFrames(NamedTuple):
     believed: Chain2
 
 
+def settled_bases(config: DualConfig) -> DualConfig:
+    """The same with the bases where they really stand: as the simulated calibration it names planted them.
+
+    Raises:
+        InputError: The calibration cannot be read.
+        CalibrationError: It is another pair's.
+        ConfigError: Another place of the follower's base is asked for.
+    """
+    if not config.bases_file:
+        return config
+    planted = read_base_calibration(Path(config.bases_file), config.pair).T_true
+    if planted is None or _same_pose(config.follower_pose, planted):
+        return config
+    if config.follower_pose != DualConfig().follower_pose:
+        raise ConfigError(
+            f"'dual.follower_pose' is {_pose_text(_follower_pose(config))}, but '{config.bases_file}' was measured on "
+            f"simulated robots that stand at {_pose_text(planted)}: leave one of them out."
+        )
+    turn = Rotation.from_matrix(planted[:3, :3]).as_rotvec()
+    return replace(config, follower_pose=tuple(float(number) for number in (*planted[:3, 3], *turn)))
+
+
 def true_chain(config: DualConfig) -> Chain2:
     """The chain as it really is: the part sits square and centred on the gripper.
 
-    The bases stand as the scenario says, or as the simulated calibration it names planted them.
-
     Raises:
-        ConfigError: No pose is given.
+        ConfigError: No pose is given, or another one than the calibration's.
         InputError: The calibration cannot be read.
         CalibrationError: It is another pair's.
     """
-    if config.bases_file:
-        planted = read_base_calibration(Path(config.bases_file), config.pair).T_true
-        if planted is not None:
-            return _chain(planted)
+    return _chain(_follower_pose(settled_bases(config)))
+
+
+def _follower_pose(config: DualConfig) -> Array:
     if not config.follower_pose:
         raise ConfigError("'dual.follower_pose' is empty: say where the follower's base stands in the master's.")
-    return _chain(from_pose(config.follower_pose))
+    return from_pose(config.follower_pose)
+
+
+def _same_pose(pose: Sequence[float], T: Array) -> bool:
+    return len(pose) == 6 and bool(np.abs(from_pose(pose) - T).max() < SAME_POSE)
+
+
+def _pose_text(T: Array) -> str:
+    """A pose as `--set dual.follower_pose` takes it; rounded to nanometres."""
+    numbers = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
+    return "[" + ",".join(f"{number:.9g}" for number in numbers) + "]"
 
 
 def _chain(T_master_follower: Array) -> Chain2:
@@ -124,8 +158,7 @@ def _given(config: DualConfig, true: Chain2, found: tuple[PairParts, Array]) -> 
 def _bases_of(config: DualConfig, T_master_follower: Array) -> Array:
     """The follower's base in the master's, from a file."""
     T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
-    pose = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
-    told = "set the cell up as it was: --set dual.follower_pose=[" + ",".join(f"{number:.5g}" for number in pose) + "]"
+    told = f"set the cell up as it was: --set dual.follower_pose={_pose_text(T)}"
     _check_near(f"'{config.bases_file}' puts the follower's base", "dual.follower_pose", T, T_master_follower, told)
     return T
 
