@@ -26,7 +26,7 @@ from polish_sim.cli.outcome import Outcome
 from polish_sim.experiments.calibrate_base import BasesFound, BaseTrial, calibrate_base_from, run_base_calibration
 from polish_sim.experiments.calibrate_tcp import TcpCalibration, TcpTrial, calibrate_tcp_from, run_tcp_calibration
 
-TCP, TCP_DATA, BASE, BASE_DATA = "calibrate-tcp", "calibrate-tcp-data", "calibrate-base", "calibrate-base-data"
+TCP, TCP_DATA, BASE = "calibrate-tcp", "calibrate-tcp-data", "calibrate-base"
 _METHOD_CLAIMS = {"circles": BASE, "poses": f"{BASE}-poses", "handshake": f"{BASE}-poses"}
 
 
@@ -91,7 +91,7 @@ def base_from_data(file: Path, method: str, pair: str, draft: Path) -> Outcome:
     found = calibrate_base_from(read_base_measurements(file, method))
     _write_base(draft, found, method, pair)
     columns = {"this calibration": found.figures}
-    return Outcome(BASE_DATA, f"bases from {file.name}", columns, notes=_base_notes(found))
+    return Outcome(f"{_METHOD_CLAIMS[method]}-data", f"bases from {file.name}", columns, notes=_base_notes(found))
 
 
 def _together(
@@ -191,6 +191,12 @@ def _base_notes(done: BasesFound) -> tuple[str, ...]:
             for axis, circle in enumerate(circles, 1)
             if circle.arc < GOOD_ARC
         ]
+    notes += [
+        f"note: axes 1 and 2 of the {robot} miss each other by {1e3 * axes.gap:.3f} mm, more than noise explains: that "
+        "they meet on a UR5e was not used. Is the arm as its table says?"
+        for robot, axes in done.found.axes.items()
+        if not axes.meets
+    ]
     position = done.found.T_master_follower[:3, 3]
     std = np.sqrt(np.diag(done.found.covariance)[:3])
     return (*notes, f"follower's base in the master's: {_mm(position)} mm; std {_mm(std)} mm")

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from polish_sim.calibration.frames import read_base_calibration
+from polish_sim.calibration.frames import fit_circle, read_base_calibration
 from polish_sim.calibration.tool import read_tool_calibration
 from polish_sim.errors import CalibrationError, InputError
 
@@ -47,14 +48,15 @@ def test_a_tool_frame_leaves_its_files_and_they_read_back(polish_sim: Tool, tmp_
 
 @pytest.mark.parametrize("method", ["circles", "poses", "handshake"])
 def test_bases_leave_their_files_and_they_read_back(method: str, polish_sim: Tool, tmp_path: Path) -> None:
-    words = ("calibrate", "base", "--method", method, "--pair", "cell 7")
+    pair = 'cell "7" \\ left'
+    words = ("calibrate", "base", "--method", method, "--pair", pair)
     assert polish_sim(*words, "--seed", "2", "--out", "one", "--check").code == 0
     one = tmp_path / "one"
     assert {path.name for path in one.iterdir()} == {"calibration.toml", "residuals.csv", "metrics.json", "bases.png"}
     figures = metrics(one)
     assert {"transform", "origin_error_m", "axis_error_rad"} <= set(figures)
     np.testing.assert_allclose(
-        read_base_calibration(one / "calibration.toml", "cell 7").T_master_follower, figures["transform"], atol=1e-15
+        read_base_calibration(one / "calibration.toml", pair).T_master_follower, figures["transform"], atol=1e-15
     )
     assert polish_sim(*words, "--data", "one/residuals.csv", "--out", "two").code == 0
     np.testing.assert_allclose(metrics(tmp_path / "two")["transform"], figures["transform"], atol=1e-6)
@@ -133,6 +135,11 @@ def on_a_line(rows: list[list[str]]) -> list[list[str]]:
     return [rows[0], *([f"{300 + 10 * k}", f"{200 - 5 * k}", f"{100 + k}", *row[3:]] for k, row in enumerate(rows[1:]))]
 
 
+def exchanged(row: list[str]) -> list[str]:
+    """The arc of axis 2 taken for the other robot's."""
+    return [{"master": "follower", "follower": "master"}[row[0]], *row[1:]] if row[1] == "2" else row
+
+
 BAD: list[tuple[str, Callable[[list[list[str]]], list[list[str]]], str]] = [
     ("tcp", lambda r: r[:4], "3 touches cannot tell"),
     ("tcp", lambda r: [r[0], *[r[1]] * 6], "stands nearly the same in all 6 touches"),
@@ -142,6 +149,10 @@ BAD: list[tuple[str, Callable[[list[list[str]]], list[list[str]]], str]] = [
     ("tcp", lambda r: changed(r, 2, "qw", 1.0, 0.5), "are not a unit quaternion"),
     ("tcp", lambda r: [row for row in r if row[1] != "in_xz"], "0 lines of the kind 'in_xz'"),
     ("tcp", lambda r: renamed(r, "z_mm", "height"), "lacks the column z_mm"),
+    ("tcp", lambda r: swapped(r, "qx", "qy"), "well if qw, qx, qy, qz are read as qw, qy, qx, qz: columns are swapped"),
+    ("tcp", lambda r: swapped(swapped(swapped(r, "qw", "qx"), "qx", "qy"), "qy", "qz"), "columns are swapped"),
+    ("tcp", lambda r: [r[0], *[[*x[:6], *(str(-float(v)) for v in x[6:9]), *x[9:]] for x in r[1:]]], "turned round"),
+    ("tcp", lambda r: [r[0], *[[*x[:5], *r[k][5:9], *x[9:]] for k, x in enumerate(r[3:] + r[1:3], 1)]], "no tip fits"),
     ("tcp", in_metres, "no robot works there. Are these numbers in m, as the header says?"),
     ("tcp", lambda r: scaled(r, 1e-3), "no robot works there. Are these numbers in mm"),
     ("tcp", lambda r: [[";".join(row)] for row in r], "the columns are separated by semicolons"),
@@ -158,6 +169,7 @@ BAD: list[tuple[str, Callable[[list[list[str]]], list[list[str]]], str]] = [
     ("circles", lambda r: [r[0], *(["follower", *x[1:]] for x in r[1:] if x[0] == "master")], "of the master"),
     ("circles", lambda r: [row for row in r if row[1] != "2"] + [[x[0], "2", *x[2:]] for x in r if x[1] == "1"],
      "nearly parallel"),
+    ("circles", lambda r: [exchanged(row) for row in r], "the master: axes 1 and 2 miss each other by"),
     ("circles", lambda r: [row for row in r if row[0] != "follower"], "no measurement of the follower"),
     ("circles", lambda r: [row for row in r if row[1] != "2"], "no arc of axis 2 of the master"),
     ("circles", lambda r: swapped(r, "x_mm", "z_mm"), "left-handed"),
@@ -195,6 +207,50 @@ def test_a_point_of_the_bases_off_by_two_millimetres_is_named(
     assert code == 0
     assert f"note: {said} does not fit the others and was left out" in err
     assert metrics(tmp_path / "two")["outliers"] == [said]
+
+
+def test_rotation_vectors_in_degrees_are_refused(files: Any, polish_sim: Tool, tmp_path: Path) -> None:
+    header, *rows = files["tcp"]
+    first = header.index("qw")
+    q = np.array([[float(v) for v in row[first : first + 4]] for row in rows])
+    vectors = Rotation.from_quat(q, scalar_first=True).as_rotvec()
+    for scale, code in ((1.0, 0), (180.0 / np.pi, 2)):
+        given = [[*row[:first], *(str(v) for v in scale * turn)] for row, turn in zip(rows, vectors, strict=True)]
+        write(tmp_path / "turns.csv", [[*header[:first], "rx_rad", "ry_rad", "rz_rad"], *given])
+        call = polish_sim("calibrate", "tcp", "--data", "turns.csv", "--out", f"out{code}")
+        assert call.code == code
+    assert "Are they degrees?" in call.err
+
+
+def test_an_arm_whose_axes_do_not_quite_meet_is_told(files: Any, polish_sim: Tool, tmp_path: Path) -> None:
+    """The second arc of the master, 1 mm to the side of where its axes would meet."""
+    found = metrics_of(polish_sim, tmp_path, "as_is", files["circles"])
+    assert found["gap_m"] < 1e-4
+    assert found["axes_meet"] is True
+    axis = np.cross(*(fit_circle(arc_of(files["circles"], k)).axis for k in ("1", "2")))
+    axis /= np.linalg.norm(axis)
+    moved = [
+        [*row[:2], *(str(float(v) + d) for v, d in zip(row[2:5], axis, strict=True)), *row[5:]]
+        if row[:2] == ["master", "2"]
+        else row
+        for row in files["circles"]
+    ]
+    found = metrics_of(polish_sim, tmp_path, "moved", moved, code=1)
+    assert found["gap_m"] == pytest.approx(1e-3, abs=1e-4)
+    assert found["axes_meet"] is False
+
+
+def arc_of(rows: list[list[str]], axis: str) -> Any:
+    return np.array([[float(v) for v in row[2:5]] for row in rows if row[:2] == ["master", axis]])
+
+
+def metrics_of(polish_sim: Tool, folder: Path, name: str, rows: list[list[str]], code: int = 0) -> dict[str, Any]:
+    """Figures of a calibration of bases from rows, with --check."""
+    write(folder / f"{name}.csv", rows)
+    call = polish_sim("calibrate", "base", "--data", f"{name}.csv", "--out", name, "--check")
+    assert call.code == code
+    assert ("the master miss each other" in call.err) == (code == 1)
+    return metrics(folder / name)
 
 
 @pytest.mark.parametrize("what", ["tcp", "base"])

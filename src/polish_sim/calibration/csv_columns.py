@@ -22,6 +22,8 @@ QUATERNION: Final = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR: Final = ("rx_rad", "ry_rad", "rz_rad")
 MATRIX: Final = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
 UNITS: Final[Mapping[str, float]] = {"m": 1.0, "mm": 1e-3}
+FULL_TURN: Final = 2.0 * np.pi + 0.01
+"""A rotation vector is no longer than this [rad]."""
 _LARGEST_RATIO = 100.0
 REACH: Final = (0.02, 5.0)
 """How far from its base a robot's flange or tip is, in the middle of all lines, whatever the robot [m]."""
@@ -124,7 +126,13 @@ class Columns:
             raise InputError(
                 f"'{self.file}' says nowhere how {what} stood. Wanted one of: {known}. It has: {', '.join(self.texts)}."
             )
-        R = forms[given](self.numbers(given))
+        values = self.numbers(given)
+        if given == ROTATION_VECTOR and (np.linalg.norm(values, axis=1) > FULL_TURN).any():
+            row = int(np.argmax(np.linalg.norm(values, axis=1) > FULL_TURN))
+            raise InputError(
+                f"'{self.file}', {self.place(row)}: rx_rad to rz_rad turn by more than once round. Are they degrees?"
+            )
+        R = forms[given](values)
         wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2)) > ROTATION_TOLERANCE
         wrong |= np.linalg.det(R) < 0.0
         if wrong.any():

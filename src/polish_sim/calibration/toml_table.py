@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from collections.abc import Mapping
@@ -23,8 +24,9 @@ def write_table(file: Path, head: str, figures: Mapping[str, Any]) -> None:
 
 
 def _literal(value: Any) -> str:
-    if isinstance(value, str):
-        return f'"{value}"'
+    if isinstance(value, (str, bool)):
+        # JSON and TOML write these alike.
+        return json.dumps(value, ensure_ascii=False)
     if isinstance(value, list):
         return "[" + ", ".join(_literal(entry) for entry in value) + "]"
     if isinstance(value, np.generic):

@@ -26,6 +26,8 @@ LEAST_AXES_ANGLE = np.radians(5.0)
 """Least angle between the two axes [rad]."""
 SQUARE_TOLERANCE = np.radians(2.0)
 """How far axes 1 and 2 may be from square, as they are on a UR5e [rad]."""
+LARGEST_GAP = 5e-3
+"""How far axes 1 and 2 of one arm may miss each other [m]; on a UR5e they meet."""
 RADIUS_SLACK = 0.35
 """How far the target may be from the flange [m], when radii are compared with the arm's."""
 _STEP = 1e-5
@@ -42,6 +44,8 @@ class BaseFrame(NamedTuple):
     """Distance between the two axes [m]; 0 on a perfect UR5e."""
     angle: float
     """Angle between the two axes [rad]; 90 deg on a perfect UR5e."""
+    meets: bool
+    """Whether it was used that the axes meet and are square."""
 
 
 def base_from_circles(first: Circle, second: Circle) -> BaseFrame:
@@ -58,7 +62,7 @@ def base_from_circles(first: Circle, second: Circle) -> BaseFrame:
         CalibrationError: Axes nearly parallel or not square, or circles that cannot be the arm's.
     """
     _check_axes(first, second)
-    return _base(first, second, np.zeros(10), block_diag(first.covariance, second.covariance))
+    return _base(first, second, np.zeros(10), block_diag(first.covariance, second.covariance), meets=False)
 
 
 def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
@@ -68,7 +72,7 @@ def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
     in a million), the arm is not as its table says, and the frame is that of `base_from_circles`.
 
     Raises:
-        CalibrationError: As `base_from_circles`.
+        CalibrationError: As `base_from_circles`, or axes that miss each other as those of one arm never do.
     """
     _check_axes(first, second)
     C = block_diag(first.covariance, second.covariance)
@@ -77,17 +81,22 @@ def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
     G = (np.array(ahead) - np.array(behind)).T / (2.0 * _STEP)
     S = G @ C @ G.T
     if off @ np.linalg.solve(S, off) > chi2.isf(CHANCE, 2):
+        if abs(off[0]) > LARGEST_GAP:
+            raise CalibrationError(
+                f"axes 1 and 2 miss each other by {1e3 * abs(off[0]):.4g} mm, on a UR5e they meet: arcs of two robots "
+                "taken for one's, or a tracker, target or stand that moved in between?"
+            )
         return base_from_circles(first, second)
     gain = C @ G.T @ np.linalg.inv(S)
-    return _base(first, second, -gain @ off, C - gain @ G @ C)
+    return _base(first, second, -gain @ off, C - gain @ G @ C, meets=True)
 
 
-def _base(first: Circle, second: Circle, step: Array, covariance: Array) -> BaseFrame:
+def _base(first: Circle, second: Circle, step: Array, covariance: Array, meets: bool) -> BaseFrame:
     """The frame after a step of both axes, with the covariance of what is stepped, shape (10, 10)."""
     T = _frame(first, second, step)
     J = np.column_stack([_slope(T, first, second, step, row) for row in np.eye(10)])
     gap, angle = _off_table(first, second, np.zeros(10))
-    return BaseFrame(T, J @ covariance @ J.T, abs(float(gap)), float(angle + 0.5 * np.pi))
+    return BaseFrame(T, J @ covariance @ J.T, abs(float(gap)), float(angle + 0.5 * np.pi), meets)
 
 
 def _off_table(first: Circle, second: Circle, step: Array) -> Array:

@@ -40,7 +40,11 @@ def base_figures(found: BaseCalibration) -> dict[str, Any]:
     std = np.sqrt(np.diag(found.covariance))
     distances = np.concatenate([group.residuals[group.used] for group in found.groups])
     outliers = {group.name: (np.flatnonzero(~group.used) + 1).tolist() for group in found.groups}
-    return {
+    axes: dict[str, Any] = {}
+    if found.axes:
+        each = found.axes.values()
+        axes = {"gap_m": max(robot.gap for robot in each), "axes_meet": all(robot.meets for robot in each)}
+    return axes | {
         "transform": found.T_master_follower.tolist(),
         "origin_m_std": std[:3].tolist(),
         "rotation_rad_std": std[3:].tolist(),

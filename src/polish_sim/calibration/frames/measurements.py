@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,10 @@ from polish_sim.calibration.frames.axes import BaseFrame, base_from_meeting_axes
 from polish_sim.calibration.frames.circle import Circle, fit_circle_without_outliers
 from polish_sim.calibration.frames.matched_points import FrameEstimate, fit_frame_without_outliers
 from polish_sim.calibration.frames.relative import relative_frame
+from polish_sim.errors import CalibrationError
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 ROBOTS = ("master", "follower")
 LEAST_POSES = 10
@@ -33,6 +35,15 @@ class Group(NamedTuple):
     """Shape (n,)."""
 
 
+class Axes(NamedTuple):
+    """How axes 1 and 2 of a robot lie to each other."""
+
+    gap: float
+    """How far they miss each other [m]."""
+    meets: bool
+    """Whether it was used that they meet and are square."""
+
+
 class BaseCalibration(NamedTuple):
     """The follower's base in the master's, and what it rests on."""
 
@@ -47,6 +58,8 @@ class BaseCalibration(NamedTuple):
     """T_tracker_base and its covariance, robot by robot; empty where no tracker was used."""
     circles: Mapping[str, tuple[Circle, ...]] = MappingProxyType({})
     """Circles of axes 1 and 2, robot by robot."""
+    axes: Mapping[str, Axes] = MappingProxyType({})
+    """Those axes, robot by robot."""
 
 
 class BaseMeasurements(Protocol):
@@ -70,10 +83,14 @@ class AxisArcs:
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """Both bases from four circles."""
-        circles = {
-            robot: tuple(fit_circle_without_outliers(points, noise) for points in self.arcs[robot]) for robot in ROBOTS
-        }
-        found: dict[str, BaseFrame] = {robot: base_from_meeting_axes(*circles[robot]) for robot in ROBOTS}
+        circles: dict[str, tuple[Circle, ...]] = {}
+        found: dict[str, BaseFrame] = {}
+        for robot in ROBOTS:
+            circles[robot] = tuple(
+                _named(f"the {robot}'s axis {axis}", fit_circle_without_outliers, points, noise)
+                for axis, points in enumerate(self.arcs[robot], 1)
+            )
+            found[robot] = _named(f"the {robot}", base_from_meeting_axes, *circles[robot])
         groups = [
             Group(f"{robot}, axis {axis + 1}", self.arcs[robot][axis], np.linalg.norm(c.residuals, axis=1), c.used)
             for robot in ROBOTS
@@ -81,7 +98,8 @@ class AxisArcs:
         ]
         bases = {robot: (base.T, base.covariance) for robot, base in found.items()}
         each = [c.noise for pair in circles.values() for c in pair]
-        return _between(bases, float(np.sqrt(np.mean(np.square(each)))), groups, circles)
+        axes = {robot: Axes(base.gap, base.meets) for robot, base in found.items()}
+        return _between(bases, float(np.sqrt(np.mean(np.square(each)))), groups, circles)._replace(axes=axes)
 
 
 @dataclass(frozen=True)
@@ -94,7 +112,7 @@ class TrackedPoses:
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """Both bases by matched points (Kabsch)."""
         found: dict[str, FrameEstimate] = {
-            robot: fit_frame_without_outliers(*self.points[robot], noise) for robot in ROBOTS
+            robot: _named(f"the {robot}", fit_frame_without_outliers, *self.points[robot], noise) for robot in ROBOTS
         }
         groups = [
             Group(f"{robot}, poses", self.points[robot][0], np.linalg.norm(f.residuals, axis=1), f.used)
@@ -120,6 +138,14 @@ class Handshake:
         distance = np.linalg.norm(found.residuals, axis=1)
         group = Group("touches of both", self.points_master, distance, found.used)
         return BaseCalibration(found.T, found.covariance, float(found.noise / np.sqrt(2.0)), (group,))
+
+
+def _named(what: str, fit: Callable[..., T], *arguments: Any) -> T:
+    """A fit whose errors say whose it is."""
+    try:
+        return fit(*arguments)
+    except CalibrationError as error:
+        raise CalibrationError(f"{what}: {error}") from error
 
 
 def _between(

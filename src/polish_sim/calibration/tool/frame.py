@@ -63,7 +63,8 @@ def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> To
         The estimate.
 
     Raises:
-        CalibrationError: If poses or moves cannot tell the frame, or touches do not fit each other.
+        CalibrationError: If poses or moves cannot tell the frame, or touches do not fit each other; with unknown noise
+            also columns swapped and touches no tip explains.
     """
     tip = fit_tool_point_without_outliers(measured.touches, noise)
     if len(measured.T_base_flange_moves) == 0:

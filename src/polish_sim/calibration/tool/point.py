@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polish_sim.calibration.left_out import Fitted, Mask, agreeing
 from polish_sim.calibration.tool.identifiability import check_touches
-from polish_sim.calibration.tool.swapped import refuse_swapped
+from polish_sim.calibration.tool.swapped import refuse_far_off, refuse_swapped
 from polish_sim.calibration.tool.touches import ToolTouches
 
 Array = NDArray[np.float64]
@@ -76,7 +76,8 @@ def fit_tool_point_without_outliers(touches: ToolTouches, noise: float | None = 
     """The same, leaving out touches too far off to be noise; with six touches or fewer all are used.
 
     Raises:
-        CalibrationError: If the orientations cannot tell the tip, or more than a quarter of the touches do not fit.
+        CalibrationError: If the orientations cannot tell the tip, columns are swapped, more than a quarter of the
+            touches do not fit, or, with unknown noise, no tip explains them.
     """
     check_touches(touches.R)
     refuse_swapped(touches)
@@ -87,7 +88,10 @@ def fit_tool_point_without_outliers(touches: ToolTouches, noise: float | None = 
         theta = np.linalg.solve(information, np.einsum("n,nka,nk->a", weights, A, y))
         return Fitted(A @ theta - y, A @ np.linalg.inv(information) @ np.swapaxes(A, 1, 2), 6)
 
-    return fit_tool_point(touches, noise, agreeing(weighted, len(touches), "touches"))
+    found = fit_tool_point(touches, noise, agreeing(weighted, len(touches), "touches"))
+    if noise is None:
+        refuse_far_off(found.residuals[found.used])
+    return found
 
 
 def _equations(touches: ToolTouches) -> tuple[Array, Array]:
