@@ -50,8 +50,9 @@ def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still() -> None:
     assert on_part.mean() == pytest.approx(FEED, rel=1e-3)
     follower = np.ptp(poses_of(run, "q_rad")[run.log["phase"] == 2], axis=0)
     assert np.abs(follower[:3, :3]).max() < 0.05
-    # Its time ramps up in half a second: a quarter of one is lost.
-    assert run.figures["master_turn_rad"] == pytest.approx(FEED / RADIUS * (4.0 - 0.25), rel=0.02)
+    # Its time ramps up as the feed does, in 0.54 s, of which half is lost: even then the tool hardly moves.
+    assert run.figures["master_turn_rad"] == pytest.approx(FEED / RADIUS * (4.0 - 0.27), rel=0.01)
+    assert np.ptp(trace.tcp_position_m[fed[:2000]], axis=0).max() < 5e-4
     assert run.figures["relative_error_rms_m"] < 6e-5
 
 

@@ -13,6 +13,8 @@ from polish_sim.trace import Trace
 
 Array = NDArray[np.float64]
 
+SPEED_S = 0.05
+"""Speeds are averages over this long, as those of the arc [s]."""
 TURNS = 200
 """So many turns of a run are added up: more would add up the servos' trembling."""
 
@@ -71,7 +73,8 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[s
         relative_error_p95_m, relative_error_max_m: of the distance between the tool on the part as it is and as
         wanted, calibration errors included, the part's own errors not (across the tool axis in contact);
         master_way_m: how far the part's origin was moved, from first to last; master_turn_rad: how far the part was
-        turned, there and back counted; speed_mean_m_s, speed_std_m_s: of the tool point relative to the part.
+        turned, there and back counted; speed_mean_m_s, speed_std_m_s: of the tool point relative to the part, averaged
+        over 50 ms.
     """
     if not len(errors.tracking):
         nothing = float("nan")
@@ -83,7 +86,7 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[s
     relative = np.linalg.norm(errors.relative, axis=1)
     process = trace.phase == PROCESS
     shift = trace.part_shift_m[process]
-    speed = np.linalg.norm(np.gradient(trace.tool_on_part_m, trace.time_s, axis=0)[process], axis=1)
+    speed = _speed(trace.time_s, trace.tool_on_part_m)[process]
     return {
         "tracking_error_max_m": tracking.tolist(),
         "tracking_error_worst_m": float(tracking.max()),
@@ -95,6 +98,13 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[s
         "speed_mean_m_s": float(speed.mean()),
         "speed_std_m_s": float(speed.std()),
     }
+
+
+def _speed(time: Array, points: Array) -> Array:
+    """Speed of a point (n, 3) over ``SPEED_S`` around every time [s]: the servos' trembling is no way done, (n,)."""
+    early, late = (np.clip(time + shift, time[0], time[-1]) for shift in (-0.5 * SPEED_S, 0.5 * SPEED_S))
+    gone = _along(time, points, late) - _along(time, points, early)
+    return np.asarray(np.linalg.norm(gone, axis=1) / (late - early))
 
 
 def _turned(R: Array) -> float:

@@ -36,14 +36,14 @@ def plot_dual(record: RunRecord) -> Figure:
     pressing = record.scenario.dual.standoff_m == 0.0
     figure = new_figure(10.0, 7.4 if pressing else 6.2)
     panels = figure.subplots(4 if pressing else 3, 1, sharex=True)
-    process = fed(record.log)
-    time = numbers(record.log, "time_s")[process]
+    rows = _from_first_feed_to_last(record)
+    time = numbers(record.log, "time_s")[rows]
     time = time - (time[0] if len(time) else 0.0)
-    _draw_error(panels[0], time, record, process)
+    _draw_error(panels[0], time, _while_fed(record, "relative_error_m"))
     if pressing:
-        _draw_force(panels[1], time, record, process)
+        _draw_force(panels[1], time, record)
     for axes, column, name in ((panels[-2], "master_q_rad", "master"), (panels[-1], "q_rad", "follower")):
-        _draw_joints(axes, time, numbers(record.log, column)[process], name)
+        _draw_joints(axes, time, numbers(record.log, column)[rows], name)
     panels[-1].set_xlabel("time since the start of the feed [s]")
     panels[-1].legend([f"joint {k}" for k in range(1, 7)], ncols=6, loc="upper center", bbox_to_anchor=(0.5, -0.3))
     m = record.metrics
@@ -70,10 +70,9 @@ def plot_dual_runs(records: Sequence[RunRecord]) -> Figure:
     figure = new_figure(9.0, 4.0)
     axes = figure.subplots()
     for index, record in enumerate(records):
-        process = fed(record.log)
-        error = 1e3 * np.linalg.norm(numbers(record.log, "relative_error_m")[process], axis=1)
+        error = 1e3 * np.linalg.norm(_while_fed(record, "relative_error_m"), axis=1)
         label = f"{record.name}: rms {_mm(record.metrics, 'relative_error_rms_m')} mm"
-        axes.plot(numbers(record.log, "path_s_m")[process], error, color=SERIES[index % len(SERIES)], label=label)
+        axes.plot(_while_fed(record, "path_s_m"), error, color=SERIES[index % len(SERIES)], label=label)
     axes.axhline(BAND_MM, color=GREEN, ls="--", lw=0.9)
     axes.set(xlabel="along the path [m]", ylabel="error [mm]", ylim=(0.0, None))
     axes.legend()
@@ -81,8 +80,21 @@ def plot_dual_runs(records: Sequence[RunRecord]) -> Figure:
     return figure
 
 
-def _draw_error(axes: Axes, time: Array, record: RunRecord, process: NDArray[np.bool_]) -> None:
-    relative = 1e3 * numbers(record.log, "relative_error_m")[process]
+def _from_first_feed_to_last(record: RunRecord) -> slice:
+    on = np.flatnonzero(fed(record.log))
+    return slice(int(on[0]), int(on[-1]) + 1) if len(on) else slice(0, 0)
+
+
+def _while_fed(record: RunRecord, name: str) -> Array:
+    """A column from the first feed to the last; between two strokes no numbers, so that lines break there."""
+    rows = _from_first_feed_to_last(record)
+    values = numbers(record.log, name)[rows]
+    values[~fed(record.log)[rows]] = np.nan
+    return values
+
+
+def _draw_error(axes: Axes, time: Array, error: Array) -> None:
+    relative = 1e3 * error
     for k, color in enumerate((BLUE, ORANGE, GREY)):
         axes.plot(time, relative[:, k], color=color, lw=0.9, label=f"{'xyz'[k]} of the part")
     shade_band(axes, 0.0, BAND_MM, f"± {BAND_MM:g} mm")
@@ -93,11 +105,11 @@ def _draw_error(axes: Axes, time: Array, record: RunRecord, process: NDArray[np.
     axes.legend(ncols=4, loc="lower right")
 
 
-def _draw_force(axes: Axes, time: Array, record: RunRecord, process: NDArray[np.bool_]) -> None:
+def _draw_force(axes: Axes, time: Array, record: RunRecord) -> None:
     target = record.scenario.process.contact_force_n
-    low, high = (numbers(record.log, f"normal_force_{end}_n")[process] for end in ("min", "max"))
+    low, high = (_while_fed(record, f"normal_force_{end}_n") for end in ("min", "max"))
     axes.fill_between(time, low, high, color=BLUE, alpha=0.25, lw=0)
-    axes.plot(time, numbers(record.log, "normal_force_n")[process], color=BLUE, lw=0.7, label="exact contact force")
+    axes.plot(time, _while_fed(record, "normal_force_n"), color=BLUE, lw=0.7, label="exact contact force")
     shade_band(axes, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
     axes.set_ylabel("force [N]")
     axes.legend(ncols=2, loc="lower right")

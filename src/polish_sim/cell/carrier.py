@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.cell.contact import RealPart
+from polish_sim.cell.feed_pace import BUILD_UP, LONGEST_RAMP
 from polish_sim.cell.part_motion import PartMotion
 from polish_sim.control.signals import Target
 from polish_sim.spatial import inverse, transform
@@ -24,7 +25,8 @@ MASTER, FOLLOWER = "master_", "follower_"
 """What the names of the two robots in a scene begin with."""
 FIRST_JOINT, FIRST_CONTROL = 7, 12
 """Where the master's joints and controls begin: the follower, with its head, comes first."""
-RAMP_S = 0.5  # in which the master comes to its speed and back to rest
+RAMP_S = LONGEST_RAMP + BUILD_UP  # in which the master comes to its speed and back to rest, as a feed does
+RAMP_PEAK = 1.0 / LONGEST_RAMP  # steepest rise of the rate at which its time passes [1/s]
 
 CLOCK, RAMP = 0, 1
 
@@ -40,24 +42,37 @@ class MasterTime(NamedTuple):
 
 def time_let_go(since: Array) -> MasterTime:
     """How the time of the master's rows passes after it was let go from rest, (n,) [s]."""
-    ramp = np.clip(since / RAMP_S, 0.0, 1.0)
+    ramp = np.clip(since, 0.0, RAMP_S)
     return MasterTime(np.maximum(since - RAMP_S, 0.0) + _ramped(ramp), _rate(ramp))
 
 
 def time_held(let_go: float, since: Array) -> MasterTime:
     """How it passes after the master is held again, (n,) [s], having been let go for a time [s]."""
-    before = np.array(min(let_go / RAMP_S, 1.0))
-    ramp = np.clip(before - since / RAMP_S, 0.0, 1.0)
+    before = np.array([min(let_go, RAMP_S)])
+    ramp = np.clip(before - since, 0.0, RAMP_S)
     return MasterTime(_ramped(before) - _ramped(ramp), _rate(ramp))
 
 
 def _rate(ramp: Array) -> Array:
-    return np.asarray(ramp**2 * (3.0 - 2.0 * ramp))
+    return np.array([ramp_rate(float(t)) for t in ramp])
 
 
 def _ramped(ramp: Array) -> Array:
-    """The time that passes until the rate is so far up [s]."""
-    return np.asarray(RAMP_S * ramp**3 * (1.0 - 0.5 * ramp))
+    return np.array([ramp_time(float(t)) for t in ramp])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def ramp_rate(t: float) -> float:
+    """Rate [-] after so much of the ramp [s]: its rise is built up and taken back within ``BUILD_UP``."""
+    early, late = max(t - BUILD_UP, 0.0), max(t - LONGEST_RAMP, 0.0)
+    return (t * t - early * early - late * late) / (2.0 * BUILD_UP * LONGEST_RAMP)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def ramp_time(t: float) -> float:
+    """Integral of ``ramp_rate``: what has passed of the master's time by then [s]."""
+    early, late = max(t - BUILD_UP, 0.0), max(t - LONGEST_RAMP, 0.0)
+    return (t**3 - early**3 - late**3) / (6.0 * BUILD_UP * LONGEST_RAMP)
 
 
 class MasterRows(NamedTuple):
@@ -89,7 +104,7 @@ class Carrier(NamedTuple):
     qd: Array
     """Rows of joint speeds [rad/s], shape (n, 6)."""
     clock: Array
-    """Time of the rows [s] and how far its rate has been ramped up [-], shape (2,)."""
+    """Time of the rows [s] and how much of the ramp of its rate is done [s], shape (2,)."""
     flange_body: int
     part_body: int
     R_rest: Array
@@ -158,15 +173,13 @@ def _split(T: Array) -> tuple[Array, Array]:
 def drive_carrier(carrier: Carrier, going: bool, dt: float, ctrl: Array) -> None:
     """Let the master's rows pass while it is ``going``, from rest and back to rest, and tell its joint servos.
 
-    The rate at which their time passes rises and falls as 3 x^2 - 2 x^3, so that the acceleration is continuous.
+    The rate at which their time passes rises and falls with limited jerk, as a feed does.
     """
     clock = carrier.clock
-    left, x = carrier.duration - clock[CLOCK], clock[RAMP]
-    wanted = 1.0 if going and left > RAMP_S * x * x * x * (1.0 - 0.5 * x) + dt else 0.0
-    step = dt / RAMP_S
-    clock[RAMP] += min(max(wanted - x, -step), step)
-    x = clock[RAMP]
-    rate = x * x * (3.0 - 2.0 * x)
+    left = carrier.duration - clock[CLOCK]
+    wanted = RAMP_S if going and left > ramp_time(clock[RAMP]) + dt else 0.0
+    clock[RAMP] += min(max(wanted - clock[RAMP], -dt), dt)
+    rate = ramp_rate(clock[RAMP])
     clock[CLOCK] = min(clock[CLOCK] + rate * dt, carrier.duration)
     h = carrier.spacing
     row = min(int(clock[CLOCK] / h), carrier.q.shape[0] - 2)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell.carrier import RAMP_S, MasterRows
+from polish_sim.cell.carrier import RAMP_PEAK, MasterRows
 from polish_sim.config import RobotConfig
 from polish_sim.errors import InputError, ReachError
 from polish_sim.experiments.master_motion import MasterMotion
@@ -20,7 +20,6 @@ from polish_sim.motion.smoothing.limits import JOINT_ACCELERATION
 
 Array = NDArray[np.float64]
 
-RAMP_PEAK: Final = 1.5 / RAMP_S  # steepest rise of the rate at which the master's time passes [1/s]
 DIFFERENCE_S: Final = 0.01  # of the master's time, for derivatives [s]
 
 
