@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from polish_sim.cell.guiding import BRAKED_S, FORCE, QD, RAW, TOOL, TORQUE, GuidingRun, Q, run_guided
 from polish_sim.cell.hand import Hand, HandMotion
-from polish_sim.cell.torque_mode import chain_of_file
+from polish_sim.cell.torque_mode import LaidPart, chain_of_file
 from polish_sim.config import GuideConfig, Scenario
 from polish_sim.control.hand_guiding import MODES
 from polish_sim.errors import InputError
 from polish_sim.experiments.guided_arm import HOME, believe, guided_arm, home_pose, torque_arm
 from polish_sim.experiments.identified_arm import ARM_JOINTS
+from polish_sim.geometry import load_part
+from polish_sim.models import workpiece_path
+from polish_sim.spatial import transform
 
 Array = NDArray[np.float64]
 
@@ -44,6 +47,24 @@ def test_the_model_is_the_cell_s_with_motors_for_servos() -> None:
     np.testing.assert_allclose(model.dof_frictionloss[:6], [7.0, 7.0, 5.0, 1.5, 1.5, 1.5])
     np.testing.assert_allclose(model.dof_damping.reshape(model.nv, -1)[:6, 0], [10.0, 10.0, 8.0, 2.0, 2.0, 2.0])
     assert not model.body_gravcomp.any()
+
+
+def test_a_part_before_the_arm_lies_where_it_is_put_and_weighs_on_nothing() -> None:
+    T_base_part = transform(np.eye(3), np.array([0.1, -0.5, 0.05]))
+    alone, beside = (
+        torque_arm(Scenario()),
+        torque_arm(Scenario(), LaidPart(load_part(workpiece_path("plate")), T_base_part)),
+    )
+    np.testing.assert_allclose(beside.body("part").pos, T_base_part[:3, 3])
+    assert beside.geom("part").contype == beside.geom("part").conaffinity == 0
+    weights = []
+    for model in (alone, beside):
+        data = mujoco.MjData(model)
+        data.qpos[:6] = HOME
+        mujoco.mj_forward(model, data)
+        assert data.ncon == 0
+        weights.append(data.qfrc_bias.copy())
+    np.testing.assert_array_equal(*weights)
 
 
 def test_the_believed_weight_carries_the_arm() -> None:

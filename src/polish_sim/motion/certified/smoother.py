@@ -11,7 +11,8 @@ from polish_sim.errors import ReachError, SmoothingError, place_in_mm
 from polish_sim.motion.certified.corners import Tolerances
 from polish_sim.motion.certified.course import new_course
 from polish_sim.motion.certified.merge import Shares
-from polish_sim.motion.certified.stream import (
+from polish_sim.motion.certified.stream import take_points
+from polish_sim.motion.certified.stream_state import (
     BLOCK,
     GIVEN,
     NO_LAW,
@@ -21,7 +22,6 @@ from polish_sim.motion.certified.stream import (
     STATUS,
     Outbox,
     new_stream,
-    take_points,
 )
 from polish_sim.motion.segment_rates import REACHED, UNREACHABLE
 from polish_sim.motion.smoothing.arm import Arm, arm_or_none

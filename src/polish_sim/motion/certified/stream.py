@@ -5,8 +5,6 @@ Every way point goes the same way however many come at once, so the output does 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -14,31 +12,39 @@ from numpy.typing import NDArray
 from polish_sim.motion.certified.buffers import (
     CAPACITY,
     LOOKAHEAD,
-    MOST_STRUNG,
     SPEED,
     Corners,
-    Lines,
     Segments,
-    new_corners,
-    new_lines,
-    new_segments,
 )
 from polish_sim.motion.certified.connector import LineLimits
 from polish_sim.motion.certified.corner_fit import fill_corner
 from polish_sim.motion.certified.course import Course, bends_hold, fill_bend, slow_bend
 from polish_sim.motion.certified.emit import (
-    KERNEL_ROWS,
-    SEGMENT_ROWS,
-    Pen,
     Place,
     emit_line,
     lay_bends,
     lay_law,
-    new_pen,
 )
-from polish_sim.motion.certified.merge import Run, chord_deviation, empty_run, joins, store_point
-from polish_sim.motion.certified.robot import Robot, fill_limits, new_robot
+from polish_sim.motion.certified.merge import Run, chord_deviation, joins, store_point
+from polish_sim.motion.certified.robot import fill_limits
 from polish_sim.motion.certified.shift import move_corner, move_line, move_row, move_segment, move_way_point
+from polish_sim.motion.certified.stream_state import (
+    FIRST,
+    GIVEN,
+    HELD,
+    LAST,
+    LINES,
+    NO_LAW,
+    OPEN,
+    OUT_ROWS,
+    OUT_SEGMENTS,
+    RAW,
+    RAW_END,
+    RELAID,
+    SEGMENTS,
+    STATUS,
+    Stream,
+)
 from polish_sim.motion.certified.strings import close_line, may_string, open_line, string_segment
 from polish_sim.motion.certified.window import (
     best_before_stop,
@@ -49,67 +55,13 @@ from polish_sim.motion.certified.window import (
     reach_corner,
 )
 from polish_sim.motion.segment_rates import REACHED
-from polish_sim.motion.smoothing.arm import Arm
 from polish_sim.motion.smoothing.build import fill_segment
 
 Array = NDArray[np.float64]
 
-BLOCK = 128
-"""Way points taken in at once: what they give fits the outbox."""
-HELD, RAW, LAST, RAW_END, SEGMENTS, FIRST, LINES, OPEN, GIVEN, OUT_SEGMENTS, OUT_ROWS, RELAID, STATUS = range(13)
-"""Counters: way points in the run; taken in; the run's last one, and its number of all; segments in the buffers;
-number of the buffers' first one; closed lines in the buffers; whether one is open; next line to give; segments and rows
-in the outbox; laws laid anew; what went wrong, 0 if nothing."""
-COUNTERS = 13
-NO_LAW = 9
-"""Status: no law was found that keeps a line's bends in their limits."""
-_ROOM = BLOCK + (LOOKAHEAD + 2) * MOST_STRUNG
 _SLOWINGS, _SLOWER = 25, 0.85
 _SHORTENINGS, _SHORTER = 3, 0.8
 """Where speed changes along a bend it bulges more than planned for: it is laid shorter before the line is slowed."""
-
-
-class Outbox(NamedTuple):
-    """What is ready and not yet taken away."""
-
-    tips: Array
-    """Way points the segments end at [m], shape (m, 3)."""
-    rotations: Array
-    """Tool frames there, shape (m, 3, 3)."""
-    raw_ends: NDArray[np.int64]
-    """Their numbers among the way points taken in, shape (m,)."""
-    pen: Pen
-    """With the rows of their schedule."""
-
-
-class Stream(NamedTuple):
-    """All a stream remembers."""
-
-    counters: NDArray[np.int64]
-    clock: Array
-    """When the corner behind the next segment to give begins [s], shape (1,)."""
-    run: Run
-    segments: Segments
-    lines: Lines
-    corners: Corners
-    outbox: Outbox
-    robot: Robot
-
-
-def new_stream(arm: Arm) -> Stream:
-    """A stream before its first way point."""
-    pen = new_pen(_ROOM * (SEGMENT_ROWS + KERNEL_ROWS))
-    outbox = Outbox(np.zeros((_ROOM, 3)), np.zeros((_ROOM, 3, 3)), np.zeros(_ROOM, dtype=np.int64), pen)
-    return Stream(
-        np.zeros(COUNTERS, dtype=np.int64),
-        np.zeros(1),
-        empty_run(),
-        new_segments(),
-        new_lines(),
-        new_corners(),
-        outbox,
-        new_robot(arm),
-    )
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
