@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from polish_sim.analysis.metrics import PAPER_ARC, Circle, distance_to_circle
+from polish_sim.analysis.metrics import PAPER_ARC, Circle, distance_to_circle, steady_feed
 from polish_sim.analysis.response import moving_average
 from polish_sim.analysis.rows import fed, numbers
 from polish_sim.analysis.run_record import RunRecord
@@ -43,7 +43,8 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
     start = time[0] if len(time) else 0.0
 
     _draw_speed(speed, time - start, record)
-    _draw_error(error, time - start, distance_to_circle(positions, circle))
+    counted = steady_feed(process, numbers(record.log, "time_s"), numbers(record.log, "path_s_m"))[process]
+    _draw_error(error, time - start, distance_to_circle(positions, circle), counted)
     speed.sharex(error)
     speed.tick_params(labelbottom=False)
     _draw_plane(figure.add_subplot(grid[:, 1]), positions, circle)
@@ -96,12 +97,13 @@ def _draw_speed(axes: Axes, time: Array, record: RunRecord) -> None:
     axes.legend(loc="upper right", ncols=3)
 
 
-def _draw_error(axes: Axes, time: Array, distance: Array) -> None:
-    axes.plot(time, distance * 1e6, color=BLUE)
+def _draw_error(axes: Axes, time: Array, distance: Array, counted: NDArray[np.bool_]) -> None:
+    axes.plot(time, distance * 1e6, color=GREY, lw=0.8, label="ramps, not counted")
+    axes.plot(time[counted], distance[counted] * 1e6, color=BLUE)
     top = 1.25 * float(distance.max(initial=0.0))
     if top > 0.5 * PAPER_LIMIT_M:
         axes.axhline(PAPER_LIMIT_M * 1e6, color=ORANGE, ls="--", lw=1.0, label="paper: < 0.3 mm")
-        axes.legend(loc="upper right")
+    axes.legend(loc="upper right")
     axes.set(xlabel="time since the start of the feed [s]", ylabel="distance from the circle [µm]")
     axes.set_ylim(0.0, max(top * 1e6, 1.0))
 

@@ -55,7 +55,7 @@ def measure_arc(trace: Trace, circle: Circle = PAPER_ARC) -> Figures:
         speed_mean_m_s; speed_max_deviation_m_s: largest difference of the 50 ms average of the speed from the
         commanded feed; orientation_error_max_rad.
     """
-    part = _steady_feed(trace)
+    part = steady_feed(trace.phase == PROCESS, trace.time_s, trace.path_s_m)
     time, speed = trace.time_s[part], trace.tcp_speed_m_s[part]
     distance = distance_to_circle(trace.tcp_position_m[part], circle)
     deviation = moving_average(time, speed, SPEED_WINDOW_S) - _commanded_feed(time, trace.path_s_m[part])
@@ -149,14 +149,19 @@ def distance_to_circle(points: Array, circle: Circle) -> Array:
     return np.hypot(height, in_plane - circle.radius)
 
 
-def _steady_feed(trace: Trace) -> NDArray[np.bool_]:
-    """Steps after the ramp-up and before the target last falls below 99% of its feed."""
-    fed = trace.phase == PROCESS
+def steady_feed(fed: NDArray[np.bool_], time: Array, path_s: Array) -> NDArray[np.bool_]:
+    """Rows after the ramp-up and before the target last falls below 99% of its feed.
+
+    Args:
+        fed: Rows of the process, shape (n,).
+        time: [s], shape (n,).
+        path_s: Place of the target along its path [m], shape (n,).
+    """
     if not fed.any():
         return fed
-    steady = fed & (trace.time_s >= trace.time_s[np.argmax(fed)] + RAMP_UP_S)
+    steady = fed & (time >= time[np.argmax(fed)] + RAMP_UP_S)
     rows = np.flatnonzero(steady)
-    rates = np.diff(trace.path_s_m[rows]) / np.diff(trace.time_s[rows])
+    rates = np.diff(path_s[rows]) / np.diff(time[rows])
     at_feed = np.flatnonzero(rates >= BRAKING * np.median(rates)) if len(rates) else rows
     if len(at_feed):
         steady[rows[at_feed[-1]] + 1 :] = False

@@ -1,4 +1,4 @@
-"""How fast tool and joints may move: data with its origin, and its TOML file (layer 6)."""
+"""How fast tool and joints may move: data with its origin (layer 6)."""
 
 from __future__ import annotations
 
