@@ -21,6 +21,7 @@ from polish_sim.calibration.frames import (
     Handshake,
     TrackedPoses,
     base_figures,
+    point_covariance,
 )
 from polish_sim.errors import unknown_name
 from polish_sim.motion import forward_many
@@ -162,7 +163,14 @@ def _stated(found: BaseCalibration) -> dict[str, Any]:
     if found.bases:
         each = [(np.sqrt(np.trace(C[:3, :3])), axis_deviation(T, C)) for T, C in found.bases.values()]
         figures |= {"origin_std_m": float(max(e[0] for e in each)), "axis_std_rad": float(max(e[1] for e in each))}
+        figures["point_std_1m_m"] = max(_std_away(T, C) for T, C in found.bases.values())
     return figures
+
+
+def _std_away(T: Array, covariance: Array) -> float:
+    """3D standard deviation of what a base carries a metre away [m], rms over both ways along its three axes."""
+    offsets = AWAY * np.concatenate([T[:3, :3].T, -T[:3, :3].T])
+    return float(np.sqrt(np.mean([np.trace(point_covariance(covariance, offset)) for offset in offsets])))
 
 
 def axis_deviation(T: Array, covariance: Array) -> float:
