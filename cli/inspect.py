@@ -117,7 +117,8 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     return [
         ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
         ["length / (area / step-over)", "", f"{m['length_ratio']:.3f}"],
-        ["cycle time", "s", f"{m['cycle_time_s']:.0f}"],
+        ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
+        ["cycle time, at the feed, air included", "s", f"{m['cycle_time_s']:.1f}"],
         ["lifts on the way", "", str(m["lifts"])],
         ["step-over, min / p5 / mean / p95 / max", "mm", spread],
         ["overlap of neighbouring turns", "% of pad", console.number_or_dash(m["overlap"], percent, ".1f")],

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
@@ -33,6 +34,24 @@ def test_from_above_the_path_lies_where_it_was_planned(result):
     process = result.path.positions_work[result.path.process] * 1e3
     assert drawn.min(axis=0) == pytest.approx(process[:, :2].min(axis=0))
     assert drawn.max(axis=0) == pytest.approx(process[:, :2].max(axis=0))
+
+
+def test_no_side_the_part_hides_is_drawn_through_it(tmp_path):
+    box = tmp_path / "box.stl"
+    trimesh.creation.box((60, 60, 60)).export(box)
+    result = plan_part(PartConfig(str(box), up="z"), PlanConfig(region="all", stepover_m=0.03))
+    solid, flat, _ = plot_plan(result).axes
+    tops = np.concatenate([line.vertices for piece in flat.collections[1:] for line in piece.get_paths()])
+    assert np.abs(tops).max() < 29.0  # of the top alone, which keeps off its rim; walls would lie at 30
+    drawn = np.concatenate(
+        [np.asarray(piece._segments3d) for piece in solid.collections if hasattr(piece, "_segments3d")]
+    )
+    sides = np.isclose(np.abs(drawn).max(axis=2), 30.0).all(axis=1)
+    strokes = drawn[sides].mean(axis=1)
+    assert (strokes.max(axis=0) > 29.9)[[0, 2]].all()
+    assert (strokes.min(axis=0) < -29.9)[1]
+    assert not (strokes.min(axis=0) < -29.9)[[0, 2]].any()
+    assert not (strokes.max(axis=0) > 29.9)[1]
 
 
 def test_landing_and_leaving_are_named(result):

@@ -49,6 +49,7 @@ def test_a_full_raster_covers_the_plate(inspected):
     assert m["path_length_m"] == pytest.approx(20 * 0.2 + 19 * 0.01, rel=1e-12)
     assert m["length_ratio"] == pytest.approx(4.19 * 0.01 / 0.04, rel=1e-9)
     assert m["cycle_time_s"] == pytest.approx(419.0, rel=1e-12)
+    assert m["time_in_contact_s"] == m["cycle_time_s"]  # no lead, no lift
 
 
 def test_the_step_over_of_a_foreign_path_is_found_and_said(inspected):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from polish_sim.analysis.style import GREY, ORANGE, PINK, new_figure, styled
 from polish_sim.analysis.view_frame import axis_name, view_frame
+from polish_sim.analysis.visibility import DepthPicture, depth_picture, seen_in
 from polish_sim.config import PlanConfig
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.planning import PlanResult
@@ -33,9 +34,10 @@ LANDING, LEAVING = ORANGE, PINK
 MOST_FACETS = 30_000
 """Finer parts are drawn by a lighter copy: matplotlib takes a second for so many."""
 AXES_SHOWN = 90
-FAR_SIDE = -0.05
-"""Cosine between tool axis and viewer below which a point lies on a far side of the part."""
-FAINT = 0.15
+EDGE_ON = 0.05
+"""Cosine between tool axis and viewer below which the strokes of a wall, seen from above, lie over each other."""
+LEAD_POINTS = 120
+"""At least so many along a lead: each is seen or hidden by itself."""
 ELEVATION, AZIMUTH = 38.0, -62.0
 TOWARDS_VIEWER = np.array(
     [
@@ -52,6 +54,18 @@ LEAST_HEIGHT = 0.02
 FACTS_AT = 0.935
 """Height of the line of figures, under the heading."""
 TINT = np.array([0.93, 0.95, 1.0])
+
+
+class _Seen(NamedTuple):
+    """What of a path a viewer sees, in space and from above."""
+
+    space: DepthPicture
+    above: DepthPicture
+    towards: Array
+    """Tool axes in the picture's frame, shape (n, 3)."""
+    in_space: NDArray[np.bool_]
+    """Points that can be seen, shape (n,)."""
+    from_above: NDArray[np.bool_]
 
 
 @styled
@@ -74,14 +88,31 @@ def plot_plan(result: PlanResult, name: str = "") -> Figure:
     vertices = mesh.vertices @ frame.T * MM
     part = lighter_mesh(vertices, mesh.faces, MOST_FACETS)
     _draw_part(solid, flat, part.vertices[part.faces])
+    fill_view(solid, np.concatenate([vertices, shown]))
     scale = Normalize(0.0, float(path.s[-1]))
-    _draw_contact(solid, flat, path, shown, frame, scale)
-    _draw_leads(solid, flat, path, shown)
-    _draw_axes(solid, path, shown, frame)
+    seen = _look(solid, vertices[mesh.faces], path, shown, frame)
+    _draw_contact(solid, flat, path, shown, seen, scale)
+    _draw_leads(solid, flat, path, shown, seen)
+    _draw_axes(solid, path, shown, seen)
     _finish(figure, flat, result, scale, frame)
     _head(figure, result, name or _what(result.plan))
-    fill_view(solid, np.concatenate([vertices, shown]))
     return figure
+
+
+def _look(solid: Any, corners: Array, path: ToolPath, shown: Array, frame: Array) -> _Seen:
+    """Find what the part hides, in the view in space and from above."""
+    projection, towards = solid.get_proj(), path.axes_work @ frame.T
+
+    def in_space(points: Array) -> Array:
+        across, up, away = proj3d.proj_transform(*points.T, projection)
+        return np.column_stack([across, up, -np.asarray(away)])
+
+    space, above = depth_picture(corners, in_space), depth_picture(corners, np.asarray)
+    from_above = seen_in(above, shown, towards)
+    facing = from_above & (towards[:, 2] > EDGE_ON)
+    # A path on walls alone is better seen edge-on than not at all.
+    from_above = facing if (facing & path.process).any() else from_above
+    return _Seen(space, above, towards, seen_in(space, shown, towards), from_above)
 
 
 def _shaded(corners: Array, towards: Array) -> tuple[Array, Array]:
@@ -107,17 +138,13 @@ def _stretches(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     yield from ((int(a), int(b)) for a, b in edges.reshape(-1, 2))
 
 
-def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, frame: Array, scale: Normalize) -> None:
-    """The path in contact, coloured along its length; what lies on a far side is faint in 3D and left out above."""
-    towards = path.axes_work @ frame.T
-    seen, above = towards @ TOWARDS_VIEWER > FAR_SIDE, towards[:, 2] > FAR_SIDE
-    for rows, opacity, order in ((path.process & ~seen, FAINT, 2), (path.process & seen, 1.0, 5)):
-        for lines, at in _chords(rows, shown, path.s):
-            solid.add_collection3d(
-                Line3DCollection(lines, array=at, cmap=COLORS, norm=scale, lw=1.4, alpha=opacity, zorder=order)
-            )
-    for lines, at in _chords(path.process & above, shown, path.s):
-        flat.add_collection(LineCollection(list(lines[..., :2]), array=at, cmap=COLORS, norm=scale, lw=1.5))
+def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _Seen, scale: Normalize) -> None:
+    """The path in contact, coloured along its length, where the part does not stand before it."""
+    style: dict[str, Any] = {"cmap": COLORS, "norm": scale, "capstyle": "round"}
+    for lines, at in _chords(path.process & seen.in_space, shown, path.s):
+        solid.add_collection3d(Line3DCollection(lines, array=at, lw=1.4, zorder=5, **style))
+    for lines, at in _chords(path.process & seen.from_above, shown, path.s):
+        flat.add_collection(LineCollection(list(lines[..., :2]), array=at, lw=1.5, **style))
 
 
 def _chords(rows: NDArray[np.bool_], shown: Array, s: Array) -> Iterator[tuple[Array, Array]]:
@@ -127,7 +154,7 @@ def _chords(rows: NDArray[np.bool_], shown: Array, s: Array) -> Iterator[tuple[A
             yield np.stack([shown[first : last - 1], shown[first + 1 : last]], axis=1), s[first : last - 1]
 
 
-def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array) -> None:
+def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _Seen) -> None:
     """Approach and lead-in in one colour, lead-out and retract in another, with a mark where contact begins, ends."""
     # A ring, so that an end in the same place shows within it.
     ring: dict[str, Any] = {"mfc": "none", "mew": 2.0, "ms": 10}
@@ -136,24 +163,35 @@ def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array) -> None:
         ((APPROACH, LEAD_IN), LANDING, "approach, lead-in", "o", ring, True),
         ((LEAD_OUT, RETRACT), LEAVING, "lead-out, retract", "s", square, False),
     ):
-        name: str | None = label
+        flat.plot([], [], marker, color=color, **style, label=label)
         for first, last in _stretches(np.isin(path.segment, codes)):
             rows = np.arange(max(first - (not at_end), 0), min(last + at_end, len(shown)))
-            line = shown[rows]
-            solid.plot(*line.T, color=color, lw=1.8, label=name, zorder=20)
-            place = line[-1] if at_end else line[0]
-            flat.plot(line[:, 0], line[:, 1], color=color, lw=1.4)
-            flat.plot(*place[:2], marker, color=color, **style, label=name, zorder=20 + at_end)
-            name = None
+            line, off = _finer(shown[rows], seen.towards[rows])
+            for a, b in _stretches(seen_in(seen.space, line, off)):
+                solid.plot(*line[a:b].T, color=color, lw=1.8, zorder=20)
+            for a, b in _stretches(seen_in(seen.above, line, off)):
+                flat.plot(line[a:b, 0], line[a:b, 1], color=color, lw=1.4)
+            touch = rows[-1] if at_end else rows[0]
+            if seen.from_above[touch]:
+                flat.plot(*shown[touch, :2], marker, color=color, **style, zorder=20 + at_end)
 
 
-def _draw_axes(solid: Any, path: ToolPath, shown: Array, frame: Array) -> None:
-    """Some tool axes as thin lines that stand on the path."""
+def _finer(line: Array, off: Array) -> tuple[Array, Array]:
+    """A line and its tool axes with points in between, so that it can go out of sight anywhere."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    places = np.union1d(along, np.linspace(0.0, along[-1], LEAD_POINTS))
+    finer = [np.column_stack([np.interp(places, along, column) for column in of.T]) for of in (line, off)]
+    return finer[0], finer[1]
+
+
+def _draw_axes(solid: Any, path: ToolPath, shown: Array, seen: _Seen) -> None:
+    """Some tool axes as thin lines that stand on the path where it is seen."""
     process = np.flatnonzero(path.process)
     s = path.s[process]
     rows = process[np.unique(np.searchsorted(s, np.linspace(s[0], s[-1], AXES_SHOWN)).clip(0, len(process) - 1))]
+    rows = rows[seen.in_space[rows]]
     height = 0.06 * float(np.ptp(shown[process], axis=0).max())
-    tips = shown[rows] + height * path.axes_work[rows] @ frame.T
+    tips = shown[rows] + height * seen.towards[rows]
     lines = np.stack([shown[rows], tips], axis=1)
     solid.add_collection3d(Line3DCollection(lines, colors=GREY, lw=0.6, zorder=4))
 

@@ -105,20 +105,21 @@ def path_figures(on: PathOnSurface, path: ToolPath, process: ProcessConfig) -> d
     length = sum(run.length for run in on.runs)
     return {
         "path_length_m": length,
-        "cycle_time_s": cycle_time(path, process),
+        **path_times(path, process),
         "retracts": len(on.runs),
         "lifts": len(on.runs) - 1,
         "max_distance_to_surface_m": float(on.distances.max()),
     }
 
 
-def cycle_time(path: ToolPath, process: ProcessConfig) -> float:
-    """Time the path takes: in contact at its own feed or the process', elsewhere at the approach speed [s]."""
+def path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
+    """Time in contact, at the path's own feed or the process', and with the rest at the approach speed [s]."""
     chords = np.linalg.norm(np.diff(path.positions_work, axis=0), axis=1)
     pressing = path.process[1:] & path.process[:-1]
     feed = np.full(len(path.s), process.feed_m_s) if path.feed is None else path.feed
     slowness = np.where(pressing, 0.5 * (1.0 / feed[1:] + 1.0 / feed[:-1]), 1.0 / process.approach_speed_m_s)
-    return float((chords * slowness).sum())
+    times = chords * slowness
+    return {"time_in_contact_s": float(times[pressing].sum()), "cycle_time_s": float(times.sum())}
 
 
 def _spacing_figures(spacing: Stepover, pad: PadConfig) -> dict[str, Any]:
