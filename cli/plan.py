@@ -77,12 +77,16 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     spread = " / ".join(console.number_or_dash(m[f"stepover_{name}_m"], mm, ".2f") for name in ("p5", "p95"))
     return [
         ["facets", "", str(m["facets"])],
-        ["path in contact", "m", f"{m['path_length_m']:.3f}"],
-        ["path through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
+        ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
+        ["  through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
         ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
         ["time in contact, smoothed motion", "s", console.number_or_dash(m["motion_time_s"], 1.0, ".1f")],
         ["cycle time, at the feed, air included", "s", f"{m['cycle_time_s']:.1f}"],
-        ["way at the full feed, starts and stops included", "%", console.number_or_dash(m["feed_kept"], percent, ".1f")],
+        [
+            "way at the full feed, starts and stops included",
+            "%",
+            console.number_or_dash(m["feed_kept"], percent, ".1f"),
+        ],
         ["least feed, starts and stops left out", "mm/s", console.number_or_dash(m["feed_least_m_s"], mm, ".2f")],
         ["  at, along the path with its leads", "m", console.number_or_dash(m["feed_least_at_m"], 1.0, ".3f")],
         ["step-over, mean", "mm", console.number_or_dash(m["stepover_mean_m"], mm, ".2f")],

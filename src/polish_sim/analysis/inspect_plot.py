@@ -22,6 +22,10 @@ from polish_sim.planning import Inspection
 Array = NDArray[np.float64]
 
 MM = 1e3
+DEG_MM = np.degrees(1.0) * 1e-3
+"""A rate of turning in rad/m, in deg/mm."""
+LEAST_RATE = 0.1
+"""Least height of its panel [deg/mm]: on a level face there is nothing but rounding to show."""
 PIXELS = 420
 """Along the longer side of a map."""
 LABELLED = 5
@@ -86,13 +90,11 @@ def plot_distributions(found: Inspection) -> Figure:
     spacing, time, rate = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.5))
     _draw_spacing(spacing, found)
     _draw_times(time, found)
-    along = found.quality.axis_rate
-    rate.plot(along.s, along.rate * 1e-3, color=BLUE, lw=0.8)
-    rate.set(xlabel="along the path in contact [m]", ylabel="turn of the tool axis [rad/mm]", ylim=(0.0, None))
-    peak = f"largest {1e-3 * found.figures['max_axis_rate_rad_m']:.3g} rad/mm"
-    rate.axhline(1e-3 * found.figures["max_axis_rate_rad_m"], color=ORANGE, lw=0.9, ls="--", label=peak)
-    rate.set_ylim(0.0, 1.15 * rate.get_ylim()[1])
-    rate.legend(loc="upper right")
+    _draw_rate(rate, found)
+    for axes in (spacing, time, rate):
+        if axes.get_legend_handles_labels()[0]:
+            # Below, where no line or bar can run through it.
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
     m = found.figures
     facts = (
         f"sharpest corner {np.degrees(m['sharpest_corner_rad']):.0f} deg over {MM * m['corner_scale_m']:g} mm",
@@ -212,8 +214,16 @@ def _draw_spacing(axes: Axes, found: Inspection) -> None:
     axes.set_yscale("symlog", linthresh=1.0)
     axes.set_yticks((0, 1, 10, 100), labels=("0", "1", "10", "100"))
     axes.minorticks_off()
-    axes.set_ylim(0.0, 5000.0)  # room for the legend
-    axes.legend(loc="upper left", frameon=True, edgecolor="none")
+    axes.set_ylim(0.0, 100.0)
+
+
+def _draw_rate(axes: Axes, found: Inspection) -> None:
+    along, largest = found.quality.axis_rate, DEG_MM * found.figures["max_axis_rate_rad_m"]
+    axes.plot(along.s, DEG_MM * along.rate, color=BLUE, lw=0.8)
+    axes.axhline(largest, color=ORANGE, lw=0.9, ls="--", label=f"largest {largest:.3g} deg/mm")
+    axes.set(xlabel="along the path in contact [m]", ylabel="turn of the tool axis [deg/mm]")
+    top = max(1.15 * largest, LEAST_RATE)
+    axes.set_ylim(-0.02 * top, top)
 
 
 def _draw_times(axes: Axes, found: Inspection) -> None:
@@ -223,5 +233,3 @@ def _draw_times(axes: Axes, found: Inspection) -> None:
     axes.axvline(m["exposure_median_s"], color=GREY, lw=1.0, ls="--", label=f"median {m['exposure_median_s']:.3g} s")
     axes.axvline(2.0 * m["exposure_median_s"], color=ORANGE, lw=1.0, label="twice the median")
     axes.set(xlabel="time under the pad [s]", ylabel="share of the area [%]")
-    axes.set_ylim(0.0, 1.3 * axes.get_ylim()[1])
-    axes.legend(loc="upper left", frameon=True, edgecolor="none")
