@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation  # noqa: E402
 from benchmarks.table import Row, print_rows  # noqa: E402
 from polish_sim.calibration.tool import fit_tool_point, orientation_spread, point_error_bound  # noqa: E402
 from polish_sim.config import DualConfig  # noqa: E402
-from polish_sim.experiments.arm_errors import ArmErrorTrial, run_arm_errors  # noqa: E402
+from polish_sim.experiments.calibrate_arm import ArmTrial, run_arm_calibration  # noqa: E402
 from polish_sim.experiments.calibrate_base import SIMULATED, BaseTrial, run_base_calibration  # noqa: E402
 from polish_sim.experiments.calibrate_tcp import (  # noqa: E402
     TcpTrial,
@@ -99,7 +99,8 @@ def _base_rows() -> list[Row]:
 
 
 def _arm_rows() -> list[Row]:
-    results = np.array([run_arm_errors(ArmErrorTrial(seed=seed)) for seed in range(ARM_SEEDS)])
+    figures = [run_arm_calibration(ArmTrial(seed=seed)).figures for seed in range(ARM_SEEDS)]
+    results = np.array([[one["relative_error_nominal_m"], one["relative_error_m"]] for one in figures])
     rms, worst = 1e3 * np.sqrt(np.mean(results**2, axis=0)), 1e3 * results.max(axis=0)
     return [
         Row("relative tool point, tables taken as nominal, rms", f"{rms[0]:.3f} mm", ""),

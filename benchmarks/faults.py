@@ -35,6 +35,7 @@ MOST_N = 60.0  # exact contact force
 SOONEST_S, LATEST_S = 0.5, 5.0  # of the fault, from the start of the run
 REASON_WITHIN_S = 0.020
 DRIVERS = tuple(name for name in ("hybrid-pi", "hybrid-adaptive") if name in CONTROLLERS)
+DRAWN = tuple(name for name, fault in FAULTS.items() if not fault.on_master)
 RUNS = {
     "force": ("process.hold_s=3", "process.approach_speed_m_s=0.01"),
     "surface": ("part.file=sphere_100", "plan.stepover_m=0.02", "process.max_feed_s=3", "process.feed_m_s=0.03",
@@ -69,7 +70,7 @@ class Judged(NamedTuple):
 def draw(count: int, seed: int = 0) -> list[Injection]:
     """Random injections, every fault about as often."""
     rng = np.random.default_rng(seed)
-    names = [list(FAULTS)[k % len(FAULTS)] for k in range(count)]
+    names = [DRAWN[k % len(DRAWN)] for k in range(count)]
     return [
         Injection(
             number,

@@ -9,6 +9,7 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli import option_types as o
+from polish_sim.cli.calibrate_arm import arm
 from polish_sim.cli.calibrate_budget import budget
 from polish_sim.cli.calibrate_frames import base, tcp
 from polish_sim.cli.output_folder import claimed
@@ -38,7 +39,9 @@ Drift = Annotated[
     bool, typer.Option("--drift", help="Also estimate a linear drift of the bias.", rich_help_panel=MODEL)
 ]
 
-calibrate = typer.Typer(name="calibrate", help="Calibrate the cell: payload, tcp, base, budget.", rich_markup_mode=None)
+calibrate = typer.Typer(
+    name="calibrate", help="Calibrate the cell: payload, tcp, base, arm, budget.", rich_markup_mode=None
+)
 
 
 @calibrate.callback()
@@ -86,4 +89,5 @@ def payload(
 
 calibrate.command("tcp", cls=PanelledCommand, short_help="Tool tip and axes on the flange.")(tcp)
 calibrate.command("base", cls=PanelledCommand, short_help="Where a second robot's base stands.")(base)
+calibrate.command("arm", cls=PanelledCommand, short_help="Tables of two arms off the nominal one.")(arm)
 calibrate.command("budget", cls=PanelledCommand, short_help="Where the error of two robots comes from.")(budget)

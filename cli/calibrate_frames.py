@@ -18,19 +18,20 @@ PANEL = "Instrument and measurements"
 LARGEST_NOISE_MM, MOST_POINTS = 10.0, 100_000
 
 
-def _option(name: str, metavar: str, text: str) -> Any:
+def option(name: str, metavar: str, text: str) -> Any:
+    """An option of the instrument's panel."""
     return typer.Option(name, metavar=metavar, help=text, rich_help_panel=PANEL)
 
 
 Data = Annotated[
     Path | None,
-    _option("--data", "FILE.csv", "Measurements of real robots instead of simulated ones: docs/calibration.md."),
+    option("--data", "FILE.csv", "Measurements of real robots instead of simulated ones: docs/calibration.md."),
 ]
 TouchNoise = Annotated[
-    float | None, _option("--noise", "MM", "Noise of a touch per coordinate, rms (mm); default 0.05.")
+    float | None, option("--noise", "MM", "Noise of a touch per coordinate, rms (mm); default 0.05.")
 ]
 TrackerNoise = Annotated[
-    float | None, _option("--noise", "MM", "Noise of a measured point per coordinate, rms (mm); default 0.03.")
+    float | None, option("--noise", "MM", "Noise of a measured point per coordinate, rms (mm); default 0.03.")
 ]
 CellTool = Annotated[
     bool,
@@ -40,15 +41,15 @@ CellTool = Annotated[
         rich_help_panel=PANEL,
     ),
 ]
-Poses = Annotated[int | None, _option("--poses", "N", "Touches, 4 or more; default 10.")]
-Cone = Annotated[float | None, _option("--cone", "DEG", "Tilt of the tool in the touches, 3 to 90 (deg); default 45.")]
+Poses = Annotated[int | None, option("--poses", "N", "Touches, 4 or more; default 10.")]
+Cone = Annotated[float | None, option("--cone", "DEG", "Tilt of the tool in the touches, 3 to 90 (deg); default 45.")]
 Points = Annotated[
     int | None,
-    _option("--points", "N", "Points of an arc (default 200), poses of each robot (12) or common points (10)."),
+    option("--points", "N", "Points of an arc (default 200), poses of each robot (12) or common points (10)."),
 ]
-Method = Annotated[str, _option("--method", "NAME", "circles, poses or handshake: docs/calibration.md.")]
+Method = Annotated[str, option("--method", "NAME", "circles, poses or handshake: docs/calibration.md.")]
 Pair = Annotated[
-    str, _option("--pair", "NAME", "Name of the two robots; a run refuses the calibration of another pair.")
+    str, option("--pair", "NAME", "Name of the two robots; a run refuses the calibration of another pair.")
 ]
 
 
@@ -67,7 +68,7 @@ def tcp(
     """Find the tool's tip from touches of one fixed point, and its axes from moves along them."""
     given = {"--noise": noise, "--poses": poses, "--cone": cone, "--cell-tool": cell_tool or None}
     given |= {"--seed": seed, "--seeds": seeds}
-    _refuse_idle(data, given)
+    refuse_idle(data, given)
     within("--noise", noise, 0.0, LARGEST_NOISE_MM, "mm")
     within("--poses", poses, 4, MOST_POINTS, "")
     within("--cone", cone, 3.0, 90.0, "deg")
@@ -104,7 +105,7 @@ def base(
 ) -> int:
     """Find where the second robot's base stands in the first one's, from a laser tracker or from common touches."""
     given = {"--noise": noise, "--points": points, "--seed": seed, "--seeds": seeds}
-    _refuse_idle(data, given)
+    refuse_idle(data, given)
     within("--noise", noise, 0.0, LARGEST_NOISE_MM, "mm")
     within("--points", points, 3, MOST_POINTS, "")
     # Lazy: --help must not wait for the libraries.
@@ -125,7 +126,12 @@ def base(
     return outcome.exit_code(check)
 
 
-def _refuse_idle(data: Path | None, given: Mapping[str, Any]) -> None:
+def refuse_idle(data: Path | None, given: Mapping[str, Any]) -> None:
+    """Refuse options of a simulated measurement beside a real one.
+
+    Raises:
+        InputError: Naming them.
+    """
     idle = [name for name, value in given.items() if value is not None]
     if data is not None and idle:
         raise InputError(f"{', '.join(idle)} would change nothing with --data: leave it out.")

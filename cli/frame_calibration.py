@@ -56,7 +56,7 @@ def tcp_once(trial: TcpTrial, draft: Path) -> Outcome:
 
 def tcp_many(trial: TcpTrial, seeds: Sequence[int], draft: Path) -> Outcome:
     """Calibrate with each seed; what is checked is the worst of each figure."""
-    return _together(
+    return together(
         TCP, "tool frame", seeds, lambda seed: run_tcp_calibration(replace(trial, seed=seed)).figures, draft
     )
 
@@ -83,7 +83,7 @@ def base_many(trial: BaseTrial, seeds: Sequence[int], draft: Path) -> Outcome:
     def figures(seed: int) -> Mapping[str, Any]:
         return run_base_calibration(replace(trial, seed=seed)).figures
 
-    return _together(_METHOD_CLAIMS[trial.method], f"bases by {trial.method}", seeds, figures, draft)
+    return together(_METHOD_CLAIMS[trial.method], f"bases by {trial.method}", seeds, figures, draft)
 
 
 def base_from_data(file: Path, method: str, pair: str, draft: Path) -> Outcome:
@@ -94,10 +94,10 @@ def base_from_data(file: Path, method: str, pair: str, draft: Path) -> Outcome:
     return Outcome(f"{_METHOD_CLAIMS[method]}-data", f"bases from {file.name}", columns, notes=_base_notes(found))
 
 
-def _together(
+def together(
     experiment: str, what: str, seeds: Sequence[int], figures: Callable[[int], Mapping[str, Any]], draft: Path
 ) -> Outcome:
-    """Rms and worst value of each figure over the seeds; broken off, over those that were done."""
+    """Calibrate with each seed: rms and worst value of each figure over them; broken off, over those that were done."""
     runs, interrupted = _each_seed(seeds, figures)
 
     def over(summary: Callable[[list[float]], float]) -> dict[str, float]:

@@ -60,7 +60,7 @@ commands.command("inspect", cls=PanelledCommand, short_help="The quality of any 
 commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion along any tool path.")(smooth)
 commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force, surface, smooth, teach or dual.")(run)
 commands.command("score", cls=PanelledCommand, short_help="Score a controller by a fixed battery of cases.")(score)
-commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, budget.")
+commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, arm, budget.")
 commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(identify)
 commands.command("report", cls=PanelledCommand, short_help="Plots and tables again from saved runs.")(report)
 commands.command("config", cls=PanelledCommand, short_help="The full default config as TOML.")(config)

@@ -230,7 +230,7 @@ Calibration = Annotated[
         "--calibration",
         "FILE",
         "calibration.toml of 'calibrate payload': the tool whose weight is compensated; in dual also of 'calibrate "
-        "base' and 'tcp', one of each; default: calibrated before the run.",
+        "arm', 'base' and 'tcp', one of each; default: calibrated before the run.",
     ),
 ]
 Seed = Annotated[int | None, _option(RUN, "--seed", "N", "Seed of everything random; default 0.")]

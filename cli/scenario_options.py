@@ -78,6 +78,7 @@ CALIBRATIONS: Final[Mapping[str, tuple[str, str]]] = {
     "payload": ("payload", "file"),
     "base": ("dual", "bases_file"),
     "tcp": ("dual", "tool_file"),
+    "arm": ("dual", "arms_file"),
 }
 """Where the file of each kind of calibration goes in a run of two robots."""
 

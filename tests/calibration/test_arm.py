@@ -7,7 +7,7 @@ import pytest
 
 from polish_sim.calibration.arm import NOMINAL, TrackedArm, arm_frames, fit_arm, fit_placement, table_slopes
 from polish_sim.errors import CalibrationError
-from polish_sim.experiments.arm_errors import HIGH, LOW, ArmErrorTrial, run_arm_errors
+from polish_sim.experiments.calibrate_arm import HIGH, LOW, ArmTrial, run_arm_calibration
 from polish_sim.motion import link_frames
 from polish_sim.spatial import from_pose
 
@@ -47,14 +47,14 @@ def test_exact_measurements_give_an_arm_that_predicts_exactly() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_half_a_millimetre_in_the_table_comes_back_below_a_seventh(seed: int) -> None:
-    result = run_arm_errors(ArmErrorTrial(seed=seed))
-    assert result.nominal > 5e-4
-    assert result.calibrated <= 1.5e-4
+    figures = run_arm_calibration(ArmTrial(seed=seed)).figures
+    assert figures["relative_error_nominal_m"] > 5e-4
+    assert figures["relative_error_m"] <= 1.5e-4
 
 
 def test_arms_as_their_table_says_are_not_made_worse() -> None:
-    result = run_arm_errors(ArmErrorTrial(tolerance=ArmErrorTrial().tolerance._replace(length=1e-9, angle=1e-9)))
-    assert result.calibrated == pytest.approx(result.nominal, rel=1e-3)
+    figures = run_arm_calibration(ArmTrial(tolerance=ArmTrial().tolerance._replace(length=1e-9, angle=1e-9))).figures
+    assert figures["relative_error_m"] == pytest.approx(figures["relative_error_nominal_m"], rel=1e-3)
 
 
 def test_too_few_poses_are_refused() -> None:

@@ -11,16 +11,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell import Cell, CellRun, no_part
+from polish_sim.cell import Cell, CellRun, no_part, tool_on_flange
 from polish_sim.cell.carrier import CLOCK, FIRST_JOINT, RAMP_PEAK, MasterRows, time_held, time_let_go
+from polish_sim.cell.faults import check_events, parse_events
+from polish_sim.cell.guards import CONTROLLER_NAN, MASTER_HALTED, MASTER_SILENT, REASONS
+from polish_sim.cell.host_arm import HostArm, build_host_arm
 from polish_sim.cell.pair_contacts import CLEARANCE, PairContacts
-from polish_sim.cell.pair_scene import GRIPPER_LENGTH, GRIPPER_MASS, Held, build_pair_scene, part_mass
+from polish_sim.cell.pair_scene import GRIPPER_LENGTH, GRIPPER_MASS, BuiltArms, Held, build_pair_scene, part_mass
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.errors import ReachError
+from polish_sim.errors import ConfigError, ReachError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.models import workpiece_path
 from polish_sim.motion import forward
+from polish_sim.motion.arm_table import NOMINAL, flange_poses
 from polish_sim.scenario_file import override
 from polish_sim.spatial import from_pose, inverse, transform
 from tests.cell.cells import (
@@ -61,7 +65,12 @@ def rows(turns: bool) -> MasterRows:
     return MasterRows(0.02, Q_MASTER + time[:, None] * speed, np.tile(speed, (101, 1)), work, belief)
 
 
-def pair_cell(master: MasterRows) -> Cell:
+def nominal_host() -> HostArm:
+    """The follower as a host computes it that has its tool and believes in the nominal table."""
+    return build_host_arm(NOMINAL, np.eye(4), tool_on_flange())
+
+
+def pair_cell(master: MasterRows, host_arm: HostArm | None = None) -> Cell:
     """The follower stands still where its target is carried along by the master."""
     part = no_part()
     T = master.T_base_work
@@ -69,7 +78,7 @@ def pair_cell(master: MasterRows) -> Cell:
     scenario = ideal("arc", EVERY_STEP)
     return Cell(
         scenario, scene(), part, [free_job(TOOL, hold=1.2)], joints_at(TOOL), build_controller(scenario.controller),
-        np.random.default_rng(0), master=master,
+        np.random.default_rng(0), master=master, host_arm=host_arm,
     )  # fmt: skip
 
 
@@ -173,17 +182,19 @@ def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest() -> Non
     assert change.max() == pytest.approx(RAMP_PEAK, rel=1e-3)
 
 
-def pressed_cell(look: Callable[[mujoco.MjModel, mujoco.MjData], None] | None, turns: bool) -> CellRun:
+def pressed_cell(
+    look: Callable[[mujoco.MjModel, mujoco.MjData], None] | None, turns: bool, *changes: str, lift: float = 0.0
+) -> CellRun:
     """The pad pressed on a plane the master carries, without force control: as deep as for 20 N."""
     part = part_under(plane())
     master = rows(turns)._replace(
         T_base_work=transform(part.rotation, part.position), T_believed_true=np.eye(4), qd=rows(turns).qd / 2,
         q=Q_MASTER + 0.5 * (rows(turns).q - Q_MASTER),
     )  # fmt: skip
-    scenario = ideal("force", EVERY_STEP, "controller.name=position", "pad.friction=0")
+    scenario = ideal("force", EVERY_STEP, "controller.name=position", "pad.friction=0", *changes)
     start = joints_at(along_tool(TOUCH, z=-0.005))
     cell = Cell(
-        scenario, scene(), part, [pressing_job(hold=1.2)], start, build_controller(scenario.controller),
+        scenario, scene(), part, [pressing_job(hold=1.2, lift=lift)], start, build_controller(scenario.controller),
         np.random.default_rng(0), master=master,
     )  # fmt: skip
     return cell.run(EachStep(look) if look else None)
@@ -212,6 +223,134 @@ def test_the_force_on_a_plane_that_moves_and_turns_is_that_on_one_at_rest() -> N
     rest, force = still.trace.normal_force_n[-300:], moving.trace.normal_force_n[-300:]
     assert rest.mean() == pytest.approx(20.0, abs=0.1)
     assert np.abs(force - rest.mean()).max() < 0.3
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "delay"),
+    [
+        ("master-stop", MASTER_HALTED, 0.0),
+        ("master-silent", MASTER_SILENT, 0.02),
+        ("controller-nan", CONTROLLER_NAN, 0.0),
+    ],
+)
+def test_whichever_arm_fails_both_stand_and_the_tool_is_off_the_part(fault: str, code: float, delay: float) -> None:
+    run = pressed_cell(None, True, f"faults.events={fault}@contact+1", lift=0.01)
+    assert run.stop_reason == REASONS[code]
+    assert run.safety.fault_to_stop_s == pytest.approx(delay, abs=0.002)
+    assert run.safety.retracted is True
+    assert np.ptp(run.log["master_q_rad"].astype(float)[-100:], axis=0).max() < 1e-5
+    assert run.trace.tcp_speed_m_s[-1] < 0.1 * run.trace.tcp_speed_m_s.max()
+    assert run.trace.normal_force_n.max() < 30.0
+    assert np.all(run.trace.normal_force_n[-50:] == 0.0)
+    # The master brakes as firmly as the follower: from v it goes on for v x latency + v^2 / 2a, not for half a second.
+    stopped = round(run.safety.protective_stop_time_s / 0.001)
+    way = run.trace.part_shift_m
+    v = np.linalg.norm(np.gradient(way, 0.001, axis=0)[stopped - 20])
+    assert v > 0.01
+    assert np.linalg.norm(way[stopped + 60] - way[stopped]) < v * 0.004 + v**2 / 8.0
+
+
+def test_where_the_master_is_comes_late_and_is_carried_on_by_its_speed() -> None:
+    errors = {}
+    for delay, period in ((0.0, 0.0), (0.004, 0.002), (0.02, 0.01)):
+        cell = pair_cell(rows(turns=True)._replace(delay=delay, period=period))
+        told: list[np.ndarray] = []
+
+        def look(_model: mujoco.MjModel, data: mujoco.MjData, cell: Cell = cell, told: list = told) -> None:
+            if data.time > 0.9:
+                told.append(cell.kernel.carrier.told[0] - (data.qpos - 0.001 * data.qvel)[FIRST_JOINT:])
+
+        run = cell.run(EachStep(look))
+        errors[delay] = np.abs(np.array(told)).max()
+        # At constant joint speeds a late reading is as good as a fresh one, but for what the servos still ring.
+        assert np.abs(run.trace.target_error_m[-300:]).max() < 2e-4
+    assert errors[0.0] < 1e-6
+    # 0.08 rad/s x 20 ms are 1.6e-3 rad without the host's carrying on.
+    assert errors[0.004] < 2e-5
+    assert errors[0.02] < 1e-4
+
+
+def test_a_part_that_slips_in_the_gripper_is_an_error_of_the_tool_on_it() -> None:
+    usual, slipped = (pressed_cell(None, True, *change) for change in ((), ("faults.events=part-shift@contact+0.3",)))
+    off = slipped.trace.tool_on_part_m[-1] - usual.trace.tool_on_part_m[-1]
+    assert np.linalg.norm(off) == pytest.approx(0.01, rel=0.05)
+
+
+def test_a_master_that_slows_down_is_followed() -> None:
+    usual, slow = (pressed_cell(None, True, *changes) for changes in ((), ("faults.events=master-slow@contact+0.5",)))
+    assert slow.stop_reason is None
+    speeds = [np.linalg.norm(np.gradient(run.trace.part_shift_m, 0.001, axis=0), axis=1) for run in (usual, slow)]
+    assert speeds[1][-300:].mean() == pytest.approx(0.5 * speeds[0][-300:].mean(), rel=0.05)
+    assert np.abs(slow.trace.normal_force_n[-300:] - usual.trace.normal_force_n[-300:].mean()).max() < 0.3
+
+
+def test_a_fault_of_the_master_is_refused_where_there_is_none() -> None:
+    with pytest.raises(ConfigError, match="'master-stop@1' would change nothing: there is no second robot"):
+        check_events(parse_events("master-stop@1"), on_part=True)
+
+
+OFF = BuiltArms(*(NOMINAL + 1e-3 * np.random.default_rng(5).standard_normal((2, 4, 6))))
+"""Arms a millimetre and a milliradian off their table."""
+
+
+def bent_scene() -> mujoco.MjModel:
+    return build_pair_scene(Scenario(), T_FOLLOWER_MASTER, Held(hub(), 2700.0, ON_GRIPPER), OFF)
+
+
+def test_arms_off_their_table_are_built_as_their_own_table_says() -> None:
+    model = bent_scene()
+    data = mujoco.MjData(model)
+    for q in np.random.default_rng(1).uniform(-3.0, 3.0, (5, 2, 6)):
+        data.qpos[:6], data.qpos[FIRST_JOINT:] = q
+        mujoco.mj_kinematics(model, data)
+        for arm, T_base, angles, table in (
+            ("follower", np.eye(4), q[0], OFF.follower), ("master", T_FOLLOWER_MASTER, q[1], OFF.master),
+        ):  # fmt: skip
+            site = data.site(f"{arm}_flange")
+            wanted = T_base @ flange_poses(table, angles[None])[0]
+            np.testing.assert_allclose(site.xpos, wanted[:3, 3], atol=1e-12)
+            np.testing.assert_allclose(site.xmat.reshape(3, 3), wanted[:3, :3], atol=1e-12)
+    assert np.linalg.norm((wanted - T_FOLLOWER_MASTER @ forward(q[1]))[:3, 3]) > 5e-4
+
+
+def test_a_host_computes_with_its_table_where_the_arms_have_another() -> None:
+    master = rows(turns=True)
+    part = no_part()._replace(rotation=np.ascontiguousarray(master.T_base_work[:3, :3]))
+    scenario = ideal("arc", EVERY_STEP)
+    cell = Cell(
+        scenario, bent_scene(), part, [free_job(TOOL, hold=0.3)], joints_at(TOOL),
+        build_controller(scenario.controller), np.random.default_rng(0), master=master, host_arm=nominal_host(),
+    )  # fmt: skip
+    tool = cell.kernel.host_arm.T_flange_end
+    seen: list[float] = []
+
+    def look(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        if len(seen) > 3:
+            return
+        # What the host saw is of the step's beginning, where the engine's poses still are.
+        q = data.qpos - 0.001 * data.qvel
+        flange = forward(np.ascontiguousarray(q[:6])) @ tool
+        np.testing.assert_allclose(cell.kernel.measurement[:3], flange[:3, 3], atol=1e-7)
+        master_flange = T_FOLLOWER_MASTER @ forward(np.ascontiguousarray(q[FIRST_JOINT:]))
+        moved = master_flange @ inverse(T_FOLLOWER_MASTER @ forward(Q_MASTER))
+        believed = master.T_believed_true @ moved @ inverse(master.T_believed_true)
+        np.testing.assert_allclose(cell.kernel.carrier.p_moved, believed[:3, 3], atol=1e-7)
+        seen.append(float(np.linalg.norm(data.site("follower_tool").xpos - cell.kernel.measurement[:3])))
+
+    run = cell.run(EachStep(look))
+    assert len(seen) > 3
+    assert min(seen) > 5e-4
+    # The log has the tool as it is, the errors are the host's.
+    np.testing.assert_allclose(run.trace.tcp_position_m[-1], cell.data.site("follower_tool").xpos, atol=1e-6)
+    assert run.trace.position_error_m.max() < 5e-4
+
+
+def test_a_host_with_the_arms_own_table_sees_what_the_engine_has() -> None:
+    logs = []
+    for own in (False, True):
+        logs.append(pair_cell(rows(turns=True), nominal_host() if own else None).run().log)
+    for name in ("q_rad", "tcp_position_m", "target_position_m", "master_q_rad"):
+        np.testing.assert_allclose(logs[1][name], logs[0][name], atol=1e-7)
 
 
 def test_the_check_names_arms_that_would_touch() -> None:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.feed_pace import BUILD_UP, LONGEST_RAMP
-from polish_sim.cell.part_motion import PartMotion
-from polish_sim.control.signals import Target
+from polish_sim.cell.host_arm import HostArm, build_host_arm, no_host_arm, read_encoders
+from polish_sim.motion.arm_table import NOMINAL
 from polish_sim.spatial import inverse, transform
 
 Array = NDArray[np.float64]
@@ -28,11 +28,12 @@ FIRST_JOINT, FIRST_CONTROL = 7, 12
 RAMP_S = LONGEST_RAMP + BUILD_UP  # in which the master comes to its speed and back to rest, as a feed does
 RAMP_PEAK = 1.0 / LONGEST_RAMP  # steepest rise of the rate at which its time passes [1/s]
 
-CLOCK, RAMP = 0, 1
+CLOCK, RAMP, RATE, PACE, WANTED_PACE = 0, 1, 2, 3, 4  # of ``Carrier.clock``
+HALTED, UNHEARD, SILENCE, STEPS = 5, 6, 7, 8
 
 
 class MasterTime(NamedTuple):
-    """Time of the master's rows at n moments, see ``drive_carrier``."""
+    """Time of the master's rows at n moments, see ``carrying.drive_carrier``."""
 
     clock: Array
     """What has passed of it [s], shape (n,)."""
@@ -88,6 +89,12 @@ class MasterRows(NamedTuple):
     """The work frame at the first row as it really is, nominal part, base of the follower, shape (4, 4)."""
     T_believed_true: Array
     """Where the host believes the master's things to be: true poses in the follower's base, moved by this (4, 4)."""
+    table: Array = NOMINAL
+    """The table the host computes the master with, shape (4, 6)."""
+    delay: float = 0.0
+    """How late its joints reach the host [s]."""
+    period: float = 0.0
+    """Between two readings of them, held in between [s]; 0: at every step."""
 
 
 class Carrier(NamedTuple):
@@ -104,12 +111,19 @@ class Carrier(NamedTuple):
     qd: Array
     """Rows of joint speeds [rad/s], shape (n, 6)."""
     clock: Array
-    """Time of the rows [s] and how much of the ramp of its rate is done [s], shape (2,)."""
+    """CLOCK time of the rows [s]; RAMP how much of the ramp of its rate is done [s], RATE that rate, PACE it
+    comes to and WANTED_PACE that it should [-]; STEPS taken; shape (9,).
+
+    Of faults: HALTED 1 when the master has stopped itself, UNHEARD 1 when the host no longer hears where it is, SILENCE
+    for how long [s].
+    """
+    brakes: Array
+    """Deceleration of a protective stop [m/s^2], [rad/s^2], shape (2,)."""
     flange_body: int
     part_body: int
     R_rest: Array
     p_rest: Array
-    """The flange at the first row."""
+    """The flange at the first row, as the host computes it."""
     R_part: Array
     p_part: Array
     """The real part on the flange."""
@@ -119,10 +133,22 @@ class Carrier(NamedTuple):
     R_belief: Array
     p_belief: Array
     """What the host believes: true poses, moved by this."""
+    host_arm: HostArm
+    """The master up to its flange as the host computes it."""
     velocity: Array
     """Of the flange now [m/s], shape (3,)."""
     turning: Array
     """Of the flange now [rad/s], shape (3,)."""
+    line: Array
+    """Joint positions [rad] and speeds [rad/s] on their way to the host, step by step, shape (k, 12)."""
+    delay: int
+    """How late they arrive, in steps."""
+    hold: int
+    """Steps from one reading to the next."""
+    told: Array
+    """Joint positions and speeds as the host has them for now, shape (2, 6)."""
+    seen: Array
+    """Velocity and angular velocity of the flange as the host computes them, shape (2, 3)."""
     R_moved: Array
     p_moved: Array
     """How the part has moved since the first row, as the host believes."""
@@ -138,12 +164,16 @@ def no_carrier() -> Carrier:
     """No second robot: the part stays where it lies."""
     rows, point, turn = np.zeros((2, 6)), np.zeros(3), np.eye(3)
     return Carrier(
-        0.0, 1.0, 0.0, rows, rows, np.zeros(2), 0, 0, turn, point, turn, point, turn, point, turn, point,
-        np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
+        0.0, 1.0, 0.0, rows, rows, np.zeros(9), np.zeros(2), 0, 0,
+        turn, point, turn, point, turn, point, turn, point, no_host_arm(),
+        np.zeros(3), np.zeros(3), np.zeros((1, 12)), 0, 1, np.zeros((2, 6)), np.zeros((2, 3)),
+        np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
     )  # fmt: skip
 
 
-def build_carrier(model: mujoco.MjModel, data: mujoco.MjData, rows: MasterRows, part: RealPart) -> Carrier:
+def build_carrier(
+    model: mujoco.MjModel, data: mujoco.MjData, rows: MasterRows, part: RealPart, brakes: Array
+) -> Carrier:
     """The master at the first of its rows, holding the part.
 
     Args:
@@ -151,171 +181,32 @@ def build_carrier(model: mujoco.MjModel, data: mujoco.MjData, rows: MasterRows, 
         data: Both robots at their start, kinematics done.
         rows: What the master does.
         part: The part as it really lies at the start.
+        brakes: Deceleration of its protective stop [m/s^2], [rad/s^2], shape (2,).
     """
     flange = data.site(f"{MASTER}flange")
     T_flange_base = inverse(transform(flange.xmat.reshape(3, 3).copy(), flange.xpos.copy()))
     T_flange_part = T_flange_base @ transform(part.rotation, part.position)
     T_flange_work = T_flange_base @ rows.T_base_work
+    host_arm, T_rest = _host_arm(data, rows)
+    delay, hold = round(rows.delay / model.opt.timestep), max(round(rows.period / model.opt.timestep), 1)
     return Carrier(
         1.0, rows.spacing, rows.spacing * (len(rows.q) - 1), np.ascontiguousarray(rows.q),
-        np.ascontiguousarray(rows.qd), np.zeros(2), model.body(f"{MASTER}link_6").id, model.body(f"{MASTER}part").id,
-        *_split(inverse(T_flange_base)), *_split(T_flange_part), *_split(T_flange_work), *_split(rows.T_believed_true),
-        np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
+        np.ascontiguousarray(rows.qd), np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]), brakes,
+        model.body(f"{MASTER}link_6").id, model.body(f"{MASTER}part").id,
+        *_split(T_rest), *_split(T_flange_part), *_split(T_flange_work), *_split(rows.T_believed_true), host_arm,
+        np.zeros(3), np.zeros(3), np.zeros((delay + hold + 1, 12)), delay, hold, np.zeros((2, 6)), np.zeros((2, 3)),
+        np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
     )  # fmt: skip
+
+
+def _host_arm(data: mujoco.MjData, rows: MasterRows) -> tuple[HostArm, Array]:
+    """The master as the host computes it, and its flange at the first row so, shape (4, 4)."""
+    base = data.body(f"{MASTER}base")
+    arm = build_host_arm(rows.table, transform(base.xmat.reshape(3, 3), base.xpos), np.eye(4))
+    read_encoders(arm, np.ascontiguousarray(rows.q[0]), 0)
+    return arm, transform(arm.turn.reshape(3, 3), arm.place)
 
 
 def _split(T: Array) -> tuple[Array, Array]:
     """Rotation (3, 3) and origin (3,) of a pose."""
     return np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def drive_carrier(carrier: Carrier, going: bool, dt: float, ctrl: Array) -> None:
-    """Let the master's rows pass while it is ``going``, from rest and back to rest, and tell its joint servos.
-
-    The rate at which their time passes rises and falls with limited jerk, as a feed does.
-    """
-    clock = carrier.clock
-    left = carrier.duration - clock[CLOCK]
-    wanted = RAMP_S if going and left > ramp_time(clock[RAMP]) + dt else 0.0
-    clock[RAMP] += min(max(wanted - clock[RAMP], -dt), dt)
-    rate = ramp_rate(clock[RAMP])
-    clock[CLOCK] = min(clock[CLOCK] + rate * dt, carrier.duration)
-    h = carrier.spacing
-    row = min(int(clock[CLOCK] / h), carrier.q.shape[0] - 2)
-    u = clock[CLOCK] / h - row
-    for j in range(6):
-        a, b = carrier.q[row, j], carrier.q[row + 1, j]
-        va, vb = h * carrier.qd[row, j], h * carrier.qd[row + 1, j]
-        rise = b - a
-        c, d = 3.0 * rise - 2.0 * va - vb, va + vb - 2.0 * rise
-        ctrl[FIRST_CONTROL + 2 * j] = a + u * (va + u * (c + u * d))
-        ctrl[FIRST_CONTROL + 2 * j + 1] = rate * (va + u * (2.0 * c + 3.0 * u * d)) / h
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def carry_part(
-    carrier: Carrier, R_flange: Array, p_flange: Array, xanchor: Array, xaxis: Array, qvel: Array, tool: Array,
-    part: RealPart, motion: PartMotion,
-) -> None:  # fmt: skip
-    """Place the part by the flange that carries it, and work out what the host believes of it.
-
-    Args:
-        carrier: The master; everything it notes of this instant is written.
-        R_flange: Its flange now, shape (3, 3).
-        p_flange: [m], shape (3,).
-        xanchor: A point on the axis of every joint [m], shape (m, 3).
-        xaxis: Unit axes of all joints, shape (m, 3).
-        qvel: Joint speeds [rad/s], shape (m,).
-        tool: The tool point [m], shape (3,).
-        part: The part; its rotation is written.
-        motion: Its place and angular velocity are written.
-    """
-    v, w = carrier.velocity, carrier.turning
-    for i in range(3):
-        v[i] = w[i] = 0.0
-    for j in range(FIRST_JOINT, FIRST_JOINT + 6):
-        ax, ay, az, speed = xaxis[j, 0], xaxis[j, 1], xaxis[j, 2], qvel[j]
-        rx, ry, rz = p_flange[0] - xanchor[j, 0], p_flange[1] - xanchor[j, 1], p_flange[2] - xanchor[j, 2]
-        v[0] += speed * (ay * rz - az * ry)
-        v[1] += speed * (az * rx - ax * rz)
-        v[2] += speed * (ax * ry - ay * rx)
-        w[0], w[1], w[2] = w[0] + speed * ax, w[1] + speed * ay, w[2] + speed * az
-    multiply(R_flange, carrier.R_part, part.rotation)
-    for i in range(3):
-        x = R_flange[i, 0] * carrier.p_part[0] + R_flange[i, 1] * carrier.p_part[1] + R_flange[i, 2] * carrier.p_part[2]
-        motion.place[i] = p_flange[i] + x
-        motion.turning[i] = w[i]
-    _see_tool(carrier, R_flange, p_flange, tool)
-    _believe(carrier, R_flange, p_flange)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def add_carried_speed(carrier: Carrier, p_flange: Array, origin: Array, velocity: Array) -> None:
-    """Add what the flange does to the velocity of the part's origin, both (3,)."""
-    w = carrier.turning
-    rx, ry, rz = origin[0] - p_flange[0], origin[1] - p_flange[1], origin[2] - p_flange[2]
-    velocity[0] += carrier.velocity[0] + w[1] * rz - w[2] * ry
-    velocity[1] += carrier.velocity[1] + w[2] * rx - w[0] * rz
-    velocity[2] += carrier.velocity[2] + w[0] * ry - w[1] * rx
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def carry_target(carrier: Carrier, target: Target) -> None:
-    """Close the chain: move a target given for the part at the first row to where the host believes the part is now.
-
-    Args:
-        carrier: The master, as ``carry_part`` has seen it.
-        target: Position, rotation and twist are written.
-    """
-    R, b, old, frame = carrier.R_moved, carrier.believed, carrier.work, target.rotation
-    for i in range(3):
-        old[0, i], old[1, i], old[2, i] = target.position[i], target.twist[i], target.twist[3 + i]
-    for i in range(3):
-        target.position[i] = carrier.p_moved[i] + R[i, 0] * old[0, 0] + R[i, 1] * old[0, 1] + R[i, 2] * old[0, 2]
-        target.twist[i] = R[i, 0] * old[1, 0] + R[i, 1] * old[1, 1] + R[i, 2] * old[1, 2]
-        target.twist[3 + i] = b[2, i] + R[i, 0] * old[2, 0] + R[i, 1] * old[2, 1] + R[i, 2] * old[2, 2]
-    rx, ry, rz = (target.position[0] - b[0, 0], target.position[1] - b[0, 1], target.position[2] - b[0, 2])
-    target.twist[0] += b[1, 0] + b[2, 1] * rz - b[2, 2] * ry
-    target.twist[1] += b[1, 1] + b[2, 2] * rx - b[2, 0] * rz
-    target.twist[2] += b[1, 2] + b[2, 0] * ry - b[2, 1] * rx
-    for j in range(3):
-        x, y, z = frame[0, j], frame[1, j], frame[2, j]
-        for i in range(3):
-            frame[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _see_tool(carrier: Carrier, R_flange: Array, p_flange: Array, tool: Array) -> None:
-    """The tool point in the nominal work frame."""
-    on_flange, out = carrier.work[0], carrier.tool_on_part
-    for i in range(3):
-        on_flange[i] = -carrier.p_work[i]
-        for j in range(3):
-            on_flange[i] += R_flange[j, i] * (tool[j] - p_flange[j])
-    for i in range(3):
-        out[i] = (
-            carrier.R_work[0, i] * on_flange[0] + carrier.R_work[1, i] * on_flange[1]
-            + carrier.R_work[2, i] * on_flange[2]
-        )  # fmt: skip
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _believe(carrier: Carrier, R_flange: Array, p_flange: Array) -> None:
-    """The part's displacement since the first row D = F F0^-1, and the flange's motion, as the host believes them.
-
-    What it believes is moved by B from what is true, so that it takes the displacement for B D B^-1.
-    """
-    B, b, work, R = carrier.R_belief, carrier.p_belief, carrier.work, carrier.R_moved
-    turn, R_B = work[0:3], work[3:6]
-    multiply_transposed(R_flange, carrier.R_rest, turn)
-    shift = work[6]
-    for i in range(3):
-        shift[i] = p_flange[i] - (
-            turn[i, 0] * carrier.p_rest[0] + turn[i, 1] * carrier.p_rest[1] + turn[i, 2] * carrier.p_rest[2]
-        )  # fmt: skip
-    multiply(B, turn, R_B)
-    multiply_transposed(R_B, B, R)
-    v, w, seen = carrier.velocity, carrier.turning, carrier.believed
-    for i in range(3):
-        carrier.p_moved[i] = b[i] - (R[i, 0] * b[0] + R[i, 1] * b[1] + R[i, 2] * b[2])
-        carrier.p_moved[i] += B[i, 0] * shift[0] + B[i, 1] * shift[1] + B[i, 2] * shift[2]
-        seen[0, i] = b[i] + B[i, 0] * p_flange[0] + B[i, 1] * p_flange[1] + B[i, 2] * p_flange[2]
-        seen[1, i] = B[i, 0] * v[0] + B[i, 1] * v[1] + B[i, 2] * v[2]
-        seen[2, i] = B[i, 0] * w[0] + B[i, 1] * w[1] + B[i, 2] * w[2]
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def multiply(A: Array, B: Array, out: Array) -> None:
-    """``A @ B`` of two (3, 3) into a third."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def multiply_transposed(A: Array, B: Array, out: Array) -> None:
-    """``A @ B.T`` of two (3, 3) into a third."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]

@@ -11,19 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.cell.carried import carried_payload
-from polish_sim.cell.carrier import FIRST_CONTROL, FIRST_JOINT, FOLLOWER, MasterRows, build_carrier, no_carrier
+from polish_sim.cell.carrier import (
+    FIRST_CONTROL,
+    FIRST_JOINT,
+    FOLLOWER,
+    MasterRows,
+    build_carrier,
+    no_carrier,
+)
 from polish_sim.cell.contact import RealPart, build_pad
 from polish_sim.cell.crash_points import crash_points
 from polish_sim.cell.engine import register_engine
 from polish_sim.cell.faults import FaultClock, check_events, parse_events
 from polish_sim.cell.guards import CONTROLLER_ERROR, REASONS, build_guards
+from polish_sim.cell.host_arm import HostArm, no_host_arm
 from polish_sim.cell.interrupts import interrupts_noted
 from polish_sim.cell.kernel import ARRIVED, CLOCK, ENDED, STATUS_SIZE, STOP, CellKernel, engine_views
 from polish_sim.cell.limits import check_rates, check_step_limits
 from polish_sim.cell.loop import advance
 from polish_sim.cell.observer import Observer, Silent
 from polish_sim.cell.part_motion import build_part_motion
-from polish_sim.cell.protective_stop import build_stop_motion
+from polish_sim.cell.protective_stop import brakes_of, build_stop_motion
 from polish_sim.cell.python_law import PythonLaw
 from polish_sim.cell.recorder import MASTER_Q, build_recorder, trace_from
 from polish_sim.cell.safety_record import SafetyRecord, record_safety
@@ -81,6 +89,7 @@ class Cell:
         rng: Draws the sensor's bias, drift and noise.
         course: What lies ahead on the path, for controllers that prepare for it.
         master: What a second robot does that carries the part; the robot with the tool is then the follower.
+        host_arm: The robot with the tool as the host computes it; None: as it is.
 
     The host compensates the tool as it is until ``compensate`` tells it otherwise.
     """
@@ -96,6 +105,7 @@ class Cell:
         rng: np.random.Generator,
         course: Course | None = None,
         master: MasterRows | None = None,
+        host_arm: HostArm | None = None,
     ) -> None:
         register_engine()
         self.scenario, self.model, self.rng, self.course = scenario, model, rng, course
@@ -114,11 +124,11 @@ class Cell:
         check_rates(scenario)
         self.carried = carried_payload(model, self.data, self.arm)
         events = parse_events(scenario.faults.events)
-        check_events(events, on_part=any(job.contact > 0.0 for job in strokes))
+        check_events(events, on_part=any(job.contact > 0.0 for job in strokes), two_robots=master is not None)
         self.faults = FaultClock(events)
         self._touched: str | None = None
         self.strokes = tuple(strokes)
-        self.kernel = self._build_kernel(part, self.strokes[0], q_start, master)
+        self.kernel = self._build_kernel(part, self.strokes[0], q_start, master, host_arm)
         self.compensate(self.carried.mass, self.carried.center)
         self.use_controller(controller)
         rate = scenario.simulation.log_rate_hz
@@ -264,7 +274,9 @@ class Cell:
         mobility = across @ np.linalg.solve(inertia, across.T)
         return float(1.0 / np.linalg.eigvalsh(mobility)[-1])
 
-    def _build_kernel(self, part: RealPart, job: Job, q_start: Array, master: MasterRows | None) -> CellKernel:
+    def _build_kernel(
+        self, part: RealPart, job: Job, q_start: Array, master: MasterRows | None, host_arm: HostArm | None
+    ) -> CellKernel:
         scenario = self.scenario
         sensor, sensor_state = build_sensor(scenario.sensor, self.rng)
         speedl = build_speedl(scenario)
@@ -274,7 +286,8 @@ class Cell:
             # It may move; the caller's part must not.
             part._replace(position=part.position.copy(), rotation=part.rotation.copy()),
             build_part_motion(scenario.part, part),
-            no_carrier() if master is None else build_carrier(self.model, self.data, master, part),
+            no_carrier() if master is None else build_carrier(self.model, self.data, master, part, brakes_of(scenario)),
+            no_host_arm() if host_arm is None else host_arm,
             build_spindle(scenario.spindle),
             sensor,
             sensor_state,

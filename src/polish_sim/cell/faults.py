@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from polish_sim.cell.carrier import HALTED, UNHEARD, WANTED_PACE
 from polish_sim.cell.kernel import CLOCK, CONTACT_TIME, MUTE, PAUSE, POISON, CellKernel
 from polish_sim.cell.spindle import DRIVE
 from polish_sim.cell.wrist_sensor import NEXT
@@ -23,6 +24,7 @@ DRIFT_N_S = 3.0
 PART_M = 0.010
 SHAKE_M, SHAKE_HZ = 0.001, 5.0
 LATENCY_S = 0.040
+SLOW = 0.5
 NOISE_TIMES, FRICTION_TIMES = 10.0, 2.0
 _AWAY_M = 10.0  # where a missing part goes: out of reach
 
@@ -38,6 +40,8 @@ class Fault(NamedTuple):
     """Makes it happen in a running cell."""
     on_part: bool = False
     """Whether it changes nothing without a part to press on."""
+    on_master: bool = False
+    """Whether it changes nothing without a second robot that carries the part."""
 
 
 def _sensor_dropout(cell: CellKernel) -> CellKernel:
@@ -123,6 +127,14 @@ def _friction_jump(cell: CellKernel) -> CellKernel:
     return cell._replace(pad=cell.pad._replace(friction=FRICTION_TIMES * cell.pad.friction))
 
 
+def _master(entry: int, value: float) -> Inject:
+    def inject(cell: CellKernel) -> CellKernel:
+        cell.carrier.clock[entry] = value
+        return cell
+
+    return inject
+
+
 FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
         "sensor-dropout": Fault("the wrist sensor's reading is missing (not a number)", _sensor_dropout),
@@ -148,6 +160,9 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         ),
         "spindle-stop": Fault("the spindle's drive fails: it runs down in 0.5 s", _spindle_stop, on_part=True),
         "friction-jump": Fault(f"the pad's friction grows {FRICTION_TIMES:g} times", _friction_jump, on_part=True),
+        "master-stop": Fault("the master stops itself, as its own guards would", _master(HALTED, 1.0), on_master=True),
+        "master-silent": Fault("the host no longer hears where the master is", _master(UNHEARD, 1.0), on_master=True),
+        "master-slow": Fault(f"the master moves at {SLOW:g} of its speed", _master(WANTED_PACE, SLOW), on_master=True),
     }
 )
 
@@ -174,19 +189,25 @@ def parse_events(text: str) -> tuple[FaultEvent, ...]:
     return tuple(_parse_event(entry.strip()) for entry in text.split(",") if entry.strip())
 
 
-def check_events(events: tuple[FaultEvent, ...], on_part: bool) -> None:
+def check_events(events: tuple[FaultEvent, ...], on_part: bool, two_robots: bool = False) -> None:
     """Refuse faults that would change nothing.
 
     Args:
         events: The planned faults.
         on_part: Whether there is a part to press on.
+        two_robots: Whether a second robot carries the part.
 
     Raises:
         ConfigError: Naming the first such fault.
     """
     for event in events:
+        lacking = ""
         if not on_part and (FAULTS[event.name].on_part or event.after_contact):
-            raise ConfigError(f"the fault '{event}' would change nothing: there is no part to press on. Leave it out.")
+            lacking = "no part to press on"
+        if not two_robots and FAULTS[event.name].on_master:
+            lacking = "no second robot: it is one of 'run dual'"
+        if lacking:
+            raise ConfigError(f"the fault '{event}' would change nothing: there is {lacking}. Leave it out.")
 
 
 def _parse_event(entry: str) -> FaultEvent:

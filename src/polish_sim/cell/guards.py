@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
 MISSING, CONTROLLER_NAN, JOINT_LIMIT, UNSTABLE, ENGINE_CONTACT, CONTROLLER_ERROR = 7.0, 8.0, 9.0, 10.0, 11.0, 12.0
 NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, LOW, RISEN, FALLEN = 13.0, 14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0
+MASTER_HALTED, MASTER_SILENT = 21.0, 22.0
 
 REASONS: Mapping[float, str] = MappingProxyType(
     {
@@ -37,6 +38,8 @@ REASONS: Mapping[float, str] = MappingProxyType(
         CONTROLLER_NAN: "the controller returned a value that is not finite",
         CONTROLLER_ERROR: "the controller raised an error",
         SILENT_HOST: "no command from the host for longer than robot.command_timeout_s",
+        MASTER_HALTED: "the master stopped itself",
+        MASTER_SILENT: "no position of the master for longer than safety.master_timeout_s",
         JOINT_LIMIT: "a joint reached the end of its range",
         UNSTABLE: "the simulation became unstable",
         ENGINE_CONTACT: "links of the robot touched each other or the table",
@@ -67,6 +70,8 @@ class Guards(NamedTuple):
     """[-]"""
     offset: float
     """Of the surface from where it was planned [m]."""
+    master_timeout: float
+    """[s]"""
     points: Array
     """Sample points on the links, body frames [m], shape (k, 3)."""
     bodies: NDArray[np.int64]
@@ -98,6 +103,7 @@ def build_guards(scenario: Scenario, points: Array, bodies: NDArray[np.int64]) -
         safety.jump_limit_n or math.inf,
         safety.singular_value_limit,
         safety.offset_limit_m,
+        safety.master_timeout_s,
         points,
         bodies,
         np.zeros(1),

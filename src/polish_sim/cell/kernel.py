@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from polish_sim.cell.carrier import Carrier
 from polish_sim.cell.contact import Pad, RealPart
 from polish_sim.cell.guards import Guards
+from polish_sim.cell.host_arm import HostArm
 from polish_sim.cell.part_motion import PartMotion
 from polish_sim.cell.protective_stop import StopMotion
 from polish_sim.cell.speedl import SpeedlModel, SpeedlState
@@ -71,6 +72,8 @@ class CellKernel(NamedTuple):
     part: RealPart
     motion: PartMotion
     carrier: Carrier
+    host_arm: HostArm
+    """The arm with the tool as the host computes it."""
     spindle: Spindle
     sensor: SensorModel
     sensor_state: SensorState

@@ -12,10 +12,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.cell.carrier import carry_target, drive_carrier
+from polish_sim.cell.carrying import carry_target, drive_carrier
 from polish_sim.cell.engine import mj_step1, mj_step2
 from polish_sim.cell.felt_inertia import correct_reading, keep_speeds
 from polish_sim.cell.guards import CONTROLLER_ERROR, CONTROLLER_NAN, ENGINE_CONTACT, JOINT_LIMIT, MISSING, UNSTABLE
+from polish_sim.cell.host_arm import HostArm, read_encoders
 from polish_sim.cell.kernel import (
     ARRIVED,
     BLOCKED,
@@ -78,7 +79,7 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         if cell.job.contact > 0.0:
             turn_spindle(cell.spindle, engine.dt)
             press_on_part(cell)
-        _see(engine, m, jacobian)
+        _see(engine, cell.host_arm, m, jacobian)
         sample_sensor(cell.sensor, cell.sensor_state, t, engine.sensordata, draws[k])
         tool_wrench(cell.payload, cell.sensor_state, m.rotation, m.wrench)
         if status[STOP] == 0.0:
@@ -97,7 +98,8 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         record_state(
             recorder, count, t, phase, engine.qpos, engine.qvel, m, target, cell.wrench, cell.speedl_state.twist,
             engine.qpos[6], turn, cell.motion.rest, cell.part.position, cell.spindle.state[SPIN],
-            cell.carrier.tool_on_part,
+            cell.carrier.tool_on_part, engine.site_xpos[engine.tool_site],
+            engine.site_xmat[engine.tool_site].reshape((3, 3)),
         )  # fmt: skip
         keep_speeds(engine)
         mj_step2(engine.model, engine.data)
@@ -156,8 +158,9 @@ def _command(cell: CellKernel, m: Measurement, jacobian: Array, t: float) -> Non
         _stop(status, JOINT_LIMIT, t)
     _drive(robot, cell.engine.ctrl)
     if cell.carrier.present > 0.0:
-        going = status[STOP] == 0.0 and cell.sequence.stage[0] == PROCESS
-        drive_carrier(cell.carrier, going, dt, cell.engine.ctrl)
+        # The stop reaches both robots at once, by its own line.
+        stopping = status[STOP] != 0.0 and cell.stop.state[STAGE] != SENT
+        drive_carrier(cell.carrier, cell.sequence.stage[0] == PROCESS, stopping, dt, cell.engine.ctrl)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -191,9 +194,20 @@ def _is_over(cell: CellKernel, m: Measurement, target: Target, count: int, t: fl
 
 
 @njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _see(e: EngineViews, m: Measurement, jacobian: Array) -> None:
-    """Tool pose and twist from the encoders, and the Jacobian at the tool point."""
-    tool, R = e.site_xpos[e.tool_site], e.site_xmat[e.tool_site]
+def _see(e: EngineViews, arm: HostArm, m: Measurement, jacobian: Array) -> None:
+    """Tool pose and twist from the encoders, and the Jacobian at the tool point, as the host computes them."""
+    if arm.present > 0.0:
+        read_encoders(arm, e.qpos, 0)
+        _move_tool(arm.place, arm.turn, arm.anchors, arm.axes, e.qvel, m, jacobian)
+    else:
+        _move_tool(e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel, m, jacobian)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _move_tool(
+    tool: Array, R: Array, anchors: Array, axes: Array, speeds: Array, m: Measurement, jacobian: Array
+) -> None:
+    """Write pose, Jacobian and twist of a tool (3,), (9,) moved by joints about these axes, (>= 6, 3)."""
     for i in range(3):
         m.position[i] = tool[i]
         for j in range(3):
@@ -201,12 +215,12 @@ def _see(e: EngineViews, m: Measurement, jacobian: Array) -> None:
     for i in range(6):
         m.twist[i] = 0.0
     for j in range(6):
-        ax, ay, az = e.xaxis[j, 0], e.xaxis[j, 1], e.xaxis[j, 2]
-        rx, ry, rz = tool[0] - e.xanchor[j, 0], tool[1] - e.xanchor[j, 1], tool[2] - e.xanchor[j, 2]
+        ax, ay, az = axes[j, 0], axes[j, 1], axes[j, 2]
+        rx, ry, rz = tool[0] - anchors[j, 0], tool[1] - anchors[j, 1], tool[2] - anchors[j, 2]
         jacobian[0, j], jacobian[1, j], jacobian[2, j] = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
         jacobian[3, j], jacobian[4, j], jacobian[5, j] = ax, ay, az
         for i in range(6):
-            m.twist[i] += jacobian[i, j] * e.qvel[j]
+            m.twist[i] += jacobian[i, j] * speeds[j]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.cell.carrier import add_carried_speed, carry_part
+from polish_sim.cell.carrying import add_carried_speed, carry_part, see_tool
 from polish_sim.cell.contact import press_pad
 from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.part_motion import move_part
@@ -21,12 +21,16 @@ def place_part(cell: CellKernel, t: float) -> None:
     e, flange = cell.engine, cell.carrier.flange_body
     if cell.carrier.present > 0.0:
         carry_part(
-            cell.carrier, e.xmat[flange].reshape((3, 3)), e.xpos[flange], e.xanchor, e.xaxis, e.qvel,
-            e.site_xpos[e.tool_site], cell.part, cell.motion,
+            cell.carrier, e.xmat[flange].reshape((3, 3)), e.xpos[flange], e.xanchor, e.xaxis, e.qpos, e.qvel,
+            cell.part, cell.motion, e.dt,
         )  # fmt: skip
     move_part(cell.motion, t, e.dt, cell.part.position)
     if cell.carrier.present > 0.0:
         add_carried_speed(cell.carrier, e.xpos[flange], cell.part.position, cell.motion.velocity)
+        slip = cell.scratch[0]
+        for i in range(3):
+            slip[i] = cell.part.position[i] - cell.motion.place[i]
+        see_tool(cell.carrier, e.xmat[flange].reshape((3, 3)), e.xpos[flange], e.site_xpos[e.tool_site], slip)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)

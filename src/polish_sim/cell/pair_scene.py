@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell.carrier import FOLLOWER, MASTER
-from polish_sim.cell.scene import add_drawn_part, robot_with_tool, set_options
+from polish_sim.cell.scene import add_drawn_part, bend_arm, robot_with_tool, set_options
 from polish_sim.config import Scenario
 from polish_sim.errors import ReachError
 from polish_sim.geometry import PartMesh
 from polish_sim.models import robot_model_path
+from polish_sim.motion.arm_table import NOMINAL, is_nominal
 
 Array = NDArray[np.float64]
 
@@ -41,13 +42,26 @@ class Held(NamedTuple):
     """For checks only: the part's convex hull collides with what comes this close [m]; None: it touches nothing."""
 
 
-def build_pair_scene(scenario: Scenario, T_follower_master: Array, held: Held) -> mujoco.MjModel:
+class BuiltArms(NamedTuple):
+    """Both arms as they are built, tables of Denavit-Hartenberg parameters, each (4, 6)."""
+
+    master: Array = NOMINAL
+    follower: Array = NOMINAL
+
+
+AS_DRAWN: Final = BuiltArms()
+
+
+def build_pair_scene(
+    scenario: Scenario, T_follower_master: Array, held: Held, arms: BuiltArms = AS_DRAWN
+) -> mujoco.MjModel:
     """Compile the cell of two robots.
 
     Args:
         scenario: Head, pad, robots and time step.
         T_follower_master: The master's base in the follower's, as it really stands, shape (4, 4).
         held: What the master holds.
+        arms: The arms as they are built.
 
     Returns:
         The compiled model: the follower's joints and controls first, names begin with ``follower_`` and ``master_``.
@@ -58,6 +72,9 @@ def build_pair_scene(scenario: Scenario, T_follower_master: Array, held: Held) -
     scene = _file_without_keyframe(scenario)
     scene.delete(scene.body("base"))
     follower, master = robot_with_tool(scenario), _file_without_keyframe(scenario)
+    for arm, table in ((master, arms.master), (follower, arms.follower)):
+        if not is_nominal(table):
+            bend_arm(arm, table)
     for key in list(follower.keys):
         follower.delete(key)
     master.delete(master.body("tool_mount"))

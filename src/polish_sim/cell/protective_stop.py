@@ -45,6 +45,13 @@ class StopMotion(NamedTuple):
     """Direction of the retract, against the tool axis, shape (3,)."""
 
 
+def brakes_of(scenario: Scenario) -> Array:
+    """Deceleration of a protective stop [m/s^2], [rad/s^2], shape (2,): speedl's limits, both as much firmer."""
+    robot, deceleration = scenario.robot, scenario.safety.stop_deceleration_m_s2
+    turning = robot.angular_acceleration_rad_s2 * deceleration / robot.linear_acceleration_m_s2
+    return np.array([deceleration, turning])
+
+
 def build_stop_motion(scenario: Scenario, clearance: float) -> StopMotion:
     """How this scenario's robot stops; ``clearance`` [m] is how far it goes back."""
     safety = scenario.safety

@@ -69,7 +69,7 @@ def _put(row: Array, start: int, values: Array, count: int) -> None:
 def record_state(
     recorder: Recorder, count: int, t: float, phase: float, q: Array, qd: Array, m: Measurement, target: Target,
     true_wrench: Array, command: Array, travel: float, turn: int, part_rest: Array, part_position: Array,
-    spin: float, tool_on_part: Array,
+    spin: float, tool_on_part: Array, tool_position: Array, tool_rotation: Array,
 ) -> None:  # fmt: skip
     """Record this instant, before the engine moves on; the sensor's raw reading follows in ``record_reading``.
 
@@ -80,7 +80,7 @@ def record_state(
         phase: Phase as in ``log.PHASES``.
         q: Joint positions [rad], shape (>= 6,).
         qd: Joint speeds [rad/s], shape (>= 6,).
-        m: Measurement (its pose and twist are exact).
+        m: Measurement; what the errors are measured by.
         target: Target.
         true_wrench: Exact wrench of the tool on the part, tool axes, tool point, shape (6,).
         command: Twist acting in the robot, shape (6,).
@@ -90,6 +90,8 @@ def record_state(
         part_position: Origin of the part's frame now [m], shape (3,).
         spin: Speed of the spindle [rad/s].
         tool_on_part: Tool point on a part that is carried [m], shape (3,).
+        tool_position: Tool point as it is [m], shape (3,).
+        tool_rotation: Tool frame as it is, shape (3, 3).
     """
     force = true_wrench[2]
     recorder.span[0] = min(recorder.span[0], force)
@@ -99,6 +101,7 @@ def record_state(
     _trace_step(trace, t, phase, force, speed, m, target, travel)
     for i in range(3):
         trace[12 + i] = part_position[i] - part_rest[i]
+        trace[6 + i] = tool_position[i]
     trace[15] = spin
     _put(trace, 19, tool_on_part, 3)
     recorder.filled[1] += 1
@@ -108,8 +111,8 @@ def record_state(
     row[_TIME] = t
     _put(row, _Q, q, 6)
     _put(row, _QD, qd, 6)
-    _put(row, _POSITION, m.position, 3)
-    quaternion_from_rotation(m.rotation, row[_QUATERNION : _QUATERNION + 4])
+    _put(row, _POSITION, tool_position, 3)
+    quaternion_from_rotation(tool_rotation, row[_QUATERNION : _QUATERNION + 4])
     _put(row, _TARGET_POSITION, target.position, 3)
     quaternion_from_rotation(target.rotation, row[_TARGET_QUATERNION : _TARGET_QUATERNION + 4])
     row[_SPEED] = speed
@@ -139,7 +142,6 @@ def _trace_step(
     trace[3] = math.sqrt(total)
     trace[4] = math.sqrt(max(total - along * along, 0.0))
     trace[5] = rotation_angle(m.rotation, target.rotation)
-    trace[6], trace[7], trace[8] = m.position[0], m.position[1], m.position[2]
     trace[9] = speed
     trace[10], trace[11] = target.path[0], travel
     trace[16], trace[17], trace[18] = ex, ey, ez

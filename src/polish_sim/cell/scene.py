@@ -14,6 +14,7 @@ from polish_sim.cell.contact import RealPart
 from polish_sim.config import Scenario
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.models import robot_model_path
+from polish_sim.motion.arm_table import link_poses
 from polish_sim.spatial import apply, inverse, transform
 
 Array = NDArray[np.float64]
@@ -59,6 +60,18 @@ def robot_spec(scenario: Scenario) -> Any:
     set_options(spec, scenario)
     _fit_head(spec, scenario)
     return spec
+
+
+def bend_arm(spec: Any, table: Array) -> None:
+    """Make the arm of a spec one with this table of Denavit-Hartenberg parameters, shape (4, 6).
+
+    Body ``link_i`` is frame i: its joint turns about z of the frame before.
+    """
+    for number, T in enumerate(link_poses(table), 1):
+        body = spec.body(f"link_{number}")
+        body.pos, body.quat = T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+        joint = body.joints[0]
+        joint.axis, joint.pos = T[2, :3], -T[:3, :3].T @ T[:3, 3]
 
 
 def set_options(spec: Any, scenario: Scenario) -> None:

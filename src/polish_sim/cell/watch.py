@@ -10,6 +10,7 @@ import math
 
 from numba import njit
 
+from polish_sim.cell.carrier import HALTED, SILENCE
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.guards import (
     CRASH,
@@ -24,6 +25,8 @@ from polish_sim.cell.guards import (
     JUMP,
     LOST,
     LOW,
+    MASTER_HALTED,
+    MASTER_SILENT,
     NO_READING,
     RISEN,
     SILENT_HOST,
@@ -78,6 +81,10 @@ def check_guards(cell: CellKernel, m: Measurement, target: Target, count: int) -
         return SINGULAR
     if robot.request[NUMBER] > 0.0 and robot.clock[AGE] >= cell.speedl.timeout:
         return SILENT_HOST
+    if cell.carrier.clock[HALTED] != 0.0:
+        return MASTER_HALTED
+    if cell.carrier.clock[SILENCE] > guards.master_timeout:
+        return MASTER_SILENT
     if cell.job.contact > 0.0 and cell.spindle.state[SPIN] < SPINDLE_SHARE * cell.spindle.commanded:
         return SPINDLE
     moved = _check_surface(cell, m, target)

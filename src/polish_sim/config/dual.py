@@ -25,6 +25,19 @@ class DualConfig:
     tool_file: str = key(
         "", "calibration.toml of `calibrate tcp`; empty = calibrated before the run with simulated touches"
     )
+    arms_file: str = key(
+        "", "calibration.toml of `calibrate arm`: both arms' tables and where the follower's base stands"
+    )
+    arm_length_error_m: float = key(
+        0.0, "how far both arms are off their tables, d and a, standard deviation [m]", 0.0, 0.002
+    )
+    arm_angle_error_rad: float = key(0.0, "the same of joint offsets and alpha, standard deviation [rad]", 0.0, 0.004)
+    arm_poses: int = key(
+        0,
+        "poses of each arm by which a simulated tracker finds its table before the run; 0 = taken as nominal",
+        0,
+        1000,
+    )
     tracker_noise_m: float = key(3e-5, "noise of the simulated tracker per coordinate, rms [m]", 0.0, 0.01)
     touch_noise_m: float = key(5e-5, "noise of simulated touches per coordinate, rms [m]", 0.0, 0.01)
     marks: int = key(3, "marks around the part, touched to find it on the master's flange", 3, 100)
@@ -50,6 +63,8 @@ class DualConfig:
     master_path: str = key(
         "", "CSV of poses of the part, or of the master's flange, over time instead of all that; see docs/dual.md"
     )
+    master_delay_s: float = key(0.003, "how late the master's joint positions reach the host [s]", 0.0, 0.1)
+    master_rate_hz: float = key(500.0, "how often they come, held in between [Hz]", 10.0, 1e5)
     standoff_m: float = key(
         0.0, "the tool follows this far above the part and touches nothing, 0 = presses on it [m]", 0.0, 0.1
     )

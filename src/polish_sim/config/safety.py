@@ -18,6 +18,9 @@ class SafetyConfig:
     )
     contact_lost_s: float = key(2.0, "longest time without contact during the process [s]", 0.01, 1e6)
     sensor_timeout_s: float = key(0.02, "longest time an unchanged sensor reading is believed [s]", 0.002, 10.0)
+    master_timeout_s: float = key(
+        0.02, "two robots: longest time the host goes on without hearing where the master is [s]", 0.002, 10.0
+    )
     jump_limit_n: float = key(9.0, "largest jump of the sensor's reading within 5 ms, 0 = any [N]", 0.0, 1e4)
     offset_limit_m: float = key(0.005, "how far the surface may be from where it was planned [m]", 1e-4, 0.2)
     stop_latency_s: float = key(0.004, "from a protective stop to the brakes [s]", 0.0, 0.1)

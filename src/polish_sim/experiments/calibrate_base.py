@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
@@ -25,9 +26,12 @@ from polish_sim.calibration.frames import (
 )
 from polish_sim.errors import unknown_name
 from polish_sim.motion import forward_many
+from polish_sim.motion.arm_table import flange_poses
 from polish_sim.spatial import apply, from_pose, inverse, rotation_angle
 
 Array = NDArray[np.float64]
+Flanges = Callable[[Array], Array]
+"""Poses of a flange in its base, (n, 4, 4), from joint angles (n, 6)."""
 
 TARGET: Final = np.array([-0.03, 0.02, 0.05])
 """The tracker's target on the flange [m]: outwards, which makes the circles larger."""
@@ -113,23 +117,28 @@ def planted_bases(rng: np.random.Generator) -> TrueBases:
     return TrueBases(dict(zip(ROBOTS, (T_tracker_master, T_tracker_master @ T_master_follower), strict=True)))
 
 
-def simulate_arcs(truth: TrueBases, count: int, noise: float, rng: np.random.Generator) -> AxisArcs:
-    """Axis 1, then axis 2 of each robot turns, at joint angles nobody reads."""
+def simulate_arcs(
+    truth: TrueBases, count: int, noise: float, rng: np.random.Generator, tables: Mapping[str, Array] | None = None
+) -> AxisArcs:
+    """Axis 1, then axis 2 of each robot turns, at joint angles nobody reads; ``tables``: of arms as they are built."""
+    flanges = {r: partial(flange_poses, tables[r]) if tables else forward_many for r in ROBOTS}
     return AxisArcs(
-        {r: (_arc(T, 0, count, noise, rng), _arc(T, 1, count, noise, rng)) for r, T in truth.T_tracker.items()}
-    )
+        {r: (_arc(T, flanges[r], 0, count, noise, rng), _arc(T, flanges[r], 1, count, noise, rng))
+         for r, T in truth.T_tracker.items()}
+    )  # fmt: skip
 
 
-def _arc(T_tracker_base: Array, joint: int, count: int, noise: float, rng: np.random.Generator) -> Array:
+def _arc(
+    T_tracker_base: Array, flanges: Flanges, joint: int, count: int, noise: float, rng: np.random.Generator
+) -> Array:
     q = np.zeros((count, 6))
     first, last = np.radians(ARCS[joint])
     q[:, joint] = np.sort(np.r_[first, last, rng.uniform(first, last, max(count - 2, 0))])[:count]
-    return apply(T_tracker_base, _target(q)) + noise * rng.standard_normal((count, 3))
+    return apply(T_tracker_base, _target(flanges(q))) + noise * rng.standard_normal((count, 3))
 
 
-def _target(q: Array) -> Array:
-    """The tracker's target in the robot's base [m], shape (n, 3)."""
-    T = forward_many(q)
+def _target(T: Array) -> Array:
+    """The tracker's target in the robot's base [m], shape (n, 3), from poses of the flange (n, 4, 4)."""
     return np.asarray(T[:, :3, :3] @ TARGET + T[:, :3, 3])
 
 
@@ -138,7 +147,7 @@ def simulate_poses(truth: TrueBases, count: int, noise: float, rng: np.random.Ge
     low, high = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
     points = {}
     for robot, T in truth.T_tracker.items():
-        own = _target(rng.uniform(low, high, (count, 6)))
+        own = _target(forward_many(rng.uniform(low, high, (count, 6))))
         points[robot] = (apply(T, own) + noise * rng.standard_normal(own.shape), own)
     return TrackedPoses(points)
 

@@ -5,6 +5,7 @@ Kinematics only: what counts is how well a tip meets a point, and that is the st
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -25,6 +26,8 @@ from polish_sim.motion import forward_many, inverse_near
 from polish_sim.spatial import rotation_angle, transform
 
 Array = NDArray[np.float64]
+Reading = Callable[[Array, Array], Array]
+"""Flange poses (n, 4, 4) a host reads, from those the flange really has and the nominal arm's joints there (n, 6)."""
 
 POINT: Final = np.array([-0.45, -0.15, 0.3])
 """The point that is touched, base frame [m]: 0.3 m above the table, where tilted wrists still reach it."""
@@ -105,8 +108,17 @@ def planted_tool(rng: np.random.Generator) -> Array:
     return transform(turn, np.array([*SIDEWAYS * rng.uniform(-1.0, 1.0, 2), LENGTH]))
 
 
-def simulate_touches(trial: TcpTrial, T_flange_tool: Array, rng: np.random.Generator) -> ToolMeasurements:
-    """Touches in the planned orientations, and the three points of the tool's axes, each as the joints say it."""
+def simulate_touches(
+    trial: TcpTrial, T_flange_tool: Array, rng: np.random.Generator, read: Reading | None = None
+) -> ToolMeasurements:
+    """Touches in the planned orientations, and the three points of the tool's axes, each as the joints say it.
+
+    Args:
+        trial: Noise, poses, moves.
+        T_flange_tool: The tool, shape (4, 4).
+        rng: Draws the noise.
+        read: What the host reads of an arm off its table; None: the arm is as its table says.
+    """
     R = plan_touch_orientations(trial.poses, trial.cone)
     tips = POINT + trial.noise * rng.standard_normal((len(R), 3))
     axes = TOOL_DOWN @ T_flange_tool[:3, :3]
@@ -114,17 +126,17 @@ def simulate_touches(trial: TcpTrial, T_flange_tool: Array, rng: np.random.Gener
     start = POINT - trial.move * axes[:, 2]
     corners = start + trial.move * np.stack([np.zeros(3), axes[:, 0], axes[:, 2]])
     corners += trial.noise * rng.standard_normal((3, 3))
-    touches = reached(transform(R, tips - R @ T_flange_tool[:3, 3]))
+    touches = reached(transform(R, tips - R @ T_flange_tool[:3, 3]), read)
     R_moves = np.tile(TOOL_DOWN, (3, 1, 1))
-    moved = reached(transform(R_moves, corners - R_moves @ T_flange_tool[:3, 3]))
+    moved = reached(transform(R_moves, corners - R_moves @ T_flange_tool[:3, 3]), read)
     return ToolMeasurements(ToolTouches(touches), moved)
 
 
-def reached(T_base_flange: Array) -> Array:
-    """Flange poses as forward kinematics has them after the inverse, shape (n, 4, 4).
+def reached(T_base_flange: Array, read: Reading | None = None) -> Array:
+    """Flange poses as the host reads them, by forward kinematics after the inverse if not said, shape (n, 4, 4).
 
     Raises:
         ReachError: The arm cannot do one of them.
     """
     q = np.stack([inverse_near(T, Q_NEAR) for T in T_base_flange])
-    return np.ascontiguousarray(forward_many(q))
+    return np.ascontiguousarray(forward_many(q) if read is None else read(T_base_flange, q))

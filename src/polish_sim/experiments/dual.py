@@ -13,7 +13,8 @@ from polish_sim.analysis.dual_figures import Wanted, measure_pair, pair_errors
 from polish_sim.analysis.metrics import measure_surface
 from polish_sim.analysis.removal_figures import measure_removal
 from polish_sim.cell import Cell, CellRun, Job, Observer, RealPart, Silent, build_real_part
-from polish_sim.cell.pair_scene import Held, build_pair_scene
+from polish_sim.cell.host_arm import build_host_arm
+from polish_sim.cell.pair_scene import BuiltArms, Held, build_pair_scene
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import course_for
@@ -32,9 +33,7 @@ from polish_sim.experiments.removal import remove_material
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.tool_payload import believe_tool
 from polish_sim.log import RunLog, with_column
-from polish_sim.motion import forward, forward_many
-from polish_sim.motion.timed_path import TimedPath
-from polish_sim.motion.trajectory import PathTable
+from polish_sim.motion import forward_many
 from polish_sim.planning import PlanResult
 from polish_sim.spatial import apply, inverse
 
@@ -104,12 +103,12 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
     )  # fmt: skip
     true = task.frames.true
     held = Held(place.shape.mesh, scenario.dual.density_kg_m3, _part_on_flange(task, part))
+    model = build_pair_scene(scenario, inverse(true.T_master_follower), held, BuiltArms(**task.arms.true))
     controller = build_controller(scenario.controller)
-    T_believed_true = inverse(task.frames.believed.T_flange_tool) @ true.T_flange_tool
+    host_arm = build_host_arm(task.arms.believed["follower"], np.eye(4), task.frames.believed.T_flange_tool)
     cell = Cell(
-        strongest(scenario, place.path), build_pair_scene(scenario, inverse(true.T_master_follower), held), part,
-        [with_tool(job, T_believed_true) for job in strokes], place.reach.q_start, controller,
-        streams[SENSOR_STREAM], course_for(controller, scenario, place, strokes), task.master,
+        strongest(scenario, place.path), model, part, strokes, _start(task), controller, streams[SENSOR_STREAM],
+        course_for(controller, scenario, place, strokes), task.master, host_arm,
     )  # fmt: skip
     believe_tool(cell, streams[PAYLOAD_STREAM])
     return DualCell(cell, strokes, part)
@@ -117,19 +116,9 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
 
 def part_turns(log: RunLog, task: DualTask, part: RealPart) -> Array:
     """How the part the master carries really stands in the follower's base at the log's rows, shape (n, 3, 3)."""
-    flanges = forward_many(np.asarray(log["master_q_rad"], dtype=np.float64))
+    flanges = task.arms.flanges("master", np.asarray(log["master_q_rad"], dtype=np.float64))
     R_base_master = inverse(task.frames.true.T_master_follower)[:3, :3]
     return np.asarray(R_base_master @ flanges[:, :3, :3] @ _part_on_flange(task, part)[:3, :3])
-
-
-def with_tool(job: Job, T_believed_true: Array) -> Job:
-    """The stroke the real tool makes where the host moves the one it believes in: every pose times this (4, 4)."""
-    return job._replace(
-        travel=_moved_motion(job.travel, T_believed_true),
-        lead_in=_moved_table(job.lead_in, T_believed_true),
-        process=_moved_table(job.process, T_believed_true),
-        motion=_moved_motion(job.motion, T_believed_true),
-    )
 
 
 def wanted_on_part(strokes: list[Job], T_base_work: Array) -> Wanted:
@@ -147,7 +136,7 @@ def work_turns(run: CellRun, task: DualTask) -> Array:
     true = task.frames.true
     R_flange_work = (true.T_flange_gripper @ true.T_gripper_work)[:3, :3]
     q = np.ascontiguousarray(run.log["master_q_rad"], dtype=np.float64)
-    R = true.T_master_follower[:3, :3].T @ forward_many(q)[:, :3, :3] @ R_flange_work
+    R = true.T_master_follower[:3, :3].T @ task.arms.flanges("master", q)[:, :3, :3] @ R_flange_work
     times, wanted = np.asarray(run.log["time_s"], dtype=np.float64), run.trace.time_s[run.trace.phase == 2]
     if len(times) < 2:
         return np.repeat(R[:1], len(wanted), axis=0)
@@ -163,29 +152,15 @@ def _at_rows(run: CellRun, values: Array) -> Array:
     return every[np.minimum(rows, len(every) - 1)]
 
 
+def _start(task: DualTask) -> Array:
+    """Joints with which the host expects the follower at the start of its path [rad], shape (6,)."""
+    q = task.place.reach.q_start[None]
+    return task.arms.joints("follower", forward_many(np.ascontiguousarray(q)), q)[0]
+
+
 def _part_on_flange(task: DualTask, part: RealPart) -> Array:
     """The real part on the master's flange, where it is drawn, shape (4, 4)."""
-    T_base_flange = inverse(task.frames.true.T_master_follower) @ forward(task.master.q[0])
+    T_base_flange = inverse(task.frames.true.T_master_follower) @ task.arms.flanges("master", task.master.q[:1])[0]
     T_base_part = np.eye(4)
     T_base_part[:3, :3], T_base_part[:3, 3] = part.rotation, part.position
     return np.asarray(inverse(T_base_flange) @ T_base_part)
-
-
-def _moved_table(table: PathTable, T: Array) -> PathTable:
-    offset, quaternions = _offsets(table.quaternions, T)
-    tangents = table.tangents + np.cross(table.turning, offset)
-    return table._replace(positions=table.positions + offset, tangents=tangents, quaternions=quaternions)
-
-
-def _moved_motion(motion: TimedPath, T: Array) -> TimedPath:
-    offset, quaternions = _offsets(motion.quaternions, T)
-    velocities = motion.velocities + np.cross(motion.spins, offset)
-    return motion._replace(positions=motion.positions + offset, velocities=velocities, quaternions=quaternions)
-
-
-def _offsets(quaternions: Array, T: Array) -> tuple[Array, Array]:
-    """What frames (n, 4) times T shifts their origins by [m], (n, 3), and the new frames without sign jumps."""
-    turns = Rotation.from_quat(quaternions, scalar_first=True)
-    turned = (turns * Rotation.from_matrix(T[:3, :3])).as_quat(scalar_first=True)
-    signs = np.where(np.sum(turned[1:] * turned[:-1], axis=1) < 0.0, -1.0, 1.0)
-    return turns.apply(T[:3, 3]), np.ascontiguousarray(turned * np.cumprod(np.r_[1.0, signs])[:, None])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from polish_sim.calibration.frames import ROBOTS
 from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.cell.carrier import MasterRows
 from polish_sim.cell.pair_contacts import CLEARANCE, PairContacts
@@ -20,6 +21,7 @@ from polish_sim.control import build_controller
 from polish_sim.errors import ReachError
 from polish_sim.experiments.assembly import Workplace
 from polish_sim.experiments.master_motion import master_motion
+from polish_sim.experiments.pair_arms import PairArms, pair_arms
 from polish_sim.experiments.pair_checks import Check, check_length, check_motion
 from polish_sim.experiments.pair_cure import Trial, held_poses, what_would_do
 from polish_sim.experiments.pair_frames import PairFrames, calibrated_frames, true_chain
@@ -33,15 +35,21 @@ from polish_sim.experiments.pair_placement import (
     tool_on_start,
 )
 from polish_sim.experiments.pair_strokes import lifted, pair_strokes
-from polish_sim.experiments.pair_survey import Site
+from polish_sim.experiments.pair_survey import Site, tracker_sees
 from polish_sim.experiments.pair_visits import Visits, plan_visits
 from polish_sim.experiments.part_setup import PlacedTool, check_set_points, part_file
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.real_shape import real_shape
 from polish_sim.experiments.rim_path import rim_path
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
-from polish_sim.motion import forward_many
-from polish_sim.motion.coordination import follow_joints, master_flange, plan_coordinated
+from polish_sim.motion.arm_table import flange_poses, is_nominal
+from polish_sim.motion.coordination import (
+    chain_residual,
+    follow_joints,
+    follower_flange,
+    master_flange,
+    plan_coordinated,
+)
 from polish_sim.motion.smoothing.arm import build_arm
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.spatial import inverse
@@ -54,6 +62,7 @@ LOOK_M: Final = 0.001  # between its places, at most [m]
 ROW_S: Final = 0.02  # between rows of the master's joints [s]
 SPARE_S: Final = 1.0  # of its motion beyond the work, should the controller slow the feed [s]
 FRAMES_STREAM: Final = 15  # of the seed, for the simulated calibrations
+ARMS_STREAM: Final = 16  # of the seed, for arms off their tables
 
 
 @dataclass(frozen=True)
@@ -63,6 +72,7 @@ class DualTask:
     place: Workplace
     """As the follower sees it, part at the start of its way and where the host believes it to be."""
     frames: PairFrames
+    arms: PairArms
     reach: PairReach
     work: Work
     """What is done, as the host believes it."""
@@ -96,8 +106,10 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     path = lifted(path, scenario.dual.standoff_m)
     visits = _visits(scenario, path)
     observer.stage("calibrate the robots")
+    stand = tracker_sees(true_chain(scenario.dual).T_master_follower).T_tracker
+    arms = pair_arms(scenario.dual, stand, np.random.default_rng([scenario.seed, ARMS_STREAM]))
     site = _site(scenario, path, visits, region.up, marks_on(region, surface, scenario.dual.marks))
-    frames = calibrated_frames(scenario.dual, site, _frames_stream(scenario.seed))
+    frames = calibrated_frames(scenario.dual, site, _frames_stream(scenario.seed), arms)
     observer.stage("check the reach of both robots")
     motion = master_motion(scenario, path, region.up, frames.believed)
     check_length(visits, motion)
@@ -119,10 +131,10 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     place = Workplace(mesh, surface, region, path, own, real_shape(scenario, mesh, surface, path))
     rotations = tool_on_start(work, reach, path.axes_work, visits.clock_at(path.s))
     placed = PlacedTool(T_base_work, rotations, build_arm(np.eye(4), tool_on_flange(), reach.q_follower))
-    master = _master_rows(frames, reach, work)
+    master = _master_rows(scenario, frames, arms, reach, work)
     closely = _visits(scenario, path, min(LOOK_S, LOOK_M / scenario.process.feed_m_s))
     check_motion(Check(work, reach, motion, closely, scenario.robot), master, collides)
-    return DualTask(place, frames, reach, work, placed, master, _residual(work, reach))
+    return DualTask(place, frames, arms, reach, work, placed, master, _residual(work, reach, arms))
 
 
 def _visits(scenario: Scenario, path: ToolPath, step: float | None = None) -> Visits:
@@ -164,24 +176,36 @@ def _frames_stream(seed: int) -> np.random.Generator:
     return np.random.default_rng([seed, FRAMES_STREAM])
 
 
-def _master_rows(frames: PairFrames, reach: PairReach, work: Work) -> MasterRows:
+def _master_rows(scenario: Scenario, frames: PairFrames, arms: PairArms, reach: PairReach, work: Work) -> MasterRows:
     """Joints of the master along its way; the loop lets their time begin and end gently."""
     believed, true = frames.believed, frames.true
     duration = min(float(work.visits.clock[-1]) + SPARE_S, work.way.lasts)
     time = np.linspace(0.0, duration, math.ceil(duration / ROW_S) + 1)
-    q = follow_joints(master_flange(believed, work.way(reach.T_master_work, time)), reach.q_master, "master")
-    T_master_work = forward_many(q[:1])[0] @ true.T_flange_gripper @ true.T_gripper_work
+    flanges = master_flange(believed, work.way(reach.T_master_work, time))
+    q = arms.joints("master", flanges, follow_joints(flanges, reach.q_master, "master"))
+    T_master_work = arms.flanges("master", q[:1])[0] @ true.T_flange_gripper @ true.T_gripper_work
     return MasterRows(
         float(time[1]),
         q,
         np.ascontiguousarray(CubicSpline(time, q)(time, 1)),
         inverse(true.T_master_follower) @ T_master_work,
         inverse(believed.T_master_follower) @ true.T_master_follower,
+        arms.believed["master"],
+        scenario.dual.master_delay_s,
+        1.0 / scenario.dual.master_rate_hz,
     )
 
 
-def _residual(work: Work, reach: PairReach) -> float:
-    """How far the closed chain of the planned joints is from closing [m] or [rad]."""
+def _residual(work: Work, reach: PairReach, arms: PairArms) -> float:
+    """How far the closed chain of the planned joints is from closing, by the host's tables [m] or [rad]."""
     parts, tools = sampled(work, reach.T_master_work, reach.spin)
     T_work_tool = inverse(parts) @ work.chain.T_master_follower @ tools
-    return plan_coordinated(work.chain, parts, T_work_tool, (reach.q_master, reach.q_follower)).residual
+    nominal = plan_coordinated(work.chain, parts, T_work_tool, (reach.q_master, reach.q_follower))
+    if all(map(is_nominal, arms.believed.values())):
+        return nominal.residual
+    wanted = master_flange(work.chain, parts), follower_flange(work.chain, parts, T_work_tool)
+    reached = [
+        flange_poses(arms.believed[robot], arms.joints(robot, T, q))
+        for robot, T, q in zip(ROBOTS, wanted, nominal[:2], strict=True)
+    ]
+    return float(np.abs(chain_residual(work.chain, reached[0], reached[1], T_work_tool)).max())

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.calibration.arm import read_arm_calibration
 from polish_sim.calibration.frames import read_base_calibration
 from polish_sim.calibration.pair import PairAdjustment, PairParts, adjust_pair
 from polish_sim.calibration.tool import read_tool_calibration
@@ -18,6 +19,7 @@ from polish_sim.cell import tool_on_flange
 from polish_sim.cell.pair_scene import GRIPPER_LENGTH
 from polish_sim.config import DualConfig
 from polish_sim.errors import CalibrationError, ConfigError, place_in_mm
+from polish_sim.experiments.pair_arms import AS_DRAWN, PairArms
 from polish_sim.experiments.pair_survey import Site, find_parts, touch_marks
 from polish_sim.motion.coordination import Chain2, follower_flange, master_flange
 from polish_sim.spatial import from_pose, inverse, rotation_angle, transform
@@ -45,14 +47,16 @@ def settled_bases(config: DualConfig) -> DualConfig:
         CalibrationError: It is another pair's.
         ConfigError: Another place of the follower's base is asked for.
     """
-    if not config.bases_file:
+    file = config.arms_file or config.bases_file
+    if not file:
         return config
-    planted = read_base_calibration(Path(config.bases_file), config.pair).T_true
+    read = read_arm_calibration if config.arms_file else read_base_calibration
+    planted = read(Path(file), config.pair).T_true
     if planted is None or _same_pose(config.follower_pose, planted):
         return config
     if config.follower_pose != DualConfig().follower_pose:
         raise ConfigError(
-            f"'dual.follower_pose' is {_pose_text(_follower_pose(config))}, but '{config.bases_file}' was measured on "
+            f"'dual.follower_pose' is {_pose_text(_follower_pose(config))}, but '{file}' was measured on "
             f"simulated robots that stand at {_pose_text(planted)}: leave one of them out."
         )
     turn = Rotation.from_matrix(planted[:3, :3]).as_rotvec()
@@ -91,13 +95,16 @@ def _chain(T_master_follower: Array) -> Chain2:
     return Chain2(T_master_follower, T_flange_gripper, np.eye(4), tool_on_flange())
 
 
-def calibrated_frames(config: DualConfig, site: Site, rng: np.random.Generator) -> PairFrames:
+def calibrated_frames(
+    config: DualConfig, site: Site, rng: np.random.Generator, arms: PairArms = AS_DRAWN
+) -> PairFrames:
     """What is true and what the host believes of it.
 
     Args:
         config: Where the robots stand; calibrations, or the noise of those that are simulated before the run.
         site: Where the part's marks are touched.
         rng: Draws the noise.
+        arms: Both arms.
 
     Returns:
         Both chains.
@@ -107,10 +114,10 @@ def calibrated_frames(config: DualConfig, site: Site, rng: np.random.Generator) 
         CalibrationError: It is another pair's or another tool's, or does not fit where the robots stand.
     """
     true = true_chain(config)
-    parts, R_flange_tool = _given(config, true, find_parts(config, true, site, rng))
+    parts, R_flange_tool = _given(config, true, find_parts(config, true, site, rng, arms))
     # A calibration from a file is believed as it is.
-    count = 0 if config.bases_file or config.tool_file else config.closing_touches
-    closing = touch_marks(true, site, count, config.touch_noise_m, rng)
+    count = 0 if config.bases_file or config.tool_file or config.arms_file else config.closing_touches
+    closing = touch_marks(true, site, count, config.touch_noise_m, rng, arms)
     adjusted = adjust_pair(parts, site.marks_work, closing, config.touch_noise_m)
     return PairFrames(true, believed_chain(adjusted, R_flange_tool, true))
 
@@ -148,19 +155,21 @@ def _given(config: DualConfig, true: Chain2, found: tuple[PairParts, Array]) -> 
     """What was found, what files say instead of it put in its place."""
     parts, R_flange_tool = found
     if config.bases_file:
-        parts = parts._replace(T_master_follower=_bases_of(config, true.T_master_follower))
+        T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
+        parts = parts._replace(T_master_follower=T)
+    if config.bases_file or config.arms_file:
+        _check_bases(config, parts.T_master_follower, true.T_master_follower)
     if config.tool_file:
         T = _tool_of(config, true.T_flange_tool)
         parts, R_flange_tool = parts._replace(tip=T[:3, 3]), T[:3, :3]
     return parts, R_flange_tool
 
 
-def _bases_of(config: DualConfig, T_master_follower: Array) -> Array:
-    """The follower's base in the master's, from a file."""
-    T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
+def _check_bases(config: DualConfig, T: Array, T_master_follower: Array) -> None:
+    """Refuse a file's place of the follower's base in the master's that is not where it stands."""
     told = f"set the cell up as it was: --set dual.follower_pose={_pose_text(T)}"
-    _check_near(f"'{config.bases_file}' puts the follower's base", "dual.follower_pose", T, T_master_follower, told)
-    return T
+    what = f"'{config.bases_file or config.arms_file}' puts the follower's base"
+    _check_near(what, "dual.follower_pose", T, T_master_follower, told)
 
 
 def _tool_of(config: DualConfig, T_flange_tool: Array) -> Array:

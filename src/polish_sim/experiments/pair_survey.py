@@ -18,7 +18,8 @@ from polish_sim.calibration.pair.adjustment import LEAST_NOISE
 from polish_sim.calibration.tool import fit_tool_frame, fit_tool_point
 from polish_sim.config import DualConfig
 from polish_sim.experiments.calibrate_base import TrueBases, simulate_arcs
-from polish_sim.experiments.calibrate_tcp import TcpTrial, simulate_touches
+from polish_sim.experiments.calibrate_tcp import TcpTrial, reached, simulate_touches
+from polish_sim.experiments.pair_arms import AS_DRAWN, FollowerBase, PairArms
 from polish_sim.motion.coordination import Chain2, follower_flange, master_flange
 from polish_sim.spatial import apply, from_pose, transform
 
@@ -43,7 +44,14 @@ class Site(NamedTuple):
         return self.T_work_tool[:, :3, 3]
 
 
-def find_parts(config: DualConfig, true: Chain2, site: Site, rng: np.random.Generator) -> tuple[PairParts, Array]:
+def tracker_sees(T_master_follower: Array) -> TrueBases:
+    """Both bases as they really stand before the simulated tracker."""
+    return TrueBases(dict(zip(ROBOTS, (T_TRACKER_MASTER, T_TRACKER_MASTER @ T_master_follower), strict=True)))
+
+
+def find_parts(
+    config: DualConfig, true: Chain2, site: Site, rng: np.random.Generator, arms: PairArms = AS_DRAWN
+) -> tuple[PairParts, Array]:
     """Measure bases, tool and part one by one.
 
     Args:
@@ -51,17 +59,21 @@ def find_parts(config: DualConfig, true: Chain2, site: Site, rng: np.random.Gene
         true: The chain as it really is.
         site: The marks.
         rng: Draws the noise.
+        arms: Both arms; bases found along with their tables are taken.
 
     Returns:
         What was found, and how the tool stands on its flange, shape (3, 3).
     """
     tracker, touch = max(config.tracker_noise_m, LEAST_NOISE), max(config.touch_noise_m, LEAST_NOISE)
-    truth = TrueBases(dict(zip(ROBOTS, (T_TRACKER_MASTER, T_TRACKER_MASTER @ true.T_master_follower), strict=True)))
-    bases = simulate_arcs(truth, ARC_POINTS, config.tracker_noise_m, rng).fit(tracker)
+    truth = tracker_sees(true.T_master_follower)
+    turned = simulate_arcs(truth, ARC_POINTS, config.tracker_noise_m, rng, None if arms.as_drawn else arms.true)
+    circles = turned.fit(tracker)
+    bases = arms.bases or FollowerBase(circles.T_master_follower, circles.covariance)
     trial = TcpTrial(noise=config.touch_noise_m)
-    tool = fit_tool_frame(simulate_touches(trial, true.T_flange_tool, rng), touch)
+    tool = fit_tool_frame(simulate_touches(trial, true.T_flange_tool, rng, arms.reading("follower")), touch)
+    read = arms.reading("master")
     marks = [
-        fit_tool_point(simulate_touches(trial, transform(np.eye(3), mark), rng).touches, touch)
+        fit_tool_point(simulate_touches(trial, transform(np.eye(3), mark), rng, read).touches, touch)
         for mark in apply(true.T_flange_gripper @ true.T_gripper_work, site.marks_work)
     ]
     parts = PairParts(
@@ -75,7 +87,9 @@ def find_parts(config: DualConfig, true: Chain2, site: Site, rng: np.random.Gene
     return parts, tool.T_flange_tool[:3, :3]
 
 
-def touch_marks(true: Chain2, site: Site, count: int, noise: float, rng: np.random.Generator) -> ClosingTouches:
+def touch_marks(
+    true: Chain2, site: Site, count: int, noise: float, rng: np.random.Generator, arms: PairArms = AS_DRAWN
+) -> ClosingTouches:
     """Touch the part's marks with the tool, one after the other, as often as asked.
 
     From round to round the tool is turned about its axis: what is not square about its tip then shows as such.
@@ -86,6 +100,10 @@ def touch_marks(true: Chain2, site: Site, count: int, noise: float, rng: np.rand
         count: Number of touches.
         noise: Standard deviation of one coordinate of a touch [m].
         rng: Draws the noise.
+        arms: Both arms.
+
+    Raises:
+        ReachError: An arm off its table cannot do it: then what it reads is not known.
     """
     marks = len(site.T_work_tool)
     mark, rounds = np.arange(count) % marks, max(-(-count // marks), 1)
@@ -94,4 +112,9 @@ def touch_marks(true: Chain2, site: Site, count: int, noise: float, rng: np.rand
     T_work_tool = site.T_work_tool[mark] @ transform(Rotation.from_rotvec(spin).as_matrix(), np.zeros(3))
     T_follower_flange = follower_flange(true, site.T_master_work, T_work_tool)
     T_follower_flange[:, :3, 3] += noise * rng.standard_normal((count, 3))
-    return ClosingTouches(np.tile(master_flange(true, site.T_master_work), (count, 1, 1)), T_follower_flange, mark)
+    T_master_flange = np.tile(master_flange(true, site.T_master_work), (count, 1, 1))
+    said = [
+        reached(T, arms.reading(robot)) if count and arms.reading(robot) else T
+        for robot, T in zip(ROBOTS, (T_master_flange, T_follower_flange), strict=True)
+    ]
+    return ClosingTouches(said[0], said[1], mark)

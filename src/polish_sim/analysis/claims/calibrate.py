@@ -27,6 +27,12 @@ _BASE_DATA: Final = (
     Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3),
 )
 
+_ARM: Final = (
+    Claim("heldout_rms_m", "target in poses left out, rms", "mm", 1e3),
+    Claim("nominal_rms_m", "  with nominal tables, all poses", "mm", 1e3),
+    Claim("residual_rms_m", "residual of a coordinate, rms", "mm", 1e3),
+)
+
 CALIBRATE: Final[Mapping[str, tuple[Claim, ...]]] = {
     "calibrate-payload": (
         Claim("mass_error_relative", "mass error", "%", 100.0, high=0.01),
@@ -47,6 +53,12 @@ CALIBRATE: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m", 1e3),
         Claim("condition", "condition of the poses", "", 1.0),
     ),
+    "calibrate-arm": (
+        Claim("relative_error_m", "tool of one arm by the other's, rms", "mm", 1e3, high=1.5e-4),
+        Claim("relative_error_nominal_m", "  with nominal tables", "mm", 1e3),
+        *_ARM,
+    ),
+    "calibrate-arm-data": _ARM,
     "calibrate-tcp": (
         Claim("position_crb_m", "tip, Cramér-Rao bound, 3D rms", "mm", 1e3, high=3.3e-5),
         Claim("position_error_m", "tip error (three times that)", "mm", 1e3, high=1e-4),

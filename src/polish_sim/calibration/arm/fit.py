@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.calibration.arm.table import NOMINAL, arm_frames, table_slopes
 from polish_sim.calibration.frames.matched_points import kabsch
 from polish_sim.errors import CalibrationError
+from polish_sim.motion.arm_table import NOMINAL, arm_frames, table_slopes
 from polish_sim.spatial import apply, skew, transform
 
 Array = NDArray[np.float64]
@@ -53,6 +53,8 @@ class ArmEstimate(NamedTuple):
     """On the flange [m], shape (3,)."""
     residuals: Array
     """Seen minus predicted [m], shape (n, 3)."""
+    base_covariance: Array
+    """Of the base's origin [m] and rotation [rad], tracker axes, whatever the table is, shape (6, 6)."""
 
     def target_at(self, q: Array) -> Array:
         """Where the target is, tracker frame [m], shape (n, 3)."""
@@ -109,7 +111,8 @@ def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
         arm = _moved(arm, step)
         if np.abs(step).max() < 1e-13:
             break
-    return arm._replace(residuals=tracked.seen - _predict(arm, tracked.q)[1])
+    covariance = noise**2 * np.linalg.pinv(rows.T @ rows)[:6, :6]
+    return arm._replace(residuals=tracked.seen - _predict(arm, tracked.q)[1], base_covariance=covariance)
 
 
 def _start(tracked: TrackedArm) -> ArmEstimate:
@@ -121,7 +124,7 @@ def _start(tracked: TrackedArm) -> ArmEstimate:
             f"the tracker saw the target move {stretch:.3g} times as far as the arm did: are units mixed (mm, m)?"
         )
     T = kabsch(tracked.seen, own, np.ones(len(own)))
-    return ArmEstimate(NOMINAL, T, np.zeros(3), tracked.seen - apply(T, own))
+    return ArmEstimate(NOMINAL, T, np.zeros(3), tracked.seen - apply(T, own), np.zeros((6, 6)))
 
 
 def _predict(arm: ArmEstimate, q: Array) -> tuple[Array, Array]:
@@ -140,4 +143,4 @@ def _slopes(arm: ArmEstimate, frames: Array, points: Array) -> Array:
 def _moved(arm: ArmEstimate, step: Array) -> ArmEstimate:
     R = Rotation.from_rotvec(step[3:6]).as_matrix() @ arm.T_tracker_base[:3, :3]
     T = transform(R, arm.T_tracker_base[:3, 3] + step[:3])
-    return ArmEstimate(arm.table + step[9:].reshape(4, 6), T, arm.target + step[6:9], arm.residuals)
+    return arm._replace(table=arm.table + step[9:].reshape(4, 6), T_tracker_base=T, target=arm.target + step[6:9])

@@ -75,17 +75,31 @@ def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
         CalibrationError: The calibration of another pair of robots.
     """
     table = read_table(file, KIND, "two bases")
+    refuse_other_pair(file, table, pair)
+    covariance = numbers_of(file, table, "covariance", (6, 6))
+    T_true = pose_of(file, table, "true_transform") if "true_transform" in table else None
+    return CalibratedBases(pose_of(file, table, "transform"), covariance, T_true)
+
+
+def refuse_other_pair(file: Path, table: Mapping[str, Any], pair: str) -> None:
+    """Refuse what was calibrated on other robots.
+
+    Raises:
+        CalibrationError: It names another pair.
+    """
     if table.get("pair") != pair:
         raise CalibrationError(
             f"'{file}' is the calibration of another pair of robots: {table.get('pair')!r}, not '{pair}'. "
             "Calibrate this pair, or name it as the file does."
         )
-    covariance = numbers_of(file, table, "covariance", (6, 6))
-    T_true = _pose_of(file, table, "true_transform") if "true_transform" in table else None
-    return CalibratedBases(_pose_of(file, table, "transform"), covariance, T_true)
 
 
-def _pose_of(file: Path, table: Mapping[str, Any], name: str) -> Array:
+def pose_of(file: Path, table: Mapping[str, Any], name: str) -> Array:
+    """A pose of a table, shape (4, 4).
+
+    Raises:
+        InputError: It is not there, or is none.
+    """
     T = numbers_of(file, table, name, (4, 4))
     if np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max() > 1e-6 or np.linalg.det(T[:3, :3]) < 0.0:
         raise InputError(f"'{file}': {name} is not a right-handed rotation and a displacement.")

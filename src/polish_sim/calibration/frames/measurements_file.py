@@ -63,7 +63,12 @@ def method_named(name: str) -> Method:
     return METHODS[name]
 
 
-def _robots(columns: Columns) -> NDArray[np.str_]:
+def robots_of(columns: Columns) -> NDArray[np.str_]:
+    """Whose measurement each line is, master or follower, shape (n,).
+
+    Raises:
+        InputError: No such column, another name in it, or one of the robots is missing.
+    """
     columns.need(["robot"], "whose measurement a line is: master or follower (or 1, 2)")
     for row, text in enumerate(columns.texts["robot"]):
         if text.lower() not in _NAMES:
@@ -79,7 +84,7 @@ def _robots(columns: Columns) -> NDArray[np.str_]:
 
 
 def _read_arcs(columns: Columns) -> AxisArcs:
-    robots = _robots(columns)
+    robots = robots_of(columns)
     columns.need(["axis"], "which joint turned: 1 or 2")
     axes = columns.numbers(["axis"])[:, 0]
     if not np.isin(axes, (1.0, 2.0)).all():
@@ -94,7 +99,7 @@ def _read_arcs(columns: Columns) -> AxisArcs:
 
 
 def _read_poses(columns: Columns) -> TrackedPoses:
-    robots = _robots(columns)
+    robots = robots_of(columns)
     own = columns.reached_points("", "the target's position in the robot's base")
     seen = columns.points("tracker_", "the target's position seen by the tracker")
     for robot in ROBOTS:

@@ -1,0 +1,91 @@
+"""An arm as the host computes it: what the encoders say by a table that need not be the built arm's (layer 8a).
+
+The engine moves the arm as it is. A host knows its joint angles and a table, and takes from them where the end is.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.motion.arm_table import NOMINAL
+
+Array = NDArray[np.float64]
+
+OFFSET, D, A, COSINE, SINE = 0, 1, 2, 3, 4
+
+
+class HostArm(NamedTuple):
+    """A table at work. Arrays are written by ``read_encoders``; world frame."""
+
+    present: float
+    """1 if the host computes with it; 0: the arm is as the host's table says, the engine's own poses are taken."""
+    table: Array
+    """OFFSET [rad], D [m], A [m], COSINE and SINE of alpha of each joint, shape (6, 5)."""
+    T_world_base: Array
+    """Where the arm stands, shape (4, 4)."""
+    T_flange_end: Array
+    """Its end, tool or flange itself, shape (4, 4)."""
+    anchors: Array
+    """A point on each joint's axis [m], shape (6, 3)."""
+    axes: Array
+    """Unit axes, shape (6, 3)."""
+    place: Array
+    """The end [m], shape (3,)."""
+    turn: Array
+    """Rotation of the end, row by row, shape (9,)."""
+    frame: Array
+    """Work array, shape (3, 4)."""
+
+
+def no_host_arm() -> HostArm:
+    """The arm is as its table says."""
+    return build_host_arm(NOMINAL, np.eye(4), np.eye(4))._replace(present=0.0)
+
+
+def build_host_arm(table: Array, T_world_base: Array, T_flange_end: Array) -> HostArm:
+    """A host that computes with a table.
+
+    Args:
+        table: The table it believes in, shape (4, 6).
+        T_world_base: Where the arm stands, shape (4, 4).
+        T_flange_end: Its end on the flange, shape (4, 4).
+    """
+    offset, d, a, alpha = table
+    return HostArm(
+        1.0, np.ascontiguousarray(np.stack([offset, d, a, np.cos(alpha), np.sin(alpha)], axis=1)),
+        np.array(T_world_base), np.array(T_flange_end), np.zeros((6, 3)), np.zeros((6, 3)), np.zeros(3), np.zeros(9),
+        np.zeros((3, 4)),
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def read_encoders(arm: HostArm, q: Array, first: int) -> None:
+    """Where axes and end are with joint angles ``q[first : first + 6]`` [rad], by the host's table.
+
+    Standard Denavit-Hartenberg: T_i = Rz(q_i + offset) Tz(d) Tx(a) Rx(alpha).
+    """
+    T = arm.frame
+    for i in range(3):
+        for j in range(4):
+            T[i, j] = arm.T_world_base[i, j]
+    for k in range(6):
+        row = arm.table[k]
+        c, s = math.cos(q[first + k] + row[OFFSET]), math.sin(q[first + k] + row[OFFSET])
+        for i in range(3):
+            x, y, z = T[i, 0], T[i, 1], T[i, 2]
+            arm.anchors[k, i], arm.axes[k, i] = T[i, 3], z
+            turned, beside = c * x + s * y, c * y - s * x
+            T[i, 0] = turned
+            T[i, 1] = row[COSINE] * beside + row[SINE] * z
+            T[i, 2] = row[COSINE] * z - row[SINE] * beside
+            T[i, 3] += row[D] * z + row[A] * turned
+    E = arm.T_flange_end
+    for i in range(3):
+        arm.place[i] = T[i, 3] + T[i, 0] * E[0, 3] + T[i, 1] * E[1, 3] + T[i, 2] * E[2, 3]
+        for j in range(3):
+            arm.turn[3 * i + j] = T[i, 0] * E[0, j] + T[i, 1] * E[1, j] + T[i, 2] * E[2, j]
