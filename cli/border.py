@@ -19,7 +19,7 @@ from polish_sim.cli.score_folder import put
 from polish_sim.cli.scoring import png_of
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.border import measure_border
-from polish_sim.scoring import Entry, locked
+from polish_sim.scoring import Entry
 
 
 def border_and_tell(entries: Sequence[Entry], folder: Path) -> int:
@@ -27,12 +27,12 @@ def border_and_tell(entries: Sequence[Entry], folder: Path) -> int:
 
     Args:
         entries: The controllers; settings of their own are not known here.
-        folder: Existing folder to write into.
+        folder: Existing folder to write into, locked.
 
     Returns:
         The exit code.
     """
-    with locked(folder), console.progress() as observer:
+    with console.progress() as observer:
         found = measure_border(default_scenario("force"), [entry.name for entry in entries], observer)
         border = _labelled(found, entries)
         observer.stage("draw")

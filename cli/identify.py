@@ -148,7 +148,8 @@ def identify(
     measured = data if data is not None else payload_data
     asked = given if task is None else {**given, "task": task}
     if report:
-        _refuse_beside_report({**asked, "data": data, "payload-data": payload_data, "period": period})
+        files = {"data": data, "payload-data": payload_data, "period": period, "out": out}
+        _refuse_beside_report({**asked, **files, "overwrite": overwrite or None, "check": check or None})
     _refuse_idle(asked, data=measured, period=period, model=model, joints=joints, report=report)
     if method is not None and data is None and payload_data is not None:
         raise InputError("--method would change nothing with --payload-data alone: leave it out, or add --data.")

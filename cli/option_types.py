@@ -267,5 +267,7 @@ Export = Annotated[
         "Also write the plan as apt, urscript, ros, ply, glb, html, or all of them; may be repeated.",
     ),
 ]
-Out = Annotated[Path | None, _option(OUTPUT, "--out", "DIR", "Output folder; default results/<command>/<date-time>.")]
+Out = Annotated[
+    Path | None, _option(OUTPUT, "--out", "DIR", "Output folder; default results/<command>[-<experiment>]/<date-time>.")
+]
 Overwrite = Annotated[bool, _option(OUTPUT, "--overwrite", None, "Replace files in an existing output folder.")]

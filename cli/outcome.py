@@ -22,6 +22,8 @@ class Outcome:
     stops: tuple[str, ...] = ()
     """Protective stops, each with its reason."""
     interrupted: bool = False
+    undrawn: str = ""
+    """What draws the pictures that are missing because it was broken off after all was measured."""
     notes: tuple[str, ...] = ()
     """What else is to be told."""
     paper_task: bool = True
@@ -31,6 +33,11 @@ class Outcome:
         """Print why the run ended early, if it did, and the table of figures."""
         if self.interrupted:
             console.note("interrupted: what was recorded up to now is kept.")
+        if self.undrawn:
+            console.note(
+                "interrupted while drawing: the simulation, its log and figures are whole and kept, but pictures are "
+                f"missing. {self.undrawn}"
+            )
         for reason in self.stops:
             end = "" if reason.endswith("?") else "."
             console.note(f"error: protective stop: {reason}{end} The log is kept, stop included.")
@@ -42,7 +49,7 @@ class Outcome:
 
     def exit_code(self, check: bool) -> int:
         """The code to end with; falling short counts only when it was asked to ``check``."""
-        if self.interrupted:
+        if self.interrupted or self.undrawn:
             return INTERRUPTED
         if self.stops:
             return STOPPED

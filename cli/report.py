@@ -10,6 +10,7 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.option_types import Out, Overwrite
 from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.sinks import CELL_PICTURE
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN", help="Run folders made by 'run'.", show_default=False)]
 
@@ -17,6 +18,7 @@ Runs = Annotated[list[Path], typer.Argument(metavar="RUN", help="Run folders mad
 def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
     # Lazy: --help must not wait for matplotlib.
+    from polish_sim.analysis.cell_plot import plot_cell
     from polish_sim.analysis.claims import claims_shown
     from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
     from polish_sim.analysis.report import draw_comparison, draw_plots, save_plots
@@ -28,6 +30,8 @@ def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
     experiment = records[0].scenario.experiment
     with claimed(out, f"report-{experiment}", overwrite) as folder:
         plots = draw_plots(records[0]) if len(records) == 1 else draw_comparison(records)
+        if len(records) == 1 and len(records[0].log) and not (runs[0] / CELL_PICTURE).exists():
+            plots[CELL_PICTURE] = plot_cell(records[0])
         save_plots(folder.draft, plots)
         if len(records) == 1 and records[0].removal is not None:
             write_removal_mesh(folder.draft / REMOVAL_MESH, records[0].removal)

@@ -165,6 +165,9 @@ def _placed(scenario: Scenario) -> Scenario:
         file = Path(getattr(getattr(scenario, section), key))
         if file.is_file():
             scenario = merge(scenario, {section: {key: str(file.resolve())}}, "")
+    file_name, _, class_name = scenario.controller.name.rpartition(":")
+    if Path(file_name).is_file():
+        scenario = merge(scenario, {"controller": {"name": f"{Path(file_name).resolve()}:{class_name}"}}, "")
     return scenario
 
 

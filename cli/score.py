@@ -10,7 +10,6 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.rendering import prepare_headless
-from polish_sim.cli.score_folder import open_folder
 from polish_sim.errors import InputError
 
 SEEDS, SEEDS_OF_REACH = 5, 20
@@ -45,7 +44,12 @@ Workers = Annotated[
 ]
 Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="DIR", help="Folder; a score begun there is continued. Default results/score/..."),
+    typer.Option(
+        "--out", metavar="DIR", help="Folder; the same score begun there is continued. Default results/score/..."
+    ),
+]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace another score in --out; runs that both have are kept.")
 ]
 
 
@@ -62,14 +66,16 @@ def score(
     set_: Set = None,
     workers: Workers = None,
     out: Out = None,
+    overwrite: Overwrite = False,
 ) -> int:
     """Score a controller by a fixed battery of cases under honest disturbances; Ctrl-C keeps what is done."""
     if ablate and against is not None:
         raise InputError("--ablate compares a controller with itself: leave --against out.")
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
+    from polish_sim.cli.score_folder import open_folder
     from polish_sim.cli.scoring import Wish, score_and_tell
-    from polish_sim.scoring import BATTERY, REACH_CASES, ablations, check_entries, choose_cases, user_entry
+    from polish_sim.scoring import BATTERY, REACH_CASES, ablations, asked_for, check_entries, choose_cases, user_entry
 
     cases = choose_cases(REACH_CASES if reach else BATTERY, case or [])
     if list_:
@@ -83,6 +89,8 @@ def score(
 
         if set_ or ablate:
             raise InputError("--border knows controllers as they ship: leave --set and --ablate out.")
-        return border_and_tell(entries, open_folder(out))
+        with open_folder(out, {"of": "border", "controllers": [entry.label for entry in entries]}, overwrite) as folder:
+            return border_and_tell(entries, folder)
     wish = Wish(cases, tuple(entries), seeds or (SEEDS_OF_REACH if reach else SEEDS), reach, ablate, workers)
-    return score_and_tell(wish, open_folder(out), check)
+    with open_folder(out, asked_for(cases, entries, wish.seeds), overwrite) as folder:
+        return score_and_tell(wish, folder, check)

@@ -30,7 +30,6 @@ from polish_sim.scoring import (
     ablation_table,
     breaking,
     judge,
-    locked,
     markdown,
     overview,
     run_score,
@@ -57,18 +56,15 @@ class Wish:
 
 
 def score_and_tell(wish: Wish, folder: Path, check: bool) -> int:
-    """Score, write the folder, print the tables.
+    """Score, write the folder, which is locked, and print the tables.
 
     Returns:
         The exit code: 1 only with ``check``; 130 when it was interrupted.
     """
-    with locked(folder):
-        console.note(f"folder: {folder} (the same command with --out {folder} continues a score that was broken off)")
-        score = _run(wish, folder)
-        verdicts = [
-            (entry, judge(REACH if wish.reach else BATTERY_ASKED, score.rows_of(entry))) for entry in wish.entries
-        ]
-        _write(folder, wish, score, verdicts)
+    console.note(f"folder: {folder} (the same command with --out {folder} continues a score that was broken off)")
+    score = _run(wish, folder)
+    verdicts = [(entry, judge(REACH if wish.reach else BATTERY_ASKED, score.rows_of(entry))) for entry in wish.entries]
+    _write(folder, wish, score, verdicts)
     _tell(wish, score, verdicts)
     console.say(f"folder: {folder}")
     if score.interrupted:

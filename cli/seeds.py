@@ -15,11 +15,11 @@ import numpy as np
 
 from polish_sim.analysis.claims import CLAIMS, claims_of, is_paper_task
 from polish_sim.analysis.report import draw_seeds, save_plots
-from polish_sim.analysis.run_record import package_versions, read_record, write_json
+from polish_sim.analysis.run_record import METRICS, package_versions, read_record, write_json
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.planning import plan_to_run
-from polish_sim.cli.simulation import simulate
+from polish_sim.cli.simulation import PICTURES_MISSING, simulate
 from polish_sim.config import Scenario
 from polish_sim.planning import PlanResult, ToolPath
 
@@ -41,10 +41,15 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
     runs, interrupted = _run_all(scenario, plan, seeds, draft)
     mean, worst = aggregate(claims_of(scenario), list(runs.values()))
     table = {"experiment": scenario.experiment, "seeds": list(runs), "mean": mean, "worst": worst}
-    write_json(draft / "metrics.json", table | {"runs": runs, "versions": package_versions()})
-    records = [read_record(draft / _name(seed)) for seed in runs]
-    if records:
-        save_plots(draft, draw_seeds(records))
+    facts, undrawn = table | {"runs": runs, "versions": package_versions()}, ""
+    write_json(draft / METRICS, facts)
+    try:
+        records = [read_record(draft / _name(seed)) for seed in runs]
+        if records:
+            save_plots(draft, draw_seeds(records))
+    except KeyboardInterrupt:
+        undrawn = "'polish-sim report' with the folders of the seeds puts them side by side."
+        write_json(draft / METRICS, facts | {PICTURES_MISSING: True})
     stops = [
         f"seed {seed}: {figures['protective_stop']}" for seed, figures in runs.items() if figures["protective_stop"]
     ]
@@ -53,13 +58,14 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
         for seed, figures in runs.items()
         for event in figures["faults_missed"]
     ]
-    title = f"{scenario.experiment}, {scenario.controller.name}, {len(runs)} seeds"
+    title = f"{scenario.experiment}, {scenario.controller.label}, {len(runs)} seeds"
     return Outcome(
         claims_of(scenario),
         title,
         {"mean": mean, "worst seed": worst},
         tuple(stops),
         interrupted,
+        undrawn,
         tuple(missed),
         is_paper_task(scenario),
     )

@@ -11,7 +11,7 @@ from polish_sim.analysis.cell_plot import plot_cell
 from polish_sim.analysis.claims import claims_of, is_paper_task
 from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
 from polish_sim.analysis.report import draw_plots, save_plots
-from polish_sim.analysis.run_record import RunRecord, package_versions, write_record
+from polish_sim.analysis.run_record import METRICS, RunRecord, package_versions, write_json, write_record
 from polish_sim.cell import Observer
 from polish_sim.cli import console
 from polish_sim.cli.frames import FrameSink
@@ -24,6 +24,8 @@ from polish_sim.experiments import RunResult, check_experiment, run_experiment
 from polish_sim.kernel_cache import is_warm, use_kernel_cache
 from polish_sim.planning import PlanResult, ToolPath
 
+PICTURES_MISSING = "pictures_missing"
+"""Key in metrics.json of a run that was broken off while its pictures were drawn."""
 TAUGHT = "taught.csv"
 """The path of `run teach --follow`."""
 
@@ -42,7 +44,7 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
     """
     if not is_warm(use_kernel_cache()):
         console.note("first start: the kernels are compiled once, which takes two or three minutes")
-    record, broken_off = None, False
+    record, undrawn = None, ""
     try:
         with ExitStack() as stack:
             observer = stack.enter_context(console.progress(sinks))
@@ -60,13 +62,15 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
         if record is None:
             raise
         # The run itself is on disk by now and stays; only pictures are missing.
-        broken_off = True
+        undrawn = "'polish-sim report' with the folder of the run draws them."
+        write_json(draft / METRICS, {**record.metrics, PICTURES_MISSING: True})
     return Outcome(
         claims_of(scenario),
         _title(scenario),
         {"this run": record.metrics},
         (result.stop_reason,) if result.stop_reason else (),
-        result.interrupted or broken_off,
+        result.interrupted,
+        undrawn,
         tuple(_of_faults(record.metrics)),
         is_paper_task(scenario),
     )
@@ -78,7 +82,7 @@ def _title(scenario: Scenario) -> str:
     if scenario.experiment == "teach":
         followed = f"along {scenario.drag.follow} of {scenario.part.file}, seed {scenario.seed}"
         return f"teach, {followed if scenario.drag.follow else scenario.guide.mode or 'every mode'}"
-    return f"{scenario.experiment}, {scenario.controller.name}, seed {scenario.seed}"
+    return f"{scenario.experiment}, {scenario.controller.label}, seed {scenario.seed}"
 
 
 def _of_faults(metrics: Mapping[str, Any]) -> Iterator[str]:

@@ -99,6 +99,7 @@ def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:
         (["--payload-data", "none.csv"], "cannot read the log 'none.csv'"),
         (["--data", "none.csv", "--task", "line.csv"], "--task would change nothing with --data"),
         (["--report", "--data", "log.csv", "--seed", "3"], "--seed, --data would change nothing with --report"),
+        (["--report", "--out", "id"], "--out would change nothing with --report"),
         (["--joints", "a"], "--joints belongs to --model"),
         (["--report", "--model", "none.xml"], "cannot read the robot model 'none.xml'"),
     ],

@@ -155,6 +155,29 @@ def test_an_interrupt_is_130_and_keeps_what_was_recorded(tmp_path: Path) -> None
     assert [path.name for path in tmp_path.iterdir()] == ["cut"]
 
 
+@pytest.mark.parametrize(("words", "drawn"), [((), "simulation"), (("--seeds", "1"), "seeds")])
+def test_an_interrupt_while_drawing_says_that_only_pictures_are_missing(
+    polish_sim: Polish, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], drawn: str
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as cut:
+        cut.setattr(f"polish_sim.cli.{drawn}.save_plots", interrupted)
+        code, out, err = polish_sim(*ARC, *words, "--out", "cut")
+    assert code == 130
+    assert "pictures are missing" in err
+    assert "polish-sim report" in err
+    assert "path done" in out
+    figures = metrics_of(tmp_path / "cut")
+    assert figures["pictures_missing"] is True
+    assert (tmp_path / "cut" / "seed-0000" if words else tmp_path / "cut").joinpath("log.npz").exists()
+    if not words:
+        assert figures["interrupted"] is False
+        assert polish_sim("report", "cut", "--out", "drawn")[0] == 0
+        assert {"arc.png", "cell.png"} <= {file.name for file in (tmp_path / "drawn").iterdir()}
+
+
 def test_an_interrupt_of_many_seeds_keeps_those_that_ended(tmp_path: Path) -> None:
     many = ["run", "arc", "--seeds", "40", "--out", "cut"]
     with subprocess.Popen([*PROGRAM, *many], cwd=tmp_path, stderr=subprocess.PIPE, text=True) as run:

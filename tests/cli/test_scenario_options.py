@@ -163,3 +163,17 @@ def test_a_file_for_another_experiment_is_refused(tmp_path: Path) -> None:
 def test_poses_and_rates_are_read_as_written() -> None:
     assert parse_pose("0,0,1000,180,0,0") == pytest.approx([0.0, 0.0, 1.0, math.pi, 0.0, 0.0])
     assert parse_log_rate("500") == 500.0
+
+
+def test_a_controller_s_own_file_is_written_from_the_root_and_shown_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.py").touch()
+    monkeypatch.chdir(tmp_path)
+    controller = build_scenario(Scenario(), {"--controller": "mine.py:Down"}, None, []).controller
+    assert controller.name == f"{tmp_path.resolve() / 'mine.py'}:Down"
+    assert controller.label == "mine.py:Down"
+    # Another folder, as a run's own config would be used from.
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert build_scenario(Scenario(), {}, None, [f"controller.name={controller.name}"]).controller == controller

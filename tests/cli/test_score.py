@@ -16,7 +16,7 @@ Polish = Callable[..., tuple[int, str, str]]
 
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
 TWO = ["--case", "step-10", "--case", "approach-20", "--seeds", "1", "--workers", "1"]
-FILES = {"score.json", "score.md", "score.png", "metrics.json", "rows.jsonl"}
+FILES = {"asked.json", "score.json", "score.md", "score.png", "metrics.json", "rows.jsonl"}
 
 
 def read(file: Path) -> dict[str, object]:
@@ -104,10 +104,10 @@ def test_the_list_names_every_case_without_running_any(polish_sim: Polish, tmp_p
     assert not list(tmp_path.iterdir())
 
 
-def _begun(tmp_path: Path, rows: int, workers: int) -> subprocess.Popen[str]:
+def _begun(tmp_path: Path, rows: int, *words: str) -> subprocess.Popen[str]:
     """A score under way that has written some rows."""
-    words = ["score", "--case", "noise-*", "--seeds", "20", "--workers", str(workers), "--out", "cut"]
-    run = subprocess.Popen([*PROGRAM, *words], cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    asked = ["score", *words, "--out", "cut"]
+    run = subprocess.Popen([*PROGRAM, *asked], cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     file = tmp_path / "cut/rows.jsonl"
     while not file.exists() or file.read_bytes().count(b"\n") < rows:
         assert run.poll() is None, run.communicate()[1]
@@ -116,7 +116,7 @@ def _begun(tmp_path: Path, rows: int, workers: int) -> subprocess.Popen[str]:
 
 
 def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -> None:
-    with _begun(tmp_path, 3, 2) as run:
+    with _begun(tmp_path, 3, "--case", "noise-*", "--seeds", "20", "--workers", "2") as run:
         run.send_signal(signal.SIGINT)
         out, err = run.communicate()
     assert run.returncode == 130, err
@@ -131,11 +131,38 @@ def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
 def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(polish_sim: Polish, tmp_path: Path) -> None:
-    with _begun(tmp_path, 2, 1) as run:
+    words = ["--case", "noise-1", "--seeds", "4", "--workers", "1"]
+    with _begun(tmp_path, 2, *words) as run:
         run.kill()
         run.communicate()
-    words = ["score", "--case", "noise-1", "--seeds", "3", "--workers", "1"]
-    code, _, err = polish_sim(*words, "--out", "cut")
+    code, _, err = polish_sim("score", *words, "--out", "cut")
     assert code == 0, err
-    assert polish_sim(*words, "--out", "whole")[0] == 0
+    assert polish_sim("score", *words, "--out", "whole")[0] == 0
     assert read(tmp_path / "cut/score.json")["rows"] == read(tmp_path / "whole/score.json")["rows"]
+
+
+def test_another_score_is_never_replaced_unasked(polish_sim: Polish, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return t.twist\n"
+    )
+    words = ["score", "--controller", "mine.py:Down", "--workers", "1", "--out", "s"]
+    first = [*words, "--case", "step-10", "--seeds", "1"]
+    assert polish_sim(*first)[0] == 0
+    whole = {file.name: file.read_bytes() for file in (tmp_path / "s").iterdir()}
+
+    def refused(*asked: str) -> str:
+        code, out, err = polish_sim(*asked)
+        assert (code, out) == (2, "")
+        assert {file.name: file.read_bytes() for file in (tmp_path / "s").iterdir()} == whole
+        return err
+
+    assert "seeds are 1, not 2" in refused(*words, "--case", "step-10", "--seeds", "2")
+    assert "cases are step-10, not approach-20" in refused(*words, "--case", "approach-20", "--seeds", "1")
+    assert "controllers are mine.py:Down, not position" in refused(*first, "--controller", "position")
+    assert "a border, not" not in refused(*first, "--border")
+    (tmp_path / "mine.py").write_text(
+        "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return 0.5 * t.twist\n"
+    )
+    assert "have changed" in refused(*first)
+    assert polish_sim(*first, "--overwrite")[0] == 0
+    assert (tmp_path / "s/score.json").read_bytes() != whole["score.json"]

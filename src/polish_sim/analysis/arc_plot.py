@@ -54,7 +54,7 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
         f"error max {_mm(m, 'tracking_error_max_m')} mm, rms {_mm(m, 'tracking_error_rms_m')} mm",
         f"speed {_mm(m, 'speed_mean_m_s')} ± {_mm(m, 'speed_max_deviation_m_s')} mm/s",
     )
-    head(figure, speed, f"Circle at constant feed, {record.scenario.controller.name}", facts)
+    head(figure, speed, f"Circle at constant feed, {record.scenario.controller.label}", facts)
     return figure
 
 
@@ -74,7 +74,7 @@ def plot_arc_runs(records: Sequence[RunRecord], circle: Circle = PAPER_ARC) -> F
     for index, record in enumerate(records):
         process = fed(record.log)
         error = distance_to_circle(numbers(record.log, "tcp_position_m")[process], circle)
-        label = f"{record.name}: {record.scenario.controller.name}"
+        label = f"{record.name}: {record.scenario.controller.label}"
         axes.plot(numbers(record.log, "path_s_m")[process], error * 1e6, color=SERIES[index % len(SERIES)], label=label)
     axes.set(xlabel="way round the circle [m]", ylabel="distance from the circle [µm]", ylim=(0.0, None))
     axes.legend(loc="upper right")

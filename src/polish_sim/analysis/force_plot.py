@@ -45,7 +45,7 @@ def plot_force(record: RunRecord) -> Figure:
         axes.text(0.0, 0.5 * target, "first contact ", color=ORANGE, ha="right", va="center")
     _mark_settling(axes, record.metrics.get("settling_time_3n_s"), target)
     _frame(axes, time, max(target + 2.5 * BAND_N, float(force.max(initial=0.0)) + BAND_N))
-    head(figure, axes, f"Force control from first contact, {record.scenario.controller.name}", _facts(record))
+    head(figure, axes, f"Force control from first contact, {record.scenario.controller.label}", _facts(record))
     return figure
 
 
@@ -68,7 +68,7 @@ def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
     few = len(records) <= len(SERIES)
     for index, record in enumerate(records):
         time, force = response(record)
-        named = f"{record.name}: {record.scenario.controller.name}"
+        named = f"{record.name}: {record.scenario.controller.label}"
         if len(targets) > 1:
             named += f", {record.scenario.process.contact_force_n:g} N"
         color, label = (SERIES[index], named) if few else (BLUE, None)

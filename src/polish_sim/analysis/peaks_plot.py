@@ -44,7 +44,7 @@ def plot_peaks(record: RunRecord) -> Figure:
     else:
         force.set_yticks([])
         bend.set_yticks([])
-    title = f"Force where the path bends strongly, {record.scenario.controller.name}"
+    title = f"Force where the path bends strongly, {record.scenario.controller.label}"
     head(figure, force, title, _facts(record, errors))
     return figure
 

@@ -68,7 +68,7 @@ def plot_removal(record: RunRecord) -> Figure:
     _color_bar(figure, flat, removal)
     _draw_shares(share, record)
     figure.suptitle(
-        f"Removal, {record.scenario.controller.name}, {_pattern(record)}\n",
+        f"Removal, {record.scenario.controller.label}, {_pattern(record)}\n",
         x=0.01, ha="left", fontsize=11.5, fontweight="bold",
     )  # fmt: skip
     figure.text(0.01, FACTS_AT, "     ".join(_facts(record)), fontsize=9.0, color="#444444", va="top")
@@ -116,7 +116,7 @@ def _of(record: RunRecord) -> RemovalMap:
 
 
 def _name(record: RunRecord) -> str:
-    return f"{record.scenario.controller.name}, {_pattern(record)} ({record.name})"
+    return f"{record.scenario.controller.label}, {_pattern(record)} ({record.name})"
 
 
 def _pattern(record: RunRecord) -> str:

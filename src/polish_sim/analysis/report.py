@@ -82,6 +82,11 @@ def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:
 
 
 def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
-    """Save figures under their file names."""
+    """Save figures under their file names; each file appears when it is whole."""
     for name, figure in plots.items():
-        figure.savefig(folder / name)
+        draft = folder / f".part-{name}"
+        try:
+            figure.savefig(draft)
+            draft.replace(folder / name)
+        finally:
+            draft.unlink(missing_ok=True)

@@ -32,7 +32,7 @@ def plot_seeds(records: Sequence[RunRecord]) -> Figure:
         _draw_claim(axes, claim, records)
     panels[-1].set_xlabel("seed")
     panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    name = records[0].scenario.controller.name
+    name = records[0].scenario.controller.label
     figure.suptitle(f"{experiment}, {name}: {len(records)} seeds", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     return figure
 

@@ -54,7 +54,7 @@ def plot_surface_force(record: RunRecord) -> Figure:
         f"median error {_newton(m.get('force_error_median_n'))}",
         _at_peaks(m),
     )
-    head(figure, force, f"Force along the path, {record.scenario.controller.name}", facts)
+    head(figure, force, f"Force along the path, {record.scenario.controller.label}", facts)
     return figure
 
 
@@ -166,7 +166,7 @@ def _title(record: RunRecord) -> str:
     """Who ran, and what was asked; how it ended if it is not whole."""
     asked = f"{_set_force(record):g} N at {1e3 * record.scenario.process.feed_m_s:g} mm/s"
     end = ending(record)
-    return f"{record.scenario.controller.name} ({record.name}), {asked}{'' if end == WHOLE else f', {end}'}"
+    return f"{record.scenario.controller.label} ({record.name}), {asked}{'' if end == WHOLE else f', {end}'}"
 
 
 def _at_peaks(m: Mapping[str, Any]) -> str:

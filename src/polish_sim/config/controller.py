@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from polish_sim.config.adaptive import AdaptiveConfig
 from polish_sim.config.baselines import BaselinesConfig
@@ -41,3 +42,9 @@ class ControllerConfig:
     )
     adaptive: AdaptiveConfig = field(default_factory=AdaptiveConfig)
     baselines: BaselinesConfig = field(default_factory=BaselinesConfig)
+
+    @property
+    def label(self) -> str:
+        """The name as titles have it: a user's file without its folders."""
+        file, separator, class_name = self.name.rpartition(":")
+        return f"{Path(file).name}:{class_name}" if separator else self.name

@@ -6,7 +6,7 @@ from polish_sim.scoring.case import Case, Entry, choose_cases
 from polish_sim.scoring.journal import locked
 from polish_sim.scoring.reach import BATTERY_ASKED, REACH, REACH_CASES, Verdict, judge
 from polish_sim.scoring.row import Task, measure_row
-from polish_sim.scoring.score import Score, check_entries, run_score, user_entry
+from polish_sim.scoring.score import Score, asked_for, check_entries, run_score, user_entry
 from polish_sim.scoring.summary import summarize, worst_case
 from polish_sim.scoring.text import breaking, markdown, overview, verdict_table, worst_line
 
@@ -23,6 +23,7 @@ __all__ = [
     "ablation_ratios",
     "ablation_table",
     "ablations",
+    "asked_for",
     "breaking",
     "check_entries",
     "choose_cases",

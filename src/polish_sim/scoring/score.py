@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from polish_sim.control import build_controller
 from polish_sim.crew import Result, work_off
 from polish_sim.errors import InputError
 from polish_sim.kernel_cache import is_warm, use_kernel_cache
 from polish_sim.scoring.case import Case, Entry
-from polish_sim.scoring.journal import Journal
+from polish_sim.scoring.journal import Journal, row_key
 from polish_sim.scoring.row import Row, Task, measure_row, setup_key
 
 Heard = Callable[[int, int, str | None], None]
@@ -46,6 +48,29 @@ class Score:
 def list_tasks(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> list[Task]:
     """All rows of a score."""
     return [Task(case, entry, seed) for entry in entries for case in cases for seed in range(seeds * case.repeats)]
+
+
+def asked_for(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> dict[str, Any]:
+    """What a score is of, to tell whether another one is the same.
+
+    Args:
+        cases: Its cases.
+        entries: Its controllers.
+        seeds: Seeds per case.
+
+    Returns:
+        Controllers, cases and seeds by name, and all rows depend on, as one hash.
+    """
+    digest = hashlib.sha256()
+    for task in list_tasks(cases, entries, seeds):
+        digest.update(row_key(task).encode())
+    return {
+        "of": "score",
+        "controllers": [entry.label for entry in entries],
+        "cases": [case.name for case in cases],
+        "seeds": seeds,
+        "rows": digest.hexdigest()[:24],
+    }
 
 
 def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
