@@ -73,6 +73,36 @@ def test_a_part_without_a_flat_face_to_stand_on_looks_up_with_the_mean_of_its_fa
     assert np.degrees(np.arccos(part.up @ way)) < 0.5
 
 
+def sheet(points: np.ndarray) -> PartMesh:
+    """An open sheet of facets between the points [mm] of a grid, shape (n, m, 3)."""
+    n, m = points.shape[:2]
+    at = (np.arange(n - 1)[:, None] * m + np.arange(m - 1)).ravel()
+    faces = np.concatenate([np.stack([at, at + m, at + m + 1], -1), np.stack([at, at + m + 1, at + 1], -1)])
+    mesh = trimesh.Trimesh(points.reshape(-1, 3), faces)
+    mesh.merge_vertices(digits_vertex=6)
+    return part_from_arrays(np.array(mesh.vertices), np.array(mesh.faces), unit="mm")
+
+
+def test_a_dome_with_a_hole_looks_up_along_its_axis_however_it_is_turned():
+    # From anywhere within 29 deg of its axis a dome that ends at 75 deg shows the whole cone of 46 deg.
+    polar, around = np.meshgrid(np.linspace(np.arcsin(15 / 80), np.radians(75), 40), np.linspace(0, 2 * np.pi, 91))
+    polar, around = polar.T, around.T
+    ring = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
+    part = sheet(80.0 * ring)
+    assert part.up.tolist() == [0.0, 0.0, 1.0]
+    R = Rotation.random(random_state=3).as_matrix()
+    assert turned(part, R, np.zeros(3)).up == pytest.approx(R[:, 2], abs=1e-9)
+
+
+def test_an_axis_of_the_file_is_taken_where_a_wavy_sheet_looks_along_it_but_for_rounding():
+    x, y = np.meshgrid(np.linspace(-90, 90, 61), np.linspace(-90, 90, 61), indexing="ij")
+    points = np.stack([x, y, 3.0 * np.sin(x / 30.0) * np.cos(y / 35.0)], axis=-1)
+    # The waves do not end where they began: the mean normal leans by (z(90, y) - z(-90, y)) / 180, 1 mrad.
+    assert sheet(points).up.tolist() == [0.0, 0.0, 1.0]
+    tilt = Rotation.from_euler("y", 10.0, degrees=True).as_matrix()
+    assert np.degrees(np.arccos(sheet(points @ tilt.T).up @ tilt[:, 2])) < 0.1
+
+
 @pytest.mark.parametrize(
     ("text", "expected"), [("0,0,1", [0, 0, 1]), ("1, 2, 2", [1 / 3, 2 / 3, 2 / 3]), ("-1e-200,0,0", [-1, 0, 0])]
 )

@@ -1,7 +1,8 @@
 """The largest smooth face of a part and where it looks, whatever way the part is turned (mesh -> direction).
 
-Nothing here refers to the coordinate axes: candidates are the mesh's own normals, ties go to the face with more
-facets and then to the later one in the file (most programs write the bottom first).
+Candidates are the mesh's own normals, ties go to the face with more facets and then to the later one in the file (most
+programs write the bottom first). From a dome with a hole in it many directions see as much: the one the whole smooth
+surface looks in, its axis of symmetry if it has one, is taken before the others.
 """
 
 from __future__ import annotations
@@ -59,8 +60,10 @@ class Face(NamedTuple):
     """Unit mean normal, shape (3,)."""
     area: float
     """Area [m^2]."""
-    facets: int
-    """Number of its facets."""
+    doubt: float
+    """How well its area is known: that of the facets the cone ends at, which are seen whole or not at all [m^2]."""
+    facets: NDArray[np.int64]
+    """Its facets, shape (k,)."""
 
 
 def facet_graph(vertices: Floats, faces: Ints) -> FacetGraph:
@@ -93,8 +96,47 @@ def largest_face(graph: FacetGraph, cone: float) -> Face:
         found.append((int(at), face))
         best = max(best, face.area)
     level = [(at, face) for at, face in found if face.area >= (1.0 - _SAME) * best]
-    chosen = max(level, key=lambda pair: (pair[1].facets, pair[0]))[1]
-    return _settle(graph, chosen.direction, cone, _SHIFTS)
+    chosen = max(level, key=lambda pair: (len(pair[1].facets), pair[0]))[1]
+    face = _settle(graph, chosen.direction, cone, _SHIFTS)
+    whole = _whole_direction(graph, face)
+    if whole is None:
+        return face
+    straight = seen_from(graph, whole, cone)
+    doubt = max(_SAME * face.area, face.doubt, straight.doubt)
+    return straight if straight.area >= face.area - doubt else face
+
+
+def looks_same(graph: FacetGraph, face: Face, direction: Floats, cone: float) -> bool:
+    """Whether a face looks the same from another direction.
+
+    Args:
+        graph: The mesh.
+        face: The face seen from its own direction, its mean normal.
+        direction: The other direction, unit vector, shape (3,).
+        cone: Half angle of the cone [rad].
+
+    Returns:
+        Whether its area as it is projected along the direction, and the area that is seen, are the same.
+    """
+    # A face's area projected along a direction falls off with the cosine of the angle to its mean normal.
+    if face.direction @ direction < 1.0 - _SAME:
+        return False
+    return seen_from(graph, direction, cone).area >= (1.0 - _SAME) * face.area
+
+
+def seen_from(graph: FacetGraph, direction: Floats, cone: float) -> Face:
+    """The largest face seen from a direction, which is left as it is."""
+    looks = graph.normals @ direction > np.cos(cone)
+    if not looks.any():
+        return Face(direction, 0.0, 0.0, np.empty(0, dtype=np.int64))
+    ends = looks[graph.links]
+    labels = label_pieces(graph.links[ends.all(axis=1)], len(looks))[1]
+    sizes: Floats = np.bincount(labels, weights=np.where(looks, graph.areas, 0.0)).astype(np.float64)
+    facets = np.flatnonzero(labels == _first_largest(sizes))
+    rim = np.zeros(len(looks), dtype=bool)
+    rim[graph.links[ends[:, 0] != ends[:, 1]]] = True
+    doubt = float(graph.areas[facets] @ rim[facets])
+    return Face(direction, float(sizes.max()), doubt, facets)
 
 
 def _candidates(graph: FacetGraph, cone: float) -> tuple[Floats, Floats]:
@@ -117,18 +159,23 @@ def _candidates(graph: FacetGraph, cone: float) -> tuple[Floats, Floats]:
 
 def _settle(graph: FacetGraph, direction: Floats, cone: float, rounds: int) -> Face:
     """Turn a direction to the mean normal of the largest face seen from it."""
-    face = Face(direction, 0.0, 0)
+    face = Face(direction, 0.0, 0.0, np.empty(0, dtype=np.int64))
     for _ in range(rounds):
-        looks = graph.normals @ direction > np.cos(cone)
-        if not looks.any():
-            break
-        links = graph.links[looks[graph.links[:, 0]] & looks[graph.links[:, 1]]]
-        labels = label_pieces(links, len(looks))[1]
-        sizes: Floats = np.bincount(labels, weights=np.where(looks, graph.areas, 0.0)).astype(np.float64)
-        piece = labels == _first_largest(sizes)
-        direction = _mean(graph.normals, np.where(piece, graph.areas, 0.0), direction)
-        face = Face(direction, float(sizes.max()), int(np.count_nonzero(piece)))
+        face = seen_from(graph, face.direction, cone)
+        mean = _mean(graph.normals[face.facets], graph.areas[face.facets], face.direction)
+        face = face._replace(direction=mean)
     return face
+
+
+def _whole_direction(graph: FacetGraph, face: Face) -> Floats | None:
+    """Mean normal of the whole smooth surface a face is part of; None where it closes upon itself."""
+    if not len(face.facets):
+        return None
+    labels = label_pieces(graph.links, len(graph.areas))[1]
+    weights = np.where(labels == labels[face.facets[0]], graph.areas, 0.0)
+    total = weights @ graph.normals
+    length = float(np.linalg.norm(total))
+    return np.asarray(total / length) if length > _SAME * float(weights.sum()) else None
 
 
 def _first_largest(sizes: Floats) -> int:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.geometry.features import flat_faces
-from polish_sim.geometry.largest_face import FacetGraph, facet_graph, largest_face
+from polish_sim.geometry.largest_face import FacetGraph, facet_graph, largest_face, looks_same
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +45,8 @@ def choose_up(vertices: Floats, faces: NDArray[np.int32], up: str) -> tuple[Floa
         faces: Vertex indices, shape (m, 3).
         up: One of the six sides; a vector "X,Y,Z"; or "auto": the part's largest smooth face looks up.
             If a large flat face is (nearly) parallel to the mean of that face, the part stands straight on it,
-            as it would on a table. The choice turns with the part.
+            as it would on a table. The choice turns with the part, but where a curved face looks the same from
+            one of the file's own axes that axis is taken.
 
     Returns:
         Unit vector, shape (3,), and a note for the user.
@@ -83,7 +84,8 @@ def stand_straight(vertices: Floats, faces: NDArray[np.int32], graph: FacetGraph
     sizes = np.concatenate([areas, areas])
     fits = (sides @ found.direction > np.cos(REST_ANGLE)) & (sizes > REST_SHARE * found.area)
     if not fits.any():
-        return found.direction
+        level = (side for side in map(np.array, SIDES.values()) if looks_same(graph, found, side, cone))
+        return next(level, found.direction)
     best = int(np.flatnonzero(fits & (sizes >= (1.0 - _SAME) * sizes[fits].max()))[0])
     return np.asarray(sides[best])
 
