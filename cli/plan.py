@@ -73,10 +73,11 @@ def plan(
 
 
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:
-    mm, percent = 1e3, 1e2
+    mm, cm2, percent = 1e3, 1e4, 1e2
     spread = " / ".join(console.number_or_dash(m[f"stepover_{name}_m"], mm, ".2f") for name in ("p5", "p95"))
     return [
         ["facets", "", str(m["facets"])],
+        ["region, of the part's surface", "cm^2", f"{m['region_area_m2'] * cm2:.1f} of {m['part_area_m2'] * cm2:.1f}"],
         ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
         ["  through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
         ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
@@ -91,7 +92,7 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["  at, along the path with its leads", "m", console.number_or_dash(m["feed_least_at_m"], 1.0, ".3f")],
         ["step-over, mean", "mm", console.number_or_dash(m["stepover_mean_m"], mm, ".2f")],
         ["step-over, p5 / p95", "mm", spread],
-        ["covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
+        ["region covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
         ["  within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
         ["crossings of the path with itself", "", str(m["self_crossings"])],
         ["pad in the part, at most", "mm", f"{m['pad_in_part_max_m'] * mm:.3g}"],

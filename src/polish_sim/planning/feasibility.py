@@ -23,6 +23,9 @@ START_REACH = 0.1
 FAR_START = 2.0
 """A path that begins further from there than so many step-overs is told of."""
 
+AS_ASKED = 0.05
+"""A mean step-over this close to the one asked for, relative, is not remarked upon."""
+
 LITTLE_OVERLAP, ALL_COVERED = 0.8, 0.995
 """Turns this share of the pad's diameter apart hardly overlap; so much of a region counts as all of it."""
 
@@ -109,6 +112,24 @@ def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:
         return []
     why = "; an outward path begins in the middle" if plan.order == "outward" else ""
     return [f"the path begins at {place_in_mm(begin)}, {distance * 1e3:.3g} mm from the start asked for{why}"]
+
+
+def stepover_notes(mean: float, plan: PlanConfig) -> list[str]:
+    """Why neighbouring turns are not as far apart as was asked.
+
+    Args:
+        mean: Their distance in the mean [m]; NaN if no two run side by side.
+        plan: Step-over.
+
+    Returns:
+        A note; none if they are, within a twentieth.
+    """
+    if not abs(mean - plan.stepover_m) > AS_ASKED * plan.stepover_m:
+        return []
+    return [
+        f"neighbouring turns are {1e3 * mean:.4g} mm apart in the mean, not the {1e3 * plan.stepover_m:.4g} mm asked "
+        "for: a whole number of turns has to fit between the region's borders"
+    ]
 
 
 def overlap_notes(coverage: float, plan: PlanConfig, pad: PadConfig) -> list[str]:

@@ -96,7 +96,7 @@ def inspect_path(
     if guess_stepover(path) is None:
         quality = without_spacing(quality, pad)
     quality.figures.update(
-        part_figures(mesh, surface),
+        part_figures(mesh, surface, region),
         stepover_expected_m=plan.stepover_m,
         height_above_part_min_m=float(offset.heights.min()),
         height_above_part_max_m=float(offset.heights.max()),

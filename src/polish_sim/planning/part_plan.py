@@ -14,7 +14,14 @@ from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import workpiece_names, workpiece_path
-from polish_sim.planning.feasibility import check_request, check_start, overlap_notes, pad_notes, start_notes
+from polish_sim.planning.feasibility import (
+    check_request,
+    check_start,
+    overlap_notes,
+    pad_notes,
+    start_notes,
+    stepover_notes,
+)
 from polish_sim.planning.ground.ground import prepare_ground
 from polish_sim.planning.moves.given_landing import with_way_down
 from polish_sim.planning.planner import plan_on
@@ -111,8 +118,9 @@ def plan_mesh(
     planned_s = time.perf_counter() - begin
     observer.stage("measure the path")
     quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface)
-    figures = {**part_figures(mesh, surface), **quality.figures, **planned.figures, "plan_time_s": planned_s}
+    figures = {**part_figures(mesh, surface, region), **quality.figures, **planned.figures, "plan_time_s": planned_s}
     told = (*wall_notes(ground, quality, plan, pad), *planned.notes, *start_notes(path, plan))
+    told += tuple(stepover_notes(quality.figures["stepover_mean_m"], plan))
     told += tuple(overlap_notes(quality.figures["coverage"], plan, pad))
     notes = (*mesh.notes, *region.notes, *told, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
@@ -148,7 +156,7 @@ def measure_given_path(
     observer.stage("measure the path")
     ground = prepare_ground(region, plan)
     quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface)
-    figures = part_figures(mesh, surface) | quality.figures
+    figures = part_figures(mesh, surface, region) | quality.figures
     off = figures["max_distance_to_surface_m"]
     if off > OFF_PART_M:
         raise PlanError(

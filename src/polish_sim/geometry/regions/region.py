@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import InputError
-from polish_sim.geometry.boundary import boundary_loops
+from polish_sim.geometry.boundary import boundary_loops, connected_facets
 from polish_sim.geometry.clip import Clipped
 from polish_sim.geometry.features import facet_normals, smooth_edges
 from polish_sim.geometry.mesh import PartMesh
@@ -102,6 +102,8 @@ def select_region(
         raise InputError(f"unknown region '{choice}'. Valid: {CHOICES}.")
     whole = Whole(_with_creases(surface, mesh, feature_angle), mesh.up, mesh.stl_facets)
     patches, notes = _without_slivers(pick(whole, argument))
+    if name == "auto":
+        notes += _cut_off(whole, patches)
     if edge_margin > 0.0:
         patches, further = _without_slivers(trim(patches, edge_margin))
         notes += further
@@ -164,6 +166,20 @@ def _with_creases(surface: Surface, mesh: PartMesh, feature_angle: float | None)
     normals, _ = facet_normals(mesh.vertices, mesh.faces)
     smooth = smooth_edges(normals, Adjacency(surface.neighbours, surface.neighbour_edges), feature_angle)
     return surface if np.array_equal(smooth, surface.smooth) else replace(surface, smooth=smooth)
+
+
+def _cut_off(whole: Whole, patches: Sequence[Clipped]) -> tuple[str, ...]:
+    """Say how much of the smooth face that was picked looks too far away from up and is left out."""
+    labels = connected_facets(whole.surface, whole.surface.smooth)
+    face = np.isin(labels, labels[np.concatenate([patch.parents for patch in patches])])
+    area = float(whole.surface.facet_areas[face].sum())
+    kept = sum(float(patch.surface.facet_areas.sum()) for patch in patches)
+    if kept >= (1.0 - SLIVER_SHARE) * area:
+        return ()
+    return (
+        f"region: {kept * 1e4:.4g} of the {area * 1e4:.4g} cm^2 of the smooth face; what looks more than "
+        f"{np.degrees(UP_CONE):g} deg away from up is left out (--region all takes everything, in patches)",
+    )
 
 
 def _without_slivers(patches: list[Clipped]) -> tuple[list[Clipped], tuple[str, ...]]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.config import PadConfig, ProcessConfig
-from polish_sim.geometry import PartMesh, Surface
+from polish_sim.geometry import PartMesh, Region, Surface
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.quality.coverage import strict_share
@@ -169,9 +169,10 @@ def pad_coverage(ground: Ground, path: ToolPath, process: ProcessConfig, pad: Pa
     return expose(ground, locate(ground, path, process), pad).coverage
 
 
-def part_figures(mesh: PartMesh, surface: Surface) -> dict[str, Any]:
-    """Facets of the part, and how far its smooth surface stands off the middles of them, rms [m]."""
-    return {"facets": len(mesh.faces), "fit_rms_m": fit_rms(mesh, surface)}
+def part_figures(mesh: PartMesh, surface: Surface, region: Region) -> dict[str, Any]:
+    """Facets of the part, how far its smooth surface stands off the middles of them, rms [m], and areas [m^2]."""
+    areas = {"region_area_m2": region.area_m2, "part_area_m2": float(surface.facet_areas.sum())}
+    return {"facets": len(mesh.faces), "fit_rms_m": fit_rms(mesh, surface), **areas}
 
 
 def fit_rms(mesh: PartMesh, surface: Surface) -> float:
