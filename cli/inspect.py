@@ -13,7 +13,7 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli import option_types as o
 from polish_sim.cli.option_groups import ConfigOptions, OutputOptions, RegionOptions, ToolOptions, takes_groups
-from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.scenario_options import build_scenario, given_options
 from polish_sim.config import Scenario
@@ -62,6 +62,7 @@ def inspect(
 ) -> None:
     """Measure a tool path on a part: metrics.json, coverage.ply and two pictures."""
     given = given_options({"part": part, "stepover": stepover, "overlap": overlap}, region, tool)
+    refuse_taken(output.out, output.overwrite)
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.coverage_mesh import write_coverage_mesh

@@ -22,6 +22,20 @@ class OutputFolder:
     final: Path
 
 
+def refuse_taken(out: Path | None, overwrite: bool) -> None:
+    """Refuse an output folder that exists, before anything is read; `claimed` does so as well.
+
+    Args:
+        out: The folder asked for, if any.
+        overwrite: Whether its files may be replaced.
+
+    Raises:
+        InputError: It exists (without ``overwrite``), or is no folder.
+    """
+    if out is not None and out.exists() and not (overwrite and out.is_dir()):
+        raise InputError(_taken(out))
+
+
 @contextmanager
 def claimed(out: Path | None, kind: str, overwrite: bool = False) -> Iterator[OutputFolder]:
     """Claim an output folder for a block of work.
@@ -38,8 +52,7 @@ def claimed(out: Path | None, kind: str, overwrite: bool = False) -> Iterator[Ou
         InputError: At once, if the folder exists (without ``overwrite``) or cannot be written.
     """
     final = _unused(RESULTS / kind / datetime.now().strftime("%Y%m%d-%H%M%S")) if out is None else out
-    if final.exists() and not (overwrite and final.is_dir()):
-        raise InputError(_taken(final))
+    refuse_taken(final, overwrite)
     created = _create_parents(final)
     draft = final.parent / f".{final.name}.part"
     try:

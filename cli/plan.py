@@ -18,7 +18,7 @@ from polish_sim.cli.option_groups import (
     ToolOptions,
     takes_groups,
 )
-from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.scenario_options import build_scenario, given_options
 from polish_sim.config import Scenario
@@ -39,6 +39,7 @@ def plan(
 ) -> None:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png."""
     given = given_options({"part": part}, region, pattern, tool, master)
+    refuse_taken(output.out, output.overwrite)
     if dual:
         refuse_idle_in("dual", given)
     else:

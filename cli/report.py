@@ -9,7 +9,7 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli.option_types import Out, Overwrite
-from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.sinks import CELL_PICTURE
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN", help="Run folders made by 'run'.", show_default=False)]
@@ -17,6 +17,7 @@ Runs = Annotated[list[Path], typer.Argument(metavar="RUN", help="Run folders mad
 
 def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
+    refuse_taken(out, overwrite)
     # Lazy: --help must not wait for matplotlib.
     from polish_sim.analysis.cell_plot import plot_cell
     from polish_sim.analysis.claims import claims_shown

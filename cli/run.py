@@ -20,7 +20,7 @@ from polish_sim.cli.option_groups import (
     ToolOptions,
     takes_groups,
 )
-from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.scenario_options import build_scenario, given_options
 from polish_sim.cli.sinks import open_sinks
@@ -103,6 +103,7 @@ def run(
     refuse_idle_in(experiment, given | {"--seeds": seeds} | switches)
     if seeds is not None and (view or video):
         raise InputError("--view and --video show one run: leave --seeds out.")
+    refuse_taken(output.out, output.overwrite)
     prepare_headless()
     # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.cli.seeds import run_seeds
@@ -126,22 +127,18 @@ def run(
 
 def _checked(scenario: Scenario, given: Mapping[str, Any], path: Path | None) -> tuple[ToolPath | None, Scenario]:
     """Refuse what cannot be run before anything is planned, and take the plan of a given path."""
-    from polish_sim.calibration import read_calibrated_tool
-    from polish_sim.cell import parse_events
     from polish_sim.cli.given_plan import name_path, take_plan
+    from polish_sim.experiments.settings_check import check_force, check_settings
     from polish_sim.planning import PATTERNS
 
-    if scenario.payload.file:
-        read_calibrated_tool(Path(scenario.payload.file))
-    parse_events(scenario.faults.events)
     source = path or (Path(scenario.plan.file) if scenario.plan.file else None)
+    check_settings(scenario, plans=scenario.experiment == "surface" and source is None)
+    given_path = None
     if scenario.experiment == "smooth":
-        return None, scenario if source is None else name_path(source, scenario)
-    if scenario.experiment == "teach" and source is None:
-        return None, scenario
-    if source is not None:
-        return take_plan(source, scenario, given)
-    if scenario.experiment == "dual":
-        return None, scenario
-    refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
-    return None, scenario
+        scenario = scenario if source is None else name_path(source, scenario)
+    elif source is not None:
+        given_path, scenario = take_plan(source, scenario, given)
+    elif scenario.experiment not in ("teach", "dual"):
+        refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
+    check_force(scenario, given_path)
+    return given_path, scenario

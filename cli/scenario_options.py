@@ -88,6 +88,9 @@ TRIPLES: Final[Mapping[str, Target]] = {
 }
 """Options of the form X,Y,Z."""
 
+FILE_REGIONS: Final = ("polygon", "faces")
+"""Regions that may be read from a file."""
+
 OTHERS: Final = ("--calibration", "--overlap", "--part-pose", "--log-rate", "--seed", "--fault")
 """Options with a reading of their own."""
 
@@ -160,11 +163,14 @@ def _overlapping(scenario: Scenario, stepover: float | None, overlap: float) -> 
 def _placed(scenario: Scenario) -> Scenario:
     """Name every file a scenario names from the root, so that the written config runs from any folder."""
     pair = (("dual", "bases_file"), ("dual", "tool_file"), ("dual", "master_path"))
-    files = (("part", "file"), ("payload", "file"), *pair, ("drag", "follow"))
+    files = (("part", "file"), ("part", "real_file"), ("payload", "file"), *pair, ("drag", "follow"))
     for section, key in files:
         file = Path(getattr(getattr(scenario, section), key))
         if file.is_file():
             scenario = merge(scenario, {section: {key: str(file.resolve())}}, "")
+    choice, _, words = scenario.plan.region.partition(":")
+    if choice in FILE_REGIONS and Path(words).is_file():
+        scenario = merge(scenario, {"plan": {"region": f"{choice}:{Path(words).resolve()}"}}, "")
     file_name, _, class_name = scenario.controller.name.rpartition(":")
     if Path(file_name).is_file():
         scenario = merge(scenario, {"controller": {"name": f"{Path(file_name).resolve()}:{class_name}"}}, "")

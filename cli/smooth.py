@@ -10,7 +10,7 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli import option_types as o
-from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.rendering import prepare_headless
 from polish_sim.cli.scenario_options import parse_pose
 from polish_sim.errors import InputError
@@ -115,6 +115,7 @@ def smooth(
         _check_range("--feed", feed, 0.001, 5000.0, "mm/s")
     if no_joints and part_pose is not None:
         raise InputError("--part-pose would change nothing with --no-joints: leave it out.")
+    refuse_taken(out, overwrite)
     pose = tuple(parse_pose(part_pose)) if part_pose is not None else ()
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from polish_sim.errors import unknown_name
+from polish_sim.errors import InputError, unknown_name
 
 _FOLDER = Path(__file__).resolve().parent
 
@@ -55,4 +56,26 @@ def workpiece_path(name: str) -> Path:
     return _FOLDER / "workpieces" / f"{name}.stl"
 
 
-__all__ = ["WORKPIECES", "robot_model_path", "workpiece_names", "workpiece_path"]
+def part_path(name: str) -> Path:
+    """File of a part: a shipped one by its name, anything else as a path.
+
+    Args:
+        name: What the user calls the part.
+
+    Returns:
+        The path; whether there is such a file shows when it is read.
+
+    Raises:
+        InputError: A bare name that is neither a shipped part nor a file; lists the shipped ones, the likeliest first.
+    """
+    if name in workpiece_names():
+        return workpiece_path(name)
+    path = Path(name)
+    if path.suffix or path.name != name or path.exists():
+        return path
+    close = difflib.get_close_matches(name, workpiece_names(), 1)
+    meant = f" Did you mean '{close[0]}'?" if close else ""
+    raise InputError(f"'{name}' is neither a file nor a shipped part.{meant} Shipped: {', '.join(workpiece_names())}.")
+
+
+__all__ = ["WORKPIECES", "part_path", "robot_model_path", "workpiece_names", "workpiece_path"]

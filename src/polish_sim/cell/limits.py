@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from polish_sim.cell.real_part import depth_for
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError
 
@@ -22,6 +23,27 @@ def check_step_limits(scenario: Scenario, tangential_mass: float, modelled: floa
 
     Raises:
         ConfigError: Naming the limit that is broken, by how much, and the keys that would mend it.
+    """
+    check_contact_settings(scenario)
+    dt, pad, force = scenario.simulation.timestep_s, scenario.pad, scenario.process.contact_force_n
+    drag = pad.friction * force * dt / (pad.friction_smoothing_m_s * tangential_mass)
+    if drag >= 1.0:
+        raise ConfigError(
+            f"pad.friction_smoothing_m_s = {pad.friction_smoothing_m_s:g} is too sharp for this step: "
+            f"mu F dt / (v_s m) = {drag:.2f}, must be below 1 (m = {tangential_mass:.1f} kg). "
+            "Raise it, or lower pad.friction or simulation.timestep_s."
+        )
+    _check_depth(scenario, modelled)
+
+
+def check_contact_settings(scenario: Scenario) -> None:
+    """What `check_step_limits` can tell from the settings alone, before anything is planned.
+
+    Args:
+        scenario: The scenario.
+
+    Raises:
+        ConfigError: As there.
     """
     dt, pad, head = scenario.simulation.timestep_s, scenario.pad, scenario.head
     damping = pad.damping_s_m * scenario.safety.force_limit_n * dt / head.mass_kg
@@ -44,13 +66,11 @@ def check_step_limits(scenario: Scenario, tangential_mass: float, modelled: floa
             f"held: the robot would stop at the first overshoot. Raise it to {LEAST_ROOM * force:g} or more, or lower "
             "process.contact_force_n (--contact-force)."
         )
-    drag = pad.friction * force * dt / (pad.friction_smoothing_m_s * tangential_mass)
-    if drag >= 1.0:
-        raise ConfigError(
-            f"pad.friction_smoothing_m_s = {pad.friction_smoothing_m_s:g} is too sharp for this step: "
-            f"mu F dt / (v_s m) = {drag:.2f}, must be below 1 (m = {tangential_mass:.1f} kg). "
-            "Raise it, or lower pad.friction or simulation.timestep_s."
-        )
+    _check_depth(scenario, depth_for(force, pad.stiffness_n_m * head.spring_scale))
+
+
+def _check_depth(scenario: Scenario, modelled: float) -> None:
+    pad, head, force = scenario.pad, scenario.head, scenario.process.contact_force_n
     depth = 2.0 * force / (pad.stiffness_n_m * head.spring_scale)
     if depth > modelled:
         raise ConfigError(

@@ -25,7 +25,7 @@ from polish_sim.experiments.placement import (
 )
 from polish_sim.experiments.stroke_motion import Stroke, stroke_motion
 from polish_sim.geometry import PartMesh
-from polish_sim.models import workpiece_names, workpiece_path
+from polish_sim.models import part_path
 from polish_sim.motion.smoothing.arm import Arm, build_arm
 from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import build_path_table, with_set_points
@@ -45,7 +45,7 @@ def random_streams(seed: int) -> list[np.random.Generator]:
 
 def part_file(name: str) -> Path:
     """The STL a scenario names: a shipped part by its name, anything else as a path."""
-    return workpiece_path(name) if name in workpiece_names() else Path(name)
+    return part_path(name)
 
 
 def pressing_depths(scenario: Scenario, path: ToolPath) -> Array:

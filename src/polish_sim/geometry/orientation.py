@@ -54,16 +54,27 @@ def choose_up(vertices: Floats, faces: NDArray[np.int32], up: str) -> tuple[Floa
     Raises:
         InputError: Neither a side nor a vector; lists what is.
     """
-    if up in SIDES:
-        return np.array(SIDES[up]), f"up is {up} (as asked)"
-    if "," in up:
-        direction = _parse_vector(up)
-        return direction, f"up is {describe(direction)} (as asked)"
-    if up != "auto":
-        raise unknown_name("side for --up", up, [*SIDES, "auto", "X,Y,Z"])
+    named = check_up(up)
+    if named is not None:
+        return named, f"up is {describe(named)} (as asked)"
     graph = facet_graph(vertices, faces)
     direction = _snap(stand_straight(vertices, faces, graph, UP_CONE))
     return direction, f"up is {describe(direction)} (assumed: the side with the largest smooth face; --up sets it)"
+
+
+def check_up(up: str) -> Floats | None:
+    """The direction the user's words name, unit vector, shape (3,); None for "auto".
+
+    Raises:
+        InputError: They name none; lists what is valid.
+    """
+    if up in SIDES:
+        return np.array(SIDES[up])
+    if "," in up:
+        return _parse_vector(up)
+    if up != "auto":
+        raise unknown_name("side for --up", up, [*SIDES, "auto", "X,Y,Z"])
+    return None
 
 
 def stand_straight(vertices: Floats, faces: NDArray[np.int32], graph: FacetGraph, cone: float) -> Floats:

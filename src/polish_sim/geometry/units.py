@@ -15,6 +15,9 @@ SMALLEST_PART = 5e-3
 LARGEST_PART = 2.0
 """Largest extent of the largest part [m]."""
 
+_ROUNDING = 1e-6
+"""Of numbers in a file, relative."""
+
 
 def metres_per_unit(unit: str) -> float:
     """Return the length of one file unit [m]; unknown names are an error that lists the known ones."""
@@ -35,10 +38,10 @@ def check_size(extent: float, unit: str, path: Path) -> None:
         MeshError: The part is not between 5 mm and 2 m; names the units that would fit.
     """
     size = extent * metres_per_unit(unit)
-    if SMALLEST_PART < size <= LARGEST_PART:
+    if _plausible(size):
         return
-    fitting = [name for name, metres in METRES_PER_UNIT.items() if SMALLEST_PART < extent * metres <= LARGEST_PART]
-    problem = "small" if size <= SMALLEST_PART else "large"
+    fitting = [name for name, metres in METRES_PER_UNIT.items() if _plausible(extent * metres)]
+    problem = "small" if size < SMALLEST_PART else "large"
     advice = (
         "Is the unit right? These would fit: " + ", ".join(f"--units {name}" for name in fitting) + "."
         if fitting
@@ -46,5 +49,10 @@ def check_size(extent: float, unit: str, path: Path) -> None:
     )
     raise MeshError(
         f"{path}: the part is too {problem}: {extent:.6g} {unit} at its largest "
-        f"(wanted: more than {SMALLEST_PART * 1e3:g} mm, at most {LARGEST_PART * 1e3:g} mm). {advice}"
+        f"(wanted: {SMALLEST_PART * 1e3:g} to {LARGEST_PART * 1e3:g} mm). {advice}"
     )
+
+
+def _plausible(size: float) -> bool:
+    """Whether a part of this size [m] could be polished; a limit that is met but for rounding is met."""
+    return SMALLEST_PART * (1.0 - _ROUNDING) <= size <= LARGEST_PART * (1.0 + _ROUNDING)

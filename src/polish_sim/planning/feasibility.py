@@ -6,7 +6,8 @@ import numpy as np
 
 from polish_sim.config import PadConfig, PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
-from polish_sim.geometry import Region, Surface, merge_regions
+from polish_sim.geometry import PartMesh, Region, Surface, merge_regions
+from polish_sim.geometry.units import LARGEST_PART, METRES_PER_UNIT, metres_per_unit
 from polish_sim.planning.curves.offset_curve import CurveSet
 from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.ground.footprint import footprint
@@ -33,19 +34,19 @@ FEW = 20
 """One vertex in so many is asked first how far it is from the border."""
 
 
-def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> Region:
+def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
     """Refuse what cannot be polished sensibly, leave out components too narrow for the pad.
 
     Args:
         region: What is to be polished.
-        plan: Step-over.
         pad: The pad.
+        mesh: The part, for its unit and size.
 
     Returns:
         The region; with a note if components were left out.
 
     Raises:
-        PlanError: All of the region is narrower than half the pad, or the step-over wider than the pad.
+        PlanError: All of the region is narrower than half the pad; names the units in which it would not be.
     """
     components = region.components()
     widths = [float(footprint(component).widths.min()) for component in components]
@@ -56,11 +57,7 @@ def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> Region:
             f"the region is narrower than half the pad: {width * 1e3:.3g} mm across, the pad "
             f"{diameter * 1e3:.3g} mm. "
             f"Set a smaller pad (--pad-diameter {width * 1e3:.2g}) or choose another --region."
-        )
-    if plan.stepover_m > diameter:
-        raise PlanError(
-            f"a step-over of {plan.stepover_m * 1e3:.4g} mm would leave stripes: the pad measures "
-            f"{diameter * 1e3:.4g} mm. Set a step-over below that; a sixth of it is usual."
+            f"{_in_another_unit(mesh, width, NARROWEST * diameter)}"
         )
     wide = [part for part, width in zip(components, widths, strict=True) if width >= NARROWEST * diameter]
     if len(wide) == len(components):
@@ -71,6 +68,21 @@ def check_request(region: Region, plan: PlanConfig, pad: PadConfig) -> Region:
         f"in all: narrower than half the pad ({NARROWEST * diameter * 1e3:.3g} mm); a smaller --pad-diameter takes them"
     )
     return merge_regions(wide, region.up, (*region.notes, note))
+
+
+def _in_another_unit(mesh: PartMesh, width: float, wanted: float) -> str:
+    """The units in which a region would be wide enough [m], and the part's size in them; empty if there is none."""
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    scales = {unit: scale / metres_per_unit(mesh.unit) for unit, scale in METRES_PER_UNIT.items()}
+    fitting = [
+        f"--units {unit} makes it {size * scale * 1e3:.4g} mm"
+        for unit, scale in scales.items()
+        if width * scale >= wanted and size * scale <= LARGEST_PART
+    ]
+    if not fitting:
+        return ""
+    read = f"Read in {mesh.unit} the part measures {size * 1e3:.4g} mm"
+    return f" Or was it drawn in another unit? {read}; {', '.join(fitting)}."
 
 
 def check_start(part: Surface, plan: PlanConfig) -> None:

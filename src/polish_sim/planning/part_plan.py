@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,7 +12,8 @@ from numpy.typing import NDArray
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
-from polish_sim.models import workpiece_names, workpiece_path
+from polish_sim.models import part_path
+from polish_sim.planning.asked import check_asked, check_stepover
 from polish_sim.planning.feasibility import (
     check_request,
     check_start,
@@ -92,6 +92,7 @@ def plan_part(
         PolishSimError: The part or the request cannot be used; says why and what to do.
     """
     observer = observer or _Silent()
+    check_asked(part, plan, pad or PadConfig())
     begin = time.perf_counter()
     mesh = load_mesh(part, observer)
     return plan_mesh(mesh, plan, process, pad, observer, time.perf_counter() - begin)
@@ -108,8 +109,9 @@ def plan_mesh(
     """As `plan_part`, on a mesh that is there already; spent_s: time its loading took, counted in plan_time_s [s]."""
     process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
     begin = time.perf_counter() - spent_s
+    check_stepover(plan, pad)
     surface, region = _choose(mesh, plan)
-    region = check_request(region, plan, pad)
+    region = check_request(region, pad, mesh)
     check_start(surface, plan)
     observer.stage("plan the path")
     ground = prepare_ground(region, plan)
@@ -193,9 +195,7 @@ def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadC
 def load_mesh(part: PartConfig, observer: PlanObserver | None = None) -> PartMesh:
     """Load a part by its file or shipped name."""
     (observer or _Silent()).stage("fit the surface")
-    name = part.file
-    file = workpiece_path(name) if name in workpiece_names() else Path(name)
-    return load_part(file, part.unit, part.up)
+    return load_part(part_path(part.file), part.unit, part.up)
 
 
 def _choose(mesh: PartMesh, plan: PlanConfig) -> tuple[Surface, Region]:

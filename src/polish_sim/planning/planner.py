@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.config import PlanConfig
-from polish_sim.errors import PlanError, place_in_mm, unknown_name
+from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
+from polish_sim.planning.asked import check_plan_words
 from polish_sim.planning.ground.ground import Ground, Piece, prepare_ground
-from polish_sim.planning.moves.approach import LEADS, Move, concatenate, with_leads
+from polish_sim.planning.moves.approach import Move, concatenate, with_leads
 from polish_sim.planning.moves.landing import Air, Remark, choose_leads, notes_of
 from polish_sim.planning.moves.order import order_blocks
 from polish_sim.planning.moves.stroke import Stroke, give_axes
@@ -25,8 +26,6 @@ from polish_sim.planning.toolpath import ToolPath, arc_length
 
 Array = NDArray[np.float64]
 
-ORDERS: Final = ("inward", "outward")
-DIRECTIONS: Final = ("climb", "conventional")
 CUT_HERE: Final = "the path would cross itself, one of the two strands is cut and the tool lifts there"
 
 
@@ -109,14 +108,7 @@ def plan_on(
         InputError: Unknown pattern, lead-in, order or direction.
         PlanError: The region is too narrow for the step-over.
     """
-    for kind, name, known in (
-        ("pattern", plan.pattern, PATTERNS),
-        ("lead-in", plan.lead_in, LEADS),
-        ("order", plan.order, ORDERS),
-        ("direction", plan.direction, DIRECTIONS),
-    ):
-        if name not in known:
-            raise unknown_name(kind, name, known)
+    check_plan_words(plan)
     found = _cover(ground, plan, on_progress or _silent)
     blocks = [block for block in found if block]
     if not blocks:

@@ -13,7 +13,7 @@ from polish_sim.geometry.boundary import connected_facets
 from polish_sim.geometry.clip import Clipped, clip, then
 from polish_sim.geometry.orientation import UP_CONE
 from polish_sim.geometry.regions.patches import coverable, lies_open, middle_normals, restricted
-from polish_sim.geometry.regions.words import CHOICES, parse_numbers, read_facet_numbers
+from polish_sim.geometry.regions.words import CHOICES, parse_point, read_facet_numbers
 from polish_sim.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -60,7 +60,7 @@ def pick_all(whole: Whole, _: str) -> list[Clipped]:
 
 def pick_point(whole: Whole, argument: str) -> list[Clipped]:
     """Pick the smooth face at a point; of one that goes round, what looks up with it or the way the point looks."""
-    point = np.array(parse_numbers(argument, 3, "point:X,Y,Z")) * 1e-3
+    point = parse_point(argument)
     found = whole.surface.closest(point[None])
     distance = float(np.linalg.norm(found.positions[0] - point))
     if distance > _POINT_REACH * float(np.ptp(whole.surface.bounds, axis=0).max()):

@@ -9,7 +9,7 @@ from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.geometry.clip import Clipped, clip, split, then
 from polish_sim.geometry.regions.choice import Whole, looking
 from polish_sim.geometry.regions.patches import connected, restricted
-from polish_sim.geometry.regions.words import parse_corners, parse_numbers
+from polish_sim.geometry.regions.words import parse_box, parse_corners
 from polish_sim.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -22,11 +22,8 @@ _MOST_CORNERS = 1000
 
 def pick_box(whole: Whole, argument: str) -> list[Clipped]:
     """Pick the smooth faces that look up within a box."""
-    x0, y0, z0, x1, y1, z1 = parse_numbers(argument, 6, "box:X0,Y0,Z0,X1,Y1,Z1")
-    low, high = np.minimum([x0, y0, z0], [x1, y1, z1]), np.maximum([x0, y0, z0], [x1, y1, z1])
-    if (low == high).any():
-        raise InputError(f"region 'box:{argument}' has no volume. Give two opposite corners in mm.")
-    kept = _between(whole.kept, np.eye(3), low * 1e-3, high * 1e-3)
+    low, high = parse_box(argument)
+    kept = _between(whole.kept, np.eye(3), low, high)
     if len(kept.parents) == 0:
         raise _nothing_in(f"box:{argument}", whole.surface)
     return _faces_above(kept, whole.up)

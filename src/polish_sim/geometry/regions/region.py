@@ -19,7 +19,7 @@ from polish_sim.geometry.regions.choice import Whole, pick_all, pick_auto, pick_
 from polish_sim.geometry.regions.outline import pick_box, pick_polygon
 from polish_sim.geometry.regions.patches import connected, facing, join, unpinch
 from polish_sim.geometry.regions.trim import trim
-from polish_sim.geometry.regions.words import CHOICES
+from polish_sim.geometry.regions.words import CHOICES, parse_box, parse_corners, parse_point, read_facet_numbers
 from polish_sim.geometry.surface import Surface
 from polish_sim.geometry.topology import Adjacency
 
@@ -34,6 +34,14 @@ WITH_ARGUMENT: Mapping[str, Pick] = {
     "polygon": pick_polygon,
     "faces": pick_faces,
 }
+
+READERS: Mapping[str, Callable[[str], object]] = {
+    "point": parse_point,
+    "box": parse_box,
+    "polygon": parse_corners,
+    "faces": read_facet_numbers,
+}
+"""How the argument of a choice is read, whatever the part."""
 
 SLIVER_SHARE = 1e-3
 """Patches smaller than this share of the largest one are left out."""
@@ -96,10 +104,9 @@ def select_region(
         InputError: The choice cannot be understood; lists the valid ones.
         PlanError: Nothing of the part matches, or nothing is left within the margin.
     """
+    check_choice(choice)
     name, _, argument = choice.partition(":")
-    pick = (WITH_ARGUMENT if argument else PLAIN).get(name)
-    if pick is None or choice.endswith(":"):
-        raise InputError(f"unknown region '{choice}'. Valid: {CHOICES}.")
+    pick = (WITH_ARGUMENT if argument else PLAIN)[name]
     whole = Whole(_with_creases(surface, mesh, feature_angle), mesh.up, mesh.stl_facets)
     patches, notes = _without_slivers(pick(whole, argument))
     if name == "auto":
@@ -109,6 +116,22 @@ def select_region(
         notes += further
     kept = join(patches)
     return build_region(kept.surface, kept.parents, mesh.up, notes)
+
+
+def check_choice(choice: str) -> None:
+    """Refuse words for a region that say nothing, whatever the part.
+
+    Args:
+        choice: As in `select_region`; a file it names is read.
+
+    Raises:
+        InputError: They cannot be understood; lists the valid ones.
+    """
+    name, _, argument = choice.partition(":")
+    if name not in (WITH_ARGUMENT if argument else PLAIN) or choice.endswith(":"):
+        raise InputError(f"unknown region '{choice}'. Valid: {CHOICES}.")
+    if argument:
+        READERS[name](argument)
 
 
 def build_region(surface: Surface, facets: Ints, up: Floats, notes: tuple[str, ...] = ()) -> Region:

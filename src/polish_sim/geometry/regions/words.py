@@ -33,6 +33,23 @@ def parse_numbers(argument: str, count: int, form: str) -> list[float]:
     return numbers
 
 
+def parse_point(argument: str) -> Floats:
+    """Read a point [m], shape (3,)."""
+    return np.array(parse_numbers(argument, 3, "point:X,Y,Z")) * 1e-3
+
+
+def parse_box(argument: str) -> Floats:
+    """Read the least and the greatest corner of a box [m], shape (2, 3).
+
+    Raises:
+        InputError: Not six numbers, or a box without volume.
+    """
+    corners = np.sort(np.reshape(parse_numbers(argument, 6, "box:X0,Y0,Z0,X1,Y1,Z1"), (2, 3)), axis=0)
+    if (corners[0] == corners[1]).any():
+        raise InputError(f"region 'box:{argument}' has no volume. Give two opposite corners in mm.")
+    return corners * 1e-3
+
+
 def parse_corners(argument: str) -> Floats:
     """Read the corners of a polygon, in the option itself or from a file [m], shape (n, 3).
 
