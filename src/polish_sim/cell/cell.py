@@ -43,6 +43,7 @@ from polish_sim.config import Scenario
 from polish_sim.control.course import Course
 from polish_sim.control.laws import CompiledController, Controller
 from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, WHOLE_FEED
+from polish_sim.control.user_error import file_of, tell_error
 from polish_sim.errors import InputError, ReachError
 from polish_sim.log import RunLog, from_rows, with_column
 from polish_sim.trace import Trace
@@ -145,7 +146,7 @@ class Cell:
             doing = "reset()"
             controller.reset(self.kernel.engine.dt * self.kernel.control_every)
         except Exception as error:
-            raise InputError(f"the controller's {doing} failed: {type(error).__name__}: {error}.") from error
+            raise InputError(f"the controller's {doing} failed: {tell_error(error, file_of(controller))}.") from error
         self.law = self._attach(controller)
 
     @property
@@ -255,7 +256,7 @@ class Cell:
         if code == 0.0 or self._was_interrupted():
             return None
         if code == CONTROLLER_ERROR and isinstance(self.law, PythonLaw):
-            return f"{REASONS[code]}: {type(self.law.error).__name__}: {' '.join(str(self.law.error).split())}"
+            return f"{REASONS[code]}: {self.law.told}"
         return f"{REASONS[code]} ({self._touched} touch)" if self._touched else REASONS[code]
 
     def _touching(self) -> str:

@@ -9,6 +9,7 @@ from types import ModuleType
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control.laws import CONTROLLERS, Controller
+from polish_sim.control.user_error import tell_error
 from polish_sim.errors import InputError, unknown_name
 
 
@@ -44,7 +45,7 @@ def _load_class(path: Path, class_name: str) -> Controller:
     try:
         made = getattr(module, class_name)()
     except Exception as error:
-        raise InputError(f"'{path}:{class_name}' cannot be made: {type(error).__name__}: {error}.") from error
+        raise InputError(f"'{path}:{class_name}' cannot be made: {tell_error(error, path)}.") from error
     for method in ("reset", "step"):
         if not callable(getattr(made, method, None)):
             raise InputError(f"class '{class_name}' in '{path}' lacks the method {method}(); see docs/controllers.md.")
@@ -60,5 +61,5 @@ def _run_file(path: Path, class_name: str) -> ModuleType:
     try:
         spec.loader.exec_module(module)
     except Exception as error:
-        raise InputError(f"'{path}:{class_name}' cannot be loaded: {type(error).__name__}: {error}.") from error
+        raise InputError(f"'{path}:{class_name}' cannot be loaded: {tell_error(error, path)}.") from error
     return module

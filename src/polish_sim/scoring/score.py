@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from polish_sim.control import build_controller
+from polish_sim.control.user_error import file_of, tell_error
 from polish_sim.crew import Result, work_off
 from polish_sim.errors import InputError
 from polish_sim.kernel_cache import is_warm, use_kernel_cache
@@ -90,7 +91,8 @@ def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
         try:
             controller.reset(cycle)
         except Exception as error:
-            raise InputError(f"the reset() of '{entry.label}' failed: {type(error).__name__}: {error}.") from error
+            told = tell_error(error, file_of(controller))
+            raise InputError(f"the reset() of '{entry.label}' failed: {told}.") from error
 
 
 def run_score(
