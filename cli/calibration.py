@@ -19,7 +19,6 @@ from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.seeds import aggregate
 from polish_sim.config import Scenario
 from polish_sim.experiments import PayloadCalibration, calibrate_from, run_payload_calibration
-from polish_sim.kernel_cache import is_warm, use_kernel_cache
 from polish_sim.scenario_file import to_toml
 
 SIMULATED, MEASURED = "calibrate-payload", "calibrate-payload-data"
@@ -28,8 +27,6 @@ UNFINISHED = ".seed"
 
 def one_seed(scenario: Scenario, drift: bool, draft: Path) -> Outcome:
     """Calibrate one simulated robot and write its folder."""
-    if not is_warm(use_kernel_cache()):
-        console.note("first start: the kernels are compiled once, which takes a minute or two")
     with console.progress() as observer:
         found = run_payload_calibration(scenario, drift, observer)
         observer.stage("draw")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
@@ -10,8 +11,11 @@ from typing import Any, Final
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from polish_sim.cli.compiling import compiling_told
 from polish_sim.cli.frames import FrameSink
 
+QUIET_S: Final = 20.0
+"""How long a stage may be quiet where no bar can be shown [s]."""
 IDLE_FRAME_S: Final = 0.1
 """Simulated time between looks at the run when nobody asked for frames [s]."""
 
@@ -19,8 +23,10 @@ IDLE_FRAME_S: Final = 0.1
 class ProgressObserver:
     """Shows the current stage and how far it is; each stage leaves one line behind."""
 
-    def __init__(self, bar: Progress, say: Callable[[str], None], sinks: Sequence[FrameSink]) -> None:
-        self._bar = bar
+    def __init__(
+        self, bar: Progress, say: Callable[[str], None], sinks: Sequence[FrameSink], quiet_s: float | None = None
+    ) -> None:
+        self._bar, self._quiet_s, self._stage, self._told_at = bar, quiet_s, "", 0.0
         self._say = say
         self._sinks = sinks
         self.frame_every_s = min([IDLE_FRAME_S, *(sink.every_s for sink in sinks)])
@@ -40,15 +46,21 @@ class ProgressObserver:
         )
         terminal = sys.stderr.isatty()
         with Progress(*columns, console=console, transient=True, disable=not terminal) as bar:
-            yield cls(bar, bar.console.print if terminal else say, sinks)
+            told = bar.console.print if terminal else say
+            with compiling_told(told):
+                yield cls(bar, told, sinks, None if terminal else QUIET_S)
 
     def stage(self, text: str) -> None:
         """Begin a stage: its bar starts anew."""
         self._say(text)
+        self._stage, self._told_at = text, time.monotonic()
         self._bar.reset(self._task, total=None, description=text)
 
     def progress(self, done: float, total: float) -> None:
-        """Say how far the stage is, in any unit."""
+        """Say how far the stage is, in any unit; where no bar can be shown, in a line now and then."""
+        if self._quiet_s is not None and time.monotonic() - self._told_at >= self._quiet_s and total > 0.0:
+            self._told_at = time.monotonic()
+            self._say(f"{self._stage}: {done / total:.0%}")
         self._bar.update(self._task, completed=done, total=total)
 
     def frame(self, model: Any, data: Any) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -17,6 +19,8 @@ from polish_sim.analysis.score_figures import DEFINITIONS
 from polish_sim.analysis.score_plot import Limit, plot_ablation, plot_score
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
+from polish_sim.cli.compiling import FIRST_START
+from polish_sim.cli.progress import QUIET_S
 from polish_sim.cli.score_folder import put
 from polish_sim.kernel_cache import is_warm, use_kernel_cache
 from polish_sim.scoring import (
@@ -38,9 +42,6 @@ from polish_sim.scoring import (
     worst_case,
     worst_line,
 )
-
-_QUIET_STEPS: Final = 10
-"""How many times a long score says how far it is where no bar can be shown."""
 
 
 @dataclass(frozen=True)
@@ -76,20 +77,20 @@ def score_and_tell(wish: Wish, folder: Path, check: bool) -> int:
 
 def _run(wish: Wish, folder: Path) -> Score:
     if not is_warm(use_kernel_cache()):
-        console.note("first start: the kernels are compiled once, which takes two or three minutes")
+        console.note(FIRST_START)
     with console.progress() as observer:
         observer.stage(f"score {', '.join(e.label for e in wish.entries)}: {len(wish.cases)} cases")
-        told = -1
+        bar, told_at = sys.stderr.isatty(), -math.inf
 
         def heard(done: int, total: int, trouble: str | None) -> None:
-            nonlocal told
+            nonlocal told_at
             if trouble is not None:
                 console.note(f"warning: {trouble}.")
-            observer.progress(done, total)
-            step = _QUIET_STEPS * done // max(total, 1)
-            if step > told and not sys.stderr.isatty():
+            if bar:
+                observer.progress(done, total)
+            elif done == total or time.monotonic() - told_at >= QUIET_S:
                 console.note(f"{done} of {total} runs")
-            told = step
+                told_at = time.monotonic()
 
         return run_score(wish.cases, wish.entries, wish.seeds, folder, heard, wish.workers)
 

@@ -17,10 +17,12 @@ from polish_sim.analysis.claims import CLAIMS, claims_of, is_paper_task
 from polish_sim.analysis.report import draw_seeds, save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, read_record, write_json
 from polish_sim.cli import console
+from polish_sim.cli.compiling import FIRST_START
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.planning import plan_to_run
 from polish_sim.cli.simulation import PICTURES_MISSING, simulate
 from polish_sim.config import Scenario
+from polish_sim.kernel_cache import is_warm, use_kernel_cache
 from polish_sim.planning import PlanResult, ToolPath
 
 Figures = Mapping[str, Any]
@@ -91,6 +93,8 @@ def _run_all(
     with console.progress() as observer, _pool(workers) as pool:
         way = plan_to_run(scenario, plan, observer, draft)
         observer.stage(f"simulate {len(seeds)} seeds on {workers} cores")
+        if not is_warm(use_kernel_cache()):
+            console.note(FIRST_START)
         jobs = {seed: pool.submit(_run_one, replace(scenario, seed=seed), way, draft / _name(seed)) for seed in seeds}
         try:
             for count, job in enumerate(as_completed(jobs.values()), 1):

@@ -21,7 +21,6 @@ from polish_sim.cli.sinks import CELL_PICTURE
 from polish_sim.config import Scenario
 from polish_sim.exchange import path_csv
 from polish_sim.experiments import RunResult, check_experiment, run_experiment
-from polish_sim.kernel_cache import is_warm, use_kernel_cache
 from polish_sim.planning import PlanResult, ToolPath
 
 PICTURES_MISSING = "pictures_missing"
@@ -42,8 +41,6 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
     Returns:
         How it ended.
     """
-    if not is_warm(use_kernel_cache()):
-        console.note("first start: the kernels are compiled once, which takes two or three minutes")
     record, undrawn = None, ""
     try:
         with ExitStack() as stack:

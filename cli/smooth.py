@@ -23,7 +23,8 @@ PathFile = Annotated[
     Path,
     typer.Argument(
         metavar="PATH",
-        help="Plan folder, path.json, path.csv, CSV of x,y,z,i,j,k (mm), APT/CLDATA, or G-code (.nc, .ngc, .gcode).",
+        help="Plan folder, path.json, path.csv, CSV of x,y,z,i,j,k (mm), APT/CLDATA, or G-code of G0 and G1 (.nc, "
+        ".ngc, .gcode).",
         show_default=False,
     ),
 ]
@@ -85,7 +86,11 @@ NoJoints = Annotated[
 ]
 Lenient = Annotated[
     bool,
-    typer.Option("--lenient", help="Leave out unknown words of G-code or APT, and say so.", rich_help_panel=o.PATH),
+    typer.Option(
+        "--lenient",
+        help="Leave out unknown words of G-code or APT, and say so; what moves the tool stays refused.",
+        rich_help_panel=o.PATH,
+    ),
 ]
 Rate = Annotated[
     float, typer.Option("--rate", metavar="HZ", help="Samples of the trajectory per second.", rich_help_panel=o.OUTPUT)

@@ -15,7 +15,6 @@ from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 from polish_sim.analysis.smoothing_figures import Measured, measure_smoothing, smoothing_figures
 from polish_sim.analysis.trajectory_file import even_times, write_trajectory
-from polish_sim.cli import console
 from polish_sim.cli.given_plan import plan_facts
 from polish_sim.cli.smoothing_outcome import SmoothOutcome
 from polish_sim.cli.smoothing_pictures import draw_smoothing
@@ -23,7 +22,6 @@ from polish_sim.errors import PolishSimError, unknown_name
 from polish_sim.exchange import Unknown, WayPoints, read_way_points, refuse_unknown
 from polish_sim.experiments.smoothing import SmoothingTask, feeds_on_way, prepare_rule, smooth_path
 from polish_sim.experiments.smoothing_place import path_without_robot, place_path
-from polish_sim.kernel_cache import use_kernel_cache
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.smoothing.limits import SmoothingLimits
 from polish_sim.motion.smoothing.limits_file import limits_toml, load_limits
@@ -71,8 +69,6 @@ def smooth_file(request: SmoothRequest, folder: Path, observer: PlanObserver) ->
     for rule in request.rules:
         if rule not in RULES:
             raise unknown_name("rule", rule, RULES)
-    if not any(use_kernel_cache().rglob("deviation_search.*.nbi")):
-        console.note("first start: the kernels are compiled once, which takes a minute or two")
     notes: list[str] = []
     limits = load_limits(request.limits) if request.limits is not None else SmoothingLimits()
     observer.stage("read the path")

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -76,3 +77,39 @@ def test_a_part_narrower_than_the_pad_is_refused_and_a_smaller_pad_helps(polish_
     assert code == 2
     assert "narrower than half the pad: 20 mm across, the pad 50 mm" in err
     assert polish_sim("plan", "rod.stl", "--pad-diameter", "20", "--stepover", "4", "--out", "plan")[0] == 0
+
+
+def test_a_part_read_in_the_wrong_unit_is_told_the_size_it_would_have_in_others(polish_sim: Polish) -> None:
+    trimesh.creation.box((160.0 / 25.4, 100.0 / 25.4, 0.3)).export("inches.stl")
+    _, _, err = polish_sim("plan", "inches.stl")
+    assert "Read in mm the part measures 6.299 mm; " in err
+    assert "--units inch makes it 160 mm" in err
+    assert "--units m " not in err  # 6.3 m
+
+
+def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Polish) -> None:
+    cap = trimesh.creation.icosphere(subdivisions=4, radius=80.0)
+    cap.update_faces(cap.triangles_center[:, 2] > 80.0 * np.cos(np.radians(75.0)))
+    cap.export("cap.stl")
+    code, out, err = polish_sim("plan", "cap.stl", "--stepover", "30", "--out", "plan")
+    assert code == 0, err
+    figures = json.loads(Path("plan/metrics.json").read_text())
+    # Spherical caps of 46 and about 75 deg.
+    assert figures["region_area_m2"] == pytest.approx(
+        2.0 * np.pi * 0.08**2 * (1.0 - np.cos(np.radians(46.0))), rel=1e-2
+    )
+    assert figures["part_area_m2"] == pytest.approx(2.0 * np.pi * 0.08**2 * (1.0 - np.cos(np.radians(75.0))), rel=0.05)
+    assert "more than 46 deg away from up is left out" in err
+    areas = f"{1e4 * figures['region_area_m2']:.1f} of {1e4 * figures['part_area_m2']:.1f}"
+    assert areas in out
+
+
+def test_turns_closer_than_asked_are_told_with_the_reason(polish_sim: Polish) -> None:
+    # First and last turn half a step-over from the borders of a ring 40 mm wide: 25 mm to share out, by 12.5.
+    trimesh.creation.annulus(20.0, 60.0, 10.0, sections=120).export("ring.stl")
+    code, _, err = polish_sim("plan", "ring.stl", "--stepover", "15", "--out", "plan")
+    assert code == 0, err
+    apart = 1e3 * json.loads(Path("plan/metrics.json").read_text())["stepover_mean_m"]
+    assert 11.5 < apart < 14.0
+    assert f"turns are {apart:.4g} mm apart in the mean, not the 15 mm asked for: a whole number" in err
+    assert "more than 46 deg" not in err

@@ -59,6 +59,7 @@ def test_the_version_is_the_package_s(polish_sim: Callable[..., object]) -> None
         (["run", "arc", "--controller", "pid"], "unknown controller 'pid'. Known: FILE.py:CLASS, admittance"),
         (["run", "arc", "--controller", "gone.py:Mine"], "'gone.py' does not exist"),
         (["run", "surface", "--part", "gone.stl"], "gone.stl"),
+        (["plan", "freeforme"], "'freeforme' is neither a file nor a shipped part. Did you mean 'freeform'? Shipped: "),
         (["run", "surface", "--pattern", "zigzag"], "unknown pattern 'zigzag'. Known: "),
         (["run", "surface", "--stepover", "-3"], "--stepover -3"),
         (["run", "surface", "--units", "feet"], "feet"),
@@ -98,6 +99,35 @@ def test_wrong_words_are_one_message_with_code_2_and_nothing_written(
     assert said in errors[0]
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["run", "surface", "--contact-force", "45", "--set", "safety.force_limit_n=50"], "Raise it to 54 or more"),
+        (["run", "surface", "--set", "sensor.rate_hz=5000"], "sensor.rate_hz = 5000 is faster than the physics"),
+        (["run", "surface", "--real-part", "gone.stl"], "the real part 'gone.stl' is no file"),
+        (["run", "surface", "--stepover", "60"], "would leave stripes: the pad measures 50 mm"),
+        (["run", "force", "--region", "box:1,2"], "region 'box:1,2' is not box:"),
+        (["run", "dual", "--region", "faces:gone.txt"], "gone.txt: cannot be read"),
+        (["run", "force", "--units", "feet"], "unknown unit 'feet'"),
+        (["run", "arc", "--fault", "part-high@3"], "there is no part to press on"),
+        (["run", "surface", "--controller", "gone.py:Mine"], "'gone.py' does not exist"),
+        (["plan", "plate", "--region", "point:1"], "region 'point:1' is not point:X,Y,Z"),
+        (["plan", "plate", "--up", "left"], "unknown side for --up 'left'"),
+        (["plan", "plate", "--stepover", "60"], "would leave stripes"),
+        (["plan", "gone.stl", "--out", "."], "the output folder '.' exists"),
+        (["inspect", "gone.csv", "--part", "plate", "--out", "."], "the output folder '.' exists"),
+        (["report", "gone", "--out", "."], "the output folder '.' exists"),
+    ],
+)
+def test_what_is_wrong_whatever_the_part_is_told_before_any_work(
+    polish_sim: Callable[..., object], words: list[str], said: str
+) -> None:
+    code, out, err = polish_sim(*words)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert err.count("\n") == 1  # no stage was begun
 
 
 @pytest.mark.parametrize(

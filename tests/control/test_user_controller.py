@@ -82,7 +82,10 @@ def test_what_cannot_be_loaded_is_named(file: Path, name: str, told: list[str]) 
         ("import no_such_module_here\n", "no_such_module_here"),
         ("class Mine(\n", "SyntaxError"),
         ("raise ValueError('out of gains')\n", "out of gains (broken.py, line 1)"),
-        ("class Mine:\n    def __init__(self):\n        raise RuntimeError('no licence')\n", "no licence (broken.py, line 3)"),
+        (
+            "class Mine:\n    def __init__(self):\n        raise RuntimeError('no licence')\n",
+            "no licence (broken.py, line 3)",
+        ),
         ("class Mine:\n    step = 3\n    def reset(self, cycle_s):\n        pass\n", "step()"),
     ],
 )

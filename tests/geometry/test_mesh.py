@@ -229,6 +229,13 @@ def test_a_wrong_unit_is_refused_and_the_fitting_ones_named(tmp_path):
         load_part(write(tmp_path, trimesh.creation.box((1e-4, 1e-4, 1e-4))))
 
 
+def test_a_part_of_just_the_smallest_size_is_taken_whatever_the_rounding(tmp_path):
+    for size in (5.0, 5.0 * (1.0 - 1e-7)):
+        load_part(write(tmp_path, trimesh.creation.box((size, 3.0, 2.0))))
+    with pytest.raises(MeshError, match=r"too small: 4.99 mm at its largest \(wanted: 5 to 2000 mm\)"):
+        load_part(write(tmp_path, trimesh.creation.box((4.99, 3.0, 2.0))))
+
+
 def test_unknown_units_and_sides_list_the_known_ones(tmp_path):
     path = write(tmp_path, BLOCK)
     with pytest.raises(InputError, match=r"unknown unit 'ft'. Known: cm, inch, m, mm"):

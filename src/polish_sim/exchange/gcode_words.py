@@ -120,8 +120,8 @@ def _words(file: Path, line: int, code: str, unknown: Unknown) -> Iterator[Word]
 def refusal(file: Path, line: int, word: Word) -> InputError:
     """Say why a word that moves the tool cannot be read."""
     return InputError(
-        f"'{file}', line {line}, column {word.column}: {word.name} ({REFUSED[word.name]}) is not read. "
-        "Post-process the path to G0 and G1 in one frame."
+        f"'{file}', line {line}, column {word.column}: {word.name} ({REFUSED[word.name]}) is not read, and "
+        "--lenient does not leave out what moves the tool. Post-process the path to G0 and G1 in one frame."
     )
 
 

@@ -110,6 +110,7 @@ def plan_mesh(
     process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
     begin = time.perf_counter() - spent_s
     check_stepover(plan, pad)
+    observer.stage("fit the surface")
     surface, region = _choose(mesh, plan)
     region = check_request(region, pad, mesh)
     check_start(surface, plan)
@@ -154,6 +155,7 @@ def measure_given_path(
     """
     process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
     mesh = load_mesh(part, observer)
+    observer.stage("fit the surface")
     surface, region = _choose(mesh, plan)
     observer.stage("measure the path")
     ground = prepare_ground(region, plan)
@@ -194,7 +196,7 @@ def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadC
 
 def load_mesh(part: PartConfig, observer: PlanObserver | None = None) -> PartMesh:
     """Load a part by its file or shipped name."""
-    (observer or _Silent()).stage("fit the surface")
+    (observer or _Silent()).stage("read the part")
     return load_part(part_path(part.file), part.unit, part.up)
 
 
