@@ -122,7 +122,7 @@ def test_unknown_words_can_be_left_out_but_never_a_motion(tmp_path):
     found = read(tmp_path, HEAD + "X1 U12 G123\nX#1 Y2\n", unknown=lambda error: notes.append(str(error)))
     assert 1e3 * found.path.positions_work == pytest.approx(np.array([[0, 0, 0], [1, 0, 0], [1, 2, 0]]))
     assert ["U12" in notes[0], "G123" in notes[1], "X#1" in notes[2], len(notes)] == [True, True, True, 3]
-    with pytest.raises(InputError, match="an arc.*--lenient does not leave out what moves the tool"):
+    with pytest.raises(InputError, match=r"an arc.*--lenient does not leave out what moves the tool"):
         read(tmp_path, HEAD + "G2 X1 R1\n", unknown=lambda error: None)
 
 
