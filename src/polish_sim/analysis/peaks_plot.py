@@ -27,7 +27,7 @@ def plot_peaks(record: RunRecord) -> Figure:
     Returns:
         The figure; without a peak on the way that was run, one that says so.
     """
-    figure = new_figure(8.0, 5.2)
+    figure = new_figure(9.0, 5.2)
     force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
     offset = np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, _POINTS)
     errors, bends = around_peaks(record, offset)
