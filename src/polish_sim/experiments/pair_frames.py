@@ -26,6 +26,8 @@ from polish_sim.spatial import from_pose, inverse, rotation_angle, transform
 
 Array = NDArray[np.float64]
 
+LEAST_APART: Final = 0.2
+"""Between the bases of two arms, each 0.15 m wide [m]."""
 SAME_POSE: Final = 1e-8
 """Poses that differ by less are the same but for rounding [m], [-]."""
 FAR_M, FAR_RAD = 0.01, 0.1
@@ -77,7 +79,14 @@ def true_chain(config: DualConfig) -> Chain2:
 def _follower_pose(config: DualConfig) -> Array:
     if not config.follower_pose:
         raise ConfigError("'dual.follower_pose' is empty: say where the follower's base stands in the master's.")
-    return from_pose(config.follower_pose)
+    T = from_pose(config.follower_pose)
+    apart = float(np.linalg.norm(T[:3, 3]))
+    if apart < LEAST_APART:
+        raise ConfigError(
+            f"'dual.follower_pose' puts the follower's base {1e3 * apart:.4g} mm from the master's: no two arms stand "
+            f"there. Give {1e3 * LEAST_APART:g} mm or more, about 1100 mm is good."
+        )
+    return T
 
 
 def _same_pose(pose: Sequence[float], T: Array) -> bool:
