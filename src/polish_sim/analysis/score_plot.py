@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from polish_sim.analysis.style import GREEN, GREY, SERIES, new_figure, styled
 
@@ -37,6 +37,7 @@ PANELS: Final = (
 )
 _ROW_INCH: Final = 0.27
 _WORTH_A_NAME: Final = 1.2
+_FAR: Final = 4.0
 
 
 @styled
@@ -85,6 +86,8 @@ def plot_ablation(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Fi
         axes.axvline(1.0, color=GREEN, lw=1.2, zorder=1)
         for y, law in enumerate(laws):
             _draw_ratios(axes, y, ratios[law].get(panel.figure, {}))
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+        axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel(f"{panel.label.partition(' [')[0]}, without / with")
     panels[0].set_yticks(range(len(laws)), laws)
@@ -97,8 +100,10 @@ def _draw_ratios(axes: Axes, y: int, by_case: Mapping[str, float]) -> None:
     axes.plot(list(by_case.values()), [y] * len(by_case), "o", ms=3.6, color=SERIES[0], alpha=0.6)
     if by_case and max(by_case.values()) > _WORTH_A_NAME:
         case = max(by_case, key=lambda name: by_case[name])
+        # A name stands towards the middle of the panel.
+        side = "left" if by_case[case] < _FAR else "right"
         axes.annotate(
-            case, (by_case[case], y), xytext=(0, 5), textcoords="offset points", ha="right", fontsize=7.0, color=GREY
+            case, (by_case[case], y), xytext=(0, 5), textcoords="offset points", ha=side, fontsize=7.0, color=GREY
         )
 
 
