@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from polish_sim.analysis.score_plot import Limit, plot_score
+from polish_sim.analysis.score_plot import Limit, plot_ablation, plot_score
 from polish_sim.errors import InputError
 from polish_sim.scoring import (
     BATTERY_ASKED,
@@ -143,3 +143,14 @@ def test_every_run_is_a_dot_and_an_unstable_one_a_cross() -> None:
     assert markers.count("x") == 1
     assert len(settling.lines) == 4  # not along the path
     assert [float(line.get_xdata()[0]) for line in largest.lines if line.get_marker() == "None"] == [1.0]
+
+
+def test_the_picture_of_an_ablation_names_the_case_that_grows_most_clear_of_the_edge() -> None:
+    grown = {
+        "touch-down": {"max_error_n": {"step-10": 30.0, "step-20": 2.0}},
+        "feed": {"max_error_n": {"step-10": 1.3}},
+    }
+    _, _, largest, _ = plot_ablation({**grown, "learning": {"max_error_n": {"step-10": 1.1}}}).axes
+    names = [(text.get_text(), text.xy, text.get_ha()) for text in largest.texts]
+    # A growth of a tenth is not worth a name.
+    assert names == [("step-10", (30.0, 0), "right"), ("step-10", (1.3, 1), "left")]
