@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from polish_sim.cli import console
+from polish_sim.errors import unknown_name
 from polish_sim.scenario_file import to_toml
 
 LIMITS = "limits"
@@ -28,7 +29,7 @@ def config(
     `limits` prints the default limits of tool and joints, for the command `smooth`.
     """
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.experiments import PAYLOAD_SCENARIO, default_scenario
+    from polish_sim.experiments import EXPERIMENTS, PAYLOAD_SCENARIO, default_scenario
     from polish_sim.motion.smoothing.limits import SmoothingLimits
     from polish_sim.motion.smoothing.limits_file import limits_toml
 
@@ -36,4 +37,6 @@ def config(
         console.say(limits_toml(SmoothingLimits()).rstrip())
         return
     calibrates = experiment == PAYLOAD_SCENARIO.experiment
+    if not calibrates and experiment not in EXPERIMENTS:
+        raise unknown_name("experiment", experiment, (*EXPERIMENTS, PAYLOAD_SCENARIO.experiment, LIMITS))
     console.say(to_toml(PAYLOAD_SCENARIO if calibrates else default_scenario(experiment)).rstrip())

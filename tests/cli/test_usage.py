@@ -50,7 +50,7 @@ def test_the_version_is_the_package_s(polish_sim: Callable[..., object]) -> None
     [
         (["runn"], "Known: calibrate, config, demo"),
         (["run", "circle"], "unknown experiment 'circle'. Known: arc, dual, force, smooth, surface, teach"),
-        (["config", "circle"], "unknown experiment 'circle'. Known: arc, dual, force, smooth, surface, teach"),
+        (["config", "circle"], "Known: arc, calibrate-payload, dual, force, limits, smooth, surface, teach"),
         (["run"], "EXPERIMENT"),
         (["run", "arc", "--fed", "3"], "--fed"),
         (["run", "arc", "--feed", "fast"], "--feed"),
