@@ -41,7 +41,8 @@ Tolerance = Annotated[
     typer.Option(
         "--tolerance",
         metavar="MM",
-        help="Largest distance of the tip from the path (mm); 0 stops at every corner.",
+        help="How far the tip may be from the path (certified) or a corner from the tip's way (the others) (mm); "
+        "0 stops at every corner.",
         rich_help_panel=MOTION,
     ),
 ]

@@ -18,10 +18,11 @@ from polish_sim.analysis.trajectory_file import even_times, write_trajectory
 from polish_sim.cli.given_plan import plan_facts
 from polish_sim.cli.smoothing_outcome import SmoothOutcome
 from polish_sim.cli.smoothing_pictures import draw_smoothing
-from polish_sim.errors import PolishSimError, unknown_name
+from polish_sim.errors import InputError, PolishSimError, unknown_name
 from polish_sim.exchange import Unknown, WayPoints, read_way_points, refuse_unknown
 from polish_sim.experiments.smoothing import SmoothingTask, feeds_on_way, prepare_rule, smooth_path
 from polish_sim.experiments.smoothing_place import path_without_robot, place_path
+from polish_sim.experiments.stroke_motion import STROKE_RULES
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.smoothing.limits import SmoothingLimits
 from polish_sim.motion.smoothing.limits_file import limits_toml, load_limits
@@ -66,15 +67,15 @@ def smooth_file(request: SmoothRequest, folder: Path, observer: PlanObserver) ->
     Raises:
         PolishSimError: The path or the limits cannot be used, or no motion keeps to them; says where.
     """
-    for rule in request.rules:
-        if rule not in RULES:
-            raise unknown_name("rule", rule, RULES)
+    _check_rules(request.rules)
     notes: list[str] = []
     limits = load_limits(request.limits) if request.limits is not None else SmoothingLimits()
     observer.stage("read the path")
     points = read_way_points(request.path, _unknown(request, notes))
+    if points.assumed:
+        notes.append(points.assumed)
     task = _prepare(request, points, limits, observer, notes)
-    motions = [_smooth(task, rule, observer) for rule in dict.fromkeys(request.rules)]
+    motions = [_smooth(task, rule, observer) for rule in request.rules]
     figures = smoothing_figures(motions[0], task.placed.chain, points, task.placed.rows)
     figures |= {"tolerance_m": request.tolerance, "axis_tolerance_rad": request.axis_tolerance}
     figures["cycle_time_by_rule_s"] = _times_by_rule(task, motions, observer, notes)
@@ -87,6 +88,20 @@ def smooth_file(request: SmoothRequest, folder: Path, observer: PlanObserver) ->
     observer.stage("draw")
     save_plots(folder, draw_smoothing(task, motions, request.path.name))
     return SmoothOutcome(request.path.name, figures, notes)
+
+
+def _check_rules(rules: Sequence[str]) -> None:
+    """Refuse rules there are not, and one that would be compared with itself."""
+    for rule in rules:
+        if rule in STROKE_RULES and rule not in RULES:
+            raise InputError(
+                f"rule '{rule}' is for strokes on a part only ('run surface --set smoothing.rule={rule}'): it needs "
+                f"their arc length and feed. For any path: {', '.join(sorted(RULES))}."
+            )
+        if rule not in RULES:
+            raise unknown_name("rule", rule, RULES)
+    if len(set(rules)) < len(rules):
+        raise InputError(f"--against {rules[1]} is the rule itself: there would be nothing to compare. Name another.")
 
 
 def _unknown(request: SmoothRequest, notes: list[str]) -> Unknown:

@@ -134,6 +134,7 @@ def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim: Polish) -> Non
     assert speed[x < 0.049].max() == pytest.approx(0.05, rel=1e-6)
     assert speed[(x > 0.051) & (x < 0.099)].max() == pytest.approx(0.01, rel=1e-6)
     assert speed[x > 0.101].max() == pytest.approx(0.02, rel=1e-6)
+    assert any("no tool axis" in note for note in metrics_of(Path("out"))["notes"])
     assert polish_sim("smooth", "path.nc", "--no-joints", "--feed", 25, "--out", "fed")[0] == 0
     assert metrics_of(Path("fed"))["peaks"]["tip_speed"]["value_m_s"] == pytest.approx(0.025)
 
@@ -172,6 +173,9 @@ BAD = {
     "no samples": (ZIGZAG, ("--rate", "0"), "--rate 0 is outside"),
     "no limits there": (ZIGZAG, ("--limits", "none.toml"), "none.toml"),
     "a limit of zero": (ZIGZAG, ("--limits", "zero.toml"), "tip.jerk_mm_s3"),
+    "a limit without end": (ZIGZAG, ("--limits", "inf.toml"), "'tip.speed_mm_s' in 'inf.toml' must be a positive, f"),
+    "a rule beside itself": (ZIGZAG, ("--against", "certified"), "--against certified is the rule itself"),
+    "a rule of strokes": (ZIGZAG, ("--rule", "spline"), "'spline' is for strokes on a part only"),
     "a limit missing": (ZIGZAG, ("--limits", "short.toml"), "'tip.jerk_mm_s3' is missing"),
 }  # fmt: skip
 
@@ -181,6 +185,7 @@ def test_bad_input_is_one_message_and_leaves_nothing(polish_sim: Polish, case: s
     text, words, message = BAD[case]
     Path("path.csv").write_text(text)
     Path("zero.toml").write_text("[tip]\nspeed_mm_s = 50\nacceleration_mm_s2 = 500\njerk_mm_s3 = 0\n")
+    Path("inf.toml").write_text("[tip]\nspeed_mm_s = inf\nacceleration_mm_s2 = 500\njerk_mm_s3 = 10000\n")
     Path("short.toml").write_text("[tip]\nspeed_mm_s = 50\nacceleration_mm_s2 = 500\n")
     before = sorted(Path().iterdir())
     code, out, err = polish_sim("smooth", "path.csv", *words, "--out", "out")

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError, SmoothingError
+from polish_sim.errors import InputError, PolishSimError, SmoothingError
 from polish_sim.experiments.stroke_motion import STROKE_RULES, Stroke, stroke_motion
+from polish_sim.experiments.surface import prepare_surface
 from polish_sim.motion.timed_path import TimedPath
 
 FEED = 0.06
@@ -64,3 +66,13 @@ def test_a_rule_nobody_knows_is_refused_with_those_that_are_known() -> None:
 def test_a_spline_cannot_be_asked_for_exact_corners() -> None:
     with pytest.raises(SmoothingError, match="certified"):
         follow("spline", 0.025, tolerance_m=0.0)
+
+
+@pytest.mark.parametrize("wrong", [{"rule": "splines"}, {"tolerance_m": 0.0}, {"limits_file": "none.toml"}])
+def test_settings_of_smoothing_are_refused_before_the_part_is_looked_at(wrong: dict[str, Any]) -> None:
+    scenario = Scenario()
+    scenario = replace(
+        scenario, part=replace(scenario.part, file="none.stl"), smoothing=replace(scenario.smoothing, **wrong)
+    )
+    with pytest.raises(PolishSimError, match=r"smoothing|limits"):
+        prepare_surface(scenario)

@@ -65,7 +65,7 @@ def flat_view(points: Array, corner: int) -> Array:
 @styled
 def plot_corners(views: Sequence[CornerView], labels: Sequence[str], title: str, facts: Sequence[str]) -> Figure:
     """Up to six corners: way points, the tolerance about them, and what the tip does; deviations in µm."""
-    columns = min(3, max(len(views), 1))
+    columns = 2 if len(views) == 4 else min(3, max(len(views), 1))
     rows = -(-max(len(views), 1) // columns)
     # Wide enough for the facts beside the legend, however few the corners.
     figure = new_figure(max(4.0 * columns + 0.5, 8.5), 4.5 * rows + 0.8)

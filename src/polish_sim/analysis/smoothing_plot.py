@@ -83,7 +83,7 @@ def plot_deviation(
         for curve, colour in _backwards(curves):
             axes.plot(curve.times, scale * getattr(curve.deviation, name), color=colour, lw=0.9, label=curve.label)
         top = max(float(getattr(curve.deviation, name).max(initial=0.0)) for curve in curves)
-        axes.axhline(scale * tolerance, color=GREEN, lw=1.0, ls="--")
+        axes.axhline(scale * tolerance, color=GREEN, lw=1.0, ls="--", label="tolerance")
         axes.set_ylim(0.0, scale * max(1.12 * tolerance, 1.12 * top, 1e-9))
         axes.set_ylabel(label)
     _finish(figure, grid, curves, title, facts)
@@ -126,7 +126,7 @@ def _draw_limit(axes: Axes, limit: float, top: float, both_signs: bool) -> None:
         axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", color=GREEN, fontsize=8.0)
         return
     for sign in (1.0, -1.0) if both_signs else (1.0,):
-        axes.axhline(sign * limit, color=GREEN, lw=1.0, ls="--")
+        axes.axhline(sign * limit, color=GREEN, lw=1.0, ls="--", label="limit")
     reach = 1.12 * max(limit, top)
     axes.set_ylim(-reach if both_signs else 0.0, reach)
 
@@ -135,8 +135,11 @@ def _finish(figure: Figure, grid: Any, curves: Sequence[Curves], title: str, fac
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
         axes.set_xlim(0.0, max(float(curve.times[-1]) for curve in curves))
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    close(figure, title, facts, handles[::-1], labels[::-1])
+    named = {
+        label: handle for axes in grid.flat for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    order = [curve.label for curve in curves] + [label for label in ("limit", "tolerance") if label in named]
+    close(figure, title, facts, [named[label] for label in order], order)
 
 
 def close(figure: Figure, title: str, facts: Sequence[str], handles: Sequence[Any], labels: Sequence[str]) -> None:

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 RULES: Final = ("joint-acceleration", "joint-jerk", "certified")
 COLORS: Final = {"joint-acceleration": ORANGE, "joint-jerk": GREEN, "certified": BLUE}
 JOINT_NAMES: Final = ("shoulder pan", "shoulder lift", "elbow", "wrist 1", "wrist 2", "wrist 3")
+TICKS: Final = tuple(name.replace(" ", "\n") for name in JOINT_NAMES)
 
 
 @styled
@@ -49,7 +50,7 @@ def plot_tracking(record: RunRecord) -> Figure:
         jerk.set(ylabel="jerk [rad/s³]")
     for axes in grid[-1]:
         axes.set(xlabel="time [s]")
-    grid[0, 1].legend(*grid[0, 0].get_legend_handles_labels(), loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
+    grid[0, 1].legend(*grid[0, 1].get_legend_handles_labels(), loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4)
     m = record.metrics
     facts = [f"{rule}: {_number(m.get(f'{_key(rule)}_cycle_time_s'), 1.0)} s" for rule in RULES]
     facts.append(f"certified at the jerk peaks: at most {_number(m.get('certified_reduction_largest'), 100.0)}% less")
@@ -80,7 +81,7 @@ def plot_tracking_bars(record: RunRecord) -> Figure:
                     )
             axes.set_title(f"{text}, {title}", fontsize=9.0, fontweight="normal")
             axes.set(ylabel="error [µrad]" if column == 0 else None)
-            axes.set_xticks(range(6), [name.replace(" ", "\n") for name in JOINT_NAMES])
+            axes.set_xticks(range(6), TICKS)
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
     figure.suptitle("Tracking error by joint and rule", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     return figure
@@ -105,7 +106,7 @@ def plot_tracking_runs(records: Sequence[RunRecord]) -> Figure:
             place = np.arange(6) + width * (k - 0.5 * (len(records) - 1))
             axes.bar(place, 100.0 * np.array(shares), 0.9 * width, color=SERIES[k % len(SERIES)], label=record.name)
     axes.axhline(0.0, color=GREY, lw=0.8)
-    axes.set_xticks(range(6), JOINT_NAMES)
+    axes.set_xticks(range(6), TICKS)
     axes.set(ylabel="taken off the largest error [%]")
     axes.legend(loc="upper right")
     head(figure, axes, "Certified against joint-acceleration, joint by joint", ())
@@ -123,7 +124,7 @@ def _limit(axes: Axes, record: RunRecord, joint: int) -> None:
     limits = record.metrics.get("joint_jerk_limits_rad_s3")
     if limits is not None:
         for sign in (-1.0, 1.0):
-            axes.axhline(sign * limits[joint], color=GREY, lw=0.8, ls="--")
+            axes.axhline(sign * limits[joint], color=GREY, lw=0.8, ls="--", label="limit" if sign > 0.0 else None)
 
 
 def _key(rule: str) -> str:

@@ -26,6 +26,10 @@ LINES, ANGLES, VECTOR = "XYZ", "ABC", "IJK"
 PER_MINUTE: Final = 1.0 / 60.0
 
 
+NO_AXIS: Final = "'{file}' says no tool axis (I, J, K or A, B, C): it is taken to be z of the path's frame everywhere."
+"""What such G-code is taken for: that of a machine with three axes."""
+
+
 @dataclass
 class _Machine:
     """What holds while the blocks are gone through."""
@@ -61,7 +65,8 @@ def read_gcode(file: Path, text: str, unknown: Unknown) -> WayPoints:
     machine = _Machine(file, unknown)
     for block in blocks(file, text, unknown):
         _obey(machine, block)
-    return WayPoints(_path(machine), file, machine.place)
+    assumed = "" if machine.turned or machine.vector is not None else NO_AXIS.format(file=file)
+    return WayPoints(_path(machine), file, machine.place, assumed)
 
 
 def _obey(machine: _Machine, block: Block) -> None:

@@ -22,6 +22,8 @@ class WayPoints(NamedTuple):
     file: Path
     place: Place
     """Where in the file a point stands."""
+    assumed: str = ""
+    """What the file does not say and is taken for granted, as a sentence; empty if nothing."""
 
 
 def refuse_unknown(error: InputError) -> None:

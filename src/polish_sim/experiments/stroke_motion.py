@@ -45,6 +45,8 @@ is for the force loop. Of the axis, which that loop leaves alone, all of it (6 r
 costs the spiral on the freeform part 3% of its time. The tip's speed is the feed; of the joints the UR5e's defaults,
 their jerk (no maker publishes one) high enough that the tool's limits decide at most corners."""
 
+SPLINE = "spline"
+
 AXIS_SHARES = (1.0, 0.5)
 """Shares of the axis's acceleration that are tried before the joints' own bounds, which are proven but cautious."""
 
@@ -62,6 +64,25 @@ class Stroke(NamedTuple):
     """Wanted rate of it [m/s], shape (n,)."""
 
 
+def check_stroke_rule(scenario: Scenario) -> None:
+    """Refuse, before anything is planned, an unknown rule, tolerances it cannot keep to, limits that cannot be read.
+
+    Raises:
+        InputError: The rule is not known.
+        ConfigError: The file of limits cannot be used.
+        SmoothingError: The rule cannot stop at corners.
+    """
+    asked = scenario.smoothing
+    if asked.rule not in STROKE_RULES:
+        raise unknown_name("smoothing rule", asked.rule, STROKE_RULES)
+    if asked.rule == SPLINE and not (asked.tolerance_m > 0.0 and asked.axis_tolerance_rad > 0.0):
+        raise SmoothingError(
+            f"smoothing.rule '{SPLINE}' cannot pass corners exactly: set smoothing.tolerance_m and "
+            "smoothing.axis_tolerance_rad above 0, or smoothing.rule to 'certified', which stops at them."
+        )
+    cell_limits(scenario, math.inf)
+
+
 def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedPath | None:
     """Smooth a stroke with the scenario's rule.
 
@@ -77,21 +98,14 @@ def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedP
         InputError: The rule is not known.
         SmoothingError: There is no such motion; names the place.
     """
-    asked = scenario.smoothing
-    if asked.rule not in STROKE_RULES:
-        raise unknown_name("smoothing rule", asked.rule, STROKE_RULES)
+    check_stroke_rule(scenario)
     chain = build_chain(stroke.tips, stroke.rotations)
-    return STROKE_RULES[asked.rule](scenario, stroke, chain, arm) if len(chain.lengths) else None
+    return STROKE_RULES[scenario.smoothing.rule](scenario, stroke, chain, arm) if len(chain.lengths) else None
 
 
 def along_a_curve(scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | None) -> TimedPath:
     """Follow a smooth curve within the tolerances; the contact on the part keeps the feed wherever limits allow it."""
     asked = scenario.smoothing
-    if not (asked.tolerance_m > 0.0 and asked.axis_tolerance_rad > 0.0):
-        raise SmoothingError(
-            "smoothing.rule 'spline' cannot pass corners exactly: set smoothing.tolerance_m and "
-            "smoothing.axis_tolerance_rad above 0, or smoothing.rule to 'certified', which stops at them."
-        )
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
     limits, tolerances = cell_limits(scenario, math.inf), (asked.tolerance_m, asked.axis_tolerance_rad)
     return time_spline(plan_spline(chain, marks, Feed(stroke.s, stroke.feed), limits, tolerances, arm))
@@ -133,7 +147,7 @@ def at_the_feed(scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | Non
 StrokeRule = Callable[[Scenario, Stroke, Chain, Arm | None], TimedPath]
 
 STROKE_RULES: Mapping[str, StrokeRule] = {
-    "spline": along_a_curve,
+    SPLINE: along_a_curve,
     **{name: partial(by_rule, plan) for name, plan in RULES.items()},
     "none": at_the_feed,
 }

@@ -15,6 +15,7 @@ from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.real_shape import RealShape, real_shape, shape_figures
 from polish_sim.experiments.removal import remove_material
 from polish_sim.experiments.result import RunResult, common_figures
+from polish_sim.experiments.stroke_motion import check_stroke_rule
 from polish_sim.experiments.time_law import feed_of_jobs
 from polish_sim.planning import PlanResult, coverage_until, plan_part
 
@@ -51,6 +52,7 @@ def prepare_surface(
     """
     observer = observer or Silent()
     build_controller(scenario.controller)
+    check_stroke_rule(scenario)
     if plan is None:
         plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     check_set_points(plan.path)

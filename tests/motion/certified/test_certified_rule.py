@@ -85,6 +85,18 @@ def test_fast_paths_of_an_arm_are_never_slower_than_exact_stops(speedup):
     assert np.mean(saved) > (0.04 if speedup == 3.0 else 0.02)
 
 
+def test_a_low_joint_jerk_costs_no_more_time_than_it_must():
+    """A motion for a jerk limit, slowed by the cube root of their ratio, keeps a lower one: T cbrt(J) may not rise."""
+    arm, chain, scaled = trial_arm(), build_chain(*trial_path()), []
+    for jerk in np.radians([1000.0, 300.0, 100.0, 10.0, 0.01]):
+        limits = replace(TRIAL_LIMITS, joint_jerk=six(jerk))
+        stops = exact_stop.plan(chain, limits, arm=arm)[1].end
+        end = plan(chain, limits, TOLERANCE, AXIS_TOLERANCE, arm)[1].end
+        assert end <= 0.99 * stops
+        scaled.append(end * math.cbrt(jerk))
+    assert (np.diff(scaled) <= 1e-4 * scaled[-1]).all()
+
+
 def test_next_to_singularities_the_arm_is_not_slower_than_with_exact_stops():
     for number in (6, 7, 14, 15, 30, 31, 54, 55):
         path = draw_path(np.random.default_rng([0, number]), number)

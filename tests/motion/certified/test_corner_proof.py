@@ -217,6 +217,7 @@ def test_next_to_a_singularity_a_kernel_is_slowed_until_it_holds_or_refused(q5: 
         kernel = random_kernel(rng, 1e-3)
         proof = proof_of(corner, kernel, SmoothingLimits(), corner.arm)
         refused += np.isinf(proof.factor)
+        assert np.isfinite(proof.factor) or not proof.for_smaller  # smaller ones are yet to be looked at
         if np.isfinite(proof.factor):
             assert used(corner, scaled(kernel, 1.0, proof.factor), SmoothingLimits()).max() <= 1.0
     assert refused < 50

@@ -28,6 +28,7 @@ from polish_sim.motion.certified.corner_task import (
     axis_side,
     tip_side,
 )
+from polish_sim.motion.certified.corner_time import lowered_limits, passing_time, reached_speed, time_lost
 
 __all__ = [
     "FAR",
@@ -42,6 +43,10 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+_HARDER = (1.5, 3.0, 6.0)
+"""What `lowered_limits` is asked for on short segments: with a wide tolerance the last one is best, with a narrow one
+the first."""
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
@@ -68,24 +73,38 @@ def corner_kernel(
     if limits.tip_tolerance <= 0.0 or limits.axis_tolerance <= 0.0:
         return _nothing(0.0, durations, remaining, gone)
     passing, figures = _pass_through(tip, axis, top, durations, remaining, gone)
-    if not passing:
-        figures = _best_shape(tip, axis, limits, shapes, durations, remaining, gone)
-    return fit_ends(weights, limits, figures, durations, remaining, gone)
+    if passing:
+        return fit_ends(weights, limits, figures, durations, remaining, gone)
+    return _best_for_room(weights, tip, axis, limits, shapes, durations, remaining, gone)
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def time_lost(figures: CornerFigures, limits: CornerLimits) -> float:
-    """Time lost at a corner against passing it at full speed, on segments long enough to reach it [s]."""
-    top, most, jerk = limits.segment_speed, limits.segment_acceleration, limits.segment_jerk
-    v, alpha = figures.speed, figures.acceleration
-    peak = max(min(most, math.sqrt(max(jerk * (top - v) + 0.5 * alpha * alpha, 0.0))), alpha)
-    rise, fall = (peak - alpha) / jerk, peak / jerk
-    after_rise = v + 0.5 * (peak * peak - alpha * alpha) / jerk
-    hold = max(top - 0.5 * peak * fall - after_rise, 0.0) / peak if peak > 0.0 else 0.0
-    after_hold = after_rise + peak * hold
-    way = rise * (v + rise * (0.5 * alpha + jerk * rise / 6.0)) + hold * (after_rise + 0.5 * peak * hold)
-    way += fall * (after_hold + fall * (0.5 * peak - jerk * fall / 6.0))
-    return figures.duration + 2.0 * (rise + hold + fall) - 2.0 * (figures.size + way) / top
+def _best_for_room(
+    weights: CornerWeights,
+    tip: Side,
+    axis: Side,
+    limits: CornerLimits,
+    shapes: CornerShapes,
+    durations: Array,
+    remaining: Array,
+    gone: Array,
+) -> CornerFigures:
+    """Fill the kernel for full speed or, on segments too short for it, one for what they reach, if it is sooner."""
+    figures = _best_shape(tip, axis, limits, shapes, durations, remaining, gone)
+    figures = fit_ends(weights, limits, figures, durations, remaining, gone)
+    reached = reached_speed(limits, weights.spans)
+    if not reached < limits.segment_speed:
+        return figures
+    best, soonest = limits, passing_time(figures, limits, weights.spans)
+    for harder in _HARDER:
+        asked = lowered_limits(limits, weights, reached, harder)
+        figures = _best_shape(tip, axis, asked, shapes, durations, remaining, gone)
+        figures = fit_ends(weights, limits, figures, durations, remaining, gone)
+        time = passing_time(figures, limits, weights.spans)
+        if time < soonest:
+            best, soonest = asked, time
+    figures = _best_shape(tip, axis, best, shapes, durations, remaining, gone)
+    return fit_ends(weights, limits, figures, durations, remaining, gone)
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
@@ -153,16 +172,26 @@ def _best_shape(
     gone: Array,
 ) -> CornerFigures:
     """Fill the better one of the kernels made for the tip's corner and for the axis's."""
+    first, second = _with_less(tip, limits.acceleration), _with_less(axis, limits.axis_acceleration)
     if not _counts(tip):
-        made_for = axis if _counts(axis) else _right_angle(limits)
+        made_for = second if _counts(axis) else _right_angle(limits)
         return _fit_shape(made_for, tip, axis, limits, shapes, durations, remaining, gone).figures
-    fit = _fit_shape(tip, tip, axis, limits, shapes, durations, remaining, gone)
+    fit = _fit_shape(first, tip, axis, limits, shapes, durations, remaining, gone)
     if not (fit.axis_binds and _counts(axis)):
         return fit.figures
-    other = _fit_shape(axis, tip, axis, limits, shapes, durations, remaining, gone)
+    other = _fit_shape(second, tip, axis, limits, shapes, durations, remaining, gone)
     if time_lost(other.figures, limits) < time_lost(fit.figures, limits):
         return other.figures
-    return _fit_shape(tip, tip, axis, limits, shapes, durations, remaining, gone).figures
+    return _fit_shape(first, tip, axis, limits, shapes, durations, remaining, gone).figures
+
+
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
+def _with_less(side: Side, acceleration: float) -> Side:
+    """A side to make a shape for that brakes no harder than this."""
+    most = side.limits
+    return Side(
+        side.pair, Peaks(most.speed, min(most.acceleration, acceleration), most.jerk), side.tolerance, side.bends
+    )
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
@@ -192,15 +221,17 @@ def _fit_shape(
     """Fill the kernel made for one side's corner, scaled until both hold what they must."""
     pair, most = made_for.pair, made_for.limits
     rate = max(pair.first, pair.second)
-    tolerance = made_for.tolerance * most.jerk**2 / most.acceleration**3
+    # More than this is not reached on the way from full speed on one segment to full speed back.
+    acceleration = min(most.acceleration, math.sqrt(2.0 * limits.segment_speed * rate * most.jerk))
+    tolerance = made_for.tolerance * most.jerk**2 / acceleration**3
     shape = gone.reshape(gone.size)
-    speed = limits.segment_speed * rate * most.jerk / most.acceleration**2
+    speed = limits.segment_speed * rate * most.jerk / acceleration**2
     read_shape(shapes, math.acos(pair.cosine), tolerance, speed, shape)
     spread_shape(
         shape,
         max(pair.sine, 1e-9) if pair.cosine > 0.0 else 1.0,
-        most.acceleration / most.jerk,
-        most.acceleration / rate,
+        acceleration / most.jerk,
+        acceleration / rate,
         durations,
         remaining,
     )

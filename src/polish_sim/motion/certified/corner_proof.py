@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -72,5 +73,5 @@ def prove_kernel(sides: Sides, kernel: Kernel, limits: LimitValues, arm: Arm, q:
     slowdown = max(axis, needed_slowdown(shares.speed, 1))
     slowdown = max(slowdown, needed_slowdown(shares.acceleration, 2), needed_slowdown(shares.jerk, 3))
     if quick <= slowdown:
-        return Slowdown(quick, True, shares)
+        return Slowdown(quick, math.isfinite(quick), shares)
     return Slowdown(slowdown, False, shares)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.certified.joint_choice import binds, choose_limits, worst_share
+from polish_sim.motion.certified.joint_choice import binds, choose_limits, rest_to_rest, worst_share
 from polish_sim.motion.certified.joint_enclosure import Enclosure, enclose, new_enclosure
 from polish_sim.motion.kinematics import JOINT_LIMITS
 from polish_sim.motion.segment_rates import BEYOND, REACHED, SINGULAR, Segment, rates_at, within_range
@@ -30,6 +30,8 @@ FASTEST, SHARPEST = 1e3, 1e9
 FEW_GUESSES = 2
 """A piece confirmed so soon may be followed by one twice as wide, where a dyadic grid has one."""
 _SLACK = 1.0 - 1e-9
+_AGAIN = 0.99
+"""A choice sooner than the last one by this much may be held up by pieces that did not count before."""
 
 
 class SegmentWork(NamedTuple):
@@ -60,8 +62,8 @@ class Grain(NamedTuple):
     """Share of a limit from which on it counts."""
 
 
-COARSE, FINE = Grain(0.05, 1.0 / 64.0, 1.0), Grain(0.002, 1.0 / 1024.0, 0.9)
-"""For a first round, and for a second one, at what the first one found, where the joints bind."""
+COARSE, FINE = Grain(0.05, 1.0 / 64.0, 1.0), Grain(0.002, 2.0**-16, 0.9)
+"""For a first round, and for more at what the one before found, where the joints bind."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -195,12 +197,15 @@ def lower_to_joints(
     way = max(scale, run[0] ** 2 / run[1] + run[0] * run[1] / run[2])
     status = bound_joints(segment, scale, limits, arm, q_near, run, COARSE, work)
     if status == REACHED and binds(work.most, scale, limits.joint, run):
-        choose_limits(work.most, scale, limits.joint, scale, stop)
-        status = bound_joints(segment, scale, limits, arm, q_near, stop, FINE, work)
-        for i in range(3):
-            stop[i] = run[i]
-        choose_limits(work.most, scale, limits.joint, scale, stop)
-        choose_limits(work.most, scale, limits.joint, way, run)
+        found, time = choose_limits(work.most, scale, limits.joint, scale, stop), math.inf
+        while found and status == REACHED and rest_to_rest(scale, stop[0], stop[1], stop[2]) < _AGAIN * time:
+            time = rest_to_rest(scale, stop[0], stop[1], stop[2])
+            status = bound_joints(segment, scale, limits, arm, q_near, stop, FINE, work)
+            for i in range(3):
+                stop[i] = run[i]
+            found = choose_limits(work.most, scale, limits.joint, scale, stop)
+        if status == REACHED and not (found and choose_limits(work.most, scale, limits.joint, way, run)):
+            status = SINGULAR
     if status != REACHED:
         return status
     e = work.enclosure

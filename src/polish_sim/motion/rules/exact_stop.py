@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.rules.fastest import fastest_triples, filter_times, stop_triples
-from polish_sim.motion.rules.joint_acceleration import capped_speed
+from polish_sim.motion.certified.joint_choice import choose_limits
+from polish_sim.motion.rules.fastest import filter_times, singular_segment, stop_triples
 from polish_sim.motion.rules.progress_limits import ProgressLimits
 from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.segment_rates import JointRates
@@ -16,7 +17,9 @@ from polish_sim.motion.smoothing.fir import fir_schedule
 from polish_sim.motion.smoothing.limits import SmoothingLimits
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+
+_ANY = 1e12
+"""Stands for an infinite limit of the rate of progress [1/s, 1/s^2, 1/s^3]."""
 
 
 def plan(
@@ -29,8 +32,9 @@ def plan(
 ) -> Smoothed:
     """Pass every segment from rest to rest in the time-optimal three-box profile.
 
-    Joint limits are shared out per segment with the largest |q'|, |q''|, |q'''| of its nodes: for a speed V of progress
-    A = (qdd_max - |q''| V^2) / |q'|, J = (qddd_max - |q'''| V^3 - 3 |q''| V A) / |q'|; V is the one of least time.
+    Joint limits are shared out per segment with the largest |q'|, |q''|, |q'''| of its nodes: for speed V, acceleration
+    A and jerk J of progress |q''| V^2 + |q'| A <= qdd_max, |q'''| V^3 + 3 |q''| V A + |q'| J <= qddd_max; of all such
+    V, A, J those of least time are taken (`joint_choice`).
 
     Args:
         chain: The segments.
@@ -50,18 +54,18 @@ def plan(
 
 def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
     """Filter times of a block of segments, shape (k, 3)."""
-    first, second, third = (np.abs(column).max(axis=1) for column in rates[1:])
+    most = np.stack([np.abs(column).max(axis=1) for column in rates[1:]], axis=1)
+    motions = np.minimum(np.stack(tool, axis=1), _ANY)
+    failed = _choose_all(most, limits.values().joint, motions)
+    if failed >= 0:
+        raise singular_segment(failed)
+    return stop_triples(*motions.T)
 
-    def triples_at(speed: Array, rows: Indices) -> Array:
-        sd, share = speed[:, None], np.maximum(first[rows], 1e-300)
-        left = np.asarray(limits.joint_acceleration) - second[rows] * sd**2
-        acceleration = np.minimum(tool.acceleration[rows], (left / share).min(axis=1))[:, None]
-        bent = third[rows] * sd**3 + 3.0 * second[rows] * sd * np.maximum(acceleration, 0.0)
-        left_jerk = np.asarray(limits.joint_jerk) - bent
-        jerk = np.minimum(tool.jerk[rows], (left_jerk / share).min(axis=1))
-        possible = (left.min(axis=1) > 0.0) & (left_jerk.min(axis=1) > 0.0)
-        triples = np.full((len(rows), 3), np.inf)
-        triples[possible] = stop_triples(speed[possible], acceleration[possible, 0], jerk[possible])
-        return triples
 
-    return fastest_triples(capped_speed(tool.speed, rates, limits), triples_at)
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _choose_all(most: Array, joint: Array, motions: Array) -> int:
+    """Lower the limits of progress (n, 3) for joint derivatives (n, 3, 6); the first segment without any, or -1."""
+    for k in range(motions.shape[0]):
+        if not choose_limits(most[k], 1.0, joint, 1.0, motions[k]):
+            return k
+    return -1

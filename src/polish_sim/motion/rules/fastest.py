@@ -88,9 +88,13 @@ def fastest_triples(speed: Array, triples_at: TriplesAt) -> Array:
         high, low = grid[np.maximum(best - 1, 0), columns], grid[np.minimum(best + 1, count - 1), columns]
     triples[rows] = triples_at(grid[best, columns], rows)
     if not np.isfinite(triples).all():
-        k = int(np.argmin(np.isfinite(triples).all(axis=1)))
-        raise SmoothingError(f"no speed keeps the joint limits in segment {k + 1}: too near a singularity.")
+        raise singular_segment(int(np.argmin(np.isfinite(triples).all(axis=1))))
     return triples
+
+
+def singular_segment(k: int) -> SmoothingError:
+    """Build the error for segment ``k``, on which no speed keeps the joints' limits."""
+    return SmoothingError(f"no speed keeps the joint limits in segment {k + 1}: too near a singularity.")
 
 
 def stop_triples(speed: Array, acceleration: Array, jerk: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from dataclasses import Field, fields, replace
 from pathlib import Path
@@ -84,6 +85,6 @@ def _si(where: str, value: Any, spec: Field[Any], place: str) -> Any:
 
 
 def _positive(where: str, value: Any, place: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0:
-        raise ConfigError(f"'{where}' in '{place}' must be a positive number, got {value!r}.")
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
+        raise ConfigError(f"'{where}' in '{place}' must be a positive, finite number, got {value!r}.")
     return float(value)
