@@ -67,8 +67,8 @@ def plot_corners(views: Sequence[CornerView], labels: Sequence[str], title: str,
     """Up to six corners: way points, the tolerance about them, and what the tip does; deviations in µm."""
     columns = 2 if len(views) == 4 else min(3, max(len(views), 1))
     rows = -(-max(len(views), 1) // columns)
-    # Wide enough for the facts beside the legend, however few the corners.
-    figure = new_figure(max(4.0 * columns + 0.5, 8.5), 4.5 * rows + 0.8)
+    # Wide enough for the facts, however few the corners.
+    figure = new_figure(max(4.0 * columns + (0.5 if columns == 3 else 2.0), 6.5), 4.5 * rows + 0.8)
     grid = figure.subplots(rows, columns, squeeze=False)
     for axes, view in zip(grid.flat, views, strict=False):
         _draw(axes, view, labels)

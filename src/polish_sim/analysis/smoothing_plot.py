@@ -114,6 +114,8 @@ def _backwards(curves: Sequence[Curves]) -> list[tuple[Curves, str]]:
     return list(zip(curves, COLOURS, strict=False))[::-1]
 
 
+NARROW: Final = 11.0
+"""A figure less wide has no room for facts and legend in one line [inch]."""
 NEAR: Final = 0.4
 """A limit is drawn to scale when the curve comes to this share of it; a farther one is only told."""
 
@@ -143,7 +145,11 @@ def _finish(figure: Figure, grid: Any, curves: Sequence[Curves], title: str, fac
 
 
 def close(figure: Figure, title: str, facts: Sequence[str], handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """Head a figure with what it shows; at its foot its figures in small print and the legend."""
+    """Head a figure with what it shows; at its foot its figures in small print and the legend, beside it if narrow."""
     figure.suptitle(title, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
-    figure.legend(handles, labels, loc="outside lower right", ncols=len(labels))
-    figure.text(0.01, 0.008, "     ".join(facts), fontsize=9.0, color="#444444")
+    if figure.get_figwidth() < NARROW:
+        figure.legend(handles, labels, loc="outside right upper")
+        figure.supxlabel("     ".join(facts), x=0.01, ha="left", fontsize=9.0, color="#444444")
+    else:
+        figure.legend(handles, labels, loc="outside lower right", ncols=len(labels))
+        figure.text(0.01, 0.008, "     ".join(facts), fontsize=9.0, color="#444444")

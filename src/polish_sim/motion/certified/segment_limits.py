@@ -62,7 +62,7 @@ class Grain(NamedTuple):
     """Share of a limit from which on it counts."""
 
 
-COARSE, FINE = Grain(0.05, 1.0 / 64.0, 1.0), Grain(0.002, 2.0**-16, 0.9)
+COARSE, FINE = Grain(0.05, 1.0 / 64.0, 1.0), Grain(0.002, 2.0**-13, 0.9)
 """For a first round, and for more at what the one before found, where the joints bind."""
 
 
@@ -173,6 +173,20 @@ def bound_joints(
 
 
 @njit(cache=True, error_model="numpy")
+def _choose_both(
+    scale: float, limits: LimitValues, tool: tuple[float, float, float], motion: Array, work: SegmentWork
+) -> bool:
+    """Write what the bounds in ``work`` leave of the tool's V, A, J for a long way, then from rest to rest."""
+    for i in range(3):
+        motion[i] = motion[3 + i] = tool[i]
+    way = max(scale, tool[0] ** 2 / tool[1] + tool[0] * tool[1] / tool[2])
+    return bool(
+        choose_limits(work.most, scale, limits.joint, scale, motion[3:6])
+        and choose_limits(work.most, scale, limits.joint, way, motion[:3])
+    )
+
+
+@njit(cache=True, error_model="numpy")
 def lower_to_joints(
     segment: Segment, scale: float, limits: LimitValues, arm: Arm, q_near: Array, motion: Array, work: SegmentWork
 ) -> int:
@@ -193,19 +207,17 @@ def lower_to_joints(
     for i in range(3):
         for j in range(6):
             work.middle[i, j] = 0.0
-    run, stop = motion[:3], motion[3:6]
-    way = max(scale, run[0] ** 2 / run[1] + run[0] * run[1] / run[2])
-    status = bound_joints(segment, scale, limits, arm, q_near, run, COARSE, work)
-    if status == REACHED and binds(work.most, scale, limits.joint, run):
-        found, time = choose_limits(work.most, scale, limits.joint, scale, stop), math.inf
-        while found and status == REACHED and rest_to_rest(scale, stop[0], stop[1], stop[2]) < _AGAIN * time:
+    status = bound_joints(segment, scale, limits, arm, q_near, motion[:3], COARSE, work)
+    if status == REACHED and binds(work.most, scale, limits.joint, motion[:3]):
+        tool, stop, time = (motion[0], motion[1], motion[2]), motion[3:6], math.inf
+        found = _choose_both(scale, limits, tool, motion, work)
+        while found and rest_to_rest(scale, stop[0], stop[1], stop[2]) < _AGAIN * time:
             time = rest_to_rest(scale, stop[0], stop[1], stop[2])
-            status = bound_joints(segment, scale, limits, arm, q_near, stop, FINE, work)
-            for i in range(3):
-                stop[i] = run[i]
-            found = choose_limits(work.most, scale, limits.joint, scale, stop)
-        if status == REACHED and not (found and choose_limits(work.most, scale, limits.joint, way, run)):
-            status = SINGULAR
+            # Next to a singularity there may be too many pieces for a closer look: the last one's bounds hold as well.
+            if bound_joints(segment, scale, limits, arm, q_near, stop, FINE, work) != REACHED:
+                break
+            found = _choose_both(scale, limits, tool, motion, work)
+        status = REACHED if found else SINGULAR
     if status != REACHED:
         return status
     e = work.enclosure
