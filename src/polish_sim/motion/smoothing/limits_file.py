@@ -86,5 +86,5 @@ def _si(where: str, value: Any, spec: Field[Any], place: str) -> Any:
 
 def _positive(where: str, value: Any, place: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
-        raise ConfigError(f"'{where}' in '{place}' must be a positive, finite number, got {value!r}.")
+        raise ConfigError(f"'{where}' in '{place}' must be a finite, positive number, got {value!r}.")
     return float(value)
