@@ -32,7 +32,7 @@ def test_every_option_of_a_path_reaches_the_plan(polish_sim: Polish) -> None:
     )  # fmt: skip
     code, out, err = polish_sim("plan", *SMALL, *words, "--out", "plan")
     assert code == 0, err
-    assert "way through the air" in out
+    assert "through the air, leads included" in out
     plan = json.loads(Path("plan/path.json").read_text())["plan"]
     assert (plan["order"], plan["direction"], plan["lead_in"]) == ("outward", "climb", "arc")
     assert plan["start"] == pytest.approx([0.0, 0.0, 0.025])
