@@ -16,7 +16,7 @@ from polish_sim.scenario_file import merge
 from tests.analysis.synthetic import log_of, trace_of
 
 
-def run(name: str = "run", metrics: dict[str, Any] | None = None, **sections: dict[str, Any]) -> RunRecord:
+def run(name: str = "run", metrics: dict[str, Any] | None = None, **sections: Any) -> RunRecord:
     scenario = merge(Scenario(), dict(sections), "")
     log = log_of(trace_of(np.zeros(4, np.int8)))
     return RunRecord(name, scenario, {"path_done": 1.0} | (metrics or {}), log, None)
@@ -38,6 +38,12 @@ def test_a_given_path_has_a_name_and_no_step_over() -> None:
     runs = [run(), run(plan={"file": "plans/mine.csv"})]
     assert row(runs, "path") == ["spiral", "mine.csv"]
     assert row(runs, "step-over") == ["8", "-"]
+
+
+def test_a_path_that_is_taught_is_led_in_one_mode() -> None:
+    runs = [run(experiment="teach"), run(experiment="teach", drag={"follow": "rim"})]
+    assert row(runs, "along") == ["the trial's moves", "rim"]
+    assert row(runs, "mode") == ["every", "default"]
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,8 @@ SETTINGS: Final = (
     Setting("set force", "N", lambda s: f"{s.process.contact_force_n:g}", ("force", "surface", "dual")),
     Setting("feed", "mm/s", lambda s: f"{1e3 * s.process.feed_m_s:g}", ("arc", "surface", "dual")),
     Setting("controller", "", lambda s: Path(s.controller.name).name, ("arc", "force", "surface", "dual")),
-    Setting("mode", "", lambda s: s.guide.mode or "every", ("teach",)),
+    Setting("along", "", lambda s: Path(s.drag.follow).name or "the trial's moves", ("teach",)),
+    Setting("mode", "", lambda s: s.guide.mode or ("default" if s.drag.follow else "every"), ("teach",)),
     Setting("seed", "", lambda s: str(s.seed), ("arc", "force", "surface", "dual", "teach")),
 )
 
