@@ -48,11 +48,14 @@ def plan(
     scenario = build_scenario(base, given, settings.config, settings.set_ or [])
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
+    import numpy as np
+
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.report import save_plots
     from polish_sim.cli.planning import plan_for_two
     from polish_sim.exchange import ExportSetup, check_formats, export_plan, write_plan
     from polish_sim.experiments import time_law
+    from polish_sim.experiments.part_seat import seat_text
     from polish_sim.planning import PATTERNS, plan_part
 
     refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
@@ -69,6 +72,8 @@ def plan(
         save_plots(folder.draft, {"path.png": plot_plan(result, "Once around the rim" if dual else "")})
     for note in result.notes:
         console.note(f"note: {note}")
+    if dual:
+        console.note(f"part: {seat_text(np.array(result.figures['T_gripper_work']))}")
     console.table(f"plan of {result.mesh.name}", ["figure", "unit", "value"], _rows(result.figures))
     console.say(f"folder: {folder.final}")
 

@@ -40,6 +40,7 @@ def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
         axis_deviation_max_rad=0.0,
         placement_value=task.reach.value,
         chain_residual_m=task.residual,
+        T_gripper_work=task.seat.T_gripper_work.tolist(),
         T_master_work=task.reach.T_master_work.tolist(),
         T_follower_work=task.place.reach.T_base_work.tolist(),
         q_master_rad=task.reach.q_master.tolist(),

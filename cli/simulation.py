@@ -7,6 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from polish_sim.analysis.cell_plot import plot_cell
 from polish_sim.analysis.claims import claims_of, is_paper_task
 from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
@@ -21,6 +23,7 @@ from polish_sim.cli.sinks import CELL_PICTURE
 from polish_sim.config import Scenario
 from polish_sim.exchange import path_csv
 from polish_sim.experiments import RunResult, check_experiment, run_experiment
+from polish_sim.experiments.part_seat import seat_text
 from polish_sim.planning import PlanResult, ToolPath
 
 PICTURES_MISSING = "pictures_missing"
@@ -68,7 +71,7 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
         (result.stop_reason,) if result.stop_reason else (),
         result.interrupted,
         undrawn,
-        tuple(_of_faults(record.metrics)),
+        (*_of_seat(record.metrics), *_of_faults(record.metrics)),
         is_paper_task(scenario),
     )
 
@@ -80,6 +83,12 @@ def _title(scenario: Scenario) -> str:
         followed = f"along {scenario.drag.follow} of {scenario.part.file}, seed {scenario.seed}"
         return f"teach, {followed if scenario.drag.follow else scenario.guide.mode or 'every mode'}"
     return f"{scenario.experiment}, {scenario.controller.label}, seed {scenario.seed}"
+
+
+def _of_seat(metrics: Mapping[str, Any]) -> Iterator[str]:
+    """How a second robot held the part."""
+    if "T_gripper_work" in metrics:
+        yield f"part: {seat_text(np.array(metrics['T_gripper_work']))}"
 
 
 def _of_faults(metrics: Mapping[str, Any]) -> Iterator[str]:
@@ -108,9 +117,11 @@ def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
         PolishSimError: If the part cannot be used, planned or reached.
     """
     with console.progress() as observer:
-        path, reach = check_experiment(scenario, plan_to_run(scenario, plan, observer, None), observer)
+        path, reach, held = check_experiment(scenario, plan_to_run(scenario, plan, observer, None), observer)
     console.say(f"path: {path.length_m:.3f} m, {len(path.s)} points, all within reach")
     if scenario.experiment != "arc":
         x, y, z = reach.T_base_work[:3, 3] * 1e3
         console.say(f"part: its origin stands at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the robot base")
+    if held:
+        console.say(f"part: {held}")
     console.say(f"smallest singular value on the way: {reach.smallest_singular_value:.3f}")

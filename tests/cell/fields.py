@@ -42,9 +42,9 @@ def sphere(radius: float, spacing: float = FIELD_SPACING) -> DistanceField:
     return sampled(lambda p: np.linalg.norm(p - middle, axis=-1) - radius, low, high, spacing)
 
 
-def wall(x: float) -> DistanceField:
-    """A wall that fills everything beyond x [m], 0.24 m wide and 0.4 m high from z = 0."""
-    return sampled(lambda p: x - p[..., 0], (x - 0.016, -0.12, 0.0), (x + 0.016, 0.12, 0.4))
+def wall(x: float, height: float = 0.4) -> DistanceField:
+    """A wall that fills everything beyond x [m], 0.24 m wide and so high from z = 0 [m]."""
+    return sampled(lambda p: x - p[..., 0], (x - 0.016, -0.12, 0.0), (x + 0.016, 0.12, height))
 
 
 def part_at(

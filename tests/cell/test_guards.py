@@ -116,6 +116,16 @@ def test_contact_lost_over_an_edge_stops_after_its_time(flat: RealPart) -> None:
     keeps_its_log(run)
 
 
+def test_a_shaft_driven_into_a_low_wall_stops_before_the_housing_is_over_it() -> None:
+    """Between pad and housing there is only the shaft of 9 mm radius; the wall begins at x = 80 mm."""
+    low = wall(0.08, height=0.032)
+    poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2)
+    part = RealPart(low, low, np.eye(3), np.array([0.0, -0.5, 0.224]))
+    run = cell_for(ideal("arc", EVERY_STEP), free_job(*poses, feed=0.02), part=part).run()
+    assert run.stop_reason == REASONS[CRASH]
+    assert run.log["tcp_position_m"][stopped_at(run), 0] == pytest.approx(0.08 - 0.009, abs=0.002)
+
+
 def test_a_housing_driven_into_a_wall_stops_within_a_few_millimetres() -> None:
     """The wall begins at x = 80 mm; the tool moves toward it, lower than its top, touching nothing with the pad."""
     part = RealPart(wall(0.08), wall(0.08), np.eye(3), np.array([0.0, -0.5, 0.0]))

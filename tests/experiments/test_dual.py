@@ -5,22 +5,28 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from polish_sim.analysis.claims import CLAIMS
 from polish_sim.analysis.dual_plot import plot_dual
 from polish_sim.analysis.run_record import RunRecord
+from polish_sim.cell.carrier import FIRST_JOINT
+from polish_sim.cell.pair_scene import Held, build_pair_scene
 from polish_sim.config import Scenario
 from polish_sim.errors import CalibrationError, ConfigError, InputError, PlanError, ReachError
-from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
+from polish_sim.experiments import RunResult, check_experiment, default_scenario, dual_task, run_experiment
 from polish_sim.experiments.dual import build_dual_cell
 from polish_sim.experiments.dual_task import prepare_dual
 from polish_sim.experiments.pair_frames import true_chain
+from polish_sim.geometry import load_part
+from polish_sim.models import workpiece_path
 from polish_sim.motion import forward_many
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.toolpath import APPROACH, RETRACT, arc_length
 from polish_sim.scenario_file import override
+from polish_sim.spatial import inverse
 
 FREE = ("dual.standoff_m=0.005", "process.feed_m_s=0.05", "dual.master_speed_m_s=0.02", "process.max_feed_s=2")
 EXACT = ("dual.tracker_noise_m=0", "dual.touch_noise_m=0")
@@ -71,6 +77,49 @@ def test_without_calibration_errors_the_tool_is_off_by_the_tracking_only(free: R
     steady = before_the_end[len(before_the_end) // 2 :]
     assert np.linalg.norm(free.trace.target_error_m[steady], axis=1).max() < 3e-5
     assert free.figures["relative_error_rms_m"] < 6e-5
+
+
+def test_the_joints_of_both_arms_as_they_went_close_the_chain_in_the_engine(free: RunResult) -> None:
+    """The engine's own kinematics of the scene, fed with the log: the tool is where the path has it on the part."""
+    true = true_chain(free.scenario.dual)
+    held = Held(load_part(workpiece_path("wheel_hub_rim")), 2700.0, true.T_flange_gripper @ true.T_gripper_work)
+    model = build_pair_scene(free.scenario, inverse(true.T_master_follower), held)
+    data = mujoco.MjData(model)
+    assert free.path is not None
+    off, tilt = [], []
+    for row in np.flatnonzero(free.log["phase"] == 2)[50:-60:20]:
+        data.qpos[:6], data.qpos[FIRST_JOINT:] = free.log["q_rad"][row], free.log["master_q_rad"][row]
+        mujoco.mj_kinematics(model, data)
+        part, tool = data.body("master_part"), data.site("follower_tool")
+        R_base_work = part.xmat.reshape(3, 3)
+        s = float(free.log["path_s_m"][row])
+        wanted, axis = (
+            np.array([np.interp(s, free.path.s, column) for column in rows.T])
+            for rows in (free.path.positions_work, free.path.axes_work)
+        )
+        off.append(R_base_work.T @ (tool.xpos - part.xpos) - wanted)
+        tilt.append(np.linalg.norm(R_base_work.T @ tool.xmat.reshape(3, 3)[:, 2] + axis))
+    assert len(off) > 15
+    assert np.ptp(free.log["master_q_rad"][free.log["phase"] == 2], axis=0).max() > 0.02
+    assert np.linalg.norm(off, axis=1).max() < 1e-4
+    assert np.max(tilt) < 1e-3
+
+
+def test_what_touches_is_looked_for_where_the_host_believes_it_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[np.ndarray, Held]] = []
+
+    def build(scenario: Scenario, T_follower_master: np.ndarray, held: Held) -> mujoco.MjModel:
+        seen.append((T_follower_master, held))
+        return build_pair_scene(scenario, T_follower_master, held)
+
+    monkeypatch.setattr(dual_task, "build_pair_scene", build)
+    true, believed = prepare_dual(dual()).frames
+    assert seen
+    for T_follower_master, held in seen:
+        np.testing.assert_allclose(T_follower_master, inverse(believed.T_master_follower), atol=1e-12)
+        np.testing.assert_allclose(held.T_flange_part, believed.T_flange_gripper @ believed.T_gripper_work, atol=1e-12)
+        assert np.abs(T_follower_master - inverse(true.T_master_follower)).max() > 1e-6
+        assert np.abs(held.T_flange_part - true.T_flange_gripper @ true.T_gripper_work).max() > 1e-6
 
 
 def test_the_master_keeps_its_orientation_and_moves_at_constant_speed(free: RunResult) -> None:
@@ -168,7 +217,7 @@ def test_a_path_of_two_stretches_is_pressed_in_two_strokes() -> None:
 
 
 def test_the_reach_is_checked_beforehand() -> None:
-    path, reach = check_experiment(dual())
+    path, reach, _ = check_experiment(dual())
     assert path.length_m == pytest.approx(2.0 * np.pi * 0.08 + 0.06, abs=1e-3)
     assert reach.smallest_singular_value > 0.1
 

@@ -58,6 +58,6 @@ def test_certified_keeps_the_joint_limits_and_the_compared_rule_does_not(run: Ru
 
 
 def test_its_path_and_reach_can_be_checked_without_playing() -> None:
-    path, reach = check_experiment(default_scenario("smooth"))
+    path, reach, _ = check_experiment(default_scenario("smooth"))
     assert path.length_m == pytest.approx(LENGTH, abs=1e-6)
     assert reach.smallest_singular_value > 0.05

@@ -42,7 +42,7 @@ REASONS: Mapping[float, str] = MappingProxyType(
         MASTER_SILENT: "no position of the master for longer than safety.master_timeout_s",
         JOINT_LIMIT: "a joint reached the end of its range",
         UNSTABLE: "the simulation became unstable",
-        ENGINE_CONTACT: "links of the robot touched each other or the table",
+        ENGINE_CONTACT: "links of the robot touched each other, the table or another robot",
     }
 )
 

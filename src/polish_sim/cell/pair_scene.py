@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell.carrier import FOLLOWER, MASTER
+from polish_sim.cell.pair_touching import let_pad_touch, let_part_touch, let_shells_touch
 from polish_sim.cell.scene import add_drawn_part, bend_arm, robot_with_tool, set_options
 from polish_sim.config import Scenario
 from polish_sim.errors import ReachError
@@ -23,10 +24,19 @@ from polish_sim.motion.arm_table import NOMINAL, is_nominal
 
 Array = NDArray[np.float64]
 
-GRIPPER_LENGTH: Final = 0.1  # from the flange to the part [m]
+GRIPPER_LENGTH: Final = 0.1  # from the flange to its face [m]
 GRIPPER_RADIUS: Final = 0.04  # [m]
 GRIPPER_MASS: Final = 0.9  # [kg]
 PAYLOAD_LIMIT: Final = 5.0  # of a UR5e [kg]
+
+
+class Clearances(NamedTuple):
+    """What is to be kept apart where a way is checked beforehand."""
+
+    arms: float
+    """Arms and tool from the other arm and its gripper, and from the part [m]."""
+    pad: float
+    """Pad and shaft from the other arm and its gripper [m]."""
 
 
 class Held(NamedTuple):
@@ -38,8 +48,10 @@ class Held(NamedTuple):
     """[kg/m^3]"""
     T_flange_part: Array
     """Where the real part is on the master's flange, shape (4, 4)."""
-    margin: float | None = None
-    """For checks only: the part's convex hull collides with what comes this close [m]; None: it touches nothing."""
+    nose: float = 0.0
+    """How far the gripper goes on beyond its face, into an opening, until it meets the part [m]."""
+    clearances: Clearances | None = None
+    """For checks only: the part's hull and the links as drawn collide with what comes this close; None: a cell."""
 
 
 class BuiltArms(NamedTuple):
@@ -78,7 +90,12 @@ def build_pair_scene(
     for key in list(follower.keys):
         follower.delete(key)
     master.delete(master.body("tool_mount"))
-    _add_gripper(master, held)
+    part = _add_gripper(master, held)
+    let_pad_touch(follower, master)
+    if held.clearances is not None:
+        reach = max(held.clearances)
+        let_shells_touch(follower, master, reach)
+        let_part_touch(part, reach)
     scene.worldbody.add_frame().attach_body(follower.body("base"), FOLLOWER, "")
     turn = Rotation.from_matrix(T_follower_master[:3, :3]).as_quat(scalar_first=True)
     stand = scene.worldbody.add_frame(pos=T_follower_master[:3, 3], quat=turn)
@@ -116,8 +133,8 @@ def _file_without_keyframe(scenario: Scenario) -> Any:
     return spec
 
 
-def _add_gripper(master: Any, held: Held) -> None:
-    """A plain cylinder on the flange and the part at its end; the robot has been told what it carries."""
+def _add_gripper(master: Any, held: Held) -> Any:
+    """A plain cylinder on the flange and the part on its face; the robot has been told what it carries."""
     flange = master.body("link_6")
     cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
     half = 0.5 * GRIPPER_LENGTH
@@ -126,16 +143,19 @@ def _add_gripper(master: Any, held: Held) -> None:
         name="gripper", type=cylinder, size=[GRIPPER_RADIUS, half, 0.0], pos=[0.0, 0.0, half], group=2,
         mass=GRIPPER_MASS, rgba=[0.25, 0.27, 0.30, 1.0],
     )  # fmt: skip
+    if held.nose > 0.0:
+        gripper.add_geom(
+            name="gripper_nose", type=cylinder, size=[GRIPPER_RADIUS, 0.5 * held.nose, 0.0], group=2, mass=0.0,
+            pos=[0.0, 0.0, GRIPPER_LENGTH + 0.5 * held.nose], rgba=[0.25, 0.27, 0.30, 1.0],
+        )  # fmt: skip
     part = add_drawn_part(master, flange, held.mesh, held.T_flange_part)
-    if held.margin is not None:
-        part.geoms[0].contype = part.geoms[0].conaffinity = 1
-        part.geoms[0].margin = held.margin
     check_load(held.mesh, held.density)
     volume, center = _volume_and_center(held.mesh)
     mass = held.density * volume
     size = np.ptp(held.mesh.vertices, axis=0)
     part.gravcomp, part.mass, part.ipos, part.explicitinertial = 1.0, mass, center, True
     part.inertia = mass / 12.0 * np.maximum((size**2).sum() - size**2, 1e-6)
+    return part
 
 
 def _volume_and_center(mesh: PartMesh) -> tuple[float, Array]:

@@ -40,6 +40,20 @@ class DualConfig:
     )
     tracker_noise_m: float = key(3e-5, "noise of the simulated tracker per coordinate, rms [m]", 0.0, 0.01)
     touch_noise_m: float = key(5e-5, "noise of simulated touches per coordinate, rms [m]", 0.0, 0.01)
+    part_on_gripper: tuple[float, ...] = key(
+        (),
+        "the part's own frame on the gripper's face, whose z axis looks away from the flange: x, y, z [m], rotation "
+        "vector [rad]; empty = the lowest point of the part, seen along up, on the face, its middle on the axis",
+        length=6,
+    )
+    clearance_m: float = key(
+        0.03, "arms and tool keep from the other arm and its gripper, and from the held part's hull, beforehand [m]",
+        0.0, 0.2,
+    )  # fmt: skip
+    pad_clearance_m: float = key(
+        0.005, "the pad keeps from the other arm and its gripper, its shaft from the part as well, beforehand [m]",
+        0.0, 0.015,
+    )  # fmt: skip
     marks: int = key(3, "marks around the part, touched to find it on the master's flange", 3, 100)
     closing_touches: int = key(
         12, "touches of these marks with the tool that adjust bases, tool and part to each other; 0 = none", 0, 1000

@@ -20,6 +20,7 @@ from polish_sim.experiments.drag import run_drag
 from polish_sim.experiments.dual import run_dual
 from polish_sim.experiments.dual_task import prepare_dual
 from polish_sim.experiments.force import prepare_force, run_force
+from polish_sim.experiments.part_seat import seat_text
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.smooth import run_smooth
@@ -71,6 +72,8 @@ class CheckedPath(NamedTuple):
 
     path: ToolPath
     reach: Reach
+    held: str = ""
+    """How a second robot holds the part, for the user."""
 
 
 def check_experiment(
@@ -98,8 +101,8 @@ def check_experiment(
         prepared = prepare_surface(scenario, plan, observer)
         return CheckedPath(prepared.plan.path, prepared.reach)
     if scenario.experiment == "dual":
-        place = prepare_dual(scenario, plan, observer).place
-        return CheckedPath(place.path, place.reach)
+        pair = prepare_dual(scenario, plan, observer)
+        return CheckedPath(pair.place.path, pair.place.reach, seat_text(pair.seat.T_gripper_work))
     if scenario.experiment == "smooth":
         return CheckedPath(*path_of_task(prepare_smooth(scenario)))
     raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)

@@ -74,6 +74,7 @@ def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Obser
         removal, log = remove_material(scenario, task.place, part, run, part_turns(log, task, part))
         figures |= measure_removal(removal)
     figures |= {"chain_residual_m": task.residual, "placement_value": task.reach.value}
+    figures["T_gripper_work"] = task.seat.T_gripper_work.tolist()
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
     figures |= cell.payload_errors._asdict()
     log = with_column(log, "relative_error_m", _at_rows(run, errors.relative))
@@ -102,7 +103,7 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
         streams[PART_STREAM],
     )  # fmt: skip
     true = task.frames.true
-    held = Held(place.shape.mesh, scenario.dual.density_kg_m3, _part_on_flange(task, part))
+    held = Held(place.shape.mesh, scenario.dual.density_kg_m3, _part_on_flange(task, part), task.seat.nose)
     model = build_pair_scene(scenario, inverse(true.T_master_follower), held, BuiltArms(**task.arms.true))
     controller = build_controller(scenario.controller)
     host_arm = build_host_arm(task.arms.believed["follower"], np.eye(4), task.frames.believed.T_flange_tool)

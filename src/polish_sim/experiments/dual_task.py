@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -13,8 +14,8 @@ from scipy.interpolate import CubicSpline
 from polish_sim.calibration.frames import ROBOTS
 from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.cell.carrier import MasterRows
-from polish_sim.cell.pair_contacts import CLEARANCE, PairContacts
-from polish_sim.cell.pair_scene import Held, build_pair_scene, check_load
+from polish_sim.cell.pair_contacts import PairContacts
+from polish_sim.cell.pair_scene import Clearances, Held, build_pair_scene, check_load
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -37,13 +38,16 @@ from polish_sim.experiments.pair_placement import (
 from polish_sim.experiments.pair_strokes import lifted, pair_strokes
 from polish_sim.experiments.pair_survey import Site, tracker_sees
 from polish_sim.experiments.pair_visits import Visits, plan_visits
+from polish_sim.experiments.part_seat import Seat, seat_part
 from polish_sim.experiments.part_setup import PlacedTool, check_set_points, part_file
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.real_shape import real_shape
 from polish_sim.experiments.rim_path import rim_path
+from polish_sim.experiments.shaft_room import check_shaft
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.motion.arm_table import flange_poses, is_nominal
 from polish_sim.motion.coordination import (
+    Chain2,
     chain_residual,
     follow_joints,
     follower_flange,
@@ -73,6 +77,7 @@ class DualTask:
     """As the follower sees it, part at the start of its way and where the host believes it to be."""
     frames: PairFrames
     arms: PairArms
+    seat: Seat
     reach: PairReach
     work: Work
     """What is done, as the host believes it."""
@@ -104,22 +109,22 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     check_load(mesh, scenario.dual.density_kg_m3)
     check_set_points(path)
     path = lifted(path, scenario.dual.standoff_m)
+    check_shaft(path, surface, scenario.dual.pad_clearance_m)
+    seat = seat_part(surface, region.up, scenario.dual.part_on_gripper)
     visits = _visits(scenario, path)
     observer.stage("calibrate the robots")
-    stand = tracker_sees(true_chain(scenario.dual).T_master_follower).T_tracker
+    true = true_chain(scenario.dual, seat.T_gripper_work)
+    stand = tracker_sees(true.T_master_follower).T_tracker
     arms = pair_arms(scenario.dual, stand, np.random.default_rng([scenario.seed, ARMS_STREAM]))
-    site = _site(scenario, path, visits, region.up, marks_on(region, surface, scenario.dual.marks))
-    frames = calibrated_frames(scenario.dual, site, _frames_stream(scenario.seed), arms)
+    marks = marks_on(region, surface, scenario.dual.marks)
+    site = Site(_where_marks_are_touched(scenario, path, visits, region.up, true), marks)
+    frames = calibrated_frames(scenario.dual, true, site, _frames_stream(scenario.seed), arms)
     observer.stage("check the reach of both robots")
     motion = master_motion(scenario, path, region.up, frames.believed)
     check_length(visits, motion)
     work = Work(frames.believed, visits, motion.way)
-    held = Held(mesh, scenario.dual.density_kg_m3, frames.true.T_flange_gripper, CLEARANCE)
-
-    def contacts(T_master_follower: Array) -> Collides:
-        return PairContacts(build_pair_scene(scenario, inverse(T_master_follower), held)).first
-
-    collides = contacts(frames.true.T_master_follower)
+    contacts = partial(_contacts, scenario, mesh, frames.believed, seat.nose)
+    collides = contacts(frames.believed.T_master_follower)
     try:
         reach = find_pair_reach(work, held_poses(scenario, work, motion, region.up), collides)
     except ReachError as error:
@@ -134,7 +139,16 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     master = _master_rows(scenario, frames, arms, reach, work)
     closely = _visits(scenario, path, min(LOOK_S, LOOK_M / scenario.process.feed_m_s))
     check_motion(Check(work, reach, motion, closely, scenario.robot), master, collides)
-    return DualTask(place, frames, arms, reach, work, placed, master, _residual(work, reach, arms))
+    return DualTask(place, frames, arms, seat, reach, work, placed, master, _residual(work, reach, arms))
+
+
+def _contacts(scenario: Scenario, mesh: PartMesh, believed: Chain2, nose: float, T_master_follower: Array) -> Collides:
+    """The check for things that touch with the follower's base there, the rest as the host believes it to be."""
+    dual = scenario.dual
+    clearances = Clearances(dual.clearance_m, dual.pad_clearance_m)
+    T_flange_part = believed.T_flange_gripper @ believed.T_gripper_work
+    held = Held(mesh, dual.density_kg_m3, T_flange_part, nose, clearances)
+    return PairContacts(build_pair_scene(scenario, inverse(T_master_follower), held), clearances).first
 
 
 def _visits(scenario: Scenario, path: ToolPath, step: float | None = None) -> Visits:
@@ -162,14 +176,13 @@ def _planned(scenario: Scenario, plan: PlanResult | None) -> _Planned:
     return _Planned(mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m))
 
 
-def _site(scenario: Scenario, path: ToolPath, visits: Visits, up: Array, T_work_marks: Array) -> Site:
-    """The marks, touched half way of the first place the part may be held."""
-    true = true_chain(scenario.dual)
+def _where_marks_are_touched(scenario: Scenario, path: ToolPath, visits: Visits, up: Array, true: Chain2) -> Array:
+    """Half way of the first place the part may be held, base of the master, shape (4, 4)."""
     motion = master_motion(scenario, path, up, true)
     work = Work(true, visits, motion.way)
     T_master_work = next(held_poses(scenario, work, motion, up)).copy()
     T_master_work[:3, 3] += work.middle
-    return Site(T_master_work, T_work_marks)
+    return np.asarray(T_master_work)
 
 
 def _frames_stream(seed: int) -> np.random.Generator:

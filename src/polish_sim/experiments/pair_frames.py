@@ -30,6 +30,8 @@ LEAST_APART: Final = 0.2
 """Between the bases of two arms, each 0.15 m wide [m]."""
 SAME_POSE: Final = 1e-8
 """Poses that differ by less are the same but for rounding [m], [-]."""
+ON_FACE: Final = transform(np.eye(3), np.zeros(3))
+"""A part whose own frame is that of the gripper's face, as the shipped hub's is."""
 FAR_M, FAR_RAD = 0.01, 0.1
 """A calibration farther off than this is that of another tool, or of robots that stand elsewhere [m], [rad]."""
 
@@ -65,15 +67,18 @@ def settled_bases(config: DualConfig) -> DualConfig:
     return replace(config, follower_pose=tuple(float(number) for number in (*planted[:3, 3], *turn)))
 
 
-def true_chain(config: DualConfig) -> Chain2:
-    """The chain as it really is: the part sits square and centred on the gripper.
+def true_chain(config: DualConfig, T_gripper_work: Array = ON_FACE) -> Chain2:
+    """The chain as it really is.
+
+    The part sits in the gripper as it is put there: its own frame on the gripper's face, unless another place (4, 4) is
+    given.
 
     Raises:
         ConfigError: No pose is given, or another one than the calibration's.
         InputError: The calibration cannot be read.
         CalibrationError: It is another pair's.
     """
-    return _chain(_follower_pose(settled_bases(config)))
+    return _chain(_follower_pose(settled_bases(config)), T_gripper_work)
 
 
 def _follower_pose(config: DualConfig) -> Array:
@@ -99,18 +104,19 @@ def _pose_text(T: Array) -> str:
     return "[" + ",".join(f"{number:.9g}" for number in numbers) + "]"
 
 
-def _chain(T_master_follower: Array) -> Chain2:
+def _chain(T_master_follower: Array, T_gripper_work: Array) -> Chain2:
     T_flange_gripper = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
-    return Chain2(T_master_follower, T_flange_gripper, np.eye(4), tool_on_flange())
+    return Chain2(T_master_follower, T_flange_gripper, T_gripper_work, tool_on_flange())
 
 
 def calibrated_frames(
-    config: DualConfig, site: Site, rng: np.random.Generator, arms: PairArms = AS_DRAWN
+    config: DualConfig, true: Chain2, site: Site, rng: np.random.Generator, arms: PairArms = AS_DRAWN
 ) -> PairFrames:
     """What is true and what the host believes of it.
 
     Args:
-        config: Where the robots stand; calibrations, or the noise of those that are simulated before the run.
+        config: Calibrations, or the noise of those that are simulated before the run.
+        true: The chain as it really is.
         site: Where the part's marks are touched.
         rng: Draws the noise.
         arms: Both arms.
@@ -122,7 +128,6 @@ def calibrated_frames(
         InputError: A calibration cannot be read.
         CalibrationError: It is another pair's or another tool's, or does not fit where the robots stand.
     """
-    true = true_chain(config)
     parts, R_flange_tool = _given(config, true, find_parts(config, true, site, rng, arms))
     # A calibration from a file is believed as it is.
     count = 0 if config.bases_file or config.tool_file or config.arms_file else config.closing_touches

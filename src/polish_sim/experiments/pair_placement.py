@@ -29,7 +29,7 @@ SHARES: Final = (0.5, 0.6, 0.4)
 SIDES: Final = (0.1, -0.1, 0.0)
 """How far beside the line between the bases [m]."""
 HEIGHTS: Final = (0.3, 0.2, 0.4, 0.5)
-"""Of the part's origin above the master's base [m]."""
+"""Of the gripper's face above the master's base [m]."""
 SPINS: Final = tuple(np.radians(range(0, 360, 45)))
 GOOD: Final = 0.1
 """A way this far from singularities and limits is taken without looking further [-]."""
@@ -72,7 +72,7 @@ def default_poses(chain: Chain2, up: Array, middle_of_way: Array) -> Iterator[Ar
     """Candidate poses of the part at the start of its way, best guess first.
 
     Args:
-        chain: Where the bases stand.
+        chain: Where the bases stand, and the part in the gripper: its face goes to the candidate places.
         up: Side of the part to be worked on, work frame, shape (3,).
         middle_of_way: How far the middle of its way is from its start, base of the master [m], shape (3,).
 
@@ -82,13 +82,14 @@ def default_poses(chain: Chain2, up: Array, middle_of_way: Array) -> Iterator[Ar
     between = chain.T_master_follower[:3, 3]
     ahead = between / np.linalg.norm(between)
     beside = np.array([-ahead[1], ahead[0], 0.0])
+    seat_work = inverse(chain.T_gripper_work)[:3, 3]
     for wish in UPS:
         R = _frame(up, wish[0] * ahead + np.array([0.0, 0.0, wish[2]]))
         for height in HEIGHTS:
             for share in SHARES:
                 for side in SIDES:
                     middle = share * between + side * beside + np.array([0.0, 0.0, height])
-                    yield transform(R, middle - middle_of_way)
+                    yield transform(R, middle - middle_of_way - R @ seat_work)
 
 
 def find_pair_reach(work: Work, poses: Iterable[Array], collides: Collides) -> PairReach:

@@ -157,7 +157,7 @@ def default_placements(positions: Array, up: Array, lowest: float) -> Iterator[A
     Yields:
         T_base_work, shape (4, 4).
     """
-    R = _upright(up)
+    R = upright(up)
     middle = R @ (0.5 * (positions.min(axis=0) + positions.max(axis=0)))
     for height in HEIGHTS:
         for distance in DISTANCES:
@@ -169,7 +169,7 @@ def given_placement(pose: tuple[float, ...]) -> Iterator[Array]:
     yield from_pose(pose)
 
 
-def _upright(up: Array) -> Array:
+def upright(up: Array) -> Array:
     """Least rotation that turns ``up`` to base z."""
     axis = np.cross(up, [0.0, 0.0, 1.0])
     size = float(np.linalg.norm(axis))
@@ -210,4 +210,5 @@ __all__ = [
     "rotations_towards",
     "spin_direction",
     "tool_rotations",
+    "upright",
 ]

@@ -1,0 +1,130 @@
+"""What two robots must not touch: arm against arm and pad against gripper, beforehand and while they run."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from polish_sim.cell import Cell, no_part
+from polish_sim.cell.carrier import FIRST_JOINT, MasterRows
+from polish_sim.cell.pair_contacts import PairContacts
+from polish_sim.cell.pair_scene import GRIPPER_LENGTH, GRIPPER_RADIUS, Clearances, Held, build_pair_scene
+from polish_sim.config import Scenario
+from polish_sim.control import build_controller
+from polish_sim.geometry import PartMesh, part_from_arrays
+from polish_sim.motion import forward
+from polish_sim.spatial import from_pose, inverse, transform
+from tests.cell.cells import EVERY_STEP, along_tool, free_job, ideal, joints_at, tool_pose
+
+Array = NDArray[np.float64]
+
+CLEARANCES = Clearances(arms=0.03, pad=0.005)
+Q_MASTER = np.array([0.19, -0.75, 1.86, -2.68, 1.57, 1.38])
+ON_GRIPPER = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
+TOOL = tool_pose(0.0, -0.5, 0.3)
+SIDE = 0.02  # of the cube in the gripper [m]
+
+
+@cache
+def cube() -> PartMesh:
+    box = trimesh.creation.box([SIDE] * 3)
+    return part_from_arrays(box.vertices + [0.0, 0.0, 0.5 * SIDE], box.faces, up="z")
+
+
+def scene(T_follower_master: Array, clearances: Clearances | None) -> mujoco.MjModel:
+    return build_pair_scene(Scenario(), T_follower_master, Held(cube(), 2700.0, ON_GRIPPER, 0.0, clearances))
+
+
+def gripper_before(gap: float, aside: float) -> Array:
+    """The master's base, so that its gripper's face is this far before the pad, its axis this far beside [m]."""
+    face = along_tool(TOOL, x=aside, z=gap) @ np.diag([1.0, -1.0, -1.0, 1.0])
+    return np.asarray(face @ inverse(forward(Q_MASTER) @ ON_GRIPPER))
+
+
+@pytest.mark.parametrize(("gap", "named"), [(-0.003, True), (0.0045, True), (0.0055, False)])
+def test_the_pad_keeps_its_clearance_from_the_gripper(gap: float, named: bool) -> None:
+    # Beside the cube, which the pad may touch: only the gripper's face is before it.
+    T_follower_master = gripper_before(gap, aside=GRIPPER_RADIUS)
+    contacts = PairContacts(scene(T_follower_master, CLEARANCES), CLEARANCES)
+    found = contacts.first(Q_MASTER[None], joints_at(TOOL)[None])
+    assert set(found.split(" and ")) == ({"follower_head_pad", "master_gripper"} if named else {""})
+
+
+def test_the_pad_may_come_to_the_part_and_the_housing_may_not() -> None:
+    contacts = PairContacts(scene(gripper_before(SIDE, aside=0.0), CLEARANCES), CLEARANCES)
+    assert contacts.first(Q_MASTER[None], joints_at(TOOL)[None]) == ""
+    # The cube's middle beside the spindle, the gripper below it.
+    T = along_tool(TOOL, x=0.075, z=-0.1) @ from_pose([0.0, 0.0, 0.0, 0.0, -0.5 * np.pi, 0.0])
+    T_follower_master = T @ inverse(forward(Q_MASTER) @ ON_GRIPPER @ transform(np.eye(3), np.array([0.0, 0.0, SIDE])))
+    found = PairContacts(scene(T_follower_master, CLEARANCES), CLEARANCES).first(Q_MASTER[None], joints_at(TOOL)[None])
+    assert {name[:16] for name in found.split(" and ")} == {"follower_spindle", "master_part"}
+
+
+ELBOW_AHEAD = np.array([0.0, -0.6, 2.2, -1.6, -1.57, 0.0])
+
+
+def facing(distance: float) -> Array:
+    """The master's base turned to the follower's, so far that their elbows, set aside, are in one line."""
+    return from_pose([-distance, -0.27, 0.0, 0.0, 0.0, np.pi])
+
+
+def drawn(model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> Array:
+    """Every vertex of what is drawn of an arm [m], shape (n, 3)."""
+    found = []
+    for geom in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH):
+        if model.geom(geom).name.startswith(arm):
+            start, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
+            R = data.geom_xmat[geom].reshape(3, 3)
+            found.append(model.mesh_vert[start : start + count] @ R.T + data.geom_xpos[geom])
+    return np.concatenate(found)
+
+
+def base_distance_for(apart: float) -> float:
+    """Between the bases, so that the nearest drawn points of both arms are this far apart [m]."""
+    model, near, far = scene(facing(1.5), None), 0.8, 1.5
+    data = mujoco.MjData(model)
+    data.qpos[:6] = data.qpos[FIRST_JOINT:] = ELBOW_AHEAD
+    mujoco.mj_kinematics(model, data)
+    master, follower = drawn(model, data, "master_"), KDTree(drawn(model, data, "follower_"))
+    while far - near > 1e-4:
+        middle = 0.5 * (near + far)
+        distance = follower.query(master + [1.5 - middle, 0.0, 0.0])[0].min()
+        near, far = (middle, far) if distance < apart else (near, middle)
+    return near
+
+
+def test_arms_keep_their_clearance_as_they_are_drawn() -> None:
+    near = base_distance_for(CLEARANCES.arms - 0.002)
+    q = ELBOW_AHEAD[None]
+    found = PairContacts(scene(facing(near), CLEARANCES), CLEARANCES).first(q, q)
+    one, two = found.split(" and ")
+    assert {one.partition("_link_")[0], two.partition("_link_")[0]} == {"follower", "master"}
+    # Without a clearance nothing is said: they do not touch.
+    touching = Clearances(0.0, 0.0)
+    assert PairContacts(scene(facing(near), touching), touching).first(q, q) == ""
+    assert PairContacts(scene(facing(near + 0.01), CLEARANCES), CLEARANCES).first(q, q) == ""
+
+
+def test_the_run_stops_when_the_pad_is_driven_into_the_gripper() -> None:
+    T_follower_master = gripper_before(0.01, aside=GRIPPER_RADIUS)
+    T = T_follower_master @ forward(Q_MASTER) @ ON_GRIPPER
+    rest = MasterRows(0.02, np.tile(Q_MASTER, (101, 1)), np.zeros((101, 6)), T, np.eye(4))
+    scenario = ideal("arc", EVERY_STEP)
+    part = no_part()._replace(rotation=np.ascontiguousarray(T[:3, :3]), position=T[:3, 3].copy())
+    cell = Cell(
+        scenario, scene(T_follower_master, None), part, [free_job(TOOL, along_tool(TOOL, z=0.02), feed=0.02)],
+        joints_at(TOOL), build_controller(scenario.controller), np.random.default_rng(0), master=rest,
+    )  # fmt: skip
+    run = cell.run()
+    assert run.stop_reason is not None
+    assert "another robot" in run.stop_reason
+    assert "follower_head_pad" in run.stop_reason
+    assert "master_gripper" in run.stop_reason
+    deepest = (run.log["tcp_position_m"].astype(float) @ TOOL[:3, 2]).max() - TOOL[:3, 3] @ TOOL[:3, 2]
+    assert deepest == pytest.approx(0.01, abs=0.001)
