@@ -68,13 +68,17 @@ def asked_of(settings: IdentifySettings) -> str:
 def from_log(robot: LoggedRobot, logs: Logs, method: str, draft: Path) -> Outcome:
     """Identify a robot, and what it carries in a second log, from its own logs, and write its folder."""
     file = logs.empty
-    run = read_run(file, robot, logs.period)
-    found = identify_from_log(robot, *run, method)
-    if logs.loaded is not None:
-        weighed = weigh_from_logs(robot, run, read_run(logs.loaded, robot, logs.period))
-        found = replace(found, weighed=weighed, figures=found.figures | weighed.figures)
-        write_payload(draft, weighed)
-    _write(draft, found, robot.file)
+    with console.progress() as observer:
+        observer.stage("read the log")
+        run = read_run(file, robot, logs.period)
+        observer.stage("fit the model")
+        found = identify_from_log(robot, *run, method)
+        if logs.loaded is not None:
+            weighed = weigh_from_logs(robot, run, read_run(logs.loaded, robot, logs.period))
+            found = replace(found, weighed=weighed, figures=found.figures | weighed.figures)
+            write_payload(draft, weighed)
+        observer.stage("draw")
+        _write(draft, found, robot.file)
     _show_parameters(found)
     if found.weighed is not None:
         show_payload(found.weighed)

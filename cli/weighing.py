@@ -34,7 +34,11 @@ def read_run(file: Path, robot: LoggedRobot, period: float | None) -> tuple[Robo
 
 def weigh_alone(robot: LoggedRobot, file: Path, period: float | None, draft: Path) -> Outcome:
     """Find a payload from one log, the robot's model believed as it is, and write the folder."""
-    weighed = weigh_from_logs(robot, None, read_run(file, robot, period))
+    with console.progress() as observer:
+        observer.stage("read the log")
+        run = read_run(file, robot, period)
+        observer.stage("fit the payload")
+        weighed = weigh_from_logs(robot, None, run)
     write_payload(draft, weighed)
     write_json(draft / METRICS, {**weighed.figures, "versions": package_versions()})
     show_payload(weighed)
