@@ -14,6 +14,7 @@ from polish_sim.cli import console
 from polish_sim.config import Scenario
 from polish_sim.exchange import write_plan
 from polish_sim.experiments.dual_task import prepare_dual
+from polish_sim.experiments.stroke_motion import check_stroke_rule
 from polish_sim.planning import PlanObserver, PlanResult, ToolPath, measure_given_path, plan_part
 
 
@@ -69,6 +70,8 @@ def plan_to_run(
     """
     if scenario.experiment != "surface" and not (scenario.experiment == "dual" and given is not None):
         return None
+    if scenario.experiment == "surface":
+        check_stroke_rule(scenario)
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     plan = plan_part(*asked) if given is None else measure_given_path(given, *asked)
     for text in plan.notes:
