@@ -54,7 +54,7 @@ class DualConfig:
         0.005, "the pad keeps from the other arm and its gripper, its shaft from the part as well, beforehand [m]",
         0.0, 0.015,
     )  # fmt: skip
-    marks: int = key(3, "marks around the part, touched to find it on the master's flange", 3, 100)
+    marks: int = key(3, "marks on what is worked on, touched to find the part on the master's flange", 3, 100)
     closing_touches: int = key(
         12, "touches of these marks with the tool that adjust bases, tool and part to each other; 0 = none", 0, 1000
     )
