@@ -11,6 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.analysis.dual_plot import plot_dual
+from polish_sim.analysis.run_record import RunRecord
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, InputError, PolishSimError, ReachError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
@@ -74,20 +76,44 @@ def between(task: DualTask, run: RunResult) -> tuple[NDArray[np.float64], NDArra
     return inverse(planned.parts[there]) @ parts, inverse(planned.tools[there]) @ tools
 
 
-def test_two_stretches_above_the_part_are_followed_as_the_check_looked_at_them() -> None:
+@pytest.fixture(scope="module")
+def stretches() -> tuple[DualTask, RunResult]:
+    """The rim's path in two stretches, above the part, which turns and goes along."""
     plan = two_stretches()
     scenario = dual(*ABOVE, "dual.master_turn_rad_s=0.1", "dual.master_speed_m_s=0.01", "simulation.log_rate_hz=0")
-    task = prepare_dual(scenario, plan)
-    assert len(build_dual_cell(scenario, task)[1]) == 2
-    run = run_experiment(scenario, plan)
+    return prepare_dual(scenario, plan), run_experiment(scenario, plan)
+
+
+def test_two_stretches_above_the_part_are_followed_as_the_check_looked_at_them(
+    stretches: tuple[DualTask, RunResult],
+) -> None:
+    task, run = stretches
+    assert len(build_dual_cell(run.scenario, task).strokes) == 2
     assert run.stop_reason is None
     assert run.figures["path_done"] == 1.0
     assert run.figures["relative_error_rms_m"] < 6e-5
     lifted = run.trace.tool_on_part_m[run.trace.phase == 3][:, 2]
-    assert lifted.max() == pytest.approx(0.038 + 0.005 + scenario.plan.clearance_m, abs=1e-3)
+    assert lifted.max() == pytest.approx(0.038 + 0.005 + run.scenario.plan.clearance_m, abs=1e-3)
     for off in between(task, run):
         assert np.linalg.norm(off[:, :3, 3], axis=1).max() < 2e-4
         assert Rotation.from_matrix(off[:, :3, :3]).magnitude().max() < 0.01
+
+
+def test_errors_are_drawn_for_the_strokes_and_not_between_them(stretches: tuple[DualTask, RunResult]) -> None:
+    run = stretches[1]
+    figure = plot_dual(RunRecord("dual", run.scenario, run.figures, run.log, run.path))
+    drawn = np.asarray(figure.axes[0].lines[0].get_ydata(), dtype=np.float64)
+    fed = run.log["phase"] == 2
+    on = np.flatnonzero(fed)
+    np.testing.assert_array_equal(np.isnan(drawn), ~fed[on[0] : on[-1] + 1])
+    assert np.isnan(drawn).any()
+
+
+def test_the_speed_on_the_part_is_no_trembling(stretches: tuple[DualTask, RunResult]) -> None:
+    trace = stretches[1].trace
+    process = trace.phase == 2
+    way = np.ptp(trace.path_s_m[process]) - np.abs(np.diff(trace.path_s_m[process])).max()
+    assert stretches[1].figures["speed_mean_m_s"] == pytest.approx(way / (process.sum() * 1e-3), rel=0.005)
 
 
 def test_a_few_moments_out_of_reach_between_those_that_were_tried_are_found(short: DualTask) -> None:
