@@ -61,7 +61,7 @@ def _write(folder: Path, done: ArmsFound, pair: str) -> None:
         "tracker",
     )
     nominal, found = (1e3 * done.figures[name] for name in ("nominal_rms_m", "heldout_rms_m"))
-    facts = [f"nominal tables: {nominal:.3f} mm rms", f"tables found, in poses left out: {found:.3f} mm rms"]
+    facts = [f"nominal: {nominal:.3f} mm rms", f"found, in poses left out: {found:.3f} mm rms"]
     save_plots(folder, {"arms.png": plot_bases(scene, "Calibration of the arms", facts)})
 
 

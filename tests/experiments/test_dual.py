@@ -122,6 +122,25 @@ def test_what_touches_is_looked_for_where_the_host_believes_it_to_be(monkeypatch
         assert np.abs(held.T_flange_part - true.T_flange_gripper @ true.T_gripper_work).max() > 1e-6
 
 
+def test_arms_off_their_tables_are_brought_back_by_their_calibration(free: RunResult) -> None:
+    off = ("dual.arm_length_error_m=5e-4", "dual.arm_angle_error_rad=3.49e-4", "dual.closing_touches=0")
+    short = (*FREE, *EXACT, *off, "process.max_feed_s=1")
+    nominal, found = (run_experiment(dual(*short, *more)).figures for more in ((), ("dual.arm_poses=60",)))
+    assert nominal["relative_error_rms_m"] > 5e-4
+    # With an exact tracker and exact touches what is left is the tracking, as with arms that are as their tables say.
+    assert found["relative_error_rms_m"] < 1.2 * free.figures["relative_error_rms_m"] + 2e-5
+    for figures in (nominal, found):
+        # The host does not see it: by its own table its tool is where it wants it.
+        assert figures["tracking_error_worst_m"] < 2e-4
+        assert figures["chain_residual_m"] < 1e-9
+
+
+def test_a_part_that_slips_in_the_gripper_shows_in_the_error_of_the_tool_on_it() -> None:
+    run = run_experiment(dual("process.max_feed_s=2", "faults.events=part-shift@contact+0.8"))
+    assert run.figures["relative_error_max_m"] == pytest.approx(0.01, rel=0.05)
+    assert run.figures["tracking_error_worst_m"] < 1e-4
+
+
 def test_the_master_keeps_its_orientation_and_moves_at_constant_speed(free: RunResult) -> None:
     log = free.log
     time, process = log["time_s"].astype(float), log["phase"] == 2
