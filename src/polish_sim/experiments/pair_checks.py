@@ -69,7 +69,10 @@ def check_motion(check: Check, rows: MasterRows, collides: Collides) -> None:
     q_master = np.stack([np.interp(check.visits.clock, times, rows.q[:, j]) for j in range(6)], axis=1)
     touching = collides(q_master, q_follower)
     if touching:
-        raise ReachError(f"{touching} would touch on the way. Hold the part elsewhere, or move it another way.")
+        raise ReachError(
+            f"{touching} would touch on the way, or come closer than dual.clearance_m or dual.pad_clearance_m. "
+            "Hold the part elsewhere, or move it another way."
+        )
 
 
 def check_master(check: Check, rows: MasterRows) -> None:

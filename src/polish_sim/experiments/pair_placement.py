@@ -206,7 +206,8 @@ def _try_pose(work: Work, T_master_work: Array, collides: Collides) -> tuple[Pai
         touching = collides(*joints[index])
         if not touching:
             return found[index], 3.0, ""
-    return None, *((2.0, f"{touching} would touch") if found else (1.0 + came_f, why_f))
+    too_close = f"{touching} would touch, or come closer than dual.clearance_m or dual.pad_clearance_m"
+    return None, *((2.0, too_close) if found else (1.0 + came_f, why_f))
 
 
 def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[tuple[float, Array]], float, str]:
