@@ -162,8 +162,8 @@ def _overlapping(scenario: Scenario, stepover: float | None, overlap: float) -> 
 
 def _placed(scenario: Scenario) -> Scenario:
     """Name every file a scenario names from the root, so that the written config runs from any folder."""
-    pair = (("dual", "bases_file"), ("dual", "tool_file"), ("dual", "master_path"))
-    files = (("part", "file"), ("part", "real_file"), ("payload", "file"), *pair, ("drag", "follow"))
+    others = (("part", "file"), ("part", "real_file"), ("dual", "master_path"), ("drag", "follow"))
+    files = (*others, *CALIBRATIONS.values())
     for section, key in files:
         file = Path(getattr(getattr(scenario, section), key))
         if file.is_file():

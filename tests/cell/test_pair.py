@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -17,10 +18,10 @@ from polish_sim.cell.carrier import CLOCK, FIRST_JOINT, RAMP_PEAK, MasterRows, t
 from polish_sim.cell.faults import check_events, parse_events
 from polish_sim.cell.guards import CONTROLLER_NAN, MASTER_HALTED, MASTER_SILENT, REASONS
 from polish_sim.cell.host_arm import HostArm, build_host_arm
-from polish_sim.cell.pair_scene import GRIPPER_LENGTH, GRIPPER_MASS, BuiltArms, Held, build_pair_scene, part_mass
+from polish_sim.cell.pair_scene import GRIPPER_LENGTH, GRIPPER_MASS, BuiltArms, Held, build_pair_scene, check_load, part_mass
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.errors import ConfigError, ReachError
+from polish_sim.errors import ConfigError, InputError, ReachError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.models import workpiece_path
 from polish_sim.motion import forward, link_frames
@@ -114,6 +115,13 @@ def test_the_master_carries_the_parts_mass() -> None:
     assert model.body("master_gripper").mass[0] == pytest.approx(GRIPPER_MASS)
     with pytest.raises(ReachError, match=r"the part weighs 5\.87 kg"):
         scene(density=7800.0)
+
+
+def test_a_part_that_encloses_nothing_is_not_called_too_heavy() -> None:
+    # Inside out it would weigh -0.75 kg, which the gripper's own kilogram would hide.
+    inside_out = replace(hub(), faces=hub().faces[:, ::-1])
+    with pytest.raises(InputError, match=r"encloses -752\.\d cm\^3.*its faces look inwards"):
+        check_load(inside_out, 1000.0)
 
 
 def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believes() -> None:

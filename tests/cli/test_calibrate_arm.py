@@ -33,11 +33,13 @@ def test_arms_are_found_again_from_the_file_of_their_own_residuals(
     assert again.true_tables is None
 
 
-def test_a_run_takes_the_arms_as_they_were_found(polish_sim: Callable[..., object]) -> None:
+def test_a_run_takes_the_arms_as_they_were_found(
+    polish_sim: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert polish_sim("calibrate", "arm", "--seed", "1", "--out", "found")[0] == 0
-    code, out, err = polish_sim("run", "dual", "--calibration", "found/calibration.toml", "--dry-run")
+    short = ("--set", "process.max_feed_s=0.3", "--standoff", "5")
+    code, _, err = polish_sim("run", "dual", "--calibration", "found/calibration.toml", *short, "--out", "run")
     assert code == 0, err
-    assert "all within reach" in out
     code, _, err = polish_sim(
         "run", "dual", "--calibration", "found/calibration.toml", "--set", "dual.arm_poses=60", "--dry-run"
     )
@@ -46,6 +48,30 @@ def test_a_run_takes_the_arms_as_they_were_found(polish_sim: Callable[..., objec
     code, _, err = polish_sim("run", "dual", "--set", "dual.arm_poses=5", "--dry-run")
     assert code == 2
     assert "0 for none, else 20 or more" in err
+    monkeypatch.chdir(tmp_path / "run")
+    code, out, err = polish_sim("run", "dual", "--config", "config.toml", "--dry-run")
+    assert code == 0, err
+    assert "all within reach" in out
+
+
+def test_what_was_measured_with_nominal_arms_is_not_taken_beside_their_tables(
+    polish_sim: Callable[..., object], tmp_path: Path
+) -> None:
+    for kind, *words in (("arm",), ("base",), ("tcp", "--cell-tool")):
+        assert polish_sim("calibrate", kind, *words, "--out", kind)[0] == 0
+    arms, base, tool = (("--calibration", f"{kind}/calibration.toml") for kind in ("arm", "base", "tcp"))
+    poses = ("--set", "dual.arm_poses=60")
+    for words, said in (
+        ((*arms, *tool), "dual.tool_file beside dual.arms_file"),
+        ((*poses, *tool), "dual.tool_file beside dual.arm_poses"),
+        ((*arms, *base), "dual.bases_file beside dual.arms_file"),
+        ((*poses, *base), "dual.bases_file beside dual.arm_poses"),
+    ):
+        code, _, err = polish_sim("run", "dual", *words, "--out", "run")
+        assert code == 2, said
+        assert said in err
+        assert ("Leave the tool's file out" if words[-2:] == tool else "Give one of the two") in err
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.fixture

@@ -116,6 +116,14 @@ def test_two_robots_are_idle_elsewhere(polish_sim: Callable[..., object]) -> Non
     assert "--standoff would change nothing in 'run surface'" in err
 
 
+def test_a_fault_of_the_master_is_one_of_a_run_of_two(polish_sim: Callable[..., object]) -> None:
+    code, _, err = polish_sim("run", "dual", "--fault", "master-stop@contact+1", "--dry-run")
+    assert code == 0, err
+    code, _, err = polish_sim("run", "surface", "--fault", "master-stop@1", "--dry-run")
+    assert code == 2
+    assert "there is no second robot: it is one of 'run dual'" in err
+
+
 def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(
     polish_sim: Callable[..., object], tmp_path: Path
 ) -> None:

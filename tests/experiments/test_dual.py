@@ -265,6 +265,11 @@ def test_the_reach_is_checked_beforehand() -> None:
             r"^the part weighs 15\.05 kg: .*density_kg_m3=\.\.\.$",
         ),
         (["dual.bases_file=gone.toml"], InputError, "cannot read the calibration 'gone.toml'"),
+        (
+            ["dual.part_on_gripper=[0,0,0.3,0,0,0]"],
+            ReachError,
+            r"^the master cannot turn the part .* held too far out.*--set dual\.part_on_gripper=",
+        ),
     ],
 )
 def test_what_cannot_be_done_is_refused_before_anything_moves(

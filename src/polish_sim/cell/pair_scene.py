@@ -17,7 +17,7 @@ from polish_sim.cell.carrier import FOLLOWER, MASTER
 from polish_sim.cell.pair_touching import let_pad_touch, let_part_touch, let_shells_touch
 from polish_sim.cell.scene import add_drawn_part, bend_arm, robot_with_tool, set_options
 from polish_sim.config import Scenario
-from polish_sim.errors import ReachError
+from polish_sim.errors import InputError, ReachError
 from polish_sim.geometry import PartMesh
 from polish_sim.models import robot_model_path
 from polish_sim.motion.arm_table import NOMINAL, is_nominal
@@ -111,13 +111,19 @@ def part_mass(mesh: PartMesh, density: float) -> float:
 
 
 def check_load(mesh: PartMesh, density: float) -> None:
-    """Refuse a part that is too heavy for the master.
+    """Refuse a part that encloses nothing, or is too heavy for the master.
 
     Raises:
+        InputError: Its mesh encloses no volume.
         ReachError: Says what it weighs and what the master carries.
     """
     mass = part_mass(mesh, density)
-    if not 0.0 < mass + GRIPPER_MASS <= PAYLOAD_LIMIT:
+    if not mass > 0.0:
+        raise InputError(
+            f"the part's mesh encloses {1e6 * mass / density:.4g} cm^3, so that the master would carry no mass: it is "
+            "open or its faces look inwards. Close it, or turn its faces outwards."
+        )
+    if mass + GRIPPER_MASS > PAYLOAD_LIMIT:
         raise ReachError(
             f"the part weighs {mass:.2f} kg: with the gripper's {GRIPPER_MASS:g} kg the master would carry more than "
             f"its {PAYLOAD_LIMIT:g} kg. Take a smaller part, or its true density with --set dual.density_kg_m3=..."

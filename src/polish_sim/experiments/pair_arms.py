@@ -82,8 +82,10 @@ def pair_arms(config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.r
         InputError: The calibration cannot be read.
         CalibrationError: It is another pair's, or of arms that are no UR5e.
     """
-    if config.arms_file:
+    if config.arms_file or config.arm_poses:
         _refuse_second_source(config)
+        _refuse_tool_of_nominal_arm(config)
+    if config.arms_file:
         found = read_arm_calibration(Path(config.arms_file), config.pair)
         bases = FollowerBase(found.T_master_follower, found.covariance)
         return PairArms(found.true_tables or found.tables, found.tables, bases)
@@ -98,17 +100,34 @@ def pair_arms(config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.r
     arms = PairTables({robot: built_arm(true[robot], T_tracker_base[robot]) for robot in ROBOTS})
     tracked = simulate_tracked(arms, config.arm_poses, config.tracker_noise_m, rng)
     fit = fit_pair(tracked, max(config.tracker_noise_m, 1e-9), Tolerance())
-    return PairArms(true, fit.tables, None if config.bases_file else FollowerBase(*fit.bases))
+    return PairArms(true, fit.tables, FollowerBase(*fit.bases))
 
 
 def _refuse_second_source(config: DualConfig) -> None:
-    others = {
-        "dual.bases_file": config.bases_file, "dual.arm_poses": config.arm_poses,
-        "dual.arm_length_error_m": config.arm_length_error_m, "dual.arm_angle_error_rad": config.arm_angle_error_rad,
-    }  # fmt: skip
+    others: dict[str, object] = {"dual.bases_file": config.bases_file}
+    if config.arms_file:
+        others |= {
+            "dual.arm_poses": config.arm_poses, "dual.arm_length_error_m": config.arm_length_error_m,
+            "dual.arm_angle_error_rad": config.arm_angle_error_rad,
+        }  # fmt: skip
     given = [name for name, value in others.items() if value]
     if given:
         raise ConfigError(
-            f"{', '.join(given)} beside dual.arms_file: the calibration of the arms says how they are and where the "
-            "follower's base stands. Give one of the two."
+            f"{', '.join(given)} beside {_source(config)}: the calibration of the arms says how they are and where "
+            "the follower's base stands. Give one of the two."
         )
+
+
+def _refuse_tool_of_nominal_arm(config: DualConfig) -> None:
+    """A tool is measured on the flange as a table has it: with another table it stands elsewhere on it."""
+    if config.tool_file:
+        raise ConfigError(
+            f"dual.tool_file beside {_source(config)}: '{config.tool_file}' was measured on the flange of an arm as "
+            "the nominal table has it, not as the calibration of the arms has it. Leave the tool's file out: the run "
+            "calibrates its tool with the arms' own tables."
+        )
+
+
+def _source(config: DualConfig) -> str:
+    """The setting that says where the arms' tables are from."""
+    return "dual.arms_file" if config.arms_file else "dual.arm_poses"

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 from polish_sim.calibration.frames import ROBOTS
 from polish_sim.calibration.pair import ClosingTouches, PairParts
 from polish_sim.calibration.pair.adjustment import LEAST_NOISE
-from polish_sim.calibration.tool import fit_tool_frame, fit_tool_point
+from polish_sim.calibration.tool import ToolTouches, fit_tool_frame, fit_tool_point
 from polish_sim.config import DualConfig
+from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.experiments.calibrate_base import TrueBases, simulate_arcs
 from polish_sim.experiments.calibrate_tcp import TcpTrial, reached, simulate_touches
 from polish_sim.experiments.pair_arms import AS_DRAWN, FollowerBase, PairArms
@@ -63,6 +64,9 @@ def find_parts(
 
     Returns:
         What was found, and how the tool stands on its flange, shape (3, 3).
+
+    Raises:
+        ReachError: The master cannot touch with a mark of a part held like that.
     """
     tracker, touch = max(config.tracker_noise_m, LEAST_NOISE), max(config.touch_noise_m, LEAST_NOISE)
     truth = tracker_sees(true.T_master_follower)
@@ -71,9 +75,8 @@ def find_parts(
     bases = arms.bases or FollowerBase(circles.T_master_follower, circles.covariance)
     trial = TcpTrial(noise=config.touch_noise_m)
     tool = fit_tool_frame(simulate_touches(trial, true.T_flange_tool, rng, arms.reading("follower")), touch)
-    read = arms.reading("master")
     marks = [
-        fit_tool_point(simulate_touches(trial, transform(np.eye(3), mark), rng, read).touches, touch)
+        fit_tool_point(_touch_with_mark(trial, mark, rng, arms), touch)
         for mark in apply(true.T_flange_gripper @ true.T_gripper_work, site.marks_work)
     ]
     parts = PairParts(
@@ -85,6 +88,18 @@ def find_parts(
         np.stack([mark.covariance[:3, :3] for mark in marks]),
     )
     return parts, tool.T_flange_tool[:3, :3]
+
+
+def _touch_with_mark(trial: TcpTrial, mark: Array, rng: np.random.Generator, arms: PairArms) -> ToolTouches:
+    """A fixed point touched with a mark on the part, at (3,) on the master's flange [m]."""
+    try:
+        return simulate_touches(trial, transform(np.eye(3), mark), rng, arms.reading("master")).touches
+    except ReachError as error:
+        raise ReachError(
+            f"the master cannot turn the part about one of its marks, {place_in_mm(mark)} from its flange, to find "
+            "where the part is held: it is held too far out, or the part is too large. Hold it closer to the "
+            "gripper's face and axis with --set dual.part_on_gripper=[x,y,z,rx,ry,rz] (m, rad)."
+        ) from error
 
 
 def touch_marks(

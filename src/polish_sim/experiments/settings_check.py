@@ -45,7 +45,7 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
             check_part_words(scenario.part, scenario.plan)
         _check_real_part(scenario.part.real_file)
     check_rates(scenario)
-    check_events(events, on_part=scenario.experiment in ON_PART)
+    check_events(events, scenario.experiment in ON_PART, two_robots=scenario.experiment == "dual")
     build_controller(scenario.controller)
 
 
