@@ -27,6 +27,7 @@ FIRST_JOINT, FIRST_CONTROL = 7, 12
 """Where the master's joints and controls begin: the follower, with its head, comes first."""
 RAMP_S = LONGEST_RAMP + BUILD_UP  # in which the master comes to its speed and back to rest, as a feed does
 RAMP_PEAK = 1.0 / LONGEST_RAMP  # steepest rise of the rate at which its time passes [1/s]
+SPAN_S = 0.01  # over which the host takes the master's accelerations, at least from one reading to the next [s]
 
 CLOCK, RAMP, RATE, PACE, WANTED_PACE = 0, 1, 2, 3, 4  # of ``Carrier.clock``
 HALTED, UNHEARD, SILENCE, STEPS = 5, 6, 7, 8
@@ -95,6 +96,8 @@ class MasterRows(NamedTuple):
     """How late its joints reach the host [s]."""
     period: float = 0.0
     """Between two readings of them, held in between [s]; 0: at every step."""
+    lead: float = 0.0
+    """From the host's request to the follower's motion, as far as the host knows [s]."""
 
 
 class Carrier(NamedTuple):
@@ -145,10 +148,14 @@ class Carrier(NamedTuple):
     """How late they arrive, in steps."""
     hold: int
     """Steps from one reading to the next."""
+    span: int
+    """Steps over which the host takes accelerations."""
+    lead: float
+    """How far ahead the host foretells speeds [s]."""
     told: Array
-    """Joint positions and speeds as the host has them for now, shape (2, 6)."""
+    """Joint positions for now and speeds for when a request acts, as the host has them, shape (2, 6)."""
     seen: Array
-    """Velocity and angular velocity of the flange as the host computes them, shape (2, 3)."""
+    """Velocity and angular velocity of the flange as the host computes them from those, shape (2, 3)."""
     R_moved: Array
     p_moved: Array
     """How the part has moved since the first row, as the host believes."""
@@ -166,7 +173,7 @@ def no_carrier() -> Carrier:
     return Carrier(
         0.0, 1.0, 0.0, rows, rows, np.zeros(9), np.zeros(2), 0, 0,
         turn, point, turn, point, turn, point, turn, point, no_host_arm(),
-        np.zeros(3), np.zeros(3), np.zeros((1, 12)), 0, 1, np.zeros((2, 6)), np.zeros((2, 3)),
+        np.zeros(3), np.zeros(3), np.zeros((1, 12)), 0, 1, 1, 0.0, np.zeros((2, 6)), np.zeros((2, 3)),
         np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
     )  # fmt: skip
 
@@ -189,12 +196,14 @@ def build_carrier(
     T_flange_work = T_flange_base @ rows.T_base_work
     host_arm, T_rest = _host_arm(data, rows)
     delay, hold = round(rows.delay / model.opt.timestep), max(round(rows.period / model.opt.timestep), 1)
+    span = max(round(SPAN_S / (hold * model.opt.timestep)), 1) * hold
     return Carrier(
         1.0, rows.spacing, rows.spacing * (len(rows.q) - 1), np.ascontiguousarray(rows.q),
         np.ascontiguousarray(rows.qd), np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]), brakes,
         model.body(f"{MASTER}link_6").id, model.body(f"{MASTER}part").id,
         *_split(T_rest), *_split(T_flange_part), *_split(T_flange_work), *_split(rows.T_believed_true), host_arm,
-        np.zeros(3), np.zeros(3), np.zeros((delay + hold + 1, 12)), delay, hold, np.zeros((2, 6)), np.zeros((2, 3)),
+        np.zeros(3), np.zeros(3), np.zeros((delay + hold + span + 1, 12)), delay, hold, span, rows.lead,
+        np.zeros((2, 6)), np.zeros((2, 3)),
         np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
     )  # fmt: skip
 

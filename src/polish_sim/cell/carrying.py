@@ -110,19 +110,24 @@ def carry_part(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _hear(carrier: Carrier, qpos: Array, qvel: Array, dt: float) -> None:
-    """The newest reading of the master's joints that has come, and where its speeds have brought them since.
+    """The newest reading that has come: the master's positions carried on to now, its speeds to when a request acts.
 
-    The host knows how late a reading is: it writes down when it was taken.
+    The host knows how late a reading is: it writes down when it was taken. Accelerations are the change of the speeds
+    read lately, not the plan's: a master that slows down or halts by itself does not keep to its plan.
     """
     line, told, step = carrier.line, carrier.told, int(carrier.clock[STEPS])
     carrier.clock[STEPS] += 1.0
     newest = max((step - carrier.delay) // carrier.hold * carrier.hold, 0)
-    age, sent, come = (step - newest) * dt, step % line.shape[0], newest % line.shape[0]
+    before = max(newest - carrier.span, 0)
+    age, between = (step - newest) * dt, max(newest - before, 1) * dt
+    sent, come, last = step % line.shape[0], newest % line.shape[0], before % line.shape[0]
     for j in range(6):
         line[sent, j], line[sent, 6 + j] = qpos[FIRST_JOINT + j], qvel[FIRST_JOINT + j]
     for j in range(6):
-        told[1, j] = line[come, 6 + j]
-        told[0, j] = line[come, j] + age * told[1, j]
+        speed = line[come, 6 + j]
+        acceleration = (speed - line[last, 6 + j]) / between
+        told[0, j] = line[come, j] + age * (speed + 0.5 * age * acceleration)
+        told[1, j] = speed + (age + carrier.lead) * acceleration
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -79,6 +79,12 @@ class DualConfig:
     )
     master_delay_s: float = key(0.003, "how late the master's joint positions reach the host [s]", 0.0, 0.1)
     master_rate_hz: float = key(500.0, "how often they come, held in between [Hz]", 10.0, 1e5)
+    command_lead_s: float = key(
+        0.006,
+        "how late the follower acts, as the host has it: so far ahead it foretells the part's speed [s]",
+        0.0,
+        0.1,
+    )
     standoff_m: float = key(
         0.0, "the tool follows this far above the part and touches nothing, 0 = presses on it [m]", 0.0, 0.1
     )

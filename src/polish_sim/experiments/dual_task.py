@@ -206,6 +206,7 @@ def _master_rows(scenario: Scenario, frames: PairFrames, arms: PairArms, reach: 
         arms.believed["master"],
         scenario.dual.master_delay_s,
         1.0 / scenario.dual.master_rate_hz,
+        scenario.dual.command_lead_s,
     )
 
 
