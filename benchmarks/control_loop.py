@@ -57,7 +57,7 @@ def measure_pair() -> Iterator[Row]:
     one.status[STOP] = one.status[ARRIVED] = 0.0
     one.sequence.stage[0] = 5.0
     scenario = default_scenario("dual")
-    pair, _ = build_dual_cell(scenario, prepare_dual(scenario))
+    pair = build_dual_cell(scenario, prepare_dual(scenario)).cell
     recorder, spent = build_recorder(CHUNK, 4), []
     for _ in range(PAIR_START // CHUNK):
         advance(pair.kernel, recorder, pair.law, pair.rng.standard_normal((CHUNK, 12)), CHUNK)
