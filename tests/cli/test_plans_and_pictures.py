@@ -102,7 +102,7 @@ def test_a_user_s_controller_runs_from_its_file(polish_sim: Polish, tmp_path: Pa
     (tmp_path / "mine.py").write_text(CONTROLLER)
     code, _, err = polish_sim("run", "arc", "--controller", "mine.py:Mine", *QUICK, "--out", "run")
     assert code == 0, err
-    assert 'name = "mine.py:Mine"' in (tmp_path / "run/config.toml").read_text()
+    assert f'name = "{tmp_path / "mine.py"}:Mine"' in (tmp_path / "run/config.toml").read_text()
 
 
 @pytest.mark.parametrize(("name", "code", "said"), [("Broken", 3, "no idea"), ("Half", 2, "step"), ("None", 2, "Mine")])
