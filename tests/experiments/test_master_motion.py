@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +14,18 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.analysis.dual_plot import plot_dual
 from polish_sim.analysis.run_record import RunRecord
+from polish_sim.cell.carrier import RAMP_PEAK
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, InputError, PolishSimError, ReachError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.experiments.dual import build_dual_cell
 from polish_sim.experiments.dual_task import DualTask, prepare_dual
 from polish_sim.experiments.master_motion import MasterMotion
-from polish_sim.experiments.pair_checks import Check, check_motion
+from polish_sim.experiments.pair_checks import Check, check_master, check_motion
 from polish_sim.experiments.pair_placement import sampled
 from polish_sim.motion import forward_many
 from polish_sim.motion.coordination import master_flange
+from polish_sim.motion.smoothing.limits import JOINT_ACCELERATION
 from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse
 from tests.experiments.test_dual import EXACT, two_stretches
@@ -128,6 +131,22 @@ def test_a_few_moments_out_of_reach_between_those_that_were_tried_are_found(shor
         check_motion(tilted, short.master, lambda _master, _follower: "")
 
 
+def test_what_bends_and_begins_at_once_takes_the_acceleration_of_both(short: DualTask) -> None:
+    check = Check(short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot)
+    times = short.master.spacing * np.arange(len(short.master.q))
+    most, share = JOINT_ACCELERATION, 0.7
+    # The first joint takes 0.7 of what it can all the time, and 0.7 of it to be let go.
+    speed = share * most / RAMP_PEAK
+    qd = np.zeros_like(short.master.q)
+    qd[:, 0] = speed + share * most * (times - times[0])
+    slow = check._replace(robot=replace(check.robot, joint_speed_limit_rad_s=1e3))
+    with pytest.raises(ReachError, match=r"joint 1 of the master would be accelerated, from rest or to rest, by"):
+        check_master(slow, short.master._replace(qd=qd))
+    even = np.zeros_like(qd)
+    even[:, 0] = speed
+    check_master(slow, short.master._replace(qd=even))
+
+
 def write_motion(file: Path, times: NDArray[np.float64], poses: NDArray[np.float64], flange: bool = False) -> str:
     name = "flange_" if flange else ""
     lines = [f"time_s,{name}x_mm,{name}y_mm,{name}z_mm,qw,qx,qy,qz"]
@@ -195,13 +214,23 @@ def shaking(times: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
     poses[:, 0, 3] += 0.004 * np.sin(10.0 * times)
 
 
+def noisy(_times: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
+    poses[::2, :3, 3] += 0.002
+
+
 @pytest.mark.parametrize(
     ("change", "kind", "said"),
     [
         (shorter, InputError, r"lasts 1\.50 s, the tool works on the part for 2\.00 s: 0\.50 s are missing"),
         (backwards, InputError, r"way\.csv', line 7: time_s is 0\.4 after 0\.4, it must increase"),
         (jumping, InputError, r"line 9: the part would jump by 300 mm and 0 deg in 0\.1 s"),
-        (far_away, ReachError, "the master does not reach the first pose.*base elsewhere|No other place"),
+        (
+            far_away,
+            ReachError,
+            r"the master does not reach the first pose, 0\.00 s into the master's motion \('.*way\.csv', line 2\)\. "
+            r"Change the poses in the file, .*(base elsewhere|No other place)",
+        ),
+        (noisy, ReachError, r"line 2\): 286 is its most\. .* more time would not help there"),
         (spinning, ReachError, r"joint 6 of the master would turn at 3[45] deg/s .* line \d+\): 29 is its most"),
         (
             shaking,
@@ -233,6 +262,10 @@ def test_a_motion_that_cannot_be_done_is_refused(
         ("time_s,x_m,y_m,z_m\n0,0,0,1\n1,0,0,1\n", "says nowhere how the part stood"),
         ("time_s,flange_x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n", "lacks the columns flange_y_m, flange_z_m"),
         ("time_s,x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n1,0,nan,1,1,0,0,0\n", "line 3"),
+        (
+            "time_s,x_mm,y_mm,z_mm,flange_x_mm,flange_y_mm,flange_z_mm,qw,qx,qy,qz\n" + 2 * "0,0,0,1,0,0,1,1,0,0,0\n",
+            r"where the part is \(x_mm\) and where the flange is",
+        ),
     ],
 )
 def test_a_file_that_is_no_motion_is_refused(tmp_path: Path, text: str, said: str) -> None:
@@ -248,6 +281,10 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path: Path, text: str, said: st
         (["dual.master_arc_radius_m=1", "dual.master_direction=[0,0,1]"], "dual.master_direction is vertical"),
         (["dual.master_axis=[0,0,0]"], "'dual.master_axis' is no direction"),
         (["dual.master_path=way.csv", "part.pose=[0,0,0,0,0,0]"], "says where the part is held: leave part.pose"),
+        (
+            ["dual.master_path=way.csv", "dual.master_arc_radius_m=0.1", "dual.master_turn_rad_s=0.2"],
+            "says how the part moves: leave dual.master_arc_radius_m, dual.master_turn_rad_s out",
+        ),
     ],
 )
 def test_settings_of_the_motion_that_do_not_fit_are_refused(changes: list[str], said: str) -> None:

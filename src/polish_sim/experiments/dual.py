@@ -20,7 +20,6 @@ from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import course_for
 from polish_sim.experiments.dual_task import DualTask, prepare_dual
 from polish_sim.experiments.pair_frames import settled_bases
-from polish_sim.experiments.pair_strokes import pair_strokes
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
     PAYLOAD_STREAM,
@@ -97,7 +96,7 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
     streams, place = random_streams(scenario.seed), task.place
     pressing = scenario.dual.standoff_m == 0.0
     scenario = scenario if pressing else replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
-    strokes = pair_strokes(scenario, place.path, task.placed)
+    strokes = task.strokes
     part = build_real_part(
         place.actual(scenario), scenario.part, task.master.T_base_work, place.region.surface, place.mesh.up,
         streams[PART_STREAM],

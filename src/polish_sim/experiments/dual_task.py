@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from polish_sim.calibration.frames import ROBOTS
-from polish_sim.cell import Observer, Silent, tool_on_flange
+from polish_sim.cell import Job, Observer, Silent, tool_on_flange
 from polish_sim.cell.carrier import MasterRows
 from polish_sim.cell.pair_contacts import PairContacts
 from polish_sim.cell.pair_scene import Clearances, Held, build_pair_scene, check_load
@@ -83,6 +83,8 @@ class DualTask:
     """What is done, as the host believes it."""
     placed: PlacedTool
     """The tool along the path, base of the follower, the part at its start."""
+    strokes: list[Job]
+    """What the tool does, base of the follower, the part at its start."""
     master: MasterRows
     residual: float
     """Of the closed chain, over the planned joints [m] or [rad]."""
@@ -126,7 +128,7 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     contacts = partial(_contacts, scenario, mesh, frames.believed, seat.nose)
     collides = contacts(frames.believed.T_master_follower)
     try:
-        reach = find_pair_reach(work, held_poses(scenario, work, motion, region.up), collides)
+        reach = find_pair_reach(work, held_poses(scenario, work, motion, region.up), collides, motion.file)
     except ReachError as error:
         observer.stage("look for what would do")
         cure = what_would_do(Trial(scenario, work, motion, path, region.up, collides, contacts))
@@ -139,7 +141,8 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     master = _master_rows(scenario, frames, arms, reach, work)
     closely = _visits(scenario, path, min(LOOK_S, LOOK_M / scenario.process.feed_m_s))
     check_motion(Check(work, reach, motion, closely, scenario.robot), master, collides)
-    return DualTask(place, frames, arms, seat, reach, work, placed, master, _residual(work, reach, arms))
+    strokes = pair_strokes(scenario, path, placed)
+    return DualTask(place, frames, arms, seat, reach, work, placed, strokes, master, _residual(work, reach, arms))
 
 
 def _contacts(scenario: Scenario, mesh: PartMesh, believed: Chain2, nose: float, T_master_follower: Array) -> Collides:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,11 @@ from polish_sim.motion.coordination import Chain2, PartWay, about_axis, along_ar
 from polish_sim.planning import ToolPath
 
 Array = NDArray[np.float64]
+
+WITHOUT_FILE: Final = (
+    "master_speed_m_s", "master_direction", "master_arc_radius_m", "master_turn_rad_s", "master_axis", "master_center",
+)  # fmt: skip
+"""Settings of section dual that say how the part moves where no file does."""
 
 
 class MasterMotion(NamedTuple):
@@ -37,11 +42,12 @@ def master_motion(scenario: Scenario, path: ToolPath, up: Array, chain: Chain2) 
         chain: What the host believes of gripper and part.
 
     Raises:
-        ConfigError: A direction is none, or two settings say where the part is held.
+        ConfigError: A direction is none, two settings say where the part is held, or how it moves.
         InputError: The file cannot be used.
     """
     config = scenario.dual
     if config.master_path:
+        _refuse_beside_file(config)
         if scenario.part.pose:
             raise ConfigError(
                 f"'{config.master_path}' (dual.master_path) says where the part is held: leave part.pose "
@@ -54,6 +60,17 @@ def master_motion(scenario: Scenario, path: ToolPath, up: Array, chain: Chain2) 
     center = np.array(config.master_center) if config.master_center else middle_of(path)
     turn = about_axis(axis, center, config.master_turn_rad_s)
     return MasterMotion(PartWay(along_arc(*_speed_and_bend(config)), turn))
+
+
+def _refuse_beside_file(config: DualConfig) -> None:
+    """Refuse settings of a motion that a file says all of."""
+    usual = DualConfig()
+    idle = [name for name in WITHOUT_FILE if getattr(config, name) != getattr(usual, name)]
+    if idle:
+        raise ConfigError(
+            f"'{config.master_path}' (dual.master_path) says how the part moves: leave "
+            f"{', '.join(f'dual.{name}' for name in idle)} out."
+        )
 
 
 def middle_of(path: ToolPath) -> Array:

@@ -52,12 +52,18 @@ def read_master_path(file: Path) -> MasterPath:
     if they begin with ``flange_``; the orientation ``qw..qz``, ``rx_rad..rz_rad`` or ``r11..r33``. Base of the master.
 
     Raises:
-        InputError: No such file, a column missing, fewer than two lines, time that does not increase, a jump, a value
-            that is none; names the line.
+        InputError: No such file, a column missing, places of both part and flange, fewer than two lines, time that
+            does not increase, a jump, a value that is none; names the line.
     """
     columns = read_columns(file, "pose", "poses over time")
     columns.need((TIME,), "the time of each pose [s]")
     of_flange = any(name.startswith(FLANGE) for name in columns.texts)
+    both = [name for name in ("x_mm", "x_m") if of_flange and name in columns.texts]
+    if both:
+        raise InputError(
+            f"'{file}' says where the part is ({both[0]}) and where the flange is ({FLANGE}...): one follows from the "
+            "other. Leave one of them out."
+        )
     what = "the flange" if of_flange else "the part"
     points = columns.points(FLANGE if of_flange else "", f"the place of {what}")
     poses = transform(columns.rotations(what), points)

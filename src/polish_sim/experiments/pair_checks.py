@@ -87,7 +87,8 @@ def check_master(check: Check, rows: MasterRows) -> None:
     _refuse(check, change, times, JOINT_ACCELERATION, "be accelerated by", "deg/s^2")
     # Where it is let go or brakes, its time does not pass evenly.
     at = check.visits.clock[check.visits.rate < 1.0]
-    ramps = RAMP_PEAK * np.stack([np.interp(at, times, speed[:, j]) for j in range(6)], axis=1)
+    together = RAMP_PEAK * speed + change
+    ramps = np.stack([np.interp(at, times, together[:, j]) for j in range(6)], axis=1)
     _refuse(check, ramps, at, JOINT_ACCELERATION, "be accelerated, from rest or to rest, by", "deg/s^2")
 
 
@@ -164,7 +165,10 @@ def _place(check: Check, clock: float) -> str:
 
 def _cure(check: Check) -> str:
     if check.motion.file is not None:
-        return "Give it more time."
+        return (
+            "Give it more time. Rows of a robot's own log are noisy or dense, and the motion goes through all of them: "
+            "smooth them or leave most of them out first; more time would not help there."
+        )
     return "Lower dual.master_speed_m_s or dual.master_turn_rad_s, or hold the part elsewhere with --part-pose."
 
 

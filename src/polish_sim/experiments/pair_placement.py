@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import ReachError
+from polish_sim.experiments.master_path import MasterPath
 from polish_sim.experiments.pair_visits import Visits
 from polish_sim.experiments.placement import failure_of, rotations_towards, spin_direction
 from polish_sim.motion import JointPath, inverse_all, track
@@ -92,37 +93,61 @@ def default_poses(chain: Chain2, up: Array, middle_of_way: Array) -> Iterator[Ar
                     yield transform(R, middle - middle_of_way - R @ seat_work)
 
 
-def find_pair_reach(work: Work, poses: Iterable[Array], collides: Collides) -> PairReach:
+def find_pair_reach(
+    work: Work, poses: Iterable[Array], collides: Collides, file: MasterPath | None = None
+) -> PairReach:
     """Find a pose of the part, configurations and a spin of the tool with which both arms do everything.
 
     Args:
         work: What is to be done.
         poses: Candidates for the part's pose at the start, base of the master, each (4, 4).
         collides: Looks for arms that touch.
+        file: Where the master's motion comes from, if from a file.
 
     Returns:
         The first way that keeps well away from singularities and limits, else the best there is.
 
     Raises:
-        ReachError: There is none; says which arm fails and where for the pose that came furthest.
+        ReachError: There is none; says which arm fails and where for the pose that came furthest, of a file the line.
     """
     best: PairReach | None = None
-    furthest = (-1.0, "no pose of the part was tried")
+    furthest = Failed(-1.0, "no pose of the part was tried")
     for T_master_work in poses:
-        found, reached, reason = _try_pose(work, T_master_work, collides)
-        if found is not None and (best is None or found.value > best.value):
+        found = _try_pose(work, T_master_work, collides)
+        if isinstance(found, Failed):
+            furthest = max(furthest, found, key=lambda failed: failed.came)
+        elif best is None or found.value > best.value:
             best = found
-        if found is None and reached > furthest[0]:
-            furthest = (reached, reason)
         if best is not None and best.value > GOOD:
             break
     if best is None:
-        raise ReachError(
-            f"the two robots cannot do this: {furthest[1]}. Hold the part elsewhere with --part-pose (follower's "
-            "base), or move it less or another way (dual.master_speed_m_s, dual.master_direction, "
-            "dual.master_turn_rad_s, dual.master_path)."
-        )
+        raise ReachError(f"the two robots cannot do this: {furthest.reason}{_cure(work, furthest, file)}")
     return best
+
+
+class Failed(NamedTuple):
+    """Why a pose of the part does not do."""
+
+    came: float
+    """How far, to tell which came furthest [-]."""
+    reason: str
+    share: float = 0.0
+    """Of the moments that could be done [-]."""
+
+
+def _cure(work: Work, failed: Failed, file: MasterPath | None) -> str:
+    """What to change, after the reason."""
+    if file is None:
+        return (
+            ". Hold the part elsewhere with --part-pose (follower's base), or move it less or another way "
+            "(dual.master_speed_m_s, dual.master_direction, dual.master_turn_rad_s, dual.master_path)."
+        )
+    clock = work.visits.clock
+    there = float(clock[min(round(failed.share * len(clock)), len(clock) - 1)])
+    return (
+        f", {there:.2f} s into the master's motion ({file.place(there)}). Change the poses in the file, so that the "
+        "part is held elsewhere or moves less."
+    )
 
 
 class Sampled(NamedTuple):
@@ -182,21 +207,20 @@ def _direction(work: Work, T_master_work: Array, spin: float) -> Array:
     return spin_direction(axes, spin)
 
 
-def _try_pose(work: Work, T_master_work: Array, collides: Collides) -> tuple[PairReach | None, float, str]:
+def _try_pose(work: Work, T_master_work: Array, collides: Collides) -> PairReach | Failed:
     """The best way with one pose of the part; else how far it came, and why no further."""
     T_flange_work = work.chain.T_flange_gripper @ work.chain.T_gripper_work
     parts = work.way(T_master_work, work.visits.clock)
-    masters, came_m, why_m = _configurations(parts, T_flange_work, "master")
+    masters, failed = _configurations(parts, T_flange_work, "master")
     if not masters:
-        return None, came_m, why_m
+        return failed
     found: list[PairReach] = []
     joints: dict[int, tuple[Array, Array]] = {}
-    came_f, why_f = -1.0, ""
+    furthest = Failed(-1.0, "")
     for spin in SPINS:
         tools = sampled(work, T_master_work, float(spin)).tools
-        followers, came, why = _configurations(tools, work.chain.T_flange_tool, "follower")
-        if came > came_f:
-            came_f, why_f = came, why
+        followers, failed = _configurations(tools, work.chain.T_flange_tool, "follower")
+        furthest = max(furthest, failed, key=lambda one: one.came)
         for value_f, q_f in followers:
             for value_m, q_m in masters[:2]:
                 joints[len(found)] = (q_m, q_f)
@@ -205,12 +229,13 @@ def _try_pose(work: Work, T_master_work: Array, collides: Collides) -> tuple[Pai
     for index in sorted(range(len(found)), key=lambda k: -found[k].value):
         touching = collides(*joints[index])
         if not touching:
-            return found[index], 3.0, ""
-    too_close = f"{touching} would touch, or come closer than dual.clearance_m or dual.pad_clearance_m"
-    return None, *((2.0, too_close) if found else (1.0 + came_f, why_f))
+            return found[index]
+    if found:
+        return Failed(2.0, f"{touching} would touch, or come closer than dual.clearance_m or dual.pad_clearance_m")
+    return furthest._replace(came=1.0 + furthest.came)
 
 
-def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[tuple[float, Array]], float, str]:
+def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[tuple[float, Array]], Failed]:
     """Joints (n, 6) of every configuration that follows all poses with its value, best first; how far others came."""
     found: list[tuple[float, Array]] = []
     furthest, reason = 0.0, f"the {arm} does not reach the first pose"
@@ -224,7 +249,7 @@ def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[t
         elif failure.point / len(poses) >= furthest:
             furthest = failure.point / len(poses)
             reason = f"the {arm} gets {100.0 * furthest:.0f}% of the way, then {failure.reason}"
-    return sorted(found, key=lambda way: -way[0]), furthest, reason
+    return sorted(found, key=lambda way: -way[0]), Failed(furthest, reason, furthest)
 
 
 def _tracked(poses: Array, T_flange_end: Array, q: Array) -> JointPath:

@@ -17,6 +17,7 @@ from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME
 Array = NDArray[np.float64]
 
 FEWEST: Final = 3  # visits of every move, however short it is
+BEYOND_S: Final = 1.0  # of the master's motion, as long as a feed takes to come to rest [s]
 ON_THE_WAY: Final = -1  # to a stroke or from it
 
 
@@ -42,9 +43,15 @@ class Visits(NamedTuple):
     """Which stroke is being fed, from 0, or ``ON_THE_WAY``, shape (n,)."""
 
     def clock_at(self, s: Array) -> Array:
-        """Time of the master's motion at places on the path, (k,) [m] -> (k,) [s]."""
-        fed = self.stroke != ON_THE_WAY
-        return np.interp(s, self.s[fed], self.clock[fed])
+        """Time of the master's motion at places on the path, (k,) [m] -> (k,) [s].
+
+        Beyond a feed that is broken off it goes on for a while as it went: the tool's turn has no bend there.
+        """
+        fed = np.flatnonzero(self.stroke != ON_THE_WAY)
+        s_fed, clock = self.s[fed], self.clock[fed]
+        slowness = (clock[-1] - clock[-2]) / max(s_fed[-1] - s_fed[-2], 1e-9)
+        beyond = np.minimum(slowness * np.maximum(s - s_fed[-1], 0.0), BEYOND_S)
+        return np.asarray(np.interp(s, s_fed, clock) + beyond)
 
 
 def plan_visits(jobs: Sequence[Job], step: float) -> Visits:

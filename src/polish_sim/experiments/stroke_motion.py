@@ -62,6 +62,8 @@ class Stroke(NamedTuple):
     """Arc length on the part from the stroke's start [m], never falling, shape (n,)."""
     feed: Array
     """Wanted rate of it [m/s], shape (n,)."""
+    limits: SmoothingLimits = CELL_LIMITS
+    """Where the scenario's file sets no others."""
 
 
 def check_stroke_rule(scenario: Scenario) -> None:
@@ -80,7 +82,7 @@ def check_stroke_rule(scenario: Scenario) -> None:
             f"smoothing.rule '{SPLINE}' cannot pass corners exactly: set smoothing.tolerance_m and "
             "smoothing.axis_tolerance_rad above 0, or smoothing.rule to 'certified', which stops at them."
         )
-    cell_limits(scenario, math.inf)
+    cell_limits(scenario, CELL_LIMITS, math.inf)
 
 
 def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedPath | None:
@@ -107,7 +109,7 @@ def along_a_curve(scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | N
     """Follow a smooth curve within the tolerances; the contact on the part keeps the feed wherever limits allow it."""
     asked = scenario.smoothing
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
-    limits, tolerances = cell_limits(scenario, math.inf), (asked.tolerance_m, asked.axis_tolerance_rad)
+    limits, tolerances = cell_limits(scenario, stroke.limits, math.inf), (asked.tolerance_m, asked.axis_tolerance_rad)
     return time_spline(plan_spline(chain, marks, Feed(stroke.s, stroke.feed), limits, tolerances, arm))
 
 
@@ -122,7 +124,8 @@ def by_rule(plan: Rule, scenario: Scenario, stroke: Stroke, chain: Chain, arm: A
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
     top = float(stroke.feed.max())
     # At one speed short chords may be joined; the motion's clock then keeps the contact at the feed.
-    limits = cell_limits(scenario, top * float(np.percentile(chain.lengths / np.maximum(np.diff(marks), 1e-9), 99)))
+    stretch = float(np.percentile(chain.lengths / np.maximum(np.diff(marks), 1e-9), 99))
+    limits = cell_limits(scenario, stroke.limits, top * stretch)
     for share in AXIS_SHARES:
         tool = replace(
             limits, axis_acceleration=share * limits.axis_acceleration, axis_jerk=share**2 * limits.axis_jerk
@@ -164,8 +167,8 @@ def joints_keep(limits: SmoothingLimits, chain: Chain, schedule: Schedule, arm: 
     return kept and bool(np.all(np.abs(joints.third) <= np.array(limits.joint_jerk)))
 
 
-def cell_limits(scenario: Scenario, feed: float) -> SmoothingLimits:
-    """Limits of a stroke: those of the scenario's file, else ``CELL_LIMITS``; the tip's speed is the feed [m/s]."""
+def cell_limits(scenario: Scenario, otherwise: SmoothingLimits, feed: float) -> SmoothingLimits:
+    """Limits of a stroke: those of the scenario's file, else the given ones; the tip's speed is the feed [m/s]."""
     file = scenario.smoothing.limits_file
-    limits = load_limits(Path(file), CELL_LIMITS) if file else CELL_LIMITS
+    limits = load_limits(Path(file), otherwise) if file else otherwise
     return replace(limits, tip_speed=feed if feed > 0.0 else math.inf)
