@@ -46,7 +46,7 @@ def test_every_picture_of_the_gallery_says_how_it_is_made() -> None:
     told = (ROOT / "results" / "README.md").read_text(encoding="utf-8").partition("## gallery/")[2]
     pictures = {path.name for path in (ROOT / "results" / "gallery").iterdir()}
     first_column = "".join(re.findall(r"^\|([^|]*)\|", told, flags=re.MULTILINE))
-    assert set(re.findall(r"`([a-z_]+\.png)`", first_column)) == pictures
+    assert set(re.findall(r"`([a-z_]+\.(?:png|gif))`", first_column)) == pictures
 
 
 @pytest.mark.parametrize("target", ["demo", "test", "check", "bench", "clean"])
