@@ -25,7 +25,6 @@ from polish_sim.cli.report import report
 from polish_sim.cli.run import run
 from polish_sim.cli.score import score
 from polish_sim.cli.smooth import smooth
-from polish_sim.kernel_cache import use_kernel_cache
 
 commands = typer.Typer(
     name="polish-sim",
@@ -69,5 +68,4 @@ commands.command("list", cls=PanelledCommand, short_help="What ships with the pa
 
 def app() -> None:
     """Run the command line of this process and end it with the exit code of the contract."""
-    use_kernel_cache()
     sys.exit(execute(commands, sys.argv[1:]))

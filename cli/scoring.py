@@ -22,7 +22,7 @@ from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
 from polish_sim.cli.compiling import FIRST_START
 from polish_sim.cli.progress import QUIET_S
 from polish_sim.cli.score_folder import put
-from polish_sim.kernel_cache import is_warm, use_kernel_cache
+from polish_sim.kernel_cache import is_warm
 from polish_sim.scoring import (
     BATTERY_ASKED,
     REACH,
@@ -76,7 +76,7 @@ def score_and_tell(wish: Wish, folder: Path, check: bool) -> int:
 
 
 def _run(wish: Wish, folder: Path) -> Score:
-    if not is_warm(use_kernel_cache()):
+    if not is_warm():
         console.note(FIRST_START)
     with console.progress() as observer:
         observer.stage(f"score {', '.join(e.label for e in wish.entries)}: {len(wish.cases)} cases")

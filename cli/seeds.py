@@ -22,7 +22,7 @@ from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.planning import plan_to_run
 from polish_sim.cli.simulation import PICTURES_MISSING, simulate
 from polish_sim.config import Scenario
-from polish_sim.kernel_cache import is_warm, use_kernel_cache
+from polish_sim.kernel_cache import is_warm
 from polish_sim.planning import PlanResult, ToolPath
 
 Figures = Mapping[str, Any]
@@ -93,7 +93,7 @@ def _run_all(
     with console.progress() as observer, _pool(workers) as pool:
         way = plan_to_run(scenario, plan, observer, draft)
         observer.stage(f"simulate {len(seeds)} seeds on {workers} cores")
-        if not is_warm(use_kernel_cache()):
+        if not is_warm():
             console.note(FIRST_START)
         jobs = {seed: pool.submit(_run_one, replace(scenario, seed=seed), way, draft / _name(seed)) for seed in seeds}
         try:

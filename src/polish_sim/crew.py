@@ -20,7 +20,6 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Final, NamedTuple
 
 from polish_sim.errors import PolishSimError
-from polish_sim.kernel_cache import use_kernel_cache
 
 TRIES: Final = 2
 """A task that has cost this many processes their lives is given up."""
@@ -192,7 +191,6 @@ def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     sys.stdout = sys.stderr  # what a user's controller prints is not part of the tables
-    use_kernel_cache()
     with suppress(EOFError, OSError):
         while True:
             task = pipe.recv()

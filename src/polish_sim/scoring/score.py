@@ -14,7 +14,7 @@ from polish_sim.control import build_controller
 from polish_sim.control.user_error import file_of, tell_error
 from polish_sim.crew import Result, work_off
 from polish_sim.errors import InputError
-from polish_sim.kernel_cache import is_warm, use_kernel_cache
+from polish_sim.kernel_cache import is_warm
 from polish_sim.scoring.case import Case, Entry
 from polish_sim.scoring.journal import Journal, row_key
 from polish_sim.scoring.row import Row, Task, measure_row, setup_key
@@ -155,7 +155,7 @@ def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Ent
 
 def _measured(tasks: Sequence[Task], workers: int) -> Generator[Result]:
     """Rows as they come; where the kernels have yet to be compiled, one process does so with the first row."""
-    cold = 0 if is_warm(use_kernel_cache()) else 1
+    cold = 0 if is_warm() else 1
     for some, count in ((tasks[:cold], 1), (tasks[cold:], workers)):
         with closing(work_off(some, measure_row, _group_of, count)) as results:
             yield from results

@@ -1,0 +1,124 @@
+"""Compiled kernels are kept per user, and only what depends on an edited file is compiled again."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from polish_sim import kernel_cache
+from tests.test_kernels import ROOT
+
+INIT = "from polish_sim.kernel_cache import use_kernel_cache\nuse_kernel_cache()\n"
+KERNEL = "from numba import njit\n{imports}\n@njit(cache=True)\ndef {name}(x):\n    return {value}\n"
+SCRIPT = """
+import sys
+from numba.core import event
+compiled = event.RecordingListener()
+event.register("numba:compile", compiled)
+from polish_sim.stiffness import force
+from polish_sim.damping import drag
+print(force(2.0), drag(2.0), sum(e.is_start for _, e in compiled.buffer))
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package of this one's name with three kernels: `force` calls `gain`, `drag` stands alone."""
+    folder = tmp_path / "code" / "polish_sim"
+    folder.mkdir(parents=True)
+    (folder / "__init__.py").write_text(INIT)
+    shutil.copy(kernel_cache.__file__, folder)
+    _write_gain(folder, 10.0)
+    imports = "from polish_sim.gains import (\n    gain,\n)\n"
+    (folder / "stiffness.py").write_text(KERNEL.format(imports=imports, name="force", value="gain(x) * x"))
+    (folder / "damping.py").write_text(KERNEL.format(imports="", name="drag", value="-x"))
+    return folder
+
+
+def _write_gain(package: Path, value: float) -> None:
+    (package / "gains.py").write_text(KERNEL.format(imports="", name="gain", value=f"{value} + 0.0 * x"))
+
+
+def _run(package: Path, script: str = SCRIPT, **environment: str) -> tuple[list[float], str]:
+    """Numbers a script prints in a new process, and what it says on stderr."""
+    kept = {k: v for k, v in os.environ.items() if k not in {"NUMBA_CACHE_DIR", "POLISH_SIM_KERNELS"}}
+    ours = {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(package.parents[1] / "cache")}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=kept | ours | environment, capture_output=True, text=True, check=True
+    )
+    return [float(word) for word in done.stdout.split()], done.stderr
+
+
+def _cache(package: Path) -> Path:
+    return package.parents[1] / "cache" / "polish-sim" / "kernels"
+
+
+def test_only_dependents_of_an_edited_file_compile_again_and_older_kernels_stay(package: Path) -> None:
+    assert _run(package)[0] == [20.0, -2.0, 3]
+    assert _run(package)[0] == [20.0, -2.0, 0]
+    _write_gain(package, 30.0)
+    assert _run(package)[0] == [60.0, -2.0, 2]
+    _write_gain(package, 10.0)
+    assert _run(package)[0] == [20.0, -2.0, 0]
+
+
+def test_numba_imported_before_the_package_keeps_kernels_all_the_same(package: Path) -> None:
+    _run(package)
+    assert _run(package, "import numba\n" + SCRIPT)[0] == [20.0, -2.0, 0]
+
+
+def test_kernels_of_other_packages_stay_where_numba_keeps_them(package: Path) -> None:
+    own = package.parent / "own.py"
+    own.write_text(KERNEL.format(imports="from polish_sim.gains import gain", name="mine", value="gain(x)"))
+    _run(package, "from own import mine\nmine(1.0)")
+    assert list(own.parent.glob("__pycache__/own.mine*.nbc"))
+    assert not list(_cache(package).glob("*/own*"))
+
+
+def test_a_chosen_cache_folder_is_used(package: Path, tmp_path: Path) -> None:
+    chosen = tmp_path / "chosen"
+    _run(package, NUMBA_CACHE_DIR=str(chosen))
+    assert _run(package, NUMBA_CACHE_DIR=str(chosen))[0] == [20.0, -2.0, 0]
+    assert not _cache(package).exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="folders of a Windows profile are closed to others")
+def test_a_folder_that_others_can_write_to_is_refused(package: Path) -> None:
+    _run(package)
+    assert _cache(package).stat().st_mode & 0o777 == 0o700
+    _cache(package).chmod(0o777)
+    numbers, said = _run(package)
+    assert numbers == [20.0, -2.0, 3]
+    assert said.count("\n") == 1
+    assert f"others can write to {_cache(package)}" in said
+
+
+def test_kernels_long_unused_are_deleted(package: Path) -> None:
+    old = _cache(package) / "stiffness-of-last-year"
+    old.mkdir(parents=True)
+    _cache(package).chmod(0o700)
+    os.utime(old, (0.0, 0.0))
+    _run(package)
+    assert not old.exists()
+    assert len(list(_cache(package).iterdir())) == 3
+
+
+def test_every_import_at_the_top_of_a_module_is_found() -> None:
+    """Against the parser: a missed import would leave stale machine code running."""
+    for file in (ROOT / "src" / "polish_sim").rglob("*.py"):
+        module = ".".join(file.relative_to(ROOT / "src").with_suffix("").parts).removesuffix(".__init__")
+        named = set()
+        for node in ast.parse(file.read_text("utf-8")).body:
+            if isinstance(node, ast.ImportFrom):
+                assert not node.level, f"{file}: relative imports are not followed"
+                named |= {node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)}
+            elif isinstance(node, ast.Import):
+                named |= {alias.name for alias in node.names}
+        ours = {name for name in named if name.split(".")[0] == "polish_sim"}
+        assert {name for name in ours if kernel_cache._source_file(name)} == kernel_cache._imports(module), file
