@@ -6,8 +6,8 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from benchmarks import control_loop, identification, planning, smoothing_peers, start_up  # noqa: E402 - the cache is chosen before numba loads
-from benchmarks.table import print_rows  # noqa: E402
+from benchmarks import control_loop, identification, planning, smoothing_peers, start_up
+from benchmarks.table import print_rows
 
 
 def main() -> None:

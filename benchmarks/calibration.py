@@ -6,22 +6,16 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-import numpy as np  # noqa: E402 - the cache must be chosen before numba loads
-from scipy.spatial.transform import Rotation  # noqa: E402
+import numpy as np
+from scipy.spatial.transform import Rotation
 
-from benchmarks.table import Row, print_rows  # noqa: E402
-from polish_sim.calibration.tool import fit_tool_point, orientation_spread, point_error_bound  # noqa: E402
-from polish_sim.config import DualConfig  # noqa: E402
-from polish_sim.experiments.calibrate_arm import ArmTrial, run_arm_calibration  # noqa: E402
-from polish_sim.experiments.calibrate_base import SIMULATED, BaseTrial, run_base_calibration  # noqa: E402
-from polish_sim.experiments.calibrate_tcp import (  # noqa: E402
-    TcpTrial,
-    planted_tool,
-    run_tcp_calibration,
-    simulate_touches,
-)
-from polish_sim.experiments.error_budget import BudgetTrial, run_error_budget  # noqa: E402
-from polish_sim.experiments.pair_budget import TOGETHER, PairBudgetTrial, draw_errors  # noqa: E402
+from benchmarks.table import Row, print_rows
+from polish_sim.config import DualConfig
+from polish_sim.dual.budget import TOGETHER, BudgetTrial, PairBudgetTrial, draw_errors, run_error_budget
+from polish_sim.dual.calibrate_bases import SIMULATED, ArmTrial, BaseTrial, run_arm_calibration, run_base_calibration
+from polish_sim.dual.calibrate_tcp import TcpTrial, planted_tool, run_tcp_calibration, simulate_touches
+from polish_sim.dual.calibration.tool import fit_tool_point
+from polish_sim.dual.calibration.tool_checks import orientation_spread, point_error_bound
 
 TOUCH_DRAWS, AXES_DRAWS, BASE_SEEDS, ARM_SEEDS, BUDGET_DRAWS = 5000, 1000, 300, 20, 300
 

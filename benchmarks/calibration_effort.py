@@ -8,12 +8,12 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-import numpy as np  # noqa: E402 - the cache must be chosen before numba loads
+import numpy as np
 
-from benchmarks.table import Row, print_rows  # noqa: E402
-from polish_sim.analysis.claims import CLAIMS  # noqa: E402
-from polish_sim.experiments.calibrate_tcp import TcpTrial  # noqa: E402
-from polish_sim.experiments.pair_budget import TOGETHER, PairBudgetTrial, predict  # noqa: E402
+from benchmarks.table import Row, print_rows
+from polish_sim.analysis.claims import CLAIMS
+from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, predict
+from polish_sim.dual.calibrate_tcp import TcpTrial
 
 EFFORTS = ((3, 0), (6, 0), (12, 0), (3, 3), (3, 6), (3, 12), (3, 24), (6, 12), (6, 24))
 """Marks on the part and closing touches."""

@@ -12,13 +12,12 @@ from numba import njit
 
 from benchmarks.table import Row
 from polish_sim.cell import Cell
-from polish_sim.cell.engine import mj_step
-from polish_sim.cell.kernel import ARRIVED, STOP
+from polish_sim.cell.kernel import ARRIVED, STOP, mj_step
 from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import build_recorder
+from polish_sim.dual.dual import build_dual_cell
+from polish_sim.dual.task import prepare_dual
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.dual import build_dual_cell
-from polish_sim.experiments.dual_task import prepare_dual
 from polish_sim.experiments.force import prepare_force
 
 STEPS, CHUNK, ROUNDS = 20_000, 200, 7

@@ -12,12 +12,13 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-import numpy as np  # noqa: E402 - the cache must be chosen before numba loads
+import numpy as np
 
-from benchmarks.corner_program import Corner, least_time_lost  # noqa: E402
-from polish_sim.motion.rules import certified, exact_stop  # noqa: E402
-from polish_sim.motion.rules.trial import AXIS_TOLERANCE, TOLERANCE, TRIAL_LIMITS, trial_path  # noqa: E402
-from polish_sim.motion.smoothing.build import build_chain  # noqa: E402
+from benchmarks.corner_program import Corner, least_time_lost
+from polish_sim.motion.rules.certified_rule import plan_certified
+from polish_sim.motion.rules.chain import build_chain
+from polish_sim.motion.rules.exact_stop import plan_exact_stop
+from polish_sim.smoothing.trial import AXIS_TOLERANCE, TOLERANCE, TRIAL_LIMITS, trial_path
 
 
 def main() -> None:
@@ -31,7 +32,7 @@ def main() -> None:
         corners = [Corner(float(turn), TOLERANCE * jerk**2 / most**3, speed * jerk / most**2) for turn in turns]
         lost = np.array([least_time_lost(corner, pieces) for corner in corners]) * most / jerk
         print(f"  {pieces:4d} pieces per half corner: best cycle time {ends + float(lost @ times):.4f} s", flush=True)
-    for name, plan in (("exact stops", exact_stop.plan), ("certified", certified.plan)):
+    for name, plan in (("exact stops", plan_exact_stop), ("certified", plan_certified)):
         _, schedule = plan(chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, None)
         print(f"  {name}, tool only: {schedule.end:.4f} s")
 

@@ -11,24 +11,17 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-import numpy as np  # noqa: E402 - the cache must be chosen before numba loads
-from matplotlib.axes import Axes  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
-from numba import njit  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numba import njit
+from numpy.typing import NDArray
 
-from polish_sim.analysis.style import BLUE, GREY, SERIES, new_figure, styled  # noqa: E402
-from polish_sim.motion.certified.corner import (  # noqa: E402
-    FAR,
-    PIECES,
-    CornerFigures,
-    CornerLimits,
-    CornerShapes,
-    CornerWeights,
-    corner_kernel,
-    corner_shapes,
-    time_lost,
-)
+from polish_sim.analysis.style import BLUE, GREY, SERIES, new_figure, styled
+from polish_sim.motion.certified.corner import corner_kernel
+from polish_sim.motion.certified.corner_shapes import PIECES, CornerShapes, corner_shapes
+from polish_sim.motion.certified.corner_task import FAR, CornerFigures, CornerLimits, CornerWeights
+from polish_sim.motion.certified.corner_time import time_lost
 
 Array = NDArray[np.float64]
 

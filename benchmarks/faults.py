@@ -24,12 +24,12 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from polish_sim.analysis.run_record import RunRecord, read_record, write_record  # noqa: E402 - the cache comes first
-from polish_sim.cell import FAULTS  # noqa: E402
-from polish_sim.control import CONTROLLERS  # noqa: E402
-from polish_sim.experiments import RunResult, default_scenario, run_experiment  # noqa: E402
-from polish_sim.planning import PlanResult, plan_part  # noqa: E402
-from polish_sim.scenario_file import override  # noqa: E402
+from polish_sim.analysis.run_record import RunRecord, read_record, write_record
+from polish_sim.cell import FAULTS
+from polish_sim.control import CONTROLLERS
+from polish_sim.experiments import RunResult, default_scenario, run_experiment
+from polish_sim.planning import PlanResult, plan_part
+from polish_sim.scenario_file import override
 
 MOST_N = 60.0  # exact contact force
 SOONEST_S, LATEST_S = 0.5, 5.0  # of the fault, from the start of the run

@@ -11,13 +11,13 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from polish_sim.config import Scenario  # noqa: E402
-from polish_sim.experiments import default_scenario  # noqa: E402
-from polish_sim.experiments.part_setup import polishing_strokes  # noqa: E402
-from polish_sim.experiments.surface import prepare_surface  # noqa: E402
-from polish_sim.experiments.time_law import feed_of_jobs  # noqa: E402
-from polish_sim.scenario_file import override  # noqa: E402
-from polish_sim.scoring.battery import BATTERY  # noqa: E402
+from polish_sim.config import Scenario
+from polish_sim.experiments import default_scenario
+from polish_sim.experiments.part_setup import polishing_strokes
+from polish_sim.experiments.stroke_motion import feed_of_jobs
+from polish_sim.experiments.surface import prepare_surface
+from polish_sim.scenario_file import override
+from polish_sim.scoring.battery import BATTERY
 
 CASES = (("freeform-30", (0.01, 0.03, 0.06, 0.1)), ("flat-100", (0.03, 0.1)))
 RULES = ("certified", "spline")

@@ -8,14 +8,14 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from benchmarks.table import Row, print_rows  # noqa: E402 - the cache must be chosen before numba loads
-from polish_sim.analysis.force_bounds import SPAN_BY_SIGMA, drift_bound, step_bound, tracking_bound  # noqa: E402
-from polish_sim.cell.real_part import WAVELENGTHS  # noqa: E402
-from polish_sim.config import Scenario  # noqa: E402
-from polish_sim.control.loop_errors import form_rms, noise_rms  # noqa: E402
-from polish_sim.control.loop_model import setup_of  # noqa: E402
-from polish_sim.experiments import default_scenario  # noqa: E402
-from polish_sim.experiments.border import linear_law_of  # noqa: E402
+from benchmarks.table import Row, print_rows
+from polish_sim.analysis.force_bounds import SPAN_BY_SIGMA, drift_bound, step_bound, tracking_bound
+from polish_sim.cell.real_part import WAVELENGTHS
+from polish_sim.config import Scenario
+from polish_sim.control.loop_errors import form_rms, noise_rms
+from polish_sim.control.loop_model import setup_of
+from polish_sim.experiments import default_scenario
+from polish_sim.scoring.border import linear_law_of
 
 CONTROLLERS = ("hybrid-pi", "hybrid-adaptive")
 

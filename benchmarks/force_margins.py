@@ -10,9 +10,9 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from polish_sim.experiments import default_scenario  # noqa: E402 - the cache must be chosen before numba loads
-from polish_sim.experiments.border import analytic_margins, simulated_margins  # noqa: E402
-from polish_sim.experiments.force_bench import build_bench  # noqa: E402
+from polish_sim.experiments import default_scenario
+from polish_sim.scoring.border import analytic_margins, simulated_margins
+from polish_sim.scoring.force_bench import build_bench
 
 CONTROLLERS = ("hybrid-pi", "hybrid-adaptive", "admittance", "impedance-position", "force-mode")
 

@@ -6,36 +6,35 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-import sys  # noqa: E402 - the cache must be chosen before numba loads
-import time  # noqa: E402 - the cache must be chosen before numba loads
-from collections.abc import Iterator  # noqa: E402
-from dataclasses import replace  # noqa: E402
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from benchmarks.identification_peers import SAMPLES as SAMPLES_PEERS  # noqa: E402
-from benchmarks.identification_peers import peer_rows  # noqa: E402
-from benchmarks.identification_unmatched import SEEDS as SEEDS_UNMATCHED  # noqa: E402
-from benchmarks.identification_unmatched import Known, unmatched_lines  # noqa: E402
-from benchmarks.table import Row, print_rows  # noqa: E402
-from polish_sim.experiments.identified_arm import believe, build_arm, motion_limits, play_motion  # noqa: E402
-from polish_sim.identification.base_parameters import base_of  # noqa: E402
-from polish_sim.identification.estimate import estimate, held_out_error  # noqa: E402
-from polish_sim.identification.excitation import (  # noqa: E402
+from benchmarks.identification_peers import SAMPLES as SAMPLES_PEERS
+from benchmarks.identification_peers import peer_rows
+from benchmarks.identification_unmatched import SEEDS as SEEDS_UNMATCHED
+from benchmarks.identification_unmatched import Known, unmatched_lines
+from benchmarks.table import Row, print_rows
+from polish_sim.identification.arm import believe, build_arm, motion_limits, play_motion
+from polish_sim.identification.base_parameters import base_of
+from polish_sim.identification.estimate import cramer_rao, estimate, held_out_error, sum_samples, told_rows
+from polish_sim.identification.excitation import (
+    OBJECTIVES,
     ExcitationTask,
     allowed_motions,
+    condition_number,
     design,
     mean_information,
     use_matrix,
 )
-from polish_sim.identification.information import cramer_rao, sum_samples, told_rows  # noqa: E402
-from polish_sim.identification.objectives import OBJECTIVES, condition_number  # noqa: E402
-from polish_sim.identification.physical import fit_consistent, is_consistent  # noqa: E402
-from polish_sim.identification.regressor import rigid_regressor  # noqa: E402
-from polish_sim.identification.robot_log import periodic_states, with_noise  # noqa: E402
-from polish_sim.identification.settings import IdentifySettings  # noqa: E402
-from polish_sim.identification.torque_model import FULL, States  # noqa: E402
-from polish_sim.models import robot_model_path  # noqa: E402
+from polish_sim.identification.log_file import periodic_states, with_noise
+from polish_sim.identification.physical import fit_consistent, is_consistent
+from polish_sim.identification.regressor import FULL, States, rigid_regressor
+from polish_sim.identification.settings import IdentifySettings
+from polish_sim.models import robot_model_path
 
 SEEDS = 50
 SAMPLES = 10_000

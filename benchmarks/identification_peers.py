@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from benchmarks.table import Row
 from polish_sim.identification.base_parameters import base_of
-from polish_sim.identification.estimate import estimate, held_out_error
-from polish_sim.identification.information import sum_samples, told_rows
-from polish_sim.identification.torque_model import States, TorqueModel
+from polish_sim.identification.estimate import estimate, held_out_error, sum_samples, told_rows
+from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.models import robot_model_path
 
 Array = NDArray[np.float64]

@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from polish_sim.identification.base_parameters import BaseParameters
-from polish_sim.identification.coloured_noise import estimate_widened
-from polish_sim.identification.estimate import estimate, held_out_error
+from polish_sim.identification.estimate import cramer_rao, estimate, estimate_widened, held_out_error, sum_samples
 from polish_sim.identification.fourier import FourierMotion
-from polish_sim.identification.information import cramer_rao, sum_samples
-from polish_sim.identification.robot_log import RobotLog, periodic_states
-from polish_sim.identification.torque_model import SIGN_WIDTH, States, TorqueModel
+from polish_sim.identification.log_file import RobotLog, periodic_states
+from polish_sim.identification.regressor import SIGN_WIDTH, States, TorqueModel
 
 Array = NDArray[np.float64]
 

@@ -15,16 +15,16 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-import numpy as np  # noqa: E402 - the cache must be chosen before numba loads
-from matplotlib.axes import Axes  # noqa: E402
-from matplotlib.collections import LineCollection  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 
-from polish_sim.analysis.style import new_figure, styled  # noqa: E402
-from polish_sim.config import PadConfig, PartConfig, PlanConfig  # noqa: E402
-from polish_sim.errors import PolishSimError  # noqa: E402
-from polish_sim.models import workpiece_names  # noqa: E402
-from polish_sim.planning import PATTERNS, PlanResult, plan_part  # noqa: E402
+from polish_sim.analysis.style import new_figure, styled
+from polish_sim.config import PadConfig, PartConfig, PlanConfig
+from polish_sim.errors import PolishSimError
+from polish_sim.models import workpiece_names
+from polish_sim.planning import PATTERNS, PlanResult, plan_part
 
 SHEET = Path(__file__).resolve().parent.parent / "results" / "gallery" / "patterns.png"
 FIGURES = ("coverage_stepover", "self_crossings", "retracts", "stepover_p5_m", "stepover_p95_m", "length_ratio")

@@ -19,13 +19,13 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-import numpy as np  # noqa: E402 - the cache must be chosen before numba loads
-from numpy.typing import NDArray  # noqa: E402
+import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.random_draw import RandomPart, draw_part  # noqa: E402
-from polish_sim.errors import PolishSimError  # noqa: E402
-from polish_sim.geometry import PartMesh, load_part  # noqa: E402
-from polish_sim.planning import PlanResult, plan_mesh  # noqa: E402
+from benchmarks.random_draw import RandomPart, draw_part
+from polish_sim.errors import PolishSimError
+from polish_sim.geometry import PartMesh, load_part
+from polish_sim.planning import PlanResult, plan_mesh
 
 Array = NDArray[np.float64]
 

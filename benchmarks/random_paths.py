@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.errors import PolishSimError
 from polish_sim.motion import forward
+from polish_sim.motion.rules.chain import Chain, build_chain
+from polish_sim.motion.rules.limits import Arm, build_arm
 from polish_sim.motion.segment_rates import chain_rates, chebyshev_nodes
-from polish_sim.motion.smoothing.arm import Arm, build_arm
-from polish_sim.motion.smoothing.build import build_chain
-from polish_sim.motion.smoothing.chain import Chain
 
 Array = NDArray[np.float64]
 

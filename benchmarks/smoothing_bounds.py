@@ -14,13 +14,12 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from benchmarks.random_paths import KINDS, draw_path  # noqa: E402 - the cache comes first
-from benchmarks.table import Row, print_rows  # noqa: E402
-from polish_sim.motion.certified.segment_limits import SegmentWork, new_segment_work, segment_limits  # noqa: E402
-from polish_sim.motion.segment_rates import REACHED, Segment, chain_rates, chain_segment  # noqa: E402
-from polish_sim.motion.smoothing.arm import Arm, arm_or_none, chain_in_base  # noqa: E402
-from polish_sim.motion.smoothing.chain import Chain  # noqa: E402
-from polish_sim.motion.smoothing.limits import LimitValues, SmoothingLimits, six  # noqa: E402
+from benchmarks.random_paths import KINDS, draw_path
+from benchmarks.table import Row, print_rows
+from polish_sim.motion.certified.segment_limits import SegmentWork, new_segment_work, segment_limits
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, arm_or_none, chain_in_base, six
+from polish_sim.motion.segment_rates import REACHED, Segment, chain_rates, chain_segment
 
 Array = NDArray[np.float64]
 

@@ -23,17 +23,15 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from benchmarks.arm_jets import tool_jet  # noqa: E402 - the cache comes first
-from benchmarks.random_paths import RandomPath, draw_path  # noqa: E402
-from polish_sim.errors import PolishSimError  # noqa: E402
-from polish_sim.motion.joint_motion import joint_motion  # noqa: E402
-from polish_sim.motion.rules.registry import RULES  # noqa: E402
-from polish_sim.motion.smoothing.chain import Chain  # noqa: E402
-from polish_sim.motion.smoothing.deviation import measure_deviation  # noqa: E402
-from polish_sim.motion.smoothing.limits import SmoothingLimits  # noqa: E402
-from polish_sim.motion.smoothing.limits_file import load_limits  # noqa: E402
-from polish_sim.motion.smoothing.sampling import Samples, sample_schedule, turning  # noqa: E402
-from polish_sim.motion.smoothing.schedule import Schedule  # noqa: E402
+from benchmarks.arm_jets import tool_jet
+from benchmarks.random_paths import RandomPath, draw_path
+from polish_sim.errors import PolishSimError
+from polish_sim.motion.joint_motion import joint_motion
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.deviation import measure_deviation
+from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
+from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.schedule import Samples, Schedule, sample_schedule, turning
 
 Array = NDArray[np.float64]
 

@@ -18,14 +18,14 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from benchmarks.table import Row, print_rows  # noqa: E402 - the cache comes first
-from polish_sim.motion.certified.connector import Ends, LineLimits, connector_time, least_distance  # noqa: E402
-from polish_sim.motion.joint_motion import joint_motion  # noqa: E402
-from polish_sim.motion.rules.registry import RULES  # noqa: E402
-from polish_sim.motion.rules.trial import AXIS_TOLERANCE, TOLERANCE, TRIAL_LIMITS, trial_arm, trial_path  # noqa: E402
-from polish_sim.motion.smoothing.build import build_chain  # noqa: E402
-from polish_sim.motion.smoothing.sampling import sample_schedule  # noqa: E402
-from polish_sim.motion.smoothing.stop_profile import stop_times  # noqa: E402
+from benchmarks.table import Row, print_rows
+from polish_sim.motion.certified.connector import Ends, LineLimits, connector_time, least_distance
+from polish_sim.motion.joint_motion import joint_motion
+from polish_sim.motion.rules.chain import build_chain
+from polish_sim.motion.rules.fir import stop_times
+from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.schedule import sample_schedule
+from polish_sim.smoothing.trial import AXIS_TOLERANCE, TOLERANCE, TRIAL_LIMITS, trial_arm, trial_path
 
 Array = NDArray[np.float64]
 DIRECTIONS = 60

@@ -18,32 +18,21 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from benchmarks.random_paths import RandomPath  # noqa: E402 - the cache comes first
-from benchmarks.smoothing_check import joint_shares, sample_times, tool_shares  # noqa: E402
-from polish_sim.motion.rules import exact_stop, joint_acceleration, joint_jerk  # noqa: E402
-from polish_sim.motion.rules.fastest import filter_times  # noqa: E402
-from polish_sim.motion.rules.registry import RULES  # noqa: E402
-from polish_sim.motion.rules.trial import (  # noqa: E402
-    AXIS_TOLERANCE,
-    DOME,
-    TOLERANCE,
-    TOP,
-    TRIAL_LIMITS,
-    trial_arm,
-    trial_path,
-)
-from polish_sim.motion.smoothing.arm import Arm  # noqa: E402
-from polish_sim.motion.smoothing.build import build_chain  # noqa: E402
-from polish_sim.motion.smoothing.chain import Chain  # noqa: E402
-from polish_sim.motion.smoothing.deviation import measure_deviation  # noqa: E402
-from polish_sim.motion.smoothing.limits import SmoothingLimits, six  # noqa: E402
-from polish_sim.motion.smoothing.sampling import sample_schedule  # noqa: E402
-from polish_sim.motion.smoothing.schedule import Schedule  # noqa: E402
-from polish_sim.spatial import rotation_to_axis, unit  # noqa: E402
+from benchmarks.random_paths import RandomPath
+from benchmarks.smoothing_check import joint_shares, sample_times, tool_shares
+from polish_sim.motion.rules.chain import Chain, build_chain
+from polish_sim.motion.rules.deviation import measure_deviation
+from polish_sim.motion.rules.exact_stop import plan_exact_stop
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
+from polish_sim.motion.rules.paper_rules import filter_times, joint_jerk_block_triples
+from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.schedule import Schedule, sample_schedule
+from polish_sim.smoothing.trial import AXIS_TOLERANCE, DOME, TOLERANCE, TOP, TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.spatial import rotation_to_axis, unit
 
 Array = NDArray[np.float64]
-ALL = {"exact stop": exact_stop.plan, **RULES}
-PAPER = {"joint-jerk": joint_jerk, "joint-acceleration": joint_acceleration}
+ALL = {"exact stop": plan_exact_stop, **RULES}
+PAPER = {"joint-jerk": joint_jerk_block_triples, "joint-acceleration": block_triples}
 BROKEN = 1.0 + 1e-6
 
 
@@ -101,7 +90,7 @@ def print_trial(jerks: tuple[float, ...]) -> None:
             shares = measure_shares(motion, chain, limits, arm)
             second = "-"
             if name in PAPER:
-                second = f"{filter_times(chain, limits, arm, None, PAPER[name].block_triples)[:, 1].sum():.4f}"
+                second = f"{filter_times(chain, limits, arm, None, PAPER[name])[:, 1].sum():.4f}"
             joints = " ".join(f"{share:7.3f}" for share in shares.joints)
             print(f"{jerk:6.0f} {name:21s}{motion[1].end:9.4f}{second:>8s}   {joints}", end="")
             print(f"{shares.tip[2]:8.3f}{shares.contour:9.4f}{shares.vertex:7.4f}", flush=True)

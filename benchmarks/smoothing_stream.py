@@ -14,12 +14,12 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from polish_sim.motion.certified.smoother import Smoother  # noqa: E402
-from polish_sim.motion.rules.trial import trial_arm, trial_path  # noqa: E402
-from polish_sim.motion.smoothing.limits import SmoothingLimits  # noqa: E402
-from polish_sim.spatial import rotation_to_axis  # noqa: E402
+from polish_sim.motion.certified.smoother import Smoother
+from polish_sim.motion.rules.limits import SmoothingLimits
+from polish_sim.smoothing.trial import trial_arm, trial_path
+from polish_sim.spatial import rotation_to_axis
 
 TOLERANCE, AXIS_TOLERANCE = 2e-5, math.radians(0.02)
 CHUNK = 2000

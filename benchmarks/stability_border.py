@@ -9,9 +9,8 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-from polish_sim.analysis.border_plot import plot_border  # noqa: E402 - the cache must be chosen before numba loads
-from polish_sim.experiments import default_scenario  # noqa: E402
-from polish_sim.experiments.border import measure_border  # noqa: E402
+from polish_sim.experiments import default_scenario
+from polish_sim.scoring.border import measure_border, plot_border
 
 CONTROLLERS = ("hybrid-pi", "admittance", "hybrid-adaptive")
 

@@ -11,10 +11,10 @@ from polish_sim.kernel_cache import use_kernel_cache
 
 use_kernel_cache()
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from polish_sim.experiments import default_scenario, run_experiment  # noqa: E402
-from polish_sim.scenario_file import override  # noqa: E402
+from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.scenario_file import override
 
 RULES = ("none", "certified", "spline")
 PLATE = (

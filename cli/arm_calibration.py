@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.analysis.frames_plot import BaseScene, Residuals, plot_bases
 from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-from polish_sim.calibration.arm import NOMINAL, fit_placement, read_tracked, tracked_table, write_arm_calibration
 from polish_sim.cli.frame_calibration import together
 from polish_sim.cli.outcome import Outcome
-from polish_sim.experiments.calibrate_arm import ArmsFound, ArmTrial, calibrate_arm_from, run_arm_calibration
+from polish_sim.dual.calibrate_bases import ArmsFound, ArmTrial, calibrate_arm_from, run_arm_calibration
+from polish_sim.dual.calibration.arm import fit_placement
+from polish_sim.dual.calibration.arm_file import read_tracked, tracked_table, write_arm_calibration
+from polish_sim.dual.plots import BaseScene, Residuals, plot_bases
+from polish_sim.motion.kinematics import NOMINAL
 
 ARM, ARM_DATA = "calibrate-arm", "calibrate-arm-data"
 

@@ -10,16 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.analysis.border_plot import plot_border
-from polish_sim.analysis.rest import Border
 from polish_sim.analysis.run_record import package_versions
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.score_folder import put
 from polish_sim.cli.scoring import png_of
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.border import measure_border
 from polish_sim.scoring import Entry
+from polish_sim.scoring.border import measure_border, plot_border
+from polish_sim.scoring.force_bench import Border
 
 
 def border_and_tell(entries: Sequence[Entry], folder: Path) -> int:

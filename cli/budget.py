@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.analysis.budget_plot import Bar, Total, plot_budget
 from polish_sim.analysis.claims import CLAIMS
 from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-from polish_sim.calibration.error_size import length_probability
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
-from polish_sim.experiments.pair_budget import (
+from polish_sim.dual.budget import (
     TOGETHER,
     PairBudgetTrial,
     Share,
@@ -26,6 +24,8 @@ from polish_sim.experiments.pair_budget import (
     draw_errors,
     predict,
 )
+from polish_sim.dual.calibration.matched_points import length_probability
+from polish_sim.dual.plots import Bar, Total, plot_budget
 
 Array = NDArray[np.float64]
 

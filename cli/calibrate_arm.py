@@ -46,9 +46,9 @@ def arm(
     within("--length-error", length_error, 0.0, 2.0, "mm")
     within("--angle-error", angle_error, 0.0, 0.2, "deg")
     # Lazy: --help must not wait for the libraries.
-    from polish_sim.calibration.arm import Tolerance
     from polish_sim.cli import arm_calibration as work
-    from polish_sim.experiments.calibrate_arm import ArmTrial
+    from polish_sim.dual.calibrate_bases import ArmTrial
+    from polish_sim.dual.calibration.arm import Tolerance
 
     usual = ArmTrial()
     trial = replace(

@@ -74,7 +74,7 @@ def tcp(
     within("--cone", cone, 3.0, 90.0, "deg")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.cli import frame_calibration as work
-    from polish_sim.experiments.calibrate_tcp import TcpTrial
+    from polish_sim.dual.calibrate_tcp import TcpTrial
 
     trial = TcpTrial(**_chosen(noise=(noise, 1e-3), poses=(poses, 1), cone=(cone, math.pi / 180.0), seed=(seed, 1)))
     if cell_tool:
@@ -110,7 +110,7 @@ def base(
     within("--points", points, 3, MOST_POINTS, "")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.cli import frame_calibration as work
-    from polish_sim.experiments.calibrate_base import BaseTrial
+    from polish_sim.dual.calibrate_bases import BaseTrial
 
     work.check_method(method)
     trial = BaseTrial(method, **_chosen(noise=(noise, 1e-3), points=(points, 1), seed=(seed, 1)))

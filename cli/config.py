@@ -30,8 +30,7 @@ def config(
     """
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.experiments import EXPERIMENTS, PAYLOAD_SCENARIO, default_scenario
-    from polish_sim.motion.smoothing.limits import SmoothingLimits
-    from polish_sim.motion.smoothing.limits_file import limits_toml
+    from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml
 
     if experiment == LIMITS:
         console.say(limits_toml(SmoothingLimits()).rstrip())

@@ -10,21 +10,17 @@ from typing import Any
 import numpy as np
 
 from polish_sim.analysis.claims import CLAIMS
-from polish_sim.analysis.frames_plot import BaseScene, Residuals, ToolScene, plot_bases, plot_tool
 from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-from polish_sim.calibration.frames import (
-    GOOD_ARC,
-    Circle,
-    method_named,
-    read_base_measurements,
-    write_base_calibration,
-)
-from polish_sim.calibration.tool import read_tool_measurements, tip_positions_flange, tool_table, write_tool_calibration
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
-from polish_sim.experiments.calibrate_base import BasesFound, BaseTrial, calibrate_base_from, run_base_calibration
-from polish_sim.experiments.calibrate_tcp import TcpCalibration, TcpTrial, calibrate_tcp_from, run_tcp_calibration
+from polish_sim.dual.calibrate_bases import BasesFound, BaseTrial, calibrate_base_from, run_base_calibration
+from polish_sim.dual.calibrate_tcp import TcpCalibration, TcpTrial, calibrate_tcp_from, run_tcp_calibration
+from polish_sim.dual.calibration.base_file import method_named, read_base_measurements, write_base_calibration
+from polish_sim.dual.calibration.circle import GOOD_ARC, Circle
+from polish_sim.dual.calibration.tool import tip_positions_flange
+from polish_sim.dual.calibration.tool_file import read_tool_measurements, tool_table, write_tool_calibration
+from polish_sim.dual.plots import BaseScene, Residuals, ToolScene, plot_bases, plot_tool
 
 TCP, TCP_DATA, BASE = "calibrate-tcp", "calibrate-tcp-data", "calibrate-base"
 _METHOD_CLAIMS = {"circles": BASE, "poses": f"{BASE}-poses", "handshake": f"{BASE}-poses"}

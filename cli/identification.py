@@ -8,21 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.identify_plot import MotionData, TorqueData, plot_motion, plot_torques
 from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-from polish_sim.cell.identified_model import IdentifiedJoints, write_identified
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.weighing import read_run, show_payload, write_payload
-from polish_sim.experiments.identified_payload import weigh_from_logs
-from polish_sim.experiments.identify import Identification, run_identification
-from polish_sim.experiments.identify_log import identify_from_log
-from polish_sim.experiments.logged_robot import LoggedRobot, cell_arm, robot_of_file
-from polish_sim.experiments.use_motion import use_states
+from polish_sim.identification.arm import LoggedRobot, cell_arm, robot_of_file
 from polish_sim.identification.base_parameters import base_names, base_of, identifiable
-from polish_sim.identification.parameter_table import parameter_rows, parameters_csv
+from polish_sim.identification.identify import Identification, identify_from_log, run_identification
+from polish_sim.identification.model_file import IdentifiedJoints, write_identified
+from polish_sim.identification.payload import weigh_from_logs
+from polish_sim.identification.physical import parameter_rows, parameters_csv
+from polish_sim.identification.plot import MotionData, TorqueData, plot_motion, plot_torques
 from polish_sim.identification.settings import IdentifySettings
+from polish_sim.identification.use_motion import use_states
 
 SIMULATED, SHORT, STEPWISE, FOR_TASK = "identify", "identify-short", "identify-stepwise", "identify-task"
 MEASURED, MEASURED_STEPWISE = "identify-data", "identify-data-stepwise"

@@ -65,8 +65,7 @@ def inspect(
     refuse_taken(output.out, output.overwrite)
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.analysis.coverage_mesh import write_coverage_mesh
-    from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps
+    from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
     from polish_sim.analysis.report import save_plots
     from polish_sim.analysis.run_record import write_json
     from polish_sim.cli.given_plan import check_part, plan_facts

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from polish_sim.analysis.claims import CLAIMS, Claim, bound_text, shortfalls, value_text, without_paper
+from polish_sim.analysis.claim import Claim, bound_text, value_text
+from polish_sim.analysis.claims import CLAIMS, shortfalls, without_paper
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 

@@ -12,8 +12,8 @@ from polish_sim.analysis.report import save_plots
 from polish_sim.cell import Observer
 from polish_sim.cli import console
 from polish_sim.config import Scenario
+from polish_sim.dual.task import prepare_dual
 from polish_sim.exchange import write_plan
-from polish_sim.experiments.dual_task import prepare_dual
 from polish_sim.experiments.stroke_motion import check_stroke_rule
 from polish_sim.planning import PlanObserver, PlanResult, ToolPath, measure_given_path, plan_part
 

@@ -128,7 +128,7 @@ def run(
 def _checked(scenario: Scenario, given: Mapping[str, Any], path: Path | None) -> tuple[ToolPath | None, Scenario]:
     """Refuse what cannot be run before anything is planned, and take the plan of a given path."""
     from polish_sim.cli.given_plan import name_path, take_plan
-    from polish_sim.experiments.settings_check import check_force, check_settings
+    from polish_sim.experiments.assembly import check_force, check_settings
     from polish_sim.planning import PATTERNS
 
     source = path or (Path(scenario.plan.file) if scenario.plan.file else None)

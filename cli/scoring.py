@@ -15,8 +15,6 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.run_record import package_versions
-from polish_sim.analysis.score_figures import DEFINITIONS
-from polish_sim.analysis.score_plot import Limit, plot_ablation, plot_score
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
 from polish_sim.cli.compiling import FIRST_START
@@ -42,6 +40,8 @@ from polish_sim.scoring import (
     worst_case,
     worst_line,
 )
+from polish_sim.scoring.figures import DEFINITIONS
+from polish_sim.scoring.plot import Limit, plot_ablation, plot_score
 
 
 @dataclass(frozen=True)

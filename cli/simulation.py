@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.analysis.cell_plot import plot_cell
 from polish_sim.analysis.claims import claims_of, is_paper_task
-from polish_sim.analysis.removal_mesh import REMOVAL_MESH, write_removal_mesh
+from polish_sim.analysis.path_plot import plot_cell
+from polish_sim.analysis.removal_plot import REMOVAL_MESH, write_removal_mesh
 from polish_sim.analysis.report import draw_plots, save_plots
 from polish_sim.analysis.run_record import METRICS, RunRecord, package_versions, write_json, write_record
 from polish_sim.cell import Observer
@@ -21,9 +21,9 @@ from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.planning import plan_to_run
 from polish_sim.cli.sinks import CELL_PICTURE
 from polish_sim.config import Scenario
+from polish_sim.dual.placement import seat_text
 from polish_sim.exchange import path_csv
 from polish_sim.experiments import RunResult, check_experiment, run_experiment
-from polish_sim.experiments.part_seat import seat_text
 from polish_sim.planning import PlanResult, ToolPath
 
 PICTURES_MISSING = "pictures_missing"

@@ -10,23 +10,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.motion_peaks import sample_in_blocks
 from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-from polish_sim.analysis.smoothing_figures import Measured, measure_smoothing, smoothing_figures
-from polish_sim.analysis.trajectory_file import even_times, write_trajectory
 from polish_sim.cli.given_plan import plan_facts
 from polish_sim.cli.smoothing_outcome import SmoothOutcome
 from polish_sim.cli.smoothing_pictures import draw_smoothing
 from polish_sim.errors import InputError, PolishSimError, unknown_name
 from polish_sim.exchange import Unknown, WayPoints, read_way_points, refuse_unknown
-from polish_sim.experiments.smoothing import SmoothingTask, feeds_on_way, prepare_rule, smooth_path
-from polish_sim.experiments.smoothing_place import path_without_robot, place_path
 from polish_sim.experiments.stroke_motion import STROKE_RULES
+from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml, load_limits
 from polish_sim.motion.rules.registry import RULES
-from polish_sim.motion.smoothing.limits import SmoothingLimits
-from polish_sim.motion.smoothing.limits_file import limits_toml, load_limits
 from polish_sim.planning import PlanObserver
+from polish_sim.smoothing.figures import Measured, measure_smoothing, sample_in_blocks, smoothing_figures
+from polish_sim.smoothing.place import (
+    SmoothingTask,
+    feeds_on_way,
+    path_without_robot,
+    place_path,
+    prepare_rule,
+    smooth_path,
+)
+from polish_sim.smoothing.trajectory_file import even_times, write_trajectory
 
 LIMITS = "limits.toml"
 MANY = 20_000

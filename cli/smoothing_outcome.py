@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from polish_sim.analysis.motion_peaks import ORDERS
 from polish_sim.cli import console
+from polish_sim.smoothing.figures import ORDERS
 
 MM, MICRO = 1e3, 1e6
 

@@ -9,15 +9,23 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.corner_plot import plot_corners
-from polish_sim.analysis.corner_views import chosen_corners, path_turns, view_corner, way_past
-from polish_sim.analysis.motion_peaks import sample_motion
-from polish_sim.analysis.smoothing_figures import Measured, axis_limits, tip_limits
-from polish_sim.analysis.smoothing_plot import Curves, LimitRows, plot_deviation, plot_joints, plot_tool
-from polish_sim.experiments.smoothing import SmoothingTask
-from polish_sim.motion.smoothing.arm import Arm
-from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.deviation_curve import deviation_curve
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.deviation import deviation_curve
+from polish_sim.motion.rules.limits import Arm
+from polish_sim.smoothing.figures import Measured, axis_limits, sample_motion, tip_limits
+from polish_sim.smoothing.place import SmoothingTask
+from polish_sim.smoothing.plots import (
+    Curves,
+    LimitRows,
+    chosen_corners,
+    path_turns,
+    plot_corners,
+    plot_deviation,
+    plot_joints,
+    plot_tool,
+    view_corner,
+    way_past,
+)
 
 DRAWN: Final = 20_000
 """Samples of a curve; motions of more than that many milliseconds are drawn with fewer."""

@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import PAPER_ARC
-from polish_sim.log import RunLog, from_rows, row_layout, row_width
+from polish_sim.log import RemovalMap, RunLog, Trace, from_rows, row_layout, row_width
 from polish_sim.planning.toolpath import APPROACH, LEAD_OUT, PROCESS, ToolPath
-from polish_sim.removal import RemovalMap
-from polish_sim.trace import Trace
 
 Array = NDArray[np.float64]
 DT = 1e-3

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.analysis.claims import CLAIMS, Claim, bound_text, claims_shown, shortfalls, value_text
+from polish_sim.analysis.claim import Claim, bound_text, value_text
+from polish_sim.analysis.claims import CLAIMS, claims_shown, shortfalls
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_surface
-from polish_sim.analysis.removal_figures import measure_removal
+from polish_sim.analysis.removal_plot import measure_removal
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import merge
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, removal_map, surface_trace

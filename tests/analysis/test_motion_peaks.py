@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.analysis.motion_peaks import find_peaks, stretch_times
-from polish_sim.motion.smoothing.build import chain_from_axes
-from polish_sim.motion.smoothing.fir import fir_schedule
-from polish_sim.motion.smoothing.schedule import Schedule
+from polish_sim.motion.rules.chain import chain_from_axes
+from polish_sim.motion.rules.fir import fir_schedule
+from polish_sim.motion.rules.schedule import Schedule
+from polish_sim.smoothing.figures import find_peaks, stretch_times
 
 DOWN = np.array([0.0, 0.0, -1.0])
 TIMES = np.array([[2.0, 0.5, 0.1]])

@@ -11,7 +11,7 @@ from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from polish_sim.analysis.path_plot import plot_plan
-from polish_sim.analysis.view_frame import axis_name
+from polish_sim.analysis.style import axis_name
 from polish_sim.config import PartConfig, PlanConfig
 from polish_sim.planning import plan_part
 

@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from polish_sim.analysis.removal_figures import measure_removal
-from polish_sim.analysis.removal_mesh import write_removal_mesh
+from polish_sim.analysis.removal_plot import measure_removal, write_removal_mesh
 from polish_sim.analysis.report import draw_comparison, draw_plots
 from polish_sim.analysis.run_record import REMOVAL, RunRecord, read_record, write_record
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
-from polish_sim.log import LATER, RunLog, read_log, with_column, write_log
-from polish_sim.removal import read_removal, write_removal
+from polish_sim.log import LATER, RunLog, read_log, read_removal, with_column, write_log, write_removal
 from tests.analysis.synthetic import bumpy_path, log_of, removal_map, surface_trace
 
 UNEVEN = np.concatenate([[0.0, 0.4], np.ones(16), [1.6, 2.0]])

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from polish_sim.analysis.response import first_contact, moving_average, rise_time, settling_time
+from polish_sim.analysis.metrics import first_contact, moving_average, rise_time, settling_time
 
 TIME = np.arange(0.0, 3.0, 1e-3)
 TAU = 0.2

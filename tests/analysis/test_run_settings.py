@@ -9,8 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.analysis.run_record import RunRecord, read_records, write_record
-from polish_sim.analysis.run_settings import differences, ending, notes_of, setting_rows
+from polish_sim.analysis.run_record import (
+    RunRecord,
+    differences,
+    ending,
+    notes_of,
+    read_records,
+    setting_rows,
+    write_record,
+)
 from polish_sim.config import Scenario
 from polish_sim.scenario_file import merge
 from tests.analysis.synthetic import log_of, trace_of

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from polish_sim.analysis.score_figures import DEFINITIONS, measure_score, oscillation
-from polish_sim.trace import Trace
+from polish_sim.log import Trace
+from polish_sim.scoring.figures import DEFINITIONS, measure_score, oscillation
 from tests.analysis.synthetic import DT, force_trace, trace_of
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.analysis.teaching_figures import distance_to_line, measure_taught
+from polish_sim.hand_guiding.figures import distance_to_line, measure_taught
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 
 

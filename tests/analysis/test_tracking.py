@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.analysis.tracking import PlayedRule, at_peaks, compare_tracking, jerk_peaks, measure_tracking
+from polish_sim.smoothing.tracking import PlayedRule, at_peaks, compare_tracking, jerk_peaks, measure_tracking
 
 LIMITS = np.full(6, 10.0)
 LENGTH = 0.1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from polish_sim.analysis.visibility import depth_picture, seen_in
+from polish_sim.analysis.style import depth_picture, seen_in
 
 
 def from_above(points):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.calibration.arm import NOMINAL, TrackedArm, arm_frames, fit_arm, fit_placement, table_slopes
+from polish_sim.dual.calibrate_bases import HIGH, LOW, ArmTrial, run_arm_calibration
+from polish_sim.dual.calibration.arm import TrackedArm, fit_arm, fit_placement
 from polish_sim.errors import CalibrationError
-from polish_sim.experiments.calibrate_arm import HIGH, LOW, ArmTrial, run_arm_calibration
 from polish_sim.motion import link_frames
+from polish_sim.motion.kinematics import NOMINAL, arm_frames, table_slopes
 from polish_sim.spatial import from_pose
 
 RNG = np.random.default_rng(2)

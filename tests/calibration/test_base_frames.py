@@ -9,12 +9,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.calibration.frames import (
+from polish_sim.dual.calibration.circle import (
     BaseFrame,
     base_from_circles,
     base_from_meeting_axes,
     fit_circle,
     fit_circle_without_outliers,
+)
+from polish_sim.dual.calibration.matched_points import (
     fit_frame,
     fit_frame_without_outliers,
     point_covariance,

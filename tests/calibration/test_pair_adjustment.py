@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from polish_sim.calibration.pair import SOURCES, ClosingTouches, PairAdjustment, PairParts, adjust_pair
+from polish_sim.dual.calibration.pair import SOURCES, ClosingTouches, PairAdjustment, PairParts, adjust_pair
 from polish_sim.errors import CalibrationError
 from polish_sim.spatial import apply, from_pose, inverse, transform
 

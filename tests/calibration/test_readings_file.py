@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.calibration import fit_payload, fit_without_outliers, read_readings, residual_table
-from polish_sim.calibration.csv_columns import MATRIX, QUATERNION, ROTATION_VECTOR
-from polish_sim.calibration.readings_file import TIME, WRENCH
+from polish_sim.calibration.payload_file import TIME, WRENCH
+from polish_sim.calibration.tables import MATRIX, QUATERNION, ROTATION_VECTOR
 from polish_sim.errors import InputError
 from tests.calibration.test_payload import NOISE, POSES, THETA, Array, readings_in
 

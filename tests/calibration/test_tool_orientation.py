@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.calibration.tool import (
-    orientation_from_moves,
-    orientation_from_three_points,
-    tip_positions_flange,
-)
+from polish_sim.dual.calibration.tool import orientation_from_moves, orientation_from_three_points, tip_positions_flange
 from polish_sim.errors import CalibrationError
 from polish_sim.spatial import transform
 

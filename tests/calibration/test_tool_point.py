@@ -7,10 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.calibration.tool import (
+from polish_sim.dual.calibration.tool import fit_tool_point, fit_tool_point_without_outliers
+from polish_sim.dual.calibration.tool_checks import (
     ToolTouches,
-    fit_tool_point,
-    fit_tool_point_without_outliers,
     orientation_spread,
     plan_touch_orientations,
     point_error_bound,

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import Cell, Job, RealPart, Silent, build_scene, no_part, tool_on_flange
-from polish_sim.cell.feed_pace import TRAVEL_PACE, feed_pace
+from polish_sim.cell.stroke import TRAVEL_PACE, feed_pace
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.control.laws import Controller
+from polish_sim.control.signals import Controller
 from polish_sim.experiments import default_scenario
 from polish_sim.models import robot_model_path
 from polish_sim.motion import inverse_near

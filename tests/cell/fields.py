@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from polish_sim.cell import RealPart
 from polish_sim.cell.real_part import FIELD_BAND, FIELD_SPACING
-from polish_sim.geometry.distance.distance_field import CELLS, NODES, DistanceField
+from polish_sim.geometry.field_lookup import CELLS, NODES, DistanceField
 
 Array = NDArray[np.float64]
 Distance = Callable[[Array], Array]

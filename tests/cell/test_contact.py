@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import build_pad, no_part
 from polish_sim.cell.real_part import FIELD_SPACING
-from polish_sim.geometry.distance.distance_field import DistanceField
+from polish_sim.geometry.field_lookup import DistanceField
 from tests.cell.fields import part_at, plane, sphere
 from tests.cell.pressing import DOWN, ELASTIC, PAD, Array, below_sphere, foundation, press, working_depth
 

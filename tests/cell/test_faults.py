@@ -23,7 +23,7 @@ from polish_sim.cell.guards import (
     SILENT_HOST,
     SPINDLE,
 )
-from polish_sim.cell.part_motion import SHIFT_SPEED
+from polish_sim.cell.real_part import SHIFT_SPEED
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override

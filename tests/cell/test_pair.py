@@ -18,22 +18,14 @@ from polish_sim.cell.carrier import CLOCK, FIRST_JOINT, RAMP_PEAK, MasterRows, t
 from polish_sim.cell.faults import check_events, parse_events
 from polish_sim.cell.guards import CONTROLLER_NAN, MASTER_HALTED, MASTER_SILENT, REASONS
 from polish_sim.cell.host_arm import HostArm, build_host_arm
-from polish_sim.cell.pair_scene import (
-    GRIPPER_LENGTH,
-    GRIPPER_MASS,
-    BuiltArms,
-    Held,
-    build_pair_scene,
-    check_load,
-    part_mass,
-)
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
+from polish_sim.dual.scene import GRIPPER_LENGTH, GRIPPER_MASS, BuiltArms, Held, build_pair_scene, check_load, part_mass
 from polish_sim.errors import ConfigError, InputError, ReachError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.models import workpiece_path
 from polish_sim.motion import forward, link_frames
-from polish_sim.motion.arm_table import NOMINAL, flange_poses
+from polish_sim.motion.kinematics import NOMINAL, flange_poses
 from polish_sim.scenario_file import override
 from polish_sim.spatial import from_pose, inverse, transform
 from tests.cell.cells import (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from polish_sim.cell import CellRun
-from polish_sim.cell.part_motion import SHIFT_SPEED, build_part_motion, move_part
+from polish_sim.cell.real_part import SHIFT_SPEED, build_part_motion, move_part
 from polish_sim.config import PartConfig
 from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_job
 from tests.cell.fields import plane

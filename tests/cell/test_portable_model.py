@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from polish_sim.cell.portable_model import write_portable
+from polish_sim.identification.model_file import write_portable
 from polish_sim.models import workpiece_path
 
 

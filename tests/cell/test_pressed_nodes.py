@@ -8,8 +8,8 @@ import trimesh
 from numpy.typing import NDArray
 
 from polish_sim.cell import RealPart, Touch, build_real_part
-from polish_sim.cell.pressed_nodes import EDGE, Nodes, place_nodes, surroundings
 from polish_sim.cell.real_part import build_part_fields
+from polish_sim.cell.removal import EDGE, Nodes, place_nodes, surroundings
 from polish_sim.config import PartConfig
 from polish_sim.geometry import Region, Surface, field_distance, part_from_arrays, select_region
 from polish_sim.geometry.fit import fit_triangles

@@ -10,11 +10,8 @@ from numpy.typing import NDArray
 from scipy.integrate import dblquad
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell.pad_motion import PadMotion, pad_motion
-from polish_sim.cell.pressed_nodes import PressedNodes
-from polish_sim.cell.removal import Removed, expose_nodes
-from polish_sim.log import RunLog
-from polish_sim.trace import Trace
+from polish_sim.cell.removal import PadMotion, PressedNodes, Removed, expose_nodes, pad_motion
+from polish_sim.log import RunLog, Trace
 from tests.analysis.synthetic import log_of, trace_of
 from tests.cell.fields import part_at, plane
 

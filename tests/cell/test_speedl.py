@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from polish_sim.cell.cell import build_speedl
 from polish_sim.cell.speedl import (
     SpeedlModel,
     SpeedlState,
+    build_speedl,
     build_speedl_state,
     limit_acceleration,
     pass_request,

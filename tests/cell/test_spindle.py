@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from polish_sim.cell import CellRun
-from polish_sim.cell.spindle import RUN_DOWN_S, build_spindle, pull_of_imbalance, turn_spindle
+from polish_sim.cell.contact import RUN_DOWN_S, build_spindle, pull_of_imbalance, turn_spindle
 from polish_sim.config import SpindleConfig
 from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_job
 from tests.cell.fields import plane

@@ -9,15 +9,25 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from polish_sim.cell.guiding import BRAKED_S, FORCE, QD, RAW, TOOL, TORQUE, GuidingRun, Q, run_guided
-from polish_sim.cell.hand import Hand, HandMotion
-from polish_sim.cell.torque_mode import LaidPart, chain_of_file
 from polish_sim.config import GuideConfig, Scenario
-from polish_sim.control.hand_guiding import MODES
 from polish_sim.errors import InputError
-from polish_sim.experiments.guided_arm import HOME, believe, guided_arm, home_pose, torque_arm
-from polish_sim.experiments.identified_arm import ARM_JOINTS
 from polish_sim.geometry import load_part
+from polish_sim.hand_guiding.arm import HOME, LaidPart, believe, chain_of_file, guided_arm, home_pose, torque_arm
+from polish_sim.hand_guiding.cell import (
+    BRAKED_S,
+    FORCE,
+    QD,
+    RAW,
+    TOOL,
+    TORQUE,
+    GuidingRun,
+    Hand,
+    HandMotion,
+    Q,
+    run_guided,
+)
+from polish_sim.hand_guiding.law import MODES
+from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.models import workpiece_path
 from polish_sim.spatial import transform
 

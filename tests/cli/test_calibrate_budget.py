@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from polish_sim.cli import budget as work
-from polish_sim.experiments.pair_budget import PairBudgetTrial, draw_errors
+from polish_sim.dual.budget import PairBudgetTrial, draw_errors
 
 Tool = Callable[..., Any]
 

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis.claims import CLAIMS
-from polish_sim.cell.serial_chain import read_chain
+from polish_sim.cell.read_chain import read_chain
 from polish_sim.cli.identification import asked_of, simulated
 from polish_sim.identification.excitation import random_motion
-from polish_sim.identification.motion_limits import MotionLimits
+from polish_sim.identification.fourier import MotionLimits
+from polish_sim.identification.regressor import TorqueModel
 from polish_sim.identification.settings import IdentifySettings
-from polish_sim.identification.torque_model import TorqueModel
 from polish_sim.motion.serial_chain import link_parameters
 from tests.identification.chains import ODD
 from tests.identification.logs import played, write_log

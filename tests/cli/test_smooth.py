@@ -13,8 +13,7 @@ import pytest
 
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
-from polish_sim.motion.smoothing.limits import SmoothingLimits
-from polish_sim.motion.smoothing.limits_file import load_limits
+from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
 
 Polish = Callable[..., tuple[int, str, str]]
 HEAD = "x,y,z,i,j,k\n"

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from polish_sim.control.filters import low_pass_step
+from polish_sim.control.loops import low_pass_step
 
 
 @pytest.mark.parametrize("dt", [1e-4, 1e-3, 0.02])

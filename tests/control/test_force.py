@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from polish_sim.control.force import PiGains, force_pi
+from polish_sim.control.loops import PiGains, force_pi
 
 STIFFNESS = 5000.0  # of head and pad in series [N/m]
 FORCE = 20.0  # [N]

@@ -9,23 +9,19 @@ import pytest
 from numpy.typing import NDArray
 
 from polish_sim.config import GuideConfig
-from polish_sim.control.hand_guiding import (
+from polish_sim.errors import InputError
+from polish_sim.hand_guiding.guard import ENERGY, JOINT_SPEED, TOOL_SPEED, GuidingLimits, fade_out, watch_guiding
+from polish_sim.hand_guiding.law import (
     MODES,
     Belief,
     GuidingGains,
-    GuidingLimits,
     GuidingMemory,
     build_memory,
-    fade_out,
     gains_of,
     guide_by_hand,
     read_encoders,
-    watch_guiding,
 )
-from polish_sim.control.hand_guiding.guard import ENERGY, JOINT_SPEED, TOOL_SPEED
-from polish_sim.errors import InputError
-from polish_sim.motion.chain_torque import chain_model
-from polish_sim.motion.serial_chain import HINGE, ChainGeometry, SerialChain, link_parameters
+from polish_sim.motion.serial_chain import HINGE, ChainGeometry, SerialChain, chain_model, link_parameters
 
 Array = NDArray[np.float64]
 

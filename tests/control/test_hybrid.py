@@ -14,8 +14,15 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control import CONTROLLERS
-from polish_sim.control.laws import CompiledController
-from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, WHOLE_FEED, Measurement, measurement_of, target_of
+from polish_sim.control.signals import (
+    MEASUREMENT_SIZE,
+    TARGET_SIZE,
+    WHOLE_FEED,
+    CompiledController,
+    Measurement,
+    measurement_of,
+    target_of,
+)
 from tests.control.signals import Array, measurement_from, target_near
 
 CONFIG = ControllerConfig()

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.control.linear_law import hybrid_pi_linear
 from polish_sim.control.loop_errors import noise_rms, surface_error
-from polish_sim.control.loop_model import build_plant, setup_of
+from polish_sim.control.loop_model import build_plant, hybrid_pi_linear, setup_of
 from polish_sim.experiments import default_scenario
 
 FORCE = default_scenario("force")

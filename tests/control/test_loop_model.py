@@ -7,11 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from polish_sim.control.force import PiGains, force_pi
-from polish_sim.control.linear_law import PiLaw, hybrid_pi_linear, pi_law
-from polish_sim.control.loop_model import Arm, Setup, build_plant, plant_response, setup_of
-from polish_sim.control.margins import margins
-from polish_sim.control.stability import closed_loop_matrix, force_loop, growing_modes, growth, response_of
+from polish_sim.control.loop_model import (
+    Arm,
+    PiLaw,
+    Setup,
+    build_plant,
+    hybrid_pi_linear,
+    pi_law,
+    plant_response,
+    setup_of,
+)
+from polish_sim.control.loops import PiGains, force_pi
+from polish_sim.control.margins import closed_loop_matrix, force_loop, growing_modes, growth, margins, response_of
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 

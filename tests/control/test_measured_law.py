@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 
 from polish_sim.control import CONTROLLERS, Measurement, Target, build_controller
-from polish_sim.control.border_line import longest_latency, share_latency, with_latency, with_springs
-from polish_sim.control.linear_law import hybrid_pi_linear
-from polish_sim.control.loop_model import setup_of
+from polish_sim.control.loop_model import hybrid_pi_linear, setup_of
+from polish_sim.control.margins import (
+    SLOWEST,
+    closed_loop_matrix,
+    growth,
+    longest_latency,
+    share_latency,
+    with_latency,
+    with_springs,
+)
 from polish_sim.control.measured_law import measure_law
-from polish_sim.control.stability import SLOWEST, closed_loop_matrix, growth
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 

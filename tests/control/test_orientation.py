@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.control.filters import low_pass_step
-from polish_sim.control.orientation import OrientationGains, add_axis_rotation, angular_pid, rotation_error
+from polish_sim.control.loops import OrientationGains, add_axis_rotation, angular_pid, low_pass_step, rotation_error
 
 
 def error_between(R_actual: np.ndarray, R_wanted: np.ndarray) -> np.ndarray:

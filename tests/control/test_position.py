@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from polish_sim.control.filters import low_pass_step
-from polish_sim.control.position import (
+from polish_sim.control.loops import (
     PositionGains,
     PositionRateGains,
+    low_pass_step,
     position_pd,
     velocity_pd,
     velocity_toward,

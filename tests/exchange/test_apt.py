@@ -10,8 +10,8 @@ import pytest
 from polish_sim.config import PartConfig, PlanConfig
 from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup, read_path
-from polish_sim.exchange.apt_writer import apt_text
-from polish_sim.exchange.needed_rows import rows_without_straight_air
+from polish_sim.exchange.apt import apt_text
+from polish_sim.exchange.strokes import rows_without_straight_air
 from polish_sim.planning import plan_part
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT
 from tests.planning.shapes import shipped_plan

@@ -9,9 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.exchange import ExportSetup
-from polish_sim.exchange.needed_rows import rows_without_straight_air
-from polish_sim.exchange.ros_yaml import yaml_text
-from polish_sim.exchange.tool_frames import feed_frames, steady_frames
+from polish_sim.exchange.formats import yaml_text
+from polish_sim.exchange.strokes import feed_frames, rows_without_straight_air, steady_frames
 from polish_sim.planning.toolpath import SEGMENTS
 from tests.exchange.yaml_subset import load
 from tests.planning.shapes import shipped_plan

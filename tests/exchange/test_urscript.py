@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from polish_sim.config import PartConfig, PlanConfig, ProcessConfig
 from polish_sim.exchange import ExportSetup
-from polish_sim.exchange.tool_frames import feed_frames
+from polish_sim.exchange.strokes import feed_frames
 from polish_sim.exchange.urscript import STANDOFF_M, urscript_text
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.toolpath import LEAD_IN, PROCESS

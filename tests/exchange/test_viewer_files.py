@@ -13,9 +13,18 @@ import pytest
 import trimesh
 
 from polish_sim.exchange import ExportSetup
-from polish_sim.exchange.html_page import MOST_FACETS, html_text
-from polish_sim.exchange.mesh_files import glb_bytes, ply_bytes
-from polish_sim.exchange.path_tube import CHORD_SHARE, LEAD_COLOR, RADIUS_SHARE, SIDES, VIRIDIS, path_tube
+from polish_sim.exchange.viewers import (
+    CHORD_SHARE,
+    LEAD_COLOR,
+    MOST_FACETS,
+    RADIUS_SHARE,
+    SIDES,
+    VIRIDIS,
+    glb_bytes,
+    html_text,
+    path_tube,
+    ply_bytes,
+)
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from tests.planning.shapes import shipped_plan
 

@@ -8,8 +8,8 @@ import pytest
 
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.border import analytic_margins, measure_border
-from polish_sim.experiments.force_bench import Bench, build_bench, press
+from polish_sim.scoring.border import analytic_margins, measure_border
+from polish_sim.scoring.force_bench import Bench, build_bench, press
 
 FORCE = default_scenario("force")
 
@@ -46,7 +46,7 @@ def test_delay_margin_of_the_model_holds_in_the_cell_within_5_percent(bench: Ben
 
 
 def test_border_of_the_cell_lies_on_the_border_of_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("polish_sim.experiments.border.FINE_SCALES", (1.0, 3.0))
+    monkeypatch.setattr("polish_sim.scoring.border.FINE_SCALES", (1.0, 3.0))
     border = measure_border(FORCE, ["hybrid-pi"], None, (1.0, 3.0), (0.008, 0.06))
     line = dict(zip(border.line_scales, border.lines["hybrid-pi"], strict=True))
     stable = [[rest.stable for rest in row] for row in border.rests["hybrid-pi"]]

@@ -16,7 +16,7 @@ from polish_sim.errors import CalibrationError, InputError
 from polish_sim.experiments import PAYLOAD_SCENARIO, PayloadCalibration, default_scenario, run_payload_calibration
 from polish_sim.experiments.force import prepare_force
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
-from polish_sim.experiments.tool_payload import believe_tool, readings_at_rest
+from polish_sim.experiments.payload import believe_tool, readings_at_rest
 from polish_sim.scenario_file import override
 from tests.cell.cells import IDEAL_SENSOR, cell_for, free_job, tool_pose
 

@@ -12,7 +12,7 @@ from polish_sim.analysis.claims import CLAIMS, claims_of
 from polish_sim.config import DragConfig, HandConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
-from polish_sim.experiments.drag_hand import drag_table
+from polish_sim.hand_guiding.drag import drag_table
 
 STEADY = {"wander_m": 0.0, "tremor_m": 0.0, "wobble_rad": 0.0}
 

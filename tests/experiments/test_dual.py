@@ -10,16 +10,17 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis.claims import CLAIMS
-from polish_sim.analysis.dual_plot import plot_dual
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.cell.carrier import FIRST_JOINT
-from polish_sim.cell.pair_scene import Held, build_pair_scene
 from polish_sim.config import Scenario
+from polish_sim.dual import task
+from polish_sim.dual.dual import build_dual_cell
+from polish_sim.dual.frames import true_chain
+from polish_sim.dual.plots import plot_dual
+from polish_sim.dual.scene import Held, build_pair_scene
+from polish_sim.dual.task import prepare_dual
 from polish_sim.errors import CalibrationError, ConfigError, InputError, PlanError, ReachError
-from polish_sim.experiments import RunResult, check_experiment, default_scenario, dual_task, run_experiment
-from polish_sim.experiments.dual import build_dual_cell
-from polish_sim.experiments.dual_task import prepare_dual
-from polish_sim.experiments.pair_frames import true_chain
+from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
 from polish_sim.geometry import load_part
 from polish_sim.models import workpiece_path
 from polish_sim.motion import forward_many
@@ -112,7 +113,7 @@ def test_what_touches_is_looked_for_where_the_host_believes_it_to_be(monkeypatch
         seen.append((T_follower_master, held))
         return build_pair_scene(scenario, T_follower_master, held)
 
-    monkeypatch.setattr(dual_task, "build_pair_scene", build)
+    monkeypatch.setattr(task, "build_pair_scene", build)
     true, believed = prepare_dual(dual()).frames
     assert seen
     for T_follower_master, held in seen:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.experiments.error_budget import BudgetTrial, ErrorBudget, run_error_budget
+from polish_sim.dual.budget import BudgetTrial, ErrorBudget, run_error_budget
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.experiments.identified_arm import STEP_S, build_arm, play_states
-from polish_sim.experiments.identify import Identification, run_identification
+from polish_sim.identification.arm import STEP_S, build_arm, play_states
+from polish_sim.identification.identify import Identification, run_identification
+from polish_sim.identification.regressor import FULL, States
 from polish_sim.identification.settings import IdentifySettings
-from polish_sim.identification.torque_model import FULL, States
 
 
 @pytest.fixture(scope="module")

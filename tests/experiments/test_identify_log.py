@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import IdentificationError
-from polish_sim.experiments.identify import Identification
-from polish_sim.experiments.identify_log import identify_from_log
-from polish_sim.experiments.logged_robot import LoggedRobot
-from polish_sim.identification.log_file import read_robot_log
-from polish_sim.identification.robot_log import spline_states
-from polish_sim.identification.torque_model import States
+from polish_sim.identification.arm import LoggedRobot
+from polish_sim.identification.identify import Identification, identify_from_log
+from polish_sim.identification.log_file import read_robot_log, spline_states
+from polish_sim.identification.regressor import States
 from tests.identification.logs import first_axes_only, joined, played, slow_passes, write_log
 from tests.identification.motions import SIGMA, known_robot
 

@@ -12,20 +12,20 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.analysis.dual_plot import plot_dual
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.cell.carrier import RAMP_PEAK
 from polish_sim.config import Scenario
+from polish_sim.dual.checks import Check, check_master, check_motion
+from polish_sim.dual.coordination import master_flange
+from polish_sim.dual.dual import build_dual_cell
+from polish_sim.dual.master import MasterMotion
+from polish_sim.dual.placement import sampled
+from polish_sim.dual.plots import plot_dual
+from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.errors import ConfigError, InputError, PolishSimError, ReachError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
-from polish_sim.experiments.dual import build_dual_cell
-from polish_sim.experiments.dual_task import DualTask, prepare_dual
-from polish_sim.experiments.master_motion import MasterMotion
-from polish_sim.experiments.pair_checks import Check, check_master, check_motion
-from polish_sim.experiments.pair_placement import sampled
 from polish_sim.motion import forward_many
-from polish_sim.motion.coordination import master_flange
-from polish_sim.motion.smoothing.limits import JOINT_ACCELERATION
+from polish_sim.motion.rules.limits import JOINT_ACCELERATION
 from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse
 from tests.experiments.test_dual import EXACT, two_stretches

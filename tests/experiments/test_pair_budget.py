@@ -8,17 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from polish_sim.calibration.pair import SOURCES
 from polish_sim.config import DualConfig
-from polish_sim.experiments.pair_budget import (
-    TOGETHER,
-    PairBudgetTrial,
-    Prediction,
-    Share,
-    compare_shares,
-    draw_errors,
-    predict,
-)
+from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, Prediction, Share, compare_shares, draw_errors, predict
+from polish_sim.dual.calibration.pair import SOURCES
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.experiments.pair_marks import marks_on
+from polish_sim.dual.frames import marks_on
 from polish_sim.experiments.part_setup import part_file
 from polish_sim.geometry import Region, Surface, fit_surface, load_part, select_region
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from polish_sim.config import Scenario
+from polish_sim.dual.strokes import air_limits, pair_strokes
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.pair_strokes import air_limits, pair_strokes
 from polish_sim.experiments.part_setup import PlacedTool
 from polish_sim.motion.timed_path import TimedPath
 from polish_sim.planning import ToolPath

@@ -10,10 +10,10 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.dual.placement import seat_part, seat_text
 from polish_sim.errors import PlanError, ReachError
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.part_seat import seat_part, seat_text
-from polish_sim.experiments.shaft_room import check_shaft
+from polish_sim.experiments.placement import check_shaft
 from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part, part_from_arrays
 from polish_sim.models import workpiece_path
 from polish_sim.planning.toolpath import PROCESS, ToolPath

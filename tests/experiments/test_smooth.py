@@ -8,7 +8,7 @@ import pytest
 from polish_sim.analysis.claims import CLAIMS
 from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
 from polish_sim.motion.rules.registry import RULES
-from polish_sim.motion.rules.trial import LENGTH
+from polish_sim.smoothing.trial import LENGTH
 
 
 @pytest.fixture(scope="module")

@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis.claims import CLAIMS
-from polish_sim.analysis.guiding_figures import compare_modes
-from polish_sim.cell.guiding import WIDTH, GuidingRun
-from polish_sim.cell.identified_model import IdentifiedJoints, identified_xml
-from polish_sim.cell.serial_chain import own_parameters
+from polish_sim.cell.read_chain import own_parameters
 from polish_sim.config import GuideConfig, HandConfig, Scenario
-from polish_sim.control.hand_guiding import MODES
 from polish_sim.errors import InputError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
-from polish_sim.experiments.guided_arm import home_pose, torque_arm
-from polish_sim.experiments.identified_arm import ARM_JOINTS
-from polish_sim.experiments.teach_log import PlayedMove, figures_of_moves
-from polish_sim.experiments.teach_moves import minimum_jerk, move_table, moves_of
+from polish_sim.hand_guiding.arm import home_pose, torque_arm
+from polish_sim.hand_guiding.cell import WIDTH, GuidingRun
+from polish_sim.hand_guiding.figures import compare_modes
+from polish_sim.hand_guiding.law import MODES
+from polish_sim.hand_guiding.teach import PlayedMove, figures_of_moves, minimum_jerk, move_table, moves_of
+from polish_sim.identification.arm import ARM_JOINTS
+from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
 
 GRIP = {"turn_stiffness_nm_rad": 30.0, "turn_damping_nm_s_rad": 10.0}
 

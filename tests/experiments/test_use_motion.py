@@ -9,7 +9,7 @@ import pytest
 
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import InputError
-from polish_sim.experiments.use_motion import use_states
+from polish_sim.identification.use_motion import use_states
 from polish_sim.motion import forward
 from tests.identification.logs import RATE, played, write_log
 from tests.identification.motions import known_robot

@@ -7,7 +7,7 @@ from numba import njit
 
 from polish_sim.errors import ConfigError
 from polish_sim.geometry import DistanceField, build_distance_field, field_distance, field_gradient
-from polish_sim.geometry.distance.signed_distance import signed_distances
+from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface
 from tests.geometry.shapes import saddle, sphere, torus

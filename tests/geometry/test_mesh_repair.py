@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from polish_sim.geometry import fit_surface, load_part, part_from_arrays
-from polish_sim.geometry.repair.hole_filling import find_holes
+from polish_sim.geometry.repair.holes import find_holes
 from polish_sim.geometry.repair.skin import Skin
 from tests.geometry.test_mesh import write_triangles
 

@@ -12,12 +12,10 @@ from benchmarks.random_draw import RandomPart, draw_part
 from benchmarks.random_parts import exact_mesh
 from polish_sim.geometry import Region, fit_surface, select_region
 from polish_sim.geometry.bezier import differentiate, from_corners
-from polish_sim.geometry.boundary import boundary_loops
-from polish_sim.geometry.clip import clip
+from polish_sim.geometry.cut import clip
 from polish_sim.geometry.fit import fit_triangles
-from polish_sim.geometry.surface import Surface
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.stepping import step_on_surface
+from polish_sim.geometry.surface import Surface, boundary_loops
+from polish_sim.planning.curves.curve import Curve, step_on_surface
 from polish_sim.planning.ground.triangulation import triangulate
 from polish_sim.planning.quality.crossings import count_self_crossings
 from tests.geometry.shapes import sphere

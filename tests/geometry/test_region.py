@@ -6,7 +6,7 @@ import trimesh
 
 from polish_sim.errors import InputError, PlanError
 from polish_sim.geometry import Region, fit_surface, load_part, select_region
-from polish_sim.geometry.regions.region import UP_CONE
+from polish_sim.geometry.orientation import UP_CONE
 
 
 @pytest.fixture

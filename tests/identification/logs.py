@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from polish_sim.identification.fourier import FourierMotion, started_and_stopped
 from polish_sim.identification.log_file import log_columns
-from polish_sim.identification.torque_model import States, TorqueModel
+from polish_sim.identification.regressor import States, TorqueModel
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from polish_sim.identification.base_parameters import BaseParameters, base_of
 from polish_sim.identification.excitation import random_motion
-from polish_sim.identification.fourier import FourierMotion
-from polish_sim.identification.motion_limits import MotionLimits
-from polish_sim.identification.torque_model import FULL, States, TorqueModel
+from polish_sim.identification.fourier import FourierMotion, MotionLimits
+from polish_sim.identification.regressor import FULL, States, TorqueModel
 from tests.identification.chains import arm_chain
 
 Array = NDArray[np.float64]

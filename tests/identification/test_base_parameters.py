@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polish_sim.identification.base_parameters import base_names, base_of, base_of_rows, identifiable
-from polish_sim.identification.torque_model import States, TorqueModel, random_states
+from polish_sim.identification.regressor import States, TorqueModel, random_states
 from tests.identification.chains import arm_chain
 
 RNG = np.random.default_rng

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from polish_sim.identification.coloured_noise import estimate_widened, inefficiency
-from polish_sim.identification.estimate import estimate
-from polish_sim.identification.information import sum_samples
+from polish_sim.identification.estimate import estimate, estimate_widened, inefficiency, sum_samples
 from tests.identification.motions import SIGMA, known_robot
 
 KNOWN = known_robot(4000)

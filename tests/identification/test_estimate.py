@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import IdentificationError
-from polish_sim.identification.estimate import estimate, held_out_error, require_rank
-from polish_sim.identification.information import cramer_rao, sum_samples
+from polish_sim.identification.estimate import cramer_rao, estimate, held_out_error, require_rank, sum_samples
+from polish_sim.identification.regressor import States
 from polish_sim.identification.stepwise import fit_motion_after, fit_rest, rest_rows, sum_rows
-from polish_sim.identification.torque_model import States
 from tests.identification.motions import SIGMA, known_robot, noisy
 
 KNOWN = known_robot()

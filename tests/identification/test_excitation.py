@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from polish_sim.cell.clearance import RobotClearance
+from polish_sim.cell.playback import RobotClearance
 from polish_sim.identification.excitation import (
+    OBJECTIVES,
     ExcitationTask,
     Search,
     allowed_motions,
@@ -16,10 +17,8 @@ from polish_sim.identification.excitation import (
     mean_information,
     use_matrix,
 )
-from polish_sim.identification.fourier import fit_fourier, started_and_stopped
-from polish_sim.identification.motion_limits import Clearance
-from polish_sim.identification.objectives import OBJECTIVES
-from polish_sim.identification.torque_model import States
+from polish_sim.identification.fourier import Clearance, fit_fourier, started_and_stopped
+from polish_sim.identification.regressor import States
 from tests.identification.chains import arm_model
 from tests.identification.motions import LIMITS, SIGMA, known_robot
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import InputError
-from polish_sim.identification.log_file import read_robot_log
-from polish_sim.identification.robot_log import RobotLog, periodic_states, spline_states
+from polish_sim.identification.log_file import RobotLog, periodic_states, read_robot_log, spline_states
 from polish_sim.motion.serial_chain import HINGE, SLIDE
 from tests.identification.motions import known_robot
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.errors import SmoothingError
-from polish_sim.motion.smoothing.build import build_chain, chain_from_axes, repeated_points
+from polish_sim.motion.rules.chain import build_chain, chain_from_axes, repeated_points
 
 
 def random_frames(count: int, seed: int = 0) -> np.ndarray:

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.errors import ReachError, SmoothingError
-from polish_sim.motion.coordination import (
+from polish_sim.dual.coordination import (
     Chain2,
     chain_residual,
     choose_spin,
-    fit_closed_spline,
     follower_flange,
+    limit_margin,
     master_flange,
     plan_coordinated,
     rest_to_rest,
+    spun,
 )
-from polish_sim.motion.coordination.joints import limit_margin, spun
+from polish_sim.errors import ReachError, SmoothingError
+from polish_sim.motion.rim import fit_closed_spline
 from polish_sim.spatial import from_pose, rotation_to_axis, transform
 
 RADIUS = 0.2

@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 from numba import njit
 
-from polish_sim.motion.smoothing.build import build_chain, chain_from_axes
-from polish_sim.motion.smoothing.corner_error import (
+from polish_sim.motion.rules.chain import build_chain, chain_from_axes
+from polish_sim.motion.rules.deviation import measure_deviation
+from polish_sim.motion.rules.fir import (
+    box_progress,
     contour_error,
     corner_overlap,
     corner_speed,
+    fir_schedule,
     rise_time,
     rise_way,
     vertex_error,
 )
-from polish_sim.motion.smoothing.deviation import measure_deviation
-from polish_sim.motion.smoothing.fir import box_progress, fir_schedule
 
 MM = 1e-3
 

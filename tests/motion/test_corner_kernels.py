@@ -4,15 +4,10 @@ import numpy as np
 import pytest
 from numba import njit
 
-from polish_sim.motion.certified.corner import (
-    PIECES,
-    CornerFigures,
-    CornerLimits,
-    CornerWeights,
-    corner_kernel,
-    corner_shapes,
-    time_lost,
-)
+from polish_sim.motion.certified.corner import corner_kernel
+from polish_sim.motion.certified.corner_shapes import PIECES, corner_shapes
+from polish_sim.motion.certified.corner_task import CornerFigures, CornerLimits, CornerWeights
+from polish_sim.motion.certified.corner_time import time_lost
 
 SHAPES = corner_shapes()
 SPEED, ACCELERATION, JERK, TOLERANCE = 0.05, 0.5, 10.0, 2e-5

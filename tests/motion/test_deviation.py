@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import SmoothingError
-from polish_sim.motion.smoothing.build import build_chain, chain_from_axes
-from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.deviation import measure_deviation, vertex_distances
-from polish_sim.motion.smoothing.fir import fir_schedule
-from polish_sim.motion.smoothing.sampling import sample_schedule
-from polish_sim.motion.smoothing.schedule import Schedule
+from polish_sim.motion.rules.chain import Chain, build_chain, chain_from_axes
+from polish_sim.motion.rules.deviation import measure_deviation, vertex_distances
+from polish_sim.motion.rules.fir import fir_schedule
+from polish_sim.motion.rules.schedule import Schedule, sample_schedule
 
 TRIPLE = np.array([0.1, 0.05, 0.02])
 

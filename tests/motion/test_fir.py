@@ -9,8 +9,15 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from polish_sim.motion.smoothing.fir import PIECES, box_pieces, box_progress, fir_schedule, peak_rates, sorted_times
-from polish_sim.motion.smoothing.stop_profile import stop_times
+from polish_sim.motion.rules.fir import (
+    PIECES,
+    box_pieces,
+    box_progress,
+    fir_schedule,
+    peak_rates,
+    sorted_times,
+    stop_times,
+)
 
 SUBSETS = list(joined.from_iterable(combinations(range(3), k) for k in range(4)))
 FACTORIALS = (6, 2, 1, 1)

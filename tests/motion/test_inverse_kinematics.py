@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import ReachError
-from polish_sim.motion import (
-    JOINT_LIMITS,
-    forward,
-    forward_many,
-    inverse_all,
-    inverse_near,
-    nearest_solution,
-    track,
-)
+from polish_sim.motion import JOINT_LIMITS, forward, forward_many, inverse_all, inverse_near, nearest_solution, track
 
 HOME = np.array([1.30, -1.59, 1.51, -1.49, -1.57, -0.27])
 T_FLANGE_TOOL = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.22], [0, 0, 0, 1]])

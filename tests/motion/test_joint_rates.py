@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.errors import ReachError
 from polish_sim.motion import forward, forward_many
-from polish_sim.motion.branch_inverse import inverse_on_branch
+from polish_sim.motion.inverse_kinematics import inverse_on_branch
 from polish_sim.motion.joint_motion import joint_motion
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.limits import Arm, build_arm
 from polish_sim.motion.segment_rates import chain_rates, chebyshev_nodes
-from polish_sim.motion.smoothing.arm import Arm, build_arm
-from polish_sim.motion.smoothing.chain import Chain
 
 T_FLANGE_TOOL = np.eye(4)
 T_FLANGE_TOOL[:3, :3] = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix()

@@ -5,14 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.motion import (
-    forward,
-    forward_many,
-    jacobian,
-    link_frames,
-    manipulability,
-    smallest_singular_values,
-)
+from polish_sim.motion import forward, forward_many, jacobian, link_frames, manipulability, smallest_singular_values
 
 # a [m], d [m], alpha [deg] as published.
 TABLE = [

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import ConfigError
-from polish_sim.motion.smoothing.limits import SmoothingLimits
-from polish_sim.motion.smoothing.limits_file import limits_toml, load_limits
+from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml, load_limits
 
 
 def written(folder: Path, text: str) -> Path:

@@ -10,19 +10,24 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.errors import SmoothingError
 from polish_sim.motion.joint_motion import joint_motion
-from polish_sim.motion.rules import exact_stop, joint_acceleration, joint_jerk
+from polish_sim.motion.rules.chain import Chain, build_chain
+from polish_sim.motion.rules.deviation import measure_deviation
+from polish_sim.motion.rules.exact_stop import plan_exact_stop
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
+from polish_sim.motion.rules.paper_rules import (
+    joint_jerk_second_time,
+    plan_joint_acceleration,
+    plan_joint_jerk,
+    second_time,
+    third_time,
+)
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.rule import Smoothed
-from polish_sim.motion.rules.trial import AXIS_TOLERANCE, TOLERANCE, TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.motion.rules.schedule import sample_schedule
 from polish_sim.motion.segment_rates import JointRates
-from polish_sim.motion.smoothing.arm import Arm
-from polish_sim.motion.smoothing.build import build_chain
-from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.deviation import measure_deviation
-from polish_sim.motion.smoothing.limits import SmoothingLimits, six
-from polish_sim.motion.smoothing.sampling import sample_schedule
+from polish_sim.smoothing.trial import AXIS_TOLERANCE, TOLERANCE, TRIAL_LIMITS, trial_arm, trial_path
 
-PAPER = (joint_jerk.plan, joint_acceleration.plan)
+PAPER = (plan_joint_jerk, plan_joint_acceleration)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +76,7 @@ def test_vertices_are_passed_within_their_tolerance_and_use_it(plan, trial: Chai
 def test_no_tolerance_is_a_stop_at_every_way_point(plan, trial: Chain) -> None:  # type: ignore[no-untyped-def]
     smoothed = plan(trial, SmoothingLimits(), 0.0, 0.0, None)
     assert smoothed.schedule.end == pytest.approx(0.535 / 0.05 + 24 * 0.15)  # each stop costs v/a + a/j
-    assert smoothed.schedule.end == pytest.approx(exact_stop.plan(trial, SmoothingLimits()).schedule.end)
+    assert smoothed.schedule.end == pytest.approx(plan_exact_stop(trial, SmoothingLimits()).schedule.end)
     assert measure_deviation(*smoothed, trial).vertex.value < 1e-14
 
 
@@ -84,8 +89,8 @@ def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with() -
     rates, limits = random_rates(0), SmoothingLimits()
     for speed in (0.5, 2.0, 6.0):
         v = np.full(50, speed)
-        theirs = joint_acceleration.second_time(v, rates.first, rates.second, limits)
-        ours = joint_jerk.second_time(v, rates, limits)
+        theirs = second_time(v, rates.first, rates.second, limits)
+        ours = joint_jerk_second_time(v, rates, limits)
         assert np.all(ours <= theirs)
         assert np.any(ours < theirs)
 
@@ -96,7 +101,7 @@ def test_on_a_gantry_the_third_time_is_exact() -> None:
     first = np.zeros((1, 9, 6))
     first[..., 0] = 0.1
     rates = JointRates(first, first, 0.0 * first, 0.0 * first)
-    t3 = joint_jerk.third_time(np.array([2.0]), np.array([8.0]), rates, limits)
+    t3 = third_time(np.array([2.0]), np.array([8.0]), rates, limits)
     assert t3[0] == pytest.approx(0.1 * 8.0 / 5.0)
 
 
@@ -111,11 +116,11 @@ def test_a_denominator_that_is_not_positive_lowers_the_speed(trial: Chain, arm: 
 
 def test_stops_keep_joint_limits_and_feeds(trial: Chain, arm: Arm) -> None:
     tight = replace(TRIAL_LIMITS, joint_acceleration=six(0.4), joint_jerk=six(8.0))
-    smoothed = exact_stop.plan(trial, tight, arm=arm)
+    smoothed = plan_exact_stop(trial, tight, arm=arm)
     peaks = joint_peaks(smoothed, arm)
     assert (peaks[1] / 0.4).max() < 1.005
     assert (peaks[2] / 8.0).max() < 1.01
-    slow = exact_stop.plan(trial, SmoothingLimits(), feeds=np.full(24, 0.02))
+    slow = plan_exact_stop(trial, SmoothingLimits(), feeds=np.full(24, 0.02))
     speeds = np.linalg.norm(sample_schedule(*slow, np.linspace(0.0, slow.schedule.end, 5000)).tips[:, 1], axis=1)
     assert speeds.max() == pytest.approx(0.02)
 
@@ -148,7 +153,7 @@ INFINITE = dict.fromkeys(("axis_speed", "axis_acceleration", "axis_jerk"), np.in
 )
 def test_limits_may_be_infinite(limits: dict[str, float], each: float) -> None:
     chain = build_chain(0.01 * np.eye(4)[:, :3][[3, 0, 3]], np.tile(np.eye(3), (3, 1, 1)))
-    for plan in (*PAPER, exact_stop.plan):
+    for plan in (*PAPER, plan_exact_stop):
         smoothed = plan(chain, SmoothingLimits(**{**INFINITE, **limits}), 0.0, 0.0, None)
         assert smoothed.schedule.end == pytest.approx(2.0 * each)
 
@@ -157,4 +162,4 @@ def test_motion_without_any_limit_is_refused() -> None:
     chain = build_chain(0.01 * np.eye(3), np.tile(np.eye(3), (3, 1, 1)))
     names = ("tip_speed", "tip_acceleration", "tip_jerk")
     with pytest.raises(SmoothingError, match="nothing limits the motion along segment 1"):
-        exact_stop.plan(chain, SmoothingLimits(**INFINITE, **dict.fromkeys(names, np.inf)))
+        plan_exact_stop(chain, SmoothingLimits(**INFINITE, **dict.fromkeys(names, np.inf)))

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.motion.smoothing.build import build_chain
-from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.sampling import sample_schedule, turning
-from polish_sim.motion.smoothing.schedule import Schedule
+from polish_sim.motion.rules.chain import Chain, build_chain
+from polish_sim.motion.rules.schedule import Schedule, sample_schedule, turning
 
 SEGMENTS = 6
 STEP = 1e-5

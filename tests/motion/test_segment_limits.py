@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.motion import forward, link_frames
 from polish_sim.motion.certified.segment_limits import new_segment_work, segment_limits
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, arm_or_none, build_arm, chain_in_base
 from polish_sim.motion.segment_rates import BEYOND, REACHED, SINGULAR, Segment, chain_rates, chain_segment
-from polish_sim.motion.smoothing.arm import Arm, arm_or_none, build_arm, chain_in_base
-from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.limits import SmoothingLimits
 
 T_FLANGE_TOOL = np.eye(4)
 T_FLANGE_TOOL[:3, 3] = [0.01, -0.02, 0.2]

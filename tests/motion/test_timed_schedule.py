@@ -7,12 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.motion.smoothing.build import build_chain
-from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.fir import fir_schedule
-from polish_sim.motion.smoothing.sampling import sample_schedule
-from polish_sim.motion.smoothing.schedule import Schedule
-from polish_sim.motion.smoothing.stretch import stretched
+from polish_sim.motion.rules.chain import Chain, build_chain
+from polish_sim.motion.rules.fir import fir_schedule
+from polish_sim.motion.rules.schedule import Schedule, sample_schedule, stretched
 from polish_sim.motion.timed_path import sample_motion
 from polish_sim.motion.timed_schedule import marks_on, places_at, time_schedule
 

@@ -8,12 +8,21 @@ import trimesh
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.geometry import fit_surface, load_part
-from polish_sim.geometry.distance.signed_distance import signed_distances
+from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning import plan_part
-from polish_sim.planning.moves.approach import LEADS, normal_lead, process_move, tangent_lead, with_leads
-from polish_sim.planning.moves.landing import Air, Remark, choose_leads, notes_of
-from polish_sim.planning.moves.obstacle import RIM_POINTS, rim_depths
+from polish_sim.planning.moves.leads import (
+    LEADS,
+    Air,
+    Remark,
+    choose_leads,
+    normal_lead,
+    notes_of,
+    process_move,
+    tangent_lead,
+    with_leads,
+)
 from polish_sim.planning.moves.travel import travel
+from polish_sim.planning.moves.way_out import RIM_POINTS, rim_depths
 from tests.planning.shapes import plan_of
 
 UP = np.array([0.0, 0.0, 1.0])

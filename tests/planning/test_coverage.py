@@ -8,9 +8,7 @@ import pytest
 from polish_sim.config import PadConfig
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.triangulation import triangulate
-from polish_sim.planning.quality.coverage import strict_share, strictly_covered
-from polish_sim.planning.quality.exposure import PadSteps, time_under_pad
-from polish_sim.planning.quality.pad_depth import pad_depths
+from polish_sim.planning.quality.coverage import PadSteps, pad_depths, strict_share, strictly_covered, time_under_pad
 from tests.planning.shapes import region_of
 
 PAD = PadConfig()

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from polish_sim.config import PadConfig, ProcessConfig
-from polish_sim.planning.quality.exposure import PadSteps, pad_steps, time_under_pad
+from polish_sim.planning.quality.coverage import PadSteps, pad_depths, pad_steps, time_under_pad
 from polish_sim.planning.quality.located import locate, with_points_between
-from polish_sim.planning.quality.pad_depth import pad_depths
-from polish_sim.planning.quality.thinning import thin
+from polish_sim.planning.quality.points import thin
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 
 PAD = PadConfig()

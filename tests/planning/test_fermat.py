@@ -9,9 +9,9 @@ from polish_sim.config import PlanConfig
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.ground import prepare_ground
 from polish_sim.planning.patterns.fermat import connect
-from polish_sim.planning.patterns.fermat_tree import find_contacts, grow_tree
+from polish_sim.planning.patterns.fermat_pocket import find_contacts, grow_tree
 from polish_sim.planning.patterns.nested import all_turns, nested_turns, without_tails
-from polish_sim.planning.patterns.request import PatternRequest
+from polish_sim.planning.patterns.run import PatternRequest
 from polish_sim.planning.planner import plan_path
 from tests.planning.shapes import plan_of, prism, region_of, shipped_plan
 

@@ -7,7 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from polish_sim.geometry import fit_surface, part_from_arrays, select_region
-from polish_sim.planning.ground.footprint import footprint
+from polish_sim.planning.ground.ground import footprint
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

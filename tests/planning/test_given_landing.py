@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from polish_sim.planning.moves.given_landing import with_way_down
+from polish_sim.planning.moves.leads import with_way_down
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, PROCESS
 from tests.planning.shapes import shipped_plan
 

@@ -12,8 +12,8 @@ from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import fit_surface, load_part
 from polish_sim.planning import inspect_path
-from polish_sim.planning.quality.reach_of_pad import measure_pad_reach
-from polish_sim.planning.quality.stepover_guess import guess_stepover
+from polish_sim.planning.quality.pad_fit import measure_pad_reach
+from polish_sim.planning.quality.spacing import guess_stepover
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from tests.planning.shapes import shipped_plan
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.level_set import LevelLine
-from polish_sim.planning.curves.offset_curve import adapted_spacing, offset_curve
+from polish_sim.planning.curves.offset_curve import LevelLine, adapted_spacing, offset_curve
 from tests.planning.shapes import Ball, Floor
 
 STEP = 0.008

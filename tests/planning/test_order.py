@@ -7,7 +7,7 @@ from itertools import pairwise, permutations, product
 import numpy as np
 import pytest
 
-from polish_sim.planning.moves.order import order_blocks
+from polish_sim.planning.moves.travel import order_blocks
 
 
 def air(ends, order, flips):

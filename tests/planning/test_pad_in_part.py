@@ -14,7 +14,7 @@ from polish_sim.exchange.setup import ExportSetup
 from polish_sim.exchange.urscript import urscript_text
 from polish_sim.geometry import fit_surface, load_part
 from polish_sim.planning import inspect_path, plan_part
-from polish_sim.planning.quality.standing_above import Discs, standing_above
+from polish_sim.planning.quality.pad_fit import Discs, standing_above
 from tests.planning.shapes import shipped_plan
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
-from polish_sim.planning.patterns.raster_lines import _short_axis
+from polish_sim.planning.patterns.raster import _short_axis
 from polish_sim.planning.patterns.raster_walk import fillet
 from polish_sim.planning.planner import plan_path
 from tests.planning.shapes import plan_of, prism, region_of, shipped_plan

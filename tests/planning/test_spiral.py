@@ -10,10 +10,9 @@ import pytest
 from polish_sim.config import PlanConfig
 from polish_sim.planning import plan_path
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.ground.connected import label_pieces
-from polish_sim.planning.patterns.matching import match_turns
-from polish_sim.planning.patterns.pitch import Shares, spread_shares
-from polish_sim.planning.patterns.seam import place_seams
+from polish_sim.planning.ground.triangulation import label_pieces
+from polish_sim.planning.patterns.pitch import Shares, match_turns, spread_shares
+from polish_sim.planning.patterns.spiral import place_seams
 from tests.planning.shapes import region_of, shipped_plan
 
 STEP = 0.008

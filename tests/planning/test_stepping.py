@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.planning.curves.stepping import step_on_surface
+from polish_sim.planning.curves.curve import step_on_surface
 from tests.planning.shapes import Ball, Bar, Floor, region_of
 
 STEP = 0.008

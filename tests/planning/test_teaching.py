@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from polish_sim.errors import PlanError
 from polish_sim.geometry import fit_surface, load_part
+from polish_sim.hand_guiding.teaching import Recording, simplified, teach_path
 from polish_sim.models import workpiece_path
-from polish_sim.planning.teaching import Recording, simplified, teach_path
 
 Array = NDArray[np.float64]
 

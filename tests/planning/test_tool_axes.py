@@ -7,7 +7,7 @@ import pytest
 
 from polish_sim.config import PlanConfig
 from polish_sim.planning.ground.ground import prepare_ground
-from polish_sim.planning.moves.tool_axes import STEEPEST, angles_between, lean, smooth_axes
+from polish_sim.planning.moves.stroke import STEEPEST, angles_between, lean, smooth_axes
 from polish_sim.planning.planner import plan_on
 from tests.planning.shapes import region_of
 

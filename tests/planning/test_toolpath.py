@@ -8,8 +8,8 @@ import pytest
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning import SEGMENTS, pressed
-from polish_sim.planning.moves.approach import LEADS, process_move, with_leads
-from polish_sim.planning.moves.tool_axes import lean, soften_creases
+from polish_sim.planning.moves.leads import LEADS, process_move, with_leads
+from polish_sim.planning.moves.stroke import lean, soften_creases
 from polish_sim.planning.planner import plan_path
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT, ToolPath
 from tests.planning.shapes import region_of, shipped_plan

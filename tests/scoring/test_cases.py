@@ -9,9 +9,8 @@ import pytest
 
 from polish_sim.errors import InputError
 from polish_sim.scoring import BATTERY, BATTERY_ASKED, REACH, REACH_CASES, Case, Entry, choose_cases, judge, user_entry
-from polish_sim.scoring.battery import latency_settings
-from polish_sim.scoring.case import Draw
-from polish_sim.scoring.row import Task, setup_key
+from polish_sim.scoring.battery import Draw, latency_settings
+from polish_sim.scoring.journal import Task, setup_key
 
 PI = Entry("hybrid-pi", "hybrid-pi")
 

@@ -10,8 +10,7 @@ import pytest
 
 from polish_sim.errors import InputError
 from polish_sim.scoring import Entry, Score, Task, choose_cases, locked, measure_row, run_score, user_entry
-from polish_sim.scoring.battery import BATTERY
-from polish_sim.scoring.case import Case
+from polish_sim.scoring.battery import BATTERY, Case
 from polish_sim.scoring.journal import ROWS, Journal, row_key
 
 PI = Entry("hybrid-pi", "hybrid-pi")

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from polish_sim.analysis.score_plot import Limit, plot_ablation, plot_score
 from polish_sim.errors import InputError
 from polish_sim.scoring import (
     BATTERY_ASKED,
@@ -24,6 +23,7 @@ from polish_sim.scoring import (
     verdict_table,
     worst_case,
 )
+from polish_sim.scoring.plot import Limit, plot_ablation, plot_score
 from polish_sim.scoring.summary import Spread, spread
 
 A, B = Entry("alpha", "hybrid-pi"), Entry("beta", "position")

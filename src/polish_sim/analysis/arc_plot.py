@@ -1,4 +1,4 @@
-"""The arc as the paper's figure 12 shows it: speed and tracking error over time, and the circle itself (layer 8c)."""
+"""The arc as the paper's figure 12 shows it: speed and tracking error over time, and the circle itself."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from polish_sim.analysis.metrics import PAPER_ARC, Circle, distance_to_circle, steady_feed
-from polish_sim.analysis.response import moving_average
-from polish_sim.analysis.rows import fed, numbers
+from polish_sim.analysis.metrics import PAPER_ARC, Circle, distance_to_circle, fed, moving_average, numbers, steady_feed
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
 

@@ -1,4 +1,4 @@
-"""What no controller could better under the cell's noise, latency and acceleration limit (layer 8c).
+"""What no controller could better under the cell's noise, latency and acceleration limit.
 
 The bounds take the arm for perfect but for latency and acceleration, springs and statistics for known. A real law has
 to find out what the bound is given.

@@ -1,4 +1,4 @@
-"""The step response of the contact force as the paper's figure 13 shows it (layer 8c)."""
+"""The step response of the contact force as the paper's figure 13 shows it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from polish_sim.analysis.response import first_contact
-from polish_sim.analysis.rows import Mask, before_retract, numbers
+from polish_sim.analysis.metrics import Mask, before_retract, first_contact, numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
 from polish_sim.log import RunLog

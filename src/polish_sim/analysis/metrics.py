@@ -1,4 +1,4 @@
-"""The figures of a run, from its exact force and pose at every step (layer 8c).
+"""The figures of a run, from its exact force and pose at every step.
 
 What each figure means is stated once, here; a figure that is not defined for a run (no contact, an empty phase) is NaN.
 """
@@ -13,12 +13,91 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.analysis.peaks import curvature_peaks, errors_at_peaks
-from polish_sim.analysis.response import CONTACT_N, first_contact, moving_average, rise_time, settling_time
-from polish_sim.analysis.rows import PROCESS, RETRACT
+from polish_sim.log import RunLog, Trace
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.trace import Trace
+
+# How a signal behaves in time: contact, settling, rise, averages; the arithmetic under the figures.
 
 Array = NDArray[np.float64]
+
+CONTACT_N = 0.5
+"""The tool is in contact when the exact normal force is above this [N]."""
+
+
+def first_contact(force: Array) -> int | None:
+    """Index of the first sample in contact, or None when there is none; ``force`` [N], shape (n,)."""
+    touching = force > CONTACT_N
+    return int(np.argmax(touching)) if touching.any() else None
+
+
+def settling_time(time: Array, error: Array, band: float) -> float:
+    """Time from the first sample to the moment after which the error stays inside a band.
+
+    Args:
+        time: Time [s], shape (n,); the first sample is the event, e.g. first contact.
+        error: Signal minus its target, shape (n,).
+        band: Half-width of the band, in the unit of ``error``; its edge is inside.
+
+    Returns:
+        The time [s], 0 when the error never leaves the band, NaN when it is outside at the last sample or n = 0.
+    """
+    outside = np.flatnonzero(~(np.abs(error) <= band))
+    if len(time) == 0 or (len(outside) and outside[-1] == len(time) - 1):
+        return math.nan
+    return float(time[outside[-1] + 1] - time[0]) if len(outside) else 0.0
+
+
+def rise_time(time: Array, value: Array, target: float) -> float:
+    """Time between first reaching 10% and first reaching 90% of a target [s]; NaN when 90% is never reached."""
+    reached = value >= 0.9 * target
+    if not reached.any():
+        return math.nan
+    return float(time[np.argmax(reached)] - time[np.argmax(value >= 0.1 * target)])
+
+
+def moving_average(time: Array, value: Array, window: float) -> Array:
+    """Mean over a sliding time window, whole windows only.
+
+    Args:
+        time: Evenly spaced time [s], shape (n,).
+        value: Signal, shape (n,).
+        window: Length of the window [s].
+
+    Returns:
+        Means, shape (n - k + 1,) with k samples to a window; empty when the signal is shorter than the window.
+    """
+    if len(time) < 2:
+        return np.empty(0)
+    samples = max(1, round(window / float(np.median(np.diff(time)))))
+    if samples > len(value):
+        return np.empty(0)
+    sums = np.concatenate([[0.0], np.cumsum(value, dtype=np.float64)])
+    return (sums[samples:] - sums[:-samples]) / samples
+
+
+# Columns of a log as plain numbers, and which rows belong to which phase.
+
+Mask = NDArray[np.bool_]
+
+PROCESS, RETRACT = 2, 3
+"""Codes of the phases, see ``log.PHASES``."""
+
+
+def numbers(log: RunLog, name: str) -> Array:
+    """A column in double precision, shape (n,) or (n, k)."""
+    return log[name].astype(np.float64)
+
+
+def fed(log: RunLog) -> Mask:
+    """Rows of the process, shape (n,)."""
+    return log["phase"].astype(np.int8) == PROCESS
+
+
+def before_retract(log: RunLog) -> Mask:
+    """Rows before the tool lifts off, shape (n,)."""
+    return log["phase"].astype(np.int8) < RETRACT
+
+
 Figures = dict[str, float | int]
 
 RAMP_UP_S = 1.0

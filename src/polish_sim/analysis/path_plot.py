@@ -13,15 +13,28 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d import proj3d
+from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import NDArray
 
-from polish_sim.analysis.style import GREY, ORANGE, PINK, new_figure, styled
-from polish_sim.analysis.view_frame import axis_name, view_frame
-from polish_sim.analysis.visibility import DepthPicture, depth_picture, seen_in
+from polish_sim.analysis.metrics import numbers
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    PINK,
+    DepthPicture,
+    axis_name,
+    depth_picture,
+    new_figure,
+    seen_in,
+    styled,
+    view_frame,
+)
 from polish_sim.config import PlanConfig
 from polish_sim.geometry.lighter_mesh import lighter_mesh
+from polish_sim.motion import link_frames
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath
 from polish_sim.spatial import unit
@@ -247,3 +260,46 @@ def _head(figure: Figure, result: PlanResult, name: str) -> None:
         fontweight="bold",
     )
     figure.text(0.01, FACTS_AT, "     ".join(facts), fontsize=9.0, color="#444444", va="top")
+
+
+# The arm over its path, drawn from joint positions: the cell where nothing can render one.
+
+
+@styled
+def plot_cell(record: RunRecord) -> Figure:
+    """Draw base, links and tool in the middle of a run, and the way of the tool point.
+
+    Args:
+        record: Any run with at least one row.
+
+    Returns:
+        The figure.
+    """
+    figure = new_figure(7.5, 6.0)
+    axes = figure.add_subplot(projection="3d")
+    assert isinstance(axes, Axes3D)
+    way = numbers(record.log, "tcp_position_m")
+    middle = len(way) // 2
+    arm = link_frames(numbers(record.log, "q_rad")[middle])[:, :3, 3]
+    tool = np.array([arm[-1], way[middle]])
+    axes.plot(*arm.T, "-o", color=GREY, lw=7.0, ms=9.0, solid_capstyle="round", alpha=0.85, label="arm")
+    axes.plot(*tool.T, "-", color="#222222", lw=4.0, label="spindle and head")
+    axes.plot(*way.T, color=BLUE, lw=0.8, label="way of the tool point")
+    axes.plot(*way[middle], "o", color=ORANGE, ms=6.0)
+    _draw_table(axes, float(way[:, 2].min()))
+    axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+    axes.set_box_aspect((1.0, 1.0, 0.8))
+    axes.set(xlim=(-0.6, 0.6), ylim=(-0.95, 0.25), zlim=(min(-0.1, way[:, 2].min()), 0.86))
+    axes.view_init(elev=22.0, azim=-55.0)
+    axes.legend(loc="upper left")
+    text = f"The cell in the middle of the run, {record.scenario.experiment}"
+    figure.suptitle(text, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    return figure
+
+
+def _draw_table(axes: Axes3D, lowest: float) -> None:
+    """The table's plane z = 0, where the tool stays above it."""
+    if lowest < 0.0:
+        return
+    x, y = np.meshgrid([-0.5, 0.5], [-0.9, 0.2])
+    axes.plot_surface(x, y, np.zeros_like(x), color="#CCCCCC", alpha=0.35, shade=False)

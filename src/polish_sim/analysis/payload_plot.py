@@ -1,4 +1,4 @@
-"""A payload's calibration as pictures: residuals pose by pose, drift over the calibration and over a long run (8c)."""
+"""A payload's calibration as pictures: residuals pose by pose, drift over the calibration and over a long run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the path's curvature changes strongly, and what the force does there (paper 1, fig. 15; layer 8c)."""
+"""Where the path's curvature changes strongly, and what the force does there (paper 1, fig. 15)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which figures belong to which experiment, drawn and saved (layer 8c)."""
+"""Which figures belong to which experiment, drawn and saved."""
 
 from __future__ import annotations
 
@@ -9,17 +9,15 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.arc_plot import plot_arc, plot_arc_runs
-from polish_sim.analysis.dual_plot import plot_dual, plot_dual_runs
 from polish_sim.analysis.force_plot import plot_force, plot_force_runs
-from polish_sim.analysis.guiding_plot import plot_guiding, plot_guiding_runs
-from polish_sim.analysis.peaks_plot import plot_peaks
 from polish_sim.analysis.removal_plot import plot_removal, plot_removal_runs
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.seeds_plot import plot_seeds
-from polish_sim.analysis.surface_plot import plot_surface_force, plot_surface_runs
-from polish_sim.analysis.teaching_plot import plot_taught
-from polish_sim.analysis.tracking_plot import plot_tracking, plot_tracking_bars, plot_tracking_runs
+from polish_sim.analysis.surface_plot import plot_peaks, plot_surface_force, plot_surface_runs
+from polish_sim.dual.plots import plot_dual, plot_dual_runs
 from polish_sim.errors import InputError
+from polish_sim.hand_guiding.plots import plot_guiding, plot_guiding_runs, plot_taught
+from polish_sim.smoothing.tracking import plot_tracking, plot_tracking_bars, plot_tracking_runs
 
 PLOTS: Final[Mapping[str, Mapping[str, Callable[[RunRecord], Figure]]]] = {
     "arc": {"arc.png": plot_arc},

@@ -1,4 +1,4 @@
-"""The figures of one experiment over many seeds, each against what is asked of it (layer 8c)."""
+"""The figures of one experiment over many seeds, each against what is asked of it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from polish_sim.analysis.claims import CLAIMS, Claim, bound_text, claims_of
+from polish_sim.analysis.claim import Claim, bound_text
+from polish_sim.analysis.claims import CLAIMS, claims_of
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREEN, ORANGE, new_figure, styled
 

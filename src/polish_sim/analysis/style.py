@@ -1,16 +1,18 @@
-"""How every figure looks: one set of colours and sizes, safe for colour-blind eyes (layer 8c)."""
+"""How every figure looks: one set of colours and sizes, safe for colour-blind eyes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import wraps
-from typing import Any, Final, ParamSpec
+from typing import Any, Final, NamedTuple, ParamSpec
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from polish_sim.spatial import unit
 
 P = ParamSpec("P")
 Array = NDArray[np.float64]
@@ -79,3 +81,117 @@ def shade_band(axes: Axes, center: float, half_width: float, label: str) -> None
     """Shade a tolerance band around a target and draw the target as a line."""
     axes.axhspan(center - half_width, center + half_width, color=GREEN, alpha=0.13, lw=0, label=label, zorder=0)
     axes.axhline(center, color=GREEN, lw=0.9, ls="--", zorder=1)
+
+
+# The frame pictures of a part are drawn in: to the right, to the back, up (up -> rotation).
+
+ALONG = 0.9998
+"""Cosine of about one degree: a direction as close to an axis is called by its name."""
+
+
+def view_frame(up: Array) -> Array:
+    """Rotation R_view_work: its rows are the picture's right, back and up in the work frame, shape (3, 3).
+
+    Args:
+        up: Unit vector away from the table, work frame, shape (3,).
+    """
+    right = np.cross([0.0, 1.0, 0.0], up) if abs(up[1]) < 0.9 else np.cross([0.0, 0.0, -1.0], up)
+    right = unit(right)
+    return np.stack([right, np.cross(up, right), up])
+
+
+def axis_name(direction: Array) -> str:
+    """Which of the part's axes a direction of the picture is, to tell views apart: ``+x``, ``-y``, or as numbers.
+
+    Args:
+        direction: Unit vector in the work frame, shape (3,).
+    """
+    largest = int(np.abs(direction).argmax())
+    if abs(direction[largest]) > ALONG:
+        return ("-" if direction[largest] < 0.0 else "+") + "xyz"[largest]
+    # Adding zero turns -0.0 into 0.0.
+    return ", ".join(f"{round(float(value), 2) + 0.0:g}" for value in direction)
+
+
+# Which points of a picture the part itself stands before: a depth picture of its facets.
+
+Projection = Callable[[Array], Array]
+"""Points (n, 3) to places in the picture and depths, larger is nearer, (n, 3); straight lines stay straight."""
+
+PIXELS = 250
+"""Of a depth picture, along the longer side of the part."""
+APART = 0.75
+"""Pixels between samples of a facet, at most."""
+LIFT = 2.0
+"""Pixels by which points are taken off the surface: more than depths within a pixel of a plane differ."""
+SAMPLES_AT_ONCE = 2_000_000
+
+
+class DepthPicture(NamedTuple):
+    """The part as a viewer sees it."""
+
+    project: Projection
+    low: Array
+    """Corner of the picture, shape (2,)."""
+    pixel: float
+    """Side of a pixel in the picture's own unit."""
+    depth: Array
+    """Depth of what is seen in each pixel, minus infinity beside the part, shape (columns, rows)."""
+    lift: float
+    """Way off the surface that keeps it from hiding its own points, in the unit of the points."""
+
+
+def depth_picture(corners: Array, project: Projection) -> DepthPicture:
+    """Draw the depths of a part.
+
+    Args:
+        corners: Corners of its facets, shape (m, 3, 3).
+        project: The picture.
+
+    Returns:
+        The picture; depths are exact at samples of the facets, less than a pixel apart.
+    """
+    points = corners.reshape(-1, 3)
+    seen = project(points).reshape(-1, 3, 3)
+    low, high = seen[..., :2].min(axis=(0, 1)), seen[..., :2].max(axis=(0, 1))
+    pixel = float((high - low).max()) / PIXELS
+    depth = np.full(tuple(np.ceil((high - low) / pixel).astype(int) + 1), -np.inf)
+    for samples in _samples(seen, APART * pixel):
+        columns, rows = ((samples[:, :2] - low) / pixel).astype(int).T
+        np.maximum.at(depth.ravel(), columns * depth.shape[1] + rows, samples[:, 2])
+    lift = LIFT * float(np.linalg.norm(np.ptp(points, axis=0))) / PIXELS
+    return DepthPicture(project, low, pixel, depth, lift)
+
+
+def seen_in(picture: DepthPicture, points: Array, off: Array) -> NDArray[np.bool_]:
+    """Whether points are before the part or beside it.
+
+    Args:
+        picture: The part.
+        points: On the part or off it, shape (n, 3).
+        off: Unit vectors away from the part, shape (n, 3).
+
+    Returns:
+        Shape (n,).
+    """
+    places = picture.project(points + picture.lift * off)
+    columns, rows = np.floor((places[:, :2] - picture.low) / picture.pixel).astype(int).T
+    width, height = picture.depth.shape
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    before = np.full(len(points), True)
+    before[inside] = places[inside, 2] >= picture.depth[columns[inside], rows[inside]]
+    return before
+
+
+def _samples(seen: Array, apart: float) -> Iterator[Array]:
+    """Points on triangles (m, 3, 3), at most so far apart, some at a time, (k, 3)."""
+    edges = np.linalg.norm(seen[:, :, :2] - np.roll(seen[:, :, :2], 1, axis=1), axis=2).max(axis=1)
+    # Powers of two, so that few sets of weights are needed.
+    steps = 2 ** np.ceil(np.log2(np.maximum(edges / apart, 1.0))).astype(int)
+    for count in np.unique(steps):
+        i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
+        within = i + j <= count
+        weights = np.column_stack([i[within], j[within], count - i[within] - j[within]]) / count
+        chosen = np.flatnonzero(steps == count)
+        for part in np.array_split(chosen, -(-len(chosen) * len(weights) // SAMPLES_AT_ONCE)):
+            yield (weights @ seen[part]).reshape(-1, 3)

@@ -1,17 +1,24 @@
 """Calibration: what a wrist sensor carries, from poses and readings; arrays in, no cell (layer 8b)."""
 
-from polish_sim.calibration.calibration_file import (
+from polish_sim.calibration.outliers import fit_without_outliers
+from polish_sim.calibration.payload import (
+    GRAVITY,
+    PayloadEstimate,
+    PayloadReadings,
+    ReadingNoise,
+    fit_payload,
+    payload_regressor,
+)
+from polish_sim.calibration.payload_file import (
     CalibratedTool,
     estimate_figures,
     read_calibrated_tool,
+    read_readings,
+    residual_table,
     write_calibration,
 )
-from polish_sim.calibration.outliers import fit_without_outliers
-from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, ReadingNoise, fit_payload, payload_regressor
 from polish_sim.calibration.poses import PosePlan, plan_payload_poses
-from polish_sim.calibration.readings import PayloadReadings
-from polish_sim.calibration.readings_file import read_readings, residual_table
-from polish_sim.calibration.toml_table import calibration_kind
+from polish_sim.calibration.tables import calibration_kind
 
 __all__ = [
     "GRAVITY",

@@ -1,4 +1,4 @@
-"""A tool's mass and centre and the sensor's bias from readings at rest: linear least squares (layer 8b).
+"""A tool's mass and centre and the sensor's bias from readings at rest: linear least squares.
 
 At rest the sensor reads the weight and its moment, both turning with the pose, and a bias that does not:
 
@@ -18,11 +18,110 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from polish_sim.calibration.identifiability import LARGEST_CONDITION, check_identifiable, condition_of
-from polish_sim.calibration.readings import PayloadReadings
 from polish_sim.errors import CalibrationError
 
+# Whether poses tell a tool's weight from the sensor's bias, and how well.
+
 Array = NDArray[np.float64]
+
+LEAST_READINGS = 3
+LEAST_SPREAD = 0.02
+"""Least spread of the up directions along two axes [-]; 1/sqrt(3) is that of a full sphere."""
+LARGEST_CONDITION = 1e5
+"""Of the whole regressor; beyond it the drift cannot be told from the rest."""
+
+
+def check_identifiable(up_sensor: Array) -> None:
+    """Refuse poses from which mass, centre and bias cannot be told apart.
+
+    A weight shows only by how its direction changes in the sensor: readings differ by m g times the difference of
+    two up directions and by its moment. Differences along one line leave the centre along that line unseen.
+
+    Args:
+        up_sensor: Unit vectors against gravity in the sensor frame, shape (n, 3).
+
+    Raises:
+        CalibrationError: Saying what cannot be told and which pose is missing.
+    """
+    count = len(up_sensor)
+    if count < LEAST_READINGS:
+        raise CalibrationError(
+            f"{count} reading{'s' if count != 1 else ''} cannot tell mass, centre and bias (10 unknowns) apart: "
+            f"{LEAST_READINGS} poses with gravity along different axes of the sensor are the least, a dozen is good."
+        )
+    _, spread, axes = np.linalg.svd(up_sensor - up_sensor.mean(axis=0), full_matrices=False)
+    spread = spread / np.sqrt(count)
+    if spread[0] < LEAST_SPREAD:
+        raise CalibrationError(
+            f"gravity pulls in nearly the same direction of the sensor in all {count} poses (they differ by "
+            f"{np.degrees(spread[0]):.2g} deg rms): neither mass nor centre can be told from the bias. Turn the tool: "
+            "sideways, over head, about its own axis."
+        )
+    if spread[1] < LEAST_SPREAD:
+        x, y, z = axes[0]
+        raise CalibrationError(
+            f"gravity changes along one line of the sensor only, ({x:.2f}, {y:.2f}, {z:.2f}): the centre of mass along "
+            "it cannot be told from the torque bias. Add a pose that turns the tool about another axis."
+        )
+
+
+def condition_of(regressor: Array) -> float:
+    """Condition number of a regressor without units: ratio of the largest to the smallest singular value.
+
+    Best possible for the ten parameters: sqrt(3/2) = 1.22, from up directions spread over the whole sphere.
+
+    Args:
+        regressor: As in ``payload_regressor`` with gravity 1, shape (n, 6, p).
+    """
+    values = np.linalg.svd(regressor.reshape(-1, regressor.shape[2]), compute_uv=False)
+    return float(values[0] / values[-1]) if values[-1] > 0.0 else float("inf")
+
+
+# What a calibration of the payload is made from: how the sensor stood and what it read.
+
+ROTATION_TOLERANCE = 1e-3
+"""How far R^T R may be from one: the rounding of printed digits."""
+
+
+@dataclass(frozen=True)
+class PayloadReadings:
+    """Readings of a wrist sensor that carries a tool at rest, nothing touching it."""
+
+    time: Array
+    """When each was taken [s], shape (n,)."""
+    R_base_sensor: Array
+    """How the sensor stood, base z up, shape (n, 3, 3)."""
+    wrenches: Array
+    """What it read, sensor axes, about the sensor's origin: sum of m (a - g), so a tool below a sensor that looks
+    down pulls with -m g along its z axis; force [N] then torque [N m], shape (n, 6)."""
+
+    def __post_init__(self) -> None:
+        count = len(self.time)
+        shapes = (self.time.shape, self.R_base_sensor.shape, self.wrenches.shape)
+        if shapes != ((count,), (count, 3, 3), (count, 6)):
+            raise CalibrationError(f"readings need times (n,), rotations (n, 3, 3), wrenches (n, 6); got {shapes}.")
+        if not all(np.isfinite(a).all() for a in (self.time, self.R_base_sensor, self.wrenches)):
+            raise CalibrationError("a reading holds a value that is not finite: leave it out.")
+        turned = np.swapaxes(self.R_base_sensor, 1, 2) @ self.R_base_sensor
+        wrong = np.abs(turned - np.eye(3)).max(axis=(1, 2), initial=0.0) > ROTATION_TOLERANCE
+        wrong |= np.linalg.det(self.R_base_sensor) < 0.0
+        if wrong.any():
+            raise CalibrationError(f"the orientation of reading {int(np.argmax(wrong)) + 1} is not a rotation matrix.")
+        for array in (self.time, self.R_base_sensor, self.wrenches):
+            array.flags.writeable = False
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def up_sensor(self) -> Array:
+        """Unit vectors against gravity in the sensor frame, shape (n, 3)."""
+        return self.R_base_sensor[:, 2, :]
+
+    def rows(self, mask: NDArray[np.bool_]) -> PayloadReadings:
+        """Some of the readings."""
+        return PayloadReadings(self.time[mask].copy(), self.R_base_sensor[mask].copy(), self.wrenches[mask].copy())
+
 
 GRAVITY = 9.81  # [m/s^2], the model's
 MASS, MOMENT, BIAS, DRIFT = 0, slice(1, 4), slice(4, 10), slice(10, 16)

@@ -1,4 +1,4 @@
-"""A second robot that carries the part: the master of two (layer 8a).
+"""A second robot that carries the part: the master of two.
 
 Its joint servos play rows of joint angles. The part goes where its flange really is; the host works out where the
 part should be from the master's encoders and from what calibration made it believe, and moves its target along.
@@ -6,6 +6,7 @@ part should be from the master's encoders and from what calibration made it beli
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import mujoco
@@ -14,9 +15,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.cell.contact import RealPart
-from polish_sim.cell.feed_pace import BUILD_UP, LONGEST_RAMP
 from polish_sim.cell.host_arm import HostArm, build_host_arm, no_host_arm, read_encoders
-from polish_sim.motion.arm_table import NOMINAL
+from polish_sim.cell.real_part import PartMotion
+from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
+from polish_sim.control.signals import Target
+from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import inverse, transform
 
 Array = NDArray[np.float64]
@@ -219,3 +222,230 @@ def _host_arm(data: mujoco.MjData, rows: MasterRows) -> tuple[HostArm, Array]:
 def _split(T: Array) -> tuple[Array, Array]:
     """Rotation (3, 3) and origin (3,) of a pose."""
     return np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
+
+
+# The master at every step: its servos driven along their rows, the part carried, what the host makes of it.
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def drive_carrier(carrier: Carrier, going: bool, stopping: bool, dt: float, ctrl: Array) -> None:
+    """Let the master's rows pass while it is ``going``, from rest and back to rest, and tell its joint servos.
+
+    The rate at which their time passes rises and falls with limited jerk, as a feed does. When ``stopping`` it falls as
+    a protective stop brakes: the master keeps to its rows then as well.
+    """
+    clock, step = carrier.clock, dt / RAMP_S
+    clock[PACE] += min(max(clock[WANTED_PACE] - clock[PACE], -step), step)
+    if stopping or clock[HALTED] != 0.0:
+        clock[RATE] = max(clock[RATE] - max(step, dt * clock[RATE] * _firmness(carrier)), 0.0)
+    else:
+        left = carrier.duration - clock[CLOCK]
+        wanted = RAMP_S if going and left > clock[PACE] * ramp_time(clock[RAMP]) + dt else 0.0
+        clock[RAMP] += min(max(wanted - clock[RAMP], -dt), dt)
+        clock[RATE] = clock[PACE] * ramp_rate(clock[RAMP])
+    clock[CLOCK] = min(clock[CLOCK] + clock[RATE] * dt, carrier.duration)
+    h = carrier.spacing
+    row = min(int(clock[CLOCK] / h), carrier.q.shape[0] - 2)
+    u = clock[CLOCK] / h - row
+    for j in range(6):
+        a, b = carrier.q[row, j], carrier.q[row + 1, j]
+        va, vb = h * carrier.qd[row, j], h * carrier.qd[row + 1, j]
+        rise = b - a
+        c, d = 3.0 * rise - 2.0 * va - vb, va + vb - 2.0 * rise
+        ctrl[FIRST_CONTROL + 2 * j] = a + u * (va + u * (c + u * d))
+        ctrl[FIRST_CONTROL + 2 * j + 1] = clock[RATE] * (va + u * (2.0 * c + 3.0 * u * d)) / h
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _firmness(carrier: Carrier) -> float:
+    """Share of the flange's motion that the brakes take in a second [1/s]."""
+    v, w, brakes = carrier.velocity, carrier.turning, carrier.brakes
+    moving = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / brakes[0]
+    turning = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) / brakes[1]
+    return 1.0 / max(moving, turning, 1e-9)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def carry_part(
+    carrier: Carrier, R_flange: Array, p_flange: Array, xanchor: Array, xaxis: Array, qpos: Array, qvel: Array,
+    part: RealPart, motion: PartMotion, dt: float,
+) -> None:  # fmt: skip
+    """Place the part by the flange that carries it, and work out what the host believes of it.
+
+    Args:
+        carrier: The master; everything it notes of this instant is written.
+        R_flange: Its flange now, shape (3, 3).
+        p_flange: [m], shape (3,).
+        xanchor: A point on the axis of every joint [m], shape (m, 3).
+        xaxis: Unit axes of all joints, shape (m, 3).
+        qpos: Joint positions [rad], shape (m,).
+        qvel: Joint speeds [rad/s], shape (m,).
+        part: The part; its rotation is written.
+        motion: Its place and angular velocity are written.
+        dt: Physics step [s].
+    """
+    v, w = carrier.velocity, carrier.turning
+    _add_joints(p_flange, xanchor, xaxis, FIRST_JOINT, qvel, FIRST_JOINT, v, w)
+    multiply(R_flange, carrier.R_part, part.rotation)
+    for i in range(3):
+        x = R_flange[i, 0] * carrier.p_part[0] + R_flange[i, 1] * carrier.p_part[1] + R_flange[i, 2] * carrier.p_part[2]
+        motion.place[i] = p_flange[i] + x
+        motion.turning[i] = w[i]
+    # A host that hears nothing goes on with what it last heard.
+    carrier.clock[SILENCE] = carrier.clock[SILENCE] + dt if carrier.clock[UNHEARD] != 0.0 else 0.0
+    if carrier.clock[UNHEARD] != 0.0:
+        return
+    arm, seen, told = carrier.host_arm, carrier.seen, carrier.told
+    _hear(carrier, qpos, qvel, dt)
+    read_encoders(arm, told[0], 0)
+    _add_joints(arm.place, arm.anchors, arm.axes, 0, told[1], 0, seen[0], seen[1])
+    _believe(carrier, arm.turn.reshape((3, 3)), arm.place, seen[0], seen[1])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _hear(carrier: Carrier, qpos: Array, qvel: Array, dt: float) -> None:
+    """The newest reading that has come: the master's positions carried on to now, its speeds to when a request acts.
+
+    The host knows how late a reading is: it writes down when it was taken. Accelerations are the change of the speeds
+    read lately, not the plan's: a master that slows down or halts by itself does not keep to its plan.
+    """
+    line, told, step = carrier.line, carrier.told, int(carrier.clock[STEPS])
+    carrier.clock[STEPS] += 1.0
+    newest = max((step - carrier.delay) // carrier.hold * carrier.hold, 0)
+    before = max(newest - carrier.span, 0)
+    age, between = (step - newest) * dt, max(newest - before, 1) * dt
+    sent, come, last = step % line.shape[0], newest % line.shape[0], before % line.shape[0]
+    for j in range(6):
+        line[sent, j], line[sent, 6 + j] = qpos[FIRST_JOINT + j], qvel[FIRST_JOINT + j]
+    for j in range(6):
+        speed = line[come, 6 + j]
+        acceleration = (speed - line[last, 6 + j]) / between
+        told[0, j] = line[come, j] + age * (speed + 0.5 * age * acceleration)
+        told[1, j] = speed + (age + carrier.lead) * acceleration
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _add_joints(
+    point: Array, anchors: Array, axes: Array, first: int, speeds: Array, first_speed: int, v: Array, w: Array
+) -> None:
+    """Velocity and angular velocity (3,) of a point that moves with the master's flange.
+
+    Args:
+        point: [m], shape (3,).
+        anchors: Points on the joints' axes [m], the master's from row ``first`` on.
+        axes: Unit axes, likewise.
+        first: Row of the master's first joint.
+        speeds: Joint speeds [rad/s], the master's from ``first_speed`` on.
+        first_speed: See there.
+        v: Written [m/s].
+        w: Written [rad/s].
+    """
+    for i in range(3):
+        v[i] = w[i] = 0.0
+    for k in range(6):
+        j, speed = first + k, speeds[first_speed + k]
+        ax, ay, az = axes[j, 0], axes[j, 1], axes[j, 2]
+        rx, ry, rz = point[0] - anchors[j, 0], point[1] - anchors[j, 1], point[2] - anchors[j, 2]
+        v[0] += speed * (ay * rz - az * ry)
+        v[1] += speed * (az * rx - ax * rz)
+        v[2] += speed * (ax * ry - ay * rx)
+        w[0], w[1], w[2] = w[0] + speed * ax, w[1] + speed * ay, w[2] + speed * az
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def add_carried_speed(carrier: Carrier, p_flange: Array, origin: Array, velocity: Array) -> None:
+    """Add what the flange does to the velocity of the part's origin, both (3,)."""
+    w = carrier.turning
+    rx, ry, rz = origin[0] - p_flange[0], origin[1] - p_flange[1], origin[2] - p_flange[2]
+    velocity[0] += carrier.velocity[0] + w[1] * rz - w[2] * ry
+    velocity[1] += carrier.velocity[1] + w[2] * rx - w[0] * rz
+    velocity[2] += carrier.velocity[2] + w[0] * ry - w[1] * rx
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def carry_target(carrier: Carrier, target: Target) -> None:
+    """Close the chain: move a target given for the part at the first row to where the host believes the part is now.
+
+    Args:
+        carrier: The master, as ``carry_part`` has seen it.
+        target: Position, rotation and twist are written.
+    """
+    R, b, old, frame = carrier.R_moved, carrier.believed, carrier.work, target.rotation
+    for i in range(3):
+        old[0, i], old[1, i], old[2, i] = target.position[i], target.twist[i], target.twist[3 + i]
+    for i in range(3):
+        target.position[i] = carrier.p_moved[i] + R[i, 0] * old[0, 0] + R[i, 1] * old[0, 1] + R[i, 2] * old[0, 2]
+        target.twist[i] = R[i, 0] * old[1, 0] + R[i, 1] * old[1, 1] + R[i, 2] * old[1, 2]
+        target.twist[3 + i] = b[2, i] + R[i, 0] * old[2, 0] + R[i, 1] * old[2, 1] + R[i, 2] * old[2, 2]
+    rx, ry, rz = (target.position[0] - b[0, 0], target.position[1] - b[0, 1], target.position[2] - b[0, 2])
+    target.twist[0] += b[1, 0] + b[2, 1] * rz - b[2, 2] * ry
+    target.twist[1] += b[1, 1] + b[2, 2] * rx - b[2, 0] * rz
+    target.twist[2] += b[1, 2] + b[2, 0] * ry - b[2, 1] * rx
+    for j in range(3):
+        x, y, z = frame[0, j], frame[1, j], frame[2, j]
+        for i in range(3):
+            frame[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def see_tool(carrier: Carrier, R_flange: Array, p_flange: Array, tool: Array, slip: Array) -> None:
+    """Write the tool point in the nominal work frame as it is carried, and as far as the part has slipped with it.
+
+    Args:
+        carrier: The master; ``tool_on_part`` is written.
+        R_flange: Its flange, shape (3, 3).
+        p_flange: [m], shape (3,).
+        tool: The tool point [m], shape (3,).
+        slip: How far the part has moved on the flange since the start, base [m], shape (3,).
+    """
+    on_flange, out = carrier.work[0], carrier.tool_on_part
+    for i in range(3):
+        on_flange[i] = -carrier.p_work[i]
+        for j in range(3):
+            on_flange[i] += R_flange[j, i] * (tool[j] - p_flange[j] - slip[j])
+    for i in range(3):
+        out[i] = (
+            carrier.R_work[0, i] * on_flange[0] + carrier.R_work[1, i] * on_flange[1]
+            + carrier.R_work[2, i] * on_flange[2]
+        )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _believe(carrier: Carrier, R_flange: Array, p_flange: Array, v: Array, w: Array) -> None:
+    """The part's displacement since the first row D = F F0^-1, and the flange's motion, as the host believes them.
+
+    What it believes is moved by B from what is true, so that it takes the displacement for B D B^-1.
+    """
+    B, b, work, R = carrier.R_belief, carrier.p_belief, carrier.work, carrier.R_moved
+    turn, R_B = work[0:3], work[3:6]
+    multiply_transposed(R_flange, carrier.R_rest, turn)
+    shift = work[6]
+    for i in range(3):
+        shift[i] = p_flange[i] - (
+            turn[i, 0] * carrier.p_rest[0] + turn[i, 1] * carrier.p_rest[1] + turn[i, 2] * carrier.p_rest[2]
+        )  # fmt: skip
+    multiply(B, turn, R_B)
+    multiply_transposed(R_B, B, R)
+    seen = carrier.believed
+    for i in range(3):
+        carrier.p_moved[i] = b[i] - (R[i, 0] * b[0] + R[i, 1] * b[1] + R[i, 2] * b[2])
+        carrier.p_moved[i] += B[i, 0] * shift[0] + B[i, 1] * shift[1] + B[i, 2] * shift[2]
+        seen[0, i] = b[i] + B[i, 0] * p_flange[0] + B[i, 1] * p_flange[1] + B[i, 2] * p_flange[2]
+        seen[1, i] = B[i, 0] * v[0] + B[i, 1] * v[1] + B[i, 2] * v[2]
+        seen[2, i] = B[i, 0] * w[0] + B[i, 1] * w[1] + B[i, 2] * w[2]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def multiply(A: Array, B: Array, out: Array) -> None:
+    """``A @ B`` of two (3, 3) into a third."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def multiply_transposed(A: Array, B: Array, out: Array) -> None:
+    """``A @ B.T`` of two (3, 3) into a third."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]

@@ -1,4 +1,4 @@
-"""The cell: one robot, head, sensor, part and controller, assembled from a scenario and run (layer 8a)."""
+"""The cell: one robot, head, sensor, part and controller, assembled from a scenario and run."""
 
 from __future__ import annotations
 
@@ -10,43 +10,26 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.cell.carried import carried_payload
-from polish_sim.cell.carrier import (
-    FIRST_CONTROL,
-    FIRST_JOINT,
-    FOLLOWER,
-    MasterRows,
-    build_carrier,
-    no_carrier,
-)
-from polish_sim.cell.contact import RealPart, build_pad
-from polish_sim.cell.crash_points import crash_points
-from polish_sim.cell.engine import register_engine
-from polish_sim.cell.faults import FaultClock, check_events, parse_events
-from polish_sim.cell.guards import CONTROLLER_ERROR, REASONS, build_guards
+from polish_sim.cell.carrier import FIRST_CONTROL, FIRST_JOINT, FOLLOWER, MasterRows, build_carrier, no_carrier
+from polish_sim.cell.contact import RealPart, build_pad, build_spindle
+from polish_sim.cell.faults import FaultClock, SafetyRecord, check_events, parse_events, record_safety
+from polish_sim.cell.guards import CONTROLLER_ERROR, REASONS, build_guards, crash_points
 from polish_sim.cell.host_arm import HostArm, no_host_arm
-from polish_sim.cell.interrupts import interrupts_noted
-from polish_sim.cell.kernel import ARRIVED, CLOCK, ENDED, STATUS_SIZE, STOP, CellKernel, engine_views
+from polish_sim.cell.kernel import ARRIVED, CLOCK, ENDED, STATUS_SIZE, STOP, CellKernel, engine_views, register_engine
 from polish_sim.cell.limits import check_rates, check_step_limits
 from polish_sim.cell.loop import advance
-from polish_sim.cell.observer import Observer, Silent
-from polish_sim.cell.part_motion import build_part_motion
+from polish_sim.cell.observer import Observer, PythonLaw, Silent, interrupts_noted
 from polish_sim.cell.protective_stop import brakes_of, build_stop_motion
-from polish_sim.cell.python_law import PythonLaw
+from polish_sim.cell.real_part import build_part_motion
 from polish_sim.cell.recorder import MASTER_Q, build_recorder, trace_from
-from polish_sim.cell.safety_record import SafetyRecord, record_safety
 from polish_sim.cell.speedl import build_speedl, build_speedl_state
-from polish_sim.cell.spindle import build_spindle
 from polish_sim.cell.stroke import Job, begin_next_stroke, build_sequence_state, expected_duration
-from polish_sim.cell.wrist_sensor import SensorModel, SensorState, build_sensor
+from polish_sim.cell.wrist_sensor import SensorModel, SensorState, build_sensor, carried_payload
 from polish_sim.config import Scenario
-from polish_sim.control.course import Course
-from polish_sim.control.laws import CompiledController, Controller
-from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, WHOLE_FEED
-from polish_sim.control.user_error import file_of, tell_error
+from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, WHOLE_FEED, CompiledController, Controller, Course
+from polish_sim.control.user_controller import file_of, tell_error
 from polish_sim.errors import InputError, ReachError
-from polish_sim.log import RunLog, from_rows, with_column
-from polish_sim.trace import Trace
+from polish_sim.log import RunLog, Trace, from_rows, with_column
 
 Array = NDArray[np.float64]
 

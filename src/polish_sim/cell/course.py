@@ -1,4 +1,4 @@
-"""What lies ahead on the path: at every half millimetre the statics of springs and pad on the drawing (layer 8a)."""
+"""What lies ahead on the path: at every half millimetre the statics of springs and pad on the drawing."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from scipy.spatial import cKDTree
 from polish_sim.cell.contact import build_pad
 from polish_sim.cell.stroke import Job
 from polish_sim.config import Scenario
-from polish_sim.control.course import Course
-from polish_sim.geometry.distance.distance_field import DistanceField
-from polish_sim.geometry.distance.field_lookup import look_up
+from polish_sim.control.signals import Course
+from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.motion.trajectory import PathTable, sample_path, sample_share
-from polish_sim.spatial.rotations import rotation_from_quaternion
+from polish_sim.spatial import rotation_from_quaternion
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

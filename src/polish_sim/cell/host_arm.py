@@ -1,4 +1,4 @@
-"""An arm as the host computes it: what the encoders say by a table that need not be the built arm's (layer 8a).
+"""An arm as the host computes it: what the encoders say by a table that need not be the built arm's.
 
 The engine moves the arm as it is. A host knows its joint angles and a table, and takes from them where the end is.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.arm_table import NOMINAL
+from polish_sim.motion.kinematics import NOMINAL
 
 Array = NDArray[np.float64]
 

@@ -1,21 +1,25 @@
-"""Everything the compiled loop works on, as one tuple of tuples and arrays (layer 8a)."""
+"""Everything the compiled loop works on, as one tuple of tuples and arrays."""
 
 from __future__ import annotations
 
+import ctypes
+from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
+import llvmlite.binding as llvm
 import mujoco
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
 from polish_sim.cell.carrier import Carrier
-from polish_sim.cell.contact import Pad, RealPart
+from polish_sim.cell.contact import Pad, RealPart, Spindle
 from polish_sim.cell.guards import Guards
 from polish_sim.cell.host_arm import HostArm
-from polish_sim.cell.part_motion import PartMotion
 from polish_sim.cell.protective_stop import StopMotion
+from polish_sim.cell.real_part import PartMotion
 from polish_sim.cell.speedl import SpeedlModel, SpeedlState
-from polish_sim.cell.spindle import Spindle
 from polish_sim.cell.stroke import Job, SequenceState
 from polish_sim.cell.wrist_sensor import Payload, SensorModel, SensorState
 
@@ -148,3 +152,32 @@ def engine_views(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> E
         head,
         int(model.body_rootid[head]),
     )
+
+
+# The engine's step functions, callable from compiled code.
+#
+# One step through the Python binding costs little, but the loop around it would cost more than the step. Compiled
+# kernels therefore call ``mj_step1`` and ``mj_step2`` of the very library the binding has loaded, found by symbol name,
+# which numba can cache.
+
+_STEP = types.void(types.intp, types.intp)
+mj_step = types.ExternalFunction("mj_step", _STEP)
+mj_step1 = types.ExternalFunction("mj_step1", _STEP)
+mj_step2 = types.ExternalFunction("mj_step2", _STEP)
+
+
+@cache
+def register_engine() -> None:
+    """Make the engine's step functions known to the compiler; needed once per process before a kernel that steps.
+
+    Raises:
+        OSError: If the engine's library cannot be found beside the ``mujoco`` package.
+    """
+    folder = Path(mujoco.__file__).parent
+    candidates = [*folder.glob("libmujoco*"), *folder.glob("mujoco.dll")]
+    if not candidates:
+        raise OSError(f"no MuJoCo library in {folder}; reinstall the mujoco package.")
+    library = ctypes.CDLL(str(candidates[0]))
+    for name in ("mj_step", "mj_step1", "mj_step2"):
+        address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
+        llvm.add_symbol(name, address)

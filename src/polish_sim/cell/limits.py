@@ -1,4 +1,4 @@
-"""What contact, sensor and robot need to work at this step; a scenario that breaks it is refused (layer 8a)."""
+"""What contact, sensor and robot need to work at this step; a scenario that breaks it is refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The control loop, written once: contact, sense, target, control, command, step, record (layer 8a).
+"""The control loop, written once: contact, sense, target, control, command, step, record.
 
 The order decides stability: contact and sensor use positions and velocities of the same instant (after
 ``mj_step1``); from poses of the previous instant the contact would feed energy in.
@@ -12,9 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.cell.carrying import carry_target, drive_carrier
-from polish_sim.cell.engine import mj_step1, mj_step2
-from polish_sim.cell.felt_inertia import correct_reading, keep_speeds
+from polish_sim.cell.carrier import add_carried_speed, carry_part, carry_target, drive_carrier, see_tool
+from polish_sim.cell.contact import SPIN, press_pad, pull_of_imbalance, turn_spindle
 from polish_sim.cell.guards import CONTROLLER_ERROR, CONTROLLER_NAN, ENGINE_CONTACT, JOINT_LIMIT, MISSING, UNSTABLE
 from polish_sim.cell.host_arm import HostArm, read_encoders
 from polish_sim.cell.kernel import (
@@ -35,19 +34,145 @@ from polish_sim.cell.kernel import (
     TOUCHED,
     CellKernel,
     EngineViews,
+    mj_step1,
+    mj_step2,
 )
-from polish_sim.cell.pad_on_part import place_part, press_on_part
 from polish_sim.cell.protective_stop import SENT, STAGE, STANDING, steer_stop
+from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, record_reading, record_state
-from polish_sim.cell.sequence import advance_sequence
 from polish_sim.cell.speedl import SpeedlState, limit_acceleration, pass_request, resolve_joints
-from polish_sim.cell.spindle import SPIN, turn_spindle
-from polish_sim.cell.stroke import APPROACH, DONE, PROCESS, RETRACT, SEEK, TARE, TARE_START, TOUCH_DOWN, TRAVEL
+from polish_sim.cell.stroke import (
+    APPROACH,
+    DONE,
+    PROCESS,
+    RETRACT,
+    SEEK,
+    TARE,
+    TARE_START,
+    TOUCH_DOWN,
+    TRAVEL,
+    advance_sequence,
+)
 from polish_sim.cell.watch import check_guards, check_reading
 from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
 from polish_sim.control.signals import Measurement, Target, measurement_of, target_of
 
+# The inertia the wrist sensor feels is that of the motion that really happens.
+#
+# The engine's sensors are computed from its explicit acceleration; its implicit integrator then moves the robot by
+# another, smaller one, because the servos damp strongly. From the first the tool would feel 1.4 times as heavy as it
+# is.
+
 Array = NDArray[np.float64]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def keep_speeds(e: EngineViews) -> None:
+    """Remember the joint speeds before the engine moves on."""
+    for j in range(e.speeds_before.shape[0]):
+        e.speeds_before[j] = e.qvel[j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def correct_reading(e: EngineViews) -> None:
+    """Add m (a - a_engine) of what the sensor carries to its exact reading, right after the engine's step.
+
+    Spatial vectors are (angular; linear) about the tree's centre of mass, as the engine keeps them.
+    """
+    wx = wy = wz = vx = vy = vz = 0.0
+    fx = fy = fz = tx = ty = tz = 0.0
+    last = e.speeds_before.shape[0] - 1
+    for j in range(last + 1):
+        surplus = (e.qvel[j] - e.speeds_before[j]) / e.dt - e.qacc[j]
+        d = e.cdof[j]
+        wx, wy, wz = wx + surplus * d[0], wy + surplus * d[1], wz + surplus * d[2]
+        vx, vy, vz = vx + surplus * d[3], vy + surplus * d[4], vz + surplus * d[5]
+        if j < last - 1:
+            continue
+        # The last joint is the head's slide, the one before carries the housing.
+        c = e.cinert[e.mount_body if j == last - 1 else e.head_body]
+        tx += c[0] * wx + c[3] * wy + c[4] * wz + c[7] * vz - c[8] * vy
+        ty += c[3] * wx + c[1] * wy + c[5] * wz + c[8] * vx - c[6] * vz
+        tz += c[4] * wx + c[5] * wy + c[2] * wz + c[6] * vy - c[7] * vx
+        fx += c[8] * wy - c[7] * wz + c[9] * vx
+        fy += c[6] * wz - c[8] * wx + c[9] * vy
+        fz += c[7] * wx - c[6] * wy + c[9] * vz
+    R, p, com = e.site_xmat[e.sensor_site], e.site_xpos[e.sensor_site], e.subtree_com[e.root_body]
+    rx, ry, rz = com[0] - p[0], com[1] - p[1], com[2] - p[2]
+    tx, ty, tz = tx + ry * fz - rz * fy, ty + rz * fx - rx * fz, tz + rx * fy - ry * fx
+    for i in range(3):
+        e.sensordata[i] += R[i] * fx + R[3 + i] * fy + R[6 + i] * fz
+        e.sensordata[3 + i] += R[i] * tx + R[3 + i] * ty + R[6 + i] * tz
+
+
+# The part where it is at this instant, and the pad's contact with it on every body it acts on.
+
+
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def place_part(cell: CellKernel, t: float) -> None:
+    """Place the part for this instant: where the flange of a robot that carries it is, and by its own motion."""
+    e, flange = cell.engine, cell.carrier.flange_body
+    if cell.carrier.present > 0.0:
+        carry_part(
+            cell.carrier, e.xmat[flange].reshape((3, 3)), e.xpos[flange], e.xanchor, e.xaxis, e.qpos, e.qvel,
+            cell.part, cell.motion, e.dt,
+        )  # fmt: skip
+    move_part(cell.motion, t, e.dt, cell.part.position)
+    if cell.carrier.present > 0.0:
+        add_carried_speed(cell.carrier, e.xpos[flange], cell.part.position, cell.motion.velocity)
+        slip = cell.scratch[0]
+        for i in range(3):
+            slip[i] = cell.part.position[i] - cell.motion.place[i]
+        see_tool(cell.carrier, e.xmat[flange].reshape((3, 3)), e.xpos[flange], e.site_xpos[e.tool_site], slip)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def press_on_part(cell: CellKernel) -> None:
+    """Contact of the pad and pull of the imbalance at this instant, applied to the head; the exact contact wrench."""
+    e, scratch, wrench, moving = cell.engine, cell.scratch, cell.wrench, cell.motion.velocity
+    center, tool, head = e.site_xpos[e.pad_site], e.site_xpos[e.tool_site], e.head_body
+    R_base_pad = e.site_xmat[e.pad_site].reshape((3, 3))
+    velocity, force, torque, moment, turning_on = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
+    turning, com = e.cvel[head, 0:3], e.subtree_com[e.root_body]
+    rx, ry, rz = center[0] - com[0], center[1] - com[1], center[2] - com[2]
+    velocity[0] = e.cvel[head, 3] + turning[1] * rz - turning[2] * ry - moving[0]
+    velocity[1] = e.cvel[head, 4] + turning[2] * rx - turning[0] * rz - moving[1]
+    velocity[2] = e.cvel[head, 5] + turning[0] * ry - turning[1] * rx - moving[2]
+    # Of the pad against the part, which may turn as well.
+    spin, origin = cell.motion.turning, cell.part.position
+    rx, ry, rz = center[0] - origin[0], center[1] - origin[1], center[2] - origin[2]
+    velocity[0] -= spin[1] * rz - spin[2] * ry
+    velocity[1] -= spin[2] * rx - spin[0] * rz
+    velocity[2] -= spin[0] * ry - spin[1] * rx
+    for i in range(3):
+        turning_on[i] = turning[i] - spin[i]
+    press_pad(cell.pad, cell.part, cell.spindle.state[SPIN], R_base_pad, center, velocity, turning_on, force, torque)
+    _moment_at(force, torque, center, e.xipos[head], moment)
+    for i in range(3):
+        e.xfrc_applied[head, i] = force[i]
+        e.xfrc_applied[head, 3 + i] = moment[i]
+    if cell.carrier.present > 0.0:
+        held = cell.carrier.part_body
+        _moment_at(force, torque, center, e.xipos[held], moment)
+        for i in range(3):
+            e.xfrc_applied[held, i] = -force[i]
+            e.xfrc_applied[held, 3 + i] = -moment[i]
+    _moment_at(force, torque, center, tool, moment)
+    R = e.site_xmat[e.tool_site]
+    for i in range(3):
+        wrench[i] = -(R[i] * force[0] + R[3 + i] * force[1] + R[6 + i] * force[2])
+        wrench[3 + i] = -(R[i] * moment[0] + R[3 + i] * moment[1] + R[6 + i] * moment[2])
+    pull_of_imbalance(cell.spindle, e.xmat[head], e.xfrc_applied[head])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _moment_at(force: Array, torque: Array, old_point: Array, new_point: Array, out: Array) -> None:
+    """Move a torque from one reference point to another."""
+    rx, ry, rz = old_point[0] - new_point[0], old_point[1] - new_point[1], old_point[2] - new_point[2]
+    out[0] = torque[0] + ry * force[2] - rz * force[1]
+    out[1] = torque[1] + rz * force[0] - rx * force[2]
+    out[2] = torque[2] + rx * force[1] - ry * force[0]
+
 
 LOOK_EVERY = 4  # steps between looks at the engine's own contacts
 FIRST_CONTACT_N = 0.5  # exact force at which the log's touch-down begins

@@ -1,4 +1,4 @@
-"""What the robot does after a guard spoke: it brakes, goes back along the tool axis, and stands (layer 8a).
+"""What the robot does after a guard spoke: it brakes, goes back along the tool axis, and stands.
 
 The stop reaches the robot by its own line; until then it goes on with what it was last told. The retract is the
 robot's own motion: the controller is not asked any more.

@@ -1,4 +1,4 @@
-"""What is kept of a run: packed rows for the log, and the exact quantities of every step for the figures (layer 8a)."""
+"""What is kept of a run: packed rows for the log, and the exact quantities of every step for the figures."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from polish_sim.cell.carrier import FIRST_JOINT
 from polish_sim.control.signals import Measurement, Target
-from polish_sim.log import row_layout, row_width
-from polish_sim.spatial.rotations import quaternion_from_rotation, rotation_angle
-from polish_sim.trace import Trace
+from polish_sim.log import Trace, row_layout, row_width
+from polish_sim.spatial import quaternion_from_rotation, rotation_angle
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Preston's law on the pad's pressure: pressure x sliding speed x time at every node (nodes, motion -> exposure; 8a).
+"""Preston's law on the pad's pressure: pressure x sliding speed x time at every node (nodes, motion -> exposure).
 
 The pad is the elastic foundation of ``contact``, with a spring under every node instead of its hundred. Its depth is
 taken along the pad's axis and leant by the node's normal, which is the distance to the surface but for terms of second
@@ -14,16 +14,266 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation, Slerp
 
-from polish_sim.cell.pad_motion import PadMotion
-from polish_sim.cell.pressed_nodes import PressedNodes
-from polish_sim.planning.quality.point_grid import build_point_grid
+from polish_sim.cell.contact import RealPart
+from polish_sim.cell.real_part import FACING, Touch
+from polish_sim.geometry import Region, Surface
+from polish_sim.geometry.features import facet_normals
+from polish_sim.geometry.field_lookup import DistanceField, look_up
+from polish_sim.log import RunLog, Trace
+from polish_sim.planning.ground.triangulation import Triangulation, triangulate
+from polish_sim.planning.quality.points import build_point_grid
+from polish_sim.spatial import unit
+
+# How the pad moved on the part, and how hard it pressed, in short straight steps (log, trace -> PadMotion).
+#
+# The force's impulse over each step is the sum over every physics step, so nothing of it depends on the log's rate.
 
 Array = NDArray[np.float64]
 
+STEP = 0.02  # way of the pad in one step, in pad radii
+LONGEST_S, SHORTEST_S = 0.05, 0.001  # of a step
+
+
+class PadMotion(NamedTuple):
+    """Steps of the pad in contact, in the work frame of the real part."""
+
+    ends_s: Array
+    """When each step ends [s], shape (k,)."""
+    centers: Array
+    """Centre of the pad's face in the middle of the step [m], shape (k, 3)."""
+    axes: Array
+    """Unit pad axis, from the part to the tool, shape (k, 3)."""
+    velocities: Array
+    """Velocity of the centre [m/s], shape (k, 3)."""
+    turning: Array
+    """Angular velocity of pad and spindle [rad/s], shape (k, 3)."""
+    times: Array
+    """How long each step takes [s], shape (k,)."""
+    impulses: Array
+    """Exact contact force along the pad's axis, integrated over the step [N s], shape (k,)."""
+
+
+def pad_motion(
+    log: RunLog, trace: Trace, part: RealPart, pad_radius: float, part_turns: Array | None = None
+) -> PadMotion:
+    """Cut a run into steps.
+
+    Args:
+        log: Its rows; only the tool's orientation is taken from them.
+        trace: Its exact quantities at every physics step.
+        part: The real part, for its pose at the start.
+        pad_radius: [m]
+        part_turns: How a part that is carried stands in the base at the log's rows, shape (n, 3, 3); None: as at the
+            start.
+
+    Returns:
+        The steps in contact, in order.
+    """
+    time, force = trace.time_s, np.maximum(trace.normal_force_n, 0.0)
+    touching = np.flatnonzero(force > 0.0)
+    if len(time) < 2 or not len(touching):
+        some, none = np.empty((0, 3)), np.empty(0)
+        return PadMotion(none, some, some, some, some, none, none)
+    # The force of an instant acts until the next one.
+    clock = np.append(time, 2.0 * time[-1] - time[-2])
+    impulse = np.concatenate([[0.0], np.cumsum(force * np.diff(clock))])
+    speeds = trace.tcp_speed_m_s if part_turns is None else _speeds_on_part(trace)
+    marks = _marks(clock[touching[0]], clock[touching[-1] + 1], speeds[touching], pad_radius)
+    gained, times = np.diff(np.interp(marks, clock, impulse)), np.diff(marks)
+    R_base_part = part.rotation[None] if part_turns is None else part_turns
+    faces, turns = _pad_poses(log, trace, part.position, R_base_part, marks)
+    centers, velocities = 0.5 * (faces[1:] + faces[:-1]), np.diff(faces, axis=0) / times[:, None]
+    outward = -turns.as_matrix()[:, :, 2]
+    axes = unit(outward[1:] + outward[:-1])
+    spin = np.interp(0.5 * (marks[1:] + marks[:-1]), time, trace.spindle_rad_s)
+    turning = (turns[1:] * turns[:-1].inv()).as_rotvec() / times[:, None] - spin[:, None] * axes
+    columns = (marks[1:], centers, axes, velocities, turning, times, gained)
+    return PadMotion(*(np.ascontiguousarray(column[gained > 0.0]) for column in columns))
+
+
+def _speeds_on_part(trace: Trace) -> Array:
+    """Of the tool point over a part that is carried [m/s], shape (n,)."""
+    return np.asarray(np.linalg.norm(np.gradient(trace.tool_on_part_m, trace.time_s, axis=0), axis=1))
+
+
+def _marks(first: float, last: float, speeds: Array, pad_radius: float) -> Array:
+    """Ends of steps [s] in which a pad at almost its highest speed moves no further than a share of its radius."""
+    step = min(STEP * pad_radius / max(float(np.percentile(speeds, 99.0)), 1e-9), LONGEST_S)
+    return np.linspace(first, last, math.ceil((last - first) / max(step, SHORTEST_S)) + 1)
+
+
+def _pad_poses(log: RunLog, trace: Trace, origin: Array, R_base_part: Array, marks: Array) -> tuple[Array, Rotation]:
+    """Centre of the pad's face (k, 3) [m] and the tool's turn in the real work frame, at moments (k,) [s]."""
+    rows = np.asarray(log["time_s"], dtype=np.float64)
+    logged = Rotation.from_quat(np.asarray(log["tcp_quaternion_wxyz"], dtype=np.float64), scalar_first=True)
+    R_work_base = _turned(rows, Rotation.from_matrix(R_base_part), marks).inv()
+    R_work_tool = R_work_base * _turned(rows, logged, marks)
+    tips = trace.tcp_position_m - trace.part_shift_m
+    tips = np.stack([np.interp(marks, trace.time_s, tips[:, k]) for k in range(3)], axis=1)
+    travel = np.interp(marks, trace.time_s, trace.pad_travel_m)
+    faces = R_work_base.apply(tips - origin) - travel[:, None] * R_work_tool.as_matrix()[:, :, 2]
+    return faces, R_work_tool
+
+
+def _turned(rows: Array, turns: Rotation, moments: Array) -> Rotation:
+    """Turns given at some moments [s], (n,), or one for all time, at others, (k,)."""
+    if len(turns) == 1:
+        return turns
+    return Slerp(rows, turns)(np.clip(moments, rows[0], rows[-1]))
+
+
+# Nodes on the real part under the pad's way, fine enough to sum its pressure up (Region, RealPart -> nodes).
+#
+# The region is one conforming triangulation; what lies beside it and is pressed all the same is cut into small pieces.
+
+Ints = NDArray[np.int64]
+
+EDGE = 0.08
+"""Longest edge of the nodes' triangles in pad radii; they lie about 0.6 of it apart."""
+ACROSS_BORDER = 0.5
+MOST_NODES = 300_000
+REACH = 1.1
+"""Surfaces this many pad radii from the path are not under the pad."""
+ROUNDS = 8
+ON_SURFACE = 1e-6  # distance at which a node lies on a surface [m]
+ALIKE = 0.3  # least cosine between the drawing's normal and the real one for a step along it [-]
+EDGE_TURN = 0.9  # further apart than this cosine the real normal is an edge's: the drawing's is taken [-]
+_WHOLE = 1.0 - 1e-9
+
+
+class PressedNodes(NamedTuple):
+    """Nodes on the real part, in its own work frame; the region's come first."""
+
+    positions: Array
+    """[m], shape (n, 3)"""
+    normals: Array
+    """Unit outward normals of the real surface, shape (n, 3); zero: the pad cannot meet this node."""
+    areas: Array
+    """Area each stands for [m^2], shape (n,)."""
+
+
+class Nodes(NamedTuple):
+    """The region's triangles and all nodes."""
+
+    mesh: Triangulation
+    """Of the nominal region; its vertices are the first nodes."""
+    pressed: PressedNodes
+
+
+def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, edge: float = EDGE) -> Nodes:
+    """Spread nodes over the region and over what else the pad comes to, and put them on the real part.
+
+    Args:
+        surface: The whole nominal surface.
+        region: The polished part of it.
+        part: The real part; what it differs by from the drawing is found along the drawing's normals.
+        touch: Where the pad goes.
+        edge: Longest edge of the triangles in pad radii.
+
+    Returns:
+        The nodes.
+    """
+    area = float(region.surface.facet_areas.sum())
+    longest = max(edge * touch.pad_radius, math.sqrt(4.0 * area / MOST_NODES))
+    mesh = triangulate(region.surface, longest)
+    beside = surroundings(surface, region, touch, longest)
+    own = on_real_part(part.field, mesh.vertices, mesh.normals)
+    others = on_real_part(part.field, beside.positions, beside.normals)
+    met = others[1].any(axis=1)
+    positions, normals = (np.concatenate([a, b[met]]) for a, b in zip(own, others, strict=True))
+    return Nodes(mesh, PressedNodes(positions, normals, np.concatenate([mesh.vertex_areas, beside.areas[met]])))
+
+
+def surroundings(surface: Surface, region: Region, touch: Touch, longest: float) -> PressedNodes:
+    """Middles of small triangles of the nominal surface outside the region that the pad can come to."""
+    tree = cKDTree(touch.positions)
+    whole = np.bincount(region.facets, region.surface.facet_areas, len(surface.faces)) >= _WHOLE * surface.facet_areas
+    _, nearest = tree.query(surface.vertices[surface.faces].mean(axis=1))
+    turned, _ = facet_normals(surface.vertices, surface.faces)
+    facing = np.einsum("ij,ij->i", turned, touch.axes[nearest]) > FACING
+    facets = np.flatnonzero(~whole & facing)
+    corners = np.broadcast_to(np.eye(3), (len(facets), 3, 3))
+    # Of a facet the region's border cuts a piece is in or out as its middle is: smaller ones are more exact.
+    cut = np.isin(np.arange(len(surface.faces)), region.facets)
+    limits = np.where(cut, ACROSS_BORDER * longest, longest)
+    done: list[tuple[Ints, Array]] = []
+    while len(facets):
+        places = surface.vertices[surface.faces[facets]]
+        points = np.einsum("kca,kad->kcd", corners, places)
+        sides = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=2)
+        away, _ = tree.query(points.mean(axis=1))
+        near = away < REACH * touch.pad_radius + sides.max(axis=1)
+        small = near & (sides.max(axis=1) <= limits[facets])
+        done.append((facets[small], corners[small]))
+        rows = np.flatnonzero(near & ~small)
+        facets, corners = np.repeat(facets[rows], 2), _halved(corners[rows], sides[rows].argmax(axis=1))
+    owners = np.concatenate([f for f, _ in done]) if done else np.empty(0, np.int64)
+    shares = np.concatenate([c for _, c in done]) if done else np.empty((0, 3, 3))
+    if not len(owners):
+        return PressedNodes(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+    areas = surface.facet_areas[owners] * np.abs(np.linalg.det(shares))
+    positions, normals = surface.evaluate(owners.astype(np.int32), shares.mean(axis=1))
+    outside = np.ones(len(owners), dtype=bool)
+    on_cut = cut[owners]
+    if on_cut.any():
+        closest = region.surface.closest(positions[on_cut]).positions
+        outside[on_cut] = np.linalg.norm(closest - positions[on_cut], axis=1) > ON_SURFACE
+    return PressedNodes(positions[outside], normals[outside], areas[outside])
+
+
+def _halved(corners: Array, longest: Ints) -> Array:
+    """Both halves of triangles cut through the middle of their longest edge, shape (2 k, 3, 3)."""
+    turned = np.take_along_axis(corners, ((longest[:, None] + np.arange(3)) % 3)[:, :, None], axis=1)
+    a, b, c = turned[:, 0], turned[:, 1], turned[:, 2]
+    middle = 0.5 * (a + b)
+    return np.stack([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)], axis=1).reshape(-1, 3, 3)
+
+
+def on_real_part(field: DistanceField, positions: Array, normals: Array) -> tuple[Array, Array]:
+    """Move nodes of the drawing along its normals onto the real surface.
+
+    Args:
+        field: Signed distance of the real part.
+        positions: Nodes of the drawing [m], shape (n, 3).
+        normals: Unit normals there, shape (n, 3).
+
+    Returns:
+        Positions [m] and unit normals on the real surface, each (n, 3); a normal is zero where there is none.
+    """
+    found, slopes = positions.copy(), np.zeros_like(positions)
+    _project(field, np.ascontiguousarray(normals), found, slopes)
+    return found, slopes
+
+
+@njit(cache=True, error_model="numpy")
+def _project(field, normals, positions, slopes):  # type: ignore[no-untyped-def]
+    """Newton's method along each normal; across it where the surface has turned away, as on a step's wall."""
+    nodes, per_metre = field.bricks.reshape(-1), 1.0 / field.spacing
+    for i in range(len(positions)):
+        x, y, z = positions[i]
+        nx, ny, nz = normals[i]
+        for _ in range(ROUNDS):
+            d, gx, gy, gz = look_up(field, nodes, per_metre, x, y, z)
+            along = gx * nx + gy * ny + gz * nz
+            if along > ALIKE:
+                x, y, z = x - d / along * nx, y - d / along * ny, z - d / along * nz
+            else:
+                x, y, z = x - d * gx, y - d * gy, z - d * gz
+        d, gx, gy, gz = look_up(field, nodes, per_metre, x, y, z)
+        size = math.sqrt(gx * gx + gy * gy + gz * gz)
+        if size > 0.0 and abs(d) < 0.1 * field.spacing and gx * nx + gy * ny + gz * nz > 0.0:
+            positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
+            if gx * nx + gy * ny + gz * nz > EDGE_TURN * size:
+                nx, ny, nz = gx / size, gy / size, gz / size
+            slopes[i, 0], slopes[i, 1], slopes[i, 2] = nx, ny, nz
+
+
 CELL = 0.35
 """Side of the cells nodes are looked up by, in pad radii."""
-FACING = 0.1
+REMOVAL_FACING = 0.1
 """Least cosine between a node's normal and the pad's axis for the pad to press on it [-]."""
 DEEPEST = 0.5
 """How far up its axis a pad finds nodes, in its radii."""
@@ -108,7 +358,7 @@ def _find_under(positions, normals, first, last, center, axis, radius, under, nu
         beside = rx * rx + ry * ry + rz * rz - height * height
         facing = normals[q, 0] * ax + normals[q, 1] * ay + normals[q, 2] * az
         under[number] = q
-        number += int(height > 0.0 and beside < radius * radius and facing > FACING)
+        number += int(height > 0.0 and beside < radius * radius and facing > REMOVAL_FACING)
     return number
 
 

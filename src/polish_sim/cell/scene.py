@@ -1,4 +1,4 @@
-"""The scene: the robot of the model file with this scenario's head, the part, its fixture and the table (layer 8a)."""
+"""The scene: the robot of the model file with this scenario's head, the part, its fixture and the table."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from polish_sim.cell.contact import RealPart
 from polish_sim.config import Scenario
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.models import robot_model_path
-from polish_sim.motion.arm_table import link_poses
+from polish_sim.motion.kinematics import link_poses
 from polish_sim.spatial import apply, inverse, transform
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""The robot's velocity interface ``speedl(twist, acceleration, time)`` down to the joint servos (layer 8a).
+"""The robot's velocity interface ``speedl(twist, acceleration, time)`` down to the joint servos.
 
 The commanded tool velocity follows the request within linear and angular acceleration limits, acts after a latency
 and decelerates to rest by itself when the time given runs out. Joint speeds come from the damped inverse of the

@@ -1,4 +1,4 @@
-"""The guards at work: the first condition that is met, at every step (layer 8a).
+"""The guards at work: the first condition that is met, at every step.
 
 They stand beside the controller, not in it: they go on when it fails. They know what a cell knows: the sensor's
 reading, the encoders, the plan, the age of the last command, the spindle's speed.
@@ -11,7 +11,7 @@ import math
 from numba import njit
 
 from polish_sim.cell.carrier import HALTED, SILENCE
-from polish_sim.cell.contact import RealPart
+from polish_sim.cell.contact import SPIN, RealPart
 from polish_sim.cell.guards import (
     CRASH,
     DEPTH,
@@ -39,11 +39,10 @@ from polish_sim.cell.guards import (
 )
 from polish_sim.cell.kernel import CellKernel, EngineViews
 from polish_sim.cell.speedl import AGE, NUMBER, WEAKEST
-from polish_sim.cell.spindle import SPIN
 from polish_sim.cell.stroke import TARE, TOUCH_DOWN
 from polish_sim.cell.wrist_sensor import CHANGED
 from polish_sim.control.signals import Measurement, Target
-from polish_sim.geometry.distance.distance_field import field_distance
+from polish_sim.geometry.field_lookup import field_distance
 
 _CRASH_ROUNDS = 16  # the links' points are looked at in turn, all within this many steps
 _DEEPEST = 5.0  # the springs may be this much softer than planned before the force is first held [-]

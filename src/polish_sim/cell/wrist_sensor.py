@@ -1,4 +1,4 @@
-"""The six-axis wrist sensor: from the exact wrench at its plane to what the host computer reads (layer 8a).
+"""The six-axis wrist sensor: from the exact wrench at its plane to what the host computer reads.
 
 Everything mounted on the sensor is felt: weight, inertia, contact. Bias, drift and noise are added, the reading
 saturates, is quantised and low-passed at the sensor's own rate, and arrives late. The host subtracts the payload it
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -165,3 +166,72 @@ def tool_wrench(payload: Payload, state: SensorState, R_base_tool: Array, out: A
     out[3] = mx - (lever[1] * fz - lever[2] * fy) - state.tare[3]
     out[4] = my - (lever[2] * fx - lever[0] * fz) - state.tare[4]
     out[5] = mz - (lever[0] * fy - lever[1] * fx) - state.tare[5]
+
+
+# The tool as it really is, and what its weight does to the wrist sensor.
+
+
+def carried_payload(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> Payload:
+    """The tool as it is: everything mounted on the sensor of the ``arm``; ``data`` at rest."""
+    bodies = [model.body(f"{arm}tool_mount").id, model.body(f"{arm}head").id]
+    mass = model.body_mass[bodies]
+    center = (mass @ data.xipos[bodies]) / mass.sum()
+    sensor, tool = data.site(f"{arm}sensor"), data.site(f"{arm}tool")
+    R_sensor_base = sensor.xmat.reshape(3, 3).T
+    return Payload(float(mass.sum()), R_sensor_base @ (center - sensor.xpos), R_sensor_base @ (tool.xpos - sensor.xpos))
+
+
+def weight_of(payload: Payload, R_base_sensor: Array) -> Array:
+    """What a tool at rest loads the sensor with.
+
+    Args:
+        payload: The tool.
+        R_base_sensor: How the sensor stands, shape (n, 3, 3).
+
+    Returns:
+        Wrench in sensor axes about the sensor's origin [N, N m], shape (n, 6).
+    """
+    force = payload.mass * GRAVITY * R_base_sensor[:, 2, :]
+    return np.concatenate([force, np.cross(payload.center, force)], axis=1)
+
+
+# What the wrist sensor reads while the robot stands still in given poses, the arm's way between them left out.
+
+_DRAWS = 12  # standard normal numbers a sample takes
+
+
+def read_at_rest(
+    sensor: SensorModel, state: SensorState, loads: Array, travel: Array, settle: float, average: float,
+    rng: np.random.Generator,
+) -> Array:  # fmt: skip
+    """Mean readings in pose after pose: bias, drift, noise, filter, quantisation and saturation as in a run.
+
+    Args:
+        sensor: The sensor.
+        state: Its memory; it goes on from there. While the arm would travel only the drift does.
+        loads: Exact wrench at the sensor in each pose [N, N m], shape (n, 6).
+        travel: Time before each pose in which the arm would move there [s], shape (n,).
+        settle: Time it then stands still before readings are taken [s].
+        average: Time over which readings are averaged [s].
+        rng: Draws noise and drift.
+
+    Returns:
+        Mean reading in each pose, shape (n, 6).
+    """
+    wait, count = round(settle / sensor.period), max(1, round(average / sensor.period))
+    means = np.zeros((len(loads), 6))
+    for load, pause, mean in zip(loads, travel, means, strict=True):
+        state.drift[:] += sensor.drift * math.sqrt(pause / sensor.period) * rng.standard_normal(6)
+        _average(sensor, state, load, rng.standard_normal((wait + count, _DRAWS)), wait, mean)
+    return means
+
+
+@njit(cache=True, error_model="numpy")
+def _average(sensor: SensorModel, state: SensorState, load: Array, draws: Array, wait: int, mean: Array) -> None:
+    """Mean over the samples after the first ``wait`` ones."""
+    count = draws.shape[0] - wait
+    for k in range(draws.shape[0]):
+        sample_sensor(sensor, state, state.clock[NEXT], load, draws[k])
+        if k >= wait:
+            for i in range(6):
+                mean[i] += state.reading[i] / count

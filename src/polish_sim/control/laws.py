@@ -1,4 +1,4 @@
-"""The shipped controllers by name (layer 7)."""
+"""The shipped controllers by name."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from types import MappingProxyType
 from polish_sim.config import ControllerConfig
 from polish_sim.control.adaptive import hybrid_adaptive
 from polish_sim.control.baselines import admittance, force_mode, impedance_position
-from polish_sim.control.compiled import LAW_SIGNATURE, CompiledController, Controller
-from polish_sim.control.hybrid_laws import gains_of, hybrid_pi, hybrid_pi_position, position
+from polish_sim.control.hybrid import gains_of, hybrid_pi, hybrid_pi_position, position
+from polish_sim.control.signals import LAW_SIGNATURE, CompiledController, Controller
 
 __all__ = ["CONTROLLERS", "LAW_SIGNATURE", "CompiledController", "Controller", "gains_of"]
 

@@ -1,4 +1,4 @@
-"""What noise and surface make of the force in a modelled loop (layer 7)."""
+"""What noise and surface make of the force in a modelled loop."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.control.linear_law import LinearLaw
-from polish_sim.control.loop_model import Setup, build_plant, plant_response
-from polish_sim.control.stability import force_loop
+from polish_sim.control.loop_model import LinearLaw, Setup, build_plant, plant_response
+from polish_sim.control.margins import force_loop
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

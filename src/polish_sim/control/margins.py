@@ -1,4 +1,4 @@
-"""Margins of a loop from its frequency response, and force gains designed for a margin (layer 7).
+"""Margins of a loop from its frequency response, and force gains designed for a margin.
 
 Everything here is numpy on a few hundred frequencies: fast enough for a controller that designs itself at its start.
 """
@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from polish_sim.control.loop_model import LinearLaw, PiLaw, Setup, build_plant, plant_response
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -168,3 +170,162 @@ def _largest_gain(shape: Response, lowest: float) -> float:
     response = shape(omega)
     late = np.flatnonzero(np.unwrap(np.angle(response)) <= -math.pi)
     return 1.0 / float(np.abs(response[late[0] :]).max()) if len(late) else math.inf
+
+
+# Whether a modelled force loop is stable: eigenvalues where the law has a state space, else Nyquist.
+
+Loop = Callable[[Complex], Complex]
+"""Open loop L(z), closed by 1 + L = 0."""
+SLOWEST = 0.2
+"""Modes that grow more slowly count as stable [1/s]."""
+
+
+def force_loop(setup: Setup, law: LinearLaw) -> Loop:
+    """Open loop of plant, latencies and law, cut at the command.
+
+    Args:
+        setup: The plant.
+        law: The law.
+
+    Returns:
+        L(z).
+    """
+    plant = build_plant(setup)
+
+    def loop(z: Complex) -> Complex:
+        reading = plant_response(plant, plant.reading, z) * z ** float(-setup.sensor_steps)
+        velocity = plant_response(plant, plant.velocity, z)
+        return -(law.by_force(z) * reading + law.by_motion(z) * velocity) * z ** float(-setup.command_steps)
+
+    return loop
+
+
+def response_of(loop: Loop, dt: float) -> Response:
+    """A loop over frequency [rad/s], as ``margins`` wants it."""
+    return lambda omega: loop(np.exp(1j * omega * dt))
+
+
+def closed_loop_matrix(setup: Setup, law: PiLaw) -> Array:
+    """One step of the closed loop: plant, law, samples under way to the host, commands under way to the servos.
+
+    Args:
+        setup: The plant.
+        law: A law with a state space.
+
+    Returns:
+        The matrix; its eigenvalues are the loop's poles.
+    """
+    plant = build_plant(setup)
+    n, m, late, far = len(plant.B), len(law.B), setup.sensor_steps, setup.command_steps
+    size = n + m + late + far
+    laws, samples, commands = n, n + m, n + m + late
+    read = np.zeros(size)
+    if late:
+        read[samples + late - 1] = 1.0
+    else:
+        read[:n] = plant.reading
+    answer = law.D * read
+    answer[laws:samples] += law.C
+    acting = answer
+    if far:
+        acting = np.zeros(size)
+        acting[commands + far - 1] = 1.0
+    step = np.zeros((size, size))
+    step[:n, :n] = plant.A
+    step[:n] += np.outer(plant.B, acting)
+    step[laws:samples, laws:samples] = law.A
+    step[laws:samples] += np.outer(law.B, read)
+    if late:
+        step[samples, :n] = plant.reading
+        step[samples + 1 : commands, samples : commands - 1] = np.eye(late - 1)
+    if far:
+        step[commands] = answer
+        step[commands + 1 :, commands:-1] = np.eye(far - 1)
+    return step
+
+
+def growth(matrix: Array, dt: float) -> float:
+    """Rate at which the slowest mode of a closed loop dies away; positive when it grows [1/s]."""
+    return math.log(max(float(np.abs(np.linalg.eigvals(matrix)).max()), 1e-12)) / dt
+
+
+def growing_modes(loop: Loop, dt: float) -> int:
+    """Number of closed-loop poles that grow, by counting turns about -1 (Nyquist).
+
+    Args:
+        loop: L(z); its own poles must be inside ``contour``.
+        dt: Control cycle [s].
+
+    Returns:
+        How many; 0 means stable but for modes slower than ``SLOWEST``.
+    """
+    return turns_about_minus_one(loop(contour(dt)))
+
+
+def contour(dt: float) -> Complex:
+    """Upper half of the circle |z| = exp(SLOWEST dt), which keeps clear of the integrators at z = 1, shape (n,)."""
+    omega = np.concatenate([[0.0], np.geomspace(1e-2, math.pi / dt, 1200)])
+    return np.exp((SLOWEST + 1j * omega) * dt)
+
+
+def turns_about_minus_one(response: Complex) -> int:
+    """How often an open loop on ``contour`` and its mirror image goes clockwise around -1."""
+    angle = np.unwrap(np.angle(1.0 + response))
+    return -round(2.0 * (angle[-1] - angle[0]) / (2.0 * math.pi))
+
+
+# Up to which latency a force loop is stable, by the linear model.
+
+SHORTEST_SENSOR_MS = 1
+
+
+class Latency(NamedTuple):
+    """A total latency and how it is shared."""
+
+    sensor: float
+    """[s]"""
+    command: float
+    """[s]"""
+
+
+def share_latency(total: float) -> Latency:
+    """Share a latency [s] between sensor and command as the default cell does (8 = 2 + 6 ms), in whole milliseconds."""
+    sensor_ms = max(round(250.0 * total), SHORTEST_SENSOR_MS)
+    return Latency(sensor_ms / 1000.0, max(round(1000.0 * total) - sensor_ms, 0) / 1000.0)
+
+
+def with_latency(setup: Setup, latency: Latency) -> Setup:
+    """The same loop with other latencies."""
+    return setup._replace(
+        command_steps=round(latency.command / setup.dt), sensor_steps=max(0, round(latency.sensor / setup.dt) - 1)
+    )
+
+
+def with_springs(setup: Setup, scale: float) -> Setup:
+    """The same loop with the springs of head and pad ``scale`` times as stiff."""
+    return setup._replace(head_stiffness=scale * setup.head_stiffness, pad_stiffness=scale * setup.pad_stiffness)
+
+
+def longest_latency(setup: Setup, law: LinearLaw, totals: Sequence[float]) -> float:
+    """Latency up to which a loop is stable.
+
+    Args:
+        setup: Plant; its own latencies play no role.
+        law: The law.
+        totals: Total latencies to look at, increasing [s].
+
+    Returns:
+        The last one before the first unstable one [s]; 0 if the first is unstable already, infinite if all are stable.
+    """
+    z, plant = contour(setup.dt), build_plant(setup)
+    force = law.by_force(z) * plant_response(plant, plant.reading, z)
+    motion = law.by_motion(z) * plant_response(plant, plant.velocity, z)
+    delay = np.log(z)
+    longest = 0.0
+    for total in totals:
+        late = with_latency(setup, share_latency(total))
+        loop = -(force * np.exp(-late.sensor_steps * delay) + motion) * np.exp(-late.command_steps * delay)
+        if turns_about_minus_one(loop) > 0:
+            return longest
+        longest = total
+    return math.inf

@@ -1,4 +1,4 @@
-"""A control law of the force loop made linear by asking it: any controller, the shipped ones and a user's (layer 7).
+"""A control law of the force loop made linear by asking it: any controller, the shipped ones and a user's.
 
 The law is let down onto the modelled plant until it presses steadily, so that what it estimates has settled. Then its
 inputs are frozen and one of them is nudged for a single cycle; how the answer differs from the unnudged one is its
@@ -12,10 +12,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.control.course import Course
-from polish_sim.control.laws import Controller
 from polish_sim.control.loop_model import Plant, Setup, build_plant
-from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, Measurement, Target, measurement_of, target_of
+from polish_sim.control.signals import (
+    MEASUREMENT_SIZE,
+    TARGET_SIZE,
+    Controller,
+    Course,
+    Measurement,
+    Target,
+    measurement_of,
+    target_of,
+)
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

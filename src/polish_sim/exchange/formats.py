@@ -2,19 +2,87 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from polish_sim.errors import unknown_name
-from polish_sim.exchange.apt_writer import apt_text
-from polish_sim.exchange.html_page import html_text
-from polish_sim.exchange.mesh_files import glb_bytes, ply_bytes
+from polish_sim.exchange.apt import apt_text
 from polish_sim.exchange.plan_folder import PATH_CSV, PATH_JSON, csv_text, json_text, write_files
-from polish_sim.exchange.ros_yaml import yaml_text
-from polish_sim.exchange.setup import ExportSetup
+from polish_sim.exchange.setup import ExportSetup, feeds_of, forces_of
+from polish_sim.exchange.strokes import feed_frames, rows_without_straight_air
 from polish_sim.exchange.urscript import urscript_text
+from polish_sim.exchange.viewers import glb_bytes, html_text, ply_bytes
 from polish_sim.planning import PlanResult
+from polish_sim.planning.toolpath import SEGMENTS, ToolPath
+
+# Paths for ROS: a pose list in YAML, shaped like geometry_msgs/PoseArray with lists beside it (plan -> YAML).
+
+PER_LINE = 12
+
+
+def yaml_text(result: PlanResult, setup: ExportSetup) -> str:
+    """Write a path as a YAML pose list that any YAML reader loads with plain types.
+
+    `header` and `poses` are a PoseArray; `segment`, `pass_index`, `force_n` and `feed_m_s` have one entry per pose.
+    Straight moves in the air have a pose at either end.
+
+    Args:
+        result: The plan.
+        setup: Frame's name, force and feed.
+
+    Returns:
+        The text.
+    """
+    path = result.path.rows(rows_without_straight_air(result.path))
+    return "\n".join([*_head(result, setup), *_poses(path), *_lists(path, setup), ""])
+
+
+def _head(result: PlanResult, setup: ExportSetup) -> list[str]:
+    return [
+        "# tool path by polish-sim; metres, newtons, quaternions x, y, z, w",
+        "# tool frame: z into the part, x along the feed; points lie on the surface, not pressed in",
+        "header:",
+        "  stamp: {sec: 0, nanosec: 0}",
+        f"  frame_id: {_quoted(setup.frame_id)}",
+        "part:",
+        f"  name: {_quoted(result.mesh.name)}",
+        f"  sha256: {_quoted(result.mesh.sha256)}",
+        f"pattern: {_quoted(result.plan.pattern)}",
+        f"stepover_m: {result.plan.stepover_m:.9f}",
+    ]
+
+
+def _poses(path: ToolPath) -> Iterator[str]:
+    yield "poses:"
+    for p, q in zip(path.positions_work, Rotation.from_matrix(feed_frames(path)).as_quat(), strict=True):
+        yield f"- position: {{x: {p[0]:.9f}, y: {p[1]:.9f}, z: {p[2]:.9f}}}"
+        yield f"  orientation: {{x: {q[0]:.9f}, y: {q[1]:.9f}, z: {q[2]:.9f}, w: {q[3]:.9f}}}"
+
+
+def _lists(path: ToolPath, setup: ExportSetup) -> Iterator[str]:
+    yield from _list("segment", [SEGMENTS[code] for code in path.segment])
+    yield from _list("pass_index", [str(value) for value in path.pass_index])
+    pressed = np.where(path.process, forces_of(path, setup), 0.0)
+    yield from _list("force_n", [f"{value:.6f}" for value in pressed])
+    yield from _list("feed_m_s", [f"{value:.9f}" for value in feeds_of(path, setup)])
+
+
+def _list(name: str, values: Sequence[str]) -> Iterator[str]:
+    """A list in flow style, some entries to a line."""
+    yield f"{name}: ["
+    for first in range(0, len(values), PER_LINE):
+        yield "  " + ", ".join(values[first : first + PER_LINE]) + ","
+    yield "  ]"
+
+
+def _quoted(text: str) -> str:
+    """A YAML string in single quotes; control characters, which YAML forbids there, become blanks."""
+    clean = "".join(letter if letter.isprintable() else " " for letter in text)
+    return "'" + clean.replace("'", "''") + "'"
 
 
 class Format(NamedTuple):

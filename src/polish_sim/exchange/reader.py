@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Final
 
 from polish_sim.errors import InputError
-from polish_sim.exchange.apt_reader import read_apt
-from polish_sim.exchange.checks import refuse_repeats
+from polish_sim.exchange.apt import read_apt
 from polish_sim.exchange.columns import read_csv, read_json
-from polish_sim.exchange.gcode_reader import read_gcode
+from polish_sim.exchange.gcode import read_gcode
 from polish_sim.exchange.plan_folder import PATH_JSON
-from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_unknown
+from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_repeats, refuse_unknown
 from polish_sim.planning import ToolPath
 
 Reader = Callable[[Path, str, Unknown], WayPoints]

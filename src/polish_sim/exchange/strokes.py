@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import PlanError
 from polish_sim.planning.toolpath import LEAD_OUT, RETRACT, ToolPath
+from polish_sim.spatial import rotation_to_axis, unit
 
 Rows = NDArray[np.int64]
 
@@ -42,3 +44,156 @@ def strokes_of(path: ToolPath) -> list[StrokeRows]:
         strokes.append(StrokeRows(np.arange(free, contact[0]), contact, after[:last]))
         free = int(contact[-1]) + 1 + last
     return strokes
+
+
+# Tool poses along a path: z into the part, x along the feed or as steady as can be (ToolPath -> rotations).
+
+Array = NDArray[np.float64]
+
+ACROSS = 0.05
+"""A feed direction whose part across the tool axis is smaller than this says nothing: the tool moves along its axis."""
+STEEPEST = 0.99
+"""The steady x axis must stay this far off every tool axis (cosine): 8 deg."""
+
+
+def feed_frames(path: ToolPath) -> Array:
+    """Tool frames with z into the part and x along the feed, the convention of ROS tool paths.
+
+    Where the tool moves along its own axis (straight leads), x is that of the nearest point before that has one, at
+    the start of the path that of the first.
+
+    Args:
+        path: The path.
+
+    Returns:
+        Rotations from tool to work frame, columns x, y, z, shape (n, 3, 3).
+    """
+    z = -path.axes_work
+    feed = np.diff(path.positions_work, axis=0)
+    feed = np.concatenate([feed, feed[-1:]])
+    feed = unit(feed)
+    across = feed - np.sum(feed * z, axis=1, keepdims=True) * z
+    known = np.linalg.norm(across, axis=1) > ACROSS
+    if not known.any():
+        raise PlanError("the path runs along the tool axis only: no feed direction to turn the tool to.")
+    # The last known row at or before each row; rows before the first take the first.
+    source = np.maximum.accumulate(np.where(known, np.arange(len(z)), -1))
+    source = np.where(source < 0, int(known.argmax()), source)
+    x = across[source]
+    x = unit(x - np.sum(x * z, axis=1, keepdims=True) * z)
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def steady_frames(path: ToolPath) -> Array:
+    """Tool frames with z into the part and x as near as can be to one of the work frame's axes.
+
+    A round pad does not care how it is turned about its axis, but a robot's last joint does: with x along the feed
+    every turn of a spiral would wind it once round.
+
+    Args:
+        path: The path.
+
+    Returns:
+        Rotations from tool to work frame, columns x, y, z, shape (n, 3, 3).
+
+    Raises:
+        PlanError: Tool axes point along all three axes of the work frame, so that no x axis is clear of them all.
+    """
+    along = np.abs(path.axes_work).max(axis=0)
+    best = int(along.argmin())
+    if along[best] > STEEPEST:
+        raise PlanError(
+            "tool axes point all around: along x, y and z of the work frame. One robot pass cannot reach that; "
+            "plan a region that looks one way, e.g. --region top."
+        )
+    return rotation_to_axis(-path.axes_work, np.eye(3)[best])
+
+
+# Fewer points for the same line: robots and viewers need no more than its shape asks for (ToolPath -> rows).
+
+AIR_CHORD_M, AIR_AXIS_RAD = 1e-6, 1e-4
+"""A left-out point in the air lies this close to the straight move, its tool axis to those at both ends."""
+NOTICED = 0.02
+"""Relative change of force or feed that is passed on."""
+
+
+def needed_rows(path: ToolPath, chord_m: float, axis_rad: float, longest_m: float) -> NDArray[np.int64]:
+    """Rows that must stay so that straight moves between them keep to the path.
+
+    Ends of segments and points where force or feed change by some 2% always stay.
+
+    Args:
+        path: The path.
+        chord_m: Largest distance of a left-out point from the straight move [m].
+        axis_rad: Largest angle between a left-out tool axis and those at both ends of its move [rad].
+        longest_m: Longest straight move over left-out points [m].
+
+    Returns:
+        Row numbers, increasing, shape (k,).
+    """
+    fixed = np.zeros(len(path.s), dtype=np.bool_)
+    fixed[[0, -1]] = True
+    wishes = [column for column in (path.force, path.feed) if column is not None]
+    steps: list[NDArray[Any]] = [path.segment, *(np.round(np.log(column) / NOTICED) for column in wishes)]
+    for column in steps:
+        change = np.flatnonzero(np.diff(column) != 0)
+        fixed[change] = fixed[change + 1] = True
+    kept = np.zeros(len(path.s), dtype=np.bool_)
+    _keep(path.positions_work, path.axes_work, fixed, chord_m, float(np.cos(axis_rad)), longest_m, kept)
+    return np.flatnonzero(kept)
+
+
+def rows_without_straight_air(path: ToolPath) -> NDArray[np.bool_]:
+    """Mask of all points in contact and of those in the air at which the tool changes its way, shape (n,)."""
+    kept = path.process.copy()
+    kept[needed_rows(path, AIR_CHORD_M, AIR_AXIS_RAD, np.inf)] = True
+    return kept
+
+
+@njit(cache=True, error_model="numpy")
+def _keep(
+    positions: Array,
+    axes: Array,
+    fixed: NDArray[np.bool_],
+    chord: float,
+    cosine: float,
+    longest: float,
+    kept: NDArray[np.bool_],
+) -> None:
+    """Lengthen each move until a point between would be missed; mark the rows that end moves."""
+    first = 0
+    kept[0] = True
+    last = len(fixed) - 1
+    for end in range(1, last + 1):
+        if fixed[end - 1] and end - 1 > first:
+            kept[end - 1] = True
+            first = end - 1
+        if not _straight(positions, axes, first, end, chord, cosine, longest):
+            kept[end - 1] = True
+            first = end - 1
+    kept[last] = True
+
+
+@njit(cache=True, error_model="numpy")
+def _straight(positions: Array, axes: Array, first: int, end: int, chord: float, cosine: float, longest: float) -> bool:
+    """Whether one move from a row to another leaves out only points it passes close by."""
+    if end == first + 1:
+        return True
+    length = 0.0
+    for k in range(3):
+        length += (positions[end, k] - positions[first, k]) ** 2
+    if length > longest * longest:
+        return False
+    for row in range(first + 1, end):
+        along = gap = one = other = 0.0
+        for k in range(3):
+            along += (positions[row, k] - positions[first, k]) * (positions[end, k] - positions[first, k])
+            one += axes[row, k] * axes[first, k]
+            other += axes[row, k] * axes[end, k]
+        share = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
+        for k in range(3):
+            foot = positions[first, k] + share * (positions[end, k] - positions[first, k])
+            gap += (positions[row, k] - foot) ** 2
+        if gap > chord * chord or one < cosine or other < cosine:
+            return False
+    return True

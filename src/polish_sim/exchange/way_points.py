@@ -2,13 +2,136 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from polish_sim.errors import InputError
-from polish_sim.exchange.checks import Place
-from polish_sim.planning.toolpath import ToolPath
+from polish_sim.planning.toolpath import PROCESS, RETRACT, ToolPath, arc_length
+
+# What every path read from a file must satisfy: numbers, unit axes, sane lengths (columns -> checked arrays).
+
+Array = NDArray[np.float64]
+
+Place = Callable[[int], str]
+"""Says where in the file a row stands, e.g. "line 4, point 3"."""
+
+UNIT_TOLERANCE = 1e-3
+"""A tool axis may differ from length 1 by the rounding of printed digits."""
+LARGEST_M = 100.0
+"""A coordinate beyond this [m] is a wrong unit, not a path a robot could follow."""
+
+
+def finite_column(file: Path, name: str, texts: Sequence[str], place: Place) -> Array:
+    """Numbers of a column of text, shape (n,).
+
+    Raises:
+        InputError: A value is no finite number.
+    """
+    try:
+        values = np.array(texts, dtype=np.float64)
+    except ValueError:
+        values = np.array([_number(text) for text in texts])
+    wrong = np.flatnonzero(~np.isfinite(values))
+    if len(wrong):
+        row = int(wrong[0])
+        raise InputError(
+            f"'{file}', {place(row)}: {name} is '{texts[row]}', not a number. Correct or leave out the line."
+        )
+    return values
+
+
+def positive_column(file: Path, name: str, values: Array, place: Place) -> Array:
+    """The values (n,), none of them zero or negative.
+
+    Raises:
+        InputError: One is.
+    """
+    wrong = np.flatnonzero(values <= 0.0)
+    if len(wrong):
+        row = int(wrong[0])
+        raise InputError(f"'{file}', {place(row)}: {name} is {values[row]:g}, wanted a positive number.")
+    return values
+
+
+def unit_axes(file: Path, names: Sequence[str], axes: Array, place: Place) -> Array:
+    """Tool axes (n, 3) brought to length 1 exactly.
+
+    Raises:
+        InputError: One is no unit vector to printed precision.
+    """
+    length = np.linalg.norm(axes, axis=1)
+    wrong = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)
+    if len(wrong):
+        row = int(wrong[0])
+        raise InputError(
+            f"'{file}', {place(row)}: the tool axis ({', '.join(names)}) has length {length[row]:.4g}, "
+            "wanted 1: a unit vector from the part to the tool."
+        )
+    return np.asarray(axes / length[:, None])
+
+
+def checked_length(file: Path, positions: Array, place: Place) -> Array:
+    """Arc length (n,) of points (n, 3) [m].
+
+    Raises:
+        InputError: Fewer than two points, or coordinates no robot reaches.
+    """
+    far = np.flatnonzero(np.abs(positions).max(axis=1, initial=0.0) > LARGEST_M)
+    if len(far):
+        raise InputError(
+            f"'{file}', {place(int(far[0]))}: a coordinate beyond {LARGEST_M:g} m. "
+            "Plain CSV is in mm, path.csv in m: correct the unit."
+        )
+    if len(positions) < 2:
+        raise InputError(f"'{file}' is no path: it has {_count(len(positions))}. Two are the least.")
+    return arc_length(positions)
+
+
+def refuse_repeats(file: Path, s: Array, place: Place) -> None:
+    """Refuse points that stay where the one before is, arc lengths (n,) [m].
+
+    Raises:
+        InputError: One does; names the first.
+    """
+    still = np.flatnonzero(np.diff(s) <= 0.0)
+    if len(still):
+        row = int(still[0])
+        raise InputError(
+            f"'{file}' is no path: points {row + 1} and {row + 2} are the same ({place(row + 1)}). "
+            "Leave repeated points out."
+        )
+
+
+def refuse_unsorted(file: Path, name: str, values: Array, place: Place) -> None:
+    """Refuse a column (n,) that counts the way but falls.
+
+    Raises:
+        InputError: It does; names the first row out of order.
+    """
+    back = np.flatnonzero(np.diff(values) < 0.0)
+    if len(back):
+        row = int(back[0]) + 1
+        raise InputError(
+            f"'{file}', {place(row)}: {name} falls from {values[row - 1]:.9g} to {values[row]:.9g}. "
+            "The points are not in the order of the path: sort them."
+        )
+
+
+def _count(points: int) -> str:
+    return "one point" if points == 1 else f"{points} points"
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
 
 Unknown = Callable[[InputError], None]
 """Told of what a reader does not know and could leave out; raises it, or notes it and lets the reader go on."""
@@ -33,3 +156,30 @@ def refuse_unknown(error: InputError) -> None:
         InputError: Always.
     """
     raise error
+
+
+# What CAM paths say by RAPID and feed: segments, strokes and feeds of their points (readers' rows -> columns).
+
+Codes = NDArray[np.int8]
+
+
+def with_retract(segment: Codes) -> Codes:
+    """The segments (n,) with retract after the last process point, of which there is one at least."""
+    last = int(np.flatnonzero(segment == PROCESS)[-1])
+    return np.where(np.arange(len(segment)) > last, np.int8(RETRACT), segment)
+
+
+def numbered_strokes(segment: Codes) -> NDArray[np.int64]:
+    """Number of the stroke of every point, (n,): a new one begins where the tool comes down from the air."""
+    down = (segment[1:] == PROCESS) & (segment[:-1] != PROCESS)
+    begins = np.concatenate([[False], down])
+    begins[int(np.flatnonzero(segment == PROCESS)[0])] = False
+    return np.cumsum(begins).astype(np.int64)
+
+
+def feeds_from_first(feed: Array) -> Array | None:
+    """Feed at every point (n,) from feeds that are NaN before the first one: that one holds; None if there is none."""
+    known = np.flatnonzero(np.isfinite(feed))
+    if not len(known):
+        return None
+    return np.where(np.arange(len(feed)) < known[0], feed[known[0]], feed)

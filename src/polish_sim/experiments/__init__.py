@@ -6,30 +6,28 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from polish_sim.cell import Observer
-from polish_sim.config import PartConfig, Scenario, SmoothingConfig, SpindleConfig
+from polish_sim.cell.observer import Observer
+from polish_sim.config.part import PartConfig
+from polish_sim.config.scenario import Scenario
+from polish_sim.config.smoothing import SmoothingConfig
+from polish_sim.config.spindle import SpindleConfig
+from polish_sim.dual.dual import run_dual
+from polish_sim.dual.placement import seat_text
+from polish_sim.dual.task import prepare_dual
 from polish_sim.errors import unknown_name
 from polish_sim.experiments.arc import prepare_arc, run_arc
-from polish_sim.experiments.calibrate_payload import (
-    PAYLOAD_SCENARIO,
-    PayloadCalibration,
-    calibrate_from,
-    run_payload_calibration,
-)
-from polish_sim.experiments.drag import run_drag
-from polish_sim.experiments.dual import run_dual
-from polish_sim.experiments.dual_task import prepare_dual
 from polish_sim.experiments.force import prepare_force, run_force
-from polish_sim.experiments.part_seat import seat_text
+from polish_sim.experiments.payload import PAYLOAD_SCENARIO, PayloadCalibration, calibrate_from, run_payload_calibration
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult
-from polish_sim.experiments.smooth import run_smooth
-from polish_sim.experiments.smooth_task import path_of_task, prepare_smooth
+from polish_sim.experiments.stroke_motion import time_law
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface, run_surface
-from polish_sim.experiments.teach import run_teach
-from polish_sim.experiments.time_law import time_law
-from polish_sim.motion.rules.trial import AXIS_TOLERANCE, TOLERANCE
-from polish_sim.planning import PlanResult, ToolPath
+from polish_sim.hand_guiding.drag import run_drag
+from polish_sim.hand_guiding.teach import run_teach
+from polish_sim.planning.part_plan import PlanResult
+from polish_sim.planning.toolpath import ToolPath
+from polish_sim.smoothing.smooth import path_of_task, prepare_smooth, run_smooth
+from polish_sim.smoothing.trial import AXIS_TOLERANCE, TOLERANCE
 
 _DEFAULTS = {
     "arc": Scenario(experiment="arc", spindle=SpindleConfig(speed_rpm=0.0)),

@@ -1,4 +1,4 @@
-"""Experiment ``arc``: the tool point on a circle in free space at constant feed (paper 1, fig. 12; layer 9)."""
+"""Experiment ``arc``: the tool point on a circle in free space at constant feed (paper 1, fig. 12)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.cell import Cell, Job, Observer, Silent, build_scene, no_part, tool_on_flange
-from polish_sim.cell.feed_pace import feed_pace
+from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
+from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.placement import Reach, check_whole_path, find_reach, tool_rotations
 from polish_sim.experiments.result import RunResult, common_figures
-from polish_sim.experiments.tool_payload import believe_tool
 from polish_sim.motion.timed_path import time_path
 from polish_sim.motion.trajectory import build_path_table
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length

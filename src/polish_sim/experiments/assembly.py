@@ -1,28 +1,37 @@
-"""From a placed part and its path to a cell ready to run: what every experiment with a part shares (layer 9)."""
+"""From a placed part and its path to a cell ready to run: what every experiment with a part shares."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
 
-from polish_sim.cell import Cell, Job, build_course, build_real_part, build_scene
+from polish_sim.calibration import read_calibrated_tool
+from polish_sim.cell import Cell, Job, build_course, build_real_part, build_scene, parse_events
 from polish_sim.cell.contact import RealPart
+from polish_sim.cell.faults import check_events
+from polish_sim.cell.limits import check_contact_settings, check_rates
 from polish_sim.cell.real_part import PartFields, build_part_fields, depth_for
 from polish_sim.config import Scenario
 from polish_sim.control import Controller, Course, build_controller
+from polish_sim.errors import InputError
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
     PAYLOAD_STREAM,
     SENSOR_STREAM,
+    RealShape,
     polishing_strokes,
     random_streams,
     strongest,
+    touched,
 )
+from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.placement import Reach
-from polish_sim.experiments.real_shape import RealShape, touched
-from polish_sim.experiments.tool_payload import believe_tool
 from polish_sim.geometry import PartMesh, Region, Surface
+from polish_sim.models import part_path
 from polish_sim.planning import ToolPath
+from polish_sim.planning.feasibility import check_asked, check_part_words
 
 
 @dataclass(frozen=True)
@@ -95,3 +104,56 @@ def course_for(controller: Controller, scenario: Scenario, place: Workplace, str
     if not callable(getattr(controller, "prepare", None)):
         return None
     return build_course(scenario, strokes, place.drawn(scenario).near, place.reach.T_base_work)
+
+
+# What of a scenario is wrong whatever the part: told before anything is loaded, planned or simulated.
+
+CONTROLLED: Final = ("arc", "force", "surface", "dual")
+"""Experiments in which a controller drives the cell."""
+ON_PART: Final = ("force", "surface", "dual")
+"""Those with a part to press on."""
+
+
+def check_settings(scenario: Scenario, plans: bool) -> None:
+    """Refuse a scenario that could not be run on any part.
+
+    Args:
+        scenario: What is to be run.
+        plans: Whether a path is planned over the part's region.
+
+    Raises:
+        PolishSimError: Naming what is wrong and what to do.
+    """
+    if scenario.payload.file:
+        read_calibrated_tool(Path(scenario.payload.file))
+    events = parse_events(scenario.faults.events)
+    if scenario.experiment not in CONTROLLED:
+        return
+    if scenario.experiment in ON_PART:
+        if plans:
+            check_asked(scenario.part, scenario.plan, scenario.pad)
+        else:
+            check_part_words(scenario.part, scenario.plan)
+        _check_real_part(scenario.part.real_file)
+    check_rates(scenario)
+    check_events(events, scenario.experiment in ON_PART, two_robots=scenario.experiment == "dual")
+    build_controller(scenario.controller)
+
+
+def check_force(scenario: Scenario, path: ToolPath | None) -> None:
+    """Refuse a force that pad, head and guards cannot bear.
+
+    Args:
+        scenario: What is to be run.
+        path: A path made before, which may say its own forces; None if it is planned.
+
+    Raises:
+        ConfigError: Naming the limit that is broken.
+    """
+    if scenario.experiment in CONTROLLED:
+        check_contact_settings(scenario if path is None else strongest(scenario, path))
+
+
+def _check_real_part(name: str) -> None:
+    if name and not part_path(name).is_file():
+        raise InputError(f"the real part '{name}' is no file. Check the name and the folder (--real-part).")

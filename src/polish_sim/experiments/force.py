@@ -1,4 +1,4 @@
-"""Experiment ``force``: a step of the contact force from first contact, at one point (paper 1, fig. 13; layer 9)."""
+"""Experiment ``force``: a step of the contact force from first contact, at one point (paper 1, fig. 13)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from polish_sim.cell import Cell, CellRun, Observer, Silent
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
-from polish_sim.experiments.part_setup import part_file, reach_path
+from polish_sim.experiments.part_setup import part_file, reach_path, real_shape
 from polish_sim.experiments.placement import Reach
-from polish_sim.experiments.real_shape import real_shape
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.geometry import Region, fit_surface, load_part, select_region
 from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath

@@ -1,4 +1,4 @@
-"""What every experiment returns (layer 9)."""
+"""What every experiment returns."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.cell import Observer
 from polish_sim.cell.cell import CellRun
 from polish_sim.config import Scenario
-from polish_sim.log import RunLog
+from polish_sim.log import RemovalMap, RunLog, Trace
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.removal import RemovalMap
-from polish_sim.trace import Trace
 
 Array = NDArray[np.float64]
 
@@ -63,3 +62,25 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
         "steps": run.steps,
         "seed": scenario.seed,
     }
+
+
+# Progress of one of several like pieces of work, told as progress of the whole.
+
+
+class PartOf:
+    """Passes on what happens in piece ``number`` of ``count``."""
+
+    def __init__(self, observer: Observer, number: int, count: int) -> None:
+        self.observer, self.number, self.count = observer, number, count
+        self.frame_every_s = observer.frame_every_s
+
+    def stage(self, text: str) -> None:
+        """The whole is one stage."""
+
+    def progress(self, done: float, total: float) -> None:
+        """Share of the whole."""
+        self.observer.progress(self.number + done / total, self.count)
+
+    def frame(self, model: Any, data: Any) -> None:
+        """Passed on."""
+        self.observer.frame(model, data)

@@ -1,4 +1,4 @@
-"""The robot visits poses in free space, stands still in each and reads its wrist sensor (layer 9)."""
+"""The robot visits poses in free space, stands still in each and reads its wrist sensor."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from polish_sim.calibration import PayloadReadings
 from polish_sim.calibration.poses import move, move_time
 from polish_sim.cell import Cell, Job, Observer, build_scene, no_part, tool_on_flange
 from polish_sim.cell.cell import CellRun
-from polish_sim.cell.feed_pace import feed_pace
+from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import RobotConfig, Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop

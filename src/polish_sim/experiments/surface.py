@@ -1,23 +1,95 @@
-"""Experiment ``surface``: polish a part along a planned path under force control (paper 1, fig. 14, 15; layer 9)."""
+"""Experiment ``surface``: polish a part along a planned path under force control (paper 1, fig. 14, 15)."""
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from polish_sim.analysis.metrics import measure_surface
-from polish_sim.analysis.removal_figures import measure_removal
-from polish_sim.cell import Observer, Silent
+from polish_sim.analysis.removal_plot import measure_removal
+from polish_sim.cell import CellRun, Observer, RealPart, Silent
+from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
-from polish_sim.experiments.part_setup import check_set_points, path_done, reach_path
+from polish_sim.experiments.part_setup import (
+    RealShape,
+    check_set_points,
+    path_done,
+    reach_path,
+    real_shape,
+    shape_figures,
+    touched,
+)
 from polish_sim.experiments.placement import Reach
-from polish_sim.experiments.real_shape import RealShape, real_shape, shape_figures
-from polish_sim.experiments.removal import remove_material
 from polish_sim.experiments.result import RunResult, common_figures
-from polish_sim.experiments.stroke_motion import check_stroke_rule
-from polish_sim.experiments.time_law import feed_of_jobs
+from polish_sim.experiments.stroke_motion import check_stroke_rule, feed_of_jobs
+from polish_sim.log import RemovalMap, RunLog, with_column
 from polish_sim.planning import PlanResult, coverage_until, plan_part
+
+# What a run of ``surface`` or ``dual`` took off the part, by Preston's law.
+
+Array = NDArray[np.float64]
+
+
+class Removal(NamedTuple):
+    """A run's removal, over the region and over time."""
+
+    map: RemovalMap
+    log: RunLog
+    """The run's log with the running exposure of the whole part."""
+
+
+def remove_material(
+    scenario: Scenario, place: Workplace, part: RealPart, run: CellRun, part_turns: Array | None = None
+) -> Removal:
+    """Sum Preston's law up over a finished run; the loop is not slowed down by it.
+
+    Args:
+        scenario: Pad and wear coefficient.
+        place: The nominal part, its region and the path.
+        part: The part the pad met.
+        run: The run.
+        part_turns: How a part that is carried stands in the base at the log's rows, shape (n, 3, 3).
+
+    Returns:
+        The map and the log.
+    """
+    pad, head = scenario.pad, scenario.head
+    nodes = place_nodes(
+        place.surface, place.region, part, touched(place.shape, place.path, pad.radius_m, part.field.band)
+    )
+    motion = pad_motion(run.log, run.trace, part, pad.radius_m, part_turns)
+    removed = expose_nodes(nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale)
+    own = len(nodes.mesh.vertices)
+    pressed = float(motion.impulses.sum())
+    removal = RemovalMap(
+        vertices=nodes.mesh.vertices,
+        normals=nodes.mesh.normals,
+        triangles=nodes.mesh.triangles,
+        areas=nodes.pressed.areas[:own],
+        exposure=removed.exposure[:own],
+        up=place.region.up,
+        preston_1_pa=scenario.process.preston_1_pa,
+        elsewhere_nm=float(nodes.pressed.areas[own:] @ removed.exposure[own:]),
+        unplaced_share=float(motion.impulses[removed.carried <= 0.0].sum()) / pressed if pressed > 0.0 else math.nan,
+        field_ratio=float(removed.carried @ motion.times) / pressed if pressed > 0.0 else math.nan,
+    )
+    return Removal(removal, with_column(run.log, "exposure_nm", _running(run.log, motion, removed)))
+
+
+def _running(log: RunLog, motion: PadMotion, removed: Removed) -> Array:
+    """Exposure summed over the part up to each row of the log [N m], shape (n,)."""
+    rows = np.asarray(log["time_s"], dtype=np.float64)
+    if not len(motion.times):
+        return np.zeros(len(rows))
+    # Between steps in contact nothing is gained.
+    moments = np.stack([motion.ends_s - motion.times, motion.ends_s], axis=1).ravel()
+    total = np.cumsum(removed.gained)
+    return np.interp(rows, moments, np.stack([total - removed.gained, total], axis=1).ravel())
 
 
 class SurfaceTask(NamedTuple):

@@ -16,8 +16,14 @@ from polish_sim.geometry.bezier import (
     through_midpoint,
     unit_tangents,
 )
-from polish_sim.geometry.crease import CreaseTangents, crease_tangents
-from polish_sim.geometry.features import FEATURE_ANGLE, facet_normals, smooth_corners, smooth_edges
+from polish_sim.geometry.features import (
+    FEATURE_ANGLE,
+    CreaseTangents,
+    crease_tangents,
+    facet_normals,
+    smooth_corners,
+    smooth_edges,
+)
 from polish_sim.geometry.jets import fit_vertex_jets
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.geometry.surface import Surface, build_surface

@@ -2,14 +2,194 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import InputError, unknown_name
-from polish_sim.geometry.features import flat_faces
-from polish_sim.geometry.largest_face import FacetGraph, facet_graph, largest_face, looks_same
+from polish_sim.geometry.features import facet_normals, flat_faces, smooth_edges
+from polish_sim.geometry.topology import Adjacency, facet_links, find_adjacency, label_pieces
+
+# The largest smooth face of a part and where it looks, whatever way the part is turned (mesh -> direction).
+#
+# Candidates are the mesh's own normals, ties go to the face with more facets and then to the later one in the file
+# (most programs write the bottom first). From a dome with a hole in it many directions see as much: the one the whole
+# smooth surface looks in, its axis of symmetry if it has one, is taken before the others.
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+_SAMPLE = 20_000
+"""Facets from which candidate directions are drawn."""
+
+_LEADER_ANGLE = np.radians(23.7)
+"""Every facet of the sample looks within this angle of a candidate [rad]."""
+
+_APART = np.radians(5.0)
+"""Candidates closer than this are one [rad]."""
+
+_BUCKET = 1.05
+"""Candidates whose bounds differ by less than this factor are tried in the order of the file."""
+
+_SAME = 1e-3
+"""Areas this close are equal, relative."""
+
+_TRIES = 8
+"""Candidates tried on the whole mesh at most."""
+
+_SHIFTS = 3
+"""Times a direction is moved to the mean normal of what it sees."""
+
+
+class FacetGraph(NamedTuple):
+    """A mesh made ready for looking at it from many sides: facets, and which of them are joined smoothly."""
+
+    normals: Floats
+    """Unit normals of the facets, shape (m, 3)."""
+    areas: Floats
+    """Areas of the facets [m^2], shape (m,)."""
+    adjacency: Adjacency
+    """Neighbours across edges."""
+    links: NDArray[np.int64]
+    """Pairs of facets joined smoothly, each once, shape (k, 2)."""
+
+
+class Face(NamedTuple):
+    """A smooth face as seen from one side."""
+
+    direction: Floats
+    """Unit mean normal, shape (3,)."""
+    area: float
+    """Area [m^2]."""
+    doubt: float
+    """How well its area is known: that of the facets the cone ends at, which are seen whole or not at all [m^2]."""
+    facets: NDArray[np.int64]
+    """Its facets, shape (k,)."""
+
+
+def facet_graph(vertices: Floats, faces: Ints) -> FacetGraph:
+    """Prepare a mesh, vertices (n, 3) [m] and faces (m, 3)."""
+    normals, areas = facet_normals(vertices, faces)
+    adjacency = find_adjacency(faces)
+    links = facet_links(adjacency, smooth_edges(normals, adjacency))
+    return FacetGraph(normals, areas, adjacency, links[links[:, 0] < links[:, 1]])
+
+
+def largest_face(graph: FacetGraph, cone: float) -> Face:
+    """Find the largest set of smoothly joined facets that look within a cone about their mean normal.
+
+    Args:
+        graph: The mesh.
+        cone: Half angle of the cone [rad].
+
+    Returns:
+        The face.
+    """
+    candidates, bounds = _candidates(graph, cone)
+    order = np.argsort(-np.floor(np.log(bounds / bounds.max()) / np.log(_BUCKET) + 1e-9), kind="stable")
+    found: list[tuple[int, Face]] = []
+    best = 0.0
+    for at in order[:_TRIES]:
+        # The bound counts all facets that look this way, joined or not; it is drawn from a sample.
+        if _BUCKET * bounds[at] < best:
+            continue
+        face = _settle(graph, candidates[at], cone, 1)
+        found.append((int(at), face))
+        best = max(best, face.area)
+    level = [(at, face) for at, face in found if face.area >= (1.0 - _SAME) * best]
+    chosen = max(level, key=lambda pair: (len(pair[1].facets), pair[0]))[1]
+    face = _settle(graph, chosen.direction, cone, _SHIFTS)
+    whole = _whole_direction(graph, face)
+    if whole is None:
+        return face
+    straight = seen_from(graph, whole, cone)
+    doubt = max(_SAME * face.area, face.doubt, straight.doubt)
+    return straight if straight.area >= face.area - doubt else face
+
+
+def looks_same(graph: FacetGraph, face: Face, direction: Floats, cone: float) -> bool:
+    """Whether a face looks the same from another direction.
+
+    Args:
+        graph: The mesh.
+        face: The face seen from its own direction, its mean normal.
+        direction: The other direction, unit vector, shape (3,).
+        cone: Half angle of the cone [rad].
+
+    Returns:
+        Whether its area as it is projected along the direction, and the area that is seen, are the same.
+    """
+    # A face's area projected along a direction falls off with the cosine of the angle to its mean normal.
+    if face.direction @ direction < 1.0 - _SAME:
+        return False
+    return seen_from(graph, direction, cone).area >= (1.0 - _SAME) * face.area
+
+
+def seen_from(graph: FacetGraph, direction: Floats, cone: float) -> Face:
+    """The largest face seen from a direction, which is left as it is."""
+    looks = graph.normals @ direction > np.cos(cone)
+    if not looks.any():
+        return Face(direction, 0.0, 0.0, np.empty(0, dtype=np.int64))
+    ends = looks[graph.links]
+    labels = label_pieces(graph.links[ends.all(axis=1)], len(looks))[1]
+    sizes: Floats = np.bincount(labels, weights=np.where(looks, graph.areas, 0.0)).astype(np.float64)
+    facets = np.flatnonzero(labels == _first_largest(sizes))
+    rim = np.zeros(len(looks), dtype=bool)
+    rim[graph.links[ends[:, 0] != ends[:, 1]]] = True
+    doubt = float(graph.areas[facets] @ rim[facets])
+    return Face(direction, float(sizes.max()), doubt, facets)
+
+
+def _candidates(graph: FacetGraph, cone: float) -> tuple[Floats, Floats]:
+    """Directions many facets look in, in the order of the file, and the area that looks so, (c, 3) and (c,)."""
+    step = max(len(graph.areas) // _SAMPLE, 1)
+    normals, areas = graph.normals[::step], graph.areas[::step] * step
+    leaders: list[Floats] = []
+    left = areas > 0.0
+    while left.any():
+        direction = normals[int(left.argmax())]
+        left &= normals @ direction < np.cos(_LEADER_ANGLE)
+        for _ in range(_SHIFTS):
+            direction = _mean(normals, areas * (normals @ direction > np.cos(cone)), direction)
+        if all(direction @ other < np.cos(_APART) for other in leaders):
+            leaders.append(direction)
+    directions = np.array(leaders)
+    bounds = np.array([areas[normals @ direction > np.cos(cone)].sum() for direction in directions])
+    return directions, np.maximum(bounds, 1e-300)
+
+
+def _settle(graph: FacetGraph, direction: Floats, cone: float, rounds: int) -> Face:
+    """Turn a direction to the mean normal of the largest face seen from it."""
+    face = Face(direction, 0.0, 0.0, np.empty(0, dtype=np.int64))
+    for _ in range(rounds):
+        face = seen_from(graph, face.direction, cone)
+        mean = _mean(graph.normals[face.facets], graph.areas[face.facets], face.direction)
+        face = face._replace(direction=mean)
+    return face
+
+
+def _whole_direction(graph: FacetGraph, face: Face) -> Floats | None:
+    """Mean normal of the whole smooth surface a face is part of; None where it closes upon itself."""
+    if not len(face.facets):
+        return None
+    labels = label_pieces(graph.links, len(graph.areas))[1]
+    weights = np.where(labels == labels[face.facets[0]], graph.areas, 0.0)
+    total = weights @ graph.normals
+    length = float(np.linalg.norm(total))
+    return np.asarray(total / length) if length > _SAME * float(weights.sum()) else None
+
+
+def _first_largest(sizes: Floats) -> int:
+    """The first of the (nearly) largest, so that rounding does not choose."""
+    return int(np.flatnonzero(sizes >= (1.0 - _SAME) * sizes.max())[0])
+
+
+def _mean(normals: Floats, weights: Floats, otherwise: Floats) -> Floats:
+    total = weights @ normals
+    length = float(np.linalg.norm(total))
+    return np.asarray(total / length) if length > 1e-9 * float(weights.sum()) else otherwise
+
 
 SIDES = {
     "z": (0.0, 0.0, 1.0),
@@ -30,8 +210,6 @@ REST_ANGLE = np.radians(20.0)
 REST_SHARE = 0.2
 """A flat face counts when its area is at least this share of the largest smooth face's."""
 
-_SAME = 1e-3
-"""Areas this close are equal, relative."""
 
 _AXIS_NOISE = 1e-6
 """A direction this close to an axis is that axis: rounding of the file's numbers [rad]."""

@@ -1,4 +1,4 @@
-"""Base parameters: the combinations of parameters that torques can tell at all (layer 8d).
+"""Base parameters: the combinations of parameters that torques can tell at all.
 
 Columns of stacked regressors are taken in a fixed order; one that the earlier ones can make joins them in
 combination: W_dependent = W_base K, theta = pi_base + K pi_dependent (paper 3).
@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.identification.torque_model import TorqueModel, random_states
+from polish_sim.identification.regressor import TorqueModel, random_states
 
 Array = NDArray[np.float64]
 

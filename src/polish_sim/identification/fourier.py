@@ -1,4 +1,4 @@
-"""Periodic joint motions as Fourier series (layer 8d).
+"""Periodic joint motions as Fourier series.
 
     q = q0 + sum_k a_k / (k w) sin(k w t) - b_k / (k w) cos(k w t)          (paper 3)
 
@@ -7,13 +7,14 @@ a_k and b_k are amplitudes of the speed [rad/s]. The series is linear in its coe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.identification.torque_model import States
+from polish_sim.identification.regressor import States
 
 Array = NDArray[np.float64]
 
@@ -110,3 +111,53 @@ def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float
     states = motion(clock)
     rate, rise = speed[:, None], change[:, None]
     return States(states.q, states.qd * rate, states.qdd * rate**2 + states.qd * rise)
+
+
+# What an exciting motion must respect, and by how much it does not.
+
+
+class Clearance(NamedTuple):
+    """How far the robot is from itself and its surroundings."""
+
+    distance: Array
+    """Distance of each pair of bodies that could touch [m], negative inside, shape (m, pairs)."""
+    slope: Array
+    """Its derivatives by the joints [m/rad], shape (m, pairs, n)."""
+
+
+ClearanceCheck = Callable[[Array], Clearance]
+"""From poses (m, n) [rad] to clearances; the cell has one that asks MuJoCo."""
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Limits of position, speed, acceleration and torque of n joints, and of clearance."""
+
+    position: Array
+    """Lowest and highest [rad], shape (n, 2)."""
+    speed: Array
+    """[rad/s], shape (n,)."""
+    acceleration: Array
+    """[rad/s^2], shape (n,)."""
+    torque: Array
+    """[N m], shape (n,)."""
+    clearance: float = 0.02
+    """[m]."""
+
+    def excess(self, states: States) -> States:
+        """By how much positions, speeds and accelerations go beyond, in shares of the limits, signed; 0 inside."""
+        center, half = self.position.mean(axis=1), 0.5 * np.ptp(self.position, axis=1)
+        return States(
+            _beyond((states.q - center) / half), _beyond(states.qd / self.speed),
+            _beyond(states.qdd / self.acceleration),
+        )  # fmt: skip
+
+    def holds(self, states: States, torque: Array, clearance: Array | None) -> bool:
+        """Whether a motion respects everything at every sample."""
+        over = any(np.any(part) for part in self.excess(states))
+        over |= bool(np.any(np.abs(torque) > self.torque))
+        return not over and (clearance is None or bool(np.all(clearance >= self.clearance)))
+
+
+def _beyond(ratio: Array) -> Array:
+    return np.asarray(np.sign(ratio) * np.maximum(np.abs(ratio) - 1.0, 0.0))

@@ -1,4 +1,4 @@
-"""What an identification depends on, as plain data (layer 8d)."""
+"""What an identification depends on, as plain data."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from polish_sim.errors import InputError, unknown_name
-from polish_sim.identification.objectives import OBJECTIVES
-from polish_sim.identification.torque_model import FULL
+from polish_sim.identification.excitation import OBJECTIVES
+from polish_sim.identification.regressor import FULL
 
 METHODS: Final = {
     "joint": "all samples in one weighted fit",

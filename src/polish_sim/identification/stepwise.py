@@ -1,4 +1,4 @@
-"""Identification in steps, each step's covariance carried into the next: then it equals the joint fit (layer 8d)."""
+"""Identification in steps, each step's covariance carried into the next: then it equals the joint fit."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.identification.base_parameters import BaseParameters, base_of_rows
-from polish_sim.identification.estimate import Earlier, Estimate, estimate
-from polish_sim.identification.information import JointSums, sum_samples, told_rows
-from polish_sim.identification.torque_model import PIECE, States, TorqueModel
+from polish_sim.identification.estimate import Earlier, Estimate, JointSums, estimate, sum_samples, told_rows
+from polish_sim.identification.regressor import PIECE, States, TorqueModel
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

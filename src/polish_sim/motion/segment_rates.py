@@ -1,4 +1,4 @@
-"""Joint angles and derivatives along one segment of a chain, by its progress, and along a motion in time (layer 6)."""
+"""Joint angles and derivatives along one segment of a chain, by its progress, and along a motion in time."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import ReachError, place_in_mm
-from polish_sim.motion.arm_state import ArmState, new_arm_state, place_arm
-from polish_sim.motion.branch_inverse import inverse_on_branch
-from polish_sim.motion.joint_rates import solve_rates
+from polish_sim.motion.inverse_kinematics import inverse_on_branch
+from polish_sim.motion.joint_rates import ArmState, new_arm_state, place_arm, solve_rates
 from polish_sim.motion.kinematics import JOINT_LIMITS
-from polish_sim.motion.smoothing.arm import Arm, chain_in_base
-from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.limits import Arm, chain_in_base
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""A serial chain of rigid links as arrays: what a torque model of a robot is made of (layer 6).
+"""A serial chain of rigid links as arrays: what a torque model of a robot is made of.
 
 Frame i turns with link i: its origin lies on the axis of joint i, its orientation is the body's. Frame i - 1 of the
 first joint is the base frame.
@@ -9,7 +9,10 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+
+from polish_sim.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -73,3 +76,148 @@ def inertia_at_origin(parameters: Array) -> Array:
     """Inertia about the frame's origin of ten parameters [kg m^2], shape (3, 3)."""
     xx, xy, yy, xz, yz, zz = parameters[4:]
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+# Joint torques of a chain of hinges for a motion, by Newton-Euler: out and back along the links.
+#
+# Paper 3's recursion; the same sums as the regressor's, but of one set of parameters and without forming the matrix.
+
+
+class ChainModel(NamedTuple):
+    """A chain as the recursion takes it, with its room to work in: one for each thread."""
+
+    geometry: ChainGeometry
+    parameters: Array
+    """Ten a link about its origin, shape (n, 10)."""
+    armature: Array
+    """Inertia of the rotors on the joints' side [kg m^2], shape (n,)."""
+    turns: Array
+    """Frame i in frame i - 1, shape (n, 3, 3)."""
+    motion: Array
+    """Angular velocity and acceleration, linear acceleration of the links' origins, shape (n + 1, 3, 3)."""
+    wrench: Array
+    """Force and moment a link needs, about its origin, shape (n + 1, 2, 3)."""
+
+
+def chain_model(chain: SerialChain, scale: float = 1.0) -> ChainModel:
+    """Set a chain up for the recursion.
+
+    Args:
+        chain: Hinges only.
+        scale: Factor on masses, inertias and rotors.
+
+    Raises:
+        InputError: A joint is no hinge; names it.
+    """
+    for name, kind in zip(chain.joints, chain.geometry.kind, strict=True):
+        if kind != HINGE:
+            raise InputError(f"joint '{name}' is a slide: torques are computed for chains of hinges.")
+    n = len(chain.joints)
+    return ChainModel(
+        chain.geometry, scale * chain.parameters, scale * chain.armature,
+        np.zeros((n, 3, 3)), np.zeros((n + 1, 3, 3)), np.zeros((n + 1, 2, 3)),
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def chain_torque(model: ChainModel, q: Array, qd: Array, qdd: Array, gravity: float, out: Array) -> None:
+    """Torques that move the chain.
+
+    Args:
+        model: The chain.
+        q: Joint angles [rad], shape (n,).
+        qd: Speeds [rad/s], shape (n,).
+        qdd: Accelerations [rad/s^2], shape (n,).
+        gravity: Share of gravity: 1, or 0 for the torques of inertia alone.
+        out: Torques [N m], shape (n,).
+    """
+    n = q.shape[0]
+    for x in range(3):
+        model.motion[0, 0, x] = model.motion[0, 1, x] = 0.0
+        model.motion[0, 2, x] = -gravity * model.geometry.gravity[x]
+    for j in range(n):
+        _turn_link(model, j, q[j])
+        _go_out(model, j, qd[j], qdd[j])
+        _need(model.parameters[j], model.motion[j + 1], model.wrench[j + 1])
+    for j in range(n - 1, -1, -1):
+        z, moment = model.geometry.axis[j], model.wrench[j + 1, 1]
+        out[j] = z[0] * moment[0] + z[1] * moment[1] + z[2] * moment[2] + model.armature[j] * qdd[j]
+        if j:
+            _come_in(model, j)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _turn_link(model: ChainModel, j: int, angle: float) -> None:
+    """R_{j-1,j}: the fixed turn, then that of the joint (Rodrigues)."""
+    z, fixed, R = model.geometry.axis[j], model.geometry.rotation[j], model.turns[j]
+    c, s = np.cos(angle), np.sin(angle)
+    for i in range(3):
+        along = (1.0 - c) * (fixed[i, 0] * z[0] + fixed[i, 1] * z[1] + fixed[i, 2] * z[2])
+        R[i, 0] = c * fixed[i, 0] + s * (fixed[i, 1] * z[2] - fixed[i, 2] * z[1]) + along * z[0]
+        R[i, 1] = c * fixed[i, 1] + s * (fixed[i, 2] * z[0] - fixed[i, 0] * z[2]) + along * z[1]
+        R[i, 2] = c * fixed[i, 2] + s * (fixed[i, 0] * z[1] - fixed[i, 1] * z[0]) + along * z[2]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _cross(a: Array, b: Array, i: int) -> float:
+    """Element i of a x b."""
+    j, k = (i + 1) % 3, (i + 2) % 3
+    return a[j] * b[k] - a[k] * b[j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _go_out(model: ChainModel, j: int, qd: float, qdd: float) -> None:
+    """Carry the motion from link j - 1 to link j."""
+    before, after = model.motion[j], model.motion[j + 1]
+    R, z, p = model.turns[j], model.geometry.axis[j], model.geometry.position[j]
+    w, dw, a = before[0], before[1], before[2]
+    u0, u1, u2 = _cross(w, p, 0), _cross(w, p, 1), _cross(w, p, 2)
+    b0 = a[0] + _cross(dw, p, 0) + w[1] * u2 - w[2] * u1
+    b1 = a[1] + _cross(dw, p, 1) + w[2] * u0 - w[0] * u2
+    b2 = a[2] + _cross(dw, p, 2) + w[0] * u1 - w[1] * u0
+    for i in range(3):
+        after[0, i] = R[0, i] * w[0] + R[1, i] * w[1] + R[2, i] * w[2]
+        after[1, i] = R[0, i] * dw[0] + R[1, i] * dw[1] + R[2, i] * dw[2]
+        after[2, i] = R[0, i] * b0 + R[1, i] * b1 + R[2, i] * b2
+    for i in range(3):
+        after[1, i] += _cross(after[0], z, i) * qd + z[i] * qdd
+    for i in range(3):
+        after[0, i] += z[i] * qd
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _need(parameters: Array, motion: Array, wrench: Array) -> None:
+    """What a link needs about its origin: m a + dw x mc + w x (w x mc) and mc x a + I dw + w x I w."""
+    w, dw, a, mc = motion[0], motion[1], motion[2], parameters[1:4]
+    xx, xy, yy, xz, yz, zz = (
+        parameters[4], parameters[5], parameters[6], parameters[7], parameters[8], parameters[9],
+    )  # fmt: skip
+    u0, u1, u2 = _cross(w, mc, 0), _cross(w, mc, 1), _cross(w, mc, 2)
+    h0 = xx * w[0] + xy * w[1] + xz * w[2]
+    h1 = xy * w[0] + yy * w[1] + yz * w[2]
+    h2 = xz * w[0] + yz * w[1] + zz * w[2]
+    force, moment = wrench[0], wrench[1]
+    for i in range(3):
+        force[i] = parameters[0] * a[i] + _cross(dw, mc, i)
+        moment[i] = _cross(mc, a, i)
+    force[0] += w[1] * u2 - w[2] * u1
+    force[1] += w[2] * u0 - w[0] * u2
+    force[2] += w[0] * u1 - w[1] * u0
+    moment[0] += xx * dw[0] + xy * dw[1] + xz * dw[2] + w[1] * h2 - w[2] * h1
+    moment[1] += xy * dw[0] + yy * dw[1] + yz * dw[2] + w[2] * h0 - w[0] * h2
+    moment[2] += xz * dw[0] + yz * dw[1] + zz * dw[2] + w[0] * h1 - w[1] * h0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _come_in(model: ChainModel, j: int) -> None:
+    """Hand what link j needs on to link j - 1."""
+    R, p, need, below = model.turns[j], model.geometry.position[j], model.wrench[j + 1], model.wrench[j]
+    f0 = R[0, 0] * need[0, 0] + R[0, 1] * need[0, 1] + R[0, 2] * need[0, 2]
+    f1 = R[1, 0] * need[0, 0] + R[1, 1] * need[0, 1] + R[1, 2] * need[0, 2]
+    f2 = R[2, 0] * need[0, 0] + R[2, 1] * need[0, 1] + R[2, 2] * need[0, 2]
+    for i in range(3):
+        below[1, i] += R[i, 0] * need[1, 0] + R[i, 1] * need[1, 1] + R[i, 2] * need[1, 2]
+    below[0, 0], below[0, 1], below[0, 2] = below[0, 0] + f0, below[0, 1] + f1, below[0, 2] + f2
+    below[1, 0] += p[1] * f2 - p[2] * f1
+    below[1, 1] += p[2] * f0 - p[0] * f2
+    below[1, 2] += p[0] * f1 - p[1] * f0

@@ -1,4 +1,4 @@
-"""A motion over time as a dense table that compiled loops can sample at a clock of their own rate (layer 6)."""
+"""A motion over time as a dense table that compiled loops can sample at a clock of their own rate."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.smoothing.stop_profile import stop_times
+from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.trajectory import PathTable, sample_path
 
 Array = NDArray[np.float64]

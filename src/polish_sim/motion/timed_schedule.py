@@ -1,4 +1,4 @@
-"""A smoothed chain as a motion over time that the cell can play (Chain, Schedule -> TimedPath; layer 6)."""
+"""A smoothed chain as a motion over time that the cell can play (Chain, Schedule -> TimedPath)."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.sampling import ScheduleIndex, index_schedule, progress_at, sample_schedule
-from polish_sim.motion.smoothing.schedule import Schedule
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.schedule import Schedule, ScheduleIndex, index_schedule, progress_at, sample_schedule
 from polish_sim.motion.timed_path import TimedPath, row_times
 
 Array = NDArray[np.float64]

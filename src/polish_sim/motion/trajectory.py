@@ -1,4 +1,4 @@
-"""A tool path as a callable of its arc length: a dense table that compiled loops can sample (layer 6)."""
+"""A tool path as a callable of its arc length: a dense table that compiled loops can sample."""
 
 from __future__ import annotations
 

@@ -6,12 +6,16 @@ from polish_sim.planning.part_plan import (
     PlanResult,
     coverage_until,
     measure_given_path,
+    measure_path,
+    plan_contour,
+    plan_fermat,
     plan_mesh,
     plan_part,
+    plan_raster,
+    plan_spiral,
 )
 from polish_sim.planning.patterns.registry import PATTERNS
 from polish_sim.planning.planner import plan_path
-from polish_sim.planning.shortcuts import measure_path, plan_contour, plan_fermat, plan_raster, plan_spiral
 from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed
 
 __all__ = [

@@ -16,8 +16,8 @@ from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, load_mesh
 from polish_sim.planning.quality.coverage import strictly_covered
 from polish_sim.planning.quality.figures import Quality, measure_quality, part_figures, without_spacing
 from polish_sim.planning.quality.foreign_path import Offset, check_on_part, offset_from
-from polish_sim.planning.quality.pad_in_part import pad_in_part_warning
-from polish_sim.planning.quality.stepover_guess import guess_stepover
+from polish_sim.planning.quality.pad_fit import pad_in_part_warning
+from polish_sim.planning.quality.spacing import guess_stepover
 from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]

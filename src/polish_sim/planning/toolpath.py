@@ -1,4 +1,4 @@
-"""The tool path: what planning hands to motion, as read-only arrays in the work frame (layer 5)."""
+"""The tool path: what planning hands to motion, as read-only arrays in the work frame."""
 
 from __future__ import annotations
 

@@ -1,14 +1,21 @@
 """The scorecard: a fixed battery of cases, run over the cores, told as tables and one figure (layer 10)."""
 
-from polish_sim.scoring.ablation import ablation_ratios, ablation_table, ablations
-from polish_sim.scoring.battery import BATTERY
-from polish_sim.scoring.case import Case, Entry, choose_cases
-from polish_sim.scoring.journal import locked
+from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
+from polish_sim.scoring.journal import Task, locked, measure_row
 from polish_sim.scoring.reach import BATTERY_ASKED, REACH, REACH_CASES, Verdict, judge
-from polish_sim.scoring.row import Task, measure_row
 from polish_sim.scoring.score import Score, asked_for, check_entries, run_score, user_entry
-from polish_sim.scoring.summary import summarize, worst_case
-from polish_sim.scoring.text import breaking, markdown, overview, verdict_table, worst_line
+from polish_sim.scoring.summary import (
+    ablation_ratios,
+    ablation_table,
+    ablations,
+    breaking,
+    markdown,
+    overview,
+    summarize,
+    verdict_table,
+    worst_case,
+    worst_line,
+)
 
 __all__ = [
     "BATTERY",

@@ -1,4 +1,4 @@
-"""What is asked of the controller, as data, and the cases that measure it (layer 10)."""
+"""What is asked of the controller, as data, and the cases that measure it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any, Final, NamedTuple
 
-from polish_sim.scoring.battery import APPROACH_20, latency_settings, spring_settings
-from polish_sim.scoring.case import Case, Draw
-from polish_sim.scoring.row import Row
+from polish_sim.scoring.battery import APPROACH_20, Case, Draw, latency_settings, spring_settings
+from polish_sim.scoring.journal import Row
 
 SPRINGS: Final = (0.2, 0.5, 1.0, 2.0, 5.0)
 """Real springs by what the controller takes them for [-]."""

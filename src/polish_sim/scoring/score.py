@@ -1,4 +1,4 @@
-"""A whole score: which rows there are to be, measured over the cores or found from before (layer 10)."""
+"""A whole score: which rows there are to be, measured over the cores or found from before."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from polish_sim.control import build_controller
-from polish_sim.control.user_error import file_of, tell_error
+from polish_sim.control.user_controller import file_of, tell_error
 from polish_sim.crew import Result, work_off
 from polish_sim.errors import InputError
 from polish_sim.kernel_cache import is_warm
-from polish_sim.scoring.case import Case, Entry
-from polish_sim.scoring.journal import Journal, row_key
-from polish_sim.scoring.row import Row, Task, measure_row, setup_key
+from polish_sim.scoring.battery import Case, Entry
+from polish_sim.scoring.journal import Journal, Row, Task, measure_row, row_key, setup_key
 
 Heard = Callable[[int, int, str | None], None]
 """Told of the rows there are, of all rows wanted, and of trouble."""

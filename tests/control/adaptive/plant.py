@@ -9,8 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.control.compiled import CompiledController
-from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, Measurement, Target, measurement_of, target_of
+from polish_sim.control.signals import (
+    MEASUREMENT_SIZE,
+    TARGET_SIZE,
+    CompiledController,
+    Measurement,
+    Target,
+    measurement_of,
+    target_of,
+)
 
 Array = NDArray[np.float64]
 DT = 0.001

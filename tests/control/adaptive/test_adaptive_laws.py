@@ -8,14 +8,26 @@ import numpy as np
 import pytest
 
 from polish_sim.config import AdaptiveConfig
-from polish_sim.control.adaptive.delay import measure_delay, remember_command, under_way
-from polish_sim.control.adaptive.force_loop import begin_contact, change_stiffness, observe_force, pace_of
-from polish_sim.control.adaptive.gains import LAWS, AdaptiveGains, adaptive_gains, gains_in
-from polish_sim.control.adaptive.inertia import own_force
-from polish_sim.control.adaptive.memory import MEMORY_SIZE, PressMemory, memory_in
-from polish_sim.control.adaptive.sensing import as_sensed
-from polish_sim.control.adaptive.stiffness import refine_stiffness, restart_fit
-from polish_sim.control.adaptive.touch_down import quickest_stop, watch_air
+from polish_sim.control.adaptive.force_loop import (
+    as_sensed,
+    begin_contact,
+    change_stiffness,
+    measure_delay,
+    observe_force,
+    pace_of,
+    remember_command,
+    under_way,
+)
+from polish_sim.control.adaptive.gains import (
+    LAWS,
+    MEMORY_SIZE,
+    AdaptiveGains,
+    PressMemory,
+    adaptive_gains,
+    gains_in,
+    memory_in,
+)
+from polish_sim.control.adaptive.landing import own_force, quickest_stop, refine_stiffness, restart_fit, watch_air
 from tests.control.adaptive.plant import measurement_at_rest
 
 DT = 0.001

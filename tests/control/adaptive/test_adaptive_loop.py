@@ -11,7 +11,7 @@ import pytest
 from polish_sim.config import AdaptiveConfig, ControllerConfig
 from polish_sim.control import CONTROLLERS
 from polish_sim.control.adaptive.gains import LAWS
-from polish_sim.control.compiled import CompiledController
+from polish_sim.control.signals import CompiledController
 from polish_sim.errors import ConfigError
 from tests.control.adaptive.plant import Plant, land, measurement_at_rest, settling, target_to_press
 

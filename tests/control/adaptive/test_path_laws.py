@@ -11,19 +11,33 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.config import ControllerConfig
-from polish_sim.control.adaptive.ahead import Ahead, ahead_of, at, forget, no_ahead, pack_ahead
-from polish_sim.control.adaptive.controller import AdaptiveController, hybrid_adaptive
-from polish_sim.control.adaptive.feed import Abilities, FeedGains, followable_share, granted_feed
-from polish_sim.control.adaptive.feed_forward import (
+from polish_sim.control.adaptive.drawing import (
+    Abilities,
+    Ahead,
     FeedForwardGains,
+    FeedGains,
+    ahead_of,
+    at,
+    followable_share,
+    forget,
+    granted_feed,
     lead_turning,
+    no_ahead,
+    pack_ahead,
     planned_press_rate,
     planned_surplus,
 )
 from polish_sim.control.adaptive.gains import adaptive_gains
-from polish_sim.control.adaptive.inertia import round_a_bend
-from polish_sim.control.adaptive.learning import LearningGains, learn, learned_rate
-from polish_sim.control.adaptive.normal import NormalGains, level_by_moment, tilted_target
+from polish_sim.control.adaptive.landing import round_a_bend
+from polish_sim.control.adaptive.law import AdaptiveController, hybrid_adaptive
+from polish_sim.control.adaptive.surface import (
+    LearningGains,
+    NormalGains,
+    learn,
+    learned_rate,
+    level_by_moment,
+    tilted_target,
+)
 from polish_sim.control.signals import TARGET_SIZE, Measurement, Target, target_of
 from tests.control.adaptive.plant import measurement_at_rest
 from tests.control.adaptive.track import SPACING, SPRING, course_of, follow

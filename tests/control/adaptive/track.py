@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.control import Course
-from polish_sim.control.compiled import CompiledController
+from polish_sim.control.signals import CompiledController
 from tests.control.adaptive.plant import DT, measurement_at_rest, target_to_press
 
 Array = NDArray[np.float64]

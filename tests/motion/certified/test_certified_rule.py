@@ -10,13 +10,13 @@ from benchmarks.random_paths import draw_path
 from benchmarks.smoothing_rules import random_path
 from polish_sim.motion.certified.segment_limits import FINE
 from polish_sim.motion.certified.smoother import Smoother, join_pieces
-from polish_sim.motion.rules import exact_stop
-from polish_sim.motion.rules.certified import plan
-from polish_sim.motion.rules.trial import TRIAL_LIMITS, trial_arm, trial_path
-from polish_sim.motion.smoothing.build import build_chain, chain_from_axes
-from polish_sim.motion.smoothing.deviation import measure_deviation
-from polish_sim.motion.smoothing.limits import SmoothingLimits, six
-from polish_sim.motion.smoothing.sampling import sample_schedule
+from polish_sim.motion.rules.certified_rule import plan_certified as plan
+from polish_sim.motion.rules.chain import build_chain, chain_from_axes
+from polish_sim.motion.rules.deviation import measure_deviation
+from polish_sim.motion.rules.exact_stop import plan_exact_stop
+from polish_sim.motion.rules.limits import SmoothingLimits, six
+from polish_sim.motion.rules.schedule import sample_schedule
+from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
 
 LIMITS = SmoothingLimits()
 TOLERANCE, AXIS_TOLERANCE = 2e-5, math.radians(0.02)
@@ -80,7 +80,7 @@ def test_fast_paths_of_an_arm_are_never_slower_than_exact_stops(speedup):
     arm, saved = trial_arm(), []
     for number in range(6):
         chain = random_path(np.random.default_rng([4, number]))
-        stops = exact_stop.plan(chain, fast, arm=arm)[1].end
+        stops = plan_exact_stop(chain, fast, arm=arm)[1].end
         saved.append(1.0 - plan(chain, fast, TOLERANCE, AXIS_TOLERANCE, arm)[1].end / stops)
     assert min(saved) > 0.0
     assert np.mean(saved) > (0.04 if speedup == 3.0 else 0.02)
@@ -91,7 +91,7 @@ def test_a_low_joint_jerk_costs_no_more_time_than_it_must():
     arm, chain, scaled = trial_arm(), build_chain(*trial_path()), []
     for jerk in np.radians([1000.0, 300.0, 100.0, 10.0, 0.01]):
         limits = replace(TRIAL_LIMITS, joint_jerk=six(jerk))
-        stops = exact_stop.plan(chain, limits, arm=arm)[1].end
+        stops = plan_exact_stop(chain, limits, arm=arm)[1].end
         end = plan(chain, limits, TOLERANCE, AXIS_TOLERANCE, arm)[1].end
         assert end < stops
         scaled.append(end * math.cbrt(jerk))
@@ -102,7 +102,7 @@ def test_next_to_singularities_the_arm_is_not_slower_than_with_exact_stops():
     """Proven stops at any rate; those planned from nodes of each segment know its peaks better than can be proven."""
     for number in (6, 7, 14, 15, 30, 31, 54, 55):
         path = draw_path(np.random.default_rng([0, number]), number)
-        stops = exact_stop.plan(path.chain, LIMITS, arm=path.arm)[1].end
+        stops = plan_exact_stop(path.chain, LIMITS, arm=path.arm)[1].end
         end = plan(path.chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, path.arm)[1].end
         assert end <= plan(path.chain, LIMITS, 0.0, 0.0, path.arm)[1].end
         assert end <= stops * (1.0 + FINE.loose)
@@ -164,4 +164,4 @@ def test_a_bend_that_would_bulge_while_the_tool_brakes_is_laid_shorter(number):
     passed, schedule = plan(chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, None)
     assert np.isfinite(schedule.starts).all()
     assert measure_deviation(passed, schedule, chain).contour.value <= TOLERANCE * (1 + 1e-9)
-    assert schedule.end < exact_stop.plan(chain, LIMITS).schedule.end
+    assert schedule.end < plan_exact_stop(chain, LIMITS).schedule.end

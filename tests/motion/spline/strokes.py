@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.motion.smoothing.build import build_chain
-from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.limits import SmoothingLimits, six
+from polish_sim.motion.rules.chain import Chain, build_chain
+from polish_sim.motion.rules.limits import SmoothingLimits, six
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import SmoothingError
-from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.spline.curve import Curve, curve_rates, fit_curve, polyline_of
 from tests.motion.spline.strokes import TOLERANCES, circle, distance_from, random_stroke, stroke
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from polish_sim.motion.spline.jets import cross, dot, inverse_root, normalized
+from polish_sim.motion.spline.curve import cross, dot, inverse_root, normalized
 
 T = np.linspace(0.0, 3.0, 7)
 ZERO = np.zeros_like(T)

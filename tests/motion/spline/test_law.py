@@ -7,13 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.limits import SmoothingLimits
-from polish_sim.motion.smoothing.sampling import turning
-from polish_sim.motion.smoothing.stop_profile import stop_times
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.fir import stop_times
+from polish_sim.motion.rules.limits import SmoothingLimits
+from polish_sim.motion.rules.schedule import turning
 from polish_sim.motion.spline.curve import curve_rates
-from polish_sim.motion.spline.motion import Feed, SplineMotion, plan_spline, time_spline
-from polish_sim.motion.spline.timing import passage_at
+from polish_sim.motion.spline.motion import Feed, SplineMotion, passage_at, plan_spline, time_spline
 from tests.motion.spline.strokes import LIMITS, TOLERANCES, circle, random_stroke, stroke, unlimited
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from polish_sim.motion.spline.program import Rows, join_rows, maximize
+from polish_sim.motion.spline.law import Rows, join_rows, maximize
 
 
 def random_rows(n: int, rng: np.random.Generator) -> Rows:

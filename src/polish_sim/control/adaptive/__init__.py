@@ -1,5 +1,5 @@
 """Controller ``hybrid-adaptive``: named laws, each a small file, composed in ``law`` (layer 7)."""
 
-from polish_sim.control.adaptive.controller import hybrid_adaptive
+from polish_sim.control.adaptive.law import hybrid_adaptive
 
 __all__ = ["hybrid_adaptive"]

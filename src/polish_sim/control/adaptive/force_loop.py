@@ -1,4 +1,4 @@
-"""The force loop: crossover and observer from stiffness, delay, noise and unknown mass; the observer itself (layer 7).
+"""The force loop: crossover and observer from stiffness, delay, noise and unknown mass; the observer itself.
 
 The tool's travel z is known at once and almost exactly, the force late and noisy. Between two readings the force
 changes by k z, so the observer keeps what the travel does not explain, b (where the part is, in newtons), and its
@@ -20,9 +20,27 @@ from typing import NamedTuple
 
 from numba import njit
 
-from polish_sim.control.adaptive.gains import AdaptiveGains
-from polish_sim.control.adaptive.inertia import unknown_mass
-from polish_sim.control.adaptive.memory import AGE, AT_NO_TRAVEL, LANDED, RATE, STIFFNESS, TRAVEL, PressMemory
+from polish_sim.control.adaptive.gains import (
+    AGE,
+    AT_NO_TRAVEL,
+    BEHIND,
+    DELAY,
+    LANDED,
+    LAST_COMMAND,
+    LINE,
+    RATE,
+    SENSED_AT,
+    SENSED_OWN,
+    SENSED_PATH,
+    SENT_AT,
+    SLOWED,
+    STIFFNESS,
+    TRAVEL,
+    AdaptiveGains,
+    PressMemory,
+)
+from polish_sim.control.adaptive.landing import unknown_mass
+from polish_sim.control.loops import low_pass_step
 
 _MASS_SHARE = 0.5  # of its command the loop may feed back through unknown inertia
 _NOISE_POWER = 0.6  # the observer slows with noise to this power
@@ -94,3 +112,86 @@ def observe_force(memory: PressMemory, corner: float, path: float, reading: floa
     state[AT_NO_TRAVEL] += dt * (state[RATE] + 2.0 * corner * surprise)
     state[RATE] += dt * landed * corner * corner * surprise
     return float(state[AT_NO_TRAVEL] + state[STIFFNESS] * state[TRAVEL])
+
+
+# The command's delay, measured on the way down, and the travel that is under way because of it.
+#
+# At a steady speed u the tool lags behind the commands by u tau, whatever tau is made of (network, robot, servo):
+# tau = (sum of the commands - travel done) / u, exact with encoders alone. While the loop runs, what was commanded in
+# the last tau seconds is on its way: the loop counts it as done (a Smith predictor for an integrator).
+
+_REST = 2e-4  # slower than this the tool is at rest [m/s]
+_SLOWEST = 1e-3  # command from which the delay is measured [m/s]
+_STEADY = 0.1  # a command this near its low-passed self is steady [-]
+
+
+@njit(cache=True)
+def expect_delay(g: AdaptiveGains, memory: PressMemory) -> None:
+    """Believe the configured delay until one has been measured."""
+    if memory.delay[DELAY] == 0.0:
+        memory.delay[DELAY] = g.command_delay
+
+
+@njit(cache=True)
+def measure_delay(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float) -> None:
+    """Watch the tool follow its commands in free space; ``speed`` along tool z [m/s]."""
+    delay = memory.delay
+    command = delay[LAST_COMMAND]
+    if abs(speed) < _REST and abs(command) < _REST:
+        delay[BEHIND], delay[SLOWED] = 0.0, command
+        return
+    delay[BEHIND] += (command - speed) * dt
+    delay[SLOWED] += (command - delay[SLOWED]) * dt / 0.03
+    if abs(command) > _SLOWEST and abs(delay[SLOWED] - command) < _STEADY * abs(command):
+        seen = min(max(delay[BEHIND] / command, 0.3 * g.command_delay), 3.0 * g.command_delay)
+        delay[DELAY] += (seen - delay[DELAY]) * dt / 0.05
+
+
+@njit(cache=True)
+def remember_command(memory: PressMemory, speed: float) -> None:
+    """Note the speed commanded along tool z this cycle [m/s]."""
+    here = int(memory.line[SENT_AT])
+    memory.sent[here] = speed
+    memory.line[SENT_AT] = (here + 1) % LINE
+    memory.delay[LAST_COMMAND] = speed
+
+
+@njit(cache=True)
+def under_way(memory: PressMemory, dt: float) -> float:
+    """Travel along tool z that is commanded and not yet done [m]."""
+    here = int(memory.line[SENT_AT])
+    total = 0.0
+    for back in range(1, min(math.floor(memory.delay[DELAY] / dt + 0.5), LINE - 1) + 1):
+        total += memory.sent[(here - back) % LINE]
+    return total * dt
+
+
+# Filters of known phase cost: what the host knows is shown to it as late and as smooth as the force.
+#
+# The wrist sensor low-passes the force (80 Hz) and delivers it 2 ms late, about 4 ms of lag in all. Instead of
+# filtering the force still more and paying for it in phase, everything it is compared with, the tool's travel and the
+# tool's own forces, goes through a copy of that filter. What is compared then belongs to the same instant; no loop is
+# closed on the filtered signal alone, so the filter costs no phase.
+
+
+class Sensed(NamedTuple):
+    """Two signals as the sensor would show them now."""
+
+    path: float
+    """Travel into the part [m]."""
+    own: float
+    """The tool's own forces [N]."""
+
+
+@njit(cache=True)
+def as_sensed(g: AdaptiveGains, memory: PressMemory, path: float, own: float, dt: float) -> Sensed:
+    """Pass travel [m] and own forces [N] through the believed low-pass and latency of the sensor."""
+    line = memory.line
+    line[SENSED_PATH] = low_pass_step(line[SENSED_PATH], path, g.sensor_hz, dt)
+    line[SENSED_OWN] = low_pass_step(line[SENSED_OWN], own, g.sensor_hz, dt)
+    here = int(line[SENSED_AT])
+    memory.path_line[here], memory.own_line[here] = line[SENSED_PATH], line[SENSED_OWN]
+    late = min(math.floor(g.sensor_latency / dt + 0.5), LINE - 1)
+    then = (here - late) % LINE
+    line[SENSED_AT] = (here + 1) % LINE
+    return Sensed(memory.path_line[then], memory.own_line[then])

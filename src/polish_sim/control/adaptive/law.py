@@ -1,4 +1,4 @@
-"""The composition: position, orientation and moment as in ``hybrid-pi``, tool z by the adaptive laws (layer 7).
+"""The composition: position, orientation and moment as in ``hybrid-pi``, tool z by the adaptive laws.
 
 Context: [its length | gains: hybrid | laws along z | laws of the path | memory: hybrid | along z | of the path | what
 lies ahead on the path].
@@ -13,69 +13,95 @@ import numpy as np
 from numba import carray, cfunc, njit
 from numpy.typing import NDArray
 
-from polish_sim.control.adaptive.ahead import Ahead, ahead_of
-from polish_sim.control.adaptive.delay import expect_delay, measure_delay, remember_command, under_way
-from polish_sim.control.adaptive.feed import granted_feed
-from polish_sim.control.adaptive.feed_forward import lead_turning, planned_press_rate, planned_surplus
-from polish_sim.control.adaptive.force_loop import begin_contact, change_stiffness, observe_force, pace_of
-from polish_sim.control.adaptive.gains import GAINS_SIZE, AdaptiveGains, gains_in
-from polish_sim.control.adaptive.inertia import own_force
-from polish_sim.control.adaptive.learning import learn, learned_rate
-from polish_sim.control.adaptive.memory import (
+from polish_sim.config import ControllerConfig
+from polish_sim.control.adaptive.drawing import (
+    Ahead,
+    ahead_of,
+    followable_share,
+    forget,
+    granted_feed,
+    lead_turning,
+    no_ahead,
+    pack_ahead,
+    planned_press_rate,
+    planned_surplus,
+)
+from polish_sim.control.adaptive.force_loop import (
+    as_sensed,
+    begin_contact,
+    change_stiffness,
+    expect_delay,
+    measure_delay,
+    observe_force,
+    pace_of,
+    remember_command,
+    under_way,
+)
+from polish_sim.control.adaptive.gains import (
     AGE,
     AIR_VARIANCE,
     APPROACH_SPEED,
     AT_NO_TRAVEL,
     DELAY,
     FAST,
+    GAINS_SIZE,
     LANDED,
     LAST_COMMAND,
     MEMORY_SIZE,
+    PATH_GAINS_SIZE,
+    PATH_MEMORY_SIZE,
     RATE,
     STIFFNESS,
     TOLD,
     TOUCHES,
     TRAVEL,
     WATCHED,
-    PressMemory,
-    memory_in,
-)
-from polish_sim.control.adaptive.normal import level_by_moment, tilted_target
-from polish_sim.control.adaptive.path_gains import (
-    PATH_GAINS_SIZE,
-    PATH_MEMORY_SIZE,
+    AdaptiveGains,
     PathGains,
     PathMemory,
+    PressMemory,
+    abilities,
+    adaptive_gains,
+    gains_in,
+    memory_in,
+    path_gains,
     path_gains_in,
     path_memory_in,
 )
-from polish_sim.control.adaptive.sensing import as_sensed
-from polish_sim.control.adaptive.stiffness import refine_stiffness, restart_fit
-from polish_sim.control.adaptive.touch_down import (
+from polish_sim.control.adaptive.landing import (
     fell_back,
     is_armed,
     note_landing,
+    own_force,
     quickest_stop,
+    refine_stiffness,
+    restart_fit,
     seek_speed,
     smooth_reading,
     speed_limit,
     watch_air,
 )
-from polish_sim.control.compiled import LAW_SIGNATURE
+from polish_sim.control.adaptive.surface import learn, learned_rate, level_by_moment, tilted_target
+from polish_sim.control.hybrid import GAINS_SIZE as HYBRID_GAINS
 from polish_sim.control.hybrid import (
     STATE_SIZE,
     HybridState,
+    gains_of,
     hybrid_state_of,
+    orientation_gains,
     position_by_velocity,
+    position_gains,
     replace_along_z,
+    turn_and_level,
     turn_to_target,
 )
-from polish_sim.control.hybrid_laws import GAINS_SIZE as HYBRID_GAINS
-from polish_sim.control.hybrid_laws import orientation_gains, position_gains, turn_and_level
 from polish_sim.control.signals import (
     ANSWER_SIZE,
+    LAW_SIGNATURE,
     MEASUREMENT_SIZE,
     TARGET_SIZE,
+    CompiledController,
+    Course,
     Measurement,
     Target,
     measurement_of,
@@ -257,3 +283,46 @@ def hybrid_adaptive_law() -> Any:
         step_hybrid_adaptive(carray(context, length), m, t, carray(twist, ANSWER_SIZE))
 
     return law
+
+
+# ``hybrid-adaptive`` as the cell and Python call it.
+
+
+class AdaptiveController(CompiledController):
+    """The composed laws, and what lies ahead behind their memory.
+
+    Args:
+        config: Gains and the laws that are on.
+
+    Raises:
+        ConfigError: If it names a law that does not exist.
+    """
+
+    def __init__(self, config: ControllerConfig) -> None:
+        laws = config.adaptive
+        gains = np.concatenate([[0.0], gains_of(config), adaptive_gains(laws), path_gains(laws)])
+        super().__init__(gains, AHEAD_AT - HYBRID_AT, step_hybrid_adaptive, hybrid_adaptive_law)
+        self._abilities = abilities(laws)
+        self._lay_out(no_ahead())
+
+    def prepare(self, course: Course) -> None:
+        """Take in what lies ahead on the path."""
+        self._lay_out(pack_ahead(course, followable_share(course, self._abilities)))
+
+    def reset(self, cycle_s: float) -> None:
+        """Forget everything but what lies ahead."""
+        self.context[HYBRID_AT:AHEAD_AT] = 0.0
+        forget(self.context[AHEAD_AT:])
+
+    def _lay_out(self, ahead: Array) -> None:
+        self.context = np.concatenate([self.context[:AHEAD_AT], ahead])
+        self.context[0] = len(self.context)
+
+
+def hybrid_adaptive(config: ControllerConfig) -> AdaptiveController:
+    """The controller for a real polishing cell, of laws that `controller.adaptive.laws` can leave out one by one.
+
+    Raises:
+        ConfigError: If it names a law that does not exist.
+    """
+    return AdaptiveController(config)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -9,14 +10,103 @@ from numpy.typing import NDArray
 
 from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.geometry.bezier import from_corners
-from polish_sim.geometry.boundary import connected_facets
-from polish_sim.geometry.clip import Clipped, clip, then
+from polish_sim.geometry.cut import Clipped, clip, split, then
 from polish_sim.geometry.orientation import UP_CONE
-from polish_sim.geometry.regions.patches import coverable, lies_open, middle_normals, restricted
-from polish_sim.geometry.regions.words import CHOICES, parse_point, read_facet_numbers
-from polish_sim.geometry.surface import Surface
+from polish_sim.geometry.regions.patches import connected, coverable, lies_open, middle_normals, restricted
+from polish_sim.geometry.surface import Surface, connected_facets
+
+# The words a user may say for a region, and reading their numbers (text -> metres, facet numbers).
 
 Floats = NDArray[np.float64]
+
+CHOICES = (
+    "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE, faces:FILE "
+    "(lengths in mm)"
+)
+
+
+def parse_numbers(argument: str, count: int, form: str) -> list[float]:
+    """Read numbers separated by commas.
+
+    Raises:
+        InputError: They are not as many as asked for, or not numbers.
+    """
+    try:
+        numbers = [float(word) for word in argument.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        name = form.partition(":")[0]
+        raise InputError(f"region '{name}:{argument}' is not {form} ({count} numbers in mm). Valid: {CHOICES}.")
+    return numbers
+
+
+def parse_point(argument: str) -> Floats:
+    """Read a point [m], shape (3,)."""
+    return np.array(parse_numbers(argument, 3, "point:X,Y,Z")) * 1e-3
+
+
+def parse_box(argument: str) -> Floats:
+    """Read the least and the greatest corner of a box [m], shape (2, 3).
+
+    Raises:
+        InputError: Not six numbers, or a box without volume.
+    """
+    corners = np.sort(np.reshape(parse_numbers(argument, 6, "box:X0,Y0,Z0,X1,Y1,Z1"), (2, 3)), axis=0)
+    if (corners[0] == corners[1]).any():
+        raise InputError(f"region 'box:{argument}' has no volume. Give two opposite corners in mm.")
+    return corners * 1e-3
+
+
+def parse_corners(argument: str) -> Floats:
+    """Read the corners of a polygon, in the option itself or from a file [m], shape (n, 3).
+
+    Raises:
+        InputError: Not a list of three or more corners.
+    """
+    named = ";" not in argument
+    lines = _read(Path(argument), "corners x, y, z in mm, one per line").splitlines() if named else argument.split(";")
+    rows = [line.partition("#")[0].replace(",", " ").split() for line in lines]
+    try:
+        corners = np.array([[*map(float, row), 0.0][:3] for row in rows if row])
+    except ValueError:
+        corners = np.empty(0)
+    whole = all(len(row) in (0, 2, 3) for row in rows)
+    if not whole or corners.ndim != 2 or len(corners) < 3 or not np.isfinite(corners).all():
+        raise InputError(
+            f"region 'polygon:{argument}' is not a polygon: give three or more corners X,Y,Z;X,Y,Z;... in mm, "
+            "or a text file with x, y, z of one corner per line ('#' for comments)."
+        )
+    return corners * 1e-3
+
+
+def read_facet_numbers(argument: str) -> NDArray[np.int64]:
+    """Read facet numbers from a text file, shape (n,).
+
+    Raises:
+        InputError: The file cannot be read, or holds something else.
+    """
+    path = Path(argument)
+    lines = _read(path, "facet numbers").splitlines()
+    try:
+        words = [word for line in lines for word in line.partition("#")[0].replace(",", " ").split()]
+        numbers = np.array([int(word) for word in words], dtype=np.int64)
+    except (ValueError, OverflowError):
+        raise InputError(f"{path}: not a list of facet numbers (whole numbers from 0, '#' for comments).") from None
+    if len(numbers) == 0:
+        raise InputError(f"{path}: lists no facet numbers (whole numbers from 0, '#' for comments).")
+    return numbers
+
+
+def _read(path: Path, content: str) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}). Give a text file of {content}.") from None
+    except (UnicodeDecodeError, ValueError):
+        raise InputError(f"{path}: is not a text file. Give a text file of {content}.") from None
+
+
 Bools = NDArray[np.bool_]
 
 _ON_CONE = 1e-6
@@ -120,3 +210,132 @@ def _flood(kept: Clipped, start: int) -> Clipped:
     """Keep all that is smoothly joined to a facet."""
     labels = connected_facets(kept.surface, kept.surface.smooth)
     return restricted(kept, np.flatnonzero(labels == labels[start]).astype(np.int32))
+
+
+# Choices by an outline: a box, or a polygon seen from above (outline -> what looks up within it).
+
+_ON_OUTLINE = 1e-7
+"""Vertices this close to an outline lie on it [m]."""
+
+_MOST_CORNERS = 1000
+
+
+def pick_box(whole: Whole, argument: str) -> list[Clipped]:
+    """Pick the smooth faces that look up within a box."""
+    low, high = parse_box(argument)
+    kept = _between(whole.kept, np.eye(3), low, high)
+    if len(kept.parents) == 0:
+        raise _nothing_in(f"box:{argument}", whole.surface)
+    return _faces_above(kept, whole.up)
+
+
+def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
+    """Pick the smooth faces that look up within a polygon seen from above."""
+    corners = parse_corners(argument)
+    frame = _plane_across(whole.up, corners)
+    flat = corners @ frame.T
+    _check_polygon(flat, argument)
+    kept = _between(whole.kept, frame, flat.min(axis=0), flat.max(axis=0))
+    if len(kept.parents) == 0:
+        raise _nothing_in(f"polygon:{argument}", whole.surface)
+    kept = looking(kept, whole.up)
+    for start, end in zip(flat, np.roll(flat, -1, axis=0), strict=True):
+        side = end - start
+        length = float(np.linalg.norm(side))
+        if length > _ON_OUTLINE:
+            across = np.array([-side[1], side[0]]) / length
+            values = kept.surface.control @ (across @ frame) - float(across @ start)
+            kept = then(kept, split(kept.surface, values, on=_ON_OUTLINE))
+    inside = _inside(_middles(kept.surface) @ frame.T, flat)
+    if not inside.any():
+        raise _nothing_in(f"polygon:{argument}", whole.surface)
+    kept = restricted(kept, np.flatnonzero(inside).astype(np.int32))
+    return connected(kept, kept.surface.smooth)
+
+
+def _faces_above(kept: Clipped, up: Floats) -> list[Clipped]:
+    seen = looking(kept, up)
+    return connected(seen, seen.surface.smooth)
+
+
+def _between(kept: Clipped, frame: Floats, low: Floats, high: Floats) -> Clipped:
+    """Cut to coordinates between limits (d,) [m] along unit vectors, rows of the frame (d, 3)."""
+    for axis, least, most in zip(frame, low, high, strict=True):
+        for side, limit in ((1.0, least), (-1.0, most)):
+            values = side * (kept.surface.control @ axis - limit)
+            kept = then(kept, clip(kept.surface, values, on=_ON_OUTLINE))
+            if len(kept.parents) == 0:
+                return kept
+    return kept
+
+
+def _plane_across(up: Floats, corners: Floats) -> Floats:
+    """Two unit vectors across up, the first along the polygon's longest side seen from above, shape (2, 3)."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    level = sides - (sides @ up)[:, None] * up
+    length = np.linalg.norm(level, axis=1)
+    longest = int(length.argmax())
+    if length[longest] <= _ON_OUTLINE:
+        raise InputError("the region's polygon is a point seen from above. Give corners around an area, or set --up.")
+    first = level[longest] / length[longest]
+    return np.stack([first, np.cross(up, first)])
+
+
+def _check_polygon(flat: Floats, argument: str) -> None:
+    if len(flat) > _MOST_CORNERS:
+        raise InputError(f"the region's polygon has {len(flat)} corners, at most {_MOST_CORNERS} are taken.")
+    if (np.ptp(flat, axis=0) <= _ON_OUTLINE).any():
+        raise InputError(
+            f"the corners of region 'polygon:{argument}' lie on a line seen from above. "
+            "Give corners around an area, or set --up to the side it is seen from."
+        )
+    crossing = _first_crossing(flat)
+    if crossing is not None:
+        one, other = (f"from corner {side + 1} to {(side + 1) % len(flat) + 1}" for side in crossing)
+        raise InputError(
+            f"the outline of region 'polygon:{argument}' crosses itself: its sides {one} and {other}. "
+            "Give the corners in order, once around the area."
+        )
+
+
+def _first_crossing(flat: Floats) -> tuple[int, int] | None:
+    """Two sides of a closed polygon (k, 2) that cross, not only touch; None if there are none."""
+    ends = np.roll(flat, -1, axis=0)
+    for k in range(len(flat) - 1):
+        others = slice(k + 1, None)
+        crossed = _on_both_sides(flat[k], ends[k], flat[others], ends[others])
+        crossed &= _on_both_sides(flat[others], ends[others], flat[k], ends[k])
+        if crossed.any():
+            return k, k + 1 + int(crossed.argmax())
+    return None
+
+
+def _on_both_sides(a: Floats, b: Floats, p: Floats, q: Floats) -> NDArray[np.bool_]:
+    """Whether the line through a and b parts p from q; points (2,) or (m, 2), result (m,)."""
+    along = b - a
+    length = np.maximum(np.linalg.norm(along, axis=-1), _ON_OUTLINE)
+    low, high = np.sort(
+        [(along[..., 0] * (r - a)[..., 1] - along[..., 1] * (r - a)[..., 0]) / length for r in (p, q)], axis=0
+    )
+    return np.asarray((low < -_ON_OUTLINE) & (high > _ON_OUTLINE))
+
+
+def _inside(points: Floats, polygon: Floats) -> NDArray[np.bool_]:
+    """Whether points (n, 2) are within a closed polygon (k, 2): a ray from them crosses it an odd number of times."""
+    odd = np.zeros(len(points), dtype=bool)
+    for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        spans = (start[1] > points[:, 1]) != (end[1] > points[:, 1])
+        rise = end[1] - start[1]
+        across = (end[0] - start[0]) * (points[:, 1] - start[1]) - (points[:, 0] - start[0]) * rise
+        odd ^= spans & ((across > 0.0) == (rise > 0.0))
+    return odd
+
+
+def _middles(surface: Surface) -> Floats:
+    count = len(surface.faces)
+    return surface.evaluate(np.arange(count, dtype=np.int32), np.full((count, 3), 1.0 / 3.0)).positions
+
+
+def _nothing_in(choice: str, surface: Surface) -> PlanError:
+    low, high = (place_in_mm(corner) for corner in surface.bounds)
+    return PlanError(f"the region '{choice}' contains nothing of the part, which lies between {low} and {high}.")

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.geometry.boundary import connected_facets
-from polish_sim.geometry.clip import Clipped, clip, then
-from polish_sim.geometry.surface import Surface, build_surface
+from polish_sim.geometry.cut import Clipped, clip, then
+from polish_sim.geometry.surface import Surface, build_surface, connected_facets
 from polish_sim.geometry.topology import Adjacency, label_pieces
 
 Floats = NDArray[np.float64]

@@ -10,17 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import InputError
-from polish_sim.geometry.boundary import boundary_loops, connected_facets
-from polish_sim.geometry.clip import Clipped
+from polish_sim.geometry.cut import Clipped
 from polish_sim.geometry.features import facet_normals, smooth_edges
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.geometry.orientation import UP_CONE
-from polish_sim.geometry.regions.choice import Whole, pick_all, pick_auto, pick_faces, pick_point, pick_top
-from polish_sim.geometry.regions.outline import pick_box, pick_polygon
+from polish_sim.geometry.regions.choice import (
+    CHOICES,
+    Whole,
+    parse_box,
+    parse_corners,
+    parse_point,
+    pick_all,
+    pick_auto,
+    pick_box,
+    pick_faces,
+    pick_point,
+    pick_polygon,
+    pick_top,
+    read_facet_numbers,
+)
+from polish_sim.geometry.regions.margin import trim
 from polish_sim.geometry.regions.patches import connected, facing, join, unpinch
-from polish_sim.geometry.regions.trim import trim
-from polish_sim.geometry.regions.words import CHOICES, parse_box, parse_corners, parse_point, read_facet_numbers
-from polish_sim.geometry.surface import Surface
+from polish_sim.geometry.surface import Surface, boundary_loops, connected_facets
 from polish_sim.geometry.topology import Adjacency
 
 Floats = NDArray[np.float64]

@@ -6,16 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from polish_sim.geometry.repair.crowded_edges import separate_crowded
-from polish_sim.geometry.repair.facets import drop_bad_facets, flip_slivers
-from polish_sim.geometry.repair.hole_filling import close_holes
-from polish_sim.geometry.repair.merge import merge_vertices
-from polish_sim.geometry.repair.needles import flip_needles
+from polish_sim.geometry.repair.facets import drop_bad_facets, flip_needles, flip_slivers, split_t_junctions
+from polish_sim.geometry.repair.holes import close_holes, separate_crowded
 from polish_sim.geometry.repair.scan_noise import smooth_noise
-from polish_sim.geometry.repair.self_crossing import describe_crossing_facets
-from polish_sim.geometry.repair.shells import describe_shells, turn_outward, wind_alike
-from polish_sim.geometry.repair.skin import Floats, Skin
-from polish_sim.geometry.repair.t_junctions import split_t_junctions
+from polish_sim.geometry.repair.shells import describe_crossing_facets, describe_shells, turn_outward, wind_alike
+from polish_sim.geometry.repair.skin import Floats, Skin, merge_vertices
 
 
 def mend(triangles: Floats, path: Path) -> Skin:

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.certified.corner import CornerLimits, CornerWeights
+from polish_sim.motion.certified.corner_task import CornerLimits, CornerWeights
 
 Array = NDArray[np.float64]
 

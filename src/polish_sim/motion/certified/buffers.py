@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.motion.certified.corner import PIECES
-from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.certified.corner_shapes import PIECES
+from polish_sim.motion.rules.chain import Chain
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from polish_sim.motion.certified.corner_parts import Kernel, Sides
 from polish_sim.motion.certified.joint_enclosure import Enclosure, enclose, new_enclosure
 from polish_sim.motion.joint_rates import solve_rates
+from polish_sim.motion.rules.limits import Arm, LimitValues
+from polish_sim.motion.rules.schedule import roll_on, turn_on
 from polish_sim.motion.segment_rates import REACHED, reach_pose
-from polish_sim.motion.smoothing.arm import Arm
-from polish_sim.motion.smoothing.limits import LimitValues
-from polish_sim.motion.smoothing.sampling import roll_on, turn_on
 
 Array = NDArray[np.float64]
 

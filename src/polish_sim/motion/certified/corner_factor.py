@@ -26,9 +26,8 @@ from polish_sim.motion.certified.corner_joints import (
     new_joint_corner,
 )
 from polish_sim.motion.certified.corner_parts import Kernel, Sides
+from polish_sim.motion.rules.limits import Arm, LimitValues
 from polish_sim.motion.segment_rates import REACHED, reach_pose, tool_pose
-from polish_sim.motion.smoothing.arm import Arm
-from polish_sim.motion.smoothing.limits import LimitValues
 
 Array = NDArray[np.float64]
 

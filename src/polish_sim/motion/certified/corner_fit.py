@@ -10,10 +10,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.motion.certified.buffers import FULL_LEVELS, LEVELS, Corners, Lines, Segments
-from polish_sim.motion.certified.corner import CornerFigures, CornerLimits, CornerWeights, corner_kernel, time_lost
+from polish_sim.motion.certified.corner import corner_kernel
 from polish_sim.motion.certified.corner_enclosure import JointShares
 from polish_sim.motion.certified.corner_parts import Sides, copy_scaled
 from polish_sim.motion.certified.corner_proof import Slowdown, prove_kernel
+from polish_sim.motion.certified.corner_task import CornerFigures, CornerLimits, CornerWeights
+from polish_sim.motion.certified.corner_time import time_lost
 from polish_sim.motion.certified.corners import (
     corner_limits,
     corner_weights,

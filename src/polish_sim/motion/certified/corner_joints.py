@@ -16,10 +16,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.arm_state import ArmState, new_arm_state
 from polish_sim.motion.certified.corner_extent import KernelControls, most_of_sum
 from polish_sim.motion.certified.joint_enclosure import fill_drift
-from polish_sim.motion.joint_rates import solve_second
+from polish_sim.motion.joint_rates import ArmState, new_arm_state, solve_second
 
 Array = NDArray[np.float64]
 

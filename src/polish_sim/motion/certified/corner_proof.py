@@ -18,8 +18,7 @@ from polish_sim.motion.certified.corner_factor import (
     new_corner_work,
 )
 from polish_sim.motion.certified.corner_parts import Kernel, Sides
-from polish_sim.motion.smoothing.arm import Arm, is_there
-from polish_sim.motion.smoothing.limits import LimitValues
+from polish_sim.motion.rules.limits import Arm, LimitValues, is_there
 
 Array = NDArray[np.float64]
 

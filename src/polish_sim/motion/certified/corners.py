@@ -9,24 +9,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.certified.buffers import (
-    ACCELERATION,
-    DURATION,
-    SIZE,
-    SPEED,
-    Corners,
-    Lines,
-    Segments,
-)
+from polish_sim.motion.certified.buffers import ACCELERATION, DURATION, SIZE, SPEED, Corners, Lines, Segments
 from polish_sim.motion.certified.connector import Ends, LineLimits, least_distance
-from polish_sim.motion.certified.corner import (
-    CornerFigures,
-    CornerLimits,
-    CornerWeights,
-)
 from polish_sim.motion.certified.corner_parts import Kernel
+from polish_sim.motion.certified.corner_task import CornerFigures, CornerLimits, CornerWeights
 from polish_sim.motion.certified.window import line_limits
-from polish_sim.motion.smoothing.limits import LimitValues
+from polish_sim.motion.rules.limits import LimitValues
 
 Array = NDArray[np.float64]
 

@@ -8,34 +8,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.certified.bends import (
-    LINE_SHARE,
-    axis_vectors,
-    off_axis,
-    off_line,
-    plan_bend,
-    tip_vectors,
-)
+from polish_sim.motion.certified.bends import LINE_SHARE, axis_vectors, off_axis, off_line, plan_bend, tip_vectors
 from polish_sim.motion.certified.buffers import Lines, Segments
-from polish_sim.motion.certified.corner import (
-    PIECES,
-    CornerShapes,
-    corner_shapes,
-)
 from polish_sim.motion.certified.corner_proof import prove_kernel
-from polish_sim.motion.certified.corners import (
-    Tolerances,
-    corner_limits,
-    corner_weights,
-)
+from polish_sim.motion.certified.corner_shapes import PIECES, CornerShapes, corner_shapes
+from polish_sim.motion.certified.corners import Tolerances, corner_limits, corner_weights
 from polish_sim.motion.certified.emit import Pen, bend_of
 from polish_sim.motion.certified.law import Law, Turning, bend_load, gone_at, law_at, next_break
 from polish_sim.motion.certified.merge import Shares
 from polish_sim.motion.certified.plain import fill_plain
 from polish_sim.motion.certified.robot import Robot, base_sides
 from polish_sim.motion.certified.strings import segment_line
-from polish_sim.motion.smoothing.arm import Arm
-from polish_sim.motion.smoothing.limits import LimitValues
+from polish_sim.motion.rules.limits import Arm, LimitValues
 
 Array = NDArray[np.float64]
 

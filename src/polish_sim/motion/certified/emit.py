@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from polish_sim.motion.certified.buffers import DURATION, MOST_STRUNG, SIZE, SPEED, Corners, Lines, Segments
 from polish_sim.motion.certified.connector import CONNECTOR_PIECES, LineLimits, connect, fill_connector
-from polish_sim.motion.certified.corner import PIECES
 from polish_sim.motion.certified.corner_parts import Kernel, copy_scaled, new_kernel
+from polish_sim.motion.certified.corner_shapes import PIECES
 from polish_sim.motion.certified.corners import kernel_of
 from polish_sim.motion.certified.law import (
     Law,

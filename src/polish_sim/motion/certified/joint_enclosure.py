@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.arm_state import ArmState, new_arm_state
+from polish_sim.motion.joint_rates import ArmState, new_arm_state
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.motion.certified.bends import axis_vectors, off_axis, off_line, tip_vectors, turn_size
-from polish_sim.motion.certified.corner import PIECES, CornerFigures, CornerLimits, CornerWeights
+from polish_sim.motion.certified.corner_shapes import PIECES
+from polish_sim.motion.certified.corner_task import CornerFigures, CornerLimits, CornerWeights
 
 Array = NDArray[np.float64]
 

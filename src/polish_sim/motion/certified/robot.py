@@ -10,13 +10,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.motion.certified.buffers import CAPACITY, Segments
-from polish_sim.motion.certified.corner import PIECES
 from polish_sim.motion.certified.corner_parts import Kernel, Sides, new_kernel
 from polish_sim.motion.certified.corner_proof import ProofWork, new_proof_work
+from polish_sim.motion.certified.corner_shapes import PIECES
 from polish_sim.motion.certified.segment_limits import SegmentWork, new_segment_work, segment_limits
+from polish_sim.motion.rules.limits import Arm, LimitValues, is_there
 from polish_sim.motion.segment_rates import Segment
-from polish_sim.motion.smoothing.arm import Arm, is_there
-from polish_sim.motion.smoothing.limits import LimitValues
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from polish_sim.motion.certified.joint_choice import binds, choose_limits, rest_to_rest, worst_share
 from polish_sim.motion.certified.joint_enclosure import Enclosure, enclose, new_enclosure
 from polish_sim.motion.kinematics import JOINT_LIMITS
+from polish_sim.motion.rules.limits import Arm, LimitValues, is_there
 from polish_sim.motion.segment_rates import BEYOND, REACHED, SINGULAR, Segment, rates_at, within_range
-from polish_sim.motion.smoothing.arm import Arm, is_there
-from polish_sim.motion.smoothing.limits import LimitValues
 
 Array = NDArray[np.float64]
 

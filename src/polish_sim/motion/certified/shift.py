@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.motion.certified.buffers import Corners, Lines, Segments
-from polish_sim.motion.smoothing.chain import Chain
+from polish_sim.motion.rules.chain import Chain
 
 
 @njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)

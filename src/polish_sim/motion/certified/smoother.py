@@ -23,9 +23,8 @@ from polish_sim.motion.certified.stream_state import (
     Outbox,
     new_stream,
 )
+from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, arm_or_none
 from polish_sim.motion.segment_rates import REACHED, UNREACHABLE
-from polish_sim.motion.smoothing.arm import Arm, arm_or_none
-from polish_sim.motion.smoothing.limits import LimitValues, SmoothingLimits
 
 Array = NDArray[np.float64]
 

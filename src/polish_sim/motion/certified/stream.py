@@ -9,22 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.motion.certified.buffers import (
-    CAPACITY,
-    LOOKAHEAD,
-    SPEED,
-    Corners,
-    Segments,
-)
+from polish_sim.motion.certified.buffers import CAPACITY, LOOKAHEAD, SPEED, Corners, Segments
 from polish_sim.motion.certified.connector import LineLimits
 from polish_sim.motion.certified.corner_fit import fill_corner
 from polish_sim.motion.certified.course import Course, bends_hold, fill_bend, slow_bend
-from polish_sim.motion.certified.emit import (
-    Place,
-    emit_line,
-    lay_bends,
-    lay_law,
-)
+from polish_sim.motion.certified.emit import Place, emit_line, lay_bends, lay_law
 from polish_sim.motion.certified.merge import Run, chord_deviation, joins, store_point
 from polish_sim.motion.certified.robot import fill_limits
 from polish_sim.motion.certified.shift import move_corner, move_line, move_row, move_segment, move_way_point
@@ -54,8 +43,8 @@ from polish_sim.motion.certified.window import (
     limits_between,
     reach_corner,
 )
+from polish_sim.motion.rules.chain import fill_segment
 from polish_sim.motion.segment_rates import REACHED
-from polish_sim.motion.smoothing.build import fill_segment
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from polish_sim.motion.certified.buffers import (
 from polish_sim.motion.certified.emit import KERNEL_ROWS, SEGMENT_ROWS, Pen, new_pen
 from polish_sim.motion.certified.merge import Run, empty_run
 from polish_sim.motion.certified.robot import Robot, new_robot
-from polish_sim.motion.smoothing.arm import Arm
+from polish_sim.motion.rules.limits import Arm
 
 Array = NDArray[np.float64]
 

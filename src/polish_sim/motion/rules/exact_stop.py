@@ -7,14 +7,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.motion.certified.joint_choice import choose_limits
-from polish_sim.motion.rules.fastest import filter_times, singular_segment, stop_triples
-from polish_sim.motion.rules.progress_limits import ProgressLimits
-from polish_sim.motion.rules.rule import Smoothed
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.fir import fir_schedule
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits
+from polish_sim.motion.rules.paper_rules import filter_times, singular_segment, stop_triples
+from polish_sim.motion.rules.rule import ProgressLimits, Smoothed
 from polish_sim.motion.segment_rates import JointRates
-from polish_sim.motion.smoothing.arm import Arm
-from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.fir import fir_schedule
-from polish_sim.motion.smoothing.limits import SmoothingLimits
 
 Array = NDArray[np.float64]
 
@@ -22,7 +20,7 @@ _ANY = 1e12
 """Stands for an infinite limit of the rate of progress [1/s, 1/s^2, 1/s^3]."""
 
 
-def plan(
+def plan_exact_stop(
     chain: Chain,
     limits: SmoothingLimits,
     tolerance: float = 0.0,

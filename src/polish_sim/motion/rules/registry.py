@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from polish_sim.motion.rules import certified, joint_acceleration, joint_jerk
+from polish_sim.motion.rules.certified_rule import plan_certified
+from polish_sim.motion.rules.paper_rules import plan_joint_acceleration, plan_joint_jerk
 from polish_sim.motion.rules.rule import Rule
 
 RULES: Mapping[str, Rule] = {
-    "certified": certified.plan,
-    "joint-jerk": joint_jerk.plan,
-    "joint-acceleration": joint_acceleration.plan,
+    "certified": plan_certified,
+    "joint-jerk": plan_joint_jerk,
+    "joint-acceleration": plan_joint_acceleration,
 }
 """Name -> plan function."""

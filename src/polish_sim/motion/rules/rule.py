@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.motion.smoothing.arm import Arm
-from polish_sim.motion.smoothing.chain import Chain
-from polish_sim.motion.smoothing.limits import SmoothingLimits
-from polish_sim.motion.smoothing.schedule import Schedule
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits
+from polish_sim.motion.rules.schedule import Schedule
+from polish_sim.motion.segment_rates import JointRates, chain_rates, chebyshev_nodes
 
 Array = NDArray[np.float64]
 
@@ -54,3 +55,47 @@ class Rule(Protocol):
             SmoothingError: No speed keeps the joint limits.
         """
         ...
+
+
+# Limits as limits of a segment's progress, and joint derivatives by progress in blocks (Chain, limits -> arrays).
+
+NODES = chebyshev_nodes(9)
+"""Progress at which joint derivatives are taken; the paper differentiates forward between samples instead."""
+BLOCK = 4096
+"""Segments whose joint derivatives are in memory at once."""
+
+
+class ProgressLimits(NamedTuple):
+    """Largest rates of progress of n segments that tool (and feed) allow."""
+
+    speed: Array
+    """[1/s], shape (n,)."""
+    acceleration: Array
+    """[1/s^2], shape (n,)."""
+    jerk: Array
+    """[1/s^3], shape (n,)."""
+
+
+def tool_limits(chain: Chain, limits: SmoothingLimits, feeds: Array | None) -> ProgressLimits:
+    """Tip and axis share one progress: the smaller limit counts (paper 4, eq. 5, 9)."""
+    feed = np.full(len(chain.lengths), np.inf) if feeds is None else np.asarray(feeds, dtype=float)
+    with np.errstate(divide="ignore"):
+        return ProgressLimits(
+            np.minimum(np.minimum(limits.tip_speed, feed) / chain.lengths, limits.axis_speed / chain.angles),
+            np.minimum(limits.tip_acceleration / chain.lengths, limits.axis_acceleration / chain.angles),
+            np.minimum(limits.tip_jerk / chain.lengths, limits.axis_jerk / chain.angles),
+        )
+
+
+def rate_blocks(chain: Chain, arm: Arm) -> Iterator[tuple[slice, JointRates]]:
+    """Joint derivatives by progress at `NODES`, arrays (k, nodes, 6), for ``BLOCK`` segments at a time."""
+    for begin in range(0, len(chain.lengths), BLOCK):
+        rows = slice(begin, min(begin + BLOCK, len(chain.lengths)))
+        rates = chain_rates(_part(chain, rows), NODES, arm)
+        arm = arm._replace(q_start=rates.q[-1, -1].copy())
+        yield rows, rates
+
+
+def _part(chain: Chain, rows: slice) -> Chain:
+    points = slice(rows.start, rows.stop + 1)
+    return Chain(*(array[points] for array in chain[:3]), *(array[rows] for array in chain[3:]))

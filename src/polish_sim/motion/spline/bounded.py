@@ -1,4 +1,4 @@
-"""What is limited along a curve: tip, tool axis and joints, differentiated to its parameter (layer 6).
+"""What is limited along a curve: tip, tool axis and joints, differentiated to its parameter.
 
 With u the parameter, b = u'^2 and X1, X2, X3 a quantity's derivatives to u, in time
 
@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.motion.joint_motion import joint_motion
-from polish_sim.motion.smoothing.arm import Arm
-from polish_sim.motion.smoothing.limits import SmoothingLimits
-from polish_sim.motion.smoothing.sampling import turning
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits
+from polish_sim.motion.rules.schedule import turning
 from polish_sim.motion.spline.curve import CurveRates
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""The fastest law of time along a curve whose quantities keep their limits (Bounded -> u'^2; layer 6).
+"""The fastest law of time along a curve whose quantities keep their limits (Bounded -> u'^2).
 
 The unknown is b = u'^2, a quadratic spline of u that is to be as large as possible everywhere. Acceleration is linear
 in b. Jerk is u' times something linear: that something has to stay below limit / sqrt(b), and the tangent of
@@ -12,13 +12,196 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linprog
+from scipy.sparse import coo_array
 
-from polish_sim.motion.spline.bounded import Bounded, speed_cap, steady_cap
-from polish_sim.motion.spline.program import Rows, join_rows, maximize
-from polish_sim.motion.spline.squares import Squares, control_values, squares_on
-from polish_sim.motion.spline.terms import Terms, along_the_way, beyond, rows_of, terms_of
+from polish_sim.motion.spline.bounded import (
+    SLOWEST_TURN,
+    Bounded,
+    at_ends,
+    jerk_from_rest,
+    speed_cap,
+    steady_cap,
+    time_factor,
+)
+from polish_sim.motion.spline.curve import Curve
+
+# Linear programmes whose every row touches three neighbouring unknowns.
 
 Array = NDArray[np.float64]
+
+
+class Rows(NamedTuple):
+    """Row i: sum over k of ``factors[i, k] x[centers[i] - 1 + k] <= ends[i]``; unknowns beyond either end are 0."""
+
+    centers: NDArray[np.int64]
+    """From 0 to n, of n unknowns, shape (m,)."""
+    factors: Array
+    """Shape (m, 3)."""
+    ends: Array
+    """Shape (m,)."""
+
+
+def join_rows(rows: list[Rows]) -> Rows:
+    """Several sets of rows as one."""
+    centers, factors, ends = zip(*rows, strict=True)
+    return Rows(np.concatenate(centers), np.concatenate(factors), np.concatenate(ends))
+
+
+def maximize(gains: Array, rows: Rows) -> Array | None:
+    """Solve a programme by HiGHS' dual simplex.
+
+    Args:
+        gains: What is to be as large as can be: gains x, shape (n,).
+        rows: What holds; x is not negative.
+
+    Returns:
+        x, shape (n,); None where rows contradict each other or the solver gives up.
+    """
+    numbers, columns = np.repeat(np.arange(len(rows.ends)), 3), (rows.centers[:, None] + np.arange(-1, 2)).ravel()
+    values = rows.factors.ravel()
+    kept = (columns >= 0) & (columns < len(gains)) & (values != 0.0)
+    matrix = coo_array((values[kept], (numbers[kept], columns[kept])), (len(rows.ends), len(gains))).tocsr()
+    solved = linprog(-gains, A_ub=matrix, b_ub=rows.ends, bounds=(0.0, None), method="highs-ds")
+    return np.asarray(solved.x) if solved.status == 0 else None
+
+
+# The square of the parameter's speed as a quadratic spline of the parameter (knots -> stencils).
+#
+# b(u) has one control value more than knots. At a knot b and its slope depend on two of them, on a span between knots
+# the second derivative, which is constant there, on three: control values i - 1, i and i + 1 around a centre i.
+
+
+class Squares(NamedTuple):
+    """How b and its derivatives follow from n + 1 control values with n knots."""
+
+    knots: Array
+    """[m], rising, shape (n,)."""
+    values: Array
+    """Of b at the knots; row k is about centre k + 1, as are the slopes, shape (n, 3)."""
+    slopes: Array
+    """Of b_u at the knots [1/m], shape (n, 3)."""
+    bends: Array
+    """Of b_uu on the spans; row k is about centre k + 1 [1/m^2], shape (n - 1, 3)."""
+    end_values: Array
+    """Of b at the end of every span, about its centre, shape (n - 1, 3)."""
+    end_slopes: Array
+    """Of b_u there [1/m], shape (n - 1, 3)."""
+
+
+def squares_on(knots: Array) -> Squares:
+    """The spline on knots (n,) [m], n at least 3."""
+    spans = np.diff(knots)
+    before, after = np.concatenate([[0.0], spans]), np.concatenate([spans, [0.0]])
+    whole = before + after
+    none = np.zeros_like(whole)
+    values = np.stack([after / whole, before / whole, none], axis=1)
+    slopes = np.stack([-2.0 / whole, 2.0 / whole, none], axis=1)
+    end_values, end_slopes = np.roll(values[1:], 1, axis=1), np.roll(slopes[1:], 1, axis=1)
+    return Squares(knots, values, slopes, (end_slopes - slopes[:-1]) / spans[:, None], end_values, end_slopes)
+
+
+def control_values(squares: Squares, b: Array) -> Array:
+    """Control values of a spline near values b at the knots (n,), shape (n + 1,)."""
+    return np.concatenate([b[:1], 0.5 * (b[:-1] + b[1:]), b[-1:]])
+
+
+def around(stencils: Array, controls: Array) -> Array:
+    """What the stencils (m, 3) give of control values, row k about centre k + 1, shape (m,)."""
+    padded = np.concatenate([controls, [0.0]])
+    m = len(stencils)
+    return np.asarray(sum(stencils[:, k] * padded[k : k + m] for k in range(3)))
+
+
+# Acceleration and jerk along a curve as linear functions of b = u'^2 (Bounded, Squares -> rows).
+
+NEAR = 0.9
+"""Share of a limit from which a row is asked for."""
+
+
+class Terms(NamedTuple):
+    """A quantity's acceleration at every knot, or its jerk over u' at one end of every span."""
+
+    factors: Array
+    """Of three control values about a centre, k + 1 for row k, over the limit, shape (m, 3, d)."""
+    ways: Array
+    """The quantity's own direction there, zero where it stands still, shape (m, d)."""
+    squares: Array | None
+    """Factors of b there, of jerks; None: acceleration, shape (m, 3)."""
+
+
+class Cuts(NamedTuple):
+    """Directions in which terms are to stay below 1 (over u', if they are jerks)."""
+
+    numbers: NDArray[np.int64]
+    """Of the terms, shape (m,)."""
+    factors: Array
+    """Shape (m, 3)."""
+    squares: Array | None
+    """As of the terms, of all of them."""
+
+
+def terms_of(law: Squares, quantity: Bounded) -> tuple[Terms, Terms, Terms]:
+    """Acceleration at the knots, jerk where spans begin and where they end; rates are given at the knots."""
+    x1, x2, x3 = quantity.rates
+    acceleration = _outer(law.values, x2) + 0.5 * _outer(law.slopes, x1)
+    begin = _outer(law.values[:-1], x3[:-1]) + 1.5 * _outer(law.slopes[:-1], x2[:-1])
+    end = _outer(law.end_values, x3[1:]) + 1.5 * _outer(law.end_slopes, x2[1:])
+    begin += 0.5 * _outer(law.bends, x1[:-1])
+    end += 0.5 * _outer(law.bends, x1[1:])
+    sizes = np.linalg.norm(x1, axis=1, keepdims=True)
+    ways = np.where(sizes > SLOWEST_TURN, x1 / np.maximum(sizes, SLOWEST_TURN), 0.0)
+    return (
+        Terms(acceleration / quantity.limits[1], ways, None),
+        Terms(begin / quantity.limits[2], ways[:-1], law.values[:-1]),
+        Terms(end / quantity.limits[2], ways[1:], law.end_values),
+    )
+
+
+def along_the_way(terms: Terms) -> Cuts:
+    """Both signs of the quantity's own direction, wherever it moves."""
+    moving = np.flatnonzero(terms.ways.any(axis=1))
+    return _both_signs(terms, moving, terms.ways[moving])
+
+
+def beyond(terms: Terms, controls: Array) -> tuple[float, Cuts]:
+    """The largest value over the limit, and cuts where it is nearly one or more."""
+    vectors = np.stack([around(terms.factors[:, :, d], controls) for d in range(terms.factors.shape[2])], axis=1)
+    sizes = np.linalg.norm(vectors, axis=1)
+    over = sizes if terms.squares is None else sizes * np.sqrt(around(terms.squares, controls))
+    near = np.flatnonzero(over > NEAR)
+    return float(over.max()), _both_signs(terms, near, vectors[near] / sizes[near, None])
+
+
+def rows_of(cuts: Cuts, controls: Array, size: Array, fixed: NDArray[np.bool_]) -> Rows:
+    """Cuts as rows of unknowns, control values over their ``size``.
+
+    Args:
+        cuts: What is asked for.
+        controls: Near these, jerks are made linear, shape (n + 1,).
+        size: Of the unknowns, shape (n + 1,).
+        fixed: Unknowns that keep their size: no factors are left of them, shape (n + 1,).
+    """
+    at, factors, ends = cuts.numbers, cuts.factors, np.ones(len(cuts.numbers))
+    if cuts.squares is not None:
+        # 1 / sqrt(b) is at least 1.5 near^-0.5 - 0.5 b near^-1.5.
+        near = around(cuts.squares, controls)[at]
+        factors = factors + 0.5 * near[:, None] ** -1.5 * cuts.squares[at]
+        ends = 1.5 * near**-0.5
+    around_it = at[:, None] + np.arange(3)
+    sizes, known = (np.append(values, 0.0)[around_it] for values in (size, fixed * 1.0))
+    scaled = factors * sizes / ends[:, None]
+    return Rows(at + 1, scaled * (1.0 - known), 1.0 - np.sum(scaled * known, axis=1))
+
+
+def _outer(stencils: Array, rates: Array) -> Array:
+    return stencils[:, :, None] * rates[:, None, :]
+
+
+def _both_signs(terms: Terms, numbers: NDArray[np.int64], ways: Array) -> Cuts:
+    along = np.einsum("nkd,nd->nk", terms.factors[numbers], ways)
+    return Cuts(np.concatenate([numbers, numbers]), np.concatenate([along, -along]), terms.squares)
+
 
 MOST_ROUNDS = 20
 KEPT = 1.01
@@ -116,3 +299,77 @@ def _bounds(most: Array, size: Array, fixed: NDArray[np.bool_]) -> Rows:
     factors = np.zeros((2 * len(n), 3))
     factors[: len(n), 1], factors[len(n) :, 1] = np.where(fixed, 1.0, size / most), -1.0
     return Rows(np.concatenate([n, n]), factors, np.concatenate([np.ones(len(n)), np.zeros(len(n))]))
+
+
+# Where along a curve the law of time is solved for (Curve -> knots of the law).
+
+KNOT_TIME = 0.02
+"""Most time between knots: short against the time in which a limit's acceleration is built up [s]."""
+KNOTS_PER_SPAN = 4
+"""Least number of knots of the law in a span between knots of the curve, at the first try."""
+LAUNCH_TIME = 0.005
+"""Of constant jerk from rest, at most [s]."""
+LAUNCH_SHARE = 0.9
+"""Of the largest jerk from rest."""
+BEFORE_LIMITS = 0.97
+"""Of the speed at which a limit would be met, at the end of the launch."""
+LAUNCH_GROWTH = 1.2
+"""After it the time from rest grows by this factor from knot to knot, until knots are ``KNOT_TIME`` apart."""
+SAME_KNOT = 2e-5
+"""Knots nearer than this are not told apart [m]."""
+
+
+def coarse_knots(curve: Curve, refinement: int) -> Array:
+    """Some parameters in every span between knots of the curve, ends included [m], shape (n,)."""
+    knots, count = curve.knots, refinement * KNOTS_PER_SPAN
+    shares = np.arange(count) / count
+    return np.append((knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel(), knots[-1])
+
+
+def launch_of(length: float, slowest: float, quantities: list[Bounded]) -> Launch:
+    """The launch of a motion over a length [m]: short beside the way, and until bends make themselves felt.
+
+    After it the speed still rises by as much again while the acceleration fades: that may not pass ``slowest``, the
+    smaller speed wanted at the ends [m/s].
+    """
+    jerk = LAUNCH_SHARE * jerk_from_rest(quantities)
+    launch = Launch(jerk, min(LAUNCH_TIME, 0.1 * float(np.cbrt(length / jerk))))
+    ends = [at_ends(each) for each in quantities]
+    moved = np.ones(2)
+    while 2.0 * launch.speed > BEFORE_LIMITS * slowest or max(
+        time_factor(each, launch.speed * moved, launch.acceleration * moved, jerk * moved) for each in ends
+    ) > BEFORE_LIMITS:  # fmt: skip
+        launch = launch._replace(duration=0.7 * launch.duration)
+    return launch
+
+
+def with_feed_changes(coarse: Array, changes: Array) -> Array:
+    """Knots (n,) with those where the wanted feed changes its course, unless there is one nearby already [m]."""
+    right = np.clip(np.searchsorted(coarse, changes), 1, len(coarse) - 1)
+    apart = np.minimum(np.abs(changes - coarse[right - 1]), np.abs(coarse[right] - changes))
+    return np.union1d(coarse, changes[apart > SAME_KNOT])
+
+
+def law_knots(coarse: Array, speeds: Array, launch: Launch, refinement: int) -> Array:
+    """Knots from launch to landing, close together where the motion is slow.
+
+    Args:
+        coarse: First knots [m], from 0, shape (n,).
+        speeds: Largest u' expected there [m/s], shape (n,).
+        launch: From rest.
+        refinement: Divides ``KNOT_TIME``.
+
+    Returns:
+        Knots [m], rising.
+    """
+    steps, length, most = np.diff(coarse), float(coarse[-1]), KNOT_TIME / refinement
+    parts = np.maximum(1, np.ceil(steps / (most * np.maximum(speeds[1:], speeds[:-1])))).astype(int)
+    counted = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    inner = np.repeat(coarse[:-1], parts) + counted * np.repeat(steps / parts, parts)
+    last = max(most / (LAUNCH_GROWTH - 1.0) / launch.duration, LAUNCH_GROWTH**2)
+    times = launch.duration * LAUNCH_GROWTH ** np.arange(1 + int(np.log(last) / np.log(LAUNCH_GROWTH)))
+    first = launch.jerk / 6.0 * times**3
+    first = first[first < 0.3 * length]
+    clear = 2.0 * first[-1] - first[-2]
+    inner = inner[(inner > clear) & (inner < length - clear)]
+    return np.concatenate([first, inner, length - first[::-1]])

@@ -4,16 +4,119 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.planning.curves.near_chords import near_chords
+from polish_sim.geometry import ClosestPoints
 from polish_sim.spatial import unit
 
+# Equal-distance stepping on a surface (paper 1, section 1.2, fig. 4): the one primitive all turns are built from.
+
 Array = NDArray[np.float64]
+
+ITERATIONS = 20
+TOLERANCE_M = 1e-11
+
+
+class SurfaceQuery(Protocol):
+    """Anything that knows its closest point, so that a test can step on a sphere in closed form."""
+
+    def closest(self, points: Array, hint: NDArray[np.int32] | None = None) -> ClosestPoints:
+        """Closest points to points (n, 3) [m]; hint: facets that may be close, shape (n,)."""
+        ...
+
+
+def step_on_surface(
+    surface: SurfaceQuery, start: Array, normals: Array, directions: Array, distance: Array | float
+) -> ClosestPoints:
+    """From points on the surface go along directions to the points at an exact Euclidean distance.
+
+    The end point lies in the plane spanned by direction t and normal n of the start, at
+    P + a t + h n with a^2 + h^2 = S^2; Newton's method finds the height h at which it meets the surface.
+
+    Args:
+        surface: Where to stay.
+        start: Points P on the surface [m], shape (n, 3).
+        normals: Unit outward normals there, shape (n, 3).
+        directions: Directions t, any length and with any normal part, shape (n, 3).
+        distance: S [m], one or shape (n,).
+
+    Returns:
+        The end points; where the surface ends before S its closest border point. Zero distances stay.
+    """
+    step = np.broadcast_to(np.asarray(distance, dtype=float), (len(start),))
+    tangents = directions - normals * (directions * normals).sum(axis=1, keepdims=True)
+    tangents = tangents / np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-300)
+    height = np.zeros(len(start))
+    foot = None
+    for _ in range(ITERATIONS):
+        along = np.sqrt(np.maximum(step**2 - height**2, 0.0))
+        trial = start + along[:, None] * tangents + height[:, None] * normals
+        foot = surface.closest(trial, None if foot is None else foot.facets)
+        gap = (trial - foot.positions) * foot.normals  # signed height of the trial above the surface
+        error = gap.sum(axis=1)
+        if np.abs(error).max(initial=0.0) < TOLERANCE_M:
+            break
+        # How fast that gap changes when the trial swings along the circle of radius S.
+        swing = normals - (height / np.maximum(along, 1e-12))[:, None] * tangents
+        rate = (swing * foot.normals).sum(axis=1)
+        update = error / np.where(np.abs(rate) < 0.2, np.copysign(0.2, rate), rate)
+        height = np.clip(height - update, -0.95 * step, 0.95 * step)
+    assert foot is not None
+    return foot
+
+
+# Nearest points on the two chords that meet in a point of a polyline (curve and points -> feet); compiled.
+
+TINY = 1e-300
+
+
+@njit(cache=True, error_model="numpy")
+def near_chords(positions, normals, knots, count, closed, points, index):  # type: ignore[no-untyped-def]
+    """Nearest points on the chords before and behind given points of a polyline.
+
+    Args:
+        positions: Its points [m], a closed one's first repeated at the end, shape (k, 3).
+        normals: Normals there, shape (k, 3).
+        knots: Arc lengths there [m], shape (k,).
+        count: Number of points, the repeated one not counted.
+        closed: Whether it is closed.
+        points: Where from [m], shape (n, 3).
+        index: Between which chords to look: the point of the polyline they meet in, shape (n,).
+
+    Returns:
+        Arc lengths (n,), feet (n, 3), normals there, not normalised, (n, 3), and distances (n,).
+    """
+    n = len(points)
+    s, gap, foot, normal = np.empty(n), np.empty(n), np.empty((n, 3)), np.empty((n, 3))
+    for i in range(n):
+        best, best_k, best_share = np.inf, 0, 0.0
+        for before in (1, 0):
+            k = index[i] - before
+            k = k % count if closed else min(max(k, 0), count - 2)
+            length2, along = 0.0, 0.0
+            for c in range(3):
+                chord = positions[k + 1, c] - positions[k, c]
+                along += (points[i, c] - positions[k, c]) * chord
+                length2 += chord * chord
+            share = min(max(along / max(length2, TINY), 0.0), 1.0)
+            away2 = 0.0
+            for c in range(3):
+                away2 += (points[i, c] - positions[k, c] - share * (positions[k + 1, c] - positions[k, c])) ** 2
+            if away2 < best:
+                best, best_k, best_share = away2, k, share
+        gap[i] = np.sqrt(best)
+        s[i] = knots[best_k] + best_share * (knots[best_k + 1] - knots[best_k])
+        for c in range(3):
+            foot[i, c] = positions[best_k, c] + best_share * (positions[best_k + 1, c] - positions[best_k, c])
+            normal[i, c] = normals[best_k, c] + best_share * (normals[best_k + 1, c] - normals[best_k, c])
+    return s, foot, normal, gap
+
+
 SAME = 1e-9
 """Distances that differ by less than this share are the same."""
 

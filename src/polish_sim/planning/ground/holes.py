@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from polish_sim.geometry import Region
 from polish_sim.geometry.bezier import hermite_midpoint, quadratic_normals, through_midpoint, unit_tangents
-from polish_sim.geometry.boundary import boundary_loops
-from polish_sim.geometry.surface import Surface, build_surface
+from polish_sim.geometry.surface import Surface, boundary_loops, build_surface
 from polish_sim.geometry.topology import find_adjacency
 from polish_sim.spatial import unit
 

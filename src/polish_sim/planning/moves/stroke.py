@@ -6,16 +6,111 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import Surface
-from polish_sim.planning.moves.approach import Move, process_move
-from polish_sim.planning.moves.tool_axes import angles_between, lean, smooth_axes, soften_creases
+from polish_sim.planning.moves.leads import Move, process_move
 from polish_sim.planning.patterns.run import SurfaceRun
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
 
+# The tool axis at every point: the normal, turned gradually over creases, leaned by lead and tilt, smoothed.
+
 Array = NDArray[np.float64]
+
+CREASE = np.radians(4.0)
+"""Between neighbouring points a smooth part never turns by as much [rad]."""
+SAMPLES = 32
+"""Samples on the way over which a crease is rounded."""
+STEEPEST = np.radians(75.0)
+"""Smoothing never turns the axis further from the surface normal than this [rad]."""
+PER_WINDOW = 64
+"""Samples on the length over which axes are averaged."""
+
+
+def lean(normals: Array, tangents: Array, lead: float, tilt: float) -> Array:
+    """Turn the normals by a lead angle towards the feed and a tilt angle to its left.
+
+    A positive lead tips the tool's body forward, the way it is fed, so that the pad's heel presses more; a positive
+    tilt tips it to the left of the feed seen from outside. Each angle is seen square to the other one's plane: the
+    axis is n + tan(lead) t + tan(tilt) (n x t).
+
+    Args:
+        normals: Unit outward normals, shape (n, 3).
+        tangents: Feed directions, shape (n, 3).
+        lead: Angle [rad].
+        tilt: Angle [rad].
+
+    Returns:
+        Unit tool axes from the part to the tool, shape (n, 3).
+    """
+    along = unit(tangents - normals * (tangents * normals).sum(axis=1, keepdims=True))
+    across = np.cross(normals, along)
+    return unit(normals + np.tan(lead) * along + np.tan(tilt) * across)
+
+
+def soften_creases(normals: Array, s: Array, reach: float) -> Array:
+    """Let the axis turn over a crease on a stretch instead of at a point; elsewhere it stays the normal.
+
+    Args:
+        normals: Unit normals along the path, shape (n, 3).
+        s: Arc length [m], shape (n,).
+        reach: The turn begins and ends this far from the crease [m].
+
+    Returns:
+        Unit axes, shape (n, 3).
+    """
+    turn = np.linalg.norm(np.diff(normals, axis=0), axis=1)
+    jumps = 0.5 * (s[1:] + s[:-1])[turn > CREASE]
+    if len(jumps) == 0:
+        return normals
+    even = np.linspace(s[0], s[-1], max(int((s[-1] - s[0]) * SAMPLES / reach), 2) + 1)
+    sampled = np.stack([np.interp(even, s, normals[:, k]) for k in range(3)], axis=1)
+    mean = uniform_filter1d(sampled, 2 * SAMPLES + 1, axis=0, mode="nearest")
+    softened = np.stack([np.interp(s, even, mean[:, k]) for k in range(3)], axis=1)
+    index = np.clip(np.searchsorted(jumps, s), 1, max(len(jumps) - 1, 1))
+    away = np.minimum(np.abs(s - jumps[index - 1]), np.abs(s - jumps[np.minimum(index, len(jumps) - 1)]))
+    far = np.clip(away / reach - 1.0, 0.0, 1.0)[:, None]
+    share = far**2 * (3.0 - 2.0 * far)
+    return unit(share * normals + (1.0 - share) * softened)
+
+
+def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: float) -> Array:
+    """Average the axes over a length of the path, no axis turned by more than a bound.
+
+    Args:
+        axes: Unit tool axes along one run, shape (n, 3).
+        normals: Unit surface normals there, shape (n, 3).
+        s: Arc length [m], shape (n,).
+        length: Length over which is averaged [m]; 0 leaves the axes as they are.
+        bound: Largest angle between an axis and its smoothed one [rad]. It is tightened where the axis would
+            otherwise lean further than `STEEPEST` from the normal, so that smoothing turns no tool into the part.
+
+    Returns:
+        Unit axes, shape (n, 3).
+    """
+    if length <= 0.0 or bound <= 0.0:
+        return axes
+    count = max(int(np.ceil((s[-1] - s[0]) * PER_WINDOW / length)), 8)
+    even = np.linspace(s[0], s[-1], count + 1)
+    sampled = np.stack([np.interp(even, s, axes[:, k]) for k in range(3)], axis=1)
+    window = max(round(length / (even[1] - even[0])), 1) | 1
+    mean = uniform_filter1d(sampled, window, axis=0, mode="nearest")
+    wanted = unit(np.stack([np.interp(s, even, mean[:, k]) for k in range(3)], axis=1))
+    allowed = np.clip(STEEPEST - angles_between(axes, normals), 0.0, bound)
+    angle = angles_between(axes, wanted)
+    # Turn towards the mean by the angle allowed, in the plane of both.
+    square = unit(wanted - axes * (wanted * axes).sum(axis=1, keepdims=True))
+    turn = np.minimum(angle, allowed)[:, None]
+    return unit(np.cos(turn) * axes + np.sin(turn) * square)
+
+
+def angles_between(first: Array, second: Array) -> Array:
+    """Angles between unit vectors, exact for small ones too, (n, 3) each -> (n,) [rad]."""
+    across = np.linalg.norm(np.cross(first, second), axis=1)
+    return np.arctan2(across, (first * second).sum(axis=1))
+
 
 CREASE_REACH = 0.5
 """The tool axis turns over a crease within this many step-overs on either side."""

@@ -18,7 +18,7 @@ from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.patterns.run import SurfaceRun
 from polish_sim.planning.quality.coverage import strictly_covered
 from polish_sim.planning.quality.crossings import find_crossings
-from polish_sim.planning.quality.strands import Strands
+from polish_sim.planning.quality.located import Strands
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
 

@@ -16,8 +16,7 @@ from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.offset_curve import adapted_spacing
 from polish_sim.planning.curves.turns import Turn
 from polish_sim.planning.patterns.nested import nested_turns
-from polish_sim.planning.patterns.request import PatternRequest
-from polish_sim.planning.patterns.run import FINE, FURTHEST_M, ROUNDING, SHARPENING, SurfaceRun
+from polish_sim.planning.patterns.run import FINE, FURTHEST_M, ROUNDING, SHARPENING, PatternRequest, SurfaceRun
 
 Array = NDArray[np.float64]
 

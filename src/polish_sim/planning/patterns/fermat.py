@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.patterns.fermat_pocket import Layout, split_pockets
+from polish_sim.planning.patterns.fermat_pocket import Layout, find_contacts, grow_tree, split_pockets
 from polish_sim.planning.patterns.fermat_seam import End, Link, build_seam
-from polish_sim.planning.patterns.fermat_tree import find_contacts, grow_tree
 from polish_sim.planning.patterns.nested import all_turns, nested_turns
-from polish_sim.planning.patterns.request import PatternRequest
-from polish_sim.planning.patterns.run import Run, SurfaceRun, finish_run
+from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
 from polish_sim.planning.quality.crossings import find_crossings
 
 Array = NDArray[np.float64]

@@ -13,8 +13,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.turns import Turn, distance_to
-from polish_sim.planning.ground.connected import label_pieces
-from polish_sim.planning.ground.triangulation import Triangulation
+from polish_sim.planning.ground.triangulation import Triangulation, label_pieces
 from polish_sim.planning.patterns.run import Run, dense, join, with_round_corners
 from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.planning.quality.crossings import count_self_crossings

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.level_set import LevelLine, level_lines
-from polish_sim.planning.curves.offset_curve import nearest_of
+from polish_sim.planning.curves.offset_curve import LevelLine, level_lines, nearest_of
 from polish_sim.planning.curves.turns import RingTurns, Turn, border_curves, distance_to, grow_turns, ring_turns
 from polish_sim.planning.ground.triangulation import Triangulation
-from polish_sim.planning.patterns.request import PatternRequest
+from polish_sim.planning.patterns.run import PatternRequest
 from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.spatial import unit
 

@@ -8,8 +8,7 @@ from typing import Final, NamedTuple
 from polish_sim.planning.patterns.contour import contour_runs
 from polish_sim.planning.patterns.fermat import fermat_runs
 from polish_sim.planning.patterns.raster import raster_runs
-from polish_sim.planning.patterns.request import PatternRequest
-from polish_sim.planning.patterns.run import SurfaceRun
+from polish_sim.planning.patterns.run import PatternRequest, SurfaceRun
 from polish_sim.planning.patterns.spiral import spiral_runs
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +11,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import uniform_filter1d
 
-from polish_sim.geometry import ClosestPoints, Surface
+from polish_sim.config import PlanConfig
+from polish_sim.geometry import ClosestPoints, Region, Surface
+from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.toolpath import arc_length
 
 Array = NDArray[np.float64]
@@ -129,3 +132,27 @@ def _stations(s: Array, curvature: Array) -> Array:
     progress = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))])
     count = max(int(np.ceil(progress[-1] - WHOLE)), 8)
     return np.interp(np.linspace(0.0, progress[-1], count + 1), progress, s)
+
+
+# What a pattern is asked to cover (region and plan -> pattern).
+
+Report = Callable[[float], None]
+"""Told the share of the work done, 0 to 1."""
+
+
+class PatternRequest(NamedTuple):
+    """A connected region and how it is to be covered."""
+
+    region: Region
+    """What to cover, in one piece; small holes are closed."""
+    mesh: Triangulation
+    """Its fine triangulation."""
+    plan: PlanConfig
+    """Step-over, order, direction, start and whatever else a pattern listens to."""
+    report: Report
+    """Called with the share done."""
+
+    @property
+    def stepover(self) -> float:
+        """Distance between neighbouring turns [m]."""
+        return self.plan.stepover_m

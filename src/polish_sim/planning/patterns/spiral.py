@@ -7,20 +7,260 @@ a short band on the first turn, which follows the border, and over more and more
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.turns import Turn
-from polish_sim.planning.patterns.joining import first_break, join_turns
 from polish_sim.planning.patterns.leftover import finish_middle, middle_ends
 from polish_sim.planning.patterns.nested import grown_turns
-from polish_sim.planning.patterns.request import PatternRequest
-from polish_sim.planning.patterns.run import Run, SurfaceRun, finish_run
-from polish_sim.planning.patterns.seam import place_seams
+from polish_sim.planning.patterns.pitch import Match, Shares, beside, match_turns, spread_shares
+from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
 from polish_sim.planning.quality.crossings import count_self_crossings
 
-SHORTEST = 1.0
+# Where a spiral steps from turn to turn: a line across all turns that keeps away from corners (turns -> seams).
+
+Array = NDArray[np.float64]
+
+LONGEST, SHORTEST = 8.0, 2.5
+"""Limits of the length of the first step inwards, in step-overs."""
+SHARE_OF_PATH = 0.03
+"""The step takes this share of the whole path, within the limits."""
+SHARE_OF_TURN = 0.25
+"""And at most this share of the first turn."""
+ROOM = 0.5
+"""Step-overs kept between a step and a corner."""
+GOAL_PRICE = 1.0
+"""What a step-over away from where the spiral had better end is worth, in steps over corners."""
+START_PRICE = 30.0
+"""What a step-over away from where the path shall begin is worth."""
+ODD, OVER_CORNER = 0.1, 0.5
+"""A line across turns costs where its steps differ from a step-over by more than the first; where the path shall begin
+somewhere they may go over corners, where they are longer."""
+HEAD = 0.3
+"""Where beside its own first step inwards the line begins, as a share of the step, so that it does not touch itself."""
+NEAR_START = 4
+"""A path may begin as many step-overs along the turn from where it is asked to, in corners the turns do not step in."""
+CORNER = np.radians(30.0)
+"""Turning within half a step-over that counts as a corner [rad]."""
+CANDIDATES = 96
+SAME = 1e-6
+"""Prices this close are equal; the first place along the turn wins."""
+
+
+class Seams(NamedTuple):
+    """Where the turns of a spiral begin and how long the first step to the next turn is."""
+
+    s: Array
+    """Arc length of each turn's beginning on its curve [m], shape (k,)."""
+    band: float
+    """Length of the step inwards, half of it on either side of the first seam [m]."""
+
+
+def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: Array, inner: Array) -> Seams:
+    """Find a line across all turns along which their steps inwards avoid corners.
+
+    Lines are traced outwards from points of the innermost turn, nearest point to nearest point; outwards they
+    never run into a corner. The one furthest from corners wins.
+
+    Args:
+        curves: Nested turns, outermost first.
+        stepover: Distance between them [m].
+        goals: Places near which the innermost turn had better end [m], shape (g, 3); none is fine.
+        outer: Place near which the outermost turn shall begin [m], shape (1, 3) or (0, 3).
+        inner: Place near which the innermost turn shall end, likewise.
+
+    Returns:
+        Beginnings and the length of the first step.
+    """
+    total = sum(curve.length for curve in curves)
+    longest = float(np.clip(SHARE_OF_PATH * total, SHORTEST * stepover, LONGEST * stepover))
+    lines = _outwards(curves, stepover)
+    if len(outer):
+        lines = np.concatenate([lines, _inwards(curves, outer, stepover)], axis=1)
+    places = [curve.at(s)[0] for curve, s in zip(curves, lines, strict=True)]
+    price = (GOAL_PRICE * _away(places[-1], goals) + START_PRICE * _away(places[-1], inner)) / stepover
+    for before, after in pairwise(places):
+        gap = np.linalg.norm(after - before, axis=1) / stepover
+        price += 10.0 * np.maximum(np.abs(gap - 1.0) - (OVER_CORNER if len(outer) else ODD), 0.0)
+    rooms = []
+    for curve, s, single in zip(curves, lines, _alone(curves, stepover), strict=True):
+        rooms.append(_room(curve, s, np.concatenate([_corners(curve, stepover), single])))
+        wanted = 0.5 * min(longest, SHARE_OF_TURN * curve.length) + ROOM * stepover
+        price += np.maximum(1.0 - rooms[-1] / wanted, 0.0) - 0.02 * rooms[-1] / curve.length
+    bands = np.minimum(_bands(rooms, longest, stepover), SHARE_OF_TURN * curves[0].length)
+    begins = curves[0].at(lines[0] - (0.5 - HEAD) * bands)[0]
+    price += START_PRICE * _away(begins, outer) / stepover
+    best = int(np.argmax(price <= price.min() + SAME))
+    return Seams(lines[:, best], float(bands[best]))
+
+
+def _bands(rooms: Sequence[Array], longest: float, stepover: float) -> Array:
+    """Length of the first step on each line, as much as there is room for [m], shape (n,)."""
+    # Inner turns have corners everywhere; there little is left of the step.
+    room = np.percentile(rooms, 25.0, axis=0)
+    return np.clip(2.0 * (room - ROOM * stepover), SHORTEST * stepover, longest)
+
+
+def _outwards(curves: Sequence[Curve], stepover: float) -> Array:
+    """Lines from places all round the innermost turn, nearest point to nearest point; arc lengths (k, n) [m]."""
+    count = min(CANDIDATES, max(int(curves[-1].length / (0.25 * stepover)), 8))
+    lines = [np.linspace(0.0, curves[-1].length, count, endpoint=False)]
+    for inner, outer in pairwise(reversed(curves)):
+        lines.append(outer.nearest(inner.at(lines[-1])[0]).s)
+    return np.array(lines[::-1])
+
+
+def _inwards(curves: Sequence[Curve], start: Array, stepover: float) -> Array:
+    """Lines from places of the outermost turn near a start (1, 3), likewise; they may run into corners."""
+    middle = curves[0].nearest(start).s
+    lines = [curves[0].wrap(middle + stepover * np.linspace(-NEAR_START, NEAR_START, 4 * NEAR_START + 1))]
+    for outer, inner in pairwise(curves):
+        lines.append(inner.nearest(outer.at(lines[-1])[0]).s)
+    return np.array(lines)
+
+
+def _away(points: Array, goals: Array) -> Array:
+    """Distance of points (n, 3) to the nearest goal (g, 3) [m]; 0 without goals."""
+    if len(goals) == 0:
+        return np.zeros(len(points))
+    return np.asarray(np.linalg.norm(points[:, None] - goals, axis=2).min(axis=1))
+
+
+def _alone(curves: Sequence[Curve], stepover: float) -> list[Array]:
+    """Arc lengths of each turn's points that do not lie beside the next or the last turn [m]."""
+    out = [np.empty(0) for _ in curves]
+    for i in range(len(curves) - 1):
+        on_outer, on_inner = beside(curves[i], curves[i + 1], stepover)
+        out[i] = np.concatenate([out[i], curves[i].knots[:-1][~on_outer]])
+        out[i + 1] = curves[i + 1].knots[:-1][~on_inner]
+    return out
+
+
+def _room(curve: Curve, s: Array, corners: Array) -> Array:
+    """How far places are from the nearest of the corners of a closed curve; half its length if it has none [m]."""
+    if len(corners) == 0:
+        return np.full(len(s), 0.5 * curve.length)
+    ordered = np.sort(np.mod(corners, curve.length))
+    after = np.searchsorted(ordered, s) % len(ordered)
+    ahead, behind = np.mod(ordered[after] - s, curve.length), np.mod(s - ordered[after - 1], curve.length)
+    return np.asarray(np.minimum(behind, ahead))
+
+
+def _corners(curve: Curve, stepover: float) -> Array:
+    """Arc lengths of the points at which a closed curve turns sharply [m]."""
+    reach = 0.25 * stepover
+    count = max(int(curve.length / (0.25 * reach)), 8)
+    s = np.linspace(0.0, curve.length, count, endpoint=False)
+    ahead, behind = curve.tangents(s + 0.5 * reach, 0.5 * reach), curve.tangents(s - 0.5 * reach, 0.5 * reach)
+    return s[(ahead * behind).sum(axis=1) < np.cos(CORNER)]
+
+
+# Nested turns joined to one line that winds inwards without a lift (turns and seams -> run; paper 1, fig. 6).
+
+GAP = 0.5
+"""The last turn ends where it comes this near to the turn before, in step-overs."""
+JOINING_ROOM = 0.3
+"""A step inwards needs this many step-overs more than its length beside the next turn."""
+JOINING_SAME = 1e-5
+"""Shares this little below nothing are nothing."""
+
+
+def first_break(curves: Sequence[Curve], seams: Seams, stepover: float) -> int:
+    """Number of turns that can be joined: up to the first whose step inwards would leave the next turn's side.
+
+    Args:
+        curves: Turns, outermost first.
+        seams: Where they begin.
+        stepover: Distance between them [m].
+
+    Returns:
+        How many; all of them if the line can go on to the last.
+    """
+    reach = 0.5 * seams.band + JOINING_ROOM * stepover
+    for i, match in enumerate(_matches(curves, seams, stepover)):
+        on_step = np.zeros(len(match.beside), dtype=bool)
+        for places in (match.outer, match.inner):
+            on_step |= np.minimum(places, places[-1] - places) < reach
+        if not match.beside[on_step].all():
+            return i + 1
+    return len(curves)
+
+
+def join_turns(curves: Sequence[Curve], seams: Seams, to_border: bool, stepover: float) -> Run:
+    """Wind from the outermost turn to the innermost.
+
+    Args:
+        curves: Closed turns one step-over apart, outermost first, inside on their left.
+        seams: Where the turns begin.
+        to_border: Whether the last turn follows a border too.
+        stepover: That distance [m].
+
+    Returns:
+        The line; each round has its number.
+    """
+    matches = _matches(curves, seams, stepover)
+    if not matches:
+        return _number([curves[0].between(seams.s[0], seams.s[0] + curves[0].length - GAP * stepover)[0]])
+    shares = spread_shares([curve.length for curve in curves], matches, seams.band, to_border, stepover)
+    parts = [_round(curves, seams.s, matches, shares[i], i) for i in range(len(curves) - 1)]
+    begin = seams.s[0] - (0.5 - HEAD) * seams.band
+    parts[0] = np.concatenate([curves[0].between(begin, seams.s[0])[0][:-1], parts[0]])
+    parts.append(_last_round(curves, seams.s, matches[-1], shares))
+    return _number(parts)
+
+
+def _matches(curves: Sequence[Curve], seams: Seams, stepover: float) -> list[Match]:
+    pairs = zip(curves[:-1], curves[1:], seams.s[:-1], seams.s[1:], strict=True)
+    return [match_turns(*pair, stepover) for pair in pairs]
+
+
+def _number(parts: Sequence[Array]) -> Run:
+    return Run(np.concatenate(parts), np.repeat(np.arange(len(parts)), [len(part) for part in parts]))
+
+
+def _round(curves: Sequence[Curve], seams: Array, matches: Sequence[Match], share_of: Shares, i: int) -> Array:
+    """Once round along a turn, drifting inwards."""
+    ahead = matches[i]
+    share = share_of.at(ahead.outer)
+    if i == 0:  # nothing lies further out
+        return _between(curves[0], curves[1], seams[:2], ahead, np.maximum(share, 0.0))
+    inwards = share >= -JOINING_SAME
+    points = _between(curves[i], curves[i + 1], seams[i : i + 2], ahead, np.maximum(share, 0.0))[inwards]
+    place = ahead.outer[inwards]
+    behind = matches[i - 1]
+    share = share_of.at(behind.inner)
+    outwards = share < -JOINING_SAME
+    before = _between(curves[i - 1], curves[i], seams[i - 1 : i + 1], behind, 1.0 + share)[outwards]
+    place = np.concatenate([behind.inner[outwards], place])
+    order = np.argsort(place, kind="stable")
+    return np.concatenate([before, points])[order]
+
+
+def _last_round(curves: Sequence[Curve], seams: Array, behind: Match, shares: Sequence[Shares]) -> Array:
+    """Drift to the last turn and follow it until it comes near the round before."""
+    share = np.minimum(shares[-1].at(behind.inner), 0.0)
+    share[-1] = 0.0
+    before = shares[-2].at(behind.outer)
+    near = np.flatnonzero((1.0 + share - before < GAP) & (behind.inner > 0.5 * behind.inner[-1]))
+    end = near[0] if len(near) else len(share)
+    return _between(curves[-2], curves[-1], seams[-2:], behind, 1.0 + share)[:end]
+
+
+def _between(outer: Curve, inner: Curve, seams: Array, match: Match, share: Array) -> Array:
+    """Points a share of the way from each place of the outer turn to that of the inner one, (n, 3).
+
+    Places that do not lie beside each other stay on the turn the share is nearer to.
+    """
+    start = outer.at(seams[0] + match.outer)[0]
+    share = np.where(match.beside, share, np.round(share))
+    return np.asarray(start + share[:, None] * (inner.at(seams[1] + match.inner)[0] - start))
+
+
+SPIRAL_SHORTEST = 1.0
 """Turns shorter than this many step-overs are left to what finishes the middle."""
 
 
@@ -40,7 +280,7 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     plan, mesh, stepover = request.plan, request.mesh, request.stepover
     roots, pitch, to_border = grown_turns(request)
     outward = plan.order == "outward"
-    waiting = [chain for chain in chains(roots, stepover) if chain[0].curve.length > SHORTEST * stepover]
+    waiting = [chain for chain in chains(roots, stepover) if chain[0].curve.length > SPIRAL_SHORTEST * stepover]
     start, nowhere = np.reshape(plan.start, (-1, 3)), np.empty((0, 3))
     lines: list[Run] = []
     while waiting:
@@ -96,7 +336,7 @@ def chains(roots: Sequence[Turn], stepover: float) -> list[list[Turn]]:
         while chain[-1].children:
             inner = sorted(chain[-1].children, key=shortness)
             waiting.extend(inner[1:])
-            if inner[0].curve.length < SHORTEST * stepover:
+            if inner[0].curve.length < SPIRAL_SHORTEST * stepover:
                 break
             chain.append(inner[0])
         out.append(chain)

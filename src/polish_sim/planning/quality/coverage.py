@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.config import PadConfig
 from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.ground.triangulation import Triangulation
-from polish_sim.planning.quality.strands import Strands
+from polish_sim.planning.quality.located import PathOnSurface, Strands
+from polish_sim.planning.quality.points import build_point_grid, thin
+from polish_sim.spatial import unit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -85,3 +91,290 @@ def strict_share(mesh: Triangulation, part_facets: int, runs: Sequence[Curve], s
     corners = mesh.triangles[triangle]
     points, normals = ((weights * values[corners]).sum(axis=1) for values in (mesh.vertices, mesh.normals))
     return float(strictly_covered(points, normals, runs, stepover).mean())
+
+
+# How deep the pad sinks in at a force: an elastic foundation on a curved place (curvature, tilt -> depth).
+
+SPRINGS = 400
+ROUNDS = 60
+DONE_M = 1e-10
+
+
+def pad_depths(curvatures: Array, pad: PadConfig, force: float | Array, tilts: Array | None = None) -> Array:
+    """How deep the pad's middle must go so that the elastic foundation carries a force.
+
+    The disc of radius R is a bed of springs, K / (pi R^2) per area; over a place of curvatures k1, k2 the
+    compression is delta - (k1 x^2 + k2 y^2) / 2 + a x + b y where that is positive, a and b the tool axis' slopes.
+
+    Args:
+        curvatures: Principal curvatures [1/m], positive convex, shape (n, 2).
+        pad: Radius and stiffness.
+        force: [N], one for all or shape (n,).
+        tilts: Components of the tool axis along both principal directions, shape (n, 2); None: it is the normal.
+
+    Returns:
+        Depths delta [m], shape (n,); below zero where the middle stays off.
+    """
+    count = len(curvatures)
+    mean_depths = np.broadcast_to(np.asarray(force, dtype=np.float64) / pad.stiffness_n_m, (count,))
+    tilts = np.zeros((count, 2)) if tilts is None else tilts
+    springs = _disc_points(pad.radius_m)
+    columns = (np.ascontiguousarray(a, dtype=np.float64) for a in (curvatures, tilts, mean_depths))
+    return np.asarray(_solve(*columns, springs))
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(curvatures, tilts, mean_depths, springs):  # type: ignore[no-untyped-def]
+    depths = np.empty(len(curvatures))
+    falls = np.empty(len(springs))
+    for i in range(len(curvatures)):
+        highest = 0.0
+        for q in range(len(springs)):
+            x, y = springs[q, 0], springs[q, 1]
+            # How far the part falls away from the pad's face.
+            falls[q] = 0.5 * (curvatures[i, 0] * x * x + curvatures[i, 1] * y * y) - tilts[i, 0] * x - tilts[i, 1] * y
+            highest = max(highest, falls[q])
+        # The force rises convexly with the depth: Newton's method from full contact comes from above.
+        depth = mean_depths[i] + highest
+        for _ in range(ROUNDS):
+            total, touching = 0.0, 0
+            for q in range(len(springs)):
+                if depth > falls[q]:
+                    total += depth - falls[q]
+                    touching += 1
+            excess = total / len(springs) - mean_depths[i]
+            depth -= excess * len(springs) / max(touching, 1)
+            if abs(excess) < DONE_M:
+                break
+        depths[i] = depth
+    return depths
+
+
+def _disc_points(radius: float) -> Array:
+    """Points of equal area on a disc (sunflower) [m], shape (q, 2)."""
+    k = np.arange(SPRINGS)
+    angle = k * np.pi * (3.0 - np.sqrt(5.0))
+    return np.asarray(radius * np.sqrt((k[:, None] + 0.5) / SPRINGS) * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+
+
+# How long each place of a region is under the pad: its compressed disc carried along the path (path -> seconds).
+#
+# The disc moves in straight steps. Over each, the time a place lies within the disc's edge (a quadratic) and above its
+# pressed-in face (a line) is an interval known in closed form, so the times are exact for straight paths.
+
+Ints = NDArray[np.int64]
+
+STEP = 0.1
+"""Length of the pad's steps in pad radii."""
+CORNER = np.radians(10.0)
+"""Waypoints at which the path turns by more end a step [rad]."""
+BALL = 1.05
+"""Places further than this many pad radii from the pad's middle are not under it, however tall."""
+
+
+class PadSteps(NamedTuple):
+    """Straight steps of the pad."""
+
+    start: Array
+    """Middle of the pad on the surface, before [m], shape (n, 3)."""
+    end: Array
+    """And after, shape (n, 3)."""
+    axes: Array
+    """Unit tool axes, shape (n, 3)."""
+    depths: Array
+    """How deep the pad's face is pressed in at its middle [m], shape (n,)."""
+    times: Array
+    """How long each step takes [s], shape (n,)."""
+
+
+def pad_steps(on: PathOnSurface, pad: PadConfig) -> PadSteps:
+    """Cut the path in contact into steps of about a tenth of the pad's radius.
+
+    Args:
+        on: The path with its forces and feeds.
+        pad: The pad.
+
+    Returns:
+        The steps.
+    """
+    length = np.linalg.norm(np.diff(on.positions, axis=0), axis=1)
+    slowness = 0.5 * (1.0 / on.feeds[1:] + 1.0 / on.feeds[:-1])
+    s, t = (np.concatenate([[0.0], np.cumsum(way)]) for way in (length, length * slowness))
+    rows = rows_apart(on, s, STEP * pad.radius_m)
+    tilts = np.stack([(on.axes * on.principal).sum(axis=1), (on.axes * _second(on)).sum(axis=1)], axis=1)
+    depths = pad_depths(on.curvatures[rows], pad, on.forces[rows], tilts[rows])
+    joined = on.stretch_of[rows[1:]] == on.stretch_of[rows[:-1]]
+    a, b = rows[:-1][joined], rows[1:][joined]
+    mean = 0.5 * (depths[:-1] + depths[1:])[joined]
+    return PadSteps(on.positions[a], on.positions[b], unit(on.axes[a] + on.axes[b]), mean, t[b] - t[a])
+
+
+def _second(on: PathOnSurface) -> Array:
+    return np.cross(on.normals, on.principal)
+
+
+def rows_apart(on: PathOnSurface, s: Array, spacing: float) -> Ints:
+    """Rows about a spacing apart; both ends of every stretch and its corners among them."""
+    way = unit(np.diff(on.positions, axis=0))
+    corner = np.zeros(len(s), dtype=bool)
+    corner[1:-1] = (way[1:] * way[:-1]).sum(axis=1) < np.cos(CORNER)
+    rows = []
+    for stretch in on.stretches:
+        first, last = s[stretch[0]], s[stretch[-1]]
+        marks = np.linspace(first, last, max(int(np.ceil((last - first) / spacing)), 1) + 1)
+        near = np.searchsorted(s[stretch], marks[1:-1])
+        rows.append(
+            stretch[np.unique(np.concatenate([[0], near, np.flatnonzero(corner[stretch]), [len(stretch) - 1]]))]
+        )
+    return np.concatenate(rows)
+
+
+def time_under_pad(points: Array, point_normals: Array, steps: PadSteps, radius: float) -> Array:
+    """Time each point lies under the pad's compressed area.
+
+    Args:
+        points: Points of the region [m], shape (k, 3).
+        point_normals: Unit surface normals there, shape (k, 3).
+        steps: The pad's steps.
+        radius: Of the pad [m].
+
+    Returns:
+        Times [s], shape (k,); exactly zero where the pad never is.
+    """
+    grid = build_point_grid(points, 0.35 * radius)
+    return np.asarray(_sum_up(points, point_normals, steps, radius, grid))
+
+
+@njit(cache=True, error_model="numpy")
+def _sum_up(points, point_normals, steps, radius, grid):  # type: ignore[no-untyped-def]
+    times = np.zeros(len(points))
+    reach = BALL * radius
+    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+    for k in range(len(steps.start)):
+        a, b, axis = steps.start[k], steps.end[k], steps.axes[k]
+        for d in range(3):
+            least, most = min(a[d], b[d]) - reach - grid.low[d], max(a[d], b[d]) + reach - grid.low[d]
+            low[d] = int(max(np.floor(least / grid.cell), 0))
+            high[d] = int(min(np.floor(most / grid.cell), grid.size[d] - 1)) + 1
+        if low[2] >= high[2]:
+            continue
+        for i in range(low[0], high[0]):
+            for j in range(low[1], high[1]):
+                row = (i * grid.size[1] + j) * grid.size[2]
+                for q in range(grid.first[row + low[2]], grid.first[row + high[2]]):
+                    p = grid.items[q]
+                    share = _share_under(points[p], point_normals[p], a, b, axis, steps.depths[k], radius)
+                    times[p] += share * steps.times[k]
+    return times
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _share_under(point, normal, a, b, axis, depth, radius):  # type: ignore[no-untyped-def]
+    """Share of a step during which a point is under the pad's compressed area."""
+    if normal[0] * axis[0] + normal[1] * axis[1] + normal[2] * axis[2] <= 0.0:
+        return 0.0
+    height = rise = 0.0
+    for d in range(3):
+        height += (point[d] - a[d]) * axis[d]
+        rise += (b[d] - a[d]) * axis[d]
+    # In the plane across the axis: |r - t e|^2 < R^2.
+    ee = re = rr = 0.0
+    for d in range(3):
+        r = point[d] - a[d] - height * axis[d]
+        e = b[d] - a[d] - rise * axis[d]
+        ee += e * e
+        re += r * e
+        rr += r * r
+    first, last = 0.0, 1.0
+    under = re * re - ee * (rr - radius * radius)
+    if ee <= 1e-24:
+        if rr >= radius * radius:
+            return 0.0
+    else:
+        if under <= 0.0:
+            return 0.0
+        root = np.sqrt(under)
+        first, last = max(first, (re - root) / ee), min(last, (re + root) / ee)
+    # Above the pressed-in face: height - t rise > -depth.
+    room = height + depth
+    if abs(rise) <= 1e-15:
+        if room <= 0.0:
+            return 0.0
+    elif rise > 0.0:
+        last = min(last, room / rise)
+    else:
+        first = max(first, room / rise)
+    if last <= first:
+        return 0.0
+    middle = 0.5 * (first + last)
+    above = height - middle * rise
+    beside = rr - 2.0 * middle * re + middle * middle * ee
+    return last - first if above * above + beside < (BALL * radius) ** 2 else 0.0
+
+
+# The time under the pad over a whole region, with its variation (Ground, path -> ExposureMap).
+
+APART = 0.04
+"""Places at which the time is summed up lie this many pad radii apart, or as far as the vertices do."""
+OVER, UNDER = 2.0, 0.5
+"""Over- and under-polished is what was under the pad longer (shorter) than this many medians of what it came to."""
+
+
+class ExposureMap(NamedTuple):
+    """Time under the pad, and what it comes to over the region's area, holes left out."""
+
+    times: Array
+    """At every vertex of the region [s], shape (v,)."""
+    coverage: float
+    """Share of the area with any."""
+    mean_s: float
+    median_s: float
+    """Of what is under the pad at all."""
+    variation: float
+    """Standard deviation over mean."""
+    over_area_m2: float
+    """More than twice the median."""
+    under_area_m2: float
+    """Less than half of it, what is not covered included."""
+
+
+def expose(ground: Ground, on: PathOnSurface, pad: PadConfig) -> ExposureMap:
+    """Carry the pad along a path.
+
+    Args:
+        ground: The region.
+        on: The path on it, with forces and feeds.
+        pad: The pad.
+
+    Returns:
+        The times and their figures.
+    """
+    mesh = ground.mesh
+    some = thin(mesh.vertices, APART * pad.radius_m)
+    points, normals = mesh.vertices[some.kept], mesh.normals[some.kept]
+    times = time_under_pad(points, normals, pad_steps(on, pad), pad.radius_m)
+    own = mesh.part_areas(ground.part_facets)
+    areas: Array = np.bincount(some.stands_for, weights=own, minlength=len(points)).astype(np.float64)
+    total = float(areas.sum())
+    mean = float((areas * times).sum()) / total
+    spread = float(np.sqrt((areas * (times - mean) ** 2).sum() / total))
+    under = times > 0.0
+    median = _median(times[under], areas[under])
+    return ExposureMap(
+        times=times[some.stands_for],
+        coverage=float(areas[under].sum()) / total,
+        mean_s=mean,
+        median_s=median,
+        variation=spread / mean if mean > 0.0 else float("nan"),
+        over_area_m2=float(areas[times > OVER * median].sum()),
+        under_area_m2=float(areas[times < UNDER * median].sum()),
+    )
+
+
+def _median(values: Array, weights: Array) -> float:
+    """Value below which half of the weight lies; zero if there are no values."""
+    if len(values) == 0:
+        return 0.0
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    return float(values[order[int(np.searchsorted(below, 0.5 * below[-1]))]])

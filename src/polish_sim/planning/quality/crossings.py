@@ -14,13 +14,188 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.geometry.topology import label_pieces
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.quality.contact_places import crossings_through_contacts
-from polish_sim.planning.quality.segments import SAME_PLACE_M, Segments, segments_of
-from polish_sim.spatial import unit
+from polish_sim.planning.quality.located import SAME_PLACE_M, Segments, segments_of
+from polish_sim.planning.toolpath import arc_length
+from polish_sim.spatial import perpendicular, unit
+
+# Places where paths meet within a micron: do they cross there, or only touch? (pairs of segments -> crossings).
+#
+# Rare, so plain Python: a chain of touching segment pairs is one place. The second path crosses the first one there if
+# it comes from one side and leaves to the other; if either path begins or ends there, it only touches.
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+END_PAIRS = 60
+"""Pairs of segments looked at from either end of a place where paths meet."""
+
+
+class Contacts(NamedTuple):
+    """What the contacts come to."""
+
+    alone: Ints
+    """Pairs that cross properly, away from contacts."""
+    through: Array
+    """Where paths cross through contacts [m], shape (k, 3)."""
+
+
+def crossings_through_contacts(
+    chords: Segments, i: Ints, j: Ints, proper: Mask, contact: Mask, places: Array
+) -> Contacts:
+    """Judge every chain of contacts.
+
+    Args:
+        chords: The segments.
+        i: First segment of each pair, shape (n,).
+        j: Second one, later along the path, shape (n,).
+        proper: Pairs that cross each other's inside, shape (n,).
+        contact: Pairs that meet in any other way, shape (n,).
+        places: Where [m], shape (n, 3).
+
+    Returns:
+        Proper crossings apart from contacts, and crossings through contacts.
+    """
+    rows = np.flatnonzero(proper | contact)
+    label = _chains(chords, i[rows], j[rows])
+    touched = np.unique(label[contact[rows]])
+    alone = rows[~np.isin(label, touched)]
+    order = np.argsort(label, kind="stable")
+    order = order[np.isin(label[order], touched)]
+    through = []
+    for chain in np.split(rows[order], np.flatnonzero(np.diff(label[order])) + 1):
+        if len(chain) and _crosses(chords, i[chain], j[chain]):
+            through.append(places[chain[len(chain) // 2]])
+    return Contacts(alone, np.array(through).reshape(-1, 3))
+
+
+def _chains(chords: Segments, i: Ints, j: Ints) -> Ints:
+    """Label of the chain each pair belongs to: pairs follow each other over a waypoint at which paths meet, (n,)."""
+    place = {pair: row for row, pair in enumerate(zip(i.tolist(), j.tolist(), strict=True))}
+    follows = np.append(np.diff(chords.number) == 1, False)
+    links = []
+    for (a, b), row in place.items():
+        for step_a, step_b in ((0, 1), (1, 0), (1, 1), (1, -1)):
+            other = place.get((a + step_a, b + step_b))
+            if other is None or (step_a and not follows[a]) or (step_b and not follows[b + min(step_b, 0)]):
+                continue
+            if _meet_between(chords, a, b, step_a, step_b):
+                links.append((row, other))
+    return label_pieces(np.array(links, dtype=np.int64).reshape(-1, 2), len(i))[1].astype(np.int64)
+
+
+def _meet_between(chords: Segments, a: int, b: int, step_a: int, step_b: int) -> bool:
+    """Whether the waypoints between two neighbouring pairs of segments lie where the paths meet."""
+    on_a, on_b = chords.end[a], chords.start[b] if step_b < 0 else chords.end[b]
+    if step_a and step_b:
+        return float(np.linalg.norm(on_a - on_b)) <= 3.0 * SAME_PLACE_M
+    point, k = (on_a, b) if step_a else (on_b, a)
+    return _Line(np.stack([chords.start[k], chords.end[k]])).foot(point)[1] <= 3.0 * SAME_PLACE_M
+
+
+def _crosses(chords: Segments, i: Ints, j: Ints) -> bool:
+    """Whether the paths of a chain of pairs change sides."""
+    if chords.number[j.min()] - chords.number[i.max()] <= 2:
+        return False  # the path's own hairpin: both ways are one turn
+    normal = unit((chords.start_normals[i] + chords.start_normals[j]).sum(axis=0))
+    # Where paths run together for long only the ends of that stretch tell.
+    order = np.argsort(j, kind="stable")
+    before, after = (_sides(chords, i[some], j[some], normal) for some in (order[:END_PAIRS], order[-END_PAIRS:]))
+    return before[0] * after[1] < 0
+
+
+def _sides(chords: Segments, i: Ints, j: Ints, normal: Array) -> tuple[int, int]:
+    """On which side of the first path the second one comes to its first meeting, and leaves its last one."""
+    first = perpendicular(normal)
+    frame = np.stack([first, np.cross(normal, first)])
+    middle = chords.start[i].mean(axis=0)
+    one, other = (_Line((_around(chords, which) - middle) @ frame.T) for which in (i, j))
+    places = _meetings(one, other)
+    if not len(places):
+        return 0, 0
+    return _side(one, other, places[0], ahead=False), _side(one, other, places[-1], ahead=True)
+
+
+def _around(chords: Segments, which: Ints) -> Array:
+    """Points of a path along a chain's segments, and one segment more on either side where there is one, (p, 3)."""
+    low, high = int(which.min()), int(which.max())
+    number = chords.number
+    if low > 0 and number[low] - number[low - 1] == 1:
+        low -= 1
+    if high + 1 < len(number) and number[high + 1] - number[high] == 1:
+        high += 1
+    return np.concatenate([chords.start[low : high + 1], chords.end[high : high + 1]])
+
+
+class _Line:
+    """A polyline in the plane or in space."""
+
+    def __init__(self, points: Array) -> None:
+        """Take its points [m], shape (p, 2) or (p, 3)."""
+        self.points = points
+        self.s = arc_length(points)
+
+    def at(self, s: float) -> Array:
+        """The point at an arc length [m], shape (2,)."""
+        return np.array([np.interp(s, self.s, self.points[:, k]) for k in (0, 1)])
+
+    def feet(self, points: Array) -> tuple[Array, Array]:
+        """Arc lengths of the nearest points, and their distances [m], each (k,)."""
+        chord = np.diff(self.points, axis=0)
+        square = np.maximum((chord**2).sum(axis=1), 1e-300)
+        away = points[:, None] - self.points[:-1]
+        share = np.clip((away * chord).sum(axis=2) / square, 0.0, 1.0)
+        gap = np.linalg.norm(away - share[:, :, None] * chord, axis=2)
+        nearest = gap.argmin(axis=1)
+        rows = np.arange(len(points))
+        return self.s[nearest] + share[rows, nearest] * np.diff(self.s)[nearest], gap[rows, nearest]
+
+    def foot(self, point: Array) -> tuple[float, float]:
+        """Arc length of the nearest point, and its distance [m]."""
+        s, gap = self.feet(point[None])
+        return float(s[0]), float(gap[0])
+
+    def beyond(self, s: float, ahead: bool) -> Array | None:
+        """The next point after an arc length, or the last before it; None at the line's end."""
+        rows = np.flatnonzero(self.s > s + 2.0 * SAME_PLACE_M if ahead else self.s < s - 2.0 * SAME_PLACE_M)
+        return self.points[rows[0 if ahead else -1]] if len(rows) else None
+
+
+def _meetings(one: _Line, other: _Line) -> Array:
+    """Arc lengths of the other line where it begins, ends or touches the first one, in order, shape (k,)."""
+    own = other.s[one.feet(other.points)[1] <= SAME_PLACE_M]
+    s, gap = other.feet(one.points)
+    return np.sort(np.concatenate([own, s[gap <= SAME_PLACE_M], _cuts(one, other)]))
+
+
+def _cuts(one: _Line, other: _Line) -> Array:
+    """Arc lengths of the other line at which it runs through the inside of a segment of the first one, shape (k,)."""
+    a, b = other.points[:-1, None], other.points[1:, None]
+    c, d = one.points[None, :-1], one.points[None, 1:]
+    from_a, from_b = _turn(d - c, a - c), _turn(d - c, b - c)
+    from_c, from_d = _turn(b - a, c - a), _turn(b - a, d - a)
+    k, found = np.nonzero((from_a * from_b < 0.0) & (from_c * from_d < 0.0))
+    share = from_a[k, found] / (from_a - from_b)[k, found]
+    return np.asarray(other.s[k] + np.diff(other.s)[k] * share)
+
+
+def _turn(a: Array, b: Array) -> Array:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def _side(one: _Line, other: _Line, s: float, ahead: bool) -> int:
+    """On which side of the first line the other one lies just after (before) a meeting: 1 left, -1 right, 0 neither."""
+    place = other.at(s)
+    here = one.foot(place)[0]
+    back, on, away = one.beyond(here, False), one.beyond(here, True), other.beyond(s, ahead)
+    if back is None or on is None or away is None:
+        return 0
+    corner = one.at(here)
+    to_back, to_on, to_away = (np.arctan2(*(point - corner)[::-1]) for point in (back, on, away))
+    left_wedge, angle = (float(np.mod(to - to_on, 2.0 * np.pi)) for to in (to_back, to_away))
+    return 1 if angle < left_wedge else -1
 
 
 class Crossings(NamedTuple):

@@ -1,0 +1,63 @@
+"""One figure of a run, how it is shown, and what is asked of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+DEGREES: Final = 180.0 / math.pi
+"""Scale of an angle shown in degrees."""
+
+
+class Claim(NamedTuple):
+    """One figure of an experiment, how it is shown, what the paper says, and the range asked of it."""
+
+    figure: str
+    """Its name in metrics.json."""
+    label: str
+    unit: str
+    """Unit in which it is shown."""
+    scale: float
+    """Shown value = SI value x scale."""
+    paper: str = "-"
+    low: float = -math.inf
+    """Least value that passes [SI]."""
+    high: float = math.inf
+    """Largest value that passes [SI]."""
+    more_is_better: bool = False
+
+    @property
+    def bounded(self) -> bool:
+        """Whether anything is asked of the figure."""
+        return math.isfinite(self.low) or math.isfinite(self.high)
+
+    def met_by(self, value: float | None) -> bool:
+        """Whether a value [SI] passes; an undefined one (None or NaN) never does where a range is asked."""
+        return not self.bounded or (value is not None and self.low <= value <= self.high)
+
+    def worst_of(self, values: Sequence[float | None]) -> float:
+        """The least good value, or NaN if one is undefined."""
+        known = [value for value in values if value is not None and not math.isnan(value)]
+        if len(known) < len(values) or not known:
+            return math.nan
+        return min(known) if self.more_is_better else max(known)
+
+
+PATH_DONE: Final = Claim("path_done", "path done", "%", 100.0, "100", low=1.0, more_is_better=True)
+
+
+def bound_text(claim: Claim) -> str:
+    """The range asked of a figure, as it is shown, e.g. ``<= 0.1``."""
+    if math.isfinite(claim.low) and math.isfinite(claim.high):
+        return f"{claim.low * claim.scale:g} to {claim.high * claim.scale:g}"
+    if math.isfinite(claim.low):
+        return f">= {claim.low * claim.scale:g}"
+    return f"<= {claim.high * claim.scale:g}" if claim.bounded else "-"
+
+
+def value_text(claim: Claim, value: float | None) -> str:
+    """A figure in its shown unit with three or four significant digits; an undefined one is a dash."""
+    if value is None or math.isnan(value):
+        return "-"
+    return f"{value * claim.scale:.4g}"

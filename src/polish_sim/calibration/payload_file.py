@@ -1,0 +1,132 @@
+"""calibration.toml: a payload estimate on disk, and the tool a run takes from it."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, PayloadReadings
+from polish_sim.calibration.tables import QUATERNION, is_number, read_columns, read_table, write_table
+from polish_sim.errors import InputError
+
+Array = NDArray[np.float64]
+
+KIND = "payload"
+_HEAD = """\
+# The tool behind the wrist sensor and the sensor's bias, with standard deviations (_std), from readings at rest.
+# Sensor axes; torques about the sensor's origin. A reading of the idle tool: f = m g u + b, t = c x (m g u) + b_t,
+# u against gravity. Covariance in the order of: mass, first moment xyz [kg m], force bias xyz, torque bias xyz.
+"""
+
+
+class CalibratedTool(NamedTuple):
+    """What a host needs to compensate the tool's weight."""
+
+    mass: float
+    """[kg]"""
+    center: Array
+    """Centre of mass in the sensor frame [m], shape (3,)."""
+
+
+def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
+    """An estimate under the names of calibration.toml and metrics.json."""
+    figures: dict[str, Any] = {
+        "mass_kg": estimate.mass,
+        "mass_kg_std": estimate.mass_std,
+        "center_m": estimate.center.tolist(),
+        "center_m_std": estimate.center_std.tolist(),
+        "bias_n": estimate.bias[:3].tolist(),
+        "bias_n_std": estimate.bias_std[:3].tolist(),
+        "bias_nm": estimate.bias[3:].tolist(),
+        "bias_nm_std": estimate.bias_std[3:].tolist(),
+    }
+    if len(estimate.theta) > 10:
+        figures |= {
+            "drift_n_s": estimate.drift[:3].tolist(),
+            "drift_n_s_std": estimate.drift_std[:3].tolist(),
+            "drift_nm_s": estimate.drift[3:].tolist(),
+            "drift_nm_s_std": estimate.drift_std[3:].tolist(),
+            "drift_zero_s": estimate.zero_time,
+        }
+    return figures | {
+        "mass_std_relative": estimate.mass_std / estimate.mass,
+        "center_std_max_m": float(estimate.center_std.max()),
+        "residual_rms_n": float(np.sqrt(np.mean(estimate.residuals[estimate.used, :3] ** 2))),
+        "residual_rms_nm": float(np.sqrt(np.mean(estimate.residuals[estimate.used, 3:] ** 2))),
+        "readings": len(estimate.used),
+        "outliers": (np.flatnonzero(~estimate.used) + 1).tolist(),
+        "condition": estimate.condition,
+    }
+
+
+def write_calibration(file: Path, estimate: PayloadEstimate) -> None:
+    """Write calibration.toml."""
+    figures = {"kind": KIND} | estimate_figures(estimate)
+    figures |= {"gravity_m_s2": GRAVITY, "covariance": estimate.covariance.tolist()}
+    write_table(file, _HEAD, figures)
+
+
+def read_calibrated_tool(file: Path) -> CalibratedTool:
+    """Read mass and centre from a calibration.toml.
+
+    Raises:
+        InputError: No such file, no TOML, not the calibration of a payload, or a value that cannot be.
+    """
+    table = read_table(file, KIND, "a payload")
+    mass, center = table.get("mass_kg"), table.get("center_m")
+    if not is_number(mass) or not 0.0 < float(mass) < 1e3:  # type: ignore[arg-type]
+        raise InputError(f"'{file}': mass_kg is {mass!r}, wanted a number above 0 [kg].")
+    if not isinstance(center, list) or len(center) != 3 or not all(map(is_number, center)):
+        raise InputError(f"'{file}': center_m is {center!r}, wanted three numbers [m].")
+    return CalibratedTool(float(mass), np.array(center, dtype=np.float64))  # type: ignore[arg-type]
+
+
+# Readings of a robot's own poses as CSV: in from a user's file, out as residuals.csv, which reads back.
+
+TIME: Final = "time_s"
+WRENCH: Final = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
+JOINTS: Final = tuple(f"q{joint}_rad" for joint in range(1, 7))
+
+
+def read_readings(file: Path) -> PayloadReadings:
+    """Read poses and readings of a real robot; blank lines and lines that begin with # are left out.
+
+    Columns in any order, others are ignored: the orientation of the sensor in a frame with z up, as ``qw..qz``, as a
+    rotation vector ``rx_rad..rz_rad`` (what a UR shows) or as a matrix ``r11..r33``; the reading ``fx_n..tz_nm`` in
+    sensor axes about the sensor's origin; ``time_s`` if the drift is asked for.
+
+    Raises:
+        InputError: No such file, a column missing, a value that is none, an orientation that is none; names the line.
+    """
+    columns = read_columns(file, "reading", "poses and readings")
+    columns.need(WRENCH, "the reading in sensor axes, [N] and [N m]")
+    R_base_sensor = columns.rotations("the sensor")
+    time = columns.numbers([TIME])[:, 0] if TIME in columns.texts else np.zeros(len(columns))
+    return PayloadReadings(time, R_base_sensor, columns.numbers(WRENCH))
+
+
+def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Array | None = None) -> str:
+    """Readings, how far each is from the fit, and whether it was used, as CSV that ``read_readings`` takes.
+
+    Args:
+        readings: The readings.
+        estimate: The fit.
+        q: Joint angles of the poses, if known [rad], shape (n, 6).
+    """
+    turns = Rotation.from_matrix(readings.R_base_sensor).as_quat(canonical=True, scalar_first=True)
+    names = ["reading", TIME, *QUATERNION, *WRENCH, *(f"residual_{name}" for name in WRENCH), "used"]
+    names += [] if q is None else JOINTS
+    out = io.StringIO()
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow(names)
+    for k in range(len(readings)):
+        numbers = [readings.time[k], *turns[k], *readings.wrenches[k], *estimate.residuals[k]]
+        row: list[Any] = [k + 1, *(f"{value:.9g}" for value in numbers), int(estimate.used[k])]
+        table.writerow(row + ([] if q is None else [f"{value:.9g}" for value in q[k]]))
+    return out.getvalue()

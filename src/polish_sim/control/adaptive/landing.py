@@ -1,0 +1,265 @@
+"""Law ``touch-down``: notice the part, press on it as fast as robot and springs allow, stop at the set force.
+
+Contact is what the air was not: in the air the reading's mean is learned, and its noise, from what a low-pass takes off
+and from what it leaves (values beyond two deviations count as two: a rising force must not pass for noise). The part is
+there once the reading, at one of two low-passes (30 Hz for fast approaches, 5 Hz for slow ones), leaves the mean by
+five standard deviations. Where it falls back it was noise, and the tool goes on as before.
+
+The speed then follows from the travel still to go, as for the quickest stop at an acceleration a without overshoot:
+v = w x near the end, v = sqrt(2 a (x - a / 2 w^2)) before. It starts at the speed of the approach, grows with the
+evidence of contact, and is bounded by the force's rate of rise. Nothing is integrated until the force has landed.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from polish_sim.control.adaptive.gains import (
+    AGE,
+    AIR_MEAN,
+    AIR_VARIANCE,
+    APPROACH_SPEED,
+    CO_SPREAD,
+    DAMPER_SPEED,
+    FAST,
+    FAST_VARIANCE,
+    LANDED,
+    LAST_SPEED,
+    MEAN_FORCE,
+    MEAN_PATH,
+    MOVED,
+    SLOW,
+    SPREAD,
+    STIFFNESS,
+    WATCHED,
+    WEIGHT,
+    AdaptiveGains,
+    PressMemory,
+)
+from polish_sim.control.loops import low_pass_step
+from polish_sim.control.signals import Measurement
+
+_FAST_HZ, _SLOW_HZ = 30.0, 5.0
+_FAST_SHARE, _SLOW_SHARE = 0.58, 0.25  # of a reading's deviation (80 Hz) that these low-passes let through
+_ROUGH_SHARE = 0.73  # of its variance that the faster low-pass takes off
+_SIGMAS = 5.0
+_FAST_LEAST, _SLOW_LEAST = 0.4, 0.3  # smallest rise that counts as contact [N]
+_ARMED = 0.15  # time in the air before the statistics are believed [s]
+_AIR_MEMORY, _NOISE_MEMORY = 0.4, 1.0  # [s]
+_LARGEST_OFFSET = 1.5  # of the reading in the air [N]
+_SURE = 1.5  # further rise at which contact is beyond doubt [N]
+_SEEK_SLOWEST, _SEEK_FASTEST = 0.005, 0.02  # towards a part that should be there [m/s]
+_FOUND = 0.2  # contact that lasted this long was the part [s]
+_BRAKING = 0.8  # share of the robot's acceleration that is planned with
+_LANDED = 0.01  # speed below which the landing ends [m/s]
+_LANDING_ENDS = 0.15  # time in which the observer's rate is faded in [s]
+
+
+@njit(cache=True)
+def smooth_reading(memory: PressMemory, reading: float, dt: float) -> None:
+    """Keep the two low-passed readings up to date [N]."""
+    air = memory.air
+    air[FAST] = low_pass_step(air[FAST], reading, _FAST_HZ, dt)
+    air[SLOW] = low_pass_step(air[SLOW], reading, _SLOW_HZ, dt)
+
+
+@njit(cache=True)
+def watch_air(memory: PressMemory, reading: float, approaching: bool, dt: float) -> bool:
+    """Learn what the reading [N] is like in the air; True once it is not like that any more."""
+    air = memory.air
+    if not approaching:
+        air[WATCHED] = 0.0
+        return False
+    air[WATCHED] += dt
+    if air[WATCHED] <= 1.5 * dt:
+        air[AIR_MEAN], air[AIR_VARIANCE], air[FAST], air[SLOW], air[FAST_VARIANCE] = reading, 0.0, reading, reading, 0.0
+        return False
+    smooth_reading(memory, reading, dt)
+    slow_rise = max(_SLOW_LEAST, _SLOW_SHARE / _FAST_SHARE * _SIGMAS * _deviation(memory))
+    if is_armed(memory) and (air[FAST] - air[AIR_MEAN] > fast_rise(memory) or air[SLOW] - air[AIR_MEAN] > slow_rise):
+        return True
+    share, rough, off = dt / min(air[WATCHED], _AIR_MEMORY), reading - air[FAST], air[FAST] - air[AIR_MEAN]
+    counted = min(off * off, 4.0 * air[FAST_VARIANCE]) if is_armed(memory) else off * off
+    air[FAST_VARIANCE] += dt / min(air[WATCHED], _NOISE_MEMORY) * (counted - air[FAST_VARIANCE])
+    air[AIR_MEAN] += share * (reading - air[AIR_MEAN])
+    air[AIR_MEAN] = min(max(air[AIR_MEAN], -_LARGEST_OFFSET), _LARGEST_OFFSET)
+    air[AIR_VARIANCE] += share * (rough * rough / _ROUGH_SHARE - air[AIR_VARIANCE])
+    return False
+
+
+@njit(cache=True)
+def fast_rise(memory: PressMemory) -> float:
+    """Rise of the faster low-pass above the air that only contact explains [N]."""
+    return max(_FAST_LEAST, _SIGMAS * _deviation(memory))
+
+
+@njit(cache=True)
+def _deviation(memory: PressMemory) -> float:
+    """Of the faster low-passed reading in the air: what white noise would do, or what it did if that is more [N]."""
+    return math.sqrt(max(_FAST_SHARE * _FAST_SHARE * memory.air[AIR_VARIANCE], memory.air[FAST_VARIANCE]))
+
+
+@njit(cache=True)
+def is_armed(memory: PressMemory) -> bool:
+    """Whether the air has been watched for long enough to tell contact from noise."""
+    return bool(memory.air[WATCHED] > _ARMED)
+
+
+@njit(cache=True)
+def fell_back(memory: PressMemory) -> bool:
+    """Whether the reading is again what it was in the air."""
+    return bool(memory.air[FAST] - memory.air[AIR_MEAN] < 0.25 * fast_rise(memory))
+
+
+@njit(cache=True)
+def seek_speed(memory: PressMemory) -> float:
+    """Speed towards a part that should be there: as in the approach, quicker where contact was lost [m/s]."""
+    if memory.force[AGE] > _FOUND:
+        return _SEEK_FASTEST
+    return min(max(memory.air[APPROACH_SPEED], _SEEK_SLOWEST), _SEEK_FASTEST)
+
+
+@njit(cache=True)
+def speed_limit(g: AdaptiveGains, memory: PressMemory, stiffness: float) -> float:
+    """Highest speed along tool z for the evidence of contact there is and a ``stiffness`` [N/m]; result [m/s]."""
+    if g.touch_down == 0.0:
+        return g.speed
+    rise = memory.air[FAST] - memory.air[AIR_MEAN] - fast_rise(memory)
+    evidence = min(max(rise / _SURE, 0.0), 1.0)
+    believed = min(seek_speed(memory) + evidence * g.speed, g.speed)
+    return min(believed, max(g.force_rate / stiffness, _SEEK_SLOWEST))
+
+
+@njit(cache=True)
+def quickest_stop(g: AdaptiveGains, travel: float, crossover: float, limit: float) -> float:
+    """Speed at which a travel still to go [m] is ended soonest without going too far [m/s]."""
+    far = abs(travel)
+    speed = crossover * far
+    if g.touch_down > 0.0:
+        a = _BRAKING * g.acceleration
+        bend = a / (crossover * crossover)
+        if far > bend:
+            speed = math.sqrt(2.0 * a * (far - 0.5 * bend))
+    speed = min(speed, limit)
+    return speed if travel >= 0.0 else -speed
+
+
+@njit(cache=True)
+def note_landing(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float) -> None:
+    """Keep how far the landing is over: it ends once the wanted speed [m/s] is small, and the rate is faded in."""
+    if g.touch_down == 0.0:
+        memory.force[LANDED] = 1.0
+    elif abs(speed) < _LANDED:
+        memory.force[LANDED] = min(1.0, memory.force[LANDED] + dt / _LANDING_ENDS)
+
+
+# Law ``stiffness``: dF/dz from the tool's own motion while it lands, stiff until proven soft.
+#
+# Least squares of force over travel, both as the sensor shows them, with a memory of 50 ms. What is used is the upper
+# end of the estimate, k + 2 sigma / sqrt(sum (z - mean)^2): wide at the first touch, when the travel says nothing yet,
+# and within a fraction of a millimetre at the slope itself. A spring taken for stiffer than it is makes the loop slow,
+# never unstable. Only motion the controller made itself counts (faster than 4 mm/s, while it lands): later, travel
+# follows the part and its slope against the force says nothing about springs.
+
+_MEMORY = 0.05  # [s]
+_EXCITED = 0.004  # slower motion teaches nothing [m/s]
+_CONFIDENCE = 2.0  # standard deviations
+_SOFTEST, _STIFFEST = 0.1, 10.0  # of the nominal stiffness
+
+
+@njit(cache=True)
+def restart_fit(memory: PressMemory, path: float, force: float) -> None:
+    """Forget everything but where the tool touched: ``path`` [m], ``force`` [N], as sensed."""
+    fit = memory.fit
+    fit[WEIGHT], fit[MEAN_PATH], fit[MEAN_FORCE], fit[SPREAD], fit[CO_SPREAD] = 0.0, path, force, 0.0, 0.0
+
+
+@njit(cache=True)
+def refine_stiffness(
+    g: AdaptiveGains, memory: PressMemory, nominal: float, path: float, force: float, pressing: float, dt: float
+) -> float:
+    """Take in one reading.
+
+    Args:
+        g: Gains.
+        memory: The sums.
+        nominal: Springs as drawn [N/m].
+        path: Travel as sensed [m].
+        force: Reading without the tool's own forces [N].
+        pressing: Present speed into the part [m/s].
+        dt: Control cycle [s].
+
+    Returns:
+        Upper end of what the stiffness may be [N/m], within 0.1 to 10 times the nominal one, and while the
+        travel says nothing ``stiff_first`` times it.
+    """
+    fit = memory.fit
+    if abs(pressing) > _EXCITED:
+        kept = math.exp(-dt / _MEMORY)
+        weight = kept * fit[WEIGHT] + 1.0
+        share = (weight - 1.0) / weight
+        dz, df = path - fit[MEAN_PATH], force - fit[MEAN_FORCE]
+        fit[WEIGHT] = weight
+        fit[MEAN_PATH] += dz / weight
+        fit[MEAN_FORCE] += df / weight
+        fit[SPREAD] = kept * (fit[SPREAD] + share * dz * dz)
+        fit[CO_SPREAD] = kept * (fit[CO_SPREAD] + share * dz * df)
+    spread = fit[SPREAD] + 1e-16
+    # A low-passed reading is worth a quarter of a fresh one.
+    sigma = 2.0 * max(math.sqrt(memory.air[AIR_VARIANCE]), 0.2)
+    slope, doubt = fit[CO_SPREAD] / spread, _CONFIDENCE * sigma / math.sqrt(spread)
+    upper = min(slope + doubt, max(g.stiff_first * nominal, slope))
+    return min(max(upper, _SOFTEST * nominal), _STIFFEST * nominal)
+
+
+# Law ``inertia``: forces the sensor reads that no part exerts, from the tool's own motion.
+#
+# The wrist sensor carries the tool: it reads m dv/dt besides the contact. The head's damper presses c v into a part
+# while it moves. On a bend the tool is accelerated along its axis though its speed along it stays zero: the tool point
+# goes round the bend, the mass centre round the tool point. All of it follows from the encoders:
+#
+#     own = m (dv/dt - (w x z).v + l w^2) + c v,
+#
+# the damper's share through the pole of damper and springs. Without dv/dt a force loop of crossover w_c behind an
+# observer w_o feeds 2 w_c w_o m / k of its command back at any frequency, whatever the part: 0.64 with 2 kg, 5000 N/m
+# and 20 rad/s each. The turning terms come to 0.7 N at 60 mm/s on a bend of 60 mm radius.
+
+
+@njit(cache=True)
+def own_force(g: AdaptiveGains, memory: PressMemory, m: Measurement, speed: float, pressing: float, dt: float) -> float:
+    """Force along tool z that the sensor reads from the tool's motion alone [N].
+
+    Args:
+        g: Mass, damper and its lag.
+        memory: Last speed and the damper's.
+        m: Measurement.
+        speed: Of the tool along its axis [m/s].
+        pressing: Speed at which the head is pressed in, 0 in the air [m/s].
+        dt: Control cycle [s].
+    """
+    motion = memory.motion
+    acceleration = (speed - motion[LAST_SPEED]) / dt if motion[MOVED] > 0.0 else 0.0
+    motion[LAST_SPEED], motion[MOVED] = speed, 1.0
+    acceleration += round_a_bend(g, m)
+    stiffer = max(memory.force[STIFFNESS] / g.stiffness, 0.05)
+    motion[DAMPER_SPEED] += (1.0 - math.exp(-dt * stiffer / g.damping_lag)) * (pressing - motion[DAMPER_SPEED])
+    return g.inertia * g.mass * acceleration + g.damping * motion[DAMPER_SPEED]
+
+
+@njit(cache=True)
+def round_a_bend(g: AdaptiveGains, m: Measurement) -> float:
+    """Acceleration of the carried mass along tool z by turning: -(w x z).v + l (w^2 - (w.z)^2) [m/s^2]."""
+    v, w, R = m.twist[0:3], m.twist[3:6], m.rotation
+    x, y, z = R[0, 2], R[1, 2], R[2, 2]
+    about = w[0] * x + w[1] * y + w[2] * z
+    across = w[0] * w[0] + w[1] * w[1] + w[2] * w[2] - about * about
+    sideways = (w[1] * z - w[2] * y) * v[0] + (w[2] * x - w[0] * z) * v[1] + (w[0] * y - w[1] * x) * v[2]
+    return float(g.mass_height * across - sideways)
+
+
+@njit(cache=True)
+def unknown_mass(g: AdaptiveGains) -> float:
+    """Mass whose force stays in the reading, at worst [kg]: all of it without the law."""
+    return g.mass * (g.mass_doubt if g.inertia > 0.0 else 1.0)

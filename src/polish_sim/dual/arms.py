@@ -1,0 +1,133 @@
+"""Both arms of a run as they are built, and the tables the host computes them with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.config import DualConfig
+from polish_sim.dual.calibrate_bases import built_arm, simulate_tracked, wrong_table
+from polish_sim.dual.calibrate_tcp import Reading
+from polish_sim.dual.calibration.arm import LEAST_POSES, PairTables, Tolerance, fit_pair
+from polish_sim.dual.calibration.arm_file import read_arm_calibration
+from polish_sim.dual.calibration.measurements import ROBOTS
+from polish_sim.errors import ConfigError
+from polish_sim.motion import forward_many
+from polish_sim.motion.kinematics import NOMINAL, flange_poses, is_nominal, reach_with_table
+
+Array = NDArray[np.float64]
+
+_NOMINAL: Final = dict.fromkeys(ROBOTS, NOMINAL)
+
+
+class FollowerBase(NamedTuple):
+    """The follower's base in the master's."""
+
+    T_master_follower: Array
+    """Shape (4, 4)."""
+    covariance: Array
+    """Of its origin [m] and rotation [rad], master axes, shape (6, 6)."""
+
+
+class PairArms(NamedTuple):
+    """Tables of both arms, robot by robot, each (4, 6)."""
+
+    true: Mapping[str, Array] = _NOMINAL
+    """As they are built: the engine moves these."""
+    believed: Mapping[str, Array] = _NOMINAL
+    """What the host computes with."""
+    bases: FollowerBase | None = None
+    """The follower's base as it was found along with the tables; None: it is found apart."""
+
+    @property
+    def as_drawn(self) -> bool:
+        """Whether both arms are as the nominal table says."""
+        return all(map(is_nominal, self.true.values()))
+
+    def flanges(self, robot: str, q: Array) -> Array:
+        """Where the flange of an arm really is in its base with joints (n, 6) [rad], shape (n, 4, 4)."""
+        table = self.true[robot]
+        return forward_many(q) if is_nominal(table) else flange_poses(table, q)
+
+    def joints(self, robot: str, T_base_flange: Array, q: Array) -> Array:
+        """Joint angles with which the host expects the flange there, from the nominal arm's (n, 6) [rad]."""
+        table = self.believed[robot]
+        return q if is_nominal(table) else reach_with_table(table, T_base_flange, q)
+
+    def reading(self, robot: str) -> Reading | None:
+        """What the host reads when an arm is led until its flange really is where it should be; None: just that."""
+        true, believed = self.true[robot], self.believed[robot]
+        if is_nominal(true) and is_nominal(believed):
+            return None
+        return lambda T_base_flange, q: flange_poses(believed, reach_with_table(true, T_base_flange, q))
+
+
+AS_DRAWN: Final = PairArms()
+
+
+def pair_arms(config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.random.Generator) -> PairArms:
+    """Both arms of a scenario.
+
+    Args:
+        config: How far they are off their tables, and how these are found.
+        T_tracker_base: Where they really stand before a simulated tracker, robot by robot, each (4, 4).
+        rng: Draws the arms, then what the tracker sees.
+
+    Raises:
+        ConfigError: Two sources of one thing, or too few poses.
+        InputError: The calibration cannot be read.
+        CalibrationError: It is another pair's, or of arms that are no UR5e.
+    """
+    if config.arms_file or config.arm_poses:
+        _refuse_second_source(config)
+        _refuse_tool_of_nominal_arm(config)
+    if config.arms_file:
+        found = read_arm_calibration(Path(config.arms_file), config.pair)
+        bases = FollowerBase(found.T_master_follower, found.covariance)
+        return PairArms(found.true_tables or found.tables, found.tables, bases)
+    tolerance = Tolerance(config.arm_length_error_m, config.arm_angle_error_rad)
+    true = {robot: wrong_table(tolerance, rng) if any(tolerance) else NOMINAL for robot in ROBOTS}
+    if config.arm_poses == 0:
+        return PairArms(true)
+    if config.arm_poses < LEAST_POSES:
+        raise ConfigError(
+            f"dual.arm_poses = {config.arm_poses} cannot tell an arm's table: 0 for none, else {LEAST_POSES} or more."
+        )
+    arms = PairTables({robot: built_arm(true[robot], T_tracker_base[robot]) for robot in ROBOTS})
+    tracked = simulate_tracked(arms, config.arm_poses, config.tracker_noise_m, rng)
+    fit = fit_pair(tracked, max(config.tracker_noise_m, 1e-9), Tolerance())
+    return PairArms(true, fit.tables, FollowerBase(*fit.bases))
+
+
+def _refuse_second_source(config: DualConfig) -> None:
+    others: dict[str, object] = {"dual.bases_file": config.bases_file}
+    if config.arms_file:
+        others |= {
+            "dual.arm_poses": config.arm_poses, "dual.arm_length_error_m": config.arm_length_error_m,
+            "dual.arm_angle_error_rad": config.arm_angle_error_rad,
+        }  # fmt: skip
+    given = [name for name, value in others.items() if value]
+    if given:
+        raise ConfigError(
+            f"{', '.join(given)} beside {_source(config)}: the calibration of the arms says how they are and where "
+            "the follower's base stands. Give one of the two."
+        )
+
+
+def _refuse_tool_of_nominal_arm(config: DualConfig) -> None:
+    """A tool is measured on the flange as a table has it: with another table it stands elsewhere on it."""
+    if config.tool_file:
+        raise ConfigError(
+            f"dual.tool_file beside {_source(config)}: '{config.tool_file}' was measured on the flange of an arm as "
+            "the nominal table has it, not as the calibration of the arms has it. Leave the tool's file out: the run "
+            "calibrates its tool with the arms' own tables."
+        )
+
+
+def _source(config: DualConfig) -> str:
+    """The setting that says where the arms' tables are from."""
+    return "dual.arms_file" if config.arms_file else "dual.arm_poses"

@@ -1,0 +1,368 @@
+"""Error budget of the tool on the part, two arms calibrated as `run dual` calibrates them.
+
+Noise of the instruments goes through the calibration of bases, tool and part, and through their adjustment to closing
+touches, to the tool's place on the rim: once to first order, by covariances, and once drawn, the noise of each source
+alone and of all together. To first order the error is, in the part's axes,
+R_work_flange (t + psi x r_mark) - R_work_master (d + phi x r_base) - R_work_tool R_tool_flange p:
+d, phi of the follower's base in the master's, t, psi of the part on its flange, p of the tip on its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.config import DualConfig
+from polish_sim.dual.calibrate_bases import BaseTrial, planted_bases, simulate_arcs
+from polish_sim.dual.calibrate_tcp import TcpTrial, planted_tool, simulate_touches
+from polish_sim.dual.calibration.circle import base_from_meeting_axes, fit_circle
+from polish_sim.dual.calibration.matched_points import length_quantile, point_covariance, quadratic_tail, relative_frame
+from polish_sim.dual.calibration.measurements import ROBOTS
+from polish_sim.dual.calibration.pair import (
+    BASES,
+    LEAST_NOISE,
+    PART,
+    SOURCES,
+    TIP,
+    PairAdjustment,
+    PairParts,
+    adjust_pair,
+    point_slopes,
+)
+from polish_sim.dual.calibration.tool import fit_tool_point
+from polish_sim.dual.calibration.tool_checks import TOOL_DOWN
+from polish_sim.dual.coordination import Chain2
+from polish_sim.dual.frames import PairFrames, Site, believed_chain, find_parts, tool_errors, touch_marks, true_chain
+from polish_sim.dual.placement import default_poses
+from polish_sim.spatial import apply, inverse, transform
+
+Array = NDArray[np.float64]
+
+TOGETHER: Final = "together"
+DESIGNS: Final = 10
+"""Sets of measured arcs the prediction is averaged over: a tracker takes its points where it will."""
+
+
+@dataclass(frozen=True)
+class PairBudgetTrial:
+    """Calibrations of two robots, again and again, and the rim they are to work on."""
+
+    dual: DualConfig = field(default_factory=DualConfig)
+    draws: int = 300
+    seed: int = 0
+    rim_radius: float = 0.08
+    """Of the rim, about that of the hub [m]."""
+    rim_height: float = 0.038
+    """Above the part's origin [m]."""
+    points: int = 24
+    """Places on it where the error is looked at."""
+
+    @property
+    def T_work_tool(self) -> Array:
+        """The tool on the rim, its z axis into the part, shape (points, 4, 4)."""
+        return transform(np.tile(TOOL_DOWN, (self.points, 1, 1)), self._around(self.points))
+
+    @property
+    def site(self) -> Site:
+        """Points of the rim that are touched to find the part, and again with the tool; `dual.marks` of them."""
+        count = self.dual.marks
+        return Site(self.T_master_work, transform(np.tile(TOOL_DOWN, (count, 1, 1)), self._around(count)))
+
+    @property
+    def T_master_work(self) -> Array:
+        """Where the part is held: the first place `run dual` tries, base of the master, shape (4, 4)."""
+        return next(default_poses(true_chain(self.dual), np.array([0.0, 0.0, 1.0]), np.zeros(3)))
+
+    def _around(self, count: int) -> Array:
+        angle = 2.0 * np.pi * np.arange(count) / count
+        x, y = self.rim_radius * np.cos(angle), self.rim_radius * np.sin(angle)
+        return np.stack([x, y, np.full(count, self.rim_height)], axis=1)
+
+
+class Share(NamedTuple):
+    """What one source, or all, does to the tool on the part."""
+
+    predicted_rms_m: float
+    """To first order, by covariances."""
+    drawn_rms_m: float
+    drawn_rms_std_m: float
+    """How well the draws tell their rms."""
+    predicted_p95_m: float
+    """95% of the errors, over calibrations and places, are no larger."""
+    drawn_p95_m: float
+    predicted_axial_share: float
+    """Of the mean square, what lies along the tool axis: pressed on the part, the force loop takes it."""
+    drawn_axial_share: float
+    predicted_across_rms_m: float
+    """What is left for the force loop not to take."""
+    drawn_across_rms_m: float
+
+    @property
+    def deviation_sigma(self) -> float:
+        """Drawn minus predicted, over how well the draws tell it; nothing where there is no noise but rounding."""
+        if max(self.drawn_rms_m, self.predicted_rms_m) < LEAST_NOISE:
+            return 0.0
+        return (self.drawn_rms_m - self.predicted_rms_m) / self.drawn_rms_std_m if self.drawn_rms_std_m else 0.0
+
+
+class Prediction(NamedTuple):
+    """What covariances say of the tool on the part, to first order."""
+
+    slopes: Array
+    """How the tool's place on the part moves with the 15 unknowns, work frame, shape (points, 3, 15)."""
+    shares: Mapping[str, Array]
+    """Covariance of the unknowns by source, (15, 15) each; they add up to the whole."""
+
+    @property
+    def covariances(self) -> dict[str, Array]:
+        """Of the tool's place by source and together [m^2], work frame, each (points, 3, 3)."""
+        J = self.slopes
+        found = {name: np.asarray(J @ C @ np.swapaxes(J, 1, 2)) for name, C in self.shares.items()}
+        return found | {TOGETHER: np.sum(list(found.values()), axis=0)}
+
+    def above_share(self, rms: float) -> float:
+        """Share of calibrations whose rms around the rim is larger than this [m]."""
+        stacked = self.slopes.reshape(-1, self.slopes.shape[2])
+        mean_square = stacked.T @ stacked / len(self.slopes)
+        return quadratic_tail(np.sum(list(self.shares.values()), axis=0), mean_square, rms**2)
+
+
+def predict(trial: PairBudgetTrial) -> Prediction:
+    """Noise of the instruments to the tool on the part, to first order.
+
+    Args:
+        trial: Noise, marks, closing touches, rim.
+    """
+    dual, site, true = trial.dual, trial.site, true_chain(trial.dual)
+    adjusted = [_adjusted_exactly(dual, true, site, np.random.default_rng([trial.seed, 16, k])) for k in range(DESIGNS)]
+    shares = {name: np.mean([one.share(name) for one in adjusted], axis=0) for name in SOURCES}
+    if dual.tracker_noise_m == 0.0:
+        shares["bases"] = np.zeros((15, 15))
+    if dual.touch_noise_m == 0.0:
+        shares |= dict.fromkeys(("tool", "part", "closing"), np.zeros((15, 15)))
+    return Prediction(_slopes(trial, true), shares)
+
+
+def draw_errors(trial: PairBudgetTrial) -> Iterator[dict[str, Array]]:
+    """Calibrate again and again, through the whole chain: nothing is linear here.
+
+    Yields:
+        Draw by draw, with the noise of each source alone and of all together: from the tool as wanted to the tool as
+        it is, work frame [m], each (points, 3).
+    """
+    rng = np.random.default_rng([trial.seed, 15])
+    dual, site, true = trial.dual, trial.site, true_chain(trial.dual)
+    T_master_work, T_work_tool, noise = trial.T_master_work, trial.T_work_tool, trial.dual.touch_noise_m
+    for _ in range(trial.draws):
+        found, R_flange_tool = find_parts(dual, true, site, rng)
+        exact = true_parts(found, true, site)
+        touched = touch_marks(true, site, dual.closing_touches, noise, rng)
+        silent = touch_marks(true, site, dual.closing_touches, 0.0, rng)
+        heard = {name: (_only(name, found, exact), touched if name == "closing" else silent) for name in SOURCES}
+        heard[TOGETHER] = (found, touched)
+        chains = {
+            name: believed_chain(adjust_pair(parts, site.marks_work, closing, noise), R_flange_tool, true)
+            for name, (parts, closing) in heard.items()
+        }
+        yield {name: tool_errors(PairFrames(true, chain), T_master_work, T_work_tool) for name, chain in chains.items()}
+
+
+def compare_shares(
+    trial: PairBudgetTrial, covariances: Mapping[str, Array], errors: Mapping[str, Array]
+) -> dict[str, Share]:
+    """Predicted beside drawn, source by source.
+
+    Args:
+        trial: What was predicted and drawn.
+        covariances: By source [m^2], each (points, 3, 3).
+        errors: By source [m], each (draws, points, 3); two draws or more.
+    """
+    axes = trial.T_work_tool[:, :3, 2]
+    return {name: _share(covariances[name], errors[name], axes) for name in covariances}
+
+
+def budget_figures(
+    trial: PairBudgetTrial, prediction: Prediction, shares: Mapping[str, Share], errors: Array, asked_rms: float
+) -> tuple[dict[str, float], dict[str, float]]:
+    """The figures of the whole, as analysis and as the draws have them.
+
+    Args:
+        trial: What was predicted and drawn.
+        prediction: Of it.
+        shares: By source and together.
+        errors: Together, draw by draw, work frame [m], shape (draws, points, 3).
+        asked_rms: Calibrations with a larger rms around the rim are counted [m].
+
+    Returns:
+        Predicted ones, and the keys of metrics.json.
+    """
+    whole, axes = shares[TOGETHER], trial.T_work_tool[:, :3, 2]
+    across = errors - np.einsum("dnk,nk->dn", errors, axes)[..., None] * axes
+    each = np.sqrt(np.mean(np.sum(errors**2, axis=2), axis=1))
+    predicted = {
+        "relative_error_rms_m": whole.predicted_rms_m,
+        "relative_error_p95_m": whole.predicted_p95_m,
+        "across_error_rms_m": whole.predicted_across_rms_m,
+        "axial_share": whole.predicted_axial_share,
+        "calibrations_above_share": prediction.above_share(asked_rms),
+    }
+    drawn = {
+        "relative_error_rms_m": whole.drawn_rms_m,
+        "relative_error_p95_m": whole.drawn_p95_m,
+        "across_error_rms_m": whole.drawn_across_rms_m,
+        "across_error_p95_m": float(np.percentile(np.linalg.norm(across, axis=2), 95.0)),
+        "axial_share": whole.drawn_axial_share,
+        "calibrations_above_share": float(np.mean(each > asked_rms)),
+        "deviation_sigma_worst": max(abs(share.deviation_sigma) for share in shares.values()),
+        "draws": len(errors),
+    }
+    return predicted, drawn
+
+
+def _share(covariances: Array, errors: Array, axes: Array) -> Share:
+    whole = np.sum(errors**2, axis=2)
+    along = np.einsum("dnk,nk->dn", errors, axes) ** 2
+    expected = float(np.mean(np.trace(covariances, axis1=1, axis2=2)))
+    expected_along = float(np.mean(np.einsum("nj,njk,nk->n", axes, covariances, axes)))
+    # The errors around one rim belong together: what is independent is the draws.
+    each, rms = whole.mean(axis=1), float(np.sqrt(whole.mean()))
+    spread = float(np.std(each, ddof=1) / np.sqrt(len(each)))
+    return Share(
+        float(np.sqrt(expected)),
+        rms,
+        spread / (2.0 * rms) if rms else 0.0,
+        length_quantile(covariances, 0.95),
+        float(np.percentile(np.sqrt(whole), 95.0)),
+        expected_along / expected if expected else 0.0,
+        float(along.mean() / whole.mean()) if rms else 0.0,
+        float(np.sqrt(expected - expected_along)),
+        float(np.sqrt(np.mean(whole - along))),
+    )
+
+
+def true_parts(found: PairParts, true: Chain2, site: Site) -> PairParts:
+    """Bases, tool and marks as they really are, believed to be known as well as those that were found."""
+    marks = apply(true.T_flange_gripper @ true.T_gripper_work, site.marks_work)
+    return found._replace(T_master_follower=true.T_master_follower, tip=true.T_flange_tool[:3, 3], marks_flange=marks)
+
+
+def _only(source: str, found: PairParts, exact: PairParts) -> PairParts:
+    """What is exact, with the noise of one source."""
+    name = {"bases": "T_master_follower", "tool": "tip", "part": "marks_flange"}.get(source)
+    return exact if name is None else exact._replace(**{name: getattr(found, name)})
+
+
+def _adjusted_exactly(dual: DualConfig, true: Chain2, site: Site, rng: np.random.Generator) -> PairAdjustment:
+    """The adjustment without any noise drawn, weighed as if there were: what its covariance needs."""
+    found, _ = find_parts(dual, true, site, rng)
+    closing = touch_marks(true, site, dual.closing_touches, 0.0, rng)
+    return adjust_pair(true_parts(found, true, site), site.marks_work, closing, dual.touch_noise_m)
+
+
+def _slopes(trial: PairBudgetTrial, true: Chain2) -> Array:
+    """How the tool's place on the part moves with bases, tip and part, work frame, shape (points, 3, 15)."""
+    T_flange_work = true.T_flange_gripper @ true.T_gripper_work
+    R_work_master, R_work_flange = trial.T_master_work[:3, :3].T, T_flange_work[:3, :3].T
+    points = trial.T_work_tool[:, :3, 3]
+    J = np.zeros((trial.points, 3, 15))
+    J[..., BASES] = -R_work_master @ point_slopes(true.T_master_follower, apply(trial.T_master_work, points))
+    J[..., TIP] = -trial.T_work_tool[:, :3, :3] @ true.T_flange_tool[:3, :3].T
+    J[..., PART] = R_work_flange @ point_slopes(T_flange_work, apply(T_flange_work, points))
+    return J
+
+
+# Error budget of two calibrated arms: from an instrument's noise to the tool on the part.
+#
+# The follower's tip relative to the master's, both arms exactly as their tables say: what is left is calibration. To
+# first order the error is R2 dp2 - R1 dp1 + (d + phi x r): dp are the tips' errors on their flanges, d and phi those
+# of the follower's base in the master's, r runs from that base to the tip.
+
+R_MASTER, R_FOLLOWER = np.diag([-1.0, 1.0, -1.0]), TOOL_DOWN
+"""How the flanges stand in their own bases while they work."""
+MEETING_POINT = np.array([-0.5, -0.1, 0.45])
+"""Where the tools meet, master base [m]: half way between the bases."""
+
+
+@dataclass(frozen=True)
+class BudgetTrial:
+    """Calibrations of two tools and two bases, again and again."""
+
+    tool: TcpTrial = field(default_factory=TcpTrial)
+    base: BaseTrial = field(default_factory=BaseTrial)
+    draws: int = 200
+    seed: int = 0
+
+
+class ErrorBudgetShare(NamedTuple):
+    """What one calibration does to the relative tool position, 3D rms."""
+
+    drawn: float
+    """Over the draws [m]."""
+    stated: float
+    """By the calibrations' own covariances [m]."""
+
+
+class ErrorBudget(NamedTuple):
+    """Where the error of the tool on the part comes from."""
+
+    shares: dict[str, ErrorBudgetShare]
+    """master tool, follower tool, bases, all."""
+    errors: Array
+    """Relative tool position, found minus true, master base, draw by draw [m], shape (n, 3)."""
+
+    @property
+    def p95(self) -> float:
+        """Size of the error that 95% stay below [m]."""
+        return float(np.percentile(np.linalg.norm(self.errors, axis=1), 95.0))
+
+
+def run_error_budget(trial: BudgetTrial) -> ErrorBudget:
+    """Draw calibrations and compare the errors at the tool with what their covariances say.
+
+    Args:
+        trial: Noise and poses of tools and bases, number of draws.
+
+    Returns:
+        Shares and errors.
+    """
+    rng = np.random.default_rng([trial.seed, 14])
+    drawn, stated = [], []
+    for _ in range(trial.draws):
+        tips = [_tip(trial.tool, rng) for _ in ROBOTS]
+        base = _base(trial.base, rng)
+        parts = [-R_MASTER @ tips[0][0], base[2] @ R_FOLLOWER @ tips[1][0], base[0]]
+        drawn.append(parts)
+        stated.append([np.trace(tips[0][1]), np.trace(tips[1][1]), np.trace(base[1])])
+    errors, variances = np.array(drawn), np.mean(stated, axis=0)
+    names = ("master tool", "follower tool", "bases")
+    shares = {name: ErrorBudgetShare(_rms(errors[:, k]), float(np.sqrt(variances[k]))) for k, name in enumerate(names)}
+    total = errors.sum(axis=1)
+    shares["all"] = ErrorBudgetShare(_rms(total), float(np.sqrt(variances.sum())))
+    return ErrorBudget(shares, total)
+
+
+def _tip(trial: TcpTrial, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Error of a tip on its flange and its covariance."""
+    T_flange_tool = planted_tool(rng)
+    found = fit_tool_point(simulate_touches(trial, T_flange_tool, rng).touches, trial.noise)
+    return found.point - T_flange_tool[:3, 3], found.covariance[:3, :3]
+
+
+def _base(trial: BaseTrial, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Error at the meeting point through the follower's base, its covariance, and how that base stands."""
+    truth = planted_bases(rng)
+    arcs = simulate_arcs(truth, trial.points or 200, trial.noise, rng).arcs
+    bases = {r: base_from_meeting_axes(*(fit_circle(points, trial.noise) for points in arcs[r])) for r in ROBOTS}
+    first, second = (bases[robot] for robot in ROBOTS)
+    T, covariance = relative_frame(first.T, first.covariance, second.T, second.covariance)
+    point_follower = apply(inverse(truth.T_master_follower), MEETING_POINT[None])
+    error = apply(T, point_follower)[0] - MEETING_POINT
+    return error, point_covariance(covariance, MEETING_POINT - T[:3, 3]), truth.T_master_follower[:3, :3]
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))

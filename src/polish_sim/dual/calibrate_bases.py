@@ -1,0 +1,318 @@
+"""Experiment ``calibrate base``: where the follower robot's base stands in the master's.
+
+Kinematics and a tracker's noise only; the bases are planted anew by the seed, about a metre apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.dual.calibration.arm import (
+    ArmEstimate,
+    PairTables,
+    Tolerance,
+    TrackedArm,
+    fit_pair,
+    fit_placement,
+    pair_figures,
+)
+from polish_sim.dual.calibration.base_file import base_figures
+from polish_sim.dual.calibration.matched_points import point_covariance
+from polish_sim.dual.calibration.measurements import (
+    ROBOTS,
+    AxisArcs,
+    BaseCalibration,
+    BaseMeasurements,
+    Handshake,
+    TrackedPoses,
+)
+from polish_sim.errors import unknown_name
+from polish_sim.motion import forward_many
+from polish_sim.motion.kinematics import NOMINAL, flange_poses
+from polish_sim.spatial import apply, from_pose, inverse, rotation_angle
+
+Array = NDArray[np.float64]
+Flanges = Callable[[Array], Array]
+"""Poses of a flange in its base, (n, 4, 4), from joint angles (n, 6)."""
+
+TARGET: Final = np.array([-0.03, 0.02, 0.05])
+"""The tracker's target on the flange [m]: outwards, which makes the circles larger."""
+ARCS: Final = ((-60.0, 60.0), (-120.0, 0.0))
+"""Joint angles of the arcs of axis 1 and axis 2 [deg]: the arm stays above its base."""
+AWAY: Final = 1.0
+"""Where a frame's error at a distance is given [m]."""
+
+
+@dataclass(frozen=True)
+class BaseTrial:
+    """A simulated calibration of two bases."""
+
+    method: str = "circles"
+    noise: float = 3e-5
+    """Of one coordinate of a measured point, rms [m]."""
+    points: int | None = None
+    """Points of an arc, poses of a robot, or common points; None: 200, 12, 10."""
+    seed: int = 0
+
+
+class TrueBases(NamedTuple):
+    """Where the robots and the tracker really stand."""
+
+    T_tracker: Mapping[str, Array]
+    """T_tracker_base, robot by robot, each (4, 4)."""
+
+    @property
+    def T_master_follower(self) -> Array:
+        """The follower's base in the master's, shape (4, 4)."""
+        return inverse(self.T_tracker[ROBOTS[0]]) @ self.T_tracker[ROBOTS[1]]
+
+
+@dataclass(frozen=True)
+class BasesFound:
+    """What a calibration leaves behind."""
+
+    measured: BaseMeasurements
+    found: BaseCalibration
+    figures: dict[str, Any]
+    """The keys of metrics.json."""
+
+
+def calibrate_base_from(measured: BaseMeasurements) -> BasesFound:
+    """Calibrate from measurements of real robots; there is no truth to compare with.
+
+    Raises:
+        CalibrationError: If they do not tell the bases.
+    """
+    found = measured.fit()
+    return BasesFound(measured, found, base_figures(found) | _stated(found))
+
+
+def run_base_calibration(trial: BaseTrial) -> BasesFound:
+    """Plant two bases, measure them, and find one in the other.
+
+    Args:
+        trial: Method, noise, points, seed.
+
+    Returns:
+        Measurements, calibration and figures, the latter against the truth.
+
+    Raises:
+        InputError: Unknown method.
+        CalibrationError: If the measurements do not tell the bases.
+    """
+    if trial.method not in SIMULATED:
+        raise unknown_name("method", trial.method, SIMULATED)
+    rng = np.random.default_rng([trial.seed, 12])
+    truth = planted_bases(rng)
+    simulate, count = SIMULATED[trial.method]
+    measured = simulate(truth, trial.points or count, trial.noise, rng)
+    found = measured.fit(trial.noise if trial.noise > 1e-9 else None)
+    figures = base_figures(found) | _stated(found) | _errors(found, truth)
+    return BasesFound(measured, found, figures | {"method": trial.method, "seed": trial.seed})
+
+
+def planted_bases(rng: np.random.Generator) -> TrueBases:
+    """Two robots that face each other about 1.1 m apart, seen from the side, nothing quite level."""
+    small = np.array([0.05, 0.05, 0.02, 0.01, 0.01, 0.1])
+    places = np.array([[2.5, -0.8, -0.4, 0.0, 0.0, 2.0], [-1.1, 0.0, 0.0, 0.0, 0.0, 3.0]])
+    T_tracker_master, T_master_follower = (from_pose((p + small * rng.uniform(-1.0, 1.0, 6)).tolist()) for p in places)
+    return TrueBases(dict(zip(ROBOTS, (T_tracker_master, T_tracker_master @ T_master_follower), strict=True)))
+
+
+def simulate_arcs(
+    truth: TrueBases, count: int, noise: float, rng: np.random.Generator, tables: Mapping[str, Array] | None = None
+) -> AxisArcs:
+    """Axis 1, then axis 2 of each robot turns, at joint angles nobody reads; ``tables``: of arms as they are built."""
+    flanges = {r: partial(flange_poses, tables[r]) if tables else forward_many for r in ROBOTS}
+    return AxisArcs(
+        {r: (_arc(T, flanges[r], 0, count, noise, rng), _arc(T, flanges[r], 1, count, noise, rng))
+         for r, T in truth.T_tracker.items()}
+    )  # fmt: skip
+
+
+def _arc(
+    T_tracker_base: Array, flanges: Flanges, joint: int, count: int, noise: float, rng: np.random.Generator
+) -> Array:
+    q = np.zeros((count, 6))
+    first, last = np.radians(ARCS[joint])
+    q[:, joint] = np.sort(np.r_[first, last, rng.uniform(first, last, max(count - 2, 0))])[:count]
+    return apply(T_tracker_base, _target(flanges(q))) + noise * rng.standard_normal((count, 3))
+
+
+def _target(T: Array) -> Array:
+    """The tracker's target in the robot's base [m], shape (n, 3), from poses of the flange (n, 4, 4)."""
+    return np.asarray(T[:, :3, :3] @ TARGET + T[:, :3, 3])
+
+
+def simulate_poses(truth: TrueBases, count: int, noise: float, rng: np.random.Generator) -> BaseMeasurements:
+    """Each robot holds the target still in poses all over its workspace; where it is, its joints say."""
+    low, high = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
+    points = {}
+    for robot, T in truth.T_tracker.items():
+        own = _target(forward_many(rng.uniform(low, high, (count, 6))))
+        points[robot] = (apply(T, own) + noise * rng.standard_normal(own.shape), own)
+    return TrackedPoses(points)
+
+
+def simulate_handshake(truth: TrueBases, count: int, noise: float, rng: np.random.Generator) -> BaseMeasurements:
+    """Both tools touch points spread between the bases; each tip misses by the noise."""
+    T = truth.T_master_follower
+    points = 0.5 * T[:3, 3] + np.array([0.0, 0.0, 0.35]) + rng.uniform(-1.0, 1.0, (count, 3)) * [0.2, 0.4, 0.3]
+    own = apply(inverse(T), points)
+    return Handshake(*(tips + noise * rng.standard_normal(tips.shape) for tips in (points, own)))
+
+
+SIMULATED: Final[Mapping[str, tuple[Callable[..., BaseMeasurements], int]]] = MappingProxyType(
+    {"circles": (simulate_arcs, 200), "poses": (simulate_poses, 12), "handshake": (simulate_handshake, 10)}
+)
+"""Ways to measure bases: what simulates them, and how many points they take by default."""
+
+
+def _stated(found: BaseCalibration) -> dict[str, Any]:
+    """Standard deviations the calibration itself states, of the worse base, and of what lies a metre away."""
+    figures: dict[str, Any] = {"relative_origin_std_m": float(np.sqrt(np.trace(found.covariance[:3, :3])))}
+    if found.bases:
+        each = [(np.sqrt(np.trace(C[:3, :3])), axis_deviation(T, C)) for T, C in found.bases.values()]
+        figures |= {"origin_std_m": float(max(e[0] for e in each)), "axis_std_rad": float(max(e[1] for e in each))}
+        figures["point_std_1m_m"] = max(_std_away(T, C) for T, C in found.bases.values())
+    return figures
+
+
+def _std_away(T: Array, covariance: Array) -> float:
+    """3D standard deviation of what a base carries a metre away [m], rms over both ways along its three axes."""
+    offsets = AWAY * np.concatenate([T[:3, :3].T, -T[:3, :3].T])
+    return float(np.sqrt(np.mean([np.trace(point_covariance(covariance, offset)) for offset in offsets])))
+
+
+def axis_deviation(T: Array, covariance: Array) -> float:
+    """Rms tilt of a base's z axis [rad], from the covariance of its rotation."""
+    across = np.eye(3) - np.outer(T[:3, 2], T[:3, 2])
+    return float(np.sqrt(np.trace(across @ covariance[3:, 3:] @ across)))
+
+
+def _errors(found: BaseCalibration, truth: TrueBases) -> dict[str, Any]:
+    """Calibration minus truth: of each base as the tracker sees it, of one in the other, and a metre away."""
+    T, wanted = found.T_master_follower, truth.T_master_follower
+    figures = _frame_error("relative_", T, wanted)
+    # Of a metre away in any direction: rms over the three axes of the follower's base.
+    ends = np.concatenate([AWAY * np.eye(3), -AWAY * np.eye(3)])
+    figures["point_error_1m_m"] = float(np.sqrt(np.mean(np.sum((apply(T, ends) - apply(wanted, ends)) ** 2, axis=1))))
+    each = [_frame_error("", found.bases[r][0], T_true) for r, T_true in truth.T_tracker.items() if r in found.bases]
+    each = each or [_frame_error("", T, wanted)]
+    figures |= {name: max(e[name] for e in each) for name in each[0]}
+    return figures | {"true_transform": wanted.tolist()}
+
+
+def _frame_error(prefix: str, T: Array, wanted: Array) -> dict[str, float]:
+    tilt = np.linalg.norm(np.cross(T[:3, 2], wanted[:3, 2]))
+    angle = rotation_angle(np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(wanted[:3, :3]))
+    return {
+        f"{prefix}origin_error_m": float(np.linalg.norm(T[:3, 3] - wanted[:3, 3])),
+        f"{prefix}axis_error_rad": float(tilt),
+        f"{prefix}rotation_error_rad": float(angle),
+    }
+
+
+# Experiment ``calibrate arm``: two arms that are not as their tables say, and what puts that right.
+#
+# Kinematics and a tracker's noise only; arms and bases are planted anew by the seed.
+
+LOW, HIGH = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
+"""Joint angles of the poses, drawn evenly between [rad]."""
+CHECKS: Final = 400
+
+
+@dataclass(frozen=True)
+class ArmTrial:
+    """Two arms with errors in their tables, measured by a tracker."""
+
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    """Standard deviations of the planted errors."""
+    noise: float = 3e-5
+    """Of one coordinate of the tracker [m]."""
+    poses: int = 60
+    """Of each arm."""
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class ArmsFound:
+    """What a calibration leaves behind."""
+
+    tracked: Mapping[str, TrackedArm]
+    found: PairTables
+    figures: dict[str, Any]
+    """The keys of metrics.json."""
+    true: PairTables | None = None
+    """The arms as they are, if they are simulated."""
+
+
+def calibrate_arm_from(tracked: Mapping[str, TrackedArm]) -> ArmsFound:
+    """Calibrate from poses of real arms; there is no truth to compare with.
+
+    Raises:
+        CalibrationError: If they do not tell the arms.
+    """
+    found = fit_pair(tracked, None, Tolerance())
+    return ArmsFound(tracked, found, pair_figures(tracked, found, Tolerance()))
+
+
+def run_arm_calibration(trial: ArmTrial) -> ArmsFound:
+    """Plant two arms with wrong tables, measure both, find them, and predict the relative tool point in other poses.
+
+    The tool point is the target itself: what is left is the arms' and bases' error, not that of a tool calibration.
+
+    Returns:
+        Poses, tables and figures. Of the follower's tool point relative to the master's, in poses not measured:
+        relative_error_nominal_m, rms with bases and targets calibrated and the tables taken as nominal;
+        relative_error_m, rms with all of it calibrated jointly.
+    """
+    rng = np.random.default_rng([trial.seed, 13])
+    true = planted_arms(trial.tolerance, planted_bases(rng).T_tracker, rng)
+    tracked = simulate_tracked(true, trial.poses, trial.noise, rng)
+    q = {robot: rng.uniform(LOW, HIGH, (CHECKS, 6)) for robot in ROBOTS}
+    found = fit_pair(tracked, max(trial.noise, 1e-9), trial.tolerance)
+    nominal = PairTables({robot: fit_placement(one) for robot, one in tracked.items()})
+    figures = pair_figures(tracked, found, trial.tolerance) | {
+        "relative_error_nominal_m": _relative_error(nominal, true, q),
+        "relative_error_m": _relative_error(found, true, q),
+        "seed": trial.seed,
+    }
+    return ArmsFound(tracked, found, figures, true)
+
+
+def planted_arms(tolerance: Tolerance, T_tracker_base: Mapping[str, Array], rng: np.random.Generator) -> PairTables:
+    """Arms off their table by as much, where they stand before the tracker."""
+    return PairTables({robot: built_arm(wrong_table(tolerance, rng), T_tracker_base[robot]) for robot in ROBOTS})
+
+
+def built_arm(table: Array, T_tracker_base: Array) -> ArmEstimate:
+    """An arm as it really is, the tracker's target on its flange."""
+    return ArmEstimate(table, T_tracker_base, TARGET, np.empty((0, 3)), np.zeros((6, 6)))
+
+
+def wrong_table(tolerance: Tolerance, rng: np.random.Generator) -> Array:
+    """A table off the nominal one by normal errors of these standard deviations, shape (4, 6)."""
+    spread = np.array([[tolerance.angle], [tolerance.length], [tolerance.length], [tolerance.angle]])
+    return NOMINAL + spread * rng.standard_normal((4, 6))
+
+
+def simulate_tracked(true: PairTables, poses: int, noise: float, rng: np.random.Generator) -> dict[str, TrackedArm]:
+    """Each arm holds its target still in poses all over its workspace before the tracker."""
+    tracked = {}
+    for robot, arm in true.arms.items():
+        q = rng.uniform(LOW, HIGH, (poses, 6))
+        tracked[robot] = TrackedArm(q, arm.target_at(q) + noise * rng.standard_normal((poses, 3)))
+    return tracked
+
+
+def _relative_error(found: PairTables, true: PairTables, q: Mapping[str, Array]) -> float:
+    off = {robot: found.arms[robot].target_at(q[robot]) - true.arms[robot].target_at(q[robot]) for robot in ROBOTS}
+    return float(np.sqrt(np.mean(np.sum((off[ROBOTS[1]] - off[ROBOTS[0]]) ** 2, axis=1))))

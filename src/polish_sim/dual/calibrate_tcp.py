@@ -1,0 +1,136 @@
+"""Experiment ``calibrate tcp``: where the tool's tip is on the flange and how the tool stands.
+
+Kinematics only: what counts is how well a tip meets a point, and that is the stated noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.dual.calibration.tool import ToolFrameEstimate, ToolMeasurements, fit_tool_frame
+from polish_sim.dual.calibration.tool_checks import TOOL_DOWN, ToolTouches, plan_touch_orientations
+from polish_sim.dual.calibration.tool_file import tool_figures
+from polish_sim.motion import forward_many, inverse_near
+from polish_sim.spatial import rotation_angle, transform
+
+Array = NDArray[np.float64]
+Reading = Callable[[Array, Array], Array]
+"""Flange poses (n, 4, 4) a host reads, from those the flange really has and the nominal arm's joints there (n, 6)."""
+
+POINT: Final = np.array([-0.45, -0.15, 0.3])
+"""The point that is touched, base frame [m]: 0.3 m above the table, where tilted wrists still reach it."""
+Q_NEAR: Final = np.array([0.3, -1.6, 1.7, -1.6, -1.5, 0.0])
+LENGTH, SIDEWAYS, LEAN = 0.18, 0.02, 0.15
+"""A tool to be found: its length [m], how far off the flange's axis [m] and how crooked [rad] it may be."""
+
+
+@dataclass(frozen=True)
+class TcpTrial:
+    """A simulated calibration of a tool frame."""
+
+    noise: float = 5e-5
+    """Of one coordinate of a touch, rms [m]."""
+    poses: int = 10
+    cone: float = np.pi / 4.0
+    """How far the tool is tilted [rad]."""
+    move: float = 0.1
+    """Length of the moves along the tool's axes [m]."""
+    seed: int = 0
+    T_flange_tool: Array | None = None
+    """The tool as it really is, shape (4, 4); None: one is planted by the seed."""
+
+
+@dataclass(frozen=True)
+class TcpCalibration:
+    """What a calibration leaves behind."""
+
+    measured: ToolMeasurements
+    found: ToolFrameEstimate
+    figures: dict[str, Any]
+    """The keys of metrics.json."""
+
+
+def calibrate_tcp_from(measured: ToolMeasurements) -> TcpCalibration:
+    """Calibrate from touches of a real robot; there is no truth to compare with.
+
+    Raises:
+        CalibrationError: If they do not tell the tool.
+    """
+    found = fit_tool_frame(measured)
+    return TcpCalibration(measured, found, tool_figures(measured, found))
+
+
+def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
+    """Take or plant a tool, touch a point with it in planned poses, move along its axes, and find it.
+
+    Args:
+        trial: Noise, poses, seed.
+
+    Returns:
+        Measurements, estimate and figures, the latter against the truth.
+
+    Raises:
+        CalibrationError: If the trial cannot tell a tool.
+        ReachError: If the arm cannot reach a pose.
+    """
+    rng = np.random.default_rng([trial.seed, 11])
+    T_flange_tool = planted_tool(rng) if trial.T_flange_tool is None else trial.T_flange_tool
+    measured = simulate_touches(trial, T_flange_tool, rng)
+    # Exact touches leave rounding: below a nanometre a stated noise says nothing.
+    found = fit_tool_frame(measured, trial.noise if trial.noise > 1e-9 else None)
+    figures = tool_figures(measured, found, trial.noise)
+    figures |= {
+        "position_error_m": float(np.linalg.norm(found.tip.point - T_flange_tool[:3, 3])),
+        "rotation_error_rad": rotation_angle(
+            np.ascontiguousarray(found.T_flange_tool[:3, :3]), np.ascontiguousarray(T_flange_tool[:3, :3])
+        ),
+        "true_position_m": T_flange_tool[:3, 3].tolist(),
+        "seed": trial.seed,
+    }
+    return TcpCalibration(measured, found, figures)
+
+
+def planted_tool(rng: np.random.Generator) -> Array:
+    """A tool of some length, off the flange's axis and crooked, shape (4, 4)."""
+    turn = Rotation.from_rotvec(LEAN * rng.uniform(-1.0, 1.0, 3)).as_matrix()
+    return transform(turn, np.array([*SIDEWAYS * rng.uniform(-1.0, 1.0, 2), LENGTH]))
+
+
+def simulate_touches(
+    trial: TcpTrial, T_flange_tool: Array, rng: np.random.Generator, read: Reading | None = None
+) -> ToolMeasurements:
+    """Touches in the planned orientations, and the three points of the tool's axes, each as the joints say it.
+
+    Args:
+        trial: Noise, poses, moves.
+        T_flange_tool: The tool, shape (4, 4).
+        rng: Draws the noise.
+        read: What the host reads of an arm off its table; None: the arm is as its table says.
+    """
+    R = plan_touch_orientations(trial.poses, trial.cone)
+    tips = POINT + trial.noise * rng.standard_normal((len(R), 3))
+    axes = TOOL_DOWN @ T_flange_tool[:3, :3]
+    # The tool first backs away from the point, so that the move along its z axis ends there.
+    start = POINT - trial.move * axes[:, 2]
+    corners = start + trial.move * np.stack([np.zeros(3), axes[:, 0], axes[:, 2]])
+    corners += trial.noise * rng.standard_normal((3, 3))
+    touches = reached(transform(R, tips - R @ T_flange_tool[:3, 3]), read)
+    R_moves = np.tile(TOOL_DOWN, (3, 1, 1))
+    moved = reached(transform(R_moves, corners - R_moves @ T_flange_tool[:3, 3]), read)
+    return ToolMeasurements(ToolTouches(touches), moved)
+
+
+def reached(T_base_flange: Array, read: Reading | None = None) -> Array:
+    """Flange poses as the host reads them, by forward kinematics after the inverse if not said, shape (n, 4, 4).
+
+    Raises:
+        ReachError: The arm cannot do one of them.
+    """
+    q = np.stack([inverse_near(T, Q_NEAR) for T in T_base_flange])
+    return np.ascontiguousarray(forward_many(q) if read is None else read(T_base_flange, q))

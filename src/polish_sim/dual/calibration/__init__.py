@@ -1,0 +1,1 @@
+"""Calibrations of tool, bases and arms: arrays in, estimates with covariance out."""

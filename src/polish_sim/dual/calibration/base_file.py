@@ -1,0 +1,263 @@
+"""calibration.toml of two bases: written by `calibrate base`, loaded by runs with two robots."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.calibration.tables import Columns, numbers_of, read_columns, read_table, write_table
+from polish_sim.dual.calibration.measurements import (
+    LEAST_POSES,
+    ROBOTS,
+    AxisArcs,
+    BaseCalibration,
+    BaseMeasurements,
+    Handshake,
+    TrackedPoses,
+)
+from polish_sim.errors import CalibrationError, InputError, unknown_name
+from polish_sim.spatial import transform
+
+Array = NDArray[np.float64]
+
+KIND = "base"
+_HEAD = """\
+# The follower robot's base in the master's, T_master_follower, and its covariance: displacement of the origin xyz [m]
+# and small rotation xyz [rad], master axes. `pair` names the two robots it is true for.
+# true_transform: of simulated robots only.
+"""
+
+
+class CalibratedBases(NamedTuple):
+    """Where the follower's base is."""
+
+    T_master_follower: Array
+    """Shape (4, 4)."""
+    covariance: Array
+    """Of its origin [m] and rotation [rad], master axes, shape (6, 6)."""
+    T_true: Array | None = None
+    """Where it really is, if the measurements were simulated, shape (4, 4)."""
+
+
+def base_figures(found: BaseCalibration) -> dict[str, Any]:
+    """A calibration under the names of calibration.toml and metrics.json."""
+    std = np.sqrt(np.diag(found.covariance))
+    distances = np.concatenate([group.residuals[group.used] for group in found.groups])
+    outliers = {group.name: (np.flatnonzero(~group.used) + 1).tolist() for group in found.groups}
+    axes: dict[str, Any] = {}
+    if found.axes:
+        each = found.axes.values()
+        axes = {"gap_m": max(robot.gap for robot in each), "axes_meet": all(robot.meets for robot in each)}
+    return axes | {
+        "transform": found.T_master_follower.tolist(),
+        "origin_m_std": std[:3].tolist(),
+        "rotation_rad_std": std[3:].tolist(),
+        "noise_m": found.noise,
+        "residual_rms_m": float(np.sqrt(np.mean(distances**2))),
+        "measurements": len(distances),
+        "outliers": [f"{name}: {number}" for name, numbers in outliers.items() for number in numbers],
+    }
+
+
+def write_base_calibration(file: Path, found: BaseCalibration, pair: str, T_true: Array | None = None) -> None:
+    """Write calibration.toml; ``pair`` names the two robots, ``T_true`` says where simulated ones really stand."""
+    figures = {"kind": KIND, "pair": pair} | base_figures(found)
+    if T_true is not None:
+        figures["true_transform"] = np.asarray(T_true).tolist()
+    write_table(file, _HEAD, figures | {"covariance": found.covariance.tolist()})
+
+
+def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
+    """Read where the follower's base is.
+
+    Args:
+        file: A calibration.toml of `calibrate base`.
+        pair: The robots that are to run, as the calibration names them.
+
+    Raises:
+        InputError: No such file, not the calibration of bases, or a value that cannot be.
+        CalibrationError: The calibration of another pair of robots.
+    """
+    table = read_table(file, KIND, "two bases")
+    refuse_other_pair(file, table, pair)
+    covariance = numbers_of(file, table, "covariance", (6, 6))
+    T_true = pose_of(file, table, "true_transform") if "true_transform" in table else None
+    return CalibratedBases(pose_of(file, table, "transform"), covariance, T_true)
+
+
+def refuse_other_pair(file: Path, table: Mapping[str, Any], pair: str) -> None:
+    """Refuse what was calibrated on other robots.
+
+    Raises:
+        CalibrationError: It names another pair.
+    """
+    if table.get("pair") != pair:
+        raise CalibrationError(
+            f"'{file}' is the calibration of another pair of robots: {table.get('pair')!r}, not '{pair}'. "
+            "Calibrate this pair, or name it as the file does."
+        )
+
+
+def pose_of(file: Path, table: Mapping[str, Any], name: str) -> Array:
+    """A pose of a table, shape (4, 4).
+
+    Raises:
+        InputError: It is not there, or is none.
+    """
+    T = numbers_of(file, table, name, (4, 4))
+    if np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max() > 1e-6 or np.linalg.det(T[:3, :3]) < 0.0:
+        raise InputError(f"'{file}': {name} is not a right-handed rotation and a displacement.")
+    return transform(T[:3, :3], T[:3, 3])
+
+
+# Measurements of two bases as CSV, one form for each way to measure (file -> measurements -> file).
+
+_NAMES: Final[Mapping[str, str]] = {"1": "master", "2": "follower", "master": "master", "follower": "follower"}
+_XYZ: Final = ("x_mm", "y_mm", "z_mm")
+
+
+class Method(NamedTuple):
+    """A way to measure bases: how its file is read and written."""
+
+    read: Callable[[Columns], BaseMeasurements]
+    table: Callable[[BaseMeasurements, BaseCalibration], str]
+    text: str
+
+
+def read_base_measurements(file: Path, method: str) -> BaseMeasurements:
+    """Read measurements of two bases.
+
+    Args:
+        file: The CSV; its columns are those of docs/calibration.md.
+        method: A key of `METHODS`.
+
+    Raises:
+        InputError: No such file or method, a column or a robot missing, units mixed, a value that is none.
+        CalibrationError: Fewer poses than are asked.
+    """
+    return method_named(method).read(read_columns(file, "measurement", "measurements of the bases"))
+
+
+def method_named(name: str) -> Method:
+    """A way to measure bases.
+
+    Raises:
+        InputError: There is none of that name.
+    """
+    if name not in METHODS:
+        raise unknown_name("method", name, METHODS)
+    return METHODS[name]
+
+
+def robots_of(columns: Columns) -> NDArray[np.str_]:
+    """Whose measurement each line is, master or follower, shape (n,).
+
+    Raises:
+        InputError: No such column, another name in it, or one of the robots is missing.
+    """
+    columns.need(["robot"], "whose measurement a line is: master or follower (or 1, 2)")
+    for row, text in enumerate(columns.texts["robot"]):
+        if text.lower() not in _NAMES:
+            raise InputError(f"'{columns.file}', {columns.place(row)}: robot is '{text}', wanted master or follower.")
+    robots = np.array([_NAMES[text.lower()] for text in columns.texts["robot"]])
+    for robot in ROBOTS:
+        if not (robots == robot).any():
+            raise InputError(
+                f"'{columns.file}' holds no measurement of the {robot}: both robots must be seen from the same place "
+                "of the tracker."
+            )
+    return robots
+
+
+def _read_arcs(columns: Columns) -> AxisArcs:
+    robots = robots_of(columns)
+    columns.need(["axis"], "which joint turned: 1 or 2")
+    axes = columns.numbers(["axis"])[:, 0]
+    if not np.isin(axes, (1.0, 2.0)).all():
+        row = int(np.argmin(np.isin(axes, (1.0, 2.0))))
+        raise InputError(f"'{columns.file}', {columns.place(row)}: axis is {axes[row]:g}, wanted 1 or 2.")
+    points = columns.points("", "the target's position")
+    for robot in ROBOTS:
+        for axis in (1, 2):
+            if not ((robots == robot) & (axes == axis)).any():
+                raise InputError(f"'{columns.file}' holds no arc of axis {axis} of the {robot}.")
+    return AxisArcs({r: (points[(robots == r) & (axes == 1.0)], points[(robots == r) & (axes == 2.0)]) for r in ROBOTS})
+
+
+def _read_poses(columns: Columns) -> TrackedPoses:
+    robots = robots_of(columns)
+    own = columns.reached_points("", "the target's position in the robot's base")
+    seen = columns.points("tracker_", "the target's position seen by the tracker")
+    for robot in ROBOTS:
+        count = int(np.sum(robots == robot))
+        if count < LEAST_POSES:
+            raise CalibrationError(
+                f"{count} poses of the {robot} are too few for its base: give {LEAST_POSES} or more."
+            )
+    return TrackedPoses({robot: (seen[robots == robot], own[robots == robot]) for robot in ROBOTS})
+
+
+def _read_handshake(columns: Columns) -> Handshake:
+    for robot in ROBOTS:
+        if not any(name.startswith(f"{robot}_x") for name in columns.texts):
+            raise InputError(
+                f"'{columns.file}' holds no touches of the {robot}: wanted {', '.join(f'{robot}_{n}' for n in _XYZ)}. "
+                f"It has: {', '.join(columns.texts)}."
+            )
+    return Handshake(*(columns.reached_points(f"{robot}_", f"where the {robot} touched") for robot in ROBOTS))
+
+
+def _arc_table(measured: BaseMeasurements, found: BaseCalibration) -> str:
+    assert isinstance(measured, AxisArcs)
+    rows = []
+    for robot in ROBOTS:
+        for axis, (points, circle) in enumerate(zip(measured.arcs[robot], found.circles[robot], strict=True), 1):
+            for point, e, used in zip(points, circle.residuals, circle.used, strict=True):
+                rows.append([robot, axis, *_mm(point), *_mm(e), int(used)])
+    return _csv(["robot", "axis", *_XYZ, "residual_radial_mm", "residual_axial_mm", "used"], rows)
+
+
+def _pose_table(measured: BaseMeasurements, found: BaseCalibration) -> str:
+    assert isinstance(measured, TrackedPoses)
+    rows = []
+    for robot, group in zip(ROBOTS, found.groups, strict=True):
+        seen, own = measured.points[robot]
+        for k in range(len(own)):
+            rows.append([robot, *_mm(own[k]), *_mm(seen[k]), *_mm(group.residuals[k : k + 1]), int(group.used[k])])
+    return _csv(["robot", *_XYZ, *(f"tracker_{n}" for n in _XYZ), "residual_mm", "used"], rows)
+
+
+def _handshake_table(measured: BaseMeasurements, found: BaseCalibration) -> str:
+    assert isinstance(measured, Handshake)
+    group = found.groups[0]
+    rows = [
+        [*_mm(a), *_mm(b), *_mm(group.residuals[k : k + 1]), int(group.used[k])]
+        for k, (a, b) in enumerate(zip(measured.points_master, measured.points_follower, strict=True))
+    ]
+    return _csv([f"{robot}_{n}" for robot in ROBOTS for n in _XYZ] + ["residual_mm", "used"], rows)
+
+
+def _mm(values: Array) -> list[str]:
+    return [f"{1e3 * value:.9g}" for value in values]
+
+
+def _csv(names: list[str], rows: list[list[object]]) -> str:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows([names, *rows])
+    return out.getvalue()
+
+
+METHODS: Final[Mapping[str, Method]] = MappingProxyType(
+    {
+        "circles": Method(_read_arcs, _arc_table, "a tracker sees axes 1 and 2 turn"),
+        "poses": Method(_read_poses, _pose_table, "a tracker sees a target at points the robot knows (Kabsch)"),
+        "handshake": Method(_read_handshake, _handshake_table, "both tools touch the same points"),
+    }
+)

@@ -1,0 +1,208 @@
+"""What a tool point is found from: flange poses with which the tool's tip touched one fixed point."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.calibration.poses import check_poses
+from polish_sim.errors import CalibrationError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ToolTouches:
+    """Touches of one fixed point with the tip of the tool, in different orientations."""
+
+    T_base_flange: Array
+    """Pose of the flange at each touch [m], shape (n, 4, 4)."""
+
+    def __post_init__(self) -> None:
+        check_poses(self.T_base_flange, "touch")
+        self.T_base_flange.flags.writeable = False
+
+    def __len__(self) -> int:
+        return len(self.T_base_flange)
+
+    @property
+    def R(self) -> Array:
+        """R_base_flange, shape (n, 3, 3)."""
+        return self.T_base_flange[:, :3, :3]
+
+    @property
+    def origins(self) -> Array:
+        """Origins of the flange in the base frame [m], shape (n, 3)."""
+        return self.T_base_flange[:, :3, 3]
+
+
+# Whether orientations of the flange tell where the tool's tip is.
+#
+# A touch says R_i p + t_i = c. Subtracting the mean of all leaves (R_i - mean R) p: what the orientations share says
+# nothing. With M = I - mean(R)^T mean(R) the covariance of p is sigma^2 M^-1 / n (paper 2): nothing is better than a
+# mean rotation of zero, and 3D rms errors of sqrt(3 / n) sigma.
+
+LEAST_TOUCHES = 4
+LEAST_SPREAD = 0.05
+"""Least square root of an eigenvalue of M [-]: poses that differ by about 3 deg rms about some direction."""
+
+
+def orientation_spread(R_base_flange: Array) -> tuple[Array, Array]:
+    """How far orientations differ along each direction of the flange, least first, and those directions.
+
+    Args:
+        R_base_flange: Orientations, shape (n, 3, 3).
+
+    Returns:
+        Square roots of the eigenvalues of M, 0 to 1, shape (3,); the directions as columns (3, 3).
+    """
+    differences = R_base_flange - R_base_flange.mean(axis=0)
+    _, values, directions = np.linalg.svd(differences.reshape(-1, 3), full_matrices=False)
+    return values[::-1] / np.sqrt(len(R_base_flange)), directions[::-1].T
+
+
+def check_touches(R_base_flange: Array) -> None:
+    """Refuse orientations that cannot tell the tool point.
+
+    Raises:
+        CalibrationError: Saying which direction of the flange stays unseen.
+    """
+    count = len(R_base_flange)
+    if count < LEAST_TOUCHES:
+        raise CalibrationError(
+            f"{count} touch{'es' if count != 1 else ''} cannot tell tool point and touched point: {LEAST_TOUCHES} in "
+            "different orientations are the least, ten are good."
+        )
+    spread, directions = orientation_spread(R_base_flange)
+    if spread[1] < LEAST_SPREAD:
+        raise CalibrationError(
+            f"the flange stands nearly the same in all {count} touches (they differ by "
+            f"{np.degrees(spread[2]):.2g} deg rms): tilt it and turn it between touches."
+        )
+    if spread[0] < LEAST_SPREAD:
+        x, y, z = directions[:, 0] * (1.0 if directions[np.argmax(np.abs(directions[:, 0])), 0] > 0.0 else -1.0)
+        raise CalibrationError(
+            f"the direction ({x:.2f}, {y:.2f}, {z:.2f}) of the flange points the same way in all {count} touches: the "
+            "tool point along it cannot be told. Poses that only spin, or a cone without a spin of its own, do that; "
+            "'calibrate tcp' without --data writes poses that do not."
+        )
+
+
+# Touches that fit only after columns are swapped or turned round: told from touches that are merely bad.
+
+SUSPECT = 2e-3
+"""Touches that leave less than this are not suspected [m]."""
+LARGEST_LEFT = 5e-3
+"""No touches by hand miss by more than this [m]."""
+_BETTER = 0.1
+
+
+def refuse_swapped(touches: ToolTouches) -> None:
+    """Refuse poses that fit ten times better with columns in another order or turned round.
+
+    Raises:
+        CalibrationError: Naming what fits.
+    """
+    left = _median_left(touches.R, touches.origins)
+    if left < SUSPECT:
+        return
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        if _median_left(touches.R, touches.origins[:, order] * signs) < _BETTER * left:
+            named = ", ".join(("-" if s < 0.0 else "") + "xyz"[axis] for axis, s in zip(order, signs, strict=True))
+            raise CalibrationError(
+                f"the touches fit to {1e3 * left:.2g} mm only, but well if x, y, z are read as {named}: columns are "
+                "swapped or a sign is lost."
+            )
+    for R, named in _orientations_otherwise(touches.R):
+        if _median_left(R, touches.origins) < _BETTER * left:
+            raise CalibrationError(f"the touches fit to {1e3 * left:.2g} mm only, but well if {named}.")
+
+
+def refuse_far_off(residuals: Array) -> None:
+    """Refuse touches that no tip and no point explain.
+
+    Args:
+        residuals: What their fit leaves [m], shape (n, 3).
+
+    Raises:
+        CalibrationError: More than any touch by hand misses by.
+    """
+    left = float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
+    if left > LARGEST_LEFT:
+        raise CalibrationError(
+            f"no tip fits these touches: they leave {1e3 * left:.2g} mm rms. Wanted are positions and orientations of "
+            "the flange in the base, touch by touch, of one tool and one fixed point. Are orientations in another "
+            "order, in degrees, or those of another frame?"
+        )
+
+
+def _orientations_otherwise(R: Array) -> Iterator[tuple[Array, str]]:
+    """The orientations as other files mean the same numbers."""
+    yield np.swapaxes(R, 1, 2), "every orientation is turned round: it is that of the base in the flange"
+    wxyz = Rotation.from_matrix(R).as_quat(scalar_first=True)
+    for order in permutations(range(4)):
+        named = ", ".join("q" + "wxyz"[k] for k in order)
+        turned = Rotation.from_quat(wxyz[:, order], scalar_first=True)
+        yield turned.as_matrix(), f"qw, qx, qy, qz are read as {named}: columns are swapped"
+        yield turned.inv().as_matrix(), f"qw, qx, qy, qz are read as {named} and turned round"
+
+
+def _median_left(R: Array, origins: Array) -> float:
+    """Median distance of the touches from their fit [m], which a wrong one moves little."""
+    A = np.concatenate([R, np.tile(-np.eye(3), (len(R), 1, 1))], axis=2)
+    theta = np.linalg.lstsq(A.reshape(-1, 6), -origins.ravel(), rcond=None)[0]
+    return float(np.median(np.linalg.norm(A @ theta + origins, axis=1)))
+
+
+# Orientations in which touches tell the most about a tool's tip.
+#
+# With the tool tilted by theta towards n azimuths 2 pi k / n and turned about itself by twice the azimuth, the mean
+# rotation is cos(theta) e_z e_z^T exactly, for every n >= 4: the best a cone of theta allows. The 3D rms error is then
+# sigma sqrt((2 + 1 / sin(theta)^2) / n), within 5% of the best possible sqrt(3 / n) sigma from 62 deg on.
+
+TOOL_DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+def plan_touch_orientations(count: int, cone: float) -> Array:
+    """Orientations of the flange for touches of one point.
+
+    Args:
+        count: Number of touches, four or more.
+        cone: Angle of the flange's z axis from straight down [rad], above 0 and at most 90 deg.
+
+    Returns:
+        R_base_flange, shape (n, 3, 3).
+
+    Raises:
+        CalibrationError: Too few touches, or no cone.
+    """
+    if count < LEAST_TOUCHES:
+        raise CalibrationError(f"{count} touches are too few for a tool point: give {LEAST_TOUCHES} or more.")
+    if not math.radians(3.0) <= cone <= math.radians(90.0):
+        raise CalibrationError(
+            f"a cone of {math.degrees(cone):g} deg: give 3 to 90 deg. Without a tilt no touch tells "
+            "how long the tool is."
+        )
+    azimuth = 2.0 * np.pi * np.arange(count) / count
+    # Spin within half a turn either way, as a wrist has it.
+    spin = np.mod(2.0 * azimuth + np.pi, 2.0 * np.pi) - np.pi
+    turns = Rotation.from_euler("ZYZ", np.column_stack([azimuth, np.full(count, cone), spin]))
+    return np.asarray(TOOL_DOWN @ turns.as_matrix())
+
+
+def point_error_bound(R_base_flange: Array, noise: float) -> float:
+    """Least 3D rms error any unbiased estimate of the tip can have [m]: the Cramér-Rao bound.
+
+    Args:
+        R_base_flange: Orientations of the touches, shape (n, 3, 3).
+        noise: Standard deviation of one coordinate of a touch [m].
+    """
+    mean = R_base_flange.mean(axis=0)
+    M = np.eye(3) - mean.T @ mean
+    return float(noise * np.sqrt(np.trace(np.linalg.inv(M)) / len(R_base_flange)))

@@ -1,0 +1,166 @@
+"""Experiment ``dual``: two robots, the master moves the part, the follower works on it (paper 2)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from polish_sim.analysis.metrics import measure_surface
+from polish_sim.analysis.removal_plot import measure_removal
+from polish_sim.cell import Cell, CellRun, Job, Observer, RealPart, Silent, build_real_part
+from polish_sim.cell.host_arm import build_host_arm
+from polish_sim.config import Scenario
+from polish_sim.control import build_controller
+from polish_sim.dual.figures import Wanted, measure_pair, pair_errors
+from polish_sim.dual.frames import settled_bases
+from polish_sim.dual.scene import BuiltArms, Held, build_pair_scene
+from polish_sim.dual.task import DualTask, prepare_dual
+from polish_sim.experiments.assembly import course_for
+from polish_sim.experiments.part_setup import (
+    PART_STREAM,
+    PAYLOAD_STREAM,
+    SENSOR_STREAM,
+    path_done,
+    random_streams,
+    strongest,
+)
+from polish_sim.experiments.payload import believe_tool
+from polish_sim.experiments.result import RunResult, common_figures
+from polish_sim.experiments.surface import remove_material
+from polish_sim.log import RunLog, with_column
+from polish_sim.motion import forward_many
+from polish_sim.planning import PlanResult
+from polish_sim.spatial import apply, inverse
+
+Array = NDArray[np.float64]
+
+
+def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
+    """Let the follower run along the part the master moves, pressing on it or just above it.
+
+    Args:
+        scenario: The scenario; with ``dual.standoff_m`` above 0 nothing is pressed and no force controlled.
+        plan: A path made before; else once around the part's rim.
+        observer: Told of the progress.
+
+    Returns:
+        Log with the master's joints, trace, path and figures.
+
+    Raises:
+        PolishSimError: If the part, a calibration or the placement cannot be used.
+    """
+    observer = observer or Silent()
+    scenario = replace(scenario, dual=settled_bases(scenario.dual))
+    task = prepare_dual(scenario, plan, observer)
+    observer.stage("prepare the cell")
+    pressing = scenario.dual.standoff_m == 0.0
+    cell, strokes, part = build_dual_cell(scenario, task)
+    observer.stage("simulate")
+    run = cell.run(observer)
+    path, reach = task.place.path, task.place.reach
+    fed = run.trace.path_s_m[run.trace.phase == 2]
+    turns = work_turns(run, task)
+    errors = pair_errors(run.trace, wanted_on_part(strokes, reach.T_base_work), turns, pressing)
+    figures: dict[str, Any] = measure_pair(run.trace, errors, turns)
+    log, removal = run.log, None
+    if pressing:
+        force = measure_surface(run.trace, path, scenario.process.contact_force_n)
+        figures |= {name: value for name, value in force.items() if name not in figures}
+        removal, log = remove_material(scenario, task.place, part, run, part_turns(log, task, part))
+        figures |= measure_removal(removal)
+    figures |= {"chain_residual_m": task.residual, "placement_value": task.reach.value}
+    figures["T_gripper_work"] = task.seat.T_gripper_work.tolist()
+    figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
+    figures |= cell.payload_errors._asdict()
+    log = with_column(log, "relative_error_m", _at_rows(run, errors.relative))
+    return RunResult(scenario, log, run.trace, figures, run.stop_reason, run.interrupted, path, removal)
+
+
+class DualCell(NamedTuple):
+    """Two robots about to start."""
+
+    cell: Cell
+    """Not yet run."""
+    strokes: list[Job]
+    """As the host wants them, its tool where it believes it to be."""
+    part: RealPart
+    """Where it really is at the start."""
+
+
+def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
+    """Set the cell up: what is true in the scene, what is believed in the plan."""
+    streams, place = random_streams(scenario.seed), task.place
+    pressing = scenario.dual.standoff_m == 0.0
+    scenario = scenario if pressing else replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
+    strokes = task.strokes
+    part = build_real_part(
+        place.actual(scenario), scenario.part, task.master.T_base_work, place.region.surface, place.mesh.up,
+        streams[PART_STREAM],
+    )  # fmt: skip
+    true = task.frames.true
+    held = Held(place.shape.mesh, scenario.dual.density_kg_m3, _part_on_flange(task, part), task.seat.nose)
+    model = build_pair_scene(scenario, inverse(true.T_master_follower), held, BuiltArms(**task.arms.true))
+    controller = build_controller(scenario.controller)
+    host_arm = build_host_arm(task.arms.believed["follower"], np.eye(4), task.frames.believed.T_flange_tool)
+    cell = Cell(
+        strongest(scenario, place.path), model, part, strokes, _start(task), controller, streams[SENSOR_STREAM],
+        course_for(controller, scenario, place, strokes), task.master, host_arm,
+    )  # fmt: skip
+    believe_tool(cell, streams[PAYLOAD_STREAM])
+    return DualCell(cell, strokes, part)
+
+
+def part_turns(log: RunLog, task: DualTask, part: RealPart) -> Array:
+    """How the part the master carries really stands in the follower's base at the log's rows, shape (n, 3, 3)."""
+    flanges = task.arms.flanges("master", np.asarray(log["master_q_rad"], dtype=np.float64))
+    R_base_master = inverse(task.frames.true.T_master_follower)[:3, :3]
+    return np.asarray(R_base_master @ flanges[:, :3, :3] @ _part_on_flange(task, part)[:3, :3])
+
+
+def wanted_on_part(strokes: list[Job], T_base_work: Array) -> Wanted:
+    """Where the tool is wanted on the part along the path: places, points and axes in the work frame."""
+    s = np.concatenate([job.start_s + job.motion.places for job in strokes])
+    points = np.concatenate([job.motion.positions for job in strokes])
+    turns = Rotation.from_quat(np.concatenate([job.motion.quaternions for job in strokes]), scalar_first=True)
+    T_work_base = inverse(T_base_work)
+    axes = turns.as_matrix()[:, :, 2] @ T_work_base[:3, :3].T
+    return Wanted(s, apply(T_work_base, points), axes)
+
+
+def work_turns(run: CellRun, task: DualTask) -> Array:
+    """How the work frame really stands in the follower's base at the steps of the process, shape (n, 3, 3)."""
+    true = task.frames.true
+    R_flange_work = (true.T_flange_gripper @ true.T_gripper_work)[:3, :3]
+    q = np.ascontiguousarray(run.log["master_q_rad"], dtype=np.float64)
+    R = true.T_master_follower[:3, :3].T @ task.arms.flanges("master", q)[:, :3, :3] @ R_flange_work
+    times, wanted = np.asarray(run.log["time_s"], dtype=np.float64), run.trace.time_s[run.trace.phase == 2]
+    if len(times) < 2:
+        return np.repeat(R[:1], len(wanted), axis=0)
+    between = Slerp(times, Rotation.from_matrix(R))
+    return np.asarray(between(np.clip(wanted, times[0], times[-1])).as_matrix()) if len(wanted) else R[:0]
+
+
+def _at_rows(run: CellRun, values: Array) -> Array:
+    """Values of the steps of the process (k, 3) at the rows of the log, zero outside it, shape (n, 3)."""
+    every = np.zeros((len(run.trace.time_s), 3))
+    every[run.trace.phase == 2] = values
+    rows = np.searchsorted(run.trace.time_s, np.asarray(run.log["time_s"], dtype=np.float64) - 1e-9)
+    return every[np.minimum(rows, len(every) - 1)]
+
+
+def _start(task: DualTask) -> Array:
+    """Joints with which the host expects the follower at the start of its path [rad], shape (6,)."""
+    q = task.place.reach.q_start[None]
+    return task.arms.joints("follower", forward_many(np.ascontiguousarray(q)), q)[0]
+
+
+def _part_on_flange(task: DualTask, part: RealPart) -> Array:
+    """The real part on the master's flange, where it is drawn, shape (4, 4)."""
+    T_base_flange = inverse(task.frames.true.T_master_follower) @ task.arms.flanges("master", task.master.q[:1])[0]
+    T_base_part = np.eye(4)
+    T_base_part[:3, :3], T_base_part[:3, 3] = part.rotation, part.position
+    return np.asarray(inverse(T_base_flange) @ T_base_part)

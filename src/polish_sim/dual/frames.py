@@ -1,0 +1,356 @@
+"""Where two robots, part and tool stand: as they really do, and as calibration makes the host believe."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell import tool_on_flange
+from polish_sim.config import DualConfig
+from polish_sim.dual.arms import AS_DRAWN, FollowerBase, PairArms
+from polish_sim.dual.calibrate_bases import TrueBases, simulate_arcs
+from polish_sim.dual.calibrate_tcp import TcpTrial, reached, simulate_touches
+from polish_sim.dual.calibration.arm_file import read_arm_calibration
+from polish_sim.dual.calibration.base_file import read_base_calibration
+from polish_sim.dual.calibration.measurements import ROBOTS
+from polish_sim.dual.calibration.pair import LEAST_NOISE, ClosingTouches, PairAdjustment, PairParts, adjust_pair
+from polish_sim.dual.calibration.tool import fit_tool_frame, fit_tool_point
+from polish_sim.dual.calibration.tool_checks import ToolTouches
+from polish_sim.dual.calibration.tool_file import read_tool_calibration
+from polish_sim.dual.coordination import Chain2, follower_flange, master_flange
+from polish_sim.dual.scene import GRIPPER_LENGTH
+from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_in_mm
+from polish_sim.geometry import Region, Surface
+from polish_sim.spatial import apply, from_pose, inverse, perpendicular, rotation_angle, rotation_to_axis, transform
+
+# Marks on a part that are touched to find it: well apart, on what is to be worked on.
+
+Array = NDArray[np.float64]
+
+INSIDE: Final = 0.9
+"""How far out from the middle, of the way to the edge: a pointer does not find an edge itself."""
+NARROW: Final = 0.1
+"""A region this narrow for its length tells no turn about it: the marks are then all over the part."""
+
+
+def marks_on(region: Region, surface: Surface, count: int) -> Array:
+    """Points far apart in directions evenly spread about the middle, with a tool that stands upon them.
+
+    Args:
+        region: What is to be worked on.
+        surface: The whole part.
+        count: Number of marks.
+
+    Returns:
+        T_work_tool, the tool's z axis into the part, shape (count, 4, 4).
+    """
+    for candidate in (region.surface, surface):
+        points = candidate.vertices[np.unique(candidate.faces)]
+        middle = points.mean(axis=0)
+        _, widths, axes = np.linalg.svd(points - middle, full_matrices=False)
+        if widths[1] > NARROW * widths[0]:
+            break
+    angle = 2.0 * np.pi * np.arange(count) / count
+    directions = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ axes[:2]
+    outmost = points[np.argmax((points - middle) @ directions.T, axis=0)]
+    there = candidate.closest(middle + INSIDE * (outmost - middle))
+    R = [rotation_to_axis(-normal[None], perpendicular(normal))[0] for normal in there.normals]
+    return transform(np.stack(R), there.positions)
+
+
+# How two simulated robots, their tool and their part are measured in a shop before a run.
+#
+# Bases by single axes turned before a laser tracker, the tool by touches of a fixed point, marks on the part by touches
+# of a fixed point too; last the tool itself touches the marks on the part the other robot holds.
+
+T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
+"""Where the simulated tracker sees the master."""
+ARC_POINTS: Final = 200
+
+
+class Site(NamedTuple):
+    """Where the tool touches marks on the part."""
+
+    T_master_work: Array
+    """Where the master holds the part meanwhile, its base, shape (4, 4)."""
+    T_work_tool: Array
+    """The tool at each mark, its z axis into the part, shape (k, 4, 4)."""
+
+    @property
+    def marks_work(self) -> Array:
+        """The marks as drawn [m], shape (k, 3)."""
+        return self.T_work_tool[:, :3, 3]
+
+
+def tracker_sees(T_master_follower: Array) -> TrueBases:
+    """Both bases as they really stand before the simulated tracker."""
+    return TrueBases(dict(zip(ROBOTS, (T_TRACKER_MASTER, T_TRACKER_MASTER @ T_master_follower), strict=True)))
+
+
+def find_parts(
+    config: DualConfig, true: Chain2, site: Site, rng: np.random.Generator, arms: PairArms = AS_DRAWN
+) -> tuple[PairParts, Array]:
+    """Measure bases, tool and part one by one.
+
+    Args:
+        config: Noise of the instruments.
+        true: The chain as it really is.
+        site: The marks.
+        rng: Draws the noise.
+        arms: Both arms; bases found along with their tables are taken.
+
+    Returns:
+        What was found, and how the tool stands on its flange, shape (3, 3).
+
+    Raises:
+        ReachError: The master cannot touch with a mark of a part held like that.
+    """
+    tracker, touch = max(config.tracker_noise_m, LEAST_NOISE), max(config.touch_noise_m, LEAST_NOISE)
+    truth = tracker_sees(true.T_master_follower)
+    turned = simulate_arcs(truth, ARC_POINTS, config.tracker_noise_m, rng, None if arms.as_drawn else arms.true)
+    circles = turned.fit(tracker)
+    bases = arms.bases or FollowerBase(circles.T_master_follower, circles.covariance)
+    trial = TcpTrial(noise=config.touch_noise_m)
+    tool = fit_tool_frame(simulate_touches(trial, true.T_flange_tool, rng, arms.reading("follower")), touch)
+    marks = [
+        fit_tool_point(_touch_with_mark(trial, mark, rng, arms), touch)
+        for mark in apply(true.T_flange_gripper @ true.T_gripper_work, site.marks_work)
+    ]
+    parts = PairParts(
+        bases.T_master_follower,
+        bases.covariance,
+        tool.tip.point,
+        tool.tip.covariance[:3, :3],
+        np.stack([mark.point for mark in marks]),
+        np.stack([mark.covariance[:3, :3] for mark in marks]),
+    )
+    return parts, tool.T_flange_tool[:3, :3]
+
+
+def _touch_with_mark(trial: TcpTrial, mark: Array, rng: np.random.Generator, arms: PairArms) -> ToolTouches:
+    """A fixed point touched with a mark on the part, at (3,) on the master's flange [m]."""
+    try:
+        return simulate_touches(trial, transform(np.eye(3), mark), rng, arms.reading("master")).touches
+    except ReachError as error:
+        raise ReachError(
+            f"the master cannot turn the part about one of its marks, {place_in_mm(mark)} from its flange, to find "
+            "where the part is held: it is held too far out, or the part is too large. Hold it closer to the "
+            "gripper's face and axis with --set dual.part_on_gripper=[x,y,z,rx,ry,rz] (m, rad)."
+        ) from error
+
+
+def touch_marks(
+    true: Chain2, site: Site, count: int, noise: float, rng: np.random.Generator, arms: PairArms = AS_DRAWN
+) -> ClosingTouches:
+    """Touch the part's marks with the tool, one after the other, as often as asked.
+
+    From round to round the tool is turned about its axis: what is not square about its tip then shows as such.
+
+    Args:
+        true: The chain as it really is.
+        site: The marks, and where the part is held.
+        count: Number of touches.
+        noise: Standard deviation of one coordinate of a touch [m].
+        rng: Draws the noise.
+        arms: Both arms.
+
+    Raises:
+        ReachError: An arm off its table cannot do it: then what it reads is not known.
+    """
+    marks = len(site.T_work_tool)
+    mark, rounds = np.arange(count) % marks, max(-(-count // marks), 1)
+    spin = np.zeros((count, 3))
+    spin[:, 2] = 2.0 * np.pi * (np.arange(count) // marks) / rounds
+    T_work_tool = site.T_work_tool[mark] @ transform(Rotation.from_rotvec(spin).as_matrix(), np.zeros(3))
+    T_follower_flange = follower_flange(true, site.T_master_work, T_work_tool)
+    T_follower_flange[:, :3, 3] += noise * rng.standard_normal((count, 3))
+    T_master_flange = np.tile(master_flange(true, site.T_master_work), (count, 1, 1))
+    said = [
+        reached(T, arms.reading(robot)) if count and arms.reading(robot) else T
+        for robot, T in zip(ROBOTS, (T_master_flange, T_follower_flange), strict=True)
+    ]
+    return ClosingTouches(said[0], said[1], mark)
+
+
+LEAST_APART: Final = 0.2
+"""Between the bases of two arms, each 0.15 m wide [m]."""
+SAME_POSE: Final = 1e-8
+"""Poses that differ by less are the same but for rounding [m], [-]."""
+ON_FACE: Final = transform(np.eye(3), np.zeros(3))
+"""A part whose own frame is that of the gripper's face, as the shipped hub's is."""
+FAR_M, FAR_RAD = 0.01, 0.1
+"""A calibration farther off than this is that of another tool, or of robots that stand elsewhere [m], [rad]."""
+
+
+class PairFrames(NamedTuple):
+    """The chain of two robots."""
+
+    true: Chain2
+    believed: Chain2
+
+
+def settled_bases(config: DualConfig) -> DualConfig:
+    """The same with the bases where they really stand: as the simulated calibration it names planted them.
+
+    Raises:
+        InputError: The calibration cannot be read.
+        CalibrationError: It is another pair's.
+        ConfigError: Another place of the follower's base is asked for.
+    """
+    file = config.arms_file or config.bases_file
+    if not file:
+        return config
+    read = read_arm_calibration if config.arms_file else read_base_calibration
+    planted = read(Path(file), config.pair).T_true
+    if planted is None or _same_pose(config.follower_pose, planted):
+        return config
+    if config.follower_pose != DualConfig().follower_pose:
+        raise ConfigError(
+            f"'dual.follower_pose' is {_pose_text(_follower_pose(config))}, but '{file}' was measured on "
+            f"simulated robots that stand at {_pose_text(planted)}: leave one of them out."
+        )
+    turn = Rotation.from_matrix(planted[:3, :3]).as_rotvec()
+    return replace(config, follower_pose=tuple(float(number) for number in (*planted[:3, 3], *turn)))
+
+
+def true_chain(config: DualConfig, T_gripper_work: Array = ON_FACE) -> Chain2:
+    """The chain as it really is.
+
+    The part sits in the gripper as it is put there: its own frame on the gripper's face, unless another place (4, 4) is
+    given.
+
+    Raises:
+        ConfigError: No pose is given, or another one than the calibration's.
+        InputError: The calibration cannot be read.
+        CalibrationError: It is another pair's.
+    """
+    return _chain(_follower_pose(settled_bases(config)), T_gripper_work)
+
+
+def _follower_pose(config: DualConfig) -> Array:
+    if not config.follower_pose:
+        raise ConfigError("'dual.follower_pose' is empty: say where the follower's base stands in the master's.")
+    T = from_pose(config.follower_pose)
+    apart = float(np.linalg.norm(T[:3, 3]))
+    if apart < LEAST_APART:
+        raise ConfigError(
+            f"'dual.follower_pose' puts the follower's base {1e3 * apart:.4g} mm from the master's: no two arms stand "
+            f"there. Give {1e3 * LEAST_APART:g} mm or more, about 1100 mm is good."
+        )
+    return T
+
+
+def _same_pose(pose: Sequence[float], T: Array) -> bool:
+    return len(pose) == 6 and bool(np.abs(from_pose(pose) - T).max() < SAME_POSE)
+
+
+def _pose_text(T: Array) -> str:
+    """A pose as `--set dual.follower_pose` takes it; rounded to nanometres."""
+    numbers = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
+    return "[" + ",".join(f"{number:.9g}" for number in numbers) + "]"
+
+
+def _chain(T_master_follower: Array, T_gripper_work: Array) -> Chain2:
+    T_flange_gripper = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
+    return Chain2(T_master_follower, T_flange_gripper, T_gripper_work, tool_on_flange())
+
+
+def calibrated_frames(
+    config: DualConfig, true: Chain2, site: Site, rng: np.random.Generator, arms: PairArms = AS_DRAWN
+) -> PairFrames:
+    """What is true and what the host believes of it.
+
+    Args:
+        config: Calibrations, or the noise of those that are simulated before the run.
+        true: The chain as it really is.
+        site: Where the part's marks are touched.
+        rng: Draws the noise.
+        arms: Both arms.
+
+    Returns:
+        Both chains.
+
+    Raises:
+        InputError: A calibration cannot be read.
+        CalibrationError: It is another pair's or another tool's, or does not fit where the robots stand.
+    """
+    parts, R_flange_tool = _given(config, true, find_parts(config, true, site, rng, arms))
+    # A calibration from a file is believed as it is.
+    count = 0 if config.bases_file or config.tool_file or config.arms_file else config.closing_touches
+    closing = touch_marks(true, site, count, config.touch_noise_m, rng, arms)
+    adjusted = adjust_pair(parts, site.marks_work, closing, config.touch_noise_m)
+    return PairFrames(true, believed_chain(adjusted, R_flange_tool, true))
+
+
+def believed_chain(adjusted: PairAdjustment, R_flange_tool: Array, true: Chain2) -> Chain2:
+    """The chain as it was found; the part's place is told together with the gripper's."""
+    return Chain2(
+        adjusted.T_master_follower,
+        adjusted.T_flange_work @ inverse(true.T_gripper_work),
+        true.T_gripper_work,
+        transform(R_flange_tool, adjusted.tip),
+    )
+
+
+def tool_errors(frames: PairFrames, T_master_work: Array, T_work_tool: Array) -> Array:
+    """How far the tool is off on the part if both arms do exactly what the believed chain asks for.
+
+    Args:
+        frames: What is true and what is believed.
+        T_master_work: Where the host wants the part, base of the master, shape (4, 4).
+        T_work_tool: Where it wants the tool on the part, shape (n, 4, 4).
+
+    Returns:
+        From the tool as wanted to the tool as it is, work frame [m], shape (n, 3).
+    """
+    true, believed = frames
+    T_master_flange = master_flange(believed, T_master_work)
+    T_follower_flange = follower_flange(believed, T_master_work, T_work_tool)
+    T_work_master = inverse(T_master_flange @ true.T_flange_gripper @ true.T_gripper_work)
+    is_now = T_work_master @ true.T_master_follower @ T_follower_flange @ true.T_flange_tool
+    return np.asarray(is_now[:, :3, 3] - T_work_tool[:, :3, 3])
+
+
+def _given(config: DualConfig, true: Chain2, found: tuple[PairParts, Array]) -> tuple[PairParts, Array]:
+    """What was found, what files say instead of it put in its place."""
+    parts, R_flange_tool = found
+    if config.bases_file:
+        T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
+        parts = parts._replace(T_master_follower=T)
+    if config.bases_file or config.arms_file:
+        _check_bases(config, parts.T_master_follower, true.T_master_follower)
+    if config.tool_file:
+        T = _tool_of(config, true.T_flange_tool)
+        parts, R_flange_tool = parts._replace(tip=T[:3, 3]), T[:3, :3]
+    return parts, R_flange_tool
+
+
+def _check_bases(config: DualConfig, T: Array, T_master_follower: Array) -> None:
+    """Refuse a file's place of the follower's base in the master's that is not where it stands."""
+    told = f"set the cell up as it was: --set dual.follower_pose={_pose_text(T)}"
+    what = f"'{config.bases_file or config.arms_file}' puts the follower's base"
+    _check_near(what, "dual.follower_pose", T, T_master_follower, told)
+
+
+def _tool_of(config: DualConfig, T_flange_tool: Array) -> Array:
+    """The tool on the follower's flange, from a file."""
+    T = read_tool_calibration(Path(config.tool_file)).T_flange_tool
+    cure = "the one of `calibrate tcp --cell-tool`, or none: the run then finds its own"
+    _check_near(f"'{config.tool_file}' puts the tool", "the cell's tool", T, T_flange_tool, cure)
+    return T
+
+
+def _check_near(what: str, wanted: str, T: Array, T_true: Array, cure: str) -> None:
+    off = float(np.linalg.norm(T[:3, 3] - T_true[:3, 3]))
+    turn = rotation_angle(np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T_true[:3, :3]))
+    if off > FAR_M or turn > FAR_RAD:
+        raise CalibrationError(
+            f"{what} at {place_in_mm(T[:3, 3])}, {1e3 * off:.1f} mm and {np.degrees(turn):.2f} deg from {wanted}, "
+            f"{place_in_mm(T_true[:3, 3])}: it was made elsewhere. Use one made here, or {cure}."
+        )

@@ -1,0 +1,181 @@
+"""How the master moves the part while the follower works: along, about an axis, or as a file says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.calibration.tables import Columns, read_columns
+from polish_sim.config import DualConfig, Scenario
+from polish_sim.dual.coordination import Chain2, PartWay, about_axis, along_arc, through_poses
+from polish_sim.errors import ConfigError, InputError
+from polish_sim.planning import ToolPath
+from polish_sim.spatial import transform
+
+# A master's motion from a user's file: poses of the part, or of the flange that holds it, over time.
+
+Array = NDArray[np.float64]
+
+TIME: Final = "time_s"
+FLANGE: Final = "flange_"
+"""What the columns of a place begin with where the poses are the flange's."""
+JUMP_M_S, JUMP_RAD_S = 1.0, np.pi
+"""Faster from one line to the next is a jump: the tool speed a UR5e is sold with, and its joints' [m/s], [rad/s]."""
+
+
+class MasterPath(NamedTuple):
+    """Poses over time, base of the master."""
+
+    times: Array
+    """From zero, increasing [s], shape (n,)."""
+    poses: Array
+    """Shape (n, 4, 4)."""
+    of_flange: bool
+    """Whether they are those of the flange; else of the part."""
+    columns: Columns
+    """Says where a row stands."""
+
+    def part_poses(self, chain: Chain2) -> Array:
+        """The part's poses by a chain the host believes in, shape (n, 4, 4)."""
+        return self.poses @ chain.T_flange_gripper @ chain.T_gripper_work if self.of_flange else self.poses
+
+    def place(self, time: float) -> str:
+        """The file and the line that is reached at a time [s] or next after it."""
+        row = min(int(np.searchsorted(self.times, time)), len(self.times) - 1)
+        return f"'{self.columns.file}', {self.columns.place(row)}"
+
+
+def read_master_path(file: Path) -> MasterPath:
+    """Read poses over time.
+
+    Columns in any order: ``time_s``; the place ``x_mm..z_mm`` or ``x_m..z_m`` of the part's origin, or of the flange's
+    if they begin with ``flange_``; the orientation ``qw..qz``, ``rx_rad..rz_rad`` or ``r11..r33``. Base of the master.
+
+    Raises:
+        InputError: No such file, a column missing, places of both part and flange, fewer than two lines, time that
+            does not increase, a jump, a value that is none; names the line.
+    """
+    columns = read_columns(file, "pose", "poses over time")
+    columns.need((TIME,), "the time of each pose [s]")
+    of_flange = any(name.startswith(FLANGE) for name in columns.texts)
+    both = [name for name in ("x_mm", "x_m") if of_flange and name in columns.texts]
+    if both:
+        raise InputError(
+            f"'{file}' says where the part is ({both[0]}) and where the flange is ({FLANGE}...): one follows from the "
+            "other. Leave one of them out."
+        )
+    what = "the flange" if of_flange else "the part"
+    points = columns.points(FLANGE if of_flange else "", f"the place of {what}")
+    poses = transform(columns.rotations(what), points)
+    times = columns.numbers((TIME,))[:, 0]
+    if len(times) < 2:
+        raise InputError(f"'{file}' has one pose: a motion needs two or more.")
+    early = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(early):
+        row = int(early[0]) + 1
+        raise InputError(
+            f"'{file}', {columns.place(row)}: {TIME} is {times[row]:g} after {times[row - 1]:g}, it must increase."
+        )
+    _refuse_jumps(columns, what, times, poses)
+    return MasterPath(times - times[0], poses, of_flange, columns)
+
+
+def _refuse_jumps(columns: Columns, what: str, times: Array, poses: Array) -> None:
+    steps = np.diff(times)
+    way = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    turn = Rotation.from_matrix(np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3]).magnitude()
+    jumps = np.flatnonzero((way > JUMP_M_S * steps) | (turn > JUMP_RAD_S * steps))
+    if len(jumps):
+        k = int(jumps[0])
+        raise InputError(
+            f"'{columns.file}', {columns.place(k + 1)}: {what} would jump by {1e3 * way[k]:.4g} mm and "
+            f"{np.degrees(turn[k]):.4g} deg in {steps[k]:.4g} s. A UR5e does {1e3 * JUMP_M_S:g} mm/s and "
+            f"{np.degrees(JUMP_RAD_S):g} deg/s at most: give the poses between, or more time."
+        )
+
+
+WITHOUT_FILE: Final = (
+    "master_speed_m_s", "master_direction", "master_arc_radius_m", "master_turn_rad_s", "master_axis", "master_center",
+)  # fmt: skip
+"""Settings of section dual that say how the part moves where no file does."""
+
+
+class MasterMotion(NamedTuple):
+    """What is asked of the master."""
+
+    way: PartWay
+    file: MasterPath | None = None
+    """Where it comes from, if from a file."""
+    T_start: Array = np.empty((0, 4, 4))
+    """Where a file says the part is held at the start, base of the master, shape (1, 4, 4)."""
+
+
+def master_motion(scenario: Scenario, path: ToolPath, up: Array, chain: Chain2) -> MasterMotion:
+    """The motion a scenario asks for.
+
+    Args:
+        scenario: The scenario.
+        path: What the follower does on the part.
+        up: Side of the part that is worked on, work frame, shape (3,).
+        chain: What the host believes of gripper and part.
+
+    Raises:
+        ConfigError: A direction is none, two settings say where the part is held, or how it moves.
+        InputError: The file cannot be used.
+    """
+    config = scenario.dual
+    if config.master_path:
+        _refuse_beside_file(config)
+        if scenario.part.pose:
+            raise ConfigError(
+                f"'{config.master_path}' (dual.master_path) says where the part is held: leave part.pose "
+                "(--part-pose) out."
+            )
+        file = read_master_path(Path(config.master_path))
+        poses = file.part_poses(chain)
+        return MasterMotion(through_poses(file.times, poses), file, poses[:1])
+    axis = _unit(config.master_axis, "dual.master_axis") if config.master_axis else up / np.linalg.norm(up)
+    center = np.array(config.master_center) if config.master_center else middle_of(path)
+    turn = about_axis(axis, center, config.master_turn_rad_s)
+    return MasterMotion(PartWay(along_arc(*_speed_and_bend(config)), turn))
+
+
+def _refuse_beside_file(config: DualConfig) -> None:
+    """Refuse settings of a motion that a file says all of."""
+    usual = DualConfig()
+    idle = [name for name in WITHOUT_FILE if getattr(config, name) != getattr(usual, name)]
+    if idle:
+        raise ConfigError(
+            f"'{config.master_path}' (dual.master_path) says how the part moves: leave "
+            f"{', '.join(f'dual.{name}' for name in idle)} out."
+        )
+
+
+def middle_of(path: ToolPath) -> Array:
+    """The middle of what is worked on, every millimetre of it counted alike, work frame [m], shape (3,)."""
+    ends = path.process[1:] & path.process[:-1]
+    between = 0.5 * (path.positions_work[1:] + path.positions_work[:-1])[ends]
+    return np.asarray(np.average(between, axis=0, weights=np.diff(path.s)[ends]))
+
+
+def _speed_and_bend(config: DualConfig) -> tuple[Array, float]:
+    """Velocity at the start [m/s], (3,), and how fast its direction turns [rad/s]."""
+    velocity = config.master_speed_m_s * _unit(config.master_direction, "dual.master_direction")
+    level, radius = float(np.linalg.norm(velocity[:2])), config.master_arc_radius_m
+    if radius != 0.0 and not level > 0.0:
+        raise ConfigError(
+            f"dual.master_arc_radius_m = {radius:g} bends a way that is level; dual.master_direction is vertical, or "
+            "dual.master_speed_m_s is 0. Set them, or leave the radius out."
+        )
+    return velocity, level / radius if radius else 0.0
+
+
+def _unit(direction: tuple[float, ...], name: str) -> Array:
+    size = float(np.linalg.norm(direction)) if len(direction) else 0.0
+    if not size > 0.0:
+        raise ConfigError(f"'{name}' is no direction: give x, y, z, not all zero.")
+    return np.asarray(np.array(direction) / size)

@@ -1,0 +1,263 @@
+"""What the tool of two robots does on the part: pressed on it, or above it without touching."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell import Job
+from polish_sim.cell.carrier import RAMP_S, time_held, time_let_go
+from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
+from polish_sim.config import Scenario
+from polish_sim.errors import SmoothingError
+from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, stretches_in_contact, travel_to
+from polish_sim.experiments.stroke_motion import CELL_LIMITS, Stroke, stroke_motion
+from polish_sim.motion.rules.limits import SmoothingLimits
+from polish_sim.motion.timed_path import TimedPath, time_path
+from polish_sim.motion.trajectory import build_path_table, with_set_points
+from polish_sim.planning import ToolPath
+from polish_sim.spatial import apply
+
+SPARE_S: Final = 1.0
+"""Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]."""
+
+
+def pair_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool) -> list[Job]:
+    """The strokes of a path as ``run dual`` does them; with ``dual.standoff_m`` above 0 nothing is touched.
+
+    Raises:
+        SmoothingError: The tool's motion cannot be made; of the follower's arm says what would do.
+    """
+    strokes = placed_strokes if scenario.dual.standoff_m == 0.0 else free_strokes
+    kept = _fed_at_most(scenario, path)
+    placed = placed._replace(rotations=placed.rotations[kept])
+    try:
+        return strokes(scenario, path.rows(kept), placed, 0.0, scenario.plan.clearance_m)
+    except SmoothingError as error:
+        if placed.arm is None:
+            raise
+        raise SmoothingError(
+            f"the follower's motion, smoothed with the part where it starts: {error} Hold the part elsewhere with "
+            "--part-pose, or stop earlier with --set process.max_feed_s=..."
+        ) from error
+
+
+def _fed_at_most(scenario: Scenario, path: ToolPath) -> NDArray[np.bool_]:
+    """Points of a path the tool may come to in ``process.max_feed_s``, and a little beyond, mask (n,)."""
+    process = scenario.process
+    if process.max_feed_s == 0.0:
+        return np.ones(len(path.s), dtype=bool)
+    top = process.feed_m_s if path.feed is None else float(path.feed.max())
+    on = path.process
+    fed = np.cumsum(np.r_[0.0, np.where(on[1:] & on[:-1], np.diff(path.s), 0.0)])
+    return np.asarray(np.r_[0.0, fed[:-1]] <= top * (process.max_feed_s + SPARE_S))
+
+
+def air_limits(feed: float) -> SmoothingLimits:
+    """Limits of a stroke above the part: position alone is held there, the tip is accelerated as gently as a feed."""
+    pace = feed_pace(feed)
+    return replace(
+        CELL_LIMITS,
+        tip_acceleration=min(pace.acceleration, CELL_LIMITS.tip_acceleration),
+        tip_jerk=min(pace.jerk, CELL_LIMITS.tip_jerk),
+    )
+
+
+def lifted(path: ToolPath, standoff: float) -> ToolPath:
+    """All of a path raised along its tool axes [m]; above the part it begins and ends with what is worked on."""
+    if standoff == 0.0:
+        return path
+    on = np.flatnonzero(path.process)
+    kept = (np.arange(len(path.s)) >= on[0]) & (np.arange(len(path.s)) <= on[-1])
+    path = path.rows(kept)
+    return replace(path, positions_work=path.positions_work + standoff * path.axes_work)
+
+
+def is_gentle(motion: TimedPath, limits: SmoothingLimits) -> bool:
+    """Whether a path's bends and its axes' turns take no more acceleration than a tool may have."""
+    change = np.gradient(motion.velocities, motion.spacing, axis=0)
+    along = motion.velocities / np.maximum(np.linalg.norm(motion.velocities, axis=1, keepdims=True), 1e-12)
+    across = change - np.sum(change * along, axis=1, keepdims=True) * along
+    axes = Rotation.from_quat(motion.quaternions, scalar_first=True).as_matrix()[:, :, 2]
+    turning = np.gradient(np.cross(motion.spins, axes), motion.spacing, axis=0)
+    # Where it begins and ends it has no direction.
+    bends, turns = (np.linalg.norm(rate[2:-2], axis=1) for rate in (across, turning))
+    return bool(np.all(bends <= limits.tip_acceleration) and np.all(turns <= limits.axis_acceleration))
+
+
+def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float) -> list[Job]:
+    """Every stretch of a path followed where it is, without touching anything; between two the tool is lifted.
+
+    A stretch with bends too sharp for the feed is smoothed as strokes on the part are, with gentler limits.
+
+    Args:
+        scenario: Feed, smoothing.
+        path: The path, work frame.
+        placed: Where it is, and how the tool stands.
+        hold: Time to stay at the end of a stretch [s].
+        lift: Height of the retract between two stretches [m].
+
+    Returns:
+        The jobs in order, in the base frame.
+    """
+    process, stretches = scenario.process, stretches_in_contact(path)
+    limits = air_limits(process.feed_m_s)
+    points, rotations = apply(placed.T_base_work, path.positions_work), placed.rotations
+    pace = feed_pace(process.feed_m_s)
+    jobs: list[Job] = []
+    left = process.max_feed_s or math.inf
+    for number, (first, last) in enumerate(stretches):
+        during, down = slice(first, last + 1), slice(first - points_before(path, first), first + 1)
+        table = build_path_table(points[during], rotations[during], path.s[during])
+        feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
+        table = with_set_points(table, path.s[during], None, feed / process.feed_m_s)
+        stroke = Stroke(points[during], rotations[during], path.s[during] - path.s[first], feed, limits)
+        motion = time_path(table, pace)
+        if scenario.smoothing.limits_file or not is_gentle(motion, limits):
+            motion = stroke_motion(scenario, stroke, placed.arm) or motion
+        start = build_path_table(points[first][None], rotations[first][None])
+        more = number + 1 < len(stretches) and left > motion.playing_time
+        job = Job(
+            travel=travel_to(jobs, points[down], rotations[down]) if jobs else time_path(start, pace),
+            lead_in=start, process=table, motion=motion, depth=0.0, force=0.0, contact=0.0,
+            approach_speed=process.approach_speed_m_s, feed=process.feed_m_s, threshold=math.inf,
+            search_depth=0.0, hold=hold, feed_time=left, lift=lift if more else 0.0, start_s=float(path.s[first]),
+        )  # fmt: skip
+        jobs.append(job)
+        left -= motion.playing_time
+        if not more:
+            break
+    return jobs
+
+
+# Where the tool is on the part and how far the master has come by then: what two robots do, over time.
+
+Array = NDArray[np.float64]
+
+FEWEST: Final = 3  # visits of every move, however short it is
+BEYOND_S: Final = 1.0  # of the master's motion, as long as a feed takes to come to rest [s]
+ON_THE_WAY: Final = -1  # to a stroke or from it
+
+
+class Visits(NamedTuple):
+    """Moments of the work, n of them in order; work frame."""
+
+    points: Array
+    """Tool points, pressed in [m], shape (n, 3)."""
+    axes: Array
+    """Unit tool axes from the part to the tool, shape (n, 3)."""
+    s: Array
+    """Place on the path [m], never falling, shape (n,)."""
+    time: Array
+    """Since the start of the work, contact where it is expected [s], shape (n,)."""
+    clock: Array
+    """Time of the master's motion: it passes while the tool is fed along the part [s], shape (n,)."""
+    rate: Array
+    """At which it passes [-], shape (n,)."""
+    meant: Array
+    """Time of the master's motion the tool's turn about its axis is meant for: it is kept while the tool is lifted and
+    the master comes to rest [s], shape (n,)."""
+    stroke: NDArray[np.int64]
+    """Which stroke is being fed, from 0, or ``ON_THE_WAY``, shape (n,)."""
+
+    def clock_at(self, s: Array) -> Array:
+        """Time of the master's motion at places on the path, (k,) [m] -> (k,) [s].
+
+        Beyond a feed that is broken off it goes on for a while as it went: the tool's turn has no bend there.
+        """
+        fed = np.flatnonzero(self.stroke != ON_THE_WAY)
+        s_fed, clock = self.s[fed], self.clock[fed]
+        slowness = (clock[-1] - clock[-2]) / max(s_fed[-1] - s_fed[-2], 1e-9)
+        beyond = np.minimum(slowness * np.maximum(s - s_fed[-1], 0.0), BEYOND_S)
+        return np.asarray(np.interp(s, s_fed, clock) + beyond)
+
+
+def plan_visits(jobs: Sequence[Job], step: float) -> Visits:
+    """Follow strokes from beginning to end as the cell does if contact is where it is expected.
+
+    Args:
+        jobs: The strokes, in the work frame.
+        step: Time between visits, at most [s].
+    """
+    done: list[Visits] = []
+    time = clock = meant = 0.0
+    for number, job in enumerate(jobs):
+        for visits in _moves(job, number, step, meant - clock):
+            done.append(
+                visits._replace(time=time + visits.time, clock=clock + visits.clock, meant=clock + visits.meant)
+            )
+            time = float(done[-1].time[-1])
+        clock, meant = float(done[-1].clock[-1]), float(done[-1].meant[-1])
+    return Visits(*(np.concatenate(columns) for columns in zip(*done, strict=True)))
+
+
+def _moves(job: Job, number: int, step: float, meant: float) -> Iterator[Visits]:
+    """Travel, way down, feed and way up of a stroke; time from each move's beginning, clock from the stroke's.
+
+    What the tool's turn was meant for as the last stroke ended, ``meant``, is led to the stroke's beginning meanwhile.
+    """
+    if number > 0:
+        times = _times(job.travel.duration, step)
+        rows = np.rint(times / job.travel.spacing).astype(int)
+        yield _resting(job.travel.positions[rows], _axes(job.travel.quaternions[rows]), job.start_s, times)._replace(
+            meant=np.linspace(meant, 0.0, len(rows))
+        )
+    if job.contact > 0.0:
+        times = _times(job.lead_in.length / job.approach_speed, step)
+        rows = np.rint(times * job.approach_speed / job.lead_in.spacing).astype(int)
+        yield _resting(job.lead_in.positions[rows], _axes(job.lead_in.quaternions[rows]), job.start_s, times)
+    fed = _fed(job, number, step)
+    yield fed
+    lift = job.lift + job.depth if job.lift > 0.0 else 0.0
+    times = _times(max(lift / RETRACT_SPEED, RAMP_S), step)
+    up = fed.points[-1] + np.minimum(RETRACT_SPEED * times, lift)[:, None] * fed.axes[-1]
+    held = time_held(float(fed.time[-1]) - _touching(job), times)
+    yield _resting(up, np.repeat(fed.axes[-1:], len(times), axis=0), float(fed.s[-1]), times)._replace(
+        clock=fed.clock[-1] + held.clock, rate=held.rate, meant=np.full(len(times), fed.clock[-1])
+    )
+
+
+def _fed(job: Job, number: int, step: float) -> Visits:
+    """A stroke's feed, at the largest rates its motion may be played at."""
+    motion = job.motion
+    slowness = 1.0 / motion.rates
+    played = np.r_[0.0, np.cumsum(0.5 * (slowness[1:] + slowness[:-1]) * motion.spacing)]
+    if motion.duration == 0.0:
+        played *= 0.0
+    end = min(float(played[-1]), job.feed_time)
+    rows = np.clip(np.searchsorted(played, _times(end, step)), 0, len(played) - 1)
+    master = time_let_go(played[rows])
+    return Visits(
+        motion.positions[rows], _axes(motion.quaternions[rows]), job.start_s + motion.places[rows],
+        played[rows] + _touching(job), master.clock, master.rate, master.clock,
+        np.full(len(rows), number),
+    )  # fmt: skip
+
+
+def _resting(points: Array, axes: Array, s: float, times: Array) -> Visits:
+    """A move in the air, the master at rest."""
+    n, still = len(times), np.zeros(len(times))
+    return Visits(points, axes, np.full(n, s), times, still, still, still, np.full(n, ON_THE_WAY))
+
+
+def _touching(job: Job) -> float:
+    """How long touch-down takes before the feed [s]."""
+    return TOUCH_DOWN_TIME if job.contact > 0.0 else 0.0
+
+
+def _times(duration: float, step: float) -> Array:
+    return np.linspace(0.0, duration, max(FEWEST, math.ceil(duration / step) + 1))
+
+
+def _axes(quaternions: Array) -> Array:
+    """From the part to the tool, for tool frames as wxyz (n, 4), shape (n, 3)."""
+    return np.asarray(-Rotation.from_quat(quaternions, scalar_first=True).as_matrix()[:, :, 2])
+
+
+__all__ = ["ON_THE_WAY", "Visits", "plan_visits"]

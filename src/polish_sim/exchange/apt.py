@@ -1,0 +1,363 @@
+"""Paths out of CAM systems: APT source and CLDATA text (GOTO points -> WayPoints).
+
+The tool is on the part where it moves at a feed, in the air where it moves RAPID. What `apt_writer` notes in comments
+(segment, pass, force) is taken up, so that our own files come back whole.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import InputError
+from polish_sim.exchange.setup import ExportSetup, feeds_of
+from polish_sim.exchange.strokes import rows_without_straight_air
+from polish_sim.exchange.way_points import (
+    Unknown,
+    WayPoints,
+    checked_length,
+    feeds_from_first,
+    numbered_strokes,
+    unit_axes,
+    with_retract,
+)
+from polish_sim.planning import PlanResult
+from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, SEGMENTS, ToolPath
+
+# The statements of an APT/CLDATA file: comments, continuations and words taken apart (text -> statements).
+
+FREE_TEXT: Final = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "DISPLY", "LETTER")
+"""Words whose rest of the line is prose."""
+IGNORED: Final = frozenset(
+    (
+        *FREE_TEXT,
+        *("MACHIN", "CUTTER", "TOOLNO", "LOADTL", "LOAD", "SELECT", "TOOL", "COOLNT", "SPINDL", "AUTOPS", "CUTCOM"),
+        *("INTOL", "OUTTOL", "TOLER", "CLEARP", "CLRSRF", "PPFUN", "SEQNO", "OPNAME", "STOP", "OPSTOP", "REWIND"),
+        *("END", "FINI", "NOPOST", "CLPRNT", "DELAY", "DWELL", "OPSKIP", "AIR", "PAINT", "TLDATA", "HEAD", "MODE"),
+        *("END-OF-PATH", "OUTPUT", "PPLOFF", "PPLON"),
+    )
+)
+"""Words that do not move the tool."""
+REFUSED: Final[dict[str, str]] = {
+    **dict.fromkeys(("CIRCLE", "ARC", "MOVARC", "CYLNDR", "CIRCUL", "ARCSLP"), "arcs"),
+    **dict.fromkeys(("CYCLE", "GOHOME", "RETRCT", "GODLTA"), "canned and relative motions"),
+    **dict.fromkeys(("NURBS", "SPLINE", "BSPLIN"), "splines"),
+    **dict.fromkeys(("INDIRV", "INDIRP", "TLON", "TLLFT", "TLRGT", "PSIS", "GO"), "motions along surfaces"),
+    **dict.fromkeys(("GOFWD", "GOBACK", "GOLFT", "GORGT", "GOUP", "GODOWN"), "motions along surfaces"),
+    **dict.fromkeys(("ORIGIN", "TRANS", "ROTATE", "ROTABL", "MSYS", "COPY", "MATRIX", "REFSYS"), "moved frames"),
+    **dict.fromkeys(("MACRO", "CALL", "LOOPST", "LOOPND", "TERMAC", "POINT", "LINE", "PLANE", "PATERN"), "programs"),
+}
+"""Words that move the tool in ways a list of points does not say."""
+KNOWN: Final = ("GOTO", "FROM", "FEDRAT", "RAPID", "UNITS", "MULTAX", "TLAXIS")
+
+
+class Statement(NamedTuple):
+    """One statement: its word in capitals, the text of its arguments, the line it begins in."""
+
+    word: str
+    arguments: tuple[str, ...]
+    line: int
+    comment: str
+    """Text after $$ where the statement is a comment alone; word is empty then."""
+
+
+def statements(file: Path, text: str) -> Iterator[Statement]:
+    """Take an APT text apart; $$ begins a comment, a single $ continues a statement, but never prose.
+
+    Raises:
+        InputError: The last line asks to be continued.
+    """
+    pending, begin, remarked = "", 0, False
+    for number, raw in enumerate(text.splitlines(), start=1):
+        code, _, comment = raw.partition("$$")
+        # Creo writes frames as remarks ("$$->") that go on over lines; they are remarks all the way.
+        remarked, swallowed = raw.rstrip().endswith("$") and (remarked or comment.startswith("->")), remarked
+        if swallowed:
+            continue
+        # Columns 73-80 of a punched card hold a label; CAM systems still print it after the $.
+        head, dollar, _ = code.partition("$")
+        begin = begin if pending else number
+        pending += head.strip()
+        if dollar and not _is_prose(pending):
+            continue
+        if pending:
+            yield _statement(pending, begin)
+        elif comment.strip():
+            yield Statement("", (), number, comment.strip())
+        pending = ""
+    if pending:
+        raise InputError(f"'{file}', line {begin}: the statement is continued ($) past the end. The file is cut short.")
+
+
+def _statement(code: str, line: int) -> Statement:
+    word, _, rest = code.partition("/")
+    name = word.strip().upper()
+    if _is_prose(code):
+        return Statement(name.split(maxsplit=1)[0], (), line, "")
+    arguments = tuple(part.strip().upper() for part in rest.split(",")) if rest.strip() else ()
+    return Statement(name, arguments, line, "")
+
+
+def _is_prose(code: str) -> bool:
+    return code.upper().startswith(FREE_TEXT)
+
+
+def refusal(file: Path, statement: Statement) -> InputError:
+    """Say why a statement that moves the tool cannot be read."""
+    word = statement.word.split("=")[-1].strip()
+    return InputError(
+        f"'{file}', line {statement.line}: {word} ({REFUSED.get(word, 'a moved frame')}) is not read. "
+        "Post-process the path to GOTO points in one frame."
+    )
+
+
+def unknown_word(file: Path, statement: Statement) -> InputError:
+    """Say that nobody knows a word."""
+    known = ", ".join(KNOWN)
+    return InputError(
+        f"'{file}', line {statement.line}: unknown word '{statement.word[:40]}'. Read are {known}, points by GOTO."
+    )
+
+
+Array = NDArray[np.float64]
+
+UNITS: Final[Mapping[str, float]] = {"MM": 1e-3, "CM": 1e-2, "M": 1.0, "INCH": 0.0254, "INCHES": 0.0254, "IN": 0.0254}
+FEED_UNITS: Final[Mapping[str, float]] = {"MMPM": 1e-3 / 60.0, "IPM": 0.0254 / 60.0}
+PER_MINUTE: Final = ("PERMIN", "UPM")
+PER_TURN: Final = ("PERREV", "MMPR", "IPR")
+OWN_FRAME: Final = ((0, 0, 0, 1, 0, 0, 0, 1, 0), (0, 0, 0, 1, 0, 0, 0, 0, 1))
+"""Origin, x and y axis, or x and z axis, of the part's own frame."""
+NOTE: Final = "polish-sim:"
+"""Begins a comment that says segment, pass and force of the points to come."""
+
+
+@dataclass
+class _Machine:
+    """What holds while the statements are gone through."""
+
+    file: Path
+    unit: float = 1e-3
+    axis: tuple[float, ...] = (0.0, 0.0, 1.0)
+    feed: float = math.nan
+    rapid: bool = False
+    noted: dict[str, str] = field(default_factory=dict)
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+    segments: list[int] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+
+    def place(self, row: int) -> str:
+        """Where a point stands."""
+        return f"line {self.lines[row]}, point {row + 1}"
+
+
+def read_apt(file: Path, text: str, unknown: Unknown) -> WayPoints:
+    """Read APT source or CLDATA: UNITS, MULTAX, FROM, GOTO, FEDRAT, RAPID, TLAXIS; mm unless UNITS says otherwise.
+
+    Raises:
+        InputError: A statement that is unknown, incomplete or moves other than by points; names the line.
+    """
+    machine = _Machine(file)
+    for statement in statements(file, text):
+        if not statement.word:
+            _take_note(machine, statement)
+            continue
+        action = _ACTIONS.get(statement.word)
+        if action is not None:
+            action(machine, statement)
+        elif statement.word.split("=")[-1].strip() in REFUSED:
+            raise refusal(file, statement)
+        elif statement.word.split(maxsplit=1)[0] not in IGNORED:
+            unknown(unknown_word(file, statement))
+    return WayPoints(_path(machine), file, machine.place)
+
+
+def _goto(machine: _Machine, statement: Statement) -> None:
+    numbers = _numbers(machine, statement, (3, 6))
+    machine.axis = numbers[3:] or machine.axis
+    noted = machine.noted.get("segment", "")
+    segment = SEGMENTS.index(noted) if noted in SEGMENTS else (APPROACH if machine.rapid else PROCESS)
+    force = _noted_number(machine, "force", statement)
+    turn = _noted_number(machine, "pass", statement)
+    position = tuple(machine.unit * value for value in numbers[:3])
+    machine.rows.append((*position, *machine.axis, machine.feed, force, turn))
+    machine.segments.append(segment)
+    machine.lines.append(statement.line)
+    machine.rapid = False  # RAPID holds for one motion
+
+
+def _from(machine: _Machine, statement: Statement) -> None:
+    """The tool stands here; where it goes next is what counts, but a TLAXIS may come along."""
+    machine.axis = _numbers(machine, statement, (3, 6))[3:] or machine.axis
+
+
+def _rapid(machine: _Machine, statement: Statement) -> None:
+    machine.rapid = True
+
+
+def _feed_rate(machine: _Machine, statement: Statement) -> None:
+    words = [word for word in statement.arguments if not _is_number(word)]
+    values = [float(word) for word in statement.arguments if _is_number(word)]
+    where = f"'{machine.file}', line {statement.line}"
+    if any(word in PER_TURN for word in words):
+        raise InputError(f"{where}: a feed per turn ({words[0]}) means nothing to a polishing pad. Give it per minute.")
+    unknown = [word for word in words if word not in FEED_UNITS and word not in PER_MINUTE]
+    if unknown or len(words) > 1 or len(values) != 1 or not math.isfinite(values[0]) or values[0] <= 0.0:
+        raise InputError(
+            f"{where}: FEDRAT/{','.join(statement.arguments)} is no feed. Wanted: a positive number per minute, "
+            f"with {', '.join((*FEED_UNITS, *PER_MINUTE))} or nothing."
+        )
+    unit = FEED_UNITS[words[0]] if words and words[0] in FEED_UNITS else machine.unit / 60.0
+    machine.feed = values[0] * unit
+
+
+def _units(machine: _Machine, statement: Statement) -> None:
+    name = statement.arguments[0] if len(statement.arguments) == 1 else ",".join(statement.arguments)
+    if name not in UNITS:
+        raise InputError(f"'{machine.file}', line {statement.line}: unknown unit '{name}'. Known: {', '.join(UNITS)}.")
+    machine.unit = UNITS[name]
+
+
+def _multiple_axes(machine: _Machine, statement: Statement) -> None:
+    if statement.arguments not in ((), ("ON",), ("OFF",)):
+        raise InputError(f"'{machine.file}', line {statement.line}: MULTAX is ON or OFF, nothing else.")
+
+
+def _tool_axis(machine: _Machine, statement: Statement) -> None:
+    machine.axis = _numbers(machine, statement, (3,))
+
+
+def _frame(machine: _Machine, statement: Statement) -> None:
+    """A frame of the machine's is taken only where it is that of the part."""
+    numbers = [float(word) if _is_number(word) else math.nan for word in statement.arguments]
+    if numbers not in [list(frame[: len(numbers)]) for frame in OWN_FRAME] or len(numbers) not in (3, 9):
+        raise refusal(machine.file, statement)
+
+
+_ACTIONS: Final[Mapping[str, Callable[[_Machine, Statement], None]]] = {
+    "GOTO": _goto,
+    "FROM": _from,
+    "RAPID": _rapid,
+    "FEDRAT": _feed_rate,
+    "UNITS": _units,
+    "MULTAX": _multiple_axes,
+    "TLAXIS": _tool_axis,
+    "MSYS": _frame,
+    "ORIGIN": _frame,
+}
+
+
+def _take_note(machine: _Machine, statement: Statement) -> None:
+    """Take up what our own writer noted; other comments say nothing."""
+    if statement.comment.startswith(NOTE):
+        machine.noted = dict(part.split("=", 1) for part in statement.comment[len(NOTE) :].split() if "=" in part)
+
+
+def _noted_number(machine: _Machine, name: str, statement: Statement) -> float:
+    text = machine.noted.get(name, "nan")
+    if not _is_number(text):
+        raise InputError(f"'{machine.file}', before line {statement.line}: {name} is noted as '{text}', not a number.")
+    return float(text)
+
+
+def _numbers(machine: _Machine, statement: Statement, counts: Sequence[int]) -> tuple[float, ...]:
+    where = f"'{machine.file}', line {statement.line}: {statement.word}"
+    if len(statement.arguments) not in counts:
+        wanted = " or ".join(map(str, counts))
+        raise InputError(
+            f"{where} has {len(statement.arguments)} values, wanted {wanted}: x,y,z and the tool axis i,j,k."
+        )
+    for word in statement.arguments:
+        if not _is_number(word) or not math.isfinite(float(word)):
+            raise InputError(f"{where}: '{word}' is not a number. Correct the line.")
+    return tuple(float(word) for word in statement.arguments)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _path(machine: _Machine) -> ToolPath:
+    if not machine.rows:
+        raise InputError(f"'{machine.file}' holds no points: no GOTO in it. Give APT source or CLDATA as text.")
+    table = np.array(machine.rows, dtype=np.float64)
+    axes = unit_axes(machine.file, ("i", "j", "k"), table[:, 3:6], machine.place)
+    segment = np.array(machine.segments, dtype=np.int8)
+    noted = np.isfinite(table[:, 8]).all()
+    if not (segment == PROCESS).any():
+        raise InputError(
+            f"'{machine.file}': every GOTO is RAPID, nothing is done at a feed. Give the path with FEDRAT."
+        )
+    return ToolPath(
+        table[:, :3].copy(),
+        axes,
+        checked_length(machine.file, table[:, :3], machine.place),
+        table[:, 8].astype(np.int64) if noted else numbered_strokes(segment),
+        segment if noted else with_retract(segment),
+        np.zeros(len(table)),
+        table[:, 7].copy() if np.isfinite(table[:, 7]).all() else None,
+        feeds_from_first(table[:, 6]),
+    )
+
+
+# Paths for CAM systems and postprocessors: APT/CLDATA text (plan -> GOTO points).
+
+MM = 1e3
+APT_WRITER_PER_MINUTE = 60.0 * MM
+IN_THE_AIR = (APPROACH, RETRACT)
+
+
+def apt_text(result: PlanResult, setup: ExportSetup) -> str:
+    """Write a path as APT: mm, tool axis from the part to the tool, RAPID in the air, FEDRAT in mm per minute.
+
+    Positions are printed to 1e-6 mm, axes to 1e-9. Leads move at the approach speed; straight moves in the
+    air are one GOTO. Segment, pass and force stand in
+    comments, which other systems skip and our own reader takes up.
+
+    Args:
+        result: The plan.
+        setup: Feed and approach speed where the path has none of its own.
+
+    Returns:
+        The text.
+    """
+    head = [
+        f"PARTNO {result.mesh.name}",
+        f"$$ tool path by polish-sim: {result.plan.pattern}, step-over {MM * result.plan.stepover_m:g} mm",
+        "$$ points lie on the surface, not pressed in; a force-controlled tool presses",
+        "UNITS/MM",
+        "MULTAX/ON",
+    ]
+    path = result.path.rows(rows_without_straight_air(result.path))
+    return "\n".join([*head, *_motions(path, setup), "FINI", ""])
+
+
+def _motions(path: ToolPath, setup: ExportSetup) -> Iterator[str]:
+    feed = feeds_of(path, setup)
+    noted = said = ""
+    for row, (position, axis) in enumerate(zip(MM * path.positions_work, path.axes_work, strict=True)):
+        note = _note(path, row)
+        if note != noted:
+            noted = note
+            yield note
+        if path.segment[row] in IN_THE_AIR:
+            yield "RAPID"
+        rate = f"FEDRAT/{APT_WRITER_PER_MINUTE * feed[row]:.6f},MMPM"
+        if rate != said:
+            said = rate
+            yield rate
+        yield "GOTO/" + ",".join([*(f"{value:.6f}" for value in position), *(f"{value:.9f}" for value in axis)])
+
+
+def _note(path: ToolPath, row: int) -> str:
+    force = "" if path.force is None else f" force={path.force[row]:.6f}"
+    return f"$$ {NOTE} segment={SEGMENTS[path.segment[row]]} pass={path.pass_index[row]}{force}"

@@ -1,0 +1,315 @@
+"""Paths as G-code: G0 and G1 with a tool axis as a vector or as rotary angles (blocks -> WayPoints).
+
+X, Y, Z are the tool's tip in the part's frame (as with G43.4). The tool axis, from the part to the tool, is either
+I, J, K, a vector of any length, or Rz(C) Ry(B) Rx(A) z with A, B, C in degrees; without any it is 0, 0, 1.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from polish_sim.errors import InputError
+from polish_sim.exchange.way_points import (
+    Unknown,
+    WayPoints,
+    checked_length,
+    feeds_from_first,
+    numbered_strokes,
+    with_retract,
+)
+from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
+
+# The words of a G-code file: comments, letters and numbers taken apart (text -> blocks).
+
+REFUSED: Final[dict[str, str]] = {
+    **dict.fromkeys(("G2", "G3"), "an arc"),
+    **dict.fromkeys(("G5", "G5.1", "G5.2", "G5.3", "G6.2"), "a spline"),
+    **dict.fromkeys(("G28", "G28.1", "G30", "G30.1", "G53"), "a move in the machine's own coordinates"),
+    **dict.fromkeys(("G10", "G52", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"), "a moved frame"),
+    **dict.fromkeys(("G68", "G68.2", "G51", "G92", "G92.1", "G92.2", "G92.3", "G16"), "a moved frame"),
+    **dict.fromkeys(("G73", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89"), "a canned cycle"),
+    **dict.fromkeys(("G33", "G33.1", "G38.2", "G38.3", "G38.4", "G38.5"), "a synchronised or probing move"),
+    **dict.fromkeys(("G41", "G41.1", "G42", "G42.1"), "cutter compensation"),
+    **dict.fromkeys(("G93", "G95", "G7"), "another way to count feeds or lengths"),
+    **dict.fromkeys(("M97", "M98", "M99"), "a subprogram"),
+}
+"""Words that move the tool in ways straight lines between points do not say."""
+IGNORED: Final = frozenset(
+    (
+        *("G8", "G15", "G17", "G18", "G19", "G40", "G43", "G43.4", "G43.5", "G49", "G50", "G54", "G61", "G61.1", "G64"),
+        *("G69", "G80", "G90.1", "G91.1", "G94", "G96", "G97", "G98", "G99"),
+        *("M0", "M1", "M3", "M4", "M5", "M6", "M7", "M8", "M9", "M19", "M48", "M49"),
+    )
+)
+"""Words that do not move the tool."""
+SILENT: Final = frozenset("NOSTDH")
+"""Letters whose number does not move the tool, whatever it is."""
+ENDS: Final = frozenset(("M2", "M30"))
+KNOWN: Final = "G0, G1, G20, G21, G90, G91, X, Y, Z, the tool axis as I, J, K or A, B, C, and F"
+
+_WORD: Final = re.compile(r"\s+|([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))(?![=\[#])|(.)")
+_COMMENT: Final = re.compile(r"\([^()]*\)")
+
+
+class Word(NamedTuple):
+    """A letter and its number."""
+
+    letter: str
+    value: float
+    column: int
+    """Where it begins in its line, counted from 1."""
+
+    @property
+    def name(self) -> str:
+        """As people write it: G1, not G01."""
+        return f"{self.letter}{self.value:g}"
+
+
+class Block(NamedTuple):
+    """The words of one line."""
+
+    line: int
+    words: tuple[Word, ...]
+
+
+def blocks(file: Path, text: str, unknown: Unknown) -> Iterator[Block]:
+    """Take a G-code text apart, up to the end of the program; lines without a word are left out.
+
+    Args:
+        file: Where the text is from.
+        text: The program; ( ) and ; enclose comments, % lines are marks of the file.
+        unknown: Told of characters that begin no word.
+
+    Yields:
+        The lines in order.
+
+    Raises:
+        InputError: A comment is not closed.
+    """
+    for number, raw in enumerate(text.splitlines(), start=1):
+        code = raw.partition(";")[0]
+        if code.lstrip().startswith("%"):
+            continue
+        if "(" in code or ")" in code:
+            code = _without_comments(file, number, code)
+        words = tuple(_words(file, number, code, unknown))
+        if words:
+            yield Block(number, words)
+        if any(word.name in ENDS for word in words):
+            return
+
+
+def _without_comments(file: Path, line: int, code: str) -> str:
+    """The line with blanks for its comments, so that columns stay."""
+    clear = _COMMENT.sub(lambda found: " " * len(found[0]), code)
+    loose = re.search(r"[()]", clear)
+    if loose is not None:
+        raise InputError(
+            f"'{file}', line {line}, column {loose.start() + 1}: the comment's bracket '{loose[0]}' has no partner."
+        )
+    return clear
+
+
+def _words(file: Path, line: int, code: str, unknown: Unknown) -> Iterator[Word]:
+    end = -1
+    for found in _WORD.finditer(code):
+        letter, number, stray = found.groups()
+        if letter:
+            yield Word(letter.upper(), float(number), found.start() + 1)
+        # Of a row of such characters the first is told.
+        if stray and found.start() != end:
+            rest = code[found.start() :].split(maxsplit=1)[0]
+            unknown(
+                InputError(
+                    f"'{file}', line {line}, column {found.start() + 1}: '{rest[:20]}' is no word of a letter and a "
+                    "number. Parameters and expressions are not read: post-process the path to plain numbers."
+                )
+            )
+        end = found.end() if stray else -1
+
+
+def refusal(file: Path, line: int, word: Word) -> InputError:
+    """Say why a word that moves the tool cannot be read."""
+    return InputError(
+        f"'{file}', line {line}, column {word.column}: {word.name} ({REFUSED[word.name]}) is not read, and "
+        "--lenient does not leave out what moves the tool. Post-process the path to G0 and G1 in one frame."
+    )
+
+
+def unknown_word(file: Path, line: int, word: Word) -> InputError:
+    """Say that nobody knows a word."""
+    return InputError(f"'{file}', line {line}, column {word.column}: unknown word '{word.name}'. Read are {KNOWN}.")
+
+
+UNITS: Final[Mapping[str, float]] = {"G20": 0.0254, "G21": 1e-3, "G70": 0.0254, "G71": 1e-3}
+LINES, ANGLES, VECTOR = "XYZ", "ABC", "IJK"
+PER_MINUTE: Final = 1.0 / 60.0
+
+
+NO_AXIS: Final = "'{file}' says no tool axis (I, J, K or A, B, C): it is taken to be z of the path's frame everywhere."
+"""What such G-code is taken for: that of a machine with three axes."""
+
+
+@dataclass
+class _Machine:
+    """What holds while the blocks are gone through."""
+
+    file: Path
+    unknown: Unknown
+    unit: float = 1e-3
+    relative: bool = False
+    rapid: bool | None = None
+    feed: float = math.nan
+    at: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LINES, math.nan) | dict.fromkeys(ANGLES, 0.0))
+    vector: tuple[float, float, float] | None = None
+    turned: bool = False
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+    segments: list[int] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+
+    def place(self, row: int) -> str:
+        """Where a point stands."""
+        return f"line {self.lines[row]}, point {row + 1}"
+
+    def error(self, block: Block, word: Word, text: str) -> InputError:
+        """An error that names its word's place."""
+        return InputError(f"'{self.file}', line {block.line}, column {word.column}: {text}")
+
+
+def read_gcode(file: Path, text: str, unknown: Unknown) -> WayPoints:
+    """Read G-code: G0, G1, G20, G21, G90, G91, F, and the tool axis; mm and absolute unless it says otherwise.
+
+    Raises:
+        InputError: A word that moves the tool other than on straight lines, or no points; names line and column.
+    """
+    machine = _Machine(file, unknown)
+    for block in blocks(file, text, unknown):
+        _obey(machine, block)
+    assumed = "" if machine.turned or machine.vector is not None else NO_AXIS.format(file=file)
+    return WayPoints(_path(machine), file, machine.place, assumed)
+
+
+def _obey(machine: _Machine, block: Block) -> None:
+    """Modes first, whatever their place in the line, then the feed, then the move."""
+    axes: dict[str, Word] = {}
+    feed: Word | None = None
+    dwells = False
+    for word in block.words:
+        if word.letter in "GM":
+            dwells |= word.name == "G4"
+            _set_mode(machine, block, word)
+        elif word.letter in LINES + ANGLES + VECTOR:
+            if word.letter in axes:
+                raise machine.error(block, word, f"{word.letter} stands twice in the line.")
+            axes[word.letter] = word
+        elif word.letter == "F":
+            feed = word
+        elif word.letter not in SILENT and not (word.letter == "P" and _takes_p(block)):
+            machine.unknown(unknown_word(machine.file, block.line, word))
+    if feed is not None:
+        _set_feed(machine, block, feed)
+    if axes and not dwells:
+        _move(machine, block, axes)
+
+
+def _takes_p(block: Block) -> bool:
+    return any(word.name in ("G4", "G64") for word in block.words)
+
+
+def _set_mode(machine: _Machine, block: Block, word: Word) -> None:
+    name = word.name
+    if name in ("G0", "G1"):
+        machine.rapid = name == "G0"
+    elif name in UNITS:
+        machine.unit = UNITS[name]
+    elif name in ("G90", "G91"):
+        machine.relative = name == "G91"
+    elif name in REFUSED:
+        raise refusal(machine.file, block.line, word)
+    elif name not in IGNORED and name not in ("M2", "M30"):
+        machine.unknown(unknown_word(machine.file, block.line, word))
+
+
+def _set_feed(machine: _Machine, block: Block, word: Word) -> None:
+    if word.value <= 0.0:
+        raise machine.error(block, word, f"{word.name} is no feed. Wanted: a positive number per minute.")
+    machine.feed = word.value * machine.unit * PER_MINUTE
+
+
+def _move(machine: _Machine, block: Block, axes: Mapping[str, Word]) -> None:
+    first = next(iter(axes.values()))
+    if machine.rapid is None:
+        raise machine.error(block, first, f"{first.name} stands before any G0 or G1: how to move is not said.")
+    for letter, word in axes.items():
+        if letter in VECTOR:
+            continue
+        scale = machine.unit if letter in LINES else 1.0
+        start = machine.at[letter] if machine.relative else 0.0
+        if math.isnan(start):
+            raise machine.error(block, word, f"{word.name} is a step (G91) from an unknown place. Begin with G90.")
+        machine.at[letter] = start + word.value * scale
+    _turn(machine, block, axes)
+    x, y, z = (machine.at[letter] for letter in LINES)
+    # Where the machine stands at the start nobody knows: the path begins where all three coordinates are said.
+    if not math.isnan(x + y + z):
+        machine.rows.append((x, y, z, *_axis(machine), machine.feed))
+        machine.segments.append(APPROACH if machine.rapid else PROCESS)
+        machine.lines.append(block.line)
+
+
+def _turn(machine: _Machine, block: Block, axes: Mapping[str, Word]) -> None:
+    """Take up the tool axis of a line, if it says one."""
+    vector = [axes[letter] for letter in VECTOR if letter in axes]
+    angles = [axes[letter] for letter in ANGLES if letter in axes]
+    machine.turned |= bool(angles)
+    if machine.turned and (vector or machine.vector is not None):
+        word = (vector or angles)[0]
+        raise machine.error(block, word, "the tool axis is said both as I, J, K and as A, B, C: give it in one way.")
+    if not vector:
+        return
+    if len(vector) < 3:
+        raise machine.error(block, vector[0], "I, J and K stand together: they are the tool axis, not an arc's centre.")
+    length = math.hypot(*(word.value for word in vector))
+    if length == 0.0:
+        raise machine.error(block, vector[0], "the tool axis I0 J0 K0 has no direction.")
+    i, j, k = (word.value / length for word in vector)
+    machine.vector = (i, j, k)
+
+
+def _axis(machine: _Machine) -> tuple[float, float, float]:
+    """Unit tool axis, from the part to the tool."""
+    if machine.vector is not None:
+        return machine.vector
+    a, b, c = (math.radians(machine.at[letter]) for letter in ANGLES)
+    x, y, z = math.cos(a) * math.sin(b), -math.sin(a), math.cos(a) * math.cos(b)
+    return x * math.cos(c) - y * math.sin(c), x * math.sin(c) + y * math.cos(c), z
+
+
+def _path(machine: _Machine) -> ToolPath:
+    if not machine.rows:
+        raise InputError(
+            f"'{machine.file}' holds no points: no G0 or G1 after which X, Y and Z are all known. "
+            "Give G-code as text, with a first line such as G0 X0 Y0 Z50."
+        )
+    table = np.array(machine.rows, dtype=np.float64)
+    segment = np.array(machine.segments, dtype=np.int8)
+    if not (segment == PROCESS).any():
+        raise InputError(f"'{machine.file}': every move is G0, nothing is done at a feed. Give the path with G1.")
+    axes = table[:, 3:6] / np.linalg.norm(table[:, 3:6], axis=1, keepdims=True)
+    return ToolPath(
+        table[:, :3].copy(),
+        axes,
+        checked_length(machine.file, table[:, :3], machine.place),
+        numbered_strokes(segment),
+        with_retract(segment),
+        np.zeros(len(table)),
+        None,
+        feeds_from_first(table[:, 6]),
+    )

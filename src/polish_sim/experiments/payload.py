@@ -1,0 +1,262 @@
+"""Experiment ``calibrate payload``: which tool the robot carries and what its sensor's bias is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.calibration import (
+    PayloadEstimate,
+    PayloadReadings,
+    estimate_figures,
+    fit_payload,
+    fit_without_outliers,
+    payload_regressor,
+    plan_payload_poses,
+    read_calibrated_tool,
+)
+from polish_sim.calibration.outliers import refuse_doubtful, refuse_swapped_columns
+from polish_sim.cell import Cell, Observer, Silent, read_at_rest, weight_of
+from polish_sim.cell.stroke import TARE_TIME
+from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
+from polish_sim.errors import CalibrationError
+from polish_sim.experiments.part_setup import PAYLOAD_STREAM, SENSOR_STREAM, random_streams
+from polish_sim.experiments.standing_still import patience, plan_visit, run_visit, visiting_cell
+
+Array = NDArray[np.float64]
+
+PAYLOAD_SCENARIO = Scenario(
+    experiment="calibrate-payload", spindle=SpindleConfig(speed_rpm=0.0), simulation=SimulationConfig(log_rate_hz=0.0)
+)
+"""What ``calibrate payload`` starts from: the host averages every reading, one per physics step."""
+
+CHECK_POSES = 200
+CHECK_SETTLE_S, CHECK_AVERAGE_S = 0.1, 0.25
+LONG_RUN_S, RETARE_S, VALUE_S = 600.0, 60.0, 5.0
+
+
+class LongRun(NamedTuple):
+    """The force an idle host reads over a long time, sensor axes, one value every five seconds."""
+
+    time: Array
+    """[s], shape (n,)."""
+    tared_once: Array
+    """Tared at the start only [N], shape (n, 3)."""
+    tared_again: Array
+    """Tared anew every minute [N], shape (n, 3)."""
+    retare: float
+    """Time between tares [s]."""
+    walk: float
+    """The sensor's drift, rms after one second [N/sqrt(s)]."""
+
+
+@dataclass(frozen=True)
+class PayloadCalibration:
+    """What a calibration leaves behind."""
+
+    scenario: Scenario | None
+    """None for readings of a real robot."""
+    readings: PayloadReadings
+    estimate: PayloadEstimate
+    figures: dict[str, Any]
+    """The keys of metrics.json."""
+    q: Array | None = None
+    """Joint angles of the poses [rad], shape (n, 6)."""
+    long_run: LongRun | None = None
+
+
+def calibrate_from(readings: PayloadReadings, drift: bool) -> PayloadCalibration:
+    """Calibrate from readings of a real robot; there is no truth to compare with.
+
+    Raises:
+        CalibrationError: If they do not tell the tool.
+    """
+    refuse_swapped_columns(readings)
+    estimate = fit_without_outliers(readings, drift)
+    refuse_doubtful(readings, estimate)
+    return PayloadCalibration(None, readings, estimate, estimate_figures(estimate))
+
+
+def run_payload_calibration(
+    scenario: Scenario, drift: bool = False, observer: Observer | None = None
+) -> PayloadCalibration:
+    """Visit poses in free space, return to the first, and estimate tool and bias from readings at rest.
+
+    Args:
+        scenario: Sensor, robot and ``payload`` section; part, plan, process and spindle play no role.
+        drift: Whether to fit a linear drift of the bias.
+        observer: Told of the progress.
+
+    Returns:
+        Readings, estimate and figures, the latter against the truth.
+
+    Raises:
+        CalibrationError: If the readings do not tell the tool.
+        ProtectiveStop: If the robot stopped itself on the way.
+    """
+    observer = observer or Silent()
+    observer.stage("plan the poses")
+    streams, payload = random_streams(scenario.seed), scenario.payload
+    poses = plan_payload_poses(payload.poses)
+    q = np.concatenate([poses.q, poses.q[:1]])
+    visit = plan_visit(q, payload.settle_s, payload.average_s, patience(scenario.robot))
+    cell = visiting_cell(_in_free_space(scenario), visit, q[0], streams[SENSOR_STREAM])
+    observer.stage(f"visit {payload.poses} poses and the first again")
+    run, readings = run_visit(cell, visit, observer)
+    _check_range(cell, readings)
+    observer.stage("estimate")
+    estimate = fit_without_outliers(readings, drift, cell_gravity(cell))
+    figures = estimate_figures(estimate) | _errors(cell, estimate)
+    figures |= _return_figures(readings, estimate) | _residual_figures(cell, estimate, streams[PAYLOAD_STREAM])
+    long_run = idle_force(cell, streams[PAYLOAD_STREAM])
+    figures |= {
+        "drift_600s_rms_n": _rms(long_run.tared_once),
+        "drift_600s_retared_rms_n": _rms(long_run.tared_again),
+        "drift_600s_max_n": float(np.linalg.norm(long_run.tared_once, axis=1).max()),
+        "drift_600s_retared_max_n": float(np.linalg.norm(long_run.tared_again, axis=1).max()),
+        "simulated_s": run.steps * scenario.simulation.timestep_s,
+        "wall_s": run.wall_s,
+        "steps": run.steps,
+        "seed": scenario.seed,
+    }
+    return PayloadCalibration(scenario, readings, estimate, figures, q, long_run)
+
+
+def _in_free_space(scenario: Scenario) -> Scenario:
+    """Spindle off, nothing to press on, and no limit on a force that is the tool's own weight: it is not known yet."""
+    return replace(
+        scenario,
+        pad=replace(scenario.pad, damping_s_m=0.0),
+        spindle=replace(scenario.spindle, speed_rpm=0.0),
+        safety=replace(scenario.safety, force_limit_n=1e4, torque_limit_nm=1e3),
+    )
+
+
+def _check_range(cell: Cell, readings: PayloadReadings) -> None:
+    """Refuse readings at the end of the sensor's range: a saturated axis hides part of the weight."""
+    full = np.abs(readings.wrenches) > 0.98 * cell.sensor.range
+    if full.any():
+        reading, axis = np.argwhere(full)[0]
+        name = ("force x", "force y", "force z", "torque x", "torque y", "torque z")[axis]
+        raise CalibrationError(
+            f"the sensor's {name} is at the end of its range in pose {reading + 1}: tool and bias are too much for it. "
+            "Take a sensor with a larger range (sensor.force_range_n, sensor.torque_range_nm)."
+        )
+
+
+def _errors(cell: Cell, estimate: PayloadEstimate) -> dict[str, Any]:
+    """Estimate minus truth; the bias is compared with that at the start of the run, before it drifted."""
+    carried = cell.carried
+    off = estimate.bias_at(0.0) - cell.sensor.bias
+    worst = abs(estimate.mass - carried.mass) * cell_gravity(cell) + float(np.linalg.norm(_bias_error(cell, estimate)))
+    return {
+        "mass_error_kg": estimate.mass - carried.mass,
+        "mass_error_relative": abs(estimate.mass / carried.mass - 1.0),
+        "center_error_m": float(np.linalg.norm(estimate.center - carried.center)),
+        "bias_error_n": off[:3].tolist(),
+        "bias_error_nm": off[3:].tolist(),
+        "compensation_error_max_n": worst,
+    }
+
+
+def cell_gravity(cell: Cell) -> float:
+    """Gravity of the cell's model [m/s^2]."""
+    return float(-cell.model.opt.gravity[2])
+
+
+def _bias_error(cell: Cell, estimate: PayloadEstimate) -> Array:
+    """Estimated force bias minus what bias and drift have become [N], shape (3,)."""
+    now = cell.sensor.bias + cell.kernel.sensor_state.drift
+    return np.asarray((estimate.bias_at(float(cell.data.time)) - now)[:3])
+
+
+def _return_figures(readings: PayloadReadings, estimate: PayloadEstimate) -> dict[str, Any]:
+    """What the first pose reads at the end against what it read at the beginning: drift, and noise twice."""
+    return {
+        "drift_return_n": (readings.wrenches[-1, :3] - readings.wrenches[0, :3]).tolist(),
+        "drift_return_n_std": float(np.sqrt(2.0) * estimate.noise[0]),
+        "drift_return_nm": (readings.wrenches[-1, 3:] - readings.wrenches[0, 3:]).tolist(),
+        "drift_return_nm_std": float(np.sqrt(2.0) * estimate.noise[3]),
+        "drift_return_s": float(readings.time[-1] - readings.time[0]),
+    }
+
+
+def _residual_figures(cell: Cell, estimate: PayloadEstimate, rng: np.random.Generator) -> dict[str, Any]:
+    """The force left after compensation in random poses right after the calibration, with and without a tare."""
+    R = Rotation.random(CHECK_POSES, random_state=rng).as_matrix()
+    read = read_at_rest(
+        cell.sensor, cell.kernel.sensor_state, weight_of(cell.carried, R), np.zeros(len(R)),
+        CHECK_SETTLE_S, CHECK_AVERAGE_S, rng,
+    )  # fmt: skip
+    theta = np.concatenate([estimate.theta[:4], estimate.bias_at(float(cell.data.time))])
+    left = (read - payload_regressor(R[:, 2, :], None, cell_gravity(cell)) @ theta)[:, :3]
+    # The tare is taken in the first pose; tool axes turn with the sensor's.
+    return {
+        "residual_poses": CHECK_POSES,
+        "residual_force_max_n": float(np.linalg.norm(left, axis=1).max()),
+        "residual_force_rms_n": _rms(left),
+        "residual_force_tared_max_n": float(np.linalg.norm(left - left[0], axis=1)[1:].max()),
+    }
+
+
+def _rms(forces: Array) -> float:
+    """Root mean square size of forces (n, 3)."""
+    return float(np.sqrt(np.mean(np.sum(forces**2, axis=1))))
+
+
+def idle_force(cell: Cell, rng: np.random.Generator) -> LongRun:
+    """Read an idle sensor in one pose for ten minutes, tared once and tared anew every minute.
+
+    A tare averages as long as that of a run: its own noise stays in every force until the next one.
+    """
+    count, a_value, a_tare = (round(span / TARE_TIME) for span in (LONG_RUN_S, VALUE_S, RETARE_S))
+    load = np.tile(weight_of(cell.carried, np.diag([1.0, -1.0, -1.0])[None]), (count, 1))
+    read = read_at_rest(cell.sensor, cell.idle_sensor(), load, np.zeros(count), 0.0, TARE_TIME, rng)[:, :3]
+    latest = np.arange(count) // a_tare * a_tare
+    once, again = ((read - tare).reshape(-1, a_value, 3).mean(axis=1) for tare in (read[0], read[latest]))
+    time = np.asarray(VALUE_S * (np.arange(len(once)) + 0.5))
+    return LongRun(time, once, again, RETARE_S, cell.scenario.sensor.force_drift_n_s)
+
+
+# What the host believes to carry: from a calibration before every run, or from a file.
+
+
+def believe_tool(cell: Cell, rng: np.random.Generator) -> None:
+    """Let a cell's host learn its tool as the scenario's ``payload`` section says.
+
+    Without a file the tool is calibrated: this run's sensor, with its bias, noise, drift, filter and quantisation,
+    is read at rest in the poses of ``calibrate payload`` and the same estimator fits the readings. The arm's way
+    between the poses is not simulated; the drift of that time is.
+
+    Args:
+        cell: The cell, not yet run.
+        rng: Draws the noise of the calibration.
+
+    Raises:
+        InputError: If the file cannot be used.
+        CalibrationError: If the readings do not tell the tool.
+    """
+    config = cell.scenario.payload
+    if config.file:
+        mass, center = read_calibrated_tool(Path(config.file))
+    else:
+        estimate = fit_payload(readings_at_rest(cell, rng))
+        mass, center = estimate.mass, estimate.center
+    cell.compensate(mass, center)
+
+
+def readings_at_rest(cell: Cell, rng: np.random.Generator) -> PayloadReadings:
+    """Readings of a cell's sensor in the calibration's poses, the robot not simulated."""
+    config = cell.scenario.payload
+    poses = plan_payload_poses(config.poses)
+    loads = weight_of(cell.carried, poses.R_base_sensor)
+    wrenches = read_at_rest(
+        cell.sensor, cell.idle_sensor(), loads, poses.move_times, config.settle_s, config.average_s, rng
+    )
+    time = np.cumsum(poses.move_times + config.settle_s + config.average_s) - 0.5 * config.average_s
+    return PayloadReadings(time, poses.R_base_sensor.copy(), wrenches)

@@ -1,0 +1,315 @@
+"""Cut a surface where a quantity changes sign, along a clean line instead of whole facets (Surface -> Surface).
+
+`clip` keeps one side, `split` both.
+
+A triangle inside the parameter domain of a quadratic Bezier triangle is one again, so what is left of a
+patch lies exactly on the patch.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.geometry.surface import Surface, build_surface
+from polish_sim.geometry.topology import find_adjacency
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+_EDGE_PAIRS = np.array([[0, 1], [1, 2], [2, 0]])
+
+
+class Clipped(NamedTuple):
+    """What is left of a surface."""
+
+    surface: Surface
+    parents: Ints
+    """Facet of the original each facet was cut from, shape (k,)."""
+
+
+class Cut(NamedTuple):
+    """Triangles in the parameter domain of their parents."""
+
+    parents: Ints
+    """Parent facet, shape (k,)."""
+    barycentric: Floats
+    """Corners in the parent, shape (k, 3, 3)."""
+    faces: Ints
+    """Vertex numbers; cut points are numbered after the vertices, shape (k, 3)."""
+
+
+def clip(surface: Surface, values: Floats, on: float = 0.0) -> Clipped:
+    """Keep the part of a surface where a quantity is positive.
+
+    Args:
+        surface: The surface.
+        values: The quantity as a quadratic over each patch, shape (m, 6); equal along shared edges.
+        on: Corners where its magnitude is at most this lie on the cut.
+
+    Returns:
+        The part where it is positive, and the facets it came from.
+    """
+    sign = _corner_signs(values, on)
+    inside = ~(sign < 0).any(axis=1)
+    crossed = (sign > 0).any(axis=1) & ~inside
+    whole = np.flatnonzero(inside).astype(np.int32)
+    if not crossed.any():
+        return Clipped(surface.restrict(whole), whole)
+    cut_at, cut_vertex, count = _edge_cuts(surface, values, sign)
+    pieces = _cut_facets(surface, np.flatnonzero(crossed), sign, cut_at, cut_vertex)
+    cut = _concatenate(_untouched(surface, whole), pieces)
+    return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)
+
+
+def split(surface: Surface, values: Floats, on: float = 0.0) -> Clipped:
+    """Cut a surface like `clip`, but keep both sides, still joined.
+
+    Args:
+        surface: The surface.
+        values: The quantity as a quadratic over each patch, shape (m, 6); equal along shared edges.
+        on: Corners where its magnitude is at most this lie on the cut.
+
+    Returns:
+        The same surface, no facet on both sides of the cut, and the facets they came from.
+    """
+    sign = _corner_signs(values, on)
+    crossed = (sign > 0).any(axis=1) & (sign < 0).any(axis=1)
+    if not crossed.any():
+        return Clipped(surface, np.arange(len(surface.faces), dtype=np.int32))
+    cut_at, cut_vertex, count = _edge_cuts(surface, values, sign)
+    facets = np.flatnonzero(crossed)
+    sides = [_cut_facets(surface, facets, side, cut_at, cut_vertex) for side in (sign, -sign)]
+    cut = _concatenate(_untouched(surface, np.flatnonzero(~crossed).astype(np.int32)), *sides)
+    return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)
+
+
+def then(first: Clipped, second: Clipped) -> Clipped:
+    """What is left after a second cut, with the facets of the first one's original."""
+    return Clipped(second.surface, first.parents[second.parents])
+
+
+def _corner_signs(values: Floats, on: float) -> NDArray[np.int8]:
+    return np.sign(np.where(np.abs(values[:, :3]) <= on, 0.0, values[:, :3])).astype(np.int8)
+
+
+def _untouched(surface: Surface, facets: Ints) -> Cut:
+    return Cut(facets, np.broadcast_to(np.eye(3), (len(facets), 3, 3)), surface.faces[facets])
+
+
+def _concatenate(*cuts: Cut) -> Cut:
+    return Cut(*(np.concatenate(arrays) for arrays in zip(*cuts, strict=True)))
+
+
+def _edge_cuts(surface: Surface, values: Floats, sign: NDArray[np.int8]) -> tuple[Floats, Ints, int]:
+    """Where each edge is cut (from corner e on), the number of the cut point, and how many there are."""
+    first, second = surface.faces, np.roll(surface.faces, -1, axis=1)
+    swap = first > second
+    here, ahead = values[:, :3], np.roll(values[:, :3], -1, axis=1)
+    start, end, middle = np.where(swap, ahead, here), np.where(swap, here, ahead), values[:, 3:]
+    cut = sign * np.roll(sign, -1, axis=1) < 0
+    low, high = np.minimum(first, second)[cut], np.maximum(first, second)[cut]
+    _, number = np.unique(low.astype(np.int64) * (len(surface.vertices) + 1) + high, return_inverse=True)
+    vertex = np.full(cut.shape, -1, dtype=np.int32)
+    vertex[cut] = len(surface.vertices) + number
+    # At a crease the quantity may differ from side to side; the cut point must not.
+    roots = _root(start[cut], middle[cut], end[cut])
+    at = np.full(cut.shape, np.nan)
+    at[cut] = (np.bincount(number, weights=roots) / np.bincount(number))[number]
+    return np.where(swap, 1.0 - at, at), vertex, int(number.max()) + 1
+
+
+def _root(start: Floats, middle: Floats, end: Floats) -> Floats:
+    """Root in (0, 1) of the quadratic Bezier function whose ends differ in sign."""
+    a, b, c = start - 2.0 * middle + end, middle - start, start
+    root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+    # a t^2 + 2 b t + c = 0 in the form that does not cancel; the falling or rising branch by the ends' signs.
+    return np.clip(c / (-b + np.where(start > 0.0, root, -root)), 1e-9, 1.0 - 1e-9)
+
+
+def _cut_facets(
+    surface: Surface, facets: NDArray[np.int64], sign: NDArray[np.int8], cut_at: Floats, cut_vertex: Ints
+) -> Cut:
+    parents: list[int] = []
+    corners: list[list[Floats]] = []
+    faces: list[list[int]] = []
+    unit = np.eye(3)
+    for facet in facets:
+        points: list[Floats] = []
+        numbers: list[int] = []
+        for corner in range(3):
+            if sign[facet, corner] >= 0:
+                points.append(unit[corner])
+                numbers.append(int(surface.faces[facet, corner]))
+            if cut_vertex[facet, corner] >= 0:
+                t = cut_at[facet, corner]
+                points.append((1.0 - t) * unit[corner] + t * unit[(corner + 1) % 3])
+                numbers.append(int(cut_vertex[facet, corner]))
+        for triangle in _fan(surface.vertices[surface.faces[facet]], points):
+            parents.append(int(facet))
+            corners.append([points[i] for i in triangle])
+            faces.append([numbers[i] for i in triangle])
+    return Cut(np.array(parents, np.int32), np.array(corners), np.array(faces, np.int32))
+
+
+def _fan(triangle: Floats, points: list[Floats]) -> list[tuple[int, int, int]]:
+    """Split a triangle or quadrangle; the quadrangle along its shorter diagonal."""
+    if len(points) == 3:
+        return [(0, 1, 2)]
+    places = np.array(points) @ triangle
+    # Of two diagonals of one length the first, however rounding has it.
+    if np.linalg.norm(places[0] - places[2]) <= (1.0 + 1e-6) * np.linalg.norm(places[1] - places[3]):
+        return [(0, 1, 2), (0, 2, 3)]
+    return [(0, 1, 3), (1, 2, 3)]
+
+
+def build_cut(surface: Surface, cut: Cut, count: int) -> Surface:
+    """Cut control nets to the pieces' corners and number the vertices, ``count`` at most, anew."""
+    control, normal_control = surface.control[cut.parents], surface.normal_control[cut.parents]
+    smaller = np.flatnonzero((cut.barycentric != np.eye(3)).any(axis=(1, 2)))
+    control[smaller] = sub_patches(control[smaller], cut.barycentric[smaller])
+    normal_control[smaller] = sub_patches(normal_control[smaller], cut.barycentric[smaller])
+    vertices = np.empty((count, 3))
+    vertices[cut.faces] = control[:, :3]
+    used, compact = np.unique(cut.faces, return_inverse=True)
+    faces = compact.reshape(-1, 3).astype(np.int32)
+    adjacency = find_adjacency(faces)
+    return build_surface(
+        vertices=vertices[used],
+        faces=faces,
+        control=control,
+        normal_control=normal_control,
+        shape=cut.barycentric @ surface.shape[cut.parents],
+        adjacency=adjacency,
+        smooth=_inherited_smooth(surface, cut) & (adjacency.facets >= 0),
+    )
+
+
+def sub_patches(control: Floats, barycentric: Floats) -> Floats:
+    """Control values, shape (k, 6, d), of the triangles with these corners in their parents, shape (k, 3, 3).
+
+    The control value of two corners a, b is the parent's blossom, sum of P_ij a_i b_j.
+    """
+    net = control[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2]]]
+    size = control.shape[2]
+    half = np.matmul(barycentric, net.reshape(len(net), 3, 3 * size)).reshape(len(net), 3, 3, size)
+    pairs = [(0, 0), (1, 1), (2, 2), *map(tuple, _EDGE_PAIRS)]
+    return np.concatenate([np.matmul(barycentric[:, b, None], half[:, a]) for a, b in pairs], axis=1)
+
+
+def _inherited_smooth(surface: Surface, cut: Cut) -> NDArray[np.bool_]:
+    """Edges inside a parent are smooth; edges on a parent's edge are as smooth as that."""
+    smooth = np.ones((len(cut.parents), 3), dtype=bool)
+    for edge, (a, b) in enumerate(_EDGE_PAIRS):
+        for parent_edge in range(3):
+            absent = (parent_edge + 2) % 3
+            lies_on = (cut.barycentric[:, a, absent] == 0.0) & (cut.barycentric[:, b, absent] == 0.0)
+            smooth[:, edge] &= ~lies_on | surface.smooth[cut.parents, parent_edge]
+    return smooth
+
+
+# Halve edges of triangles in the parameter domain of their patches, without gaps (Cut, edges -> Cut).
+
+SubdivideInts = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_EQUAL = 1.0 + 1e-6
+"""Of two diagonals or edges of one length the first is taken, however rounding has it."""
+
+
+class Edges(NamedTuple):
+    """Edges of triangles, each once."""
+
+    ends: SubdivideInts
+    """Vertex numbers, the lower first, shape (e, 2)."""
+    of_facet: SubdivideInts
+    """Number of the edge from corner k to corner k + 1, shape (m, 3)."""
+
+
+def find_edges(faces: NDArray[np.int32]) -> Edges:
+    """List the edges of triangles, faces (m, 3)."""
+    start, end = faces.astype(np.int64), np.roll(faces, -1, axis=1).astype(np.int64)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    size = int(high.max(initial=0)) + 1
+    keys, which = np.unique(low * size + high, return_inverse=True)
+    return Edges(np.stack([keys // size, keys % size], axis=1), which.reshape(-1, 3))
+
+
+def spread_to_longest(edges: Edges, lengths: Floats, marked: Bools) -> Bools:
+    """Mark the longest edge of every facet with a marked edge too, so that facets stay well shaped.
+
+    Args:
+        edges: The edges.
+        lengths: Their lengths [m], shape (e,).
+        marked: Edges to be halved, shape (e,).
+
+    Returns:
+        The edges to be halved, shape (e,).
+    """
+    of_facet = lengths[edges.of_facet]
+    longest = edges.of_facet[np.arange(len(of_facet)), (of_facet * _EQUAL >= of_facet.max(axis=1)[:, None]).argmax(1)]
+    marked = marked.copy()
+    while True:
+        touched = marked[edges.of_facet].any(axis=1)
+        if marked[longest[touched]].all():
+            return marked
+        marked[longest[touched]] = True
+
+
+def halve_edges(cut: Cut, places: Floats, edges: Edges, marked: Bools) -> tuple[Cut, SubdivideInts]:
+    """Halve the marked edges and split the triangles beside them.
+
+    Args:
+        cut: The triangles.
+        places: Positions of their vertices, which decide between diagonals [m], shape (n, 3).
+        edges: Their edges.
+        marked: Edges to be halved, shape (e,).
+
+    Returns:
+        The triangles, and where the middle of each halved edge is found: rows of (facet, edge) of the triangles
+        given, shape (k, 2). New vertices are numbered in that order after the n old ones.
+    """
+    number = np.full(len(marked), -1, dtype=np.int64)
+    number[marked] = len(places) + np.arange(int(marked.sum()))
+    halves = marked[edges.of_facet]
+    ids = np.concatenate([cut.faces, number[edges.of_facet]], axis=1)
+    middles = 0.5 * (cut.barycentric + np.roll(cut.barycentric, -1, axis=1))
+    nodes = np.concatenate([cut.barycentric, middles], axis=1)
+    rows, corners = [np.flatnonzero(~halves.any(axis=1))], [np.array([[0, 1, 2]])]
+    for turn in range(3):
+        pattern = np.roll(halves, -turn, axis=1)
+        one = np.flatnonzero(pattern[:, 0] & ~pattern[:, 1] & ~pattern[:, 2])
+        two = np.flatnonzero(pattern[:, 0] & pattern[:, 1] & ~pattern[:, 2])
+        first = _first_diagonal(places, cut, two, turn)
+        rows += [one, two[first], two[~first]]
+        corners += [_turned(fan, turn) for fan in (_HALVED_ONE, _HALVED_TWO, _HALVED_TWO_OTHERWISE)]
+    rows.append(np.flatnonzero(halves.all(axis=1)))
+    corners.append(_HALVED_THREE)
+    facets = np.concatenate([np.repeat(r, len(c)) for r, c in zip(rows, corners, strict=True)])
+    local = np.concatenate([np.tile(c, (len(r), 1)) for r, c in zip(rows, corners, strict=True)])
+    parts = Cut(cut.parents[facets], nodes[facets[:, None], local], ids[facets[:, None], local].astype(cut.faces.dtype))
+    _, first_at = np.unique(edges.of_facet.ravel(), return_index=True)
+    at = first_at[marked]
+    return parts, np.stack([at // 3, at % 3], axis=1)
+
+
+# Corners 0, 1, 2; the middles of edges 0-1, 1-2, 2-0 are 3, 4, 5.
+_HALVED_ONE = np.array([[0, 3, 2], [3, 1, 2]])
+_HALVED_TWO = np.array([[3, 1, 4], [0, 3, 4], [0, 4, 2]])
+_HALVED_TWO_OTHERWISE = np.array([[3, 1, 4], [0, 3, 2], [3, 4, 2]])
+_HALVED_THREE = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
+
+
+def _turned(fan: SubdivideInts, turn: int) -> SubdivideInts:
+    """The same triangles with corner ``turn`` in place of corner 0."""
+    return np.where(fan < 3, (fan + turn) % 3, 3 + (fan + turn) % 3)
+
+
+def _first_diagonal(places: Floats, cut: Cut, facets: SubdivideInts, turn: int) -> Bools:
+    """Whether the diagonal from corner 0 to the middle of edge 1 is the shorter one."""
+    corner = places[cut.faces[facets][:, [turn, (turn + 1) % 3, (turn + 2) % 3]]]
+    one = np.linalg.norm(corner[:, 0] - 0.5 * (corner[:, 1] + corner[:, 2]), axis=1)
+    other = np.linalg.norm(corner[:, 2] - 0.5 * (corner[:, 0] + corner[:, 1]), axis=1)
+    return np.asarray(one <= _EQUAL * other)

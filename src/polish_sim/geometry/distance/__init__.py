@@ -1,1 +1,0 @@
-"""Signed distance to a surface, sampled in bricks that compiled loops look up."""

@@ -1,0 +1,320 @@
+"""Sample the signed distance of a surface in a narrow band (Surface -> bricks for the contact).
+
+Cubes of 8 x 8 x 8 cells exist only near the surface; :mod:`field_lookup` reads them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.ndimage import label
+
+from polish_sim.errors import ConfigError
+from polish_sim.geometry.closest import BoxTree, closest_in_tree
+from polish_sim.geometry.field_lookup import (
+    CELLS,
+    INSIDE,
+    NODES,
+    OUTSIDE,
+    DistanceField,
+    field_distance,
+    field_gradient,
+)
+from polish_sim.geometry.surface import Surface
+
+# On which side of the surface a point lies, also beside edges and corners (points -> signed distances).
+#
+# The sign at an edge or corner follows the angle-weighted pseudo-normal (Baerentzen and Aanaes 2005); with
+# curved patches the tangent planes at that point take the place of the flat facets.
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+_ON_EDGE = 1e-9
+
+
+class Skin(NamedTuple):
+    """A surface's arrays as the distance kernels take them."""
+
+    control: Floats
+    """Control points [m], shape (m, 6, 3)."""
+    faces: Ints
+    """Vertex indices, shape (m, 3)."""
+    neighbours: Ints
+    """Facet across each edge, -1 at borders, shape (m, 3)."""
+    neighbour_edges: Ints
+    """Which edge of that facet it is, shape (m, 3)."""
+    vertex_normals: Floats
+    """Angle-weighted sums of the patches' normals, zero at borders, shape (n, 3)."""
+    tree: BoxTree
+
+
+def build_skin(surface: Surface) -> Skin:
+    """Gather a surface's arrays, with the pseudo-normals of its vertices."""
+    return Skin(
+        surface.control,
+        surface.faces,
+        surface.neighbours,
+        surface.neighbour_edges,
+        surface.vertex_normal_sums,
+        surface.tree,
+    )
+
+
+def signed_distances(surface: Surface, points: Floats) -> Floats:
+    """Signed distance of points to a surface, negative inside.
+
+    Args:
+        surface: The surface. Points whose closest point is on a border of an open one count as outside.
+        points: Points [m], shape (n, 3).
+
+    Returns:
+        Distances [m], shape (n,).
+    """
+    return _signed_distances(build_skin(surface), np.ascontiguousarray(points, dtype=np.float64))
+
+
+@njit(cache=True)
+def _signed_distances(skin, points):  # type: ignore[no-untyped-def]
+    out = np.empty(len(points))
+    facet = -1
+    for i in range(len(points)):
+        # Neighbours in the list are mostly neighbours in space: the last facet saves time.
+        out[i], facet = signed_distance(skin, points[i, 0], points[i, 1], points[i, 2], facet, np.inf)
+    return out
+
+
+@njit(cache=True)
+def signed_distance(skin, x, y, z, hint, limit):  # type: ignore[no-untyped-def]
+    """Signed distance [m] of one point and the facet it is measured to; facet -1 beyond ``limit`` [m]."""
+    distance2, facet, u, v = closest_in_tree(skin.control, skin.tree, x, y, z, np.int32(hint), limit)
+    if facet < 0:
+        return limit, facet
+    px, py, pz, nx, ny, nz = _point_and_side(skin, facet, u, v)
+    side = (x - px) * nx + (y - py) * ny + (z - pz) * nz
+    distance = np.sqrt(distance2)
+    return (-distance if side < 0.0 else distance), facet
+
+
+@njit(cache=True)
+def _point_and_side(skin, facet, u, v):  # type: ignore[no-untyped-def]
+    """The closest point and a vector towards outside; a zero vector at borders."""
+    w = 1.0 - u - v
+    px, py, pz, nx, ny, nz = _point_and_normal(skin.control[facet], u, v)
+    on_first, on_second, on_third = w < _ON_EDGE, u < _ON_EDGE, v < _ON_EDGE  # edges 0-1, 1-2, 2-0
+    count = int(on_first) + int(on_second) + int(on_third)
+    if count == 1:
+        edge = 0 if on_first else (1 if on_second else 2)
+        other = skin.neighbours[facet, edge]
+        if other < 0:
+            return px, py, pz, 0.0, 0.0, 0.0
+        along = v if edge == 0 else (w if edge == 1 else u)
+        other_u, other_v = _on_edge(skin.neighbour_edges[facet, edge], 1.0 - along)
+        _, _, _, mx, my, mz = _point_and_normal(skin.control[other], other_u, other_v)
+        nx, ny, nz = nx + mx, ny + my, nz + mz
+    elif count >= 2:
+        corner = 0 if u > 0.5 else (1 if v > 0.5 else 2)
+        normal = skin.vertex_normals[skin.faces[facet, corner]]
+        nx, ny, nz = normal[0], normal[1], normal[2]
+    return px, py, pz, nx, ny, nz
+
+
+@njit(cache=True)
+def _on_edge(edge, t):  # type: ignore[no-untyped-def]
+    """Barycentric u, v of a point on an edge, t from its first corner."""
+    if edge == 0:
+        return 1.0 - t, t
+    if edge == 1:
+        return 0.0, 1.0 - t
+    return t, 0.0
+
+
+@njit(cache=True)
+def _point_and_normal(patch, u, v):  # type: ignore[no-untyped-def]
+    """Point of a patch and its unit normal."""
+    w = 1.0 - u - v
+    px, ax, bx = _component(patch, 0, u, v, w)
+    py, ay, by = _component(patch, 1, u, v, w)
+    pz, az, bz = _component(patch, 2, u, v, w)
+    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    size = max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
+    return px, py, pz, nx / size, ny / size, nz / size
+
+
+@njit(cache=True, inline="always")
+def _component(patch, k, u, v, w):  # type: ignore[no-untyped-def]
+    """One component of a patch's point and of half its derivatives along u and v."""
+    to_u = u * patch[0, k] + v * patch[3, k] + w * patch[5, k]
+    to_v = u * patch[3, k] + v * patch[1, k] + w * patch[4, k]
+    to_w = u * patch[5, k] + v * patch[4, k] + w * patch[2, k]
+    return u * to_u + v * to_v + w * to_w, to_u - to_w, to_v - to_w
+
+
+__all__ = ["DistanceField", "bend_field", "build_distance_field", "field_distance", "field_gradient"]
+
+
+_MOST_NODES = 400_000_000
+_BATCH = 256
+
+
+def build_distance_field(
+    surface: Surface,
+    spacing: float,
+    band: float,
+    bounds: Floats | None = None,
+    offset: Callable[[Floats], Floats] | None = None,
+) -> DistanceField:
+    """Sample the signed distance of a surface in a narrow band.
+
+    Args:
+        surface: The part's whole surface. On an open one the sign follows the closest point's normal, and
+            beyond the border everything is outside.
+        spacing: Distance between nodes [m].
+        band: Half width of the band around the surface [m].
+        bounds: Box to sample, corners (2, 3) [m]; default the whole surface. Beyond it all is "outside".
+        offset: Outward shift of the surface [m], (n,), at points (n, 3): bends the part by a form error.
+
+    Returns:
+        The field.
+
+    Raises:
+        ConfigError: The band is narrower than two spacings, or the field would take too much memory.
+    """
+    if not (0.0 < 2.0 * spacing <= band):
+        raise ConfigError(
+            f"distance field: the band ({band:g} m) must be at least twice the spacing ({spacing:g} m), both positive."
+        )
+    low, high = surface.bounds if bounds is None else np.asarray(bounds, dtype=np.float64)
+    margin = band + spacing if bounds is None else 0.0
+    origin = low - margin
+    side = CELLS * spacing
+    shape = np.maximum(np.ceil((high + margin - origin) / side), 1).astype(np.int64)
+    skin = build_skin(surface)
+    near, hints = _find_near_bricks(skin, origin, side, shape, band)
+    if len(near) * NODES**3 > _MOST_NODES:
+        raise ConfigError(
+            f"distance field: {len(near)} bricks are too many; raise the spacing ({spacing:g} m) or set bounds."
+        )
+    table = np.full(shape, OUTSIDE, dtype=np.int32)
+    table[tuple(near.T)] = np.arange(len(near), dtype=np.int32)
+    if not surface.is_open:
+        _sign_empty_bricks(skin, table, origin, side)
+    bricks = np.empty((len(near), NODES, NODES, NODES), dtype=np.float32)
+    for begin in range(0, len(near), _BATCH):
+        batch = slice(begin, begin + _BATCH)
+        corners = origin + side * near[batch]
+        bricks[batch] = _sample_bricks(skin, corners, hints[batch], spacing, band)
+    field = DistanceField(origin, float(spacing), float(band), table, bricks)
+    return field if offset is None else bend_field(field, offset)
+
+
+def bend_field(field: DistanceField, offset: Callable[[Floats], Floats]) -> DistanceField:
+    """The field of the same part bent by a form error: outward shift of the surface [m], (n,), at points (n, 3)."""
+    places = np.argwhere(field.table >= 0)
+    corners = np.empty((len(field.bricks), 3))
+    corners[field.table[tuple(places.T)]] = field.origin + CELLS * field.spacing * places
+    bricks = np.empty_like(field.bricks)
+    for begin in range(0, len(bricks), _BATCH):
+        batch = slice(begin, begin + _BATCH)
+        shift = offset(_nodes(corners[batch], field.spacing).reshape(-1, 3)).reshape(bricks[batch].shape)
+        bricks[batch] = np.clip(field.bricks[batch] - shift, -field.band, field.band)
+    return field._replace(bricks=bricks)
+
+
+def _find_near_bricks(
+    skin: Skin, origin: Floats, side: float, shape: NDArray[np.int64], band: float
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Bricks that meet the band, shape (k, 3), and a facet near each, shape (k,)."""
+    marked = np.zeros(shape, dtype=np.bool_)
+    _mark_boxes(skin.control, origin, side, band, marked)
+    candidates = np.argwhere(marked)
+    facets = _nearest_facets(skin, origin + side * (candidates + 0.5), band + 0.5 * np.sqrt(3.0) * side)
+    return candidates[facets >= 0], facets[facets >= 0]
+
+
+@njit(cache=True)
+def _mark_boxes(control, origin, side, band, marked):  # type: ignore[no-untyped-def]
+    """Mark the bricks that meet the box of a patch, widened by the band."""
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    for facet in range(len(control)):
+        for k in range(3):
+            low = (control[facet, :, k].min() - band - origin[k]) / side
+            high = (control[facet, :, k].max() + band - origin[k]) / side
+            first[k] = max(int(np.floor(low)), 0)
+            last[k] = min(int(np.floor(high)) + 1, marked.shape[k])
+        marked[first[0] : last[0], first[1] : last[1], first[2] : last[2]] = True
+
+
+@njit(cache=True)
+def _nearest_facets(skin, centers, limit):  # type: ignore[no-untyped-def]
+    """Closest facet of each center within the limit, -1 beyond."""
+    facets = np.empty(len(centers), np.int32)
+    hint = -1
+    for i in range(len(centers)):
+        _, facet = signed_distance(skin, centers[i, 0], centers[i, 1], centers[i, 2], hint, limit)
+        facets[i] = facet
+        if facet >= 0:
+            hint = facet
+    return facets
+
+
+def _sign_empty_bricks(skin: Skin, table: NDArray[np.int32], origin: Floats, side: float) -> None:
+    """Mark the empty bricks inside a closed surface; each connected group is on one side."""
+    groups, count = label(table < 0)
+    for group in range(1, count + 1):
+        place = np.unravel_index(int(np.argmax(groups == group)), table.shape)
+        x, y, z = origin + side * (np.array(place) + 0.5)
+        if signed_distance(skin, x, y, z, -1, np.inf)[0] < 0.0:
+            table[groups == group] = INSIDE
+
+
+def _nodes(corners: Floats, spacing: float) -> Floats:
+    """Positions of the bricks' nodes [m], shape (k, 9, 9, 9, 3)."""
+    steps = spacing * np.arange(NODES)
+    grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1)
+    return corners[:, None, None, None, :] + grid
+
+
+@njit(cache=True)
+def _sample_bricks(skin, corners, hints, spacing, band):  # type: ignore[no-untyped-def]
+    """Signed distances at the nodes of bricks, shape (k, 9, 9, 9), clipped to the band.
+
+    A brick is 27 blocks of 3 x 3 x 3 nodes; a block whose middle is far enough is outside the band as a whole.
+    """
+    out = np.empty((len(corners), NODES, NODES, NODES))
+    for b in range(len(corners)):
+        hint = hints[b]
+        for block in range(27):
+            i, j, k = 3 * (block // 9), 3 * (block // 3 % 3), 3 * (block % 3)
+            x, y, z = corners[b, 0] + spacing * i, corners[b, 1] + spacing * j, corners[b, 2] + spacing * k
+            limit = band + 1.7321 * spacing if block > 0 else np.inf
+            distance, facet = signed_distance(skin, x + spacing, y + spacing, z + spacing, hint, limit)
+            if facet >= 0:
+                hint = facet
+                hint = _sample_block(
+                    skin, out[b, i : i + 3, j : j + 3, k : k + 3], x, y, z, hint, spacing, band, distance
+                )
+            else:
+                # On the same side as the block before: a change of side takes more than twice the band.
+                before = out[b, i, j, k - 1] if k > 0 else (out[b, i, j - 1, 0] if j > 0 else out[b, i - 1, 0, 0])
+                out[b, i : i + 3, j : j + 3, k : k + 3] = -band if before < 0.0 else band
+    return out
+
+
+@njit(cache=True)
+def _sample_block(skin, out, x, y, z, hint, spacing, band, middle):  # type: ignore[no-untyped-def]
+    """Fill a block of 3 x 3 x 3 nodes from its lowest corner; return a facet near its end."""
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                distance, facet = signed_distance(skin, x + spacing * i, y + spacing * j, z + spacing * k, hint, band)
+                if facet >= 0:
+                    hint = facet
+                else:
+                    distance = -band if middle < 0.0 else band
+                out[i, j, k] = distance
+    return hint

@@ -1,1 +1,0 @@
-"""Mesh files read: STL, PLY, OBJ (bytes -> triangles)."""

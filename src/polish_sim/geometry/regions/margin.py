@@ -1,0 +1,313 @@
+"""Keeping away from edges: a region cut back from its border by a distance along the surface (patches -> patches)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from polish_sim.errors import PlanError
+from polish_sim.geometry.cut import (
+    Clipped,
+    Cut,
+    Edges,
+    build_cut,
+    clip,
+    find_edges,
+    halve_edges,
+    spread_to_longest,
+    then,
+)
+from polish_sim.geometry.regions.patches import connected
+from polish_sim.geometry.surface import Surface
+
+# How far a point of a surface is from its border, measured along the surface (Surface -> distances).
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+_SAMPLES_PER_REACH = 16.0
+"""The border is sampled this densely, in shares of the distance of interest."""
+
+_CHORD_ERROR = 1e-6
+"""The sampled border is this close to the curved one [m]."""
+
+_MOST_SAMPLES = 400_000
+
+_ARCS = 4
+"""Pieces of the way to the border that are taken for circular arcs."""
+
+_NEAR = (0.6, 1.001)
+"""Outside these shares of the distance of interest the straight distance, which is never too long, does."""
+
+_FLAT = 5e-7
+"""A surface is flat when it leaves a plane by less than this share of its size (float32 noise)."""
+
+
+class BorderDistance(NamedTuple):
+    """The border of a surface, ready to be asked for distances."""
+
+    starts: Floats
+    """Where short pieces of the border start [m], shape (b, 3)."""
+    ends: Floats
+    """Where they end [m], shape (b, 3)."""
+    tree: cKDTree
+    """Search tree over their middles."""
+    reach: float
+    """Distances about this are measured along the surface [m]."""
+    flat: bool
+    """Whether the surface is flat, and straight distances are all there is."""
+    length: float
+    """Length of the whole border [m]."""
+
+    def at(self, points: Floats, surface: Surface) -> Floats:
+        """Distances along the surface.
+
+        The way is the straight line to the nearest point of the border, brought down to the surface at a few
+        places between which it is an arc; its length differs from the shortest way's in higher order only.
+
+        Args:
+            points: Points on the surface [m], shape (n, 3).
+            surface: The surface.
+
+        Returns:
+            Distances [m], shape (n,); far from the reach straight ones.
+        """
+        feet = self._nearest(points)
+        distances = np.linalg.norm(points - feet, axis=1)
+        low, high = _NEAR
+        near = np.flatnonzero((distances > low * self.reach) & (distances < high * self.reach))
+        if len(near) and not self.flat:
+            distances[near] = _lengths_along(surface, feet[near], points[near])
+        return np.asarray(distances)
+
+    def straight(self, points: Floats) -> Floats:
+        """Straight distances of points (n, 3) to the border [m], shape (n,)."""
+        return np.asarray(np.linalg.norm(points - self._nearest(points), axis=1))
+
+    def _nearest(self, points: Floats) -> Floats:
+        """Nearest points of the border to points (n, 3) [m], shape (n, 3)."""
+        count = min(3, len(self.starts))
+        _, pieces = self.tree.query(points, k=count)
+        pieces = np.asarray(pieces).reshape(len(points), count)
+        start, along = self.starts[pieces], self.ends[pieces] - self.starts[pieces]
+        share = ((points[:, None] - start) * along).sum(axis=2) / np.maximum((along**2).sum(axis=2), 1e-300)
+        feet = start + np.clip(share, 0.0, 1.0)[..., None] * along
+        best = np.linalg.norm(points[:, None] - feet, axis=2).argmin(axis=1)
+        return np.asarray(feet[np.arange(len(points)), best])
+
+
+def border_distance(surface: Surface, reach: float) -> BorderDistance:
+    """Make the border of a surface ready.
+
+    Args:
+        surface: An open surface.
+        reach: Distance of interest [m].
+
+    Returns:
+        What answers how far points are from the border.
+    """
+    facets, edges = np.nonzero(surface.neighbours < 0)
+    a, b = surface.control[facets, edges], surface.control[facets, (edges + 1) % 3]
+    c = surface.control[facets, 3 + edges]
+    chord = np.linalg.norm(b - a, axis=1)
+    sagitta = 0.5 * np.linalg.norm(c - 0.5 * (a + b), axis=1)
+    spacing = max(reach / _SAMPLES_PER_REACH, float(chord.sum()) / _MOST_SAMPLES)
+    parts = np.maximum(np.ceil(chord / spacing), np.ceil(np.sqrt(sagitta / _CHORD_ERROR)))
+    parts = np.maximum(parts, 1.0).astype(np.int64)
+    edge = np.repeat(np.arange(len(parts)), parts)
+    step = np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)
+    starts, ends = (_on_curve(a[edge], c[edge], b[edge], (step + k) / parts[edge]) for k in (0, 1))
+    return BorderDistance(
+        starts=starts,
+        ends=ends,
+        tree=cKDTree(0.5 * (starts + ends)),
+        reach=reach,
+        flat=_is_flat(surface),
+        length=float(np.linalg.norm(ends - starts, axis=1).sum()),
+    )
+
+
+def _is_flat(surface: Surface) -> bool:
+    points = surface.control.reshape(-1, 3)
+    normal = surface.evaluate(np.zeros(1, dtype=np.int32), np.full((1, 3), 1.0 / 3.0)).normals[0]
+    return float(np.ptp(points @ normal)) < _FLAT * float(np.ptp(points, axis=0).max())
+
+
+def _on_curve(a: Floats, c: Floats, b: Floats, share: Floats) -> Floats:
+    t = share[:, None]
+    return np.asarray((1.0 - t) ** 2 * a + 2.0 * t * (1.0 - t) * c + t**2 * b)
+
+
+def _lengths_along(surface: Surface, starts: Floats, ends: Floats) -> Floats:
+    """Lengths of the straight lines brought down to the surface [m], shape (n,)."""
+    share = np.linspace(0.0, 1.0, _ARCS + 1)[:, None, None]
+    straight = (starts + share * (ends - starts)).reshape(-1, 3)
+    foot = surface.closest(straight)
+    places = foot.positions.reshape(_ARCS + 1, -1, 3)
+    normals = foot.normals.reshape(_ARCS + 1, -1, 3)
+    chords = places[1:] - places[:-1]
+    length = np.linalg.norm(chords, axis=2)
+    # On an arc the normals' difference along the chord is twice the sine of half its angle.
+    turn = ((normals[1:] - normals[:-1]) * chords).sum(axis=2) / np.maximum(length, 1e-300)
+    half = np.arcsin(np.clip(0.5 * turn, -0.9, 0.9))
+    stretch = np.where(np.abs(half) < 1e-6, 1.0, half / np.where(half == 0.0, 1.0, np.sin(half)))
+    return np.asarray((length * stretch).sum(axis=0))
+
+
+TrimInts = NDArray[np.int64]
+
+_FACETS_PER_MARGIN = 8.0
+"""Facets that the new border crosses are cut down to this share of the margin where it bends."""
+
+_FACETS_ALONG = 1500.0
+"""They are no smaller than this share of the border's length, however small the margin."""
+
+_STRAIGHT = 5e-3
+"""Where the distance is linear over a facet up to this share of the margin, the new border runs straight there."""
+
+_ON_LINE = 1e-4
+"""Corners this close to the new border lie on it, relative to the margin."""
+
+_ROUNDS = 40
+
+_ZERO_ROUNDS = 12
+
+_ZERO = 1e-7
+"""Cut points are found to this share of the margin."""
+
+_HALVES = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
+
+
+def trim(patches: Sequence[Clipped], margin: float) -> list[Clipped]:
+    """Cut every patch back from its border.
+
+    Args:
+        patches: Connected patches.
+        margin: Distance kept from the border, along the surface [m].
+
+    Returns:
+        What is left, connected piece by piece.
+
+    Raises:
+        PlanError: Nothing is left.
+    """
+    left: list[Clipped] = []
+    widest = 0.0
+    for patch in patches:
+        if not patch.surface.is_open:
+            left.append(patch)
+            continue
+        distance = border_distance(patch.surface, margin)
+        fine = then(patch, _refined(patch.surface, distance, margin))
+        values = _beyond_margin(fine.surface, distance, margin)
+        widest = max(widest, margin + float(values[:, :3].max()))
+        inner = then(fine, clip(fine.surface, values, on=_ON_LINE * margin))
+        left += connected(inner) if len(inner.parents) else []
+    if not left:
+        raise PlanError(
+            f"nothing of the region is left {margin * 1e3:.4g} mm inside its border: it is only about "
+            f"{2e3 * widest:.3g} mm wide. Set a smaller --edge-margin or choose another --region."
+        )
+    return left
+
+
+def _refined(surface: Surface, distance: BorderDistance, margin: float) -> Clipped:
+    """The same surface with small facets where the new border runs."""
+    longest = max(margin / _FACETS_PER_MARGIN, distance.length / _FACETS_ALONG)
+    count = len(surface.faces)
+    cut = Cut(
+        np.arange(count, dtype=np.int32), np.broadcast_to(np.eye(3), (count, 3, 3)), surface.faces.astype(np.int32)
+    )
+    # Straight distances tell well enough where small facets are needed.
+    places, values = surface.vertices, distance.straight(surface.vertices)
+    for _ in range(_ROUNDS):
+        corners = places[cut.faces]
+        size = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+        # No value changes faster than the distance: the new border may run where no corner is farther from it.
+        near = (np.abs(values[cut.faces] - margin).max(axis=1) <= size) & (size > longest)
+        near[near] = _bends(surface, cut, values, np.flatnonzero(near), distance) > _STRAIGHT * margin
+        if not near.any():
+            break
+        edges = find_edges(cut.faces)
+        lengths = np.linalg.norm(places[edges.ends[:, 0]] - places[edges.ends[:, 1]], axis=1)
+        marked = np.zeros(len(lengths), dtype=bool)
+        marked[edges.of_facet[near]] = True
+        marked = spread_to_longest(edges, lengths, marked & (lengths > longest))
+        cut, middles, places = _halved(surface, cut, places, edges, marked)
+        values = np.concatenate([values, distance.straight(middles)])
+    if len(cut.parents) == count:
+        return Clipped(surface, cut.parents)
+    return Clipped(build_cut(surface, cut, len(places)), cut.parents)
+
+
+def _halved(
+    surface: Surface, cut: Cut, places: Floats, edges: Edges, marked: NDArray[np.bool_]
+) -> tuple[Cut, Floats, Floats]:
+    """Triangles after halving edges, the new vertices and all vertices."""
+    finer, found = halve_edges(cut, places, edges, marked)
+    facet, edge = found[:, 0], found[:, 1]
+    barycentric = 0.5 * (cut.barycentric[facet, edge] + cut.barycentric[facet, (edge + 1) % 3])
+    middles = surface.evaluate(cut.parents[facet], barycentric).positions
+    return finer, middles, np.concatenate([places, middles])
+
+
+def _bends(surface: Surface, cut: Cut, values: Floats, facets: TrimInts, distance: BorderDistance) -> Floats:
+    """How far the distance is from linear over facets (k,), in the middle of edges and of the facet [m], shape (k,)."""
+    worst = np.zeros(len(facets))
+    for place in (*_HALVES, np.full(3, 1.0 / 3.0)):
+        barycentric = place @ cut.barycentric[facets]
+        points = surface.evaluate(cut.parents[facets], barycentric).positions
+        worst = np.maximum(worst, np.abs(distance.straight(points) - values[cut.faces[facets]] @ place))
+    return worst
+
+
+def _beyond_margin(surface: Surface, distance: BorderDistance, margin: float) -> Floats:
+    """Distance beyond the margin as a quadratic over each facet whose zeros on edges are exact [m], shape (m, 6)."""
+    corner = distance.at(surface.vertices, surface) - margin
+    here = corner[surface.faces]
+    middle = 0.5 * (here + np.roll(here, -1, axis=1))
+    crossed = np.flatnonzero((here.min(axis=1) < 0.0) & (here.max(axis=1) > 0.0))
+    edges = find_edges(surface.faces[crossed])
+    ends = corner[edges.ends]
+    cut = np.flatnonzero(ends.min(axis=1) * ends.max(axis=1) < 0.0)
+    _, first = np.unique(edges.of_facet.ravel(), return_index=True)
+    facets, edge = crossed[first[cut] // 3], first[cut] % 3
+    # From the facet's corner e on, which may be the edge's other end.
+    forward = surface.faces[facets, edge] == edges.ends[cut, 0]
+    start, end = (np.where(forward, ends[cut, k], ends[cut, 1 - k]) for k in (0, 1))
+    share = _zero_along(surface, facets.astype(np.int32), edge, (start, end), distance, margin)
+    # The control value that puts the quadratic's zero there.
+    control = ends.mean(axis=1)
+    control[cut] = -((1.0 - share) ** 2 * start + share**2 * end) / (2.0 * share * (1.0 - share))
+    middle[crossed] = control[edges.of_facet]
+    return np.concatenate([here, middle], axis=1)
+
+
+def _zero_along(
+    surface: Surface,
+    facets: NDArray[np.int32],
+    edge: TrimInts,
+    ends: tuple[Floats, Floats],
+    distance: BorderDistance,
+    margin: float,
+) -> Floats:
+    """Where along edges the distance is the margin, by false position (Illinois), shape (k,)."""
+    corners = np.eye(3)
+    low, high = np.zeros(len(facets)), np.ones(len(facets))
+    below, above = ends
+    share = np.full(len(facets), 0.5)
+    for _ in range(_ZERO_ROUNDS):
+        share = np.clip((low * above - high * below) / (above - below), 1e-6, 1.0 - 1e-6)
+        barycentric = (1.0 - share)[:, None] * corners[edge] + share[:, None] * corners[(edge + 1) % 3]
+        value = distance.at(surface.evaluate(facets, barycentric).positions, surface) - margin
+        if np.abs(value).max(initial=0.0) < _ZERO * margin:
+            break
+        same = np.sign(value) == np.sign(below)
+        # The end that stays counts half, so that both ends close in.
+        low, high = np.where(same, share, low), np.where(same, high, share)
+        below, above = np.where(same, value, 0.5 * below), np.where(same, 0.5 * above, value)
+    return share

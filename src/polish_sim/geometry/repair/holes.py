@@ -1,0 +1,244 @@
+"""Close small holes of a skin, report the larger ones (Skin -> Skin)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import MeshError
+from polish_sim.geometry.features import facet_normals
+from polish_sim.geometry.polygon import MOST_CORNERS, split_polygons
+from polish_sim.geometry.repair.skin import Floats, Skin, place
+from polish_sim.geometry.topology import facet_links, find_adjacency, find_edge_faults, label_pieces, sorted_half_edges
+
+SMALL_HOLE = 0.05
+"""Holes up to this share of the part's size across are closed ..."""
+
+LARGEST_CLOSED = 5e-3
+"""... if they are no wider than this [m]."""
+
+MISSING_FACET = 0.2
+"""Holes of three or four edges, where one facet or two are missing, are closed up to this share of the size."""
+
+_SHOWN = 3
+
+
+class Hole(NamedTuple):
+    """A closed line of border edges."""
+
+    vertices: NDArray[np.int64]
+    """Vertices in the order that winds a patch like the facets around it, shape (k,)."""
+    width: float
+    """Longest side of its bounding box [m]."""
+    middle: Floats
+    """Mean of its vertices [m], shape (3,)."""
+
+
+def close_holes(skin: Skin) -> Skin:
+    """Close small holes with plane-like patches; leave the larger ones open and say so.
+
+    The longest border of each open piece is its rim, not a hole, unless the piece is closed but for small holes.
+
+    Returns:
+        The skin, with notes of place and size of what was closed and what was left.
+    """
+    holes = find_holes(skin)
+    if not holes:
+        return skin
+    small = [hole for hole in holes if _is_small(hole, skin.size)]
+    large = [hole for hole in holes if not _is_small(hole, skin.size)]
+    notes = list(skin.notes)
+    faces, source = skin.faces, skin.source
+    if small:
+        members = np.concatenate([hole.vertices for hole in small])
+        split = split_polygons(skin.vertices, members, np.array([len(hole.vertices) for hole in small]))
+        beside = faces[np.isin(faces, members).all(axis=1)]
+        fresh = ~_contained(np.sort(split.triangles, axis=1).astype(np.int32), np.sort(beside, axis=1))
+        patches = split.triangles[fresh].astype(np.int32)
+        faces = np.concatenate([faces, patches])
+        source = np.concatenate([source, np.full(len(patches), -1, dtype=np.int32)])
+        notes.append(f"closed {_count(small, 'small hole')}: {_describe(small)}")
+    if large:
+        edges = sum(len(hole.vertices) for hole in large)
+        notes.append(f"open surface: {edges} border edges in {_count(large, 'line')}: {_describe(large)}")
+    return Skin(skin.vertices, faces, source, tuple(notes))
+
+
+def find_holes(skin: Skin) -> list[Hole]:
+    """Borders of the skin as closed lines, the widest first; lines through a vertex twice are cut there."""
+    facet, edge = np.nonzero(find_adjacency(skin.faces).facets < 0)
+    # A patch runs along the border the other way than the facets beside it.
+    start, end = skin.faces[facet, (edge + 1) % 3], skin.faces[facet, edge]
+    ahead: dict[int, list[int]] = {}
+    for a, b in zip(start.tolist(), end.tolist(), strict=True):
+        ahead.setdefault(a, []).append(b)
+    holes = []
+    for first in sorted(ahead):
+        while ahead[first]:
+            for loop in _simple_loops(_walk(ahead, first)):
+                members = np.array(loop, dtype=np.int64)
+                points = skin.vertices[members]
+                holes.append(Hole(members, float(np.ptp(points, axis=0).max()), points.mean(axis=0)))
+    return sorted(holes, key=lambda hole: -hole.width)
+
+
+def _walk(ahead: dict[int, list[int]], first: int) -> list[int]:
+    """Follow border edges until they end; each is used once."""
+    line = [first]
+    while ahead.get(line[-1]):
+        line.append(ahead[line[-1]].pop())
+    return line
+
+
+def _simple_loops(line: list[int]) -> list[list[int]]:
+    """Cut a walk into loops that pass no vertex twice; a loose end is no loop."""
+    loops: list[list[int]] = []
+    stack: list[int] = []
+    at: dict[int, int] = {}
+    for vertex in line:
+        if vertex in at:
+            begin = at[vertex]
+            loops.append(stack[begin:])
+            for gone in stack[begin + 1 :]:
+                del at[gone]
+            del stack[begin + 1 :]
+        else:
+            at[vertex] = len(stack)
+            stack.append(vertex)
+    return [loop for loop in loops if len(loop) >= 3]
+
+
+def _is_small(hole: Hole, size: float) -> bool:
+    if len(hole.vertices) > MOST_CORNERS:
+        return False
+    limit = min(SMALL_HOLE * size, LARGEST_CLOSED)
+    return hole.width <= (max(limit, MISSING_FACET * size) if len(hole.vertices) <= 4 else limit)
+
+
+def _contained(rows: NDArray[np.int32], among: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Which rows occur among others, all sorted; a patch must not double a facet."""
+    both = np.concatenate([among, rows])
+    _, index, counts = np.unique(both, axis=0, return_inverse=True, return_counts=True)
+    return np.asarray(counts[index.ravel()[len(among) :]] > 1)
+
+
+def _count(holes: list[Hole], what: str) -> str:
+    return f"{len(holes)} {what}{'s' if len(holes) != 1 else ''}"
+
+
+def _describe(holes: list[Hole]) -> str:
+    shown = "; ".join(f"{1e3 * hole.width:.3g} mm wide at {place(hole.middle)}" for hole in holes[:_SHOWN])
+    return shown + (f"; and {len(holes) - _SHOWN} more" if len(holes) > _SHOWN else "")
+
+
+# Edges that more than two facets share: told apart where the solid is clear, else refused (Skin -> Skin).
+
+SMALL_FIN = 0.01
+"""Loose fins up to this share of the part's area are dropped."""
+
+_Numbers = NDArray[np.int64]
+
+
+def separate_crowded(skin: Skin, path: Path) -> Skin:
+    """Make every edge one of at most two facets.
+
+    Small fins, which hang on such an edge and end in the open, are dropped. Where solids touch along an edge, each
+    keeps its own two facets and its own vertices; where an odd number of sheets meet, those that hang together
+    around the edge's ends stay one, the others become sheets of their own.
+
+    Raises:
+        MeshError: Edges are left that belong to more than two facets; names how many, and where the first is.
+    """
+    if find_edge_faults(skin.faces).crowded == 0:
+        return skin
+    skin = _drop_fins(skin)
+    if find_edge_faults(skin.faces).crowded == 0:
+        return skin
+    skin = _part_vertices(skin)
+    faults = find_edge_faults(skin.faces)
+    if faults.crowded:
+        raise MeshError(
+            f"{path}: the mesh is broken: {faults.crowded} edges are shared by more than two facets, the first "
+            f"at {place(skin.vertices[faults.first_crowded])}, so inside and outside are not defined. "
+            "Repair the part (make it one manifold solid) and export it again."
+        )
+    return skin
+
+
+def _drop_fins(skin: Skin) -> Skin:
+    """Drop small pieces between a crowded edge and the open."""
+    count, labels = label_pieces(facet_links(find_adjacency(skin.faces)), len(skin.faces))
+    _, _, order, key = sorted_half_edges(skin.faces)
+    new = np.concatenate([[True], key[1:] != key[:-1]])
+    members = np.bincount(np.cumsum(new) - 1)[np.cumsum(new) - 1]
+    shared = np.empty(len(order), dtype=np.int64)
+    shared[order] = members
+    hangs, ends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    per_facet = shared.reshape(-1, 3)
+    hangs[labels[(per_facet > 2).any(axis=1)]] = True
+    ends[labels[(per_facet == 1).any(axis=1)]] = True
+    areas = np.bincount(labels, weights=facet_normals(skin.vertices, skin.faces)[1], minlength=count)
+    fins = hangs & ends & (areas <= SMALL_FIN * areas.sum())
+    if not fins.any():
+        return skin
+    gone = fins[labels]
+    where = place(skin.vertices[skin.faces[np.argmax(gone)]])
+    return skin.keep(
+        ~gone, f"dropped {gone.sum()} facets of {fins.sum()} loose fins on edges of other facets, the first at {where}"
+    )
+
+
+def _part_vertices(skin: Skin) -> Skin:
+    """Give facets their own vertices where they only touch along an edge or at a point."""
+    start, end, order, key = sorted_half_edges(skin.faces)
+    new = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+    counts = np.diff(new, append=len(key))
+    two = new[counts == 2]
+    pairs = [np.column_stack([order[two], order[two + 1]])]
+    crowded = [order[i : i + n] for i, n in zip(new[counts > 2], counts[counts > 2], strict=True)]
+    where = place(skin.vertices[[start[crowded[0][0]], end[crowded[0][0]]]])
+    inward = _volume(skin) < 0.0
+    pairs += [_wedges(skin, group, start, end, inward) for group in crowded]
+    links = np.concatenate(pairs)
+    a, b = links[:, 0], links[:, 1]
+    ahead_a, ahead_b = 3 * (a // 3) + (a + 1) % 3, 3 * (b // 3) + (b + 1) % 3
+    alike = start[a] == start[b]
+    corners = np.concatenate(
+        [
+            np.column_stack([a, np.where(alike, b, ahead_b)]),
+            np.column_stack([ahead_a, np.where(alike, ahead_b, b)]),
+        ]
+    )
+    number, labels = label_pieces(corners, 3 * len(skin.faces))
+    vertices = np.empty((number, 3))
+    vertices[labels] = skin.vertices[skin.faces.ravel()]
+    note = (
+        f"{len(crowded)} edges of more than two facets: pieces that touch there were told apart, the first at {where}"
+    )
+    return Skin(vertices, labels.reshape(-1, 3), skin.source, (*skin.notes, note))
+
+
+def _wedges(skin: Skin, group: _Numbers, start: _Numbers, end: _Numbers, inward: bool) -> _Numbers:
+    """Pair half-edges that bound the same solid wedge around their edge, shape (k, 2); none where that is not clear."""
+    a, b = skin.vertices[min(start[group[0]], end[group[0]])], skin.vertices[max(start[group[0]], end[group[0]])]
+    way = (b - a) / np.linalg.norm(b - a)
+    third = skin.vertices[skin.faces[group // 3, (group + 2) % 3]] - a
+    across = third - (third @ way)[:, None] * way
+    x = across[0] / max(float(np.linalg.norm(across[0])), 1e-300)
+    angle = np.mod(np.arctan2(across @ np.cross(way, x), across @ x), 2.0 * np.pi)
+    order = np.argsort(angle, kind="stable")
+    forward = (start[group[order]] < end[group[order]]) != inward
+    # The solid lies from a facet that runs backward along the edge on to the next one that runs forward.
+    if (forward == np.roll(forward, 1)).any():
+        return np.empty((0, 2), dtype=np.int64)
+    backward = np.flatnonzero(~forward)
+    return np.column_stack([group[order[backward]], group[order[(backward + 1) % len(order)]]])
+
+
+def _volume(skin: Skin) -> float:
+    """Six times the signed volume about the middle of the part; its sign tells which way most facets look."""
+    corners = skin.vertices[skin.faces] - skin.vertices[skin.faces].mean(axis=(0, 1))
+    return float(np.einsum("mj,mj->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))

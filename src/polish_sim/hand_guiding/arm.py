@@ -1,0 +1,157 @@
+"""The arm of `run teach`: torque mode, what its controller believes of it, and where it starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cell import tool_on_flange
+from polish_sim.cell.read_chain import read_chain
+from polish_sim.cell.scene import lay_part, robot_spec
+from polish_sim.config import HandConfig, Scenario
+from polish_sim.errors import InputError
+from polish_sim.geometry.mesh import PartMesh
+from polish_sim.hand_guiding.cell import GuidedArm, Hand
+from polish_sim.hand_guiding.guard import GuidingLimits
+from polish_sim.hand_guiding.law import Belief, gains_of
+from polish_sim.identification.arm import ARM_JOINTS
+from polish_sim.motion import forward, inverse_near
+from polish_sim.motion.serial_chain import SerialChain, chain_model
+
+# The cell's robot in torque mode: the model file's arm, its servos replaced by motors.
+
+CLAMP_N: Final = 100.0
+"""The head's slide is clamped while a hand guides the tool: dry friction far above its weight [N]."""
+
+
+class LaidPart(NamedTuple):
+    """A part that lies before the arm."""
+
+    mesh: PartMesh
+    T_base_part: NDArray[np.float64]
+    """Shape (4, 4)."""
+
+
+def build_torque_arm(scenario: Scenario, joints: Sequence[str], part: LaidPart | None = None) -> mujoco.MjModel:
+    """Compile the arm with one motor a joint, the scenario's joint friction and its unknown payload.
+
+    Args:
+        scenario: Head, time step and ``guide``.
+        joints: Names of the driven joints, from base to flange.
+        part: What lies on the table before it, or None for an arm alone; its contact is not computed.
+
+    Returns:
+        The model. Nothing holds its weight but the motors: the model file's balancing of the links is taken off.
+    """
+    spec, guide = robot_spec(scenario), scenario.guide
+    for body in spec.bodies:
+        body.gravcomp = 0.0
+    limits = {actuator.target: float(actuator.forcerange[1]) for actuator in spec.actuators}
+    for actuator in list(spec.actuators):
+        spec.delete(actuator)
+    for name, coulomb, viscous in zip(joints, guide.coulomb_nm, guide.viscous_nm_s_rad, strict=True):
+        joint, limit = spec.joint(name), limits[name]
+        joint.frictionloss, joint.damping[0] = coulomb, viscous
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-limit, limit])
+        motor.set_to_motor()
+    for home in spec.keys:
+        home.ctrl = [0.0] * len(joints)
+    spec.joint("head_slide").frictionloss = CLAMP_N
+    if guide.payload_kg > 0.0:
+        tool = spec.site("tool")
+        size = 0.02  # a lump of this radius [m]
+        tool.parent.add_body(
+            name="payload", pos=tool.pos, mass=guide.payload_kg, explicitinertial=True,
+            inertia=[0.4 * guide.payload_kg * size**2] * 3,
+        )  # fmt: skip
+    if part is not None:
+        lay_part(spec, part.mesh, part.T_base_part)
+    return spec.compile()
+
+
+def chain_of_file(file: Path, joints: Sequence[str]) -> SerialChain:
+    """The chain of an MJCF somebody identified, e.g. identified.xml.
+
+    Raises:
+        InputError: The file is no model, or has not these joints.
+    """
+    try:
+        model = mujoco.MjModel.from_xml_path(str(file))
+    except (ValueError, OSError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"guide.model_file '{file}' is not a robot's MJCF: {reason}. Give an identified.xml."
+        ) from error
+    try:
+        return read_chain(model, joints)
+    except InputError as error:
+        raise InputError(f"guide.model_file '{file}' is not this arm's: {error}") from error
+
+
+Array = NDArray[np.float64]
+
+HOME: Final = (1.300932701746, -1.591205400892, 1.509041313016, -1.488632238919, -1.570796326795, -0.269863625049)
+"""Joint angles the hand's moves are centred on, the model file's home [rad]."""
+DIRECTIONS: Final[Mapping[str, tuple[float, float, float]]] = MappingProxyType(
+    {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
+)
+"""Unit vectors in the base frame."""
+
+
+def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> Any:
+    """The compiled arm in torque mode, with a part before it or alone; see ``cell.torque_mode``."""
+    return build_torque_arm(scenario, ARM_JOINTS, part)
+
+
+def believe(scenario: Scenario) -> Belief:
+    """What the arm's controller is told: the model without the payload, or a file's, times the scenario's errors.
+
+    Raises:
+        InputError: ``guide.model_file`` is no model of this arm.
+    """
+    guide = scenario.guide
+    # The payload nobody was told of is not in the believed chain.
+    told = torque_arm(replace(scenario, guide=replace(guide, payload_kg=0.0)))
+    chain = chain_of_file(Path(guide.model_file), ARM_JOINTS) if guide.model_file else read_chain(told, ARM_JOINTS)
+    return Belief(
+        chain_model(chain, guide.mass_scale), guide.friction_scale * np.array(guide.coulomb_nm),
+        guide.friction_scale * np.array(guide.viscous_nm_s_rad), np.array(guide.creep_rad_s),
+        np.array(told.actuator_forcerange[:, 1]),
+    )  # fmt: skip
+
+
+def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: Hand) -> GuidedArm:
+    """The arm with its law in a mode and fresh limits.
+
+    Raises:
+        InputError: There is no such mode; lists the known ones.
+    """
+    guide = scenario.guide
+    limits = GuidingLimits(guide.joint_speed_limit_rad_s, guide.tool_speed_limit_m_s, guide.energy_limit_j, np.zeros(2))
+    return GuidedArm(model, belief, gains_of(mode, guide, scenario.simulation.timestep_s), limits, hand)
+
+
+def hand_of(config: HandConfig) -> Hand:
+    """The hand of a scenario."""
+    return Hand(config.stiffness_n_m, config.damping_n_s_m, config.turn_stiffness_nm_rad, config.turn_damping_nm_s_rad)
+
+
+def home_pose() -> Array:
+    """Tool pose at home in the base frame, shape (4, 4)."""
+    return np.asarray(forward(np.array(HOME)) @ tool_on_flange())
+
+
+def joints_for(T_base_tool: Array, near: Array) -> Array:
+    """Joint angles that bring the tool to a pose [rad], shape (6,).
+
+    Raises:
+        ReachError: The pose cannot be reached.
+    """
+    return np.asarray(inverse_near(T_base_tool @ np.linalg.inv(tool_on_flange()), near))

@@ -1,0 +1,311 @@
+"""The arm in torque mode with a hand on its tool: sense, control, watch, pull, step, record."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import mujoco
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.cell.kernel import EngineViews, engine_views, mj_step1, mj_step2, register_engine
+from polish_sim.cell.loop import correct_reading, keep_speeds
+from polish_sim.cell.observer import Observer, Silent, interrupts_noted
+from polish_sim.errors import ReachError
+from polish_sim.hand_guiding.guard import GUARDS, JOINT_END, TOUCH, UNSTABLE, GuidingLimits, fade_out, watch_guiding
+from polish_sim.hand_guiding.law import Belief, GuidingGains, GuidingMemory, build_memory, guide_by_hand, read_encoders
+
+# The simulated hand: a spring and a damper between where it wants the tool and where the tool is.
+
+Array = NDArray[np.float64]
+
+
+class Hand(NamedTuple):
+    """How firmly a hand holds the tool, in the base frame."""
+
+    stiffness: float
+    """[N/m]"""
+    damping: float
+    """[N s/m]"""
+    turn_stiffness: float
+    """[N m/rad]; 0: the tool may turn in it."""
+    turn_damping: float
+    """[N m s/rad]"""
+
+
+class HandMotion(NamedTuple):
+    """Where a hand wants the tool, one row a step."""
+
+    positions: Array
+    """Tool point, base frame [m], shape (n, 3)."""
+    velocities: Array
+    """[m/s], shape (n, 3)."""
+    rotations: Array
+    """Tool frame in the base frame, shape (n, 3, 3)."""
+    grip: Array
+    """1 while it holds the tool, 0 while its hands are off, shape (n,)."""
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def tool_velocity(e: EngineViews, out: Array) -> None:
+    """Velocity of the tool point, which moves with the housing, base frame [m/s], shape (3,)."""
+    w, com, tool = e.cvel[e.mount_body], e.subtree_com[e.root_body], e.site_xpos[e.tool_site]
+    rx, ry, rz = tool[0] - com[0], tool[1] - com[1], tool[2] - com[2]
+    out[0] = w[3] + w[1] * rz - w[2] * ry
+    out[1] = w[4] + w[2] * rx - w[0] * rz
+    out[2] = w[5] + w[0] * ry - w[1] * rx
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def pull_by_hand(hand: Hand, motion: HandMotion, row: int, e: EngineViews, velocity: Array, force: Array) -> None:
+    """Apply the hand's pull to the housing, between tool and wrist sensor.
+
+    Args:
+        hand: The hand.
+        motion: Where it wants the tool.
+        row: This step.
+        e: The engine, its positions and velocities of this instant; ``xfrc_applied`` of the housing is written.
+        velocity: Of the tool point [m/s], shape (3,).
+        force: Written: the hand's force on the tool, base frame [N], shape (3,).
+    """
+    grip, tool, R = motion.grip[row], e.site_xpos[e.tool_site], e.site_xmat[e.tool_site]
+    wanted, applied = motion.rotations[row], e.xfrc_applied[e.mount_body]
+    for i in range(3):
+        lag = hand.stiffness * (motion.positions[row, i] - tool[i])
+        force[i] = grip * (lag + hand.damping * (motion.velocities[row, i] - velocity[i]))
+        applied[i] = force[i]
+    at = e.xipos[e.mount_body]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        turned = 0.0
+        for axis in range(3):
+            turned += 0.5 * (R[3 * j + axis] * wanted[k, axis] - R[3 * k + axis] * wanted[j, axis])
+        turning = hand.turn_stiffness * turned - hand.turn_damping * e.cvel[e.mount_body, i]
+        applied[3 + i] = grip * turning + (tool[j] - at[j]) * force[k] - (tool[k] - at[k]) * force[j]
+
+
+BRAKED_S: Final = 0.5
+"""After a protective stop the arm is braked and recorded for this long [s]."""
+HOLD_RAD, HOLD_RAD_S, BRAKE_RAD_S = 0.04, 1.2, 1.0
+"""Error and speed at which the holding servos, and speed at which the brakes, take all of a motor's torque."""
+TARE_HZ: Final = 5.0
+TARE_STEPS: Final = 4.0
+"""A tare below what so many steps of the encoder make the servos pull is taken for none."""
+WIDTH: Final = 40
+TIME, Q, QD, TORQUE, TOOL, SPEED, FORCE, RAW, EXTERNAL, LENT = 0, 1, 7, 13, 19, 22, 23, 26, 32, 38
+STEP, STOP, STOP_STEP = 0, 1, 2
+
+
+class GuidingRun(NamedTuple):
+    """What happened, one row a physics step."""
+
+    rows: Array
+    """Packed as the constants of this file say, shape (n, WIDTH)."""
+    rotations: Array
+    """Tool frame in the base frame, shape (n, 3, 3)."""
+    stop_reason: str | None
+    stop_step: int
+    interrupted: bool
+    lent_j: float
+    """Most energy the compensation had lent [J]."""
+
+
+class _Kernel(NamedTuple):
+    engine: EngineViews
+    belief: Belief
+    gains: GuidingGains
+    memory: GuidingMemory
+    limits: GuidingLimits
+    hand: Hand
+    motion: HandMotion
+    servos: Array
+    """1 while the servos hold, 0 when they have let go, shape (n,)."""
+    start: Array
+    """Joint angles the servos hold [rad], shape (6,)."""
+    ranges: Array
+    """Joint ranges [rad], shape (6, 2)."""
+    scratch: Array
+    """Work array, shape (2, 3)."""
+    status: NDArray[np.int64]
+    """STEP steps taken, STOP code of the protective stop, STOP_STEP when, shape (3,)."""
+
+
+class GuidedArm(NamedTuple):
+    """An arm in torque mode and who is on it."""
+
+    model: mujoco.MjModel
+    belief: Belief
+    gains: GuidingGains
+    limits: GuidingLimits
+    hand: Hand
+
+
+def run_guided(
+    arm: GuidedArm, q_start: Array, motion: HandMotion, servos: Array, observer: Observer | None = None
+) -> GuidingRun:
+    """Let a hand guide the arm.
+
+    Args:
+        arm: Arm, controller and hand.
+        q_start: Joint angles at the start [rad], shape (6,).
+        motion: Where the hand wants the tool.
+        servos: Share of the holding servos, one a step; while they hold, what the model lacks is tared.
+        observer: Told of progress and frames.
+
+    Returns:
+        What was recorded, up to the end, a protective stop or an interrupt.
+
+    Raises:
+        ReachError: Links touch at the start.
+    """
+    register_engine()
+    watcher, data = observer or Silent(), mujoco.MjData(arm.model)
+    data.qpos[:6] = q_start
+    mujoco.mj_forward(arm.model, data)
+    if data.ncon:
+        raise ReachError("the arm cannot be guided from here: its links touch. Choose another start.")
+    kernel = _build(arm, data, q_start, motion, servos)
+    steps = len(servos)
+    rows, rotations = np.zeros((steps, WIDTH)), np.zeros((steps, 3, 3))
+    chunk, touching = max(1, round(watcher.frame_every_s / kernel.engine.dt)), ""
+    with interrupts_noted() as interrupt:
+        while kernel.status[STEP] < steps and not interrupt.seen:
+            last = min(int(kernel.status[STEP]) + chunk, steps)
+            _advance(kernel, rows, rotations, last)
+            if kernel.status[STOP] == TOUCH and not touching:
+                # Half a second later, braked, they may be apart again.
+                touching = _links_that_touch(arm.model, data)
+            watcher.progress(float(kernel.status[STEP]), float(steps))
+            watcher.frame(arm.model, data)
+            if _is_over(kernel):
+                break
+    done, code = int(kernel.status[STEP]), int(kernel.status[STOP])
+    reason = GUARDS[code] + touching if code else None
+    return GuidingRun(
+        rows[:done], rotations[:done], reason, int(kernel.status[STOP_STEP]), interrupt.seen, float(arm.limits.lent[1])
+    )
+
+
+def _build(arm: GuidedArm, data: mujoco.MjData, q_start: Array, motion: HandMotion, servos: Array) -> _Kernel:
+    joints = arm.model.actuator_trnid[:6, 0]
+    return _Kernel(
+        engine_views(arm.model, data), arm.belief, arm.gains, build_memory(6), arm.limits, arm.hand, motion, servos,
+        np.array(q_start), np.array(arm.model.jnt_range[joints]), np.zeros((2, 3)), np.zeros(3, np.int64),
+    )  # fmt: skip
+
+
+def _links_that_touch(model: mujoco.MjModel, data: mujoco.MjData) -> str:
+    """Which two shapes press on each other the deepest, to be put behind the reason of a stop."""
+    if not data.ncon:
+        return ""
+    deepest = min(data.contact, key=lambda contact: float(contact.dist))
+    return ": " + " and ".join(model.geom(int(shape)).name for shape in deepest.geom)
+
+
+def _is_over(kernel: _Kernel) -> bool:
+    step, stopped = kernel.status[STEP], kernel.status[STOP_STEP]
+    return bool(kernel.status[STOP]) and (step - stopped) * kernel.engine.dt >= BRAKED_S
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _advance(k: _Kernel, rows: Array, rotations: Array, last: int) -> None:
+    """Run up to step ``last``; returns earlier when the arm stands after a stop or the simulation broke."""
+    e, memory, status, velocity, force = k.engine, k.memory, k.status, k.scratch[0], k.scratch[1]
+    for step in range(status[STEP], last):
+        mj_step1(e.model, e.data)
+        tool_velocity(e, velocity)
+        speed = math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
+        read_encoders(k.gains, memory, e.qpos, e.dt, step == 0)
+        granted = (1.0 - k.servos[step]) * fade_out(k.limits, memory.qd, speed)
+        guide_by_hand(k.belief, k.gains, memory, granted, e.dt)
+        if status[STOP] == 0:
+            code = watch_guiding(k.limits, k.belief, k.gains, memory, speed, e.dt)
+            if code == 0 and not _moves_finitely(e):
+                code = UNSTABLE
+            if code:
+                status[STOP], status[STOP_STEP] = code, step
+        if status[STOP] == 0:
+            _hold(k, k.servos[step])
+        else:
+            _brake(k)
+            k.motion.grip[step] = 0.0
+        pull_by_hand(k.hand, k.motion, step, e, velocity, force)
+        for j in range(6):
+            e.ctrl[j] = memory.torque[j]
+        _record(k, rows[step], rotations[step], step, speed)
+        keep_speeds(e)
+        mj_step2(e.model, e.data)
+        correct_reading(e)
+        for i in range(6):
+            rows[step, RAW + i] = e.sensordata[i]
+        status[STEP] = step + 1
+        if status[STOP] == 0:
+            code = _touches(e, k.ranges)
+            if code:
+                status[STOP], status[STOP_STEP] = code, step + 1
+                return
+        if status[STOP] == UNSTABLE or (status[STOP] and (step - status[STOP_STEP]) * e.dt >= BRAKED_S):
+            return
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _moves_finitely(e: EngineViews) -> bool:
+    """Whether every joint has a speed."""
+    total = 0.0
+    for j in range(6):
+        total += e.qvel[j]
+    return math.isfinite(total)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _hold(k: _Kernel, share: float) -> None:
+    """Servos that hold the start, and the tare: what law and servos together give beyond the model's gravity."""
+    memory = k.memory
+    for j in range(6):
+        if share > 0.0:
+            limit = k.belief.torque_limit[j]
+            pull = limit * ((k.start[j] - memory.q[j]) / HOLD_RAD - memory.qd[j] / HOLD_RAD_S)
+            if share == 1.0:
+                missing = memory.torque[j] + pull - memory.weight[j]
+                memory.tare[j] += 2.0 * math.pi * TARE_HZ * k.engine.dt * (missing - memory.tare[j])
+            elif abs(memory.tare[j]) < TARE_STEPS * k.gains.encoder * limit / HOLD_RAD:
+                memory.tare[j] = 0.0
+            memory.torque[j] = min(max(memory.torque[j] + share * pull, -limit), limit)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _brake(k: _Kernel) -> None:
+    """Hold the weight and brake."""
+    memory = k.memory
+    for j in range(6):
+        limit = k.belief.torque_limit[j]
+        wanted = memory.weight[j] + k.gains.tare * memory.tare[j] - limit * memory.qd[j] / BRAKE_RAD_S
+        memory.torque[j] = min(max(wanted, -limit), limit)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _record(k: _Kernel, row: Array, rotation: Array, step: int, speed: float) -> None:
+    e, memory, R = k.engine, k.memory, k.engine.site_xmat[k.engine.tool_site]
+    row[TIME], row[SPEED], row[LENT] = step * e.dt, speed, k.limits.lent[0]
+    for j in range(6):
+        row[Q + j], row[QD + j], row[TORQUE + j] = e.qpos[j], e.qvel[j], memory.torque[j]
+        row[EXTERNAL + j] = memory.external[j]
+    for i in range(3):
+        row[TOOL + i], row[FORCE + i] = e.site_xpos[e.tool_site, i], k.scratch[1, i]
+        for j in range(3):
+            rotation[i, j] = R[3 * i + j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _touches(e: EngineViews, ranges: Array) -> int:
+    """Code of links in contact or a joint at its end."""
+    for j in range(6):
+        if e.qpos[j] < ranges[j, 0] or e.qpos[j] > ranges[j, 1]:
+            return JOINT_END
+    for body in range(1, e.cfrc_ext.shape[0]):
+        f = e.cfrc_ext[body]
+        if body != e.mount_body and (f[3] != 0.0 or f[4] != 0.0 or f[5] != 0.0):
+            return TOUCH
+    return 0

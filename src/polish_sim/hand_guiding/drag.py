@@ -1,0 +1,241 @@
+"""Teach to polish: a hand drags the tool along a part, its recording becomes a path."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from polish_sim.cell import Observer, Silent, tool_on_flange
+from polish_sim.config import DragConfig, HandConfig, Scenario
+from polish_sim.errors import PlanError
+from polish_sim.exchange import read_path
+from polish_sim.experiments.part_setup import part_file, reach_path
+from polish_sim.experiments.placement import Reach, tool_rotations
+from polish_sim.experiments.result import RunResult
+from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part, select_region
+from polish_sim.hand_guiding.arm import LaidPart, believe, guided_arm, hand_of, torque_arm
+from polish_sim.hand_guiding.cell import HandMotion, Q, run_guided
+from polish_sim.hand_guiding.figures import measure_taught
+from polish_sim.hand_guiding.teach import (
+    HELD,
+    HOLD_S,
+    MOVING,
+    RELEASE_S,
+    Move,
+    MoveTable,
+    PlayedMove,
+    figures_of_moves,
+    log_of_moves,
+    trace_of_move,
+)
+from polish_sim.hand_guiding.teaching import Recording, Taught, teach_path
+from polish_sim.motion import forward_many
+from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
+from polish_sim.spatial import apply, inverse
+
+# A hand that drags the tool along a path, with the wander, tremor and wobble of a person's.
+
+Array = NDArray[np.float64]
+
+TREMOR_HZ: Final = (8.0, 12.0)
+"""Where a person's hand trembles [Hz]."""
+RAMP_S: Final = 0.8
+"""The hand sets off and stops during this time [s]."""
+
+
+class DragTable(NamedTuple):
+    """What the hand does, and what it means to do."""
+
+    table: MoveTable
+    meant: HandMotion
+    """Without wander, tremor and wobble."""
+
+
+def drag_table(
+    positions: Array, rotations: Array, drag: DragConfig, hand: HandConfig, dt: float, rng: np.random.Generator
+) -> DragTable:
+    """Where the hand wants the tool at every step.
+
+    Args:
+        positions: The path, base frame [m], shape (m, 3), no point twice.
+        rotations: Tool frames along it, shape (m, 3, 3).
+        drag: Speed and unsteadiness.
+        hand: How long it holds still before and after.
+        dt: Time step [s].
+        rng: Draws the unsteadiness.
+    """
+    s = arc_length(positions)
+    begin = HOLD_S + RELEASE_S + hand.before_s
+    end = begin + s[-1] / drag.speed_m_s + RAMP_S
+    t: Array = np.arange(round((end + hand.after_s) / dt)) * np.float64(dt)
+    way = np.clip(_way(t - begin, s[-1] / drag.speed_m_s) * drag.speed_m_s, 0.0, s[-1])
+    points = np.stack([np.interp(way, s, positions[:, k]) for k in range(3)], axis=1)
+    turned = RotationSpline(s, Rotation.from_matrix(rotations))(way)
+    moving = (t >= begin) & (t < end)
+    # The hand's unsteadiness sets in as it sets off, so that the tool starts where the servos hold it.
+    steady = np.clip((t - HOLD_S - RELEASE_S) / hand.before_s, 0.0, 1.0)[:, None]
+    shake = steady * (
+        _noise(rng, len(t), dt, drag.wander_m, 0.0, drag.wander_hz) + _noise(rng, len(t), dt, drag.tremor_m, *TREMOR_HZ)
+    )
+    wobble = Rotation.from_rotvec(steady * _noise(rng, len(t), dt, drag.wobble_rad, 0.0, drag.wander_hz))
+    grip = (t >= HOLD_S).astype(float)
+    servos = np.clip((HOLD_S + RELEASE_S - t) / RELEASE_S, 0.0, 1.0)
+    meant = _motion(points, turned.as_matrix(), grip, dt)
+    wanted = _motion(points + shake, (turned * wobble).as_matrix(), grip, dt)
+    return DragTable(MoveTable(wanted, servos, np.where(moving, MOVING, HELD).astype(np.int8)), meant)
+
+
+def _motion(positions: Array, rotations: Array, grip: Array, dt: float) -> HandMotion:
+    return HandMotion(positions, np.gradient(positions, dt, axis=0), np.ascontiguousarray(rotations), grip.copy())
+
+
+def _way(t: Array, duration: float) -> Array:
+    """Way in units of the usual speed: ramps of RAMP_S at both ends, in between one a second."""
+    u, v = np.clip(t / RAMP_S, 0.0, 1.0), np.clip((t - duration) / RAMP_S, 0.0, 1.0)
+    ramp = RAMP_S * (u**3 - 0.5 * u**4)  # integral of 3 u^2 - 2 u^3
+    back = RAMP_S * (v**3 - 0.5 * v**4)
+    return np.asarray(ramp + np.clip(t - RAMP_S, 0.0, None) - np.clip(t - duration - RAMP_S, 0.0, None) - back)
+
+
+def _noise(rng: np.random.Generator, steps: int, dt: float, rms: float, low: float, high: float) -> Array:
+    """Band-limited noise of three axes with a given rms, shape (steps, 3)."""
+    settle = round(4.0 / max(high - low, 1e-3) / dt)
+    nyquist = 0.5 / dt
+    band = butter(2, [low / nyquist, high / nyquist] if low else high / nyquist, "band" if low else "low", output="sos")
+    noise = sosfilt(band, rng.standard_normal((settle + steps, 3)), axis=0)[settle:]
+    return np.asarray(noise * rms / np.maximum(np.sqrt(np.mean(noise**2, axis=0)), 1e-300))
+
+
+# What a hand drags the tool along: a part's rim or a path's file, placed before the arm.
+
+RIM: Final = "rim"
+SPACING_M: Final = 0.001
+
+
+class DragTask(NamedTuple):
+    """A part, what is shown on it, and the way the arm does it."""
+
+    mesh: PartMesh
+    surface: Surface
+    path: ToolPath
+    """What the hand means to show, work frame."""
+    reach: Reach
+
+    @property
+    def positions_base(self) -> Array:
+        """Points of the path, base frame [m], shape (n, 3)."""
+        return apply(self.reach.T_base_work, self.path.positions_work)
+
+    @property
+    def rotations(self) -> Array:
+        """Tool frames along it, shape (n, 3, 3)."""
+        return tool_rotations(self.path.axes_work @ self.reach.T_base_work[:3, :3].T, self.reach.spin)
+
+
+def prepare_drag(scenario: Scenario) -> DragTask:
+    """Take the part and what is to be shown on it, and check that the arm can be dragged along it.
+
+    Raises:
+        PolishSimError: The part or path cannot be used or reached.
+    """
+    part, plan = scenario.part, scenario.plan
+    mesh = load_part(part_file(part.file), part.unit, part.up)
+    surface = fit_surface(mesh, plan.feature_angle_rad)
+    if scenario.drag.follow == RIM:
+        margin = plan.edge_margin_m or scenario.pad.radius_m
+        region = select_region(surface, mesh, plan.region, plan.feature_angle_rad, margin)
+        path = _rim(surface, region.components()[0].boundary_loops[0])
+    else:
+        path = read_path(Path(scenario.drag.follow))
+        path = path.rows(path.segment == PROCESS)
+    if len(path.s) < 2 or arc_length(path.positions_work)[-1] < SPACING_M:
+        raise PlanError(f"'{scenario.drag.follow}' has no way on the part to be dragged along.")
+    # Nothing is pressed while the hand teaches.
+    unpressed = replace(scenario, process=replace(scenario.process, contact_force_n=1e-9))
+    return DragTask(mesh, surface, path, reach_path(unpressed, mesh, path))
+
+
+def _rim(surface: Surface, loop: Array) -> ToolPath:
+    """A closed border as a path with the surface's normals, a point every millimetre."""
+    s = arc_length(loop)
+    at = np.linspace(0.0, s[-1], max(4, round(s[-1] / SPACING_M)) + 1)
+    found = surface.closest(np.stack([np.interp(at, s, loop[:, k]) for k in range(3)], axis=1))
+    along = np.gradient(found.positions, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    n = len(at)
+    return ToolPath(
+        found.positions.copy(), found.normals.copy(), arc_length(found.positions), np.zeros(n, np.int64),
+        np.full(n, PROCESS, np.int8), surface.normal_curvature(found.facets, found.barycentric, along),
+    )  # fmt: skip
+
+
+MODE = "assist"
+"""The mode a path is taught in, unless another is asked for."""
+
+
+def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+    """Let a hand drag the tool along a part's rim or a path, and make a path of the recording.
+
+    Args:
+        scenario: Part, ``drag``, ``guide`` and ``hand``. The part is not touched: contact is not simulated.
+        observer: Told of the progress.
+
+    Returns:
+        Log, figures and the taught path; without a path if the arm stopped itself or was interrupted.
+
+    Raises:
+        PolishSimError: Part or path cannot be used or reached; the mode is unknown.
+    """
+    observer = observer or Silent()
+    observer.stage("prepare the part")
+    task, mode = prepare_drag(scenario), scenario.guide.mode or MODE
+    grip = replace(
+        scenario.hand, turn_stiffness_nm_rad=scenario.drag.turn_stiffness_nm_rad,
+        turn_damping_nm_s_rad=scenario.drag.turn_damping_nm_s_rad,
+    )  # fmt: skip
+    model = torque_arm(scenario, LaidPart(task.mesh, task.reach.T_base_work))
+    arm = guided_arm(scenario, mode, model, believe(scenario), hand_of(grip))
+    dragged = drag_table(
+        task.positions_base, task.rotations, scenario.drag, scenario.hand, scenario.simulation.timestep_s,
+        np.random.default_rng(scenario.seed),
+    )  # fmt: skip
+    observer.stage("drag by hand")
+    started = time.perf_counter()
+    run = run_guided(arm, task.reach.q_start, dragged.table.motion, dragged.table.servos, observer)
+    move = Move(mode, "rim" if scenario.drag.follow == "rim" else "file", math.nan, 0.0)
+    play = PlayedMove(move, dragged.table, run)
+    figures = figures_of_moves(scenario, [play], 1, time.perf_counter() - started)
+    figures["T_base_work"] = task.reach.T_base_work.tolist()
+    meant = play._replace(table=dragged.table._replace(motion=dragged.meant))
+    path: ToolPath | None = None
+    if run.stop_reason is None and not run.interrupted:
+        taught, told = _teach(scenario, task, dragged, run.rows[:, Q : Q + 6])
+        path, figures = taught.path, figures | told
+    return RunResult(
+        scenario, log_of_moves([meant], scenario), trace_of_move(meant), figures, run.stop_reason, run.interrupted, path
+    )
+
+
+def _teach(scenario: Scenario, task: DragTask, dragged: DragTable, q: Array) -> tuple[Taught, dict[str, Any]]:
+    """The recording at the log's rate as a path, and how near it came."""
+    drag, sim = scenario.drag, scenario.simulation
+    every = max(1, round(1.0 / (sim.log_rate_hz * sim.timestep_s))) if sim.log_rate_hz else 1
+    # What the encoders say is all that is known of the tool.
+    step = scenario.guide.encoder_rad
+    read = step * np.round(q[::every] / step) if step else q[::every]
+    T_work_tool = inverse(task.reach.T_base_work) @ forward_many(np.ascontiguousarray(read)) @ tool_on_flange()
+    clock: Array = np.arange(len(read)) * np.float64(every * sim.timestep_s)
+    record = Recording(clock, T_work_tool[:, :3, 3], -T_work_tool[:, :3, 2])
+    taught = teach_path(record, task.surface, drag.filter_hz, drag.tolerance_m, drag.spacing_m)
+    moving = dragged.table.phase[::every] == MOVING
+    figures: dict[str, Any] = dict(measure_taught(record.positions[moving], taught.path, task.path))
+    counts = {"points_recorded": int(moving.sum()), "knots": taught.knots, "points_taught": len(taught.path.s)}
+    return taught, figures | counts | {"off_surface_max_m": taught.off_surface}

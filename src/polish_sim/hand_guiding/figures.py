@@ -1,0 +1,213 @@
+"""What a hand feels of an arm it guides, and what the arm does without it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from polish_sim.analysis.claim import DEGREES, PATH_DONE, Claim
+from polish_sim.planning.toolpath import ToolPath
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Figures = dict[str, float]
+
+COAST_S: Final = 1.0
+"""An arm let go of may roll out for this long; what it moves then is drift [s]."""
+RATIOS: Final = {"inertia": "", "assist": "assist_"}
+"""Modes that are compared with the classical one, and what their figures begin with."""
+
+
+class GuidedMove(NamedTuple):
+    """A move of the hand, one row a step."""
+
+    time: Array
+    """[s], shape (n,)."""
+    force: Array
+    """Of the hand on the tool, base frame [N], shape (n, 3)."""
+    q: Array
+    """Joint angles [rad], shape (n, 6)."""
+    moving: Mask
+    """While the hand moves, shape (n,)."""
+    off: Mask
+    """After it has let go, shape (n,)."""
+    whole: bool
+    """Whether the move was not cut short."""
+    lent_j: float
+    """Most energy the compensation had lent [J]."""
+
+
+def measure_move(move: GuidedMove) -> Figures:
+    """The hand's force while it moves.
+
+    Returns:
+        hand_force_peak_n, hand_force_rms_n: of its norm; undefined if the move was cut short.
+        lent_energy_j: most energy the compensation had lent beyond what friction took.
+    """
+    force = np.linalg.norm(move.force[move.moving], axis=1)
+    known = move.whole and len(force) > 0
+    return {
+        "hand_force_peak_n": float(force.max()) if known else math.nan,
+        "hand_force_rms_n": math.sqrt(float(np.mean(force**2))) if known else math.nan,
+        "lent_energy_j": move.lent_j,
+    }
+
+
+def measure_drift(move: GuidedMove) -> Figures:
+    """What the arm does after the hand has let go.
+
+    Returns:
+        coast_rad: largest way of a joint in the first second; drift_rad: from then on, to the end; drift_time_s: how
+        long that is. Undefined if it was not let go or for no longer than that.
+    """
+    q, time = move.q[move.off], move.time[move.off]
+    if not len(time) or time[-1] - time[0] <= COAST_S:
+        return {"coast_rad": math.nan, "drift_rad": math.nan, "drift_time_s": 0.0}
+    rolled = np.searchsorted(time, time[0] + COAST_S)
+    return {
+        "coast_rad": float(np.abs(q[: rolled + 1] - q[0]).max()),
+        "drift_rad": float(np.abs(q[rolled:] - q[rolled]).max()),
+        "drift_time_s": float(time[-1] - time[rolled]),
+    }
+
+
+def compare_modes(moves: Mapping[str, Figures]) -> Figures:
+    """Modes beside each other.
+
+    Args:
+        moves: Figures by ``mode_direction_pace``.
+
+    Returns:
+        fast_peak_ratio_x, ... : force with inertia compensation by that of the classical law, fast move (``assist_``
+        before it: with the start-up assist); slow_peak_n: largest of the assist's slow moves. Only what can be told;
+        undefined where a move was cut short.
+    """
+    figures: Figures = {}
+    for mode, prefix in RATIOS.items():
+        for direction in ("x", "y"):
+            ours, theirs = (moves.get(f"{name}_{direction}_fast") for name in (mode, "classical"))
+            if ours is None or theirs is None:
+                continue
+            for what in ("peak", "rms"):
+                name = f"hand_force_{what}_n"
+                figures[f"{prefix}fast_{what}_ratio_{direction}"] = ours[name] / theirs[name]
+    for mode in ("none", "classical"):
+        forces = [values["hand_force_peak_n"] for name, values in moves.items() if name.startswith(f"{mode}_")]
+        if forces:
+            figures[f"{mode}_peak_n"] = float(np.max(forces))
+    slow = [values["hand_force_peak_n"] for name, values in moves.items() if name in ("assist_x_slow", "assist_y_slow")]
+    return figures | ({"slow_peak_n": float(np.max(slow))} if slow else {})
+
+
+# How near a taught path is to what the hand meant to show.
+
+
+def distance_to_line(points: Array, line: Array) -> Array:
+    """Distances of points to a polyline [m].
+
+    Args:
+        points: Shape (n, 3).
+        line: Shape (m, 3), its points near each other beside what the distances are.
+
+    Returns:
+        Shape (n,).
+    """
+    near = np.asarray(cKDTree(line).query(points)[1])
+    best = np.full(len(points), np.inf)
+    for first in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):
+        chord = line[first + 1] - line[first]
+        share = np.sum((points - line[first]) * chord, axis=1) / np.maximum(np.sum(chord**2, axis=1), 1e-300)
+        foot = line[first] + np.clip(share, 0.0, 1.0)[:, None] * chord
+        best = np.minimum(best, np.linalg.norm(points - foot, axis=1))
+    return best
+
+
+def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[str, float]:
+    """Compare recording and taught path with the path that was meant.
+
+    Args:
+        recorded: Tool points while the hand moved, work frame [m], shape (n, 3).
+        taught: What was made of them.
+        meant: What the hand meant to show.
+
+    Returns:
+        recorded_deviation_max_m, _rms_m; taught_deviation_max_m, _rms_m: distances to the meant path;
+        taught_missed_max_m: of the meant path to the taught one, so that nothing was left out;
+        taught_axis_error_max_rad: tool axis against that of the nearest meant point; taught_length_m.
+    """
+    raw = distance_to_line(recorded, meant.positions_work)
+    off = distance_to_line(taught.positions_work, meant.positions_work)
+    missed = distance_to_line(meant.positions_work, taught.positions_work)
+    near = np.asarray(cKDTree(meant.positions_work).query(taught.positions_work)[1])
+    aligned = np.sum(taught.axes_work * meant.axes_work[near], axis=1)
+    return {
+        "recorded_deviation_max_m": float(raw.max()),
+        "recorded_deviation_rms_m": float(np.sqrt(np.mean(raw**2))),
+        "taught_deviation_max_m": float(off.max()),
+        "taught_deviation_rms_m": float(np.sqrt(np.mean(off**2))),
+        "taught_missed_max_m": float(missed.max()),
+        "taught_axis_error_max_rad": float(np.arccos(np.clip(aligned, -1.0, 1.0)).max()),
+        "taught_length_m": taught.length_m,
+    }
+
+
+# What is asked of hand guiding.
+
+_LET_GO: Final = (
+    Claim("drift_rad", "hands off, drift", "deg", DEGREES, "-", high=0.01 / DEGREES),
+    Claim("lent_energy_j", "energy lent, most", "J", 1.0),
+)
+
+TEACH: Final[Mapping[str, tuple[Claim, ...]]] = {
+    "teach": (
+        Claim("none_peak_n", "hand force, nothing compensated, peak", "N", 1.0, "> 100"),
+        Claim("classical_peak_n", "  gravity and friction (classical)", "N", 1.0, "< 30"),
+        Claim("fast_peak_ratio_x", "fast move along x, inertia / classical, peak", "", 1.0, "0.714", high=0.45),
+        Claim("fast_rms_ratio_x", "  rms", "", 1.0, "-", high=0.30),
+        Claim("fast_peak_ratio_y", "along y, peak", "", 1.0, "0.714", high=0.45),
+        Claim("fast_rms_ratio_y", "  rms", "", 1.0, "-", high=0.30),
+        Claim("assist_fast_peak_ratio_x", "with start-up assist: along x, peak", "", 1.0),
+        Claim("assist_fast_rms_ratio_x", "  rms", "", 1.0),
+        Claim("assist_fast_peak_ratio_y", "  along y, peak", "", 1.0),
+        Claim("assist_fast_rms_ratio_y", "  rms", "", 1.0),
+        Claim("slow_peak_n", "  slow moves, peak", "N", 1.0, "-", high=10.0),
+        *_LET_GO,
+        PATH_DONE,
+    ),
+    "teach-some": (
+        Claim("hand_force_peak_n", "hand force, last mode, peak", "N", 1.0),
+        Claim("hand_force_rms_n", "  rms", "N", 1.0),
+        *_LET_GO,
+        PATH_DONE,
+    ),
+    "teach-one": (
+        Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
+        Claim("hand_force_rms_n", "  rms", "N", 1.0),
+        *_LET_GO,
+        PATH_DONE,
+    ),
+    # An arm that does not carry itself is not let go.
+    "teach-none": (
+        Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
+        Claim("hand_force_rms_n", "  rms", "N", 1.0),
+        PATH_DONE,
+    ),
+    "teach-path": (
+        Claim("taught_deviation_max_m", "taught path off what was meant, max", "mm", 1e3),
+        Claim("taught_deviation_rms_m", "  rms", "mm", 1e3),
+        Claim("recorded_deviation_max_m", "recording off it, max", "mm", 1e3),
+        Claim("recorded_deviation_rms_m", "  rms", "mm", 1e3),
+        Claim("taught_missed_max_m", "what was meant off the taught path, max", "mm", 1e3),
+        Claim("taught_axis_error_max_rad", "tool axis, max", "deg", DEGREES),
+        Claim("points_recorded", "points recorded", "", 1.0),
+        Claim("points_taught", "points taught", "", 1.0),
+        Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
+        Claim("hand_force_rms_n", "  rms", "N", 1.0),
+        PATH_DONE,
+    ),
+}

@@ -1,0 +1,243 @@
+"""Zero-force control: torques by which the arm carries itself and follows the hand (paper 3).
+
+    tau = wg (g(q) + tare) + kc fc s(qd) + kv fv qd + alpha M(q) qdd_f
+
+s is tanh(qd / vs); with the start-up assist the sign of the hand's torque, as a momentum observer sees it, takes its
+place at standstill. qdd_f is the low-passed difference of the measured speed. Coriolis torques are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.config import GuideConfig
+from polish_sim.errors import unknown_name
+from polish_sim.motion.serial_chain import ChainModel, chain_torque
+
+Array = NDArray[np.float64]
+
+ON_S: Final = 0.01
+"""Compensation comes within this time when a hand is felt [s]."""
+OFF_S: Final = 0.2
+"""And goes within this time when none is [s]."""
+
+
+class Belief(NamedTuple):
+    """What the controller takes the arm for."""
+
+    chain: ChainModel
+    coulomb: Array
+    """Coulomb friction [N m], shape (n,)."""
+    viscous: Array
+    """Viscous friction [N m s/rad], shape (n,)."""
+    creep: Array
+    """Speed of a joint that gives way to its full Coulomb friction without breaking away [rad/s], shape (n,)."""
+    torque_limit: Array
+    """Of the motors [N m], shape (n,)."""
+
+
+class GuidingGains(NamedTuple):
+    """Shares of what is compensated, and the law's filters."""
+
+    gravity: float
+    tare: float
+    coulomb: float
+    viscous: float
+    inertia: float
+    """alpha; stable while alpha (1 + relative over-estimate of M) < 1."""
+    assist: float
+    sign_speed: float
+    """vs [rad/s]."""
+    threshold: float
+    """Observed torque that counts as a full push, by the joint's Coulomb friction [-]."""
+    onset: float
+    """Bandwidth of the slow part of the observed torque, which is no start [rad/s]."""
+    felt: float
+    """Observed torque from which a hand is felt, by the joint's Coulomb friction [-]; 0: always."""
+    acceleration_blend: float
+    """Weight of a new sample in the low-pass of the acceleration [-]."""
+    observer: float
+    """Bandwidth of the momentum observer [rad/s]."""
+    encoder: float
+    """Step of the encoders [rad]; 0: exact."""
+
+
+class GuidingMemory(NamedTuple):
+    """Memory of the law; every array has shape (n,)."""
+
+    q: Array
+    """Encoders' reading [rad]."""
+    qd: Array
+    """Its difference [rad/s]."""
+    qdd: Array
+    """Low-passed difference of that [rad/s^2]."""
+    external: Array
+    """Torque of the hand as observed [N m]."""
+    impulse: Array
+    """Integral of the observer [N m s]."""
+    steady: Array
+    """Slow part of the observed torque [N m]."""
+    grip: Array
+    """First entry: how surely a hand is on the tool, 0 to 1."""
+    tare: Array
+    """Torque the servos had to give beyond the model while they held the arm [N m]."""
+    weight: Array
+    """Gravity torque of the model [N m]."""
+    torque: Array
+    """What the motors are told [N m]."""
+    part: Array
+    """Room for one torque [N m]."""
+    still: Array
+    """Zeros."""
+
+
+def build_memory(joints: int) -> GuidingMemory:
+    """Fresh memory."""
+    return GuidingMemory(*(np.zeros(joints) for _ in GuidingMemory._fields))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def read_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: float, first: bool) -> None:
+    """Quantise positions, difference them to speeds and these to filtered accelerations.
+
+    Args:
+        gains: The law's.
+        memory: Written: q, qd, qdd.
+        q: True joint angles [rad], shape (>= n,).
+        dt: Time since the last reading [s].
+        first: Whether there is none.
+    """
+    for j in range(memory.q.shape[0]):
+        read = gains.encoder * math.floor(q[j] / gains.encoder + 0.5) if gains.encoder > 0.0 else q[j]
+        qd = 0.0 if first else (read - memory.q[j]) / dt
+        rate = 0.0 if first else (qd - memory.qd[j]) / dt
+        memory.qdd[j] += gains.acceleration_blend * (rate - memory.qdd[j])
+        memory.q[j], memory.qd[j] = read, qd
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def guide_by_hand(belief: Belief, gains: GuidingGains, memory: GuidingMemory, share: float, dt: float) -> None:
+    """One step of the law.
+
+    Args:
+        belief: The arm as the controller knows it.
+        gains: Shares and filters.
+        memory: q, qd and qdd are read, everything else is written.
+        share: Of the compensation that is granted: 1, less near the speed limits.
+        dt: Time since the last step [s].
+    """
+    chain_torque(belief.chain, memory.q, memory.still, memory.still, 1.0, memory.weight)
+    if gains.assist > 0.0:
+        _observe(belief, gains, memory, dt)
+        share *= _feel(belief, gains, memory, dt)
+    chain_torque(belief.chain, memory.q, memory.still, memory.qdd, 0.0, memory.part)
+    for j in range(memory.q.shape[0]):
+        qd = memory.qd[j]
+        eased = gains.coulomb * belief.coulomb[j] * math.tanh(qd / gains.sign_speed)
+        if gains.assist > 0.0:
+            at_rest = math.exp(-((qd / gains.sign_speed) ** 2))
+            eased += at_rest * (gains.assist * belief.coulomb[j] * _onset(belief, gains, memory, j) - eased)
+        eased += gains.viscous * belief.viscous[j] * qd + gains.inertia * memory.part[j]
+        wanted = gains.gravity * (memory.weight[j] + gains.tare * memory.tare[j]) + share * eased
+        memory.torque[j] = min(max(wanted, -belief.torque_limit[j]), belief.torque_limit[j])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _observe(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float) -> None:
+    """Momentum observer of the hand's torque, from the torque given in the last step.
+
+    r = K (M qd - int (tau - g - tare - friction + r) dt). Friction of a joint that creeps is taken as steep viscous
+    friction: what it gives way to before it breaks away is how the hand is felt at standstill.
+    """
+    chain_torque(belief.chain, memory.q, memory.still, memory.qd, 0.0, memory.part)
+    for j in range(memory.q.shape[0]):
+        qd = memory.qd[j]
+        held = belief.coulomb[j] * min(max(qd / belief.creep[j], -1.0), 1.0) + belief.viscous[j] * qd
+        given = memory.torque[j] - memory.weight[j] - gains.tare * memory.tare[j] - held
+        memory.impulse[j] += dt * (given + memory.external[j])
+        memory.external[j] = gains.observer * (memory.part[j] - memory.impulse[j])
+        memory.steady[j] += gains.onset * dt * (memory.external[j] - memory.steady[j])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _onset(belief: Belief, gains: GuidingGains, memory: GuidingMemory, j: int) -> float:
+    """Sign and size, -1 to 1, of a push that has just begun: what lasts without motion is no start."""
+    rise = memory.external[j] - memory.steady[j]
+    if rise * memory.external[j] <= 0.0:
+        return 0.0
+    return min(max(rise / (gains.threshold * belief.coulomb[j]), -1.0), 1.0)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _feel(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float) -> float:
+    """Whether a hand is on the tool, fading: without one friction is left to the joints, and they stop and stay."""
+    if gains.felt == 0.0:
+        return 1.0
+    felt = False
+    for j in range(memory.q.shape[0]):
+        felt = felt or abs(memory.external[j]) > gains.felt * belief.coulomb[j]
+    rate = dt / (ON_S if felt else OFF_S)
+    memory.grip[0] = min(memory.grip[0] + rate, 1.0) if felt else max(memory.grip[0] - rate, 0.0)
+    return memory.grip[0]
+
+
+# The modes of hand guiding as shares of what is compensated: data, one row a mode.
+
+
+class Mode(NamedTuple):
+    """What a mode compensates: 1 as the scenario says, 0 not at all."""
+
+    text: str
+    gravity: float = 0.0
+    friction: float = 0.0
+    inertia: float = 0.0
+    assist: float = 0.0
+
+
+MODES: Final[Mapping[str, Mode]] = MappingProxyType(
+    {
+        "none": Mode("nothing: the hand carries the arm"),
+        "gravity": Mode("gravity", 1.0),
+        "classical": Mode("gravity and friction (paper 3)", 1.0, 1.0),
+        "inertia": Mode("and inertia (paper 3, improved)", 1.0, 1.0, 1.0),
+        "assist": Mode("and start-up assist", 1.0, 1.0, 1.0, 1.0),
+    }
+)
+
+
+def gains_of(mode: str, guide: GuideConfig, dt: float) -> GuidingGains:
+    """The law's gains in a mode.
+
+    Args:
+        mode: A name in `MODES`.
+        guide: Shares and filters.
+        dt: Control period [s].
+
+    Raises:
+        InputError: There is no such mode; lists the known ones.
+    """
+    if mode not in MODES:
+        raise unknown_name("mode", mode, MODES)
+    m = MODES[mode]
+    return GuidingGains(
+        gravity=m.gravity,
+        tare=guide.tare,
+        coulomb=m.friction * guide.coulomb_share,
+        viscous=m.friction * guide.viscous_share,
+        inertia=m.inertia * guide.inertia_share,
+        assist=m.assist * guide.assist_share,
+        sign_speed=guide.sign_speed_rad_s,
+        threshold=guide.assist_threshold,
+        onset=1.0 / guide.assist_memory_s,
+        felt=m.assist * guide.hand_felt,
+        acceleration_blend=1.0 - math.exp(-2.0 * math.pi * guide.acceleration_filter_hz * dt),
+        observer=2.0 * math.pi * guide.observer_hz,
+        encoder=guide.encoder_rad,
+    )

@@ -1,0 +1,172 @@
+"""The hand's force over time, every mode of hand guiding in one frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from textwrap import wrap
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from polish_sim.analysis.metrics import PROCESS, fed, numbers
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, SERIES, head, new_figure, styled
+from polish_sim.hand_guiding.figures import distance_to_line
+from polish_sim.planning.toolpath import arc_length
+
+Array = NDArray[np.float64]
+
+COLORS: Final = {"none": GREY, "gravity": PINK, "classical": ORANGE, "inertia": GREEN, "assist": BLUE}
+PAPER_N: Final = {"none": 100.0, "classical": 30.0, "inertia": 0.714 * 30.0}
+"""Peaks of paper 3: above, below, and 0.714 of that [N]."""
+_BEFORE_S, _AFTER_S = 0.1, 0.2
+
+
+@styled
+def plot_guiding(record: RunRecord) -> Figure:
+    """Draw the hand's force in every mode, a panel for each direction and pace.
+
+    Args:
+        record: A run of ``teach``.
+
+    Returns:
+        The figure; dashed the paper's peaks.
+    """
+    names = [str(name).rsplit("_", 2) for name in record.metrics["moves"]]
+    panels = list(dict.fromkeys((direction, pace) for _mode, direction, pace in names))
+    columns = min(2, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = new_figure(5.5 * columns + 1.0, 3.4 * rows + 0.8)
+    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    for axes, (direction, pace) in zip(grid.flat, panels, strict=False):
+        for case, (mode, *place) in enumerate(names):
+            if place == [direction, pace]:
+                _draw_case(axes, record, case, mode)
+        if not axes.lines:
+            _say_why(axes, record)
+            continue
+        _draw_paper(axes, {mode for mode, *_ in names})
+        axes.legend(loc="upper right", ncols=3, columnspacing=1.0, handlelength=1.2, frameon=True, framealpha=0.9)
+        axes.set(xlabel="time from the move's start [s]", ylabel=f"{_words(direction, pace)}\nforce of the hand [N]")
+    for axes in grid.flat[len(panels) :]:
+        axes.set_visible(False)
+    peaks = [record.metrics[f"{name}_hand_force_peak_n"] for name in record.metrics["moves"]]
+    known = [peak for peak in peaks if peak is not None and not np.isnan(peak)]
+    if known:
+        grid[0, 0].set_ylim(0.0, 1.45 * max(known))
+    title = "Force of a hand that guides the arm, and its peaks while it moves"
+    dashed = any(axes.lines for axes in grid.flat) and not PAPER_N.keys().isdisjoint(mode for mode, *_ in names)
+    title += "\n(dashed: paper 3, another robot)" if dashed else ""
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    return figure
+
+
+@styled
+def plot_guiding_runs(records: Sequence[RunRecord]) -> Figure:
+    """Draw the moves several runs have in common over each other.
+
+    Args:
+        records: Runs of ``teach``.
+
+    Returns:
+        The figure.
+    """
+    common = [name for name in records[0].metrics["moves"] if all(name in r.metrics["moves"] for r in records)]
+    figure = new_figure(9.0, 2.8 * max(len(common), 1) + 0.8)
+    grid = figure.subplots(max(len(common), 1), 1, squeeze=False, sharex=True)
+    for axes, name in zip(grid[:, 0], common, strict=False):
+        for number, record in enumerate(records):
+            time, force = _curve(record, list(record.metrics["moves"]).index(name))
+            axes.plot(time, force, color=SERIES[number % len(SERIES)], label=record.name)
+        axes.set(ylabel=f"{name.replace('_', ' ')}\nforce [N]")
+    grid[0, 0].legend(loc="upper right")
+    grid[-1, 0].set(xlabel="time from the move's start [s]")
+    head(figure, grid[0, 0], "Force of a hand that guides the arm", [] if common else ["no move in common"])
+    return figure
+
+
+def _draw_case(axes: Axes, record: RunRecord, case: int, mode: str) -> None:
+    time, force = _curve(record, case)
+    if len(time):
+        peak = record.metrics[f"{record.metrics['moves'][case]}_hand_force_peak_n"]
+        label = f"{mode}: cut short" if peak is None or np.isnan(peak) else f"{mode}: {peak:.3g} N"
+        axes.plot(time, force, color=COLORS[mode], lw=1.3, label=label)
+
+
+def _say_why(axes: Axes, record: RunRecord) -> None:
+    """Where no hand moved: what stopped the run, wrapped to the panel."""
+    reason = record.metrics.get("protective_stop") or "no move was begun"
+    text = "\n".join(wrap(f"no force to show: {reason}", 60))
+    axes.set_axis_off()
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center")
+
+
+def _draw_paper(axes: Axes, modes: set[str]) -> None:
+    for mode, level in PAPER_N.items():
+        if mode in modes:
+            axes.axhline(level, color=COLORS[mode], lw=0.8, ls="--", alpha=0.7)
+
+
+def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
+    """Time from the move's start and norm of the hand's force, from just before the move to just after."""
+    log = record.log
+    of_case = numbers(log, "case") == case
+    time, force = numbers(log, "time_s")[of_case], np.linalg.norm(numbers(log, "hand_force_n")[of_case], axis=1)
+    moving = log["phase"].astype(np.int8)[of_case] == PROCESS
+    if not moving.any():
+        return np.zeros(0), np.zeros(0)
+    first, last = time[moving][0], time[moving][-1]
+    shown = (time >= first - _BEFORE_S) & (time <= last + _AFTER_S)
+    return time[shown] - first, force[shown]
+
+
+def _words(direction: str, pace: str) -> str:
+    if pace == "path":
+        return f"along the {direction}"
+    seconds = {"fast": "0.6", "slow": "1"}.get(pace, pace.replace("p", ".").rstrip("s"))
+    return f"along {direction} in {seconds} s"
+
+
+# A path that was taught beside what the hand meant and what was recorded.
+
+
+@styled
+def plot_taught(record: RunRecord) -> Figure:
+    """Draw the taught path from above, and its distance from what was meant along it.
+
+    Args:
+        record: A run of ``teach`` along a path, with its taught path.
+
+    Returns:
+        The figure.
+    """
+    assert record.path is not None  # without one there is nothing to draw
+    moving = fed(record.log)
+    T_base_work = np.array(record.metrics["T_base_work"])
+    R, origin = T_base_work[:3, :3], T_base_work[:3, 3]
+    meant = (numbers(record.log, "target_position_m")[moving] - origin) @ R
+    recorded = (numbers(record.log, "tcp_position_m")[moving] - origin) @ R
+    taught = record.path.positions_work
+    figure = new_figure(11.0, 4.8)
+    above, along = figure.subplots(1, 2, width_ratios=(1.0, 1.2))
+    above.plot(*(1e3 * recorded[:, :2].T), color=GREY, lw=0.7, label="recorded")
+    above.plot(*(1e3 * meant[:, :2].T), color=GREEN, lw=1.0, ls="--", label="meant")
+    above.plot(*(1e3 * taught[:, :2].T), color=BLUE, lw=1.3, label="taught")
+    above.set(xlabel="x of the part [mm]", ylabel="y of the part [mm]", aspect="equal")
+    above.legend(loc="center")
+    for line, off, color, label in ((meant, recorded, GREY, "recorded"), (taught, taught, BLUE, "taught")):
+        s = arc_length(line)
+        along.plot(100.0 * s / s[-1], 1e3 * distance_to_line(off, meant), color=color, lw=1.0, label=label)
+    along.axhline(1e3 * record.metrics["taught_deviation_rms_m"], color=ORANGE, lw=0.9, ls="--", label="taught, rms")
+    along.set(xlabel="share of the way [%]", ylabel="distance from what was meant [mm]", ylim=(0.0, None))
+    along.legend(loc="upper right", ncols=3)
+    m = record.metrics
+    facts = [
+        f"{m['points_recorded']} points recorded, {m['knots']} knots, {m['points_taught']} points taught",
+        f"off by at most {1e3 * m['taught_deviation_max_m']:.2f} mm",
+    ]
+    head(figure, above, f"Taught on {record.scenario.part.file}", facts)
+    return figure

@@ -1,0 +1,290 @@
+"""Experiment ``teach``: a hand guides the arm without a force sensor in its loop (paper 3, fig. 6)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell import Observer, Silent
+from polish_sim.config import GuideConfig, HandConfig, Scenario
+from polish_sim.errors import unknown_name
+from polish_sim.experiments.result import PartOf, RunResult
+from polish_sim.hand_guiding.arm import (
+    DIRECTIONS,
+    HOME,
+    believe,
+    guided_arm,
+    hand_of,
+    home_pose,
+    joints_for,
+    torque_arm,
+)
+from polish_sim.hand_guiding.cell import (
+    FORCE,
+    LENT,
+    QD,
+    RAW,
+    SPEED,
+    TIME,
+    TOOL,
+    TORQUE,
+    GuidingRun,
+    HandMotion,
+    Q,
+    run_guided,
+)
+from polish_sim.hand_guiding.figures import GuidedMove, compare_modes, measure_drift, measure_move
+from polish_sim.hand_guiding.law import MODES
+from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
+
+# What the hand does in `run teach`: holds, moves, holds, lets go.
+
+Array = NDArray[np.float64]
+
+HOLD_S, RELEASE_S = 0.5, 0.3
+"""The servos hold the arm this long, then let go during this time [s]."""
+FAST_S, SLOW_S = 0.6, 1.0
+"""Durations of the hand's move in paper 3's trial [s]."""
+HELD, MOVING, OFF = 0, 2, 3
+"""Phases of the log: the hand holds still, moves, is off."""
+
+
+class Move(NamedTuple):
+    """One move of the hand in one mode."""
+
+    mode: str
+    direction: str
+    duration: float
+    """[s]"""
+    off: float
+    """How long the arm is left to itself after it [s]."""
+
+    @property
+    def pace(self) -> str:
+        """Fast, slow, or the duration; along a path it has none."""
+        if math.isnan(self.duration):
+            return "path"
+        return {FAST_S: "fast", SLOW_S: "slow"}.get(self.duration, f"{self.duration:g}s".replace(".", "p"))
+
+
+class MoveTable(NamedTuple):
+    """A move, one row a step."""
+
+    motion: HandMotion
+    servos: Array
+    """1 while the servos hold, shape (n,)."""
+    phase: NDArray[np.int8]
+    """Shape (n,)."""
+
+
+def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:
+    """The moves a scenario asks for; only the last one is followed for long after the hand has let go.
+
+    Raises:
+        InputError: There is no such mode or direction; lists the known ones.
+    """
+    if guide.mode and guide.mode not in MODES:
+        raise unknown_name("mode", guide.mode, MODES)
+    if guide.direction and guide.direction not in DIRECTIONS:
+        raise unknown_name("direction", guide.direction, DIRECTIONS)
+    modes = [guide.mode] if guide.mode else list(MODES)
+    directions = [guide.direction] if guide.direction else list(DIRECTIONS)
+    durations = [guide.duration_s] if guide.duration_s else [FAST_S, SLOW_S]
+    moves = [Move(m, d, s, 0.0) for m in modes for d in directions for s in durations]
+    # An arm that does not carry itself is not let go.
+    return [*moves[:-1], moves[-1]._replace(off=hand.off_s if MODES[moves[-1].mode].gravity else 0.0)]
+
+
+def minimum_jerk(share: Array) -> tuple[Array, Array]:
+    """Way and speed of a minimum-jerk move of unit length and duration at shares of its time, clipped to 0..1."""
+    u = np.clip(share, 0.0, 1.0)
+    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), 30.0 * u**2 * (1.0 - u) ** 2
+
+
+def move_table(move: Move, hand: HandConfig, T_base_home: Array, dt: float) -> MoveTable:
+    """Where the hand wants the tool at every step of a move, centred on a pose.
+
+    Args:
+        move: The move.
+        hand: Its length, and how long the hand holds still.
+        T_base_home: The pose in the middle, shape (4, 4).
+        dt: Time step [s].
+    """
+    begin = HOLD_S + RELEASE_S + hand.before_s
+    end = begin + move.duration + hand.after_s
+    t: Array = np.arange(round((end + move.off) / dt)) * np.float64(dt)
+    way, speed = minimum_jerk((t - begin) / move.duration)
+    along = np.array(DIRECTIONS[move.direction])
+    positions = T_base_home[:3, 3] + hand.distance_m * (way - 0.5)[:, None] * along
+    velocities = hand.distance_m / move.duration * speed[:, None] * along
+    rotations = np.tile(T_base_home[:3, :3], (len(t), 1, 1))
+    grip = ((t >= HOLD_S) & (t < end)).astype(float)
+    servos = np.clip((HOLD_S + RELEASE_S - t) / RELEASE_S, 0.0, 1.0)
+    phase = np.where((t >= begin) & (t < begin + move.duration), MOVING, np.where(t < end, HELD, OFF)).astype(np.int8)
+    return MoveTable(HandMotion(positions, velocities, rotations, grip), servos, phase)
+
+
+# Guided moves one after the other as a log, a trace and figures like any other run's.
+
+
+class PlayedMove(NamedTuple):
+    """A move and what came of it."""
+
+    move: Move
+    table: MoveTable
+    run: GuidingRun
+
+
+def log_of_moves(played: Sequence[PlayedMove], scenario: Scenario) -> RunLog:
+    """One log of all moves, each at its own time from 0; column ``case`` counts them."""
+    rate = scenario.simulation.log_rate_hz
+    every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
+    log = from_rows(np.concatenate([_rows(play, every) for play in played]))
+    parts = [play.run.rows[::every] for play in played]
+    log = with_column(log, "hand_force_n", np.concatenate([part[:, FORCE : FORCE + 3] for part in parts]))
+    log = with_column(log, "lent_j", np.concatenate([part[:, LENT] for part in parts]))
+    return with_column(log, "case", np.concatenate([np.full(len(part), float(k)) for k, part in enumerate(parts)]))
+
+
+def trace_of_move(play: PlayedMove) -> Trace:
+    """The exact trace of one move, with no contact."""
+    rows = play.run.rows
+    n, nothing = len(rows), np.zeros(len(rows))
+    error = play.table.motion.positions[:n] - rows[:, TOOL : TOOL + 3]
+    off = np.linalg.norm(error, axis=1)
+    turned = Rotation.from_matrix(play.table.motion.rotations[:n]) * Rotation.from_matrix(play.run.rotations).inv()
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rows[:, TOOL : TOOL + 3], axis=0), axis=1))])
+    return Trace(
+        rows[:, TIME], play.table.phase[:n], nothing, off, off, turned.magnitude(), rows[:, TOOL : TOOL + 3],
+        rows[:, SPEED], way, np.zeros((n, 3)), nothing, nothing, error, np.zeros((n, 3)),
+    )  # fmt: skip
+
+
+def _rows(play: PlayedMove, every: int) -> Array:
+    """Packed rows of the log; what an arm in free space does not have is zero."""
+    n = len(play.run.rows)
+    part, motion = play.run.rows[::every], play.table.motion
+    known = {
+        "time_s": part[:, TIME],
+        "q_rad": part[:, Q : Q + 6],
+        "qd_rad_s": part[:, QD : QD + 6],
+        "torque_nm": part[:, TORQUE : TORQUE + 6],
+        "tcp_position_m": part[:, TOOL : TOOL + 3],
+        "tcp_quaternion_wxyz": Rotation.from_matrix(play.run.rotations[::every]).as_quat(scalar_first=True),
+        "target_position_m": motion.positions[:n:every],
+        "target_quaternion_wxyz": Rotation.from_matrix(motion.rotations[:n:every]).as_quat(scalar_first=True),
+        "tcp_speed_m_s": part[:, SPEED],
+        "wrench_raw_sensor": part[:, RAW : RAW + 6],
+        "phase": play.table.phase[:n:every].astype(float),
+    }
+    rows = np.zeros((len(part), row_width()))
+    for name, (start, width) in row_layout().items():
+        if name in known:
+            rows[:, start : start + max(width, 1)] = known[name].reshape(len(part), -1)
+    return rows
+
+
+def figures_of_moves(scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: float) -> dict[str, Any]:
+    """Figures of every move under its name, of the last mode as a whole, of the modes beside each other, of the run.
+
+    Args:
+        scenario: The scenario.
+        played: The moves that were made, the last one followed after the hand let go.
+        asked: How many were to be made.
+        wall: Time it took [s].
+    """
+    figures: dict[str, Any] = {}
+    measured = [measure_move(_seen(play)) for play in played]
+    for play, values in zip(played, measured, strict=True):
+        figures |= {f"{_name(play.move)}_{name}": value for name, value in values.items()}
+    last = played[-1].move.mode
+    of_last = [values for play, values in zip(played, measured, strict=True) if play.move.mode == last]
+    # An undefined figure of one move makes that of the mode undefined.
+    figures |= {name: float(np.max([values[name] for values in of_last])) for name in of_last[0]}
+    figures |= measure_drift(_seen(played[-1]))
+    forces = {_name(play.move): values for play, values in zip(played, measured, strict=True)}
+    figures |= compare_modes(forces) | {"moves": list(forces), "model": scenario.guide.model_file or "exact"}
+    return figures | _of_run(scenario, played, asked, wall)
+
+
+def _seen(play: PlayedMove) -> GuidedMove:
+    rows, phase = play.run.rows, play.table.phase[: len(play.run.rows)]
+    return GuidedMove(
+        rows[:, TIME], rows[:, FORCE : FORCE + 3], rows[:, Q : Q + 6], phase == MOVING, phase == OFF, _is_whole(play),
+        play.run.lent_j,
+    )  # fmt: skip
+
+
+def _is_whole(play: PlayedMove) -> bool:
+    """Whether neither a stop, before it or in it, nor an interrupt cut the hand's move short."""
+    guided = play.run.stop_step if play.run.stop_reason else len(play.run.rows)
+    moving = np.flatnonzero(play.table.phase == MOVING)
+    return len(moving) > 0 and guided > int(moving[-1])
+
+
+def _name(move: Move) -> str:
+    return f"{move.mode}_{move.direction}_{move.pace}"
+
+
+def _of_run(scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: float) -> dict[str, Any]:
+    """The figures every experiment reports."""
+    steps = sum(len(play.run.rows) for play in played)
+    simulated = steps * scenario.simulation.timestep_s
+    stops = [f"{_name(play.move).replace('_', ' ')}: {play.run.stop_reason}" for play in played if play.run.stop_reason]
+    whole = [play.run.stop_reason is None and len(play.run.rows) == len(play.table.servos) for play in played]
+    return {
+        "path_done": sum(whole) / asked,
+        "protective_stop": "; ".join(stops) or None,
+        "interrupted": any(play.run.interrupted for play in played),
+        "faults_missed": [],
+        "T_base_work": None,
+        "simulated_s": simulated,
+        "wall_s": wall,
+        "real_time_factor": simulated / wall if wall else 0.0,
+        "steps": steps,
+        "seed": scenario.seed,
+    }
+
+
+def run_teach(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+    """Let a hand move the arm in every mode, direction and pace asked for, and measure its force.
+
+    Args:
+        scenario: ``guide`` and ``hand``; part, plan and controller play no role.
+        observer: Told of the progress.
+
+    Returns:
+        One log of all moves, their figures, and the modes beside each other.
+
+    Raises:
+        PolishSimError: A mode or direction is unknown, the model cannot be read, a move cannot be reached.
+    """
+    observer = observer or Silent()
+    moves, hand = moves_of(scenario.guide, scenario.hand), hand_of(scenario.hand)
+    observer.stage("guide by hand")
+    started = time.perf_counter()
+    model, belief, T_base_home = torque_arm(scenario), believe(scenario), home_pose()
+    played: list[PlayedMove] = []
+    for count, move in enumerate(moves):
+        table = move_table(move, scenario.hand, T_base_home, scenario.simulation.timestep_s)
+        T_base_tool = T_base_home.copy()
+        T_base_tool[:3, 3] = table.motion.positions[0]
+        arm = guided_arm(scenario, move.mode, model, belief, hand)
+        run = run_guided(
+            arm, joints_for(T_base_tool, np.array(HOME)), table.motion, table.servos,
+            PartOf(observer, count, len(moves)),
+        )  # fmt: skip
+        played.append(PlayedMove(move, table, run))
+        if run.interrupted:
+            break
+    figures = figures_of_moves(scenario, played, len(moves), time.perf_counter() - started)
+    return RunResult(
+        scenario, log_of_moves(played, scenario), trace_of_move(played[-1]), figures,
+        figures["protective_stop"], bool(figures["interrupted"]),
+    )  # fmt: skip

@@ -1,0 +1,174 @@
+"""The cell's arm as something to identify: chain, surroundings, what is believed of it, its torques."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cell.playback import LAST_LINK, CarriedLoad, JointTargets, RobotClearance, carry, play_joints
+from polish_sim.cell.read_chain import own_parameters, read_chain
+from polish_sim.cell.scene import build_scene
+from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
+from polish_sim.errors import InputError
+from polish_sim.identification.fourier import Clearance, FourierMotion, MotionLimits, started_and_stopped
+from polish_sim.identification.log_file import RobotLog
+from polish_sim.identification.model_file import read_robot_model
+from polish_sim.identification.physical import Drawing
+from polish_sim.identification.regressor import FULL, States, TorqueModel
+
+Array = NDArray[np.float64]
+
+ARM_JOINTS: Final = (
+    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
+)  # fmt: skip
+STEP_S: Final = 2.5e-4
+"""Physics step: the engine takes friction half a step late, so it is kept short."""
+RAMP_S: Final = 2.0
+SCENARIO: Final = Scenario(
+    experiment="identify", spindle=SpindleConfig(speed_rpm=0.0), simulation=SimulationConfig(timestep_s=STEP_S)
+)
+_TORQUE: Final = np.array([150.0] * 3 + [28.0] * 3)
+_LINK_DOUBT, _FRICTION_DOUBT = 0.15, 0.3
+
+
+@dataclass(frozen=True)
+class Arm:
+    """The simulated arm."""
+
+    scenario: Scenario
+    truth: TorqueModel
+    """With the parameters of the compiled model, which an identification does not see."""
+    carried: Array
+    """Tool and head, known from the payload's calibration, shape (6, 10)."""
+    servo_damping: Array
+    """Speed gain of the servos [N m s/rad], shape (6,)."""
+    clearance: RobotClearance
+    load: CarriedLoad | None = None
+    """Bolted to the last link, part of the truth."""
+
+    def near(self, q: Array) -> Clearance:
+        """Clearance of poses (m, 6)."""
+        return Clearance(*self.clearance.measure(q))
+
+
+def build_arm(terms: tuple[str, ...], scenario: Scenario = SCENARIO, load: CarriedLoad | None = None) -> Arm:
+    """Compile the cell in free space and read its arm.
+
+    Args:
+        terms: Terms of the torque model.
+        scenario: Head and tool; the robot's gravity compensation must be exact.
+        load: What is bolted to the last link besides.
+    """
+    model = build_scene(replace(scenario, robot=replace(scenario.robot, payload_error=0.0)), None, None)
+    if load is not None:
+        carry(model, LAST_LINK, load)
+    chain = read_chain(model, ARM_JOINTS)
+    carried = chain.parameters - own_parameters(model, ARM_JOINTS)
+    gains = -model.actuator_biasprm[:, 2]
+    clearance = RobotClearance(model, 6, also=("head_pad",))
+    return Arm(scenario, TorqueModel(chain, terms), carried, gains.copy(), clearance, load)
+
+
+def motion_limits() -> MotionLimits:
+    """Limits of exciting motions: the shoulder stays above, nearly full speed, the servos' torques less a tenth."""
+    turns = [[-0.9, 0.9], [-0.95, -0.05], [-0.85, 0.85], *[[-0.9, 0.9]] * 3]
+    return MotionLimits(np.array(turns) * np.pi, np.full(6, 3.0), np.full(6, 12.0), 0.9 * _TORQUE)
+
+
+def believe(arm: Arm, rng: np.random.Generator) -> Drawing:
+    """What a drawing might say: links some 15% off as a whole, friction and rotors 30% off, the tool known."""
+    chain, n = arm.truth.chain, 6
+    own = (chain.parameters - arm.carried) * np.exp(_LINK_DOUBT * rng.normal(size=(n, 1)))
+    friction = arm.truth.truth()[10 * n :]
+    guessed = friction * np.exp(_FRICTION_DOUBT * rng.normal(size=len(friction)))
+    return Drawing(np.concatenate([(own + arm.carried).ravel(), guessed]), arm.carried)
+
+
+def play_motion(arm: Arm, motion: FourierMotion, periods: int, rate: float) -> RobotLog:
+    """Play a periodic motion on the servos and log it without noise.
+
+    Args:
+        arm: The arm.
+        motion: The motion, entered and left along its own path.
+        periods: Whole periods to log.
+        rate: Of the log [Hz].
+
+    Returns:
+        The log, its time zero where the motion's is.
+    """
+    span = periods * motion.period
+    t: Array = np.arange(round((span + 2.0 * RAMP_S) / STEP_S) + 1) * np.float64(STEP_S)
+    states = started_and_stopped(motion, t, RAMP_S, float(t[-1]))
+    log = play_states(arm, states)
+    first, every = round(RAMP_S / STEP_S), round(1.0 / (rate * STEP_S))
+    rows = slice(first, first + round(span / STEP_S), every)
+    return RobotLog(np.asarray(t[rows] - RAMP_S), log.q[rows], log.torque[rows])
+
+
+def play_states(arm: Arm, states: States) -> RobotLog:
+    """Play joint targets, one a physics step, and log what happens, gravity in the torques.
+
+    The engine's step is implicit in speed: the torque that moves the robot is the servo's at the end of the step.
+    Its positions are half a step ahead of its speeds, so the change of speed over a step belongs to the step's
+    first position. What the engine compensates of gravity is what a real servo would have to give, so it is added.
+    """
+    played = play_joints(arm.scenario, JointTargets(states.q, states.qd), load=arm.load)
+    change = np.diff(played.qd, axis=0, append=played.qd[-1:])
+    given = played.torque - arm.servo_damping * change
+    time: Array = np.arange(len(given)) * np.float64(STEP_S)
+    return RobotLog(time, played.q, given + _gravity(arm, played.q))
+
+
+def _gravity(arm: Arm, q: Array) -> Array:
+    still = np.zeros((2000, 6))
+    links = np.concatenate([arm.truth.chain.parameters.ravel(), np.zeros(6 * len(arm.truth.terms))])
+    parts = [q[first : first + 2000] for first in range(0, len(q), 2000)]
+    return np.concatenate(
+        [arm.truth.torque(States(part, still[: len(part)], still[: len(part)]), links) for part in parts]
+    )
+
+
+# The robot a log is from: the cell's own arm, or any serial chain of a MJCF.
+
+
+@dataclass(frozen=True)
+class LoggedRobot:
+    """What is known of a robot beforehand."""
+
+    model: TorqueModel
+    """With the parameters of its drawing."""
+    carried: Array
+    """Part of the links that is known and stays: what is welded to them, shape (n, 10)."""
+    file: Path | None = None
+    """Its MJCF; None for the cell's arm."""
+
+
+def cell_arm(terms: tuple[str, ...] = FULL) -> LoggedRobot:
+    """The cell's UR5e with sensor, spindle and head."""
+    arm = build_arm(terms)
+    return LoggedRobot(arm.truth, arm.carried)
+
+
+def robot_of_file(file: Path, joints: Sequence[str] | None = None, terms: tuple[str, ...] = FULL) -> LoggedRobot:
+    """A robot of a user's own MJCF.
+
+    Args:
+        file: The model.
+        joints: Joints of the chain in their order; others are held where the model starts. All joints if None.
+        terms: Terms of the torque model.
+
+    Raises:
+        InputError: The file is no model, or what it holds is no serial chain of hinges and slides; names the joint.
+    """
+    compiled = read_robot_model(file)
+    try:
+        chain = read_chain(compiled, joints)
+        own = own_parameters(compiled, chain.joints)
+    except InputError as error:
+        raise InputError(f"'{file}': {error}") from None
+    return LoggedRobot(TorqueModel(chain, terms), chain.parameters - own, file)

@@ -1,0 +1,300 @@
+"""Experiment ``identify``: the arm moves so that its torques tell its dynamics, and they are told."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cell import Observer, Silent
+from polish_sim.errors import IdentificationError
+from polish_sim.identification.arm import Arm, LoggedRobot, believe, build_arm, motion_limits, play_motion
+from polish_sim.identification.base_parameters import BaseParameters, base_of
+from polish_sim.identification.estimate import (
+    Estimate,
+    JointSums,
+    estimate,
+    estimate_widened,
+    held_out_error,
+    information,
+    inverse_of,
+    require_rank,
+    sum_samples,
+    told_rows,
+)
+from polish_sim.identification.excitation import (
+    OBJECTIVES,
+    Excitation,
+    ExcitationTask,
+    allowed_motions,
+    condition_number,
+    design,
+    mean_information,
+    use_matrix,
+)
+from polish_sim.identification.first_steps import IN_LOG, SIMULATED, FirstStep
+from polish_sim.identification.fourier import FourierMotion
+from polish_sim.identification.log_file import RobotLog, periodic_states, with_noise
+from polish_sim.identification.payload import Weighed, guessed_load, weigh_block
+from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent
+from polish_sim.identification.regressor import States, TorqueModel
+from polish_sim.identification.settings import IdentifySettings
+from polish_sim.identification.stepwise import carried, fit_motion_after
+
+Array = NDArray[np.float64]
+
+USE_MOTIONS = 12
+"""Random motions under the same limits: what the identified model is designed to predict."""
+USE_SAMPLES = 200
+
+
+class HeldOut(NamedTuple):
+    """A motion that was not fitted."""
+
+    time: Array
+    states: States
+    measured: Array
+    """Torques with noise [N m], NaN where a torque tells nothing, shape (m, n)."""
+    exact: Array
+    """Without noise [N m], shape (m, n); the measured ones if nobody knows better."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What an identification leaves behind."""
+
+    model: TorqueModel
+    base: BaseParameters
+    found: Estimate
+    full: Array
+    """Physically consistent parameters, shape (p,)."""
+    drawing: Drawing
+    held_out: HeldOut
+    figures: dict[str, Any]
+    """The keys of metrics.json."""
+    truth: Array | None = None
+    """True base parameters, shape (r,); None for a real robot."""
+    motion: FourierMotion | None = None
+    weighed: Weighed | None = None
+    """The payload, if one was to be found."""
+
+
+def run_identification(
+    settings: IdentifySettings, observer: Observer | None = None, use: States | None = None
+) -> Identification:
+    """Design an exciting motion, play it on the simulated arm, and identify the arm from what is measured.
+
+    Args:
+        settings: Noise, objective, method.
+        observer: Told of the progress.
+        use: Motion the identified model is for; random motions under the same limits if None.
+
+    Returns:
+        Parameters, figures against the truth, and a held-out motion.
+    """
+    observer = observer or Silent()
+    streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(6)]
+    observer.stage("read the arm")
+    arm = build_arm(settings.terms)
+    base, sigma = base_of(arm.truth), np.array(settings.sigma)
+    drawing = believe(arm, streams[0])
+    observer.stage(f"design a motion ({settings.objective})")
+    task, other, excitation, design_s = _design(arm, base, drawing, settings, streams[1], use)
+    observer.stage(f"play {settings.periods} periods and one of another motion")
+    log = with_noise(
+        play_motion(arm, excitation.motion, settings.periods, settings.rate), settings.encoder, sigma, streams[2]
+    )
+    held_out = _hold_out(arm, other, settings, streams[3])
+    first = None
+    if settings.method in SIMULATED:
+        observer.stage(f"first step ({settings.method})")
+        first = SIMULATED[settings.method](arm, task, settings, streams[4])
+    observer.stage("estimate")
+    started = time.process_time()
+    states = periodic_states(log, excitation.motion.period)
+    sums = sum_samples(arm.truth, base, states, log.torque)
+    require_rank(sums, base, arm.truth)
+    earlier = None if first is None else carried(first.step, base)
+    found = estimate_widened(arm.truth, base, sums, states, log.torque, earlier)
+    step_figures = {} if first is None else compare_steps(arm.truth, base, sums, first, held_out)
+    fit_s = time.process_time() - started
+    full = fit_consistent(arm.truth, base, found, drawing)
+    truth = base.combination @ arm.truth.truth()
+    figures = measure_fit(arm.truth, base, found, full, drawing, held_out) | step_figures
+    told = information(sums, sigma)
+    if first is not None:
+        told = told + information(first.sums, first.sigma)
+    figures |= _against_truth(found, told, truth) | _motion_figures(task, excitation, len(log.time))
+    figures |= {"design_s": design_s, "fit_s": fit_s, "samples": len(log.time), "seed": settings.seed}
+    figures |= {"method": settings.method, "objective": settings.objective}
+    weighed = None
+    if settings.payload:
+        observer.stage(f"play {settings.periods} periods with a payload")
+        weighed = weigh_block(sums, base, excitation.motion, settings, streams[5])
+        figures |= weighed.figures
+    return Identification(arm.truth, base, found, full, drawing, held_out, figures, truth, excitation.motion, weighed)
+
+
+class Designed(NamedTuple):
+    """A motion, the task it is for, and another motion of that kind to be held out."""
+
+    task: ExcitationTask
+    other: FourierMotion
+    excitation: Excitation
+    seconds: float
+
+
+def _design(
+    arm: Arm, base: BaseParameters, drawing: Drawing, settings: IdentifySettings, rng: np.random.Generator,
+    use: States | None,
+) -> Designed:  # fmt: skip
+    sigma = np.array(settings.sigma)
+    started = time.process_time()
+    nothing, believed = np.eye(base.rank), drawing.parameters.copy()
+    if settings.payload:
+        last = 10 * arm.truth.joints
+        believed[last - 10 : last] += guessed_load(settings.payload, arm.truth.chain.origins[-1])
+    task = ExcitationTask(arm.truth, base, believed, sigma, motion_limits(), nothing, arm.near)
+    other, *motions = islice(allowed_motions(task, rng), USE_MOTIONS + 1)
+    t = np.arange(USE_SAMPLES) / USE_SAMPLES * other.period
+    uses = [motion(t) for motion in motions] if use is None else [use]
+    task = replace(task, use=np.mean([use_matrix(arm.truth, base, states, sigma) for states in uses], axis=0))
+    choice = OBJECTIVES[settings.objective]
+    excitation = design(task, choice, rng, settings.starts, settings.iterations)
+    return Designed(task, other, excitation, time.process_time() - started)
+
+
+def _hold_out(arm: Arm, motion: FourierMotion, settings: IdentifySettings, rng: np.random.Generator) -> HeldOut:
+    log = play_motion(arm, motion, 1, settings.rate)
+    states = periodic_states(log, motion.period)
+    measured = with_noise(log, 0.0, np.array(settings.sigma), rng).torque
+    # Where any joint turns round, the engine's friction has no sign; torques of moving joints are compared.
+    moving = np.all(told_rows(states), axis=1)
+    return HeldOut(log.time[moving], states.rows(moving), measured[moving], log.torque[moving])
+
+
+def compare_steps(
+    model: TorqueModel, base: BaseParameters, sums: JointSums, first: FirstStep, held_out: HeldOut
+) -> dict[str, Any]:
+    """How far a fit in two steps is from fitting everything at once, noise taken as white in both."""
+    stepwise = fit_motion_after(first.step, base, sums)
+    # Readings of the first step may be means over many samples: each has that step's own noise.
+    joint = estimate(sums.plus(first.sums.weighed(first.step.found.sigma / estimate(sums).sigma)))
+    errors = [
+        np.sqrt(np.mean(held_out_error(model, base, theta, held_out.states, held_out.exact) ** 2))
+        for theta in (stepwise.theta, joint.theta)
+    ]
+    return {
+        "first_step_parameters": first.step.base.rank,
+        "stepwise_over_joint": float(errors[0] / errors[1]),
+        "stepwise_from_joint_std": float(np.abs((stepwise.theta - joint.theta) / joint.std).max()),
+    }
+
+
+def measure_fit(
+    model: TorqueModel, base: BaseParameters, found: Estimate, full: Array, drawing: Drawing, held_out: HeldOut
+) -> dict[str, Any]:
+    """Figures every identification has; held-out errors are rms error / range of the torque, joint by joint."""
+
+    def error(theta: Array) -> Array:
+        return held_out_error(model, base, theta, held_out.states, held_out.exact)
+
+    nrms, consistent = error(found.theta), error(base.combination @ full)
+    links = full[: 10 * model.joints].reshape(-1, 10)
+    off = model.regressor(held_out.states)[:, :, base.columns] @ found.theta - held_out.measured
+    return {
+        "base_parameters": base.rank,
+        "condition": found.condition,
+        "condition_scaling": "stacked regressor of the base columns, SI units, as measured",
+        "condition_equilibrated": found.condition_equilibrated,
+        "nrms_heldout": nrms.tolist(),
+        "nrms_heldout_mean": float(nrms.mean()),
+        "nrms_heldout_consistent_mean": float(consistent.mean()),
+        "nrms_heldout_drawing_mean": float(error(base.combination @ drawing.parameters).mean()),
+        "residual_over_noise_heldout": (np.sqrt(np.nanmean(off**2, axis=0)) / found.sigma).tolist(),
+        "physically_consistent": is_consistent(links),
+        "r_squared": found.r_squared.tolist(),
+        "torque_noise_nm": found.sigma.tolist(),
+        "torque_noise_inefficiency": None if found.inefficiency is None else found.inefficiency.tolist(),
+    }
+
+
+def _against_truth(found: Estimate, told: Array, truth: Array) -> dict[str, Any]:
+    bound = np.diag(inverse_of(told))
+    return {
+        "error_over_crb": float(np.sqrt(np.mean((found.theta - truth) ** 2 / bound))),
+        "interval_coverage": float(np.mean(found.covers(truth))),
+    }
+
+
+def _motion_figures(task: ExcitationTask, excitation: Excitation, samples: int) -> dict[str, Any]:
+    """What the designed motion promises for a period of 10,000 samples, and its condition number in SI."""
+    H = mean_information(task, excitation.motion)
+    plain = mean_information(replace(task, sigma=np.ones_like(task.sigma)), excitation.motion)
+    n = task.model.joints
+    poses = excitation.motion(np.linspace(0.0, excitation.motion.period, 500)).q
+    return {
+        "predicted_error_sigma": float(np.sqrt(np.trace(np.linalg.solve(H, task.use)) / n / 1e4)),
+        "predicted_error_sigma_here": float(np.sqrt(np.trace(np.linalg.solve(H, task.use)) / n / samples)),
+        "condition_motion": condition_number(plain),
+        "clearance_min_m": float(task.clearance(poses).distance.min()) if task.clearance else None,
+        "design_evaluations": excitation.evaluations,
+    }
+
+
+# A robot identified from its own log instead of the simulated arm.
+
+HELD_OUT = 0.2
+"""Share of the motion, its end, that is not fitted."""
+
+
+def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States, method: str = "joint") -> Identification:
+    """Identify a robot from its own log; the last fifth of its motion is held out.
+
+    Args:
+        robot: What is known of it.
+        log: What it did.
+        states: Its states, from the log's positions.
+        method: One of `METHODS`.
+
+    Raises:
+        IdentificationError: The motion does not tell every base parameter, or there is no first step in the log.
+    """
+    model, base = robot.model, base_of(robot.model)
+    drawing = Drawing(model.truth(), robot.carried)
+    started = time.process_time()
+    first, rows = None, np.arange(len(log.time))
+    if method in IN_LOG:
+        split = IN_LOG[method](model, base, log, states, drawing.parameters)
+        first, rows = split.first, np.flatnonzero(split.motion)
+    cut = round(len(rows) * (1.0 - HELD_OUT))
+    fitted, kept = rows[:cut], rows[cut:]
+    sums = sum_samples(model, base, states.rows(fitted), log.torque[fitted])
+    require_rank(sums if first is None else sums.plus(first.sums), base, model)
+    held_out = _hold_out_log(model, log, states, kept)
+    earlier = None if first is None else carried(first.step, base)
+    found = estimate_widened(model, base, sums, states.rows(fitted), log.torque[fitted], earlier)
+    step_figures = {} if first is None else compare_steps(model, base, sums, first, held_out)
+    fit_s = time.process_time() - started
+    full = fit_consistent(model, base, found, drawing)
+    figures: dict[str, Any] = measure_fit(model, base, found, full, drawing, held_out) | step_figures
+    figures |= {"error_over_crb": None, "interval_coverage": None, "design_s": None, "fit_s": fit_s}
+    figures |= {"samples": len(log.time), "method": method}
+    return Identification(model, base, found, full, drawing, held_out, figures)
+
+
+def _hold_out_log(model: TorqueModel, log: RobotLog, states: States, rows: NDArray[np.int64]) -> HeldOut:
+    told = told_rows(states.rows(rows))
+    silent = [joint for j, joint in enumerate(model.chain.joints) if not told[:, j].any()]
+    if silent:
+        raise IdentificationError(
+            f"the last fifth of the log, which is held out, tells nothing of {', '.join(silent)}: there it "
+            "stands or turns round. Let every joint move until the end of the log."
+        )
+    some = told.any(axis=1)
+    measured = np.where(told, log.torque[rows], np.nan)[some]
+    return HeldOut(log.time[rows][some], states.rows(rows[some]), measured, measured)

@@ -1,0 +1,175 @@
+"""An identified robot written back as a MJCF: the robot's own model with other inertias and friction."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import InputError
+from polish_sim.models import robot_model_path
+from polish_sim.motion.serial_chain import inertia_at_origin
+
+# A model's XML written so that its folder may be moved: the files it needs are copied beside it.
+
+ASSETS: Final = "meshes"
+"""Folder beside the model that holds copies of what it needs."""
+_TEXTURE_FILES: Final = ("file", "fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
+
+
+def write_portable(file: Path, xml: str) -> Path:
+    """Write a model whose folders are absolute, as MuJoCo saves it, with copies of its files.
+
+    Args:
+        file: Where to; copies go to the folder `ASSETS` beside it.
+        xml: The model.
+
+    Returns:
+        The model's file.
+    """
+    root = ElementTree.fromstring(xml)
+    compiler = root.find("compiler")
+    folders = {} if compiler is None else compiler.attrib
+    taken: dict[str, Path] = {}
+    for element in root.iterfind("asset/*"):
+        beside = Path(folders.get("texturedir" if element.tag == "texture" else "meshdir", ""))
+        for attribute in _TEXTURE_FILES:
+            if attribute in element.attrib:
+                source = beside / element.attrib[attribute]
+                # Without a name of its own an asset has its file's.
+                element.attrib.setdefault("name", source.stem)
+                element.attrib[attribute] = _copied(source, file.parent / ASSETS, taken)
+    if compiler is not None and taken:
+        compiler.attrib.update(meshdir=ASSETS, texturedir=ASSETS)
+    elif compiler is not None:
+        for name in ("meshdir", "texturedir"):
+            compiler.attrib.pop(name, None)
+    ElementTree.indent(root)
+    file.write_text(ElementTree.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
+    return file
+
+
+def _copied(source: Path, folder: Path, taken: dict[str, Path]) -> str:
+    """Copy a file under its own name, or with a number where another file has it."""
+    name, count = source.name, 1
+    while taken.get(name, source) != source:
+        count += 1
+        name = f"{source.stem}_{count}{source.suffix}"
+    if name not in taken:
+        folder.mkdir(exist_ok=True)
+        shutil.copyfile(source, folder / name)
+        taken[name] = source
+    return name
+
+
+Array = NDArray[np.float64]
+
+
+class IdentifiedJoints(NamedTuple):
+    """Numbers to be written; friction and rotors may be missing, then they stay."""
+
+    parameters: Array
+    """Ten parameters of each joint's own body about the joint's origin, shape (n, 10)."""
+    damping: Array | None = None
+    """[N m s/rad], shape (n,)."""
+    frictionloss: Array | None = None
+    """[N m], shape (n,)."""
+    armature: Array | None = None
+    """[kg m^2], shape (n,)."""
+
+
+def read_robot_model(file: Path) -> mujoco.MjModel:
+    """Compile a user's MJCF.
+
+    Raises:
+        InputError: There is no such file, or it does not compile; says what the compiler said.
+    """
+    return _compiled(_read(file), file)
+
+
+def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None) -> str:
+    """A robot's MJCF with identified numbers.
+
+    Args:
+        joints: Names of the joints, shape (n,).
+        found: What was identified; physically consistent, or the model would not compile.
+        source: The robot's MJCF; the shipped robot's if None.
+
+    Returns:
+        A complete model; meshes are found where the source has them.
+    """
+    file = source or robot_model_path()
+    spec = _read(file)
+    spec.modelname = f"{'ur5e' if source is None else spec.modelname}_identified"
+    # What is read from a string has no folder of its own.
+    beside = Path(spec.modelfiledir).resolve()
+    spec.meshdir, spec.texturedir = str(beside / spec.meshdir), str(beside / spec.texturedir)
+    for number, name in enumerate(joints):
+        joint = spec.joint(name)
+        _write_inertia(joint.parent, np.asarray(joint.pos), found.parameters[number])
+        if found.damping is not None:
+            joint.damping[0] = found.damping[number]
+        if found.frictionloss is not None:
+            joint.frictionloss = found.frictionloss[number]
+        if found.armature is not None:
+            joint.armature = found.armature[number]
+    _compiled(spec, file)
+    return str(spec.to_xml())
+
+
+def write_identified(folder: Path, joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None) -> Path:
+    """Write ``identified.xml`` with copies of its meshes: the folder compiles wherever it is moved.
+
+    Args:
+        folder: Where to.
+        joints: Names of the joints, shape (n,).
+        found: What was identified.
+        source: The robot's MJCF; the shipped robot's if None.
+
+    Returns:
+        The model's file.
+    """
+    return write_portable(folder / "identified.xml", identified_xml(joints, found, source))
+
+
+def _read(file: Path) -> Any:
+    if not file.is_file():
+        raise InputError(f"cannot read the robot model '{file}': there is no such file.")
+    try:
+        return mujoco.MjSpec.from_file(str(file))
+    except ValueError as error:
+        raise _no_model(file, error) from None
+
+
+def _compiled(spec: Any, file: Path) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise _no_model(file, error) from None
+
+
+def _no_model(file: Path, error: ValueError) -> InputError:
+    said = " ".join(str(error).split()).rstrip(".")
+    return InputError(f"'{file}' is no MuJoCo model (MJCF, or URDF MuJoCo can read): {said}.")
+
+
+def _write_inertia(body: mujoco.MjsBody, origin: Array, parameters: Array) -> None:
+    mass = float(parameters[0])
+    if mass <= 0.0:
+        # Of several joints on one body only the last carries it.
+        return
+    center = parameters[1:4] / mass
+    about_center = inertia_at_origin(parameters) - mass * (
+        float(center @ center) * np.eye(3) - np.outer(center, center)
+    )
+    body.mass, body.ipos = mass, center + origin
+    I = about_center  # noqa: E741
+    body.inertia, body.iquat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
+    body.explicitinertial = True

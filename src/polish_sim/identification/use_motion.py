@@ -1,0 +1,125 @@
+"""The motion an identified model will be used for: a run's log, a teaching motion, or a path at its feed."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cell import tool_on_flange
+from polish_sim.config import ProcessConfig
+from polish_sim.errors import InputError
+from polish_sim.exchange.reader import read_way_points
+from polish_sim.experiments.placement import default_placements, failure_of, find_reach, tool_rotations
+from polish_sim.identification.log_file import RobotLog, log_columns, read_columns, spline_states
+from polish_sim.identification.regressor import States
+from polish_sim.motion import track
+from polish_sim.motion.serial_chain import HINGE
+from polish_sim.smoothing.place import distinct_rows, way_between
+from polish_sim.spatial import apply, transform
+
+Array = NDArray[np.float64]
+
+JOINTS: Final = 6
+LOGS: Final = ("log.npz", "trajectory.npz")
+"""Files of run folders that hold ``time_s`` and ``q_rad``."""
+_SAMPLE_S: Final = 0.02
+_SAMPLES: Final = 20_000
+_KNOTS: Final = 10.0
+"""Samples between two knots of the spline that tells speeds and accelerations."""
+_MOST: Final = 2000
+_POSES: Final = 2
+"""Of a move, at least."""
+_LEAST: Final = 50
+"""Samples of the shortest motion."""
+_TURN_S: Final = 0.02
+"""The least time between two poses of a path: where the tool only turns."""
+
+
+def use_states(source: Path) -> States:
+    """States of the motion an identified model is for, at most some two thousand of them.
+
+    Args:
+        source: A run folder, a log or trajectory (npz), a CSV of joint positions over time, or any path or plan.
+
+    Raises:
+        InputError: It is none of these; says what is missing.
+        ReachError: The arm cannot follow the path; names the place.
+    """
+    moves = [_states_of(time, q) for time, q in _moves(source)]
+    states = States(*(np.concatenate(part) for part in zip(*moves, strict=True)))
+    count = len(states.q)
+    return states.rows(np.unique(np.linspace(0, count - 1, _MOST).astype(np.int64)))
+
+
+def _moves(source: Path) -> list[tuple[Array, Array]]:
+    """Moves one after the other, each with times of its own; those a run broke off at their first pose left out."""
+    time, q, case = _joints_over_time(source)
+    moves = [(time[case == k], q[case == k]) for k in np.unique(case)]
+    moves = [move for move in moves if len(move[0]) >= _POSES]
+    if not moves or any(np.any(np.diff(of_move) <= 0.0) for of_move, _q in moves):
+        raise InputError(f"'{source}' holds no motion: wanted two poses or more, time_s increasing.")
+    return moves
+
+
+def _states_of(time: Array, q: Array) -> States:
+    count = int(np.clip((time[-1] - time[0]) / _SAMPLE_S, _LEAST, _SAMPLES))
+    even = np.linspace(time[0], time[-1], count)
+    between = np.stack([np.interp(even, time, joint) for joint in q.T], axis=1)
+    knots = _KNOTS * float(even[1] - even[0])
+    return spline_states(RobotLog(even, between, np.zeros_like(between)), knots)
+
+
+def _joints_over_time(source: Path) -> tuple[Array, Array, Array]:
+    """Times (m,), positions (m, 6), and which move each row is of (m,)."""
+    for name in LOGS:
+        if (source / name).is_file():
+            return _from_npz(source / name)
+    if source.suffix == ".npz":
+        return _from_npz(source)
+    if source.is_file() and source.suffix == ".csv":
+        names = log_columns((HINGE,) * JOINTS)[0]
+        if any(name in source.read_text(encoding="utf-8", errors="replace").lower() for name in names):
+            columns, _lines = read_columns(source, ["time_s", *names])
+            return columns[:, 0], columns[:, 1:], np.zeros(len(columns))
+    time, q = _along_path(source)
+    return time, q, np.zeros(len(time))
+
+
+def _from_npz(file: Path) -> tuple[Array, Array, Array]:
+    try:
+        with np.load(file, allow_pickle=False) as columns:
+            time, q = columns["time_s"].astype(np.float64), columns["q_rad"].astype(np.float64)
+            # A teaching run is several moves, the clock of each begins at 0.
+            case = columns["case"].astype(np.float64) if "case" in columns else np.zeros(time.shape)
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise InputError(f"'{file}' holds no joint motion (time_s, q_rad): {error}.") from None
+    if q.ndim != 2 or q.shape != (len(time), JOINTS):
+        raise InputError(f"'{file}': q_rad is {q.shape}, time_s {time.shape}; wanted (n, {JOINTS}) and (n,).")
+    if case.shape != time.shape:
+        raise InputError(f"'{file}': case is {case.shape}, time_s {time.shape}; wanted as many of both.")
+    return time, q, case
+
+
+def _along_path(source: Path) -> tuple[Array, Array]:
+    """The arm along a path laid before it, at the path's feed or the default one."""
+    points = read_way_points(source)
+    rows = distinct_rows(points)
+    positions, axes = points.path.positions_work[rows], points.path.axes_work[rows]
+    way = way_between(positions, axes)
+    up = np.array([0.0, 0.0, 1.0])
+    tool = tool_on_flange()
+    placements = default_placements(positions, up, float(positions[:, 2].min()))
+    reach = find_reach(way.positions, way.axes, placements, tool, above_table=True, otherwise="or give a log")
+    rotations = tool_rotations(way.axes @ reach.T_base_work[:3, :3].T, reach.spin)
+    joints = track(transform(rotations, apply(reach.T_base_work, way.positions)), tool, reach.q_start)
+    failure = failure_of(joints, False)
+    if failure is not None:
+        raise InputError(f"'{source}': the arm does not follow the path ({failure.reason}); give a log instead.")
+    default = ProcessConfig().feed_m_s
+    feed = np.full(len(rows), default) if points.path.feed is None else points.path.feed[rows]
+    steps = np.linalg.norm(np.diff(way.positions, axis=0), axis=1) / feed[way.ends[1:]]
+    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, _TURN_S))]), np.asarray(joints.q)

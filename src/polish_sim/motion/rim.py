@@ -1,0 +1,134 @@
+"""A path once around a rim: midway between the two borders of a ring, as a closed quintic curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline, make_interp_spline
+
+from polish_sim.errors import PlanError, SmoothingError
+from polish_sim.geometry import Region, Surface
+from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, ToolPath, arc_length
+
+# A closed curve through points with four continuous derivatives: a periodic quintic spline.
+
+Array = NDArray[np.float64]
+
+LEAST_POINTS = 6
+DEGREE = 5
+
+
+@dataclass(frozen=True)
+class ClosedSpline:
+    """A closed curve over a parameter that grows by chord length, once round from 0 to ``length``."""
+
+    curve: BSpline
+    length: float
+    """Sum of the chords [m]."""
+
+    def __call__(self, u: Array, derivative: int = 0) -> Array:
+        """Points [m], or derivatives by the parameter, at parameters ``u`` [m] of any lap, shape (k, 3)."""
+        return np.asarray(self.curve(np.mod(u, self.length), nu=derivative))
+
+    def tangents(self, u: Array) -> Array:
+        """Unit tangents, shape (k, 3)."""
+        slope = self(u, 1)
+        return np.asarray(slope / np.linalg.norm(slope, axis=1, keepdims=True))
+
+
+def fit_closed_spline(points: Array) -> ClosedSpline:
+    """The curve through points and back to the first one.
+
+    Args:
+        points: Points in order, the first not repeated [m], shape (n, 3).
+
+    Returns:
+        The curve, C4 everywhere.
+
+    Raises:
+        SmoothingError: Fewer than six points, or two neighbours in one place.
+    """
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < LEAST_POINTS:
+        raise SmoothingError(f"a closed quintic curve needs {LEAST_POINTS} points (n, 3) or more; got {points.shape}.")
+    round_trip = np.concatenate([points, points[:1]])
+    chords = np.linalg.norm(np.diff(round_trip, axis=0), axis=1)
+    if chords.min() <= 1e-9:
+        k = int(np.argmin(chords))
+        raise SmoothingError(f"points {k + 1} and {(k + 1) % len(points) + 1} are in one place: leave one out.")
+    u = np.concatenate([[0.0], np.cumsum(chords)])
+    return ClosedSpline(make_interp_spline(u, round_trip, k=DEGREE, bc_type="periodic"), float(u[-1]))
+
+
+SPACING: Final = 0.001  # of the path's points [m]
+POINTS: Final = (12, 24, 48, 96)  # the curve goes through as few points as will do
+OFF_SURFACE: Final = 2e-5  # the curve may leave the surface by this [m]
+_DENSE: Final = 5e-4  # between points the borders are compared at [m]
+
+
+def rim_path(surface: Surface, region: Region, clearance: float) -> ToolPath:
+    """Plan a path once around a ring-shaped region.
+
+    Args:
+        surface: The whole part.
+        region: A ring: connected, with an outer and an inner border.
+        clearance: Height of the first and last point above the part [m].
+
+    Returns:
+        The path: down to the rim, once around it, and up.
+
+    Raises:
+        PlanError: The region is no ring, or too uneven for a smooth curve on it.
+    """
+    loops = region.boundary_loops
+    if len(region.components()) != 1 or len(loops) != 2:
+        raise PlanError(
+            f"a path around a rim needs a region in one piece with an outer and an inner border; this one has "
+            f"{len(region.components())} piece(s) and {len(loops)} border(s). Choose a ring with --region, or give a "
+            "path with --path."
+        )
+    outer, inner = (_resampled(loop, max(8, round(arc_length(loop)[-1] / _DENSE))) for loop in loops)
+    curve = _curve_between(surface, outer, inner)
+    u = np.linspace(0.0, curve.length, max(24, round(curve.length / SPACING)) + 1)
+    positions = curve(u)
+    there = surface.closest(positions)
+    bend = surface.normal_curvature(there.facets, there.barycentric, curve.tangents(u))
+    return _with_way_down(positions, there.normals, bend, clearance)
+
+
+def _curve_between(surface: Surface, outer: Array, inner: Array) -> ClosedSpline:
+    """The closed curve through points of the surface midway between two borders, (p, 3) and (q, 3)."""
+    gap = np.inf
+    for count in POINTS:
+        out = outer[np.linspace(0, len(outer), count, endpoint=False).astype(int)]
+        nearest = inner[np.argmin(np.linalg.norm(out[:, None] - inner[None], axis=2), axis=1)]
+        curve = fit_closed_spline(surface.closest(0.5 * (out + nearest)).positions)
+        points = curve(np.linspace(0.0, curve.length, 8 * count))
+        gap = float(np.linalg.norm(points - surface.closest(points).positions, axis=1).max())
+        if gap <= OFF_SURFACE:
+            return curve
+    raise PlanError(
+        f"a curve through {POINTS[-1]} points of this rim is still {1e3 * gap:.2f} mm off its surface: the rim is too "
+        "uneven. Choose a smoother one with --region, or give a path with --path."
+    )
+
+
+def _resampled(loop: Array, count: int) -> Array:
+    """Points at equal steps along a closed polyline, its end left out, shape (count, 3)."""
+    s = arc_length(loop)
+    places = np.linspace(0.0, s[-1], count, endpoint=False)
+    return np.stack([np.interp(places, s, loop[:, k]) for k in range(3)], axis=1)
+
+
+def _with_way_down(positions: Array, axes: Array, bend: Array, clearance: float) -> ToolPath:
+    points = np.concatenate(
+        [positions[:1] + clearance * axes[:1], positions, positions[-1:] + clearance * axes[-1:]]
+    )  # fmt: skip
+    segment = np.full(len(points), PROCESS, np.int8)
+    segment[0], segment[-1] = APPROACH, RETRACT
+    framed = np.concatenate([axes[:1], axes, axes[-1:]])
+    return ToolPath(
+        points, framed, arc_length(points), np.zeros(len(points), np.int64), segment, np.pad(bend, 1, mode="edge")
+    )

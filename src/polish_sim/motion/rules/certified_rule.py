@@ -1,0 +1,52 @@
+"""The rule ``certified``: short chords merged, corner kernels, fastest runs between them, a look-ahead."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import SmoothingError
+from polish_sim.motion.certified.smoother import Smoother, join_pieces
+from polish_sim.motion.rules.chain import Chain, build_chain
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits
+from polish_sim.motion.rules.rule import Smoothed
+from polish_sim.motion.rules.schedule import Schedule
+
+Array = NDArray[np.float64]
+
+
+def plan_certified(
+    chain: Chain,
+    limits: SmoothingLimits,
+    tolerance: float,
+    axis_tolerance: float,
+    arm: Arm | None,
+    feeds: Array | None = None,
+) -> Smoothed:
+    """Schedule a chain within all limits and tolerances, proven on intervals.
+
+    Args:
+        chain: The path.
+        limits: Of tool and joints.
+        tolerance: Largest distance of the tip from the path [m].
+        axis_tolerance: The same for the tool's axis [rad].
+        arm: The robot; None: tool only.
+        feeds: Cap on the tip's speed on each segment [m/s], shape (n,); None: only the limits count.
+
+    Returns:
+        The chain with short segments merged, its way points a part of the given ones; its schedule.
+
+    Raises:
+        ReachError: A place out of reach or singular.
+        SmoothingError: No motion was found within the limits.
+    """
+    smoother = Smoother(limits, tolerance, axis_tolerance, arm)
+    caps = None if feeds is None else np.concatenate([[np.inf], feeds])
+    pieces = join_pieces([smoother.feed(chain.tips, chain.rotations, caps), smoother.finish()])
+    merged = build_chain(
+        np.concatenate([chain.tips[:1], pieces.tips]), np.concatenate([chain.rotations[:1], pieces.rotations])
+    )
+    if not np.isfinite(smoother.time):
+        raise SmoothingError("no motion was found within the limits: those of the joints are too tight for this path.")
+    schedule = Schedule(pieces.segments, pieces.starts, pieces.durations, pieces.coefficients, smoother.time)
+    return Smoothed(merged, schedule)

@@ -1,0 +1,235 @@
+"""The way points as a chain of segments, each a straight line of the tip and one turn of the tool."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.errors import SmoothingError, place_in_mm
+from polish_sim.spatial import rotation_to_axis, unit
+
+Array = NDArray[np.float64]
+
+
+class Chain(NamedTuple):
+    """n segments between n + 1 way points, in one frame; arrays a compiled kernel can take.
+
+    At progress u in [0, 1] of segment k the tip is at ``tips[k] + u lengths[k] directions[k]`` and the tool at
+    ``exp(u angles[k] turn_axes[k]) R_start[k] exp(u rolls[k] z)``: the tool axis runs along a great circle at constant
+    rate (paper 4, eq. 11), the roll about it is shared out evenly.
+    """
+
+    tips: Array
+    """Way points [m], shape (n + 1, 3)."""
+    axes: Array
+    """Unit tool axes at the way points, pointing into the part (tool z), shape (n + 1, 3)."""
+    rotations: Array
+    """Tool frames at the way points, third column the axis, shape (n + 1, 3, 3)."""
+    lengths: Array
+    """[m], shape (n,)."""
+    directions: Array
+    """Unit directions of the tip; zero where the length is, shape (n, 3)."""
+    angles: Array
+    """Angle the tool axis turns by [rad], in [0, pi), shape (n,)."""
+    turn_axes: Array
+    """Unit axis it turns about, at a right angle to both ends' tool axes; zero where the angle is, shape (n, 3)."""
+    rolls: Array
+    """Turn about the tool axis that is left to the next way point's frame [rad], shape (n,)."""
+
+
+# From way points to a chain of segments (tips and tool frames -> Chain).
+
+SAME_PLACE = 1e-14
+"""Way points closer than this are one [m]: rounding of lengths of the size of a robot."""
+SAME_AXIS = 1e-13
+"""Tool axes closer than this are one [rad]."""
+HALF_TURN = math.pi - 1e-6
+"""A turn of the tool axis beyond this has no plane of its own [rad]."""
+STEEPEST = 0.99
+"""The tool's x axis must stay this far off every tool axis (cosine): 8 deg."""
+
+
+def build_chain(tips: Array, rotations: Array) -> Chain:
+    """Join way points to a chain; repeated points (tip and tool axis the same) are left out.
+
+    Args:
+        tips: Way points in order [m], shape (m, 3), m at least 1.
+        rotations: Tool frames there, third column the tool axis into the part, shape (m, 3, 3).
+
+    Returns:
+        The chain through the points ``~repeated_points(tips, rotations)``.
+
+    Raises:
+        SmoothingError: Wrong shapes, values that are not finite, no rotations, or a tool axis that turns by 180 deg.
+    """
+    tips, rotations = np.ascontiguousarray(tips, dtype=float), np.ascontiguousarray(rotations, dtype=float)
+    _check(tips, rotations)
+    kept = ~repeated_points(tips, rotations)
+    tips, rotations = tips[kept], rotations[kept]
+    axes = unit(rotations[:, :, 2])
+    n = len(tips) - 1
+    chain = Chain(tips, axes, rotations, np.zeros(n), np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), np.zeros(n))
+    _fill_segments(chain)
+    if n and chain.angles.max() > HALF_TURN:
+        k = int(chain.angles.argmax())
+        raise SmoothingError(
+            f"the tool axis turns by 180 deg between {place_in_mm(tips[k])} and {place_in_mm(tips[k + 1])} "
+            f"(way points {_raw_number(kept, k)} and {_raw_number(kept, k + 1)}, counted from 0): "
+            "which way round is not given. Put a way point between them."
+        )
+    return chain
+
+
+def chain_from_axes(tips: Array, axes: Array) -> Chain:
+    """Join way points of a round tool: its frames are turned about their axes as little as can be.
+
+    Args:
+        tips: Way points in order [m], shape (m, 3).
+        axes: Tool axes there, pointing into the part, of any length but zero, shape (m, 3).
+
+    Returns:
+        The chain; the tool's x axis stays near that axis of the frame the points are in which suits all best.
+
+    Raises:
+        SmoothingError: As `build_chain`; an axis of no length; axes that point along x, y and z.
+    """
+    axes = np.asarray(axes, dtype=float)
+    if axes.ndim != 2 or axes.shape[1:] != (3,):
+        raise SmoothingError(f"tool axes have shape {axes.shape}; (m, 3) is needed.")
+    sizes = np.linalg.norm(axes, axis=1)
+    if not np.all(sizes > 1e-9):
+        raise SmoothingError(f"the tool axis of way point {int(np.argmin(sizes > 1e-9))} (counted from 0) is zero.")
+    directions = axes / sizes[:, None]
+    along = np.abs(directions).max(axis=0)
+    if along.min() > STEEPEST:
+        raise SmoothingError("tool axes point along x, y and z: no steady frame suits them all; give tool frames.")
+    return build_chain(tips, rotation_to_axis(directions, np.eye(3)[int(along.argmin())]))
+
+
+def repeated_points(tips: Array, rotations: Array) -> NDArray[np.bool_]:
+    """Which way points repeat the one before them, in tip and tool axis, shape (m,); a turn about the axis is kept
+    for the next one."""
+    axes = unit(np.asarray(rotations, dtype=float)[:, :, 2])
+    moved = np.linalg.norm(np.diff(tips, axis=0), axis=1) > SAME_PLACE
+    turned = np.linalg.norm(np.diff(axes, axis=0), axis=1) > SAME_AXIS
+    repeated: NDArray[np.bool_] = np.concatenate([[False], ~(moved | turned)])
+    return repeated
+
+
+def _check(tips: Array, rotations: Array) -> None:
+    if tips.ndim != 2 or tips.shape[1:] != (3,) or rotations.shape != (len(tips), 3, 3) or len(tips) == 0:
+        raise SmoothingError(
+            f"way points have shape {tips.shape}, tool frames {rotations.shape}; (m, 3) and (m, 3, 3) are needed."
+        )
+    finite = np.isfinite(tips).all(axis=1) & np.isfinite(rotations).all(axis=(1, 2))
+    if not finite.all():
+        raise SmoothingError(f"way point {int(np.argmin(finite))} (counted from 0) holds a value that is not finite.")
+    skewed = np.abs(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)).max(axis=(1, 2)) > 1e-6
+    if skewed.any():
+        raise SmoothingError(f"the tool frame of way point {int(np.argmax(skewed))} (counted from 0) is no rotation.")
+
+
+def _raw_number(kept: NDArray[np.bool_], index: int) -> int:
+    return int(np.flatnonzero(kept)[index])
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_segments(chain: Chain) -> None:
+    for k in range(chain.lengths.shape[0]):
+        fill_segment(chain, k)
+
+
+@njit(cache=True, error_model="numpy")
+def fill_segment(chain: Chain, k: int) -> None:
+    """Write length, direction, angle, turn axis and roll of segment ``k`` from its two way points."""
+    square = 0.0
+    for i in range(3):
+        chain.directions[k, i] = chain.tips[k + 1, i] - chain.tips[k, i]
+        square += chain.directions[k, i] ** 2
+    length = math.sqrt(square)
+    chain.lengths[k] = length if length > SAME_PLACE else 0.0
+    for i in range(3):
+        chain.directions[k, i] = chain.directions[k, i] / length if length > SAME_PLACE else 0.0
+    _fill_turn(chain, k)
+    chain.rolls[k] = _roll(chain, k)
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_turn(chain: Chain, k: int) -> None:
+    """Angle and axis between both ends' tool axes."""
+    a, b, n = chain.axes[k], chain.axes[k + 1], chain.turn_axes[k]
+    # From the difference, square to their middle by construction: accurate for the smallest turns.
+    dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    n[0], n[1], n[2] = a[1] * dz - a[2] * dy, a[2] * dx - a[0] * dz, a[0] * dy - a[1] * dx
+    sine = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+    angle = math.atan2(sine, a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+    chain.angles[k] = angle if angle > SAME_AXIS else 0.0
+    for i in range(3):
+        n[i] = n[i] / sine if angle > SAME_AXIS else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _roll(chain: Chain, k: int) -> float:
+    """Turn about the tool axis left to the next frame once the axis is there [rad]."""
+    n, angle = chain.turn_axes[k], chain.angles[k]
+    cosine, sine = math.cos(angle), math.sin(angle)
+    along_x = along_y = 0.0
+    for j in range(2):
+        v = chain.rotations[k, :, j]
+        dot = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
+        for i in range(3):
+            across = n[(i + 1) % 3] * v[(i + 2) % 3] - n[(i + 2) % 3] * v[(i + 1) % 3]
+            turned = v[i] * cosine + across * sine + n[i] * dot * (1.0 - cosine)
+            if j == 0:
+                along_x += turned * chain.rotations[k + 1, i, 0]
+                along_y -= turned * chain.rotations[k + 1, i, 1]
+            else:
+                along_x += turned * chain.rotations[k + 1, i, 1]
+                along_y += turned * chain.rotations[k + 1, i, 0]
+    return math.atan2(along_y, along_x)
+
+
+# Distance of a place to a stretch of the way points' polyline, and of an axis to its arcs (compiled).
+
+
+@njit(cache=True, error_model="numpy")
+def tip_distance(raw: Chain, first: int, stop: int, tip: Array) -> float:
+    """Distance of a point to segments ``first`` to ``stop - 1`` [m]."""
+    best = np.inf
+    for k in range(first, stop):
+        x, y, z = tip[0] - raw.tips[k, 0], tip[1] - raw.tips[k, 1], tip[2] - raw.tips[k, 2]
+        d = raw.directions[k]
+        along = min(max(x * d[0] + y * d[1] + z * d[2], 0.0), raw.lengths[k])
+        x, y, z = x - along * d[0], y - along * d[1], z - along * d[2]
+        best = min(best, x * x + y * y + z * z)
+    return math.sqrt(best)
+
+
+@njit(cache=True, error_model="numpy")
+def axis_distance(raw: Chain, first: int, stop: int, axis: Array) -> float:
+    """Angle of a unit axis to the arcs of segments ``first`` to ``stop - 1`` [rad]."""
+    best = np.inf
+    for k in range(first, stop):
+        best = min(best, angle_between(raw.axes[k], axis), angle_between(raw.axes[k + 1], axis))
+        n, a = raw.turn_axes[k], raw.axes[k]
+        x = axis[0] * a[0] + axis[1] * a[1] + axis[2] * a[2]
+        y = (
+            axis[0] * (n[1] * a[2] - n[2] * a[1])
+            + axis[1] * (n[2] * a[0] - n[0] * a[2])
+            + axis[2] * (n[0] * a[1] - n[1] * a[0])
+        )
+        if raw.angles[k] > 0.0 and 0.0 <= math.atan2(y, x) <= raw.angles[k]:
+            out = axis[0] * n[0] + axis[1] * n[1] + axis[2] * n[2]
+            best = min(best, abs(math.atan2(out, math.sqrt(x * x + y * y))))
+    return best
+
+
+@njit(cache=True, error_model="numpy")
+def angle_between(a: Array, b: Array) -> float:
+    """Angle of two unit vectors [rad], accurate near zero too."""
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return math.atan2(math.sqrt(x * x + y * y + z * z), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])

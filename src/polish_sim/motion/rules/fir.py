@@ -1,0 +1,306 @@
+"""A box filtered by two boxes: the closed form of one smoothed segment (paper 4, eq. 1-3), as cubic pieces.
+
+    S(t) = 1/(6 T1 T2 T3) SUM_A (-1)^|A| (t - T_A)_+^3,     A: subsets of {T1, T2, T3}, T_A: sum of its members
+
+That sum cancels where one time is small. Here the times are sorted, a >= b >= c, and a second form without differences
+of near numbers is used: S(t) = (H(t) - H(t - a)) / a, H the way of a speed that rises from 0 to 1 over b + c, and
+S(T - t) = 1 - S(t) beyond half time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.motion.rules.schedule import Schedule
+
+Array = NDArray[np.float64]
+
+PIECES = 7
+"""Cubic pieces of one segment at most."""
+
+
+class Peaks(NamedTuple):
+    """Largest rates of a segment of length 1."""
+
+    speed: Array
+    """[1/s]."""
+    acceleration: Array
+    """[1/s^2]."""
+    jerk: Array
+    """[1/s^3]."""
+
+
+def peak_rates(triples: Array) -> Peaks:
+    """Largest rates of a segment of length 1, exact.
+
+    With a >= b >= c: speed 1/a, acceleration 1/(ab), jerk k/(abc). k = 1 if a >= b + c; else the end of the rise and
+    the begin of the fall overlap: k = 2 (the paper takes 1 always), and the speed stays (b + c - a)^2 / 4bc below.
+
+    Args:
+        triples: Filter times T1, T2, T3 in any order [s], positive, shape (..., 3).
+
+    Returns:
+        The peaks, each of shape (...).
+    """
+    c, b, a = np.moveaxis(np.sort(triples, axis=-1), -1, 0)
+    overlap = np.maximum(b + c - a, 0.0)
+    k = np.where(overlap > 0.0, 2.0, 1.0)
+    return Peaks((1.0 - overlap**2 / (4.0 * b * c)) / a, 1.0 / (a * b), k / (a * b * c))
+
+
+def fir_schedule(starts: Array, triples: Array) -> Schedule:
+    """Pieces of a chain whose segments are filtered boxes.
+
+    Args:
+        starts: When each segment begins, not falling [s], shape (n,).
+        triples: T1, T2, T3 of each [s], in any order, not negative, at least one positive, shape (n, 3).
+
+    Returns:
+        The schedule.
+    """
+    n = len(starts)
+    segments, counts = np.repeat(np.arange(n), PIECES), np.zeros(n, dtype=np.int64)
+    begins, durations, coefficients = np.empty(n * PIECES), np.empty(n * PIECES), np.empty((n * PIECES, 4))
+    _write_all(np.asarray(starts, float), np.asarray(triples, float), counts, begins, durations, coefficients)
+    used = np.tile(np.arange(PIECES), n) < np.repeat(counts, PIECES)
+    end = float(np.max(starts + np.sum(triples, axis=1), initial=0.0))
+    return Schedule(segments[used], begins[used], durations[used], coefficients[used], end)
+
+
+@njit(cache=True, error_model="numpy")
+def _write_all(
+    starts: Array, triples: Array, counts: NDArray[np.int64], begins: Array, durations: Array, coefficients: Array
+) -> None:
+    for k in range(starts.shape[0]):
+        row = PIECES * k
+        rows = slice(row, row + PIECES)
+        counts[k] = box_pieces(triples[k, 0], triples[k, 1], triples[k, 2], durations[rows], coefficients[rows])
+        time = starts[k]
+        for i in range(row, row + counts[k]):
+            begins[i] = time
+            time += durations[i]
+
+
+@njit(cache=True, error_model="numpy")
+def sorted_times(t1: float, t2: float, t3: float) -> tuple[float, float, float]:
+    """The three times, the longest first."""
+    low, high = min(t1, t2), max(t1, t2)
+    return max(high, t3), max(low, min(high, t3)), min(low, t3)
+
+
+@njit(cache=True, error_model="numpy")
+def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: Array) -> int:
+    """Write the pieces of a filtered box of length 1, those of no duration left out.
+
+    Args:
+        t1: Filter times [s], in any order.
+        t2: As above.
+        t3: As above.
+        durations: Written [s], shape (7,).
+        coefficients: Written: progress from each piece's start, shape (7, 4).
+
+    Returns:
+        Number of pieces.
+    """
+    a, b, c = sorted_times(t1, t2, t3)
+    plateau = 1.0 / (a * b) if b > 0.0 else 0.0
+    jerk = plateau / c if c > 0.0 else 0.0
+    early = min(a, b + c)  # the middle piece begins
+    left = max(b + c - a, 0.0) * jerk  # acceleration then
+    rates = np.empty(4)
+    count = 0
+    for i in range(PIECES):
+        begin, length, acceleration, third = 0.0, c, 0.0, jerk
+        if i == 1 or i == 5:
+            begin, length, acceleration, third = c, b - c, plateau, 0.0
+        elif i == 2 or i == 4:
+            begin, length, acceleration, third = b, early - b, plateau, -jerk
+        elif i == 3:
+            begin, length, acceleration, third = early, abs(a - b - c), left, -2.0 * jerk if a < b + c else 0.0
+        if length <= 0.0:
+            continue
+        if i >= 4:  # mirrored in time
+            box_progress(a, b, c, begin + length, rates)
+            acceleration = -(acceleration + third * length)
+            rates[0] = 1.0 - rates[0]
+        else:
+            box_progress(a, b, c, begin, rates)
+        durations[count] = length
+        coefficients[count, 0], coefficients[count, 1] = rates[0], rates[1]
+        coefficients[count, 2], coefficients[count, 3] = 0.5 * acceleration, third / 6.0
+        count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def box_progress(a: float, b: float, c: float, time: float, rates: Array) -> None:
+    """Write S and its three derivatives at a time into ``rates`` (4,); a >= b >= c [s], a positive."""
+    total = a + b + c
+    late = time > 0.5 * total
+    t = total - time if late else time
+    rates[0] = rates[1] = rates[2] = rates[3] = 0.0
+    if t >= 0.0:
+        _rise(b, c, t, rates)
+        if t > a:
+            r = t - a
+            rates[0] -= r * (r / b) * (r / c) / 6.0
+            rates[1] -= r / b * (r / c) / 2.0
+            rates[2] -= r / b / c
+            rates[3] -= 1.0 / b / c
+        for d in range(4):
+            rates[d] /= a
+    if late:
+        rates[0] = 1.0 - rates[0]
+        rates[2] = -rates[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _rise(b: float, c: float, t: float, rates: Array) -> None:
+    """Way H and derivatives of a speed that rises from 0 to 1 over b + c, at t > 0."""
+    rest = b + c - t
+    if t < c:
+        rates[0], rates[1], rates[2], rates[3] = (
+            t * (t / b) * (t / c) / 6.0,
+            t / b * (t / c) / 2.0,
+            t / b / c,
+            1.0 / b / c,
+        )
+    elif t < b:
+        r = t - c
+        rates[0], rates[1], rates[2] = (t * t + t * r + r * r) / (6.0 * b), (t + r) / (2.0 * b), 1.0 / b
+    elif rest > 0.0:
+        rates[0] = t - 0.5 * (b + c) + rest * (rest / b) * (rest / c) / 6.0
+        rates[1] = 1.0 - rest / b * (rest / c) / 2.0
+        rates[2], rates[3] = rest / b / c, -1.0 / b / c
+    else:
+        rates[0], rates[1] = t - 0.5 * (b + c), 1.0
+
+
+# The fastest way from rest to rest within speed, acceleration and jerk: a filtered box too (length -> three times).
+
+
+@njit(cache=True, error_model="numpy")
+def stop_times(length: float, speed: float, acceleration: float, jerk: float) -> tuple[float, float, float]:
+    """Filter times of the time-optimal rest-to-rest motion.
+
+    The shortest profile is a three-box profile a >= b + c: c = acceleration / jerk; or c = b = cbrt(length / 2 jerk)
+    and a = 2 c, 4 cbrt(length / 2 jerk) in all, where neither acceleration nor speed is reached.
+
+    Args:
+        length: Way to go, positive; its unit is the caller's (u).
+        speed: Limit [u/s].
+        acceleration: Limit [u/s^2].
+        jerk: Limit [u/s^3]; limits may be infinite.
+
+    Returns:
+        The times a >= b >= c [s]; the motion takes their sum.
+    """
+    ramp = c = 0.0
+    if math.isfinite(jerk):
+        ramp = acceleration / jerk
+        c = min(ramp, math.sqrt(speed / jerk), (0.5 * length / jerk) ** (1.0 / 3.0))
+    b = c
+    if c == ramp:
+        b = max(c, min(speed / acceleration, 0.5 * (math.sqrt(c * c + 4.0 * length / acceleration) - c)))
+    return max(length / speed, b + c), b, c
+
+
+# How far an overlapped corner strays, and how long segments may overlap for it (paper 4, eq. 12-14).
+#
+# The end of one segment, mirrored in time, and the begin of the next are both the way H of a speed that rises from 0 to
+# 1 over b + c, the two shorter of the three filter times. While both are under way the tip is ``V - v1 H1(T_c - t) d1 +
+# v2 H2(t) d2``: where H1 = H2 = h it is ``h |v2 d2 - v1 d1|`` from the vertex. So the overlap for a tolerance is the
+# sum of the two times at which H = tolerance / |v2 d2 - v1 d1|: eq. 13, if the filters are equal.
+#
+# For symmetric corners this *vertex* error is exact, and the *contour* error, the distance from the polyline, is
+# ``vertex * cos(turn / 2)``. For others both are upper bounds. The tool axis is the same on a sphere, where the
+# distance is a little less: a bound again.
+
+
+@njit(cache=True, error_model="numpy")
+def rise_way(b: float, c: float, time: float) -> float:
+    """H: way of a speed that rises from 0 to 1 over b + c, within the first half of that.
+
+    Args:
+        b: Longer filter time [s].
+        c: Shorter filter time [s].
+        time: [s], 0 to (b + c) / 2.
+
+    Returns:
+        [s], as the speed has no unit.
+    """
+    if time < c:
+        return time * (time / b) * (time / c) / 6.0
+    if b == 0.0:
+        return 0.0
+    return (3.0 * time * (time - c) + c * c) / (6.0 * b)
+
+
+@njit(cache=True, error_model="numpy")
+def rise_time(b: float, c: float, way: float) -> float:
+    """When H reaches a way [s], capped at (b + c) / 2 [s]: half the overlap of eq. 13."""
+    time = (6.0 * b * c * way) ** (1.0 / 3.0)
+    if 6.0 * b * way > c * c:
+        time = 0.5 * c + math.sqrt(max(2.0 * b * way - c * c / 12.0, 0.0))
+    return min(time, 0.5 * (b + c))
+
+
+@njit(cache=True, error_model="numpy")
+def corner_speed(speed_1: float, speed_2: float, cosine: float) -> float:
+    """Size of the change of velocity |v2 d2 - v1 d1| (paper 4, eq. 12), any unit per second.
+
+    Args:
+        speed_1: L / a of the segment before.
+        speed_2: Of the segment after.
+        cosine: Of the turn between them: 1 straight on, -1 back.
+
+    Returns:
+        The size, exact for straight corners too.
+    """
+    return math.sqrt((speed_1 - speed_2) ** 2 + 2.0 * speed_1 * speed_2 * max(1.0 - cosine, 0.0))
+
+
+@njit(cache=True, error_model="numpy")
+def vertex_error(overlap: float, t2: float, t3: float, change: float) -> float:
+    """Distance from the vertex of two segments with the same filters (paper 4, eq. 12), in the unit of ``change`` s.
+
+    Args:
+        overlap: T_c [s], at most t2 + t3.
+        t2: Longer filter time [s].
+        t3: Shorter filter time [s].
+        change: `corner_speed`.
+    """
+    return change * rise_way(t2, t3, 0.5 * overlap)
+
+
+@njit(cache=True, error_model="numpy")
+def contour_error(overlap: float, t2: float, t3: float, change: float, cosine: float) -> float:
+    """Distance from the polyline likewise: the vertex error times the cosine of half the turn."""
+    return vertex_error(overlap, t2, t3, change) * math.sqrt(max(0.5 * (1.0 + cosine), 0.0))
+
+
+@njit(cache=True, error_model="numpy")
+def corner_overlap(tolerance: float, change: float, b1: float, c1: float, b2: float, c2: float) -> float:
+    """Longest overlap whose vertex error is within a tolerance (paper 4, eq. 13, for unlike filters too) [s].
+
+    Args:
+        tolerance: Of the tip [m] or the axis [rad].
+        change: `corner_speed` [m/s] or [rad/s].
+        b1: Longer filter time before the corner [s].
+        c1: Shorter filter time before it [s].
+        b2: Longer filter time after it [s].
+        c2: Shorter filter time after it [s].
+
+    Returns:
+        At most the shorter of b1 + c1 and b2 + c2, beyond which speeds would add up on a straight path.
+    """
+    whole = min(b1 + c1, b2 + c2)
+    if change <= 0.0:
+        return whole
+    way = tolerance / change
+    return min(whole, rise_time(b1, c1, way) + rise_time(b2, c2, way))

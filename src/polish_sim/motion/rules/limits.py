@@ -1,0 +1,240 @@
+"""How fast tool and joints may move: data with its origin."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import Field, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.errors import ConfigError
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.spatial import apply, inverse
+
+Array = NDArray[np.float64]
+MM, DEG = 1e-3, math.radians(1.0)
+
+JOINT_SPEED = math.radians(180.0)
+"""UR5e, every joint, as the maker publishes it [rad/s]."""
+JOINT_ACCELERATION = 5.0
+"""UR5e [rad/s^2]. The maker publishes torques (150 and 28 N m), no accelerations. This is the value the maker's own
+public ROS driver gives to motion planners for all six joints and calls conservative."""
+JOINT_JERK = 100.0
+"""UR5e [rad/s^3]. Nobody publishes one. Chosen: the acceleration is reached in 0.05 s, as the tool's is in paper 4."""
+
+
+def six(value: float) -> tuple[float, ...]:
+    """The same limit for all six joints."""
+    return (value,) * 6
+
+
+class LimitValues(NamedTuple):
+    """`SmoothingLimits` as compiled kernels take them: plain numbers and arrays, SI."""
+
+    tip_speed: float
+    tip_acceleration: float
+    tip_jerk: float
+    axis_speed: float
+    axis_acceleration: float
+    axis_jerk: float
+    joint: Array
+    """Speed, acceleration and jerk of the six joints, shape (3, 6)."""
+
+
+def limit(default: float, unit: str, scale: float) -> Any:
+    """Declare one limit: its default in the user's unit, that unit, and its size in SI."""
+    return field(default=default * scale, metadata={"unit": unit, "scale": scale})
+
+
+def joint_limit(default: float, unit: str) -> Any:
+    """Declare one limit of six joints: its default [rad/s..] and the user's unit."""
+    return field(default=six(default), metadata={"unit": unit, "scale": math.radians(1.0)})
+
+
+@dataclass(frozen=True)
+class SmoothingLimits:
+    """Largest speed, acceleration and jerk of tool tip, tool axis and joints; all positive, infinity allowed.
+
+    Tip limits are Euclidean norms of its time derivatives; axis limits those of the axis' angular velocity without
+    spin, o x o', and of its first and second derivative. The tool's defaults are those of paper 4's trial.
+    """
+
+    tip_speed: float = limit(50.0, "mm_s", MM)
+    """[m/s]."""
+    tip_acceleration: float = limit(500.0, "mm_s2", MM)
+    """[m/s^2]."""
+    tip_jerk: float = limit(10000.0, "mm_s3", MM)
+    """[m/s^3]."""
+    axis_speed: float = limit(10.0, "deg_s", DEG)
+    """[rad/s]."""
+    axis_acceleration: float = limit(100.0, "deg_s2", DEG)
+    """[rad/s^2]."""
+    axis_jerk: float = limit(2000.0, "deg_s3", DEG)
+    """[rad/s^3]."""
+    joint_speed: tuple[float, ...] = joint_limit(JOINT_SPEED, "deg_s")
+    """Six values [rad/s]."""
+    joint_acceleration: tuple[float, ...] = joint_limit(JOINT_ACCELERATION, "deg_s2")
+    """Six values [rad/s^2]."""
+    joint_jerk: tuple[float, ...] = joint_limit(JOINT_JERK, "deg_s3")
+    """Six values [rad/s^3]."""
+
+    def __post_init__(self) -> None:
+        for spec in fields(self):
+            value = getattr(self, spec.name)
+            if isinstance(spec.default, tuple):
+                _check_six(spec.name, value)
+            elif not value > 0.0:
+                raise ConfigError(f"limit {spec.name} is {value:g}: every limit must be positive.")
+
+    def values(self) -> LimitValues:
+        """The same for compiled kernels."""
+        joint = np.array([self.joint_speed, self.joint_acceleration, self.joint_jerk], dtype=float)
+        return LimitValues(
+            float(self.tip_speed),
+            float(self.tip_acceleration),
+            float(self.tip_jerk),
+            float(self.axis_speed),
+            float(self.axis_acceleration),
+            float(self.axis_jerk),
+            joint,
+        )
+
+
+def _check_six(name: str, values: tuple[float, ...]) -> None:
+    if len(values) != 6:
+        raise ConfigError(f"limit {name} has {len(values)} values: it needs six, one a joint from base to flange.")
+    for j, value in enumerate(values):
+        if not value > 0.0:
+            raise ConfigError(f"limit {name} of joint {j + 1} is {value:g}: every limit must be positive.")
+
+
+# Limits of tool and joints as a TOML file, in the units users of robots think in.
+
+SECTIONS = ("tip", "axis", "joint")
+
+
+def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLimits:
+    """Read limits: sections [tip], [axis], [joint]; one left out keeps its defaults, one given must be whole.
+
+    Args:
+        path: The file, e.g. with ``[tip]`` and ``speed_mm_s = 50``, ``acceleration_mm_s2``, ``jerk_mm_s3``; [axis] and
+            [joint] have ``speed_deg_s``, ``acceleration_deg_s2``, ``jerk_deg_s3``, of the joints one number or six.
+        base: Limits of sections the file leaves out; the defaults if not given.
+
+    Returns:
+        The limits.
+
+    Raises:
+        ConfigError: The file cannot be read, or a key is unknown, missing, of the wrong type, zero or negative.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read the limits file '{path}': {error.strerror}.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"'{path}' is not valid TOML: {error}.") from error
+    return replace(base or SmoothingLimits(), **_changes(table, str(path)))
+
+
+def limits_toml(limits: SmoothingLimits) -> str:
+    """Write limits as the file `load_limits` reads."""
+    lines: list[str] = []
+    for section in SECTIONS:
+        lines.append(f"[{section}]")
+        for key, spec in _keys(section).items():
+            value = getattr(limits, spec.name)
+            scale = spec.metadata["scale"]
+            listed = isinstance(value, tuple)
+            text = "[" + ", ".join(f"{v / scale:.10g}" for v in value) + "]" if listed else f"{value / scale:.10g}"
+            lines.append(f"{key} = {text}")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _keys(section: str) -> dict[str, Field[Any]]:
+    """Keys of a section with the fields they set: ``speed_mm_s`` -> tip_speed."""
+    own = [spec for spec in fields(SmoothingLimits) if spec.name.startswith(f"{section}_")]
+    return {f"{spec.name.removeprefix(f'{section}_')}_{spec.metadata['unit']}": spec for spec in own}
+
+
+def _changes(table: dict[str, Any], place: str) -> dict[str, Any]:
+    changes: dict[str, Any] = {}
+    for section, values in table.items():
+        if section not in SECTIONS or not isinstance(values, dict):
+            raise ConfigError(f"'{section}' in '{place}' is no section of limits. Known: [tip], [axis], [joint].")
+        keys = _keys(section)
+        for name in values:
+            if name not in keys:
+                raise ConfigError(f"unknown key '{section}.{name}' in '{place}'. Known: {', '.join(keys)}.")
+        for name, spec in keys.items():
+            if name not in values:
+                raise ConfigError(f"'{section}.{name}' is missing in '{place}': a section must be whole.")
+            changes[spec.name] = _si(f"{section}.{name}", values[name], spec, place)
+    return changes
+
+
+def _si(where: str, value: Any, spec: Field[Any], place: str) -> Any:
+    scale = spec.metadata["scale"]
+    if not isinstance(spec.default, tuple):
+        return _positive(where, value, place) * scale
+    listed = value if isinstance(value, list) else [value] * 6
+    if len(listed) != 6:
+        raise ConfigError(f"'{where}' in '{place}' must be one number or six, one a joint; got {len(listed)}.")
+    return tuple(_positive(where, v, place) * scale for v in listed)
+
+
+def _positive(where: str, value: Any, place: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
+        raise ConfigError(f"'{where}' in '{place}' must be a finite, positive number, got {value!r}.")
+    return float(value)
+
+
+# Where robot, work and tool sit: what a smoothing rule needs to know the joints.
+
+
+class Arm(NamedTuple):
+    """A UR5e with a tool before a part; arrays a compiled kernel can take."""
+
+    T_base_work: Array
+    """Pose of the frame the chain is given in, shape (4, 4)."""
+    T_flange_tool: Array
+    """The tool on the flange, shape (4, 4)."""
+    T_tool_flange: Array
+    """Its inverse, shape (4, 4)."""
+    q_start: Array
+    """Joint angles at (or near) the first way point: says which of the arm's configurations is meant [rad], (6,)."""
+
+
+def build_arm(T_base_work: Array, T_flange_tool: Array, q_start: Array) -> Arm:
+    """Put an arm together; see `Arm` for the arguments."""
+    # Copies: a read-only array is another type, and kernels would be compiled once more for it.
+    T_work, T_tool = (np.array(T, dtype=float, order="C") for T in (T_base_work, T_flange_tool))
+    return Arm(T_work, T_tool, np.ascontiguousarray(inverse(T_tool)), np.array(q_start, dtype=float))
+
+
+def arm_or_none(arm: Arm | None) -> Arm:
+    """The arm, or one of the same type that stands for none: kernels are then compiled for both at once."""
+    return Arm(np.eye(4), np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(6)) if arm is None else arm
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def is_there(arm: Arm) -> bool:
+    """Whether there is an arm, see `arm_or_none`."""
+    return bool(arm.T_flange_tool[3, 3] != 0.0)
+
+
+def chain_in_base(chain: Chain, arm: Arm) -> Chain:
+    """The chain as seen from the robot's base."""
+    R = arm.T_base_work[:3, :3]
+    return chain._replace(
+        tips=np.ascontiguousarray(apply(arm.T_base_work, chain.tips)),
+        axes=np.ascontiguousarray(chain.axes @ R.T),
+        rotations=np.ascontiguousarray(R @ chain.rotations),
+        directions=np.ascontiguousarray(chain.directions @ R.T),
+        turn_axes=np.ascontiguousarray(chain.turn_axes @ R.T),
+    )

@@ -1,0 +1,253 @@
+"""The paper's way to a schedule: filter times by one rule for the joints, then neighbours overlapped in tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.errors import SmoothingError
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule, sorted_times
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits
+from polish_sim.motion.rules.rule import NODES, ProgressLimits, Rule, Smoothed, rate_blocks, tool_limits
+from polish_sim.motion.rules.schedule import Schedule
+from polish_sim.motion.segment_rates import JointRates
+
+# Filter times of every segment, by one rule for the joints: at full speed, or the lower one that takes least time.
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+TriplesAt = Callable[[Array, Indices], Array]
+"""(speed (k,) [1/s], segments (k,)) -> filter times (k, 3) [s], the first at least the sum of the others; infinite
+where the joints' curvature alone takes up a limit at that speed."""
+
+BlockTriples = Callable[[ProgressLimits, JointRates, SmoothingLimits], Array]
+"""(tool's limits, joint derivatives (k, nodes, 6), limits) -> filter times of k segments (k, 3) [s]."""
+
+_SLOWEST = 1e4  # times slower than the limit
+_COARSE, _FINE = 40, 12
+
+
+def filter_times(
+    chain: Chain, limits: SmoothingLimits, arm: Arm | None, feeds: Array | None, block_triples: BlockTriples
+) -> Array:
+    """T1, T2, T3 of every segment.
+
+    Args:
+        chain: The segments.
+        limits: Of tool and joints.
+        arm: None leaves the joints out.
+        feeds: Speed limits of the tip per segment [m/s], shape (n,), or None.
+        block_triples: The rule for the joints.
+
+    Returns:
+        [s], shape (n, 3).
+
+    Raises:
+        ReachError: A place out of reach or singular.
+        SmoothingError: No speed keeps the joint limits, or no limit is finite.
+    """
+    tool = tool_limits(chain, limits, feeds)
+    triples = stop_triples(*tool)
+    if arm is not None:
+        for rows, rates in rate_blocks(chain, arm):
+            triples[rows] = block_triples(ProgressLimits(*(column[rows] for column in tool)), rates, limits)
+    if not np.all(triples.max(axis=1, initial=0.0) > 0.0):
+        k = int(np.argmin(triples.max(axis=1)))
+        raise SmoothingError(f"nothing limits the motion along segment {k + 1}: give a speed, acceleration or jerk.")
+    return triples
+
+
+def fastest_triples(speed: Array, triples_at: TriplesAt) -> Array:
+    """Filter times of every segment at full speed, or at the lower speed that takes least time.
+
+    Full speed is kept where it is reached (the paper's case). Where the segment is too short for it, or a denominator
+    of eq. 24, 25, 30 is not positive at it (the paper's absolute value hides that), slower ones are searched.
+
+    Args:
+        speed: Largest rate of progress [1/s], shape (n,).
+        triples_at: Filter times at a speed.
+
+    Returns:
+        T1 >= T2 + T3 [s], shape (n, 3).
+
+    Raises:
+        SmoothingError: No speed keeps the limits.
+    """
+    everything = np.arange(len(speed))
+    triples = triples_at(speed, everything)
+    rows = np.flatnonzero(~(triples[:, 0] * speed <= 1.0 + 1e-12))
+    if len(rows) == 0:
+        return triples
+    low, high = speed[rows] / _SLOWEST, speed[rows]
+    for count in (_COARSE, _FINE, _FINE):
+        grid = high * (low / high) ** np.linspace(0.0, 1.0, count)[:, None]
+        times = np.stack([triples_at(row, rows).sum(axis=1) for row in grid])
+        best = np.argmin(times, axis=0)
+        columns = np.arange(len(rows))
+        high, low = grid[np.maximum(best - 1, 0), columns], grid[np.minimum(best + 1, count - 1), columns]
+    triples[rows] = triples_at(grid[best, columns], rows)
+    if not np.isfinite(triples).all():
+        raise singular_segment(int(np.argmin(np.isfinite(triples).all(axis=1))))
+    return triples
+
+
+def singular_segment(k: int) -> SmoothingError:
+    """Build the error for segment ``k``, on which no speed keeps the joints' limits."""
+    return SmoothingError(f"no speed keeps the joint limits in segment {k + 1}: too near a singularity.")
+
+
+def stop_triples(speed: Array, acceleration: Array, jerk: Array) -> Array:
+    """Times of the fastest rest-to-rest motion of length 1 (`stop_times`), shape (n, 3)."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        finite = np.isfinite(jerk)
+        ramp = np.where(finite, acceleration / jerk, 0.0)
+        c = np.where(finite, np.minimum(ramp, np.minimum(np.sqrt(speed / jerk), np.cbrt(0.5 / jerk))), 0.0)
+        held = np.minimum(speed / acceleration, 0.5 * (np.sqrt(c * c + 4.0 / acceleration) - c))
+        b = np.where(c == ramp, np.maximum(c, held), c)
+    return np.stack([np.maximum(1.0 / speed, b + c), b, c], axis=1)
+
+
+# From filter times to a schedule: neighbours overlap as far as the tolerances let them (paper 4, eq. 12-14).
+
+
+def overlapped(chain: Chain, triples: Array, tolerance: float, axis_tolerance: float) -> Schedule:
+    """Let each segment begin before the last one has ended.
+
+    No more than two are under way at once: a corner takes at most half of each neighbour's time.
+
+    Args:
+        chain: The segments.
+        triples: Filter times of each [s], shape (n, 3).
+        tolerance: Of the tip at its vertices [m]; 0 stops at each.
+        axis_tolerance: Of the tool axis [rad]; 0 stops at each.
+
+    Returns:
+        The schedule.
+    """
+    overlaps = np.zeros(max(len(triples) - 1, 0))
+    _fill_overlaps(chain, triples, tolerance, axis_tolerance, overlaps)
+    starts = np.concatenate([[0.0], np.cumsum(triples.sum(axis=1)[:-1] - overlaps)])[: len(triples)]
+    return fir_schedule(starts, triples)
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _fill_overlaps(chain: Chain, triples: Array, tolerance: float, axis_tolerance: float, overlaps: Array) -> None:
+    for k in range(overlaps.shape[0]):
+        a1, b1, c1 = sorted_times(triples[k, 0], triples[k, 1], triples[k, 2])
+        a2, b2, c2 = sorted_times(triples[k + 1, 0], triples[k + 1, 1], triples[k + 1, 2])
+        along = across = 0.0
+        for i in range(3):
+            along += chain.directions[k, i] * chain.directions[k + 1, i]
+            across += chain.turn_axes[k, i] * chain.turn_axes[k + 1, i]
+        tip = corner_speed(chain.lengths[k] / a1, chain.lengths[k + 1] / a2, along)
+        axis = corner_speed(chain.angles[k] / a1, chain.angles[k + 1] / a2, across)
+        overlaps[k] = min(
+            corner_overlap(tolerance, tip, b1, c1, b2, c2),
+            corner_overlap(axis_tolerance, axis, b1, c1, b2, c2),
+            0.5 * (a1 + b1 + c1),
+            0.5 * (a2 + b2 + c2),
+        )
+
+
+def fir_rule(block_triples: BlockTriples) -> Rule:
+    """Make a smoothing rule of a rule for the joints' share of the filter times (paper 4, eq. 12-14 do the rest)."""
+
+    def plan(
+        chain: Chain,
+        limits: SmoothingLimits,
+        tolerance: float,
+        axis_tolerance: float,
+        arm: Arm | None,
+        feeds: Array | None = None,
+    ) -> Smoothed:
+        triples = filter_times(chain, limits, arm, feeds, block_triples)
+        return Smoothed(chain, overlapped(chain, triples, tolerance, axis_tolerance))
+
+    return plan
+
+
+# The rule `joint-acceleration`: the method paper 4 compares with ([18] there), joint jerk not looked at.
+
+
+def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
+    """Filter times of a block of segments, shape (k, 3)."""
+
+    def triples_at(speed: Array, rows: Indices) -> Array:
+        base = stop_triples(speed, tool.acceleration[rows], tool.jerk[rows])
+        t2 = np.maximum(base[:, 1], second_time(speed, rates.first[rows], rates.second[rows], limits))
+        t3 = base[:, 2]
+        return np.stack([np.maximum(1.0 / speed, t2 + t3), t2, t3], axis=1)
+
+    return fastest_triples(capped_speed(tool.speed, rates, limits), triples_at)
+
+
+def capped_speed(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
+    """Largest rate of progress at which no joint is too fast either (eq. 18-20) [1/s], shape (k,)."""
+    fastest = np.abs(rates.first).max(axis=1) / np.asarray(limits.joint_speed)
+    return np.minimum(speed, 1.0 / np.maximum(fastest.max(axis=1), 1e-300))
+
+
+def second_time(speed: Array, first: Array, second: Array, limits: SmoothingLimits) -> Array:
+    """T2 of eq. 25 [s], shape (k,); infinite where the denominator is not positive."""
+    sd = speed[:, None, None]
+    left = np.asarray(limits.joint_acceleration) - np.abs(second) * sd**2
+    with np.errstate(divide="ignore"):
+        needed = np.where(left > 0.0, np.abs(first) * sd / left, np.inf)
+    return needed.max(axis=(1, 2))
+
+
+plan_joint_acceleration = fir_rule(block_triples)
+"""T1 >= |q'| / qd_max (eq. 18-20) and T2 >= |q'| sd / (qdd_max - |q''| sd^2) (eq. 25); see `fir_rule`."""
+
+
+# The rule `joint-jerk`: paper 4's own, joint jerk kept by the third filter, its limit halved for the corners.
+
+_GAINING = np.where(NODES < 0.5, 1.0, -1.0)[:, None]
+"""Sign of the acceleration of progress at the nodes: speed is gained in the first half, lost in the second."""
+
+
+def joint_jerk_block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
+    """Filter times of a block of segments, shape (k, 3)."""
+
+    def triples_at(speed: Array, rows: Indices) -> Array:
+        part = JointRates(*(column[rows] for column in rates))
+        base = stop_triples(speed, tool.acceleration[rows], tool.jerk[rows])
+        t2 = np.maximum(base[:, 1], joint_jerk_second_time(speed, part, limits))
+        t3 = np.maximum(base[:, 2], third_time(speed, speed / t2, part, limits))
+        return np.stack([np.maximum(1.0 / speed, t2 + t3), t2, t3], axis=1)
+
+    return fastest_triples(capped_speed(tool.speed, rates, limits), triples_at)
+
+
+def joint_jerk_second_time(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
+    """T2 of eq. 24 [s], shape (k,); infinite where a denominator is not positive."""
+    sd = speed[:, None, None]
+    left = np.asarray(limits.joint_acceleration) - np.sign(rates.first * _GAINING) * rates.second * sd**2
+    cruising = np.asarray(limits.joint_acceleration) - np.abs(rates.second) * sd**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = np.where((left > 0.0) & (cruising > 0.0), np.abs(rates.first) * sd / left, np.inf)
+    return needed.max(axis=(1, 2))
+
+
+def third_time(speed: Array, acceleration: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
+    """T3 of eq. 30 [s], shape (k,); infinite where the denominator is not positive."""
+    sd, sdd = speed[:, None, None], acceleration[:, None, None]
+    bent = np.abs(rates.third * sd**3 + 3.0 * rates.second * _GAINING * sd * sdd)
+    left = 0.5 * np.asarray(limits.joint_jerk) - bent
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = np.where(left > 0.0, np.abs(rates.first) * sdd / left, np.inf)
+    return needed.max(axis=(1, 2))
+
+
+plan_joint_jerk = fir_rule(joint_jerk_block_triples)
+"""Eq. 18-20 for T1, 24 for T2 and 30 for T3; see `fir_rule`.
+
+``|q'| sd / |qdd_max -+ q'' sd^2|`` is taken with the sign the motion has (eq. 24, never more than eq. 25);
+``|q'| sdd / |qddd_max / 2 -+ (q''' sd^3 + 3 q'' sd sdd)|`` with both, as jerk has both in either half.
+A denominator that is not positive asks for a lower speed.
+"""

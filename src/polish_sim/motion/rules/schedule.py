@@ -1,0 +1,312 @@
+"""When each segment of a chain is passed: its progress as cubic pieces of time.
+
+Every rule answers in this form: FIR-filtered boxes are piecewise cubic, corners of piecewise constant jerk too.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from polish_sim.motion.rules.chain import Chain
+
+Array = NDArray[np.float64]
+
+
+class Schedule(NamedTuple):
+    """Progress of every segment over time: 0 before its first piece, 1 after its last, cubic in each.
+
+    Segments overlap at corners: while segment k comes to its end, k + 1 already begins. The tip is the first way
+    point plus the sum of ``progress * length * direction``; the tool's rotation is composed in the same order,
+    ``... exp(b n_2) exp(a n_1) R_0``, later segments on the left, rolls added up.
+    """
+
+    segments: NDArray[np.int64]
+    """Segment each piece belongs to, not falling, shape (m,)."""
+    starts: Array
+    """When each piece begins [s], rising within a segment, shape (m,)."""
+    durations: Array
+    """[s], shape (m,); a segment's pieces follow one another without a gap."""
+    coefficients: Array
+    """Progress c0 + c1 t + c2 t^2 + c3 t^3 with t from the piece's start, shape (m, 4)."""
+    end: float
+    """When the last segment has arrived [s]: the cycle time."""
+
+
+# The same way in more time (Schedule -> Schedule).
+
+
+def stretched(schedule: Schedule, factor: float) -> Schedule:
+    """Pass a schedule uniformly slower: speeds fall by the factor, accelerations by its square, jerks by its cube.
+
+    Args:
+        schedule: The schedule.
+        factor: At least 1.
+
+    Returns:
+        The schedule that takes ``factor`` times as long.
+    """
+    powers = factor ** -np.arange(4.0)
+    return schedule._replace(
+        starts=schedule.starts * factor,
+        durations=schedule.durations * factor,
+        coefficients=schedule.coefficients * powers,
+        end=schedule.end * factor,
+    )
+
+
+# Where the tool is at a time, and how it moves: three derivatives, exact (Chain, Schedule, time -> pose and rates).
+
+
+class Samples(NamedTuple):
+    """Motion at n times."""
+
+    tips: Array
+    """Tip and its first three time derivatives [m/s^k], shape (n, 4, 3)."""
+    axes: Array
+    """Unit tool axis and its first three time derivatives [1/s^k], shape (n, 4, 3)."""
+    rotations: Array
+    """Tool frames, third column the tool axis, shape (n, 3, 3)."""
+    spins: Array
+    """The tool's angular velocity, roll about its axis included, and its first two derivatives [rad/s^k], (n, 3, 3)."""
+
+
+class ScheduleIndex(NamedTuple):
+    """Where to find the pieces that matter at a time."""
+
+    first_pieces: NDArray[np.int64]
+    """First piece of each segment and, last, the number of pieces, shape (segments + 1,)."""
+    all_ended: Array
+    """When the segment and all before it have ended [s], shape (segments,)."""
+    none_begun: Array
+    """Until when neither the segment nor any after it has begun [s], shape (segments,)."""
+
+
+def index_schedule(chain: Chain, schedule: Schedule) -> ScheduleIndex:
+    """Find each segment's pieces; a segment without any is at its start for ever."""
+    first = np.searchsorted(schedule.segments, np.arange(len(chain.lengths) + 1))
+    begins, ends = np.full(len(chain.lengths), np.inf), np.full(len(chain.lengths), np.inf)
+    filled = np.flatnonzero(np.diff(first))
+    begins[filled] = schedule.starts[first[filled]]
+    last = first[filled + 1] - 1
+    ends[filled] = schedule.starts[last] + schedule.durations[last]
+    return ScheduleIndex(
+        first.astype(np.int64), np.maximum.accumulate(ends), np.minimum.accumulate(begins[::-1])[::-1].copy()
+    )
+
+
+def sample_schedule(chain: Chain, schedule: Schedule, times: Array) -> Samples:
+    """Pose and rates of the tool at times (before the start: at the first way point, after the end: at the last).
+
+    The composition is exact however many segments overlap: with A = exp(phi n) the angular velocity grows by
+    ``w -> n phi' + A w``, differentiated twice in closed form.
+
+    Args:
+        chain: The segments.
+        schedule: When they are passed.
+        times: [s], in any order, shape (n,).
+
+    Returns:
+        The motion.
+    """
+    times = np.ascontiguousarray(times, dtype=float)
+    n = len(times)
+    samples = Samples(np.empty((n, 4, 3)), np.empty((n, 4, 3)), np.empty((n, 3, 3)), np.empty((n, 3, 3)))
+    _sample_all(chain, schedule, index_schedule(chain, schedule), times, samples, np.empty(4))
+    return samples
+
+
+def turning(axes: Array) -> Array:
+    """Angular velocity of the tool axis without spin, o x o', and its first two derivatives.
+
+    Args:
+        axes: Axis and three derivatives, shape (n, 4, 3).
+
+    Returns:
+        [rad/s^k], shape (n, 3, 3).
+    """
+    o, o1, o2, o3 = (axes[:, k] for k in range(4))
+    return np.stack([np.cross(o, o1), np.cross(o, o2), np.cross(o1, o2) + np.cross(o, o3)], axis=1)
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _sample_all(
+    chain: Chain, schedule: Schedule, index: ScheduleIndex, times: Array, out: Samples, rates: Array
+) -> None:
+    for i in range(times.shape[0]):
+        sample_at(chain, schedule, index, times[i], out.tips[i], out.axes[i], out.rotations[i], out.spins[i], rates)
+
+
+@njit(cache=True, error_model="numpy")
+def sample_at(
+    chain: Chain,
+    schedule: Schedule,
+    index: ScheduleIndex,
+    time: float,
+    tip: Array,
+    axis: Array,
+    R: Array,
+    spin: Array,
+    rates: Array,
+) -> None:
+    """Write pose and rates at one time [s] into ``tip`` (4, 3), ``axis`` (4, 3), ``R`` (3, 3), ``spin`` (3, 3).
+
+    ``rates`` (4,) is room for the progress of one segment.
+    """
+    first = np.searchsorted(index.all_ended, time, side="right")
+    stop = max(first, np.searchsorted(index.none_begun, time, side="right"))
+    roll = roll_1 = roll_2 = roll_3 = 0.0
+    for i in range(3):
+        tip[0, i] = chain.tips[first, i]
+        for d in range(1, 4):
+            tip[d, i] = 0.0
+        for j in range(3):
+            R[i, j] = chain.rotations[first, i, j]
+            spin[i, j] = 0.0
+    for k in range(first, stop):
+        progress_at(schedule, index, k, time, rates)
+        for d in range(4):
+            for i in range(3):
+                tip[d, i] += rates[d] * chain.lengths[k] * chain.directions[k, i]
+        roll += rates[0] * chain.rolls[k]
+        roll_1 += rates[1] * chain.rolls[k]
+        roll_2 += rates[2] * chain.rolls[k]
+        roll_3 += rates[3] * chain.rolls[k]
+        if chain.angles[k] != 0.0:
+            turn_on(chain.turn_axes[k], chain.angles[k], rates, R, spin)
+    roll_on((roll, roll_1, roll_2, roll_3), R, spin, axis)
+
+
+@njit(cache=True, error_model="numpy")
+def roll_on(roll: tuple[float, float, float, float], R: Array, spin: Array, axis: Array) -> None:
+    """Put a roll, given with three derivatives, on frame ``R`` and its angular velocity; write ``axis`` (4, 3)."""
+    follow_axis(R, spin, axis)
+    for i in range(3):
+        spin[2, i] += roll[3] * axis[0, i] + 2.0 * roll[2] * axis[1, i] + roll[1] * axis[2, i]
+        spin[1, i] += roll[2] * axis[0, i] + roll[1] * axis[1, i]
+        spin[0, i] += roll[1] * axis[0, i]
+    cosine, sine = math.cos(roll[0]), math.sin(roll[0])
+    for i in range(3):
+        x, y = R[i, 0], R[i, 1]
+        R[i, 0], R[i, 1] = cosine * x + sine * y, cosine * y - sine * x
+
+
+@njit(cache=True, error_model="numpy")
+def tip_between(
+    chain: Chain, schedule: Schedule, index: ScheduleIndex, first: int, stop: int, time: float, tip: Array, room: Array
+) -> None:
+    """Write the tip [m], shape (3,), at a time [s] at which no segments but ``first`` to ``stop - 1`` are under way.
+
+    ``room`` (4,) is room to work.
+    """
+    for i in range(3):
+        tip[i] = chain.tips[first, i]
+    for k in range(first, stop):
+        progress_at(schedule, index, k, time, room)
+        way = room[0] * chain.lengths[k]
+        for i in range(3):
+            tip[i] += way * chain.directions[k, i]
+
+
+@njit(cache=True, error_model="numpy")
+def axis_between(
+    chain: Chain, schedule: Schedule, index: ScheduleIndex, first: int, stop: int, time: float, axis: Array, room: Array
+) -> None:
+    """Write the tool axis, shape (3,), likewise."""
+    for i in range(3):
+        axis[i] = chain.axes[first, i]
+    for k in range(first, stop):
+        if chain.angles[k] == 0.0:
+            continue
+        progress_at(schedule, index, k, time, room)
+        n, phi = chain.turn_axes[k], chain.angles[k] * room[0]
+        cosine, sine, rest = math.cos(phi), math.sin(phi), 2.0 * math.sin(0.5 * phi) ** 2
+        x, y, z = axis[0], axis[1], axis[2]
+        along = rest * (n[0] * x + n[1] * y + n[2] * z)
+        axis[0] = cosine * x + sine * (n[1] * z - n[2] * y) + along * n[0]
+        axis[1] = cosine * y + sine * (n[2] * x - n[0] * z) + along * n[1]
+        axis[2] = cosine * z + sine * (n[0] * y - n[1] * x) + along * n[2]
+
+
+@njit(cache=True, error_model="numpy")
+def progress_at(schedule: Schedule, index: ScheduleIndex, k: int, time: float, rates: Array) -> None:
+    """Write progress of segment ``k`` at a time [s] and its three derivatives into ``rates`` (4,)."""
+    begin, end = index.first_pieces[k], index.first_pieces[k + 1]
+    rates[0] = rates[1] = rates[2] = rates[3] = 0.0
+    if begin == end or time < schedule.starts[begin]:
+        return
+    piece = begin
+    while piece + 1 < end and time >= schedule.starts[piece + 1]:
+        piece += 1
+    t = time - schedule.starts[piece]
+    if piece + 1 == end and t >= schedule.durations[piece]:
+        rates[0] = 1.0
+        return
+    c0, c1, c2, c3 = schedule.coefficients[piece]
+    rates[0] = c0 + t * (c1 + t * (c2 + t * c3))
+    rates[1] = c1 + t * (2.0 * c2 + 3.0 * t * c3)
+    rates[2] = 2.0 * c2 + 6.0 * t * c3
+    rates[3] = 6.0 * c3
+
+
+@njit(cache=True, error_model="numpy")
+def turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> None:
+    """Put one more turn about ``n`` on the left of frame ``R`` and of its angular velocity and derivatives."""
+    phi, phi_1, phi_2, phi_3 = angle * rates[0], angle * rates[1], angle * rates[2], angle * rates[3]
+    cosine, sine = math.cos(phi), math.sin(phi)
+    rest = 2.0 * math.sin(0.5 * phi) ** 2
+    n0, n1, n2 = n[0], n[1], n[2]
+    for j in range(3):
+        x, y, z = R[0, j], R[1, j], R[2, j]
+        along = rest * (n0 * x + n1 * y + n2 * z)
+        R[0, j] = cosine * x + sine * (n1 * z - n2 * y) + along * n0
+        R[1, j] = cosine * y + sine * (n2 * x - n0 * z) + along * n1
+        R[2, j] = cosine * z + sine * (n0 * y - n1 * x) + along * n2
+    for j in range(3):
+        x, y, z = spin[j, 0], spin[j, 1], spin[j, 2]
+        along = rest * (n0 * x + n1 * y + n2 * z)
+        spin[j, 0] = cosine * x + sine * (n1 * z - n2 * y) + along * n0
+        spin[j, 1] = cosine * y + sine * (n2 * x - n0 * z) + along * n1
+        spin[j, 2] = cosine * z + sine * (n0 * y - n1 * x) + along * n2
+    # (A w)' = phi' n x A w + A w', and once more.
+    a0, a1, a2 = spin[0, 0], spin[0, 1], spin[0, 2]
+    b0, b1, b2 = spin[1, 0], spin[1, 1], spin[1, 2]
+    u0, u1, u2 = n1 * a2 - n2 * a1, n2 * a0 - n0 * a2, n0 * a1 - n1 * a0
+    d0, d1, d2 = phi_1 * u0 + 2.0 * b0, phi_1 * u1 + 2.0 * b1, phi_1 * u2 + 2.0 * b2
+    spin[2, 0] += n0 * phi_3 + phi_2 * u0 + phi_1 * (n1 * d2 - n2 * d1)
+    spin[2, 1] += n1 * phi_3 + phi_2 * u1 + phi_1 * (n2 * d0 - n0 * d2)
+    spin[2, 2] += n2 * phi_3 + phi_2 * u2 + phi_1 * (n0 * d1 - n1 * d0)
+    for i in range(3):
+        spin[1, i] += n[i] * phi_2
+        spin[0, i] += n[i] * phi_1
+    spin[1, 0] += phi_1 * u0
+    spin[1, 1] += phi_1 * u1
+    spin[1, 2] += phi_1 * u2
+
+
+@njit(cache=True, error_model="numpy")
+def follow_axis(R: Array, spin: Array, axis: Array) -> None:
+    """Axis and derivatives from the angular velocity w: o' = w x o and so on."""
+    for i in range(3):
+        axis[0, i] = R[i, 2]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        axis[1, i] = spin[0, j] * axis[0, k] - spin[0, k] * axis[0, j]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        axis[2, i] = (
+            spin[1, j] * axis[0, k] - spin[1, k] * axis[0, j] + spin[0, j] * axis[1, k] - spin[0, k] * axis[1, j]
+        )
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        axis[3, i] = (
+            spin[2, j] * axis[0, k]
+            - spin[2, k] * axis[0, j]
+            + 2.0 * (spin[1, j] * axis[1, k] - spin[1, k] * axis[1, j])
+            + spin[0, j] * axis[2, k]
+            - spin[0, k] * axis[2, j]
+        )

@@ -1,0 +1,322 @@
+"""How the tool comes to the part and leaves it: lead-in, lead-out, approach and retract (paper 1, 1.4, fig. 14)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.errors import place_in_mm
+from polish_sim.geometry import Surface
+from polish_sim.geometry.distance_field import signed_distances
+from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, rim_depths, way_out
+from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT, ToolPath, arc_length
+from polish_sim.spatial import unit
+
+Array = NDArray[np.float64]
+
+LEAD_SHARE = 1.0 / 3.0
+"""Height of the lead-in as a share of the clearance."""
+RAMP = np.radians(20.0)
+"""Angle of the tangent lead-in to the surface [rad]."""
+SPACING_M = 1e-3
+
+LeadShape = Callable[[float], Array]
+"""Maps a height [m] to points (distance back along the path, height above the part) [m], shape (n, 2), top first."""
+
+
+class Move(NamedTuple):
+    """A piece of the tool path in one segment."""
+
+    positions: Array
+    """Tool points [m], shape (n, 3)."""
+    axes: Array
+    """Unit tool axes, shape (n, 3)."""
+    segment: int
+    pass_index: NDArray[np.int64]
+
+
+def normal_lead(height: float) -> Array:
+    """Straight down along the tool axis: the tool never touches the part sideways."""
+    down = evenly(height, 0.0, height)
+    return np.stack([np.zeros_like(down), down], axis=1)
+
+
+def tangent_lead(height: float) -> Array:
+    """A shallow ramp along the path."""
+    down = evenly(height, 0.0, height / np.sin(RAMP))
+    return np.stack([down / np.tan(RAMP), down], axis=1)
+
+
+def arc_lead(height: float) -> Array:
+    """A quarter circle that ends along the path."""
+    angle = evenly(0.5 * np.pi, 0.0, 0.5 * np.pi * height)
+    return height * np.stack([np.sin(angle), 1.0 - np.cos(angle)], axis=1)
+
+
+LEADS: Final[Mapping[str, LeadShape]] = {"normal": normal_lead, "tangent": tangent_lead, "arc": arc_lead}
+
+
+def with_leads(
+    process: Move,
+    shape: LeadShape,
+    clearance: float,
+    shape_out: LeadShape | None = None,
+    clearance_out: float | None = None,
+) -> list[Move]:
+    """Put approach and lead-in before a process move and lead-out and retract after it.
+
+    Args:
+        process: Points in contact.
+        shape: How the tool lands.
+        clearance: Height of the first point, and of the last, above the part along the tool axis [m].
+        shape_out: How it leaves, mirrored; as it lands if not given.
+        clearance_out: Height of the last point [m]; that of the first if not given.
+
+    Returns:
+        The five moves in order.
+    """
+    lead_in, approach = landing(process, True, shape, clearance)
+    lead_out, retract = landing(process, False, shape_out or shape, clearance_out or clearance)
+    return [approach, lead_in, process, lead_out, retract]
+
+
+def landing(process: Move, at_start: bool, shape: LeadShape, clearance: float) -> tuple[Move, Move]:
+    """The lead at one end of a process move and the straight way above it, in the order they are walked.
+
+    Args:
+        process: Points in contact.
+        at_start: Whether the tool lands there; else it leaves.
+        shape: Shape of the lead.
+        clearance: Height of the furthest point above the part along the tool axis [m].
+
+    Returns:
+        The lead, which keeps the tool axis of its end, and the approach or retract.
+    """
+    height = LEAD_SHARE * clearance
+    profile = shape(height)[:-1]
+    rise = evenly(clearance, height, clearance - height)[:-1]
+    above = np.stack([np.full_like(rise, profile[0, 0]), rise], axis=1)
+    end, inner, codes = (0, 1, (LEAD_IN, APPROACH)) if at_start else (-1, -2, (LEAD_OUT, RETRACT))
+    axis = process.axes[end]
+    back = process.positions[end] - process.positions[inner]
+    back = unit(back - axis * (back @ axis))
+    moves = []
+    for points, code in ((profile, codes[0]), (above, codes[1])):
+        line = process.positions[end] + points[:, :1] * back + points[:, 1:] * axis
+        line = line if at_start else line[::-1]
+        turn = np.full(len(line), process.pass_index[end])
+        moves.append(Move(line, np.tile(axis, (len(line), 1)), code, turn))
+    return moves[0], moves[1]
+
+
+def process_move(positions: Array, axes: Array, pass_index: NDArray[np.int64]) -> Move:
+    """Points in contact as a move."""
+    return Move(positions, axes, PROCESS, pass_index)
+
+
+def concatenate(moves: Sequence[Move]) -> tuple[Array, Array, NDArray[np.int8], NDArray[np.int64]]:
+    """Positions, axes, segment codes and pass indices of all moves in a row."""
+    return (
+        np.concatenate([move.positions for move in moves]),
+        np.concatenate([move.axes for move in moves]),
+        np.concatenate([np.full(len(move.positions), move.segment, dtype=np.int8) for move in moves]),
+        np.concatenate([move.pass_index for move in moves]),
+    )
+
+
+def evenly(first: float, last: float, length: float) -> Array:
+    """Values from first to last, about `SPACING_M` apart over a length."""
+    return np.linspace(first, last, max(int(np.ceil(length / SPACING_M)), 2) + 1)
+
+
+# Which lead-in and lead-out a stroke gets: the one asked for where it keeps clear of the part (Move -> LeadShape).
+
+TOLERANCE_M = 2e-4
+"""On its lead the pad may stand this much deeper in the part than where it lands [m]."""
+APART_M = 3e-4
+"""On its lead the tool point keeps this far from the part, nearer to it half its height above where it lands [m]."""
+ROUNDING_M = 1e-9
+LOWER = (1.0, 0.5, 0.25, 0.12)
+"""Shares of the clearance from which a straight lead begins, tried in this order."""
+FURTHER = 14
+"""So many points further along are tried as the end of a stroke."""
+NEAR = 3
+"""So many of them only to keep the pad's rim clear."""
+LONGEST_CUT = 0.45
+"""No end of a stroke is shortened by more than this share of it."""
+
+
+class Remark(NamedTuple):
+    """Something the user should know, and where."""
+
+    what: str
+    place: Array
+    """[m], shape (3,)."""
+
+
+class Air(NamedTuple):
+    """What the lifted tool must keep clear of."""
+
+    part: Surface
+    """The whole part."""
+    pad_radius: float
+    """[m]; 0 looks at the tool point only."""
+    clearance: float
+    """Height of a lifted tool above the part along its axis [m]."""
+    up: Array
+    """Unit vector away from the table, shape (3,)."""
+
+
+class Landing(NamedTuple):
+    """How a stroke begins or ends."""
+
+    shape: LeadShape
+    clearance: float
+    """Height it begins from [m]."""
+    row: int
+    """Point of the stroke at which the tool lands or leaves."""
+    remark: Remark | None
+    """What is not as asked."""
+
+
+class ChosenLeads(NamedTuple):
+    """How a stroke begins and ends."""
+
+    start: Landing
+    end: Landing
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What is not as asked."""
+        return tuple(landing.remark for landing in self if landing.remark is not None)
+
+
+def choose_leads(process: Move, name: str, air: Air, stepover: float) -> ChosenLeads | None:
+    """Keep the lead asked for unless the pad would run into the part on it; then come straight along the axis.
+
+    A pad on a hollow already stands in the part with its rim where it presses, and next to a wall it does so on any
+    lead: a lead hits when the pad stands deeper on it, or on the straight way above it, than where it touches down.
+    Where even the straight lead hits, it begins lower; where that hits too, the stroke is shortened. The tool point
+    itself never enters the part, and it can always come from outside in a straight line.
+
+    Args:
+        process: Points in contact.
+        name: The lead asked for, one of `LEADS`.
+        air: What to keep clear of.
+        stepover: Steps in which a stroke is shortened [m].
+
+    Returns:
+        The leads; None if the tool can land on no part of the stroke, or leave from none.
+    """
+    ball = ball_around(air.part, air.clearance)
+    start, end = (_choose(process, at_start, name, air, ball, stepover) for at_start in (True, False))
+    if start is None or end is None or end.row - start.row < 1:
+        return None
+    return ChosenLeads(start, end)
+
+
+def _choose(process: Move, at_start: bool, name: str, air: Air, ball: Ball, stepover: float) -> Landing | None:
+    """The first landing that is clear: as asked, straight, from lower, further along; last with the pad in a wall."""
+    word = "lead-in" if at_start else "lead-out"
+    rows = _rows_along(process, at_start, stepover)
+    straight: list[tuple[LeadShape, float]] = [(normal_lead, share * air.clearance) for share in LOWER]
+    point_only = air._replace(pad_radius=0.0)
+    last = 0 if at_start else len(process.positions) - 1
+    tries: list[tuple[Air, list[tuple[LeadShape, float]], list[int], str]] = [
+        (air, [(LEADS[name], air.clearance)], [last], ""),
+        (air, straight[:1], [last], f"the {name} {word} would run into the part, it goes straight along the tool axis"),
+        (air, straight[1:], [last], f"there is no room for a {word} of the clearance asked for, it is lower"),
+        (air, straight, rows[:NEAR], f"a stroke is shortened to where its {word} is clear of the part"),
+        (point_only, straight, [last], f"even straight along the tool axis the pad runs into the part on the {word}"),
+        (point_only, straight, rows, f"a stroke is shortened to where its {word} is clear of the part"),
+    ]
+    for around, shapes, where, told in tries:
+        for row in where:
+            for shape, clearance in shapes:
+                cut = _from(process, at_start, row)
+                if _is_clear(cut, at_start, shape, clearance, around, ball):
+                    place = process.positions[last]
+                    return Landing(shape, clearance, row, Remark(told, place) if told else None)
+    return None
+
+
+def _rows_along(process: Move, at_start: bool, stepover: float) -> list[int]:
+    """Points of a stroke further and further from its end: half a step-over, then always half as far again."""
+    s = arc_length(process.positions)
+    away = 0.5 * stepover * 1.5 ** np.arange(FURTHER)
+    away = away[away < LONGEST_CUT * s[-1]]
+    rows = np.searchsorted(s, away) if at_start else np.searchsorted(s, s[-1] - away, side="right") - 1
+    return [int(row) for row in rows if 0 < row < len(s) - 1]
+
+
+def _from(process: Move, at_start: bool, row: int) -> Move:
+    """A stroke that begins or ends at one of its points."""
+    kept = np.s_[row:] if at_start else np.s_[: row + 1]
+    return process._replace(
+        positions=process.positions[kept], axes=process.axes[kept], pass_index=process.pass_index[kept]
+    )
+
+
+def _is_clear(process: Move, at_start: bool, shape: LeadShape, clearance: float, air: Air, ball: Ball) -> bool:
+    """Whether neither the lead nor the way out from it runs into the part."""
+    end = slice(0, 1) if at_start else slice(-1, None)
+    landed = float(rim_depths(air.part, process.positions[end], process.axes[end], air.pad_radius)[0])
+    lead, above = landing(process, at_start, shape, clearance)
+    line = np.concatenate([lead.positions, above.positions])
+    axes = np.concatenate([lead.axes, above.axes])
+    up = np.abs(((line - process.positions[end]) * process.axes[end]).sum(axis=1))
+    if (signed_distances(air.part, line) < np.minimum(0.5 * up, APART_M) - ROUNDING_M).any():
+        return False
+    if rim_depths(air.part, line, axes, air.pad_radius).max() > landed + TOLERANCE_M:
+        return False
+    top = above.positions[0 if at_start else -1]
+    kept = height_to_keep(air.part, top[None], air.clearance)
+    return way_out(air.part, ball, top, process.axes[end][0], air.up, kept) is not None
+
+
+def notes_of(remarks: Sequence[Remark]) -> tuple[str, ...]:
+    """Remarks as sentences: the same ones together, with the first place."""
+    places: dict[str, list[Array]] = {}
+    for remark in remarks:
+        places.setdefault(remark.what, []).append(remark.place)
+    out = []
+    for what, where in places.items():
+        more = f" and {len(where) - 1} more places" if len(where) > 1 else ""
+        out.append(f"{what}: at {place_in_mm(where[0])}{more}")
+    return tuple(out)
+
+
+# A path made elsewhere gets a way down to its first point if it has none (ToolPath -> ToolPath).
+
+
+def with_way_down(path: ToolPath, clearance: float) -> ToolPath:
+    """Let a path begin in the air: a tool that begins in contact cannot zero its force sensor.
+
+    Args:
+        path: The path.
+        clearance: Height of the first point above the part along the tool axis [m].
+
+    Returns:
+        The path; as it is if it begins in the air.
+    """
+    if not path.process[0]:
+        return path
+    first = slice(0, 2)
+    contact = process_move(path.positions_work[first], path.axes_work[first], path.pass_index[first])
+    lead, above = landing(contact, True, normal_lead, clearance)
+    positions, axes, segment, pass_index = concatenate([above, lead])
+    positions = np.concatenate([positions, path.positions_work])
+    before = (len(segment), 0)
+    return ToolPath(
+        positions,
+        np.concatenate([axes, path.axes_work]),
+        arc_length(positions),
+        np.concatenate([pass_index, path.pass_index]),
+        np.concatenate([segment, path.segment]),
+        np.pad(path.curvature, before, mode="edge"),
+        None if path.force is None else np.pad(path.force, before, mode="edge"),
+        None if path.feed is None else np.pad(path.feed, before, mode="edge"),
+    )

@@ -1,0 +1,260 @@
+"""Where the force loop breaks: margins and the border of stability, from the linear model and in the cell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from numpy.typing import NDArray
+
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, new_figure, styled
+from polish_sim.cell import Observer, Silent
+from polish_sim.config import Scenario
+from polish_sim.control import build_controller
+from polish_sim.control.loop_model import setup_of
+from polish_sim.control.margins import (
+    Margins,
+    force_loop,
+    longest_latency,
+    margins,
+    response_of,
+    share_latency,
+    with_springs,
+)
+from polish_sim.control.measured_law import MeasuredLaw, measure_law
+from polish_sim.scoring.force_bench import Bench, Border, Rest, build_bench, press
+
+Array = NDArray[np.float64]
+
+SCALES = (0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 3.5, 5.0)
+"""Of the springs, for the border in the cell [-]."""
+LATENCIES = (0.002, 0.005, 0.008, 0.014, 0.02, 0.03, 0.045, 0.06)
+"""Totals, for the border in the cell [s]."""
+FINE_SCALES = tuple(float(s) for s in np.geomspace(0.1, 10.0, 21))
+FINE_LATENCIES = tuple(0.001 * n for n in range(1, 121))
+ACCURACY = 1.02  # to which a gain margin is sought
+MOST_GAIN, MOST_DELAY_S = 64.0, 0.25
+
+
+class SimulatedMargins(NamedTuple):
+    """What the cell's loop really bears."""
+
+    gain: float
+    """[-]; infinite beyond ``MOST_GAIN``."""
+    gain_frequency: float
+    """Of the swing just beyond it [rad/s]."""
+    delay: float
+    """[s]; infinite beyond ``MOST_DELAY_S``."""
+    delay_frequency: float
+    """[rad/s]"""
+
+
+def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
+    """The force law of a scenario's controller made linear, settled on springs ``scale`` times as stiff as drawn."""
+    setup = setup_of(replace(scenario, head=replace(scenario.head, spring_scale=1.0)))
+    return measure_law(
+        build_controller(scenario.controller), with_springs(setup, scale), scenario.process.contact_force_n,
+        setup.stiffness,
+    )  # fmt: skip
+
+
+def analytic_margins(scenario: Scenario) -> Margins:
+    """Margins of a scenario's force loop by the linear model, the law settled on the scenario's springs."""
+    setup = setup_of(scenario)
+    law = linear_law_of(scenario, scenario.head.spring_scale)
+    return margins(response_of(force_loop(setup, law), setup.dt))
+
+
+def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) -> SimulatedMargins:
+    """Margins found in the cell, by making the loop louder or later until it no longer comes to rest.
+
+    Args:
+        scenario: An experiment ``force``.
+        bench: Its bench.
+        friction: Whether the joints have their Coulomb friction. The linear model has none; with it a loop also
+            counts as unstable when it keeps up a small swing.
+
+    Returns:
+        The margins and the frequencies at which the loop swings just beyond them.
+    """
+
+    def louder(gain: float) -> Rest:
+        return press(bench, scenario, gain, friction)
+
+    def later(factor: float) -> Rest:
+        delay = scenario.robot.command_latency_s + MOST_DELAY_S * math.log(factor) / math.log(MOST_GAIN)
+        late = replace(scenario, robot=replace(scenario.robot, command_latency_s=delay))
+        return press(bench, late, 1.0, friction)
+
+    gain, gain_rest = _seek(louder, ACCURACY)
+    factor, delay_rest = _seek(later, math.exp(0.001 * math.log(MOST_GAIN) / MOST_DELAY_S))
+    delay = MOST_DELAY_S * math.log(factor) / math.log(MOST_GAIN) if math.isfinite(factor) else math.inf
+    return SimulatedMargins(gain, gain_rest.frequency, delay, delay_rest.frequency)
+
+
+def _seek(run: Callable[[float], Rest], accuracy: float) -> tuple[float, Rest]:
+    """Largest factor from 1 to ``MOST_GAIN`` at which a run comes to rest, by halving, and the rest just beyond."""
+    low, high = 1.0, MOST_GAIN
+    beyond = run(high)
+    if beyond.resting:
+        return math.inf, beyond
+    while high / low > accuracy:
+        middle = math.sqrt(low * high)
+        rest = run(middle)
+        if rest.resting:
+            low = middle
+        else:
+            high, beyond = middle, rest
+    return math.sqrt(low * high), beyond
+
+
+def measure_border(
+    scenario: Scenario,
+    controllers: Sequence[str],
+    observer: Observer | None = None,
+    scales: Sequence[float] = SCALES,
+    latencies: Sequence[float] = LATENCIES,
+) -> Border:
+    """Stability over springs and latency, simulated and by the linear model, nothing retuned.
+
+    Args:
+        scenario: An experiment ``force``; its springs and latencies play no role.
+        controllers: Names, or FILE.py:CLASS.
+        observer: Told of the progress.
+        scales: Springs of head and pad by what plan and controller take them for, for the cell [-].
+        latencies: Totals, for the cell [s].
+
+    Returns:
+        The border.
+    """
+    observer = observer or Silent()
+    observer.stage("set up")
+    softest = replace(scenario, head=replace(scenario.head, spring_scale=min(scales)))
+    bench = build_bench(softest)
+    total, done = len(controllers) * len(scales) * len(latencies), 0
+    rests: dict[str, list[list[Rest]]] = {}
+    for name in controllers:
+        observer.stage(f"press, {name}")
+        rests[name] = []
+        for latency in latencies:
+            rests[name].append([press(bench, _at(scenario, name, scale, latency)) for scale in scales])
+            done += len(scales)
+            observer.progress(done, total)
+    lines = {name: border_line(scenario, name, FINE_SCALES) for name in controllers}
+    return Border(np.array(scales), np.array(latencies), rests, np.array(FINE_SCALES), lines)
+
+
+def border_line(scenario: Scenario, name: str, scales: Sequence[float]) -> Array:
+    """Latency up to which the linear model of a controller is stable [s], for each scale of the springs, shape (n,).
+
+    The law is the one that has settled on these springs at the scenario's latency; where it does not settle, the one
+    settled on the springs of the drawing.
+    """
+    drawn = _at(scenario, name, 1.0, scenario.sensor.latency_s + scenario.robot.command_latency_s)
+    setup, longest = setup_of(drawn), np.zeros(len(scales))
+    at_home = linear_law_of(drawn)
+    for k, scale in enumerate(scales):
+        law = linear_law_of(drawn, scale)
+        longest[k] = longest_latency(with_springs(setup, scale), law if law.settled else at_home, FINE_LATENCIES)
+    return longest
+
+
+def _at(scenario: Scenario, name: str, scale: float, latency: float) -> Scenario:
+    shared = share_latency(latency)
+    return replace(
+        scenario,
+        controller=replace(scenario.controller, name=name),
+        head=replace(scenario.head, spring_scale=scale),
+        sensor=replace(scenario.sensor, latency_s=shared.sensor),
+        robot=replace(scenario.robot, command_latency_s=shared.command),
+    )
+
+
+# The map of where a force loop is stable: springs over latency, model and cell.
+
+REACH = (2.0, 20.0, 0.2, 5.0)
+"""Latency [ms] and scale of the springs a controller should bear without retuning."""
+
+
+@styled
+def plot_border(border: Border) -> Figure:
+    """Draw, controller by controller, where the cell came to rest and where the linear model says it should.
+
+    Args:
+        border: The map.
+
+    Returns:
+        The figure.
+    """
+    names = list(border.rests)
+    figure = new_figure(1.2 + 3.4 * len(names), 4.6)
+    panels = figure.subplots(1, len(names), sharex=True, sharey=True, squeeze=False)[0]
+    for axes, name in zip(panels, names, strict=True):
+        _draw_line(axes, border, name)
+        _draw_runs(axes, border, name)
+        _draw_reach(axes)
+        axes.set_title(f"{name}: {_count(border, name)} stable", fontsize=9.5)
+        axes.set_xlabel("latency, sensor and command [ms]")
+    panels[0].set_ylabel("springs by what the plan takes them for [-]")
+    _scale(panels[0], border)
+    figure.suptitle("Where the force loop breaks, nothing retuned", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3 if len(panels) < 3 else 6)
+    return figure
+
+
+def _draw_line(axes: Axes, border: Border, name: str) -> None:
+    top = 2e3 * float(border.latencies.max())
+    latest = np.minimum(1e3 * border.lines[name], top)
+    axes.fill_betweenx(border.line_scales, latest, top, color=ORANGE, alpha=0.10, lw=0, label="unstable by the model")
+    axes.plot(np.where(latest < top, latest, np.nan), border.line_scales, color=BLUE, lw=1.6, label="border, model")
+
+
+def _draw_runs(axes: Axes, border: Border, name: str) -> None:
+    runs = [
+        (1e3 * latency, scale, _kind(rest))
+        for latency, row in zip(border.latencies, border.rests[name], strict=True)
+        for scale, rest in zip(border.scales, row, strict=True)
+    ]
+    for kind, (label, marker, color) in _LOOKS.items():
+        points = np.array([run[:2] for run in runs if run[2] == kind]).reshape(-1, 2)
+        axes.plot(points[:, 0], points[:, 1], ls="", marker=marker, color=color, ms=5.0, mew=1.4, label=label)
+
+
+_LOOKS = {
+    "rest": ("cell: at rest", "o", GREEN),
+    "swing": ("cell: swings by less than ±2 N", "d", YELLOW),
+    "unstable": ("cell: unstable", "x", ORANGE),
+}
+
+
+def _kind(rest: Rest) -> str:
+    return "rest" if rest.resting else "swing" if rest.stable else "unstable"
+
+
+def _draw_reach(axes: Axes) -> None:
+    first, last, low, high = REACH
+    axes.add_patch(
+        Rectangle((first, low), last - first, high - low, fill=False, ls=":", lw=1.2, ec=GREY, label="reach")
+    )
+
+
+def _scale(axes: Axes, border: Border) -> None:
+    axes.set_yscale("log")
+    axes.set_ylim(border.line_scales.min(), border.line_scales.max())
+    axes.set_xlim(0.0, 1.08e3 * float(border.latencies.max()))
+    axes.yaxis.set_major_locator(FixedLocator([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0]))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _count(border: Border, name: str) -> str:
+    rests = [rest for row in border.rests[name] for rest in row]
+    return f"{sum(rest.stable for rest in rests)} of {len(rests)} runs"

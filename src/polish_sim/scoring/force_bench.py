@@ -1,0 +1,170 @@
+"""A quiet bench for the force loop: the tool pressed on a plane, no noise, to see whether the loop comes to rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.analysis.metrics import PROCESS
+from polish_sim.cell import RealPart
+from polish_sim.config import Scenario
+from polish_sim.control import Controller, Course, Measurement, Target, build_controller
+from polish_sim.experiments.assembly import Workplace, build_cell, build_part
+from polish_sim.experiments.force import place_force
+from polish_sim.experiments.part_setup import reach_path
+from polish_sim.scenario_file import override
+from polish_sim.scoring.figures import LARGEST_OSCILLATION, LEAST_ALLOWED_N
+
+# Whether a force loop has come to rest, and the map of where it does.
+
+Array = NDArray[np.float64]
+
+AT_REST_N = 0.05
+"""Swing of the force, peak to peak, below which the loop is at rest [N]."""
+DYING = 0.9
+"""A swing that shrinks by this factor in a window is dying away [-]."""
+WINDOW_S = 0.8
+
+
+class Rest(NamedTuple):
+    """How a loop ended."""
+
+    resting: bool
+    """No swing, or one that dies away."""
+    stable: bool
+    """Resting, or a swing as small as the scorecard allows: friction of the joints can keep a small one up."""
+    swing: float
+    """Of the exact force, peak to peak in the last window [N]."""
+    frequency: float
+    """Of that swing [rad/s]."""
+    offset: float
+    """Mean force less the wanted one in the last window [N]."""
+
+
+class Border(NamedTuple):
+    """Stability over springs and latency, controller by controller."""
+
+    scales: Array
+    """Springs of head and pad by what plan and controller take them for, in the cell [-], shape (n,)."""
+    latencies: Array
+    """Sensor and command together, in the cell [s], shape (m,)."""
+    rests: dict[str, list[list[Rest]]]
+    """How each run ended, by controller, latency and scale."""
+    line_scales: Array
+    """Springs, for the linear model [-], shape (k,)."""
+    lines: dict[str, Array]
+    """Latency up to which the linear model is stable [s], by controller, shape (k,); infinite where it always is."""
+
+
+def judge_rest(force: Array, wanted: float, dt: float) -> Rest:
+    """Whether a force held constant has come to rest, from its last two windows.
+
+    Args:
+        force: Exact force of the hold at every step [N], shape (n,); too short a hold is not at rest.
+        wanted: Force wanted [N].
+        dt: Physics step [s].
+
+    Returns:
+        How it ended.
+    """
+    rows = round(WINDOW_S / dt)
+    if len(force) < 2 * rows:
+        return Rest(False, False, math.inf, math.nan, math.nan)
+    before, last = force[-2 * rows : -rows], force[-rows:]
+    swing, earlier = float(np.ptp(last)), float(np.ptp(before))
+    spectrum = np.abs(np.fft.rfft((last - last.mean()) * np.hanning(rows), 8 * rows))
+    frequency = 2.0 * math.pi * float(np.argmax(spectrum)) / (8 * rows * dt)
+    resting = swing < AT_REST_N or swing < DYING * earlier
+    allowed = 2.0 * max(LEAST_ALLOWED_N, LARGEST_OSCILLATION * wanted)
+    return Rest(resting, resting or swing <= allowed, swing, frequency, float(last.mean()) - wanted)
+
+
+QUIET = (
+    "part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0", "spindle.speed_rpm=0",
+    "sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_drift_n_s=0", "sensor.torque_drift_nm_s=0",
+    "sensor.force_quantum_n=0", "sensor.torque_quantum_nm=0",
+)  # fmt: skip
+START_HEIGHT = 0.002  # of the tool above the part [m]
+APPROACH_SPEED = 0.004  # [m/s]
+FORCE_LIMIT_N = 90.0
+
+
+class Bench(NamedTuple):
+    """The part and the way down to it, for many cells."""
+
+    place: Workplace
+    part: RealPart
+
+
+def quiet(scenario: Scenario) -> Scenario:
+    """A scenario of ``force`` without noise, on the part as drawn, come down to slowly; forces stop nothing early."""
+    calm = override(scenario, list(QUIET))
+    return replace(
+        calm,
+        process=replace(calm.process, approach_speed_m_s=APPROACH_SPEED),
+        safety=replace(calm.safety, force_limit_n=FORCE_LIMIT_N),
+    )
+
+
+def build_bench(scenario: Scenario) -> Bench:
+    """Place the part of a scenario, for cells that differ in latencies and controllers, and in no softer springs."""
+    calm = quiet(scenario)
+    place = place_force(calm)
+    low = place.path.positions_work.copy()
+    low[0] = low[1] + START_HEIGHT * place.path.axes_work[1]
+    path = replace(place.path, positions_work=low, s=np.array([0.0, START_HEIGHT]))
+    place = replace(place, path=path, reach=reach_path(calm, place.mesh, path))
+    return Bench(place, build_part(calm, place))
+
+
+class LouderLaw:
+    """A controller whose answer along the tool axis is multiplied while it presses: the loop's gain, at its input."""
+
+    def __init__(self, controller: Controller, gain: float) -> None:
+        self._controller, self._gain = controller, gain
+
+    def prepare(self, course: Course) -> None:
+        """Pass on what lies ahead, to a controller that prepares for it."""
+        prepare = getattr(self._controller, "prepare", None)
+        if callable(prepare):
+            prepare(course)
+
+    def reset(self, cycle_s: float) -> None:
+        """Forget everything."""
+        self._controller.reset(cycle_s)
+
+    def step(self, measurement: Measurement, target: Target) -> Array:
+        """The controller's answer, louder along the tool axis."""
+        answer = np.array(self._controller.step(measurement, target))
+        if target.contact[0]:
+            z = measurement.rotation[:, 2]
+            answer[:3] += (self._gain - 1.0) * (z @ answer[:3]) * z
+        return answer
+
+
+def press(bench: Bench, scenario: Scenario, gain: float = 1.0, friction: bool = True) -> Rest:
+    """Press on the part, hold, and see whether the force comes to rest.
+
+    Args:
+        bench: Part and path, see ``build_bench``.
+        scenario: The scenario; noise and part errors are taken out.
+        gain: Factor on the controller's answer along the tool axis.
+        friction: Whether the joints have their Coulomb friction; without it the loop is linear but for its limits.
+
+    Returns:
+        How it ended; a protective stop counts as unstable.
+    """
+    calm = quiet(scenario)
+    cell = build_cell(calm, bench.place, bench.part, calm.process.hold_s, lift=0.0)
+    if not friction:
+        cell.model.dof_frictionloss[:] = 0.0
+    if gain != 1.0:
+        cell.use_controller(LouderLaw(build_controller(calm.controller), gain))
+    trace = cell.run().trace
+    held = trace.normal_force_n[trace.phase == PROCESS]
+    whole = len(held) >= round(calm.process.hold_s / calm.simulation.timestep_s) - 1
+    return judge_rest(held if whole else held[:0], calm.process.contact_force_n, calm.simulation.timestep_s)

@@ -1,0 +1,150 @@
+"""A score in one figure: every run a dot, every case a line, controllers side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from polish_sim.analysis.style import GREEN, GREY, SERIES, new_figure, styled
+
+
+class Limit(NamedTuple):
+    """The largest value asked of a figure in a case."""
+
+    case: str
+    figure: str
+    most: float
+
+
+class _Panel(NamedTuple):
+    figure: str
+    label: str
+    least: float
+    """Smaller values are drawn here: the axis is logarithmic."""
+
+
+PANELS: Final = (
+    _Panel("settling_1n_s", "settling to ±1 N [s]", 0.05),
+    _Panel("rms_error_n", "RMS error [N]", 0.02),
+    _Panel("max_error_n", "largest error [N]", 0.1),
+    _Panel("overshoot_n", "overshoot [N]", 0.02),
+)
+_ROW_INCH: Final = 0.27
+_WORTH_A_NAME: Final = 1.2
+_FAR: Final = 4.0
+
+
+@styled
+def plot_score(rows: Sequence[Mapping[str, Any]], cases: Mapping[str, bool], limits: Sequence[Limit] = ()) -> Figure:
+    """Draw settling, RMS and largest error and overshoot of every run.
+
+    Args:
+        rows: Rows of the score.
+        cases: Names of the cases, from top to bottom, and whether the tool is fed along a path in them.
+        limits: What is asked.
+
+    Returns:
+        The figure; a run that is not stable is a cross, one whose figure is undefined stands at the right border.
+    """
+    labels = list(dict.fromkeys(row["controller"] for row in rows))
+    figure = new_figure(12.0, 1.5 + _ROW_INCH * len(cases) * (1.0 if len(labels) < 3 else 1.3))
+    panels = figure.subplots(1, len(PANELS), sharey=True)
+    for axes, panel in zip(panels, PANELS, strict=True):
+        own = [row for row in rows if row["case"] in cases]
+        if panel.figure == "settling_1n_s":  # not defined along a path
+            own = [row for row in own if not cases[row["case"]]]
+        _draw_panel(axes, panel, own, list(cases), labels)
+        _draw_limits(axes, panel, list(cases), limits)
+    panels[0].set_yticks(range(len(cases)), list(cases))
+    panels[0].set_ylim(len(cases) - 0.4, -0.6)
+    figure.suptitle(f"Score: {' and '.join(labels)}", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    figure.legend(handles=_legend(labels, bool(limits)), loc="outside lower center", ncols=len(labels) + 3)
+    return figure
+
+
+@styled
+def plot_ablation(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
+    """Draw how much figures grow when a law is left out.
+
+    Args:
+        ratios: The figure without the law by the figure with it, by law, figure and case.
+
+    Returns:
+        The figure: every case a dot, right of 1 where the law helps; the case that grows most is named.
+    """
+    laws = list(ratios)
+    figure = new_figure(12.0, 1.4 + 0.5 * len(laws))
+    panels = figure.subplots(1, len(PANELS), sharey=True)
+    for axes, panel in zip(panels, PANELS, strict=True):
+        axes.set_xscale("log")
+        axes.axvline(1.0, color=GREEN, lw=1.2, zorder=1)
+        for y, law in enumerate(laws):
+            _draw_ratios(axes, y, ratios[law].get(panel.figure, {}))
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel(f"{panel.label.partition(' [')[0]}, without / with")
+    panels[0].set_yticks(range(len(laws)), laws)
+    panels[0].set_ylim(len(laws) - 0.4, -0.6)
+    figure.suptitle("What each law is worth: it is left out", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    return figure
+
+
+def _draw_ratios(axes: Axes, y: int, by_case: Mapping[str, float]) -> None:
+    axes.plot(list(by_case.values()), [y] * len(by_case), "o", ms=3.6, color=SERIES[0], alpha=0.6)
+    if by_case and max(by_case.values()) > _WORTH_A_NAME:
+        case = max(by_case, key=lambda name: by_case[name])
+        # A name stands towards the middle of the panel.
+        side = "left" if by_case[case] < _FAR else "right"
+        axes.annotate(
+            case, (by_case[case], y), xytext=(0, 5), textcoords="offset points", ha=side, fontsize=7.0, color=GREY
+        )
+
+
+def _draw_panel(
+    axes: Axes, panel: _Panel, rows: Sequence[Mapping[str, Any]], cases: Sequence[str], labels: Sequence[str]
+) -> None:
+    known = [float(row[panel.figure]) for row in rows if row[panel.figure] is not None]
+    right = 1.6 * max([*known, 10.0 * panel.least])
+    axes.set_xscale("log")
+    axes.set_xlim(0.8 * panel.least, 1.4 * right)
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel(panel.label)
+    axes.grid(axis="y", visible=False)
+    for index in range(0, len(cases), 2):
+        axes.axhspan(index - 0.5, index + 0.5, color="#F4F4F4", lw=0, zorder=0)
+    for row in rows:
+        value = row[panel.figure]
+        place = labels.index(row["controller"])
+        y = cases.index(row["case"]) + _offset(place, len(labels))
+        x = right if value is None else max(float(value), panel.least)
+        marker = "o" if row["stable"] else "x"
+        axes.plot(x, y, marker, ms=3.6, color=SERIES[place % len(SERIES)], alpha=0.75, mew=1.1)
+
+
+def _draw_limits(axes: Axes, panel: _Panel, cases: Sequence[str], limits: Sequence[Limit]) -> None:
+    for limit in limits:
+        if limit.figure == panel.figure and limit.case in cases:
+            y = cases.index(limit.case)
+            axes.plot([limit.most] * 2, [y - 0.45, y + 0.45], color=GREEN, lw=1.8, zorder=1)
+
+
+def _offset(place: int, count: int) -> float:
+    return 0.0 if count == 1 else float(np.linspace(-0.2, 0.2, count)[place])
+
+
+def _legend(labels: Sequence[str], limits: bool) -> list[Line2D]:
+    marks = [
+        Line2D([], [], marker="o", ls="", ms=4, color=SERIES[i % len(SERIES)], label=label)
+        for i, label in enumerate(labels)
+    ]
+    marks.append(Line2D([], [], marker="x", ls="", ms=4, color=GREY, label="not stable (right border: no figure)"))
+    if limits:
+        marks.append(Line2D([], [], color=GREEN, lw=1.8, label="asked"))
+    return marks

@@ -1,0 +1,332 @@
+"""A smoothed motion in figures: times, peaks beside limits, deviations, and where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.analysis.claim import PATH_DONE, Claim
+from polish_sim.exchange import WayPoints
+from polish_sim.motion.joint_motion import joint_motion
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.deviation import Deviation, Place, measure_deviation, raw_places
+from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits
+from polish_sim.motion.rules.schedule import Samples, Schedule, index_schedule, sample_schedule, turning
+
+# The largest speed, acceleration and jerk of a smoothed motion, tool and joints, and where they are.
+
+Array = NDArray[np.float64]
+
+ORDERS: Final = ("speed", "acceleration", "jerk")
+EDGE: Final = 1e-7
+"""Share of a stretch that is kept from its ends, where the jerk jumps."""
+NODES, STEP_S = 5, 0.01
+"""Samples in a stretch of constant tip jerk: so many at least, and one in so much time."""
+MANY, FEWEST = 200_000, 2
+"""In a motion of more stretches than this only their ends are looked at, and one sample in so much time."""
+SHORTEST_S = 1e-9
+"""A shorter stretch is left over by rounding where pieces meet, and none [s]."""
+BLOCK = 100_000
+
+
+class Peak(NamedTuple):
+    """One largest value."""
+
+    value: float
+    """SI."""
+    time: float
+    """[s]."""
+
+
+class MotionPeaks(NamedTuple):
+    """Largest values of a motion; each a row of speed, acceleration, jerk."""
+
+    tip: tuple[Peak, ...]
+    """Norms of the tip's derivatives [m/s..]."""
+    axis: tuple[Peak, ...]
+    """Norms of the axis' angular velocity without spin and its derivatives [rad/s..]."""
+    joints: tuple[tuple[Peak, ...], ...]
+    """Of each order the six joints, without sign [rad/s..]; empty without a robot."""
+
+
+class Motion(NamedTuple):
+    """A motion at n times."""
+
+    times: Array
+    """[s], shape (n,)."""
+    tool: Samples
+    q: Array
+    """Joint angles and three derivatives in time [rad/s^k], shape (4, n, 6); none without a robot: (4, n, 0)."""
+
+    @property
+    def tip_rates(self) -> Array:
+        """Norms of the tip's first three derivatives [m/s..], shape (3, n)."""
+        return np.linalg.norm(self.tool.tips[:, 1:], axis=2).T
+
+    @property
+    def axis_rates(self) -> Array:
+        """Norms of the axis' angular velocity without spin and its derivatives [rad/s..], shape (3, n)."""
+        return np.linalg.norm(turning(self.tool.axes), axis=2).T
+
+
+def sample_motion(chain: Chain, schedule: Schedule, times: Array, arm: Arm | None) -> Motion:
+    """Tool and joints at times.
+
+    Args:
+        chain: The segments, work frame.
+        schedule: When they are passed.
+        times: [s], rising, dense enough for the arm to be followed, shape (n,).
+        arm: The robot; None for the tool alone.
+
+    Returns:
+        The motion, exact at every sample.
+
+    Raises:
+        ReachError: The arm cannot be there, or only singularly; names the place.
+    """
+    tool = sample_schedule(chain, schedule, times)
+    if arm is None:
+        return Motion(times, tool, np.empty((4, len(times), 0)))
+    linear, angular = np.moveaxis(tool.tips[:, 1:], 1, 0), np.moveaxis(tool.spins, 1, 0)
+    q = joint_motion(np.ascontiguousarray(tool.tips[:, 0]), tool.rotations, linear, angular, arm)
+    return Motion(times, tool, np.stack(q))
+
+
+def sample_in_blocks(chain: Chain, schedule: Schedule, times: Iterator[Array], arm: Arm | None) -> Iterator[Motion]:
+    """`sample_motion` block by block, so that long motions need little memory; each begins where the last ended."""
+    for block in times:
+        motion = sample_motion(chain, schedule, block, arm)
+        yield motion
+        arm = None if arm is None else arm._replace(q_start=motion.q[0, -1].copy())
+
+
+def stretch_times(schedule: Schedule) -> Iterator[Array]:
+    """Times in every stretch in which the tip's jerk is constant, blocks of rising times.
+
+    Within a stretch the tip's acceleration is linear and largest at an end; joint rates are smooth.
+    """
+    edges = np.unique(np.concatenate([schedule.starts, schedule.starts + schedule.durations, [0.0, schedule.end]]))
+    edges = edges[(edges >= 0.0) & (edges <= schedule.end)]
+    widths = np.diff(edges)
+    begins, widths = edges[:-1][widths > SHORTEST_S], widths[widths > SHORTEST_S]
+    least = NODES if len(widths) <= MANY else FEWEST
+    counts = np.maximum(least, np.ceil(widths / STEP_S).astype(np.int64) + 1)
+    filled = np.cumsum(counts)
+    first = 0
+    while first < len(counts):
+        past = max(int(np.searchsorted(filled, (filled[first - 1] if first else 0) + BLOCK)), first + 1)
+        yield _nodes(begins[first:past], widths[first:past], counts[first:past])
+        first = past
+
+
+def _nodes(begins: Array, widths: Array, counts: NDArray[np.int64]) -> Array:
+    """Evenly spread times in each stretch, its ends all but included."""
+    k = np.repeat(np.arange(len(counts)), counts)
+    place = np.arange(len(k)) - (np.cumsum(counts) - counts)[k]
+    # Never on the edge itself, where rounding would let pieces overlap.
+    edge = np.maximum(EDGE * widths, 8.0 * np.spacing(begins + widths))[k]
+    return begins[k] + edge + (widths[k] - 2.0 * edge) * place / (counts[k] - 1)
+
+
+def find_peaks(chain: Chain, schedule: Schedule, arm: Arm | None) -> MotionPeaks:
+    """Measure a motion, at both ends of every stretch of constant tip jerk and between them.
+
+    Args:
+        chain: The segments, work frame.
+        schedule: When they are passed.
+        arm: The robot; None for the tool alone.
+
+    Returns:
+        The peaks.
+
+    Raises:
+        ReachError: The arm cannot be there.
+    """
+    columns = 2 if arm is None else 8
+    best, at = np.full((3, columns), -1.0), np.zeros((3, columns))
+    for motion in sample_in_blocks(chain, schedule, stretch_times(schedule), arm):
+        rates = np.concatenate(
+            [motion.tip_rates[:, :, None], motion.axis_rates[:, :, None], np.abs(motion.q[1:])], axis=2
+        )
+        row = rates.argmax(axis=1)
+        value = np.take_along_axis(rates, row[:, None], axis=1)[:, 0]
+        better = value > best
+        best, at = np.where(better, value, best), np.where(better, motion.times[row], at)
+    peaks = [[Peak(float(best[d, c]), float(at[d, c])) for c in range(columns)] for d in range(3)]
+    joints = tuple(tuple(row[2:]) for row in peaks) if arm is not None else ()
+    return MotionPeaks(tuple(row[0] for row in peaks), tuple(row[1] for row in peaks), joints)
+
+
+Locate = Callable[[float], dict[str, Any]]
+"""Says where the tool is at a time [s]."""
+
+UNITS: Final = {"tip": ("m_s", "m_s2", "m_s3"), "axis": ("rad_s", "rad_s2", "rad_s3")}
+
+
+class Measured(NamedTuple):
+    """A smoothed motion with all that is measured on it."""
+
+    rule: str
+    chain: Chain
+    """The segments the schedule passes, work frame."""
+    schedule: Schedule
+    peaks: MotionPeaks
+    deviation: Deviation
+    limits: SmoothingLimits
+    plan_s: float
+    """Time the rule took [s]."""
+
+
+def measure_smoothing(
+    rule: str, chain: Chain, schedule: Schedule, raw: Chain, arm: Arm | None, limits: SmoothingLimits, plan_s: float
+) -> Measured:
+    """Measure a motion against its path.
+
+    Args:
+        rule: What planned it.
+        chain: The segments the schedule passes.
+        schedule: When they are passed.
+        raw: The path as given.
+        arm: The robot, if any.
+        limits: What the motion was to keep to.
+        plan_s: Time the rule took [s].
+
+    Raises:
+        ReachError: The arm cannot follow.
+    """
+    deviation = measure_deviation(chain, schedule, raw)
+    return Measured(rule, chain, schedule, find_peaks(chain, schedule, arm), deviation, limits, plan_s)
+
+
+def smoothing_figures(motion: Measured, raw: Chain, points: WayPoints, rows: NDArray[np.int64]) -> dict[str, Any]:
+    """The figures of metrics.json (names: the contract's).
+
+    Args:
+        motion: What was measured.
+        raw: The path.
+        points: The file it was read from.
+        rows: The file's row of each way point, shape (segments + 1,).
+    """
+    segments = len(raw.lengths)
+    deviation, locate = motion.deviation, locator(motion, raw, points, rows)
+    return {
+        "rule": motion.rule,
+        "segments": segments,
+        "segments_planned": len(motion.chain.lengths),
+        "path_length_m": float(raw.lengths.sum()),
+        "axis_turn_rad": float(raw.angles.sum()),
+        "cycle_time_s": motion.schedule.end,
+        "tip_deviation_vertex_max_m": deviation.vertex.value,
+        "tip_deviation_contour_max_m": deviation.contour.value,
+        "axis_deviation_max_rad": deviation.axis.value,
+        **ratio_figures(motion.peaks, motion.limits.values()),
+        "segments_per_s": segments / motion.plan_s,
+        "plan_time_s": motion.plan_s,
+        "deviations": {
+            "vertex": _deviation(deviation.vertex, "m", locate),
+            "contour": _deviation(deviation.contour, "m", locate),
+            "axis": _deviation(deviation.axis, "rad", locate),
+        },
+        "peaks": peak_figures(motion.peaks, motion.limits.values(), locate),
+    }
+
+
+def locator(motion: Measured, raw: Chain, points: WayPoints, rows: NDArray[np.int64]) -> Locate:
+    """Say where the tool is at a time: the tip, and the way point it has left, by its place in the file."""
+    index, places = index_schedule(motion.chain, motion.schedule), raw_places(motion.chain, raw)
+
+    def locate(time: float) -> dict[str, Any]:
+        begun = max(int(np.searchsorted(index.none_begun, time, side="right")) - 1, 0)
+        tip = sample_schedule(motion.chain, motion.schedule, np.array([time])).tips[0, 0]
+        return {"tip_m": tip, "after": points.place(int(rows[places[min(begun, len(places) - 1)]]))}
+
+    return locate
+
+
+def ratio_figures(peaks: MotionPeaks, limits: LimitValues) -> dict[str, Any]:
+    """Peak / limit of tool tip, tool axis and joints; of the joints the worst, null without a robot."""
+    figures: dict[str, Any] = {}
+    for order, name in enumerate(ORDERS):
+        figures[f"tool_{name}_ratio_max"] = peaks.tip[order].value / tip_limits(limits)[order]
+        figures[f"axis_{name}_ratio_max"] = peaks.axis[order].value / axis_limits(limits)[order]
+        joints = peaks.joints[order] if peaks.joints else ()
+        ratios = [peak.value / limits.joint[order, j] for j, peak in enumerate(joints)]
+        figures[f"joint_{name}_ratio_max"] = max(ratios) if ratios else None
+    return figures
+
+
+def peak_figures(peaks: MotionPeaks, limits: LimitValues, locate: Locate) -> dict[str, Any]:
+    """Every peak with its limit, time and place: ``tip_speed``, ..., ``joint_6_jerk``."""
+    figures: dict[str, Any] = {}
+    for order, name in enumerate(ORDERS):
+        tip, axis = tip_limits(limits)[order], axis_limits(limits)[order]
+        figures[f"tip_{name}"] = _peak(peaks.tip[order], tip, UNITS["tip"][order], locate)
+        figures[f"axis_{name}"] = _peak(peaks.axis[order], axis, UNITS["axis"][order], locate)
+        for j, peak in enumerate(peaks.joints[order] if peaks.joints else ()):
+            limit = float(limits.joint[order, j])
+            figures[f"joint_{j + 1}_{name}"] = _peak(peak, limit, UNITS["axis"][order], locate)
+    return figures
+
+
+def tip_limits(limits: LimitValues) -> tuple[float, float, float]:
+    """Speed, acceleration and jerk of the tip [m/s..]."""
+    return limits.tip_speed, limits.tip_acceleration, limits.tip_jerk
+
+
+def axis_limits(limits: LimitValues) -> tuple[float, float, float]:
+    """Speed, acceleration and jerk of the tool axis [rad/s..]."""
+    return limits.axis_speed, limits.axis_acceleration, limits.axis_jerk
+
+
+def _peak(peak: Peak, limit: float, unit: str, locate: Locate) -> dict[str, Any]:
+    values = {f"value_{unit}": peak.value, f"limit_{unit}": limit, "ratio": peak.value / limit, "time_s": peak.time}
+    return values | locate(peak.time)
+
+
+def _deviation(place: Place, unit: str, locate: Locate) -> dict[str, Any]:
+    return {f"value_{unit}": place.value, "time_s": place.time} | locate(place.time)
+
+
+# What is asked of the rules of smoothing, side by side.
+
+SMOOTH: Final[Mapping[str, tuple[Claim, ...]]] = {
+    "smooth": (
+        Claim(
+            "certified_reduction_largest",
+            "certified: error less at a jerk peak, largest",
+            "%",
+            100.0,
+            "14.57",
+            low=0.1457,
+            more_is_better=True,
+        ),
+        Claim("certified_reduction_median", "  median of the peaks", "%", 100.0, more_is_better=True),
+        Claim("certified_rise_largest", "  largest rise at one", "%", 100.0),
+        Claim(
+            "certified_reduction_largest_at_equal_time",
+            "  largest, equal cycle times",
+            "%",
+            100.0,
+            more_is_better=True,
+        ),
+        Claim(
+            "certified_reduction_median_at_equal_time",
+            "  median, equal cycle times",
+            "%",
+            100.0,
+            more_is_better=True,
+        ),
+        Claim("joint_jerk_reduction_largest", "joint-jerk: largest", "%", 100.0, "14.57", more_is_better=True),
+        Claim("joint_jerk_reduction_median", "  median of the peaks", "%", 100.0, more_is_better=True),
+        Claim("certified_joint_jerk_ratio_max", "certified: joint jerk / limit", "", 1.0, high=1.0 + 1e-9),
+        Claim("joint_jerk_joint_jerk_ratio_max", "joint-jerk: joint jerk / limit", "", 1.0, "< 1"),
+        Claim("joint_acceleration_joint_jerk_ratio_max", "joint-acceleration: joint jerk / limit", "", 1.0, "> 1"),
+        Claim("certified_cycle_time_s", "certified: cycle time", "s", 1.0),
+        Claim("joint_jerk_cycle_time_s", "joint-jerk: cycle time", "s", 1.0, "13.215"),
+        Claim("joint_acceleration_cycle_time_s", "joint-acceleration: cycle time", "s", 1.0, "13.169"),
+        PATH_DONE,
+    ),
+}

@@ -1,0 +1,249 @@
+"""Where a path to be smoothed lies before the robot, and its way points as a chain."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.cell import tool_on_flange
+from polish_sim.errors import PolishSimError, ReachError, SmoothingError, place_in_mm, unknown_name
+from polish_sim.exchange import WayPoints
+from polish_sim.experiments.placement import (
+    Reach,
+    default_placements,
+    failure_of,
+    find_reach,
+    given_placement,
+    tool_rotations,
+)
+from polish_sim.motion import track
+from polish_sim.motion.rules.chain import Chain, build_chain, chain_from_axes
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
+from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.rule import Smoothed
+from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
+from polish_sim.spatial import apply, transform
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+SAME_M, SAME_RAD = 1e-9, 1e-9
+"""A way point that differs less than this from the one before is left out."""
+HALF_TURN = math.pi - 1e-6
+"""A turn of the tool axis beyond this has no plane of its own [rad]."""
+STEP_M, STEP_RAD = 0.02, 0.1
+"""The reach is checked at least this often on the way between two points."""
+
+
+class PlacedPath(NamedTuple):
+    """A path as smoothing takes it."""
+
+    chain: Chain
+    """Its segments in the work frame."""
+    rows: Rows
+    """Row of the file's path that each of the chain's way points is, shape (segments + 1,)."""
+    arm: Arm | None
+    """The robot before it; None if only the tool is asked about."""
+
+
+def path_without_robot(points: WayPoints) -> PlacedPath:
+    """The path of a tool nobody carries: no joints.
+
+    Raises:
+        SmoothingError: It is no chain: all points the same, or the tool axis turns by 180 deg; names the points.
+    """
+    rows = distinct_rows(points)
+    chain = chain_from_axes(points.path.positions_work[rows], -points.path.axes_work[rows])
+    return PlacedPath(chain, rows, None)
+
+
+def place_path(points: WayPoints, up: Array | None, pose: tuple[float, ...]) -> PlacedPath:
+    """Lay a path before the robot as `run surface` does, and check that the arm follows it.
+
+    Args:
+        points: The path.
+        up: Side of the work frame that is turned up, shape (3,); None: the one most tool axes point to.
+        pose: Pose of the work frame in the robot's base [m, rad]; empty: chosen.
+
+    Returns:
+        The chain and the robot.
+
+    Raises:
+        ReachError: The robot cannot do it; names the first place it cannot be at.
+        SmoothingError: As in `path_without_robot`.
+    """
+    rows = distinct_rows(points)
+    positions, axes = points.path.positions_work[rows], points.path.axes_work[rows]
+    side = _main_side(axes) if up is None else up
+    placements = given_placement(pose) if pose else default_placements(positions, side, float((positions @ side).min()))
+    T_flange_tool = tool_on_flange()
+    way = way_between(positions, axes)
+    advice = "or smooth the tool's motion alone with --no-joints"
+    reach = find_reach(way.positions, way.axes, placements, T_flange_tool, above_table=True, otherwise=advice)
+    q_start = _follow(reach, way, T_flange_tool, points, rows)
+    R_base_work = reach.T_base_work[:3, :3]
+    chain = build_chain(positions, R_base_work.T @ tool_rotations(axes @ R_base_work.T, reach.spin))
+    return PlacedPath(chain, rows, build_arm(reach.T_base_work, T_flange_tool, q_start))
+
+
+def distinct_rows(points: WayPoints) -> Rows:
+    """Rows of a path that differ from the one before in tip or axis, in order.
+
+    Raises:
+        SmoothingError: As in `path_without_robot`.
+    """
+    positions, axes = points.path.positions_work, points.path.axes_work
+    moved = np.linalg.norm(np.diff(positions, axis=0), axis=1) > SAME_M
+    turned = np.linalg.norm(np.diff(axes, axis=0), axis=1) > SAME_RAD
+    rows = np.flatnonzero(np.concatenate([[True], moved | turned]))
+    if len(rows) < 2:
+        raise SmoothingError(f"'{points.file}': all points are the same: there is no way to go. Give two that differ.")
+    half = np.flatnonzero(_turns(axes[rows]) > HALF_TURN)
+    if len(half):
+        first, second = (points.place(int(rows[half[0] + k])) for k in range(2))
+        raise SmoothingError(
+            f"'{points.file}': the tool axis turns by 180 deg between {first} and {second}: which way round is not "
+            "given. Put a point between them."
+        )
+    return rows
+
+
+class Way(NamedTuple):
+    """Way points with more between them."""
+
+    positions: Array
+    """[m], shape (m, 3)."""
+    axes: Array
+    """Unit tool axes, from the part to the tool, shape (m, 3)."""
+    ends: Rows
+    """The way point each row is, or is on the way to, shape (m,)."""
+
+
+def way_between(positions: Array, axes: Array) -> Way:
+    """Add points so that the arm can be followed from each way point to the next.
+
+    Args:
+        positions: [m], shape (n, 3).
+        axes: Unit tool axes, shape (n, 3), no two in a row opposite.
+
+    Returns:
+        The way, the first point included.
+    """
+    turns, lengths = _turns(axes), np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    counts = np.maximum(np.ceil(np.maximum(lengths / STEP_M, turns / STEP_RAD)), 1.0).astype(np.int64)
+    k = np.repeat(np.arange(len(counts)), counts)
+    u = (np.arange(len(k)) - (np.cumsum(counts) - counts)[k] + 1.0) / counts[k]
+    on_way = positions[k] + u[:, None] * (positions[k + 1] - positions[k])
+    # Slerp (paper 4, eq. 11); sinc stays good where the turn vanishes.
+    share = turns[k] / np.pi
+    old, new = (1.0 - u) * np.sinc((1.0 - u) * share), u * np.sinc(u * share)
+    turned = (old[:, None] * axes[k] + new[:, None] * axes[k + 1]) / np.sinc(share)[:, None]
+    ends = np.concatenate([[0], k + 1])
+    return Way(np.concatenate([positions[:1], on_way]), np.concatenate([axes[:1], turned]), ends)
+
+
+def _turns(axes: Array) -> Array:
+    """Angles from each unit axis to the next [rad], (n, 3) -> (n - 1,)."""
+    sine = np.linalg.norm(np.cross(axes[:-1], axes[1:]), axis=1)
+    return np.arctan2(sine, np.sum(axes[:-1] * axes[1:], axis=1))
+
+
+def _follow(reach: Reach, way: Way, T_flange_tool: Array, points: WayPoints, rows: Rows) -> Array:
+    """Follow the whole way with the joints; joint angles at its start [rad], shape (6,)."""
+    rotations = tool_rotations(way.axes @ reach.T_base_work[:3, :3].T, reach.spin)
+    joints = track(transform(rotations, apply(reach.T_base_work, way.positions)), T_flange_tool, reach.q_start)
+    failure = failure_of(joints, False)
+    if failure is not None:
+        end = points.place(int(rows[way.ends[failure.point]]))
+        raise ReachError(
+            f"'{points.file}': on the way to {end}, at {place_in_mm(way.positions[failure.point])} of the path: "
+            f"{failure.reason}. Move the path with --part-pose X,Y,Z,RX,RY,RZ (mm, deg)."
+        )
+    return np.array(joints.q[0])
+
+
+def _main_side(axes: Array) -> Array:
+    """The side of the work frame most tool axes point to, shape (3,)."""
+    mean = axes.mean(axis=0)
+    k = int(np.abs(mean).argmax())
+    return np.eye(3)[k] * (1.0 if mean[k] >= 0.0 else -1.0)
+
+
+# A placed path smoothed by a rule, and what it takes by the others.
+
+FEW = 3
+"""So many segments are enough to have a rule compiled."""
+
+
+class SmoothingTask(NamedTuple):
+    """What is to be smoothed, and how well."""
+
+    placed: PlacedPath
+    limits: SmoothingLimits
+    tolerance: float
+    """Largest distance of the tip from the path [m]; 0: exact stops at corners."""
+    axis_tolerance: float
+    """Largest angle of the tool axis to its path [rad]."""
+    feeds: NDArray[np.float64] | None = None
+    """The tip's largest speed on every segment [m/s], infinite where it has none of its own, shape (segments,)."""
+
+
+def smooth_path(task: SmoothingTask, rule: str) -> Smoothed:
+    """Smooth a path by a rule.
+
+    Args:
+        task: The path, limits and tolerances.
+        rule: A name in `RULES`.
+
+    Returns:
+        The segments passed, those of the task or fewer where the rule joins short ones, and when.
+
+    Raises:
+        InputError: There is no such rule; lists the known ones.
+        SmoothingError: No motion keeps within the limits; says where.
+    """
+    if rule not in RULES:
+        raise unknown_name("rule", rule, RULES)
+    placed = task.placed
+    return Smoothed(
+        *RULES[rule](placed.chain, task.limits, task.tolerance, task.axis_tolerance, placed.arm, task.feeds)
+    )
+
+
+def feeds_on_way(path: ToolPath, rows: NDArray[np.int64]) -> NDArray[np.float64] | None:
+    """The path's own feeds as smoothing takes them: that of the point a segment goes to; none in the air.
+
+    Args:
+        path: The path.
+        rows: Its rows that are way points, shape (segments + 1,).
+
+    Returns:
+        [m/s], shape (segments,); None if the path has no feeds.
+    """
+    if path.feed is None:
+        return None
+    in_air = np.isin(path.segment[rows[1:]], (APPROACH, RETRACT))
+    return np.where(in_air, np.inf, path.feed[rows[1:]])
+
+
+def first_segments(chain: Chain, count: int) -> Chain:
+    """The chain of the first segments only."""
+    ends, inner = count + 1, count
+    return Chain(
+        chain.tips[:ends].copy(), chain.axes[:ends].copy(), chain.rotations[:ends].copy(),
+        chain.lengths[:inner].copy(), chain.directions[:inner].copy(), chain.angles[:inner].copy(),
+        chain.turn_axes[:inner].copy(), chain.rolls[:inner].copy(),
+    )  # fmt: skip
+
+
+def prepare_rule(task: SmoothingTask, rule: str) -> None:
+    """Have a rule compiled before its time is taken, on the first segments of the path; its failures come later."""
+    few = task.placed._replace(chain=first_segments(task.placed.chain, FEW))
+    feeds = None if task.feeds is None else task.feeds[:FEW].copy()
+    try:
+        smooth_path(task._replace(placed=few, feeds=feeds), rule)
+    except PolishSimError:
+        return

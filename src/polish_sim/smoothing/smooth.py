@@ -1,0 +1,304 @@
+"""Experiment ``smooth``: one path played with every smoothing rule on the servos (paper 4, fig. 10)."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.cell import Observer, Silent, tool_on_flange
+from polish_sim.cell.playback import JointTargets, Played, play_joints
+from polish_sim.config import Scenario
+from polish_sim.errors import ReachError, place_in_mm
+from polish_sim.exchange import read_way_points
+from polish_sim.experiments.placement import Reach
+from polish_sim.experiments.result import RunResult
+from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
+from polish_sim.motion import forward_many, inverse_near, track
+from polish_sim.motion.joint_motion import joint_motion
+from polish_sim.motion.rules.chain import Chain, build_chain
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm, load_limits
+from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.rule import Smoothed
+from polish_sim.motion.rules.schedule import sample_schedule, stretched
+from polish_sim.motion.segment_rates import JointRates
+from polish_sim.motion.timed_schedule import marks_on, places_at
+from polish_sim.planning.toolpath import PROCESS, ToolPath
+from polish_sim.smoothing.place import place_path
+from polish_sim.smoothing.tracking import REFERENCE, PlayedRule, compare_tracking, measure_tracking
+from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_path
+from polish_sim.spatial import transform
+
+# What `run smooth` plays: a path before the robot and the limits of its motion.
+
+Array = NDArray[np.float64]
+
+_NEAR = np.array([2.6, -1.6, 1.8, -1.6, -1.4, -2.1])  # elbow up, the spindle clear of the arm [rad]
+
+
+class SmoothTask(NamedTuple):
+    """A path, the robot before it, and how fast both may move."""
+
+    chain: Chain
+    """Way points as they are given, in the frame ``arm`` says."""
+    marks: Array
+    """Arc length at the way points [m], shape (segments + 1,)."""
+    arm: Arm
+    limits: SmoothingLimits
+
+
+def prepare_smooth(scenario: Scenario) -> SmoothTask:
+    """Take the scenario's path, or that of the paper's trial, and lay it before the robot.
+
+    Raises:
+        PolishSimError: The path cannot be read, reached or smoothed.
+    """
+    file = scenario.smoothing.limits_file
+    limits = load_limits(Path(file), TRIAL_LIMITS) if file else TRIAL_LIMITS
+    chain, arm = _given(scenario) if scenario.plan.file else _trial()
+    return SmoothTask(chain, marks_along(chain), arm, limits)
+
+
+class TaskPath(NamedTuple):
+    """A task's path and the way the arm does it, as the other experiments tell theirs."""
+
+    path: ToolPath
+    reach: Reach
+
+
+def path_of_task(task: SmoothTask) -> TaskPath:
+    """The path of a task, work frame, and its reach.
+
+    Raises:
+        ReachError: A way point cannot be reached.
+    """
+    chain, arm, n = task.chain, task.arm, len(task.chain.tips)
+    joints = track(arm.T_base_work @ transform(chain.rotations, chain.tips), arm.T_flange_tool, arm.q_start)
+    path = ToolPath(
+        chain.tips, -chain.axes, task.marks, np.zeros(n, np.int64), np.full(n, PROCESS, np.int8), np.zeros(n)
+    )
+    if joints.first_unreachable is not None:
+        place = place_in_mm(chain.tips[joints.first_unreachable])
+        raise ReachError(f"the robot cannot be at {place} of the path. Move it with --part-pose.")
+    return TaskPath(path, Reach(arm.T_base_work, 0.0, arm.q_start, joints.smallest_singular_value))
+
+
+def marks_along(chain: Chain) -> Array:
+    """Arc length of a chain's way points; a turn on the spot counts as a nanometre, so that marks rise."""
+    return np.concatenate([[0.0], np.cumsum(np.maximum(chain.lengths, 1e-9))])
+
+
+def _given(scenario: Scenario) -> tuple[Chain, Arm]:
+    placed = place_path(read_way_points(Path(scenario.plan.file)), None, scenario.part.pose)
+    assert placed.arm is not None  # place_path lays every path before the robot
+    return placed.chain, placed.arm
+
+
+def _trial() -> tuple[Chain, Arm]:
+    path, T_flange_tool = trial_path(), tool_on_flange()
+    first = transform(path.rotations[0], path.tips[0]) @ np.linalg.inv(T_flange_tool)
+    return build_chain(path.tips, path.rotations), build_arm(np.eye(4), T_flange_tool, inverse_near(first, _NEAR))
+
+
+# Rules played one after the other as a log and a trace like any other run's.
+
+PLAYED = 2
+
+
+class RulePlay(NamedTuple):
+    """A path played with one rule, one row a step of the simulation."""
+
+    rule: str
+    time: Array
+    """[s], shape (n,)."""
+    place: Array
+    """Arc length of the path the targets are at [m], shape (n,)."""
+    targets: JointRates
+    played: Played
+
+    @property
+    def error(self) -> Array:
+        """Target less joint position [rad], shape (n, 6)."""
+        return np.asarray(self.targets.q - self.played.q)
+
+
+class _Tool(NamedTuple):
+    """Tool poses of joint angles."""
+
+    positions: Array
+    rotations: Array
+
+
+def log_of_rules(plays: list[RulePlay], scenario: Scenario) -> RunLog:
+    """One log of all rules, one after the other, each at its own time from 0; column ``rule`` counts them."""
+    rate = scenario.simulation.log_rate_hz
+    every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
+    log = from_rows(np.concatenate([_rows(play, every) for play in plays]))
+    added = {
+        "rule": [np.full(len(play.time), k, dtype=float) for k, play in enumerate(plays)],
+        "target_q_rad": [play.targets.q for play in plays],
+        "target_qd_rad_s": [play.targets.first for play in plays],
+        "target_qdd_rad_s2": [play.targets.second for play in plays],
+        "target_qddd_rad_s3": [play.targets.third for play in plays],
+    }
+    for name, columns in added.items():
+        log = with_column(log, name, np.concatenate([column[::every] for column in columns]))
+    return log
+
+
+def trace_of_rule(play: RulePlay) -> Trace:
+    """The exact trace of one rule, with no contact."""
+    n = len(play.time)
+    tool, wanted = _tool(play.played.q), _tool(play.targets.q)
+    off = wanted.positions - tool.positions
+    across = off - np.sum(off * wanted.rotations[:, :, 2], axis=1)[:, None] * wanted.rotations[:, :, 2]
+    turned = Rotation.from_matrix(wanted.rotations) * Rotation.from_matrix(tool.rotations).inv()
+    nothing = np.zeros(n)
+    return Trace(
+        play.time, np.full(n, PLAYED, np.int8), nothing, np.linalg.norm(off, axis=1), np.linalg.norm(across, axis=1),
+        turned.magnitude(), tool.positions, _speed(tool.positions, play.time), play.place, np.zeros((n, 3)), nothing,
+        nothing, off, np.zeros((n, 3)),
+    )  # fmt: skip
+
+
+def _rows(play: RulePlay, every: int) -> Array:
+    """Packed rows of the log; what a path in free space does not have is zero."""
+    time = play.time[::every]
+    tool, wanted = _tool(play.played.q[::every]), _tool(play.targets.q[::every])
+    known = {
+        "time_s": time,
+        "q_rad": play.played.q[::every],
+        "qd_rad_s": play.played.qd[::every],
+        "torque_nm": play.played.torque[::every],
+        "tcp_position_m": tool.positions,
+        "tcp_quaternion_wxyz": Rotation.from_matrix(tool.rotations).as_quat(scalar_first=True),
+        "target_position_m": wanted.positions,
+        "target_quaternion_wxyz": Rotation.from_matrix(wanted.rotations).as_quat(scalar_first=True),
+        "tcp_speed_m_s": _speed(tool.positions, time),
+        "path_s_m": play.place[::every],
+        "phase": np.full(len(time), float(PLAYED)),
+    }
+    rows = np.zeros((len(time), row_width()))
+    for name, (start, width) in row_layout().items():
+        if name in known:
+            rows[:, start : start + max(width, 1)] = known[name].reshape(len(time), -1)
+    return rows
+
+
+def _tool(q: Array) -> _Tool:
+    T_base_tool = forward_many(np.ascontiguousarray(q)) @ tool_on_flange()
+    return _Tool(T_base_tool[:, :3, 3], T_base_tool[:, :3, :3])
+
+
+def _speed(positions: Array, time: Array) -> Array:
+    return np.linalg.norm(np.gradient(positions, time, axis=0), axis=1)
+
+
+AFTER_S = 0.2  # at the last point [s]
+
+
+def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+    """Play a path with every rule on the robot's joint servos, in free space, and compare how far the joints lag.
+
+    Args:
+        scenario: Path, tolerances and limits; controller, part, pad and sensor play no role.
+        observer: Told of the progress.
+
+    Returns:
+        Log of all rules at their own cycle times, figures at these and at the slowest rule's cycle time.
+
+    Raises:
+        PolishSimError: The path cannot be read, reached or smoothed.
+    """
+    observer = observer or Silent()
+    task = prepare_smooth(scenario)
+    observer.stage("smooth with every rule")
+    asked = scenario.smoothing
+    made = {
+        name: Smoothed(*plan(task.chain, task.limits, asked.tolerance_m, asked.axis_tolerance_rad, task.arm, None))
+        for name, plan in RULES.items()
+    }
+    observer.stage("simulate")
+    started = time.perf_counter()
+    own = [play_rule(scenario, task, name, smoothed) for name, smoothed in made.items()]
+    slowest = max(smoothed.schedule.end for smoothed in made.values())
+    even = [
+        play_rule(scenario, task, name, Smoothed(chain, stretched(schedule, slowest / schedule.end)))
+        for name, (chain, schedule) in made.items()
+    ]
+    figures: dict[str, Any] = {}
+    for play, (name, smoothed) in zip(own, made.items(), strict=True):
+        figures |= _named(name, "", {"cycle_time_s": smoothed.schedule.end} | _peaks_over_limits(play, task.limits))
+    figures |= _compared(own, task.limits, "") | _compared(even, task.limits, "_at_equal_time")
+    figures |= {"rules": list(made), "joint_jerk_limits_rad_s3": list(task.limits.joint_jerk), "equal_time_s": slowest}
+    figures |= _of_run(own + even, scenario, task, time.perf_counter() - started)
+    return RunResult(scenario, log_of_rules(own, scenario), trace_of_rule(own[-1]), figures, None, False)
+
+
+def play_rule(scenario: Scenario, task: SmoothTask, rule: str, smoothed: Smoothed) -> RulePlay:
+    """Play one rule's motion: joint angles and speeds to the servos, one pair a step.
+
+    Args:
+        scenario: The robot and its time step.
+        task: The path and the robot before it.
+        rule: The rule's name.
+        smoothed: What it made of the path.
+
+    Returns:
+        Targets and what the joints did.
+    """
+    chain, schedule = smoothed
+    clock = np.arange(0.0, schedule.end + AFTER_S, scenario.simulation.timestep_s)
+    tool = sample_schedule(chain, schedule, clock)
+    targets = joint_motion(
+        tool.tips[:, 0], tool.rotations, tool.tips[:, 1:].swapaxes(0, 1), tool.spins.swapaxes(0, 1), task.arm
+    )
+    played: Played = play_joints(scenario, JointTargets(targets.q, targets.first))
+    marks = marks_on(chain, task.chain.tips, task.chain.rotations, task.marks)
+    return RulePlay(rule, clock, places_at(chain, schedule, marks, clock), targets, played)
+
+
+def _peaks_over_limits(play: RulePlay, limits: SmoothingLimits) -> dict[str, float]:
+    """Largest joint speed, acceleration and jerk by their limits."""
+    asked = play.targets
+    return {
+        "joint_speed_ratio_max": float((np.abs(asked.first) / limits.joint_speed).max()),
+        "joint_acceleration_ratio_max": float((np.abs(asked.second) / limits.joint_acceleration).max()),
+        "joint_jerk_ratio_max": float((np.abs(asked.third) / limits.joint_jerk).max()),
+    }
+
+
+def _compared(plays: list[RulePlay], limits: SmoothingLimits, when: str) -> dict[str, Any]:
+    """Tracking of all rules, and of all but the reference against it."""
+    known = {play.rule: PlayedRule(play.rule, play.time, play.place, play.error, play.targets.third) for play in plays}
+    figures: dict[str, Any] = {}
+    for rule, play in known.items():
+        figures |= _named(rule, when, measure_tracking(play))
+        if rule != REFERENCE:
+            figures |= _named(rule, when, compare_tracking(play, known[REFERENCE], np.array(limits.joint_jerk)))
+    return figures
+
+
+def _of_run(plays: list[RulePlay], scenario: Scenario, task: SmoothTask, wall: float) -> dict[str, Any]:
+    """The figures every experiment reports."""
+    simulated = sum(float(play.time[-1]) for play in plays)
+    return {
+        "path_done": 1.0,
+        "protective_stop": None,
+        "faults_missed": [],
+        "T_base_work": task.arm.T_base_work.tolist(),
+        "simulated_s": simulated,
+        "wall_s": wall,
+        "real_time_factor": simulated / wall,
+        "steps": sum(len(play.time) for play in plays),
+        "seed": scenario.seed,
+    }
+
+
+def _named(rule: str, when: str, figures: dict[str, Any]) -> dict[str, Any]:
+    """Figures under names that begin with their rule's."""
+    return {f"{rule.replace('-', '_')}_{name}{when}": value for name, value in figures.items()}

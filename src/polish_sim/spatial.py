@@ -1,0 +1,137 @@
+"""Poses as 4x4 matrices, one notation: ``T_base_tool`` is the pose of tool in base."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+def transform(R: Array, p: Array) -> Array:
+    """Homogeneous transform from a rotation (3, 3) and a translation (3,) [m]; stacks broadcast."""
+    T = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))
+    T[..., :3, :3] = R
+    T[..., :3, 3] = p
+    T[..., 3, 3] = 1.0
+    return T
+
+
+def inverse(T: Array) -> Array:
+    """Inverse of a homogeneous transform, shape (..., 4, 4)."""
+    R_transposed = np.swapaxes(T[..., :3, :3], -1, -2)
+    return transform(R_transposed, -(R_transposed @ T[..., :3, 3, None])[..., 0])
+
+
+def apply(T: Array, points: Array) -> Array:
+    """Move points, shape (n, 3), by one transform."""
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def from_pose(pose: Sequence[float]) -> Array:
+    """Transform of a UR-style pose: x, y, z [m] and a rotation vector [rad]."""
+    values = np.asarray(pose, dtype=float)
+    return transform(Rotation.from_rotvec(values[3:]).as_matrix(), values[:3])
+
+
+# Rotations as the kernels need them: small, compiled, on plain arrays.
+
+
+@njit(cache=True)
+def rotation_from_quaternion(quaternion: Array, R: Array) -> None:
+    """Write the rotation matrix, shape (3, 3), of a unit quaternion wxyz, shape (4,), into ``R``."""
+    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    R[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    R[0, 1] = 2.0 * (x * y - w * z)
+    R[0, 2] = 2.0 * (x * z + w * y)
+    R[1, 0] = 2.0 * (x * y + w * z)
+    R[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    R[1, 2] = 2.0 * (y * z - w * x)
+    R[2, 0] = 2.0 * (x * z - w * y)
+    R[2, 1] = 2.0 * (y * z + w * x)
+    R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@njit(cache=True)
+def quaternion_from_rotation(R: Array, quaternion: Array) -> None:
+    """Write the unit quaternion wxyz of a rotation matrix into ``quaternion``.
+
+    The real part is positive up to a turn of 120 deg, beyond it the largest part: no sign jumps near a half turn.
+    """
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    if trace > 0.0:
+        s = 2.0 * math.sqrt(trace + 1.0)
+        quaternion[0] = 0.25 * s
+        quaternion[1] = (R[2, 1] - R[1, 2]) / s
+        quaternion[2] = (R[0, 2] - R[2, 0]) / s
+        quaternion[3] = (R[1, 0] - R[0, 1]) / s
+        return
+    i = 0
+    if R[1, 1] > R[i, i]:
+        i = 1
+    if R[2, 2] > R[i, i]:
+        i = 2
+    j, k = (i + 1) % 3, (i + 2) % 3
+    s = 2.0 * math.sqrt(1.0 + R[i, i] - R[j, j] - R[k, k])
+    quaternion[0] = (R[k, j] - R[j, k]) / s
+    quaternion[1 + i] = 0.25 * s
+    quaternion[1 + j] = (R[j, i] + R[i, j]) / s
+    quaternion[1 + k] = (R[k, i] + R[i, k]) / s
+
+
+@njit(cache=True)
+def rotation_angle(R_a: Array, R_b: Array) -> float:
+    """Angle between two frames [rad], accurate near zero too."""
+    trace = 0.0
+    skew = 0.0
+    for i in range(3):
+        j = (i + 1) % 3
+        first = second = 0.0
+        for k in range(3):
+            trace += R_a[k, i] * R_b[k, i]
+            first += R_a[k, i] * R_b[k, j]
+            second += R_a[k, j] * R_b[k, i]
+        skew += (first - second) ** 2
+    return math.atan2(math.sqrt(skew), trace - 1.0)
+
+
+def rotation_to_axis(z_axis: Array, x_hint: Array) -> Array:
+    """Frames whose z axis is given and whose x axis is as near to a hint as can be.
+
+    Args:
+        z_axis: Unit z axes, shape (n, 3).
+        x_hint: Wanted x direction, shape (3,); must not be parallel to any z axis.
+
+    Returns:
+        Rotation matrices with columns x, y, z, shape (n, 3, 3).
+    """
+    x_axis = x_hint - (z_axis @ x_hint)[:, None] * z_axis
+    x_axis /= np.linalg.norm(x_axis, axis=1, keepdims=True)
+    y_axis = np.cross(z_axis, x_axis)
+    return np.stack([x_axis, y_axis, z_axis], axis=2)
+
+
+def skew(v: Array) -> Array:
+    """Matrix S with S w = v x w, shape (3, 3)."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+# Arrays of vectors (numpy only).
+
+
+def unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Scale vectors (..., 3) to length one; zero stays zero."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+
+
+def perpendicular(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A unit vector square to each vector and to the coordinate axis it runs along least, shape (..., 3).
+
+    It does not turn with the vectors: where a result must turn with the part, nothing may hang on the choice.
+    """
+    return unit(np.cross(vectors, np.eye(3)[np.abs(vectors).argmin(axis=-1)]))
