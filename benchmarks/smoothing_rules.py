@@ -24,7 +24,7 @@ from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.exact_stop import plan_exact_stop
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
-from polish_sim.motion.rules.paper_rules import filter_times, joint_jerk_block_triples
+from polish_sim.motion.rules.paper_rules import block_triples, filter_times, joint_jerk_block_triples
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule
 from polish_sim.smoothing.trial import AXIS_TOLERANCE, DOME, TOLERANCE, TOP, TRIAL_LIMITS, trial_arm, trial_path

@@ -11,9 +11,6 @@ from polish_sim.config.part import PartConfig
 from polish_sim.config.scenario import Scenario
 from polish_sim.config.smoothing import SmoothingConfig
 from polish_sim.config.spindle import SpindleConfig
-from polish_sim.dual.dual import run_dual
-from polish_sim.dual.placement import seat_text
-from polish_sim.dual.task import prepare_dual
 from polish_sim.errors import unknown_name
 from polish_sim.experiments.arc import prepare_arc, run_arc
 from polish_sim.experiments.force import prepare_force, run_force
@@ -22,11 +19,8 @@ from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.stroke_motion import time_law
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface, run_surface
-from polish_sim.hand_guiding.drag import run_drag
-from polish_sim.hand_guiding.teach import run_teach
 from polish_sim.planning.part_plan import PlanResult
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.smoothing.smooth import path_of_task, prepare_smooth, run_smooth
 from polish_sim.smoothing.trial import AXIS_TOLERANCE, TOLERANCE
 
 _DEFAULTS = {
@@ -99,9 +93,14 @@ def check_experiment(
         prepared = prepare_surface(scenario, plan, observer)
         return CheckedPath(prepared.plan.path, prepared.reach)
     if scenario.experiment == "dual":
+        from polish_sim.dual.placement import seat_text
+        from polish_sim.dual.task import prepare_dual
+
         pair = prepare_dual(scenario, plan, observer)
         return CheckedPath(pair.place.path, pair.place.reach, seat_text(pair.seat.T_gripper_work))
     if scenario.experiment == "smooth":
+        from polish_sim.smoothing.smooth import path_of_task, prepare_smooth
+
         return CheckedPath(*path_of_task(prepare_smooth(scenario)))
     raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)
 
@@ -127,10 +126,17 @@ def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer:
     if scenario.experiment == "surface":
         return run_surface(scenario, plan, observer)
     if scenario.experiment == "smooth":
+        from polish_sim.smoothing.smooth import run_smooth
+
         return run_smooth(scenario, observer)
     if scenario.experiment == "teach":
+        from polish_sim.hand_guiding.drag import run_drag
+        from polish_sim.hand_guiding.teach import run_teach
+
         return run_drag(scenario, observer) if scenario.drag.follow else run_teach(scenario, observer)
     if scenario.experiment == "dual":
+        from polish_sim.dual.dual import run_dual
+
         return run_dual(scenario, plan, observer)
     raise unknown_name("experiment", scenario.experiment, EXPERIMENTS)
 
@@ -147,13 +153,9 @@ __all__ = [
     "default_scenario",
     "prepare_surface",
     "run_arc",
-    "run_drag",
-    "run_dual",
     "run_experiment",
     "run_force",
     "run_payload_calibration",
-    "run_smooth",
     "run_surface",
-    "run_teach",
     "time_law",
 ]
