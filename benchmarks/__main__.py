@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 from benchmarks import control_loop, identification, planning, smoothing_peers, start_up
 from benchmarks.table import print_rows
 

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 import numpy as np
 
 from benchmarks.table import Row, print_rows

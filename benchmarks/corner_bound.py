@@ -8,10 +8,6 @@ from __future__ import annotations
 
 import sys
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 import numpy as np
 
 from benchmarks.corner_program import Corner, least_time_lost

@@ -7,10 +7,6 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

@@ -20,10 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 from polish_sim.analysis.run_record import RunRecord, read_record, write_record
 from polish_sim.cell import FAULTS
 from polish_sim.control import CONTROLLERS

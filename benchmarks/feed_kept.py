@@ -7,10 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.part_setup import polishing_strokes

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 from benchmarks.table import Row, print_rows
 from polish_sim.analysis.force_bounds import SPAN_BY_SIGMA, drift_bound, step_bound, tracking_bound
 from polish_sim.cell.real_part import WAVELENGTHS

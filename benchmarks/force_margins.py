@@ -6,10 +6,6 @@ import math
 import sys
 from dataclasses import replace
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 from polish_sim.experiments import default_scenario
 from polish_sim.scoring.border import analytic_margins, simulated_margins
 from polish_sim.scoring.force_bench import build_bench

@@ -8,10 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 from polish_sim.experiments import default_scenario, run_experiment
 
 GRIP = {"turn_stiffness_nm_rad": 30.0, "turn_damping_nm_s_rad": 10.0}

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 import sys
 import time
 from collections.abc import Iterator

@@ -11,10 +11,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection

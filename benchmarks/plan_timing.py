@@ -30,8 +30,6 @@ STAGES = {
 
 _PROGRAM = """
 import cProfile, json, pstats, resource, sys, time
-from polish_sim.kernel_cache import use_kernel_cache
-use_kernel_cache()
 from pathlib import Path
 from polish_sim.config import PartConfig, PlanConfig
 from polish_sim.planning import plan_part

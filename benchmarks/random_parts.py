@@ -15,10 +15,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 import numpy as np
 from numpy.typing import NDArray
 

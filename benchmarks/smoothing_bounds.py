@@ -10,10 +10,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 from benchmarks.random_paths import KINDS, draw_path
 from benchmarks.table import Row, print_rows
 from polish_sim.motion.certified.segment_limits import SegmentWork, new_segment_work, segment_limits

@@ -19,10 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 from benchmarks.arm_jets import tool_jet
 from benchmarks.random_paths import RandomPath, draw_path
 from polish_sim.errors import PolishSimError

@@ -14,10 +14,6 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 from benchmarks.table import Row, print_rows
 from polish_sim.motion.certified.connector import Ends, LineLimits, connector_time, least_distance
 from polish_sim.motion.joint_motion import joint_motion

@@ -14,10 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 from benchmarks.random_paths import RandomPath
 from benchmarks.smoothing_check import joint_shares, sample_times, tool_shares
 from polish_sim.motion.rules.chain import Chain, build_chain

@@ -10,10 +10,6 @@ import math
 import resource
 import time
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 import numpy as np
 
 from polish_sim.motion.certified.smoother import Smoother

@@ -5,10 +5,6 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 from polish_sim.experiments import default_scenario
 from polish_sim.scoring.border import measure_border, plot_border
 

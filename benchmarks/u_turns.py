@@ -7,10 +7,6 @@ from __future__ import annotations
 
 import argparse
 
-from polish_sim.kernel_cache import use_kernel_cache
-
-use_kernel_cache()
-
 import numpy as np
 
 from polish_sim.experiments import default_scenario, run_experiment

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from polish_sim import kernel_cache
+from polish_sim import kernel_cache, source_stamp
 from tests.test_kernels import ROOT
 
-INIT = "from polish_sim.kernel_cache import use_kernel_cache\nuse_kernel_cache()\n"
-KERNEL = "from numba import njit\n{imports}\n@njit(cache=True)\ndef {name}(x):\n    return {value}\n"
+KERNEL = "{imports}\nfrom polish_sim.kernel_cache import njit\n@njit(cache=True)\ndef {name}(x):\n    return {value}\n"
 SCRIPT = """
 import sys
 from numba.core import event
@@ -32,8 +33,9 @@ def package(tmp_path: Path) -> Path:
     """A package of this one's name with three kernels: `force` calls `gain`, `drag` stands alone."""
     folder = tmp_path / "code" / "polish_sim"
     folder.mkdir(parents=True)
-    (folder / "__init__.py").write_text(INIT)
-    shutil.copy(kernel_cache.__file__, folder)
+    (folder / "__init__.py").touch()
+    for module in (kernel_cache, source_stamp):
+        shutil.copy(module.__file__, folder)
     _write_gain(folder, 10.0)
     imports = "from polish_sim.gains import (\n    gain,\n)\n"
     (folder / "stiffness.py").write_text(KERNEL.format(imports=imports, name="force", value="gain(x) * x"))
@@ -47,12 +49,14 @@ def _write_gain(package: Path, value: float) -> None:
 
 def _run(package: Path, script: str = SCRIPT, **environment: str) -> tuple[list[float], str]:
     """Numbers a script prints in a new process, and what it says on stderr."""
-    kept = {k: v for k, v in os.environ.items() if k not in {"NUMBA_CACHE_DIR", "POLISH_SIM_KERNELS"}}
-    ours = {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(package.parents[1] / "cache")}
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=kept | ours | environment, capture_output=True, text=True, check=True
-    )
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, env=_environment(package) | environment, capture_output=True, text=True, check=True)
     return [float(word) for word in done.stdout.split()], done.stderr
+
+
+def _environment(package: Path) -> dict[str, str]:
+    kept = {k: v for k, v in os.environ.items() if k not in {"NUMBA_CACHE_DIR", "POLISH_SIM_KERNELS"}}
+    return kept | {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(package.parents[1] / "cache")}
 
 
 def _cache(package: Path) -> Path:
@@ -68,14 +72,10 @@ def test_only_dependents_of_an_edited_file_compile_again_and_older_kernels_stay(
     assert _run(package)[0] == [20.0, -2.0, 0]
 
 
-def test_numba_imported_before_the_package_keeps_kernels_all_the_same(package: Path) -> None:
-    _run(package)
-    assert _run(package, "import numba\n" + SCRIPT)[0] == [20.0, -2.0, 0]
-
-
 def test_kernels_of_other_packages_stay_where_numba_keeps_them(package: Path) -> None:
     own = package.parent / "own.py"
-    own.write_text(KERNEL.format(imports="from polish_sim.gains import gain", name="mine", value="gain(x)"))
+    kernel = KERNEL.format(imports="from polish_sim.gains import gain", name="mine", value="gain(x)")
+    own.write_text(kernel.replace("polish_sim.kernel_cache", "numba"))
     _run(package, "from own import mine\nmine(1.0)")
     assert list(own.parent.glob("__pycache__/own.mine*.nbc"))
     assert not list(_cache(package).glob("*/own*"))
@@ -86,6 +86,27 @@ def test_a_chosen_cache_folder_is_used(package: Path, tmp_path: Path) -> None:
     _run(package, NUMBA_CACHE_DIR=str(chosen))
     assert _run(package, NUMBA_CACHE_DIR=str(chosen))[0] == [20.0, -2.0, 0]
     assert not _cache(package).exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="file locks of POSIX")
+def test_processes_that_need_the_same_kernels_share_the_compiling(package: Path) -> None:
+    with ThreadPoolExecutor() as pool:
+        runs = list(pool.map(lambda _: _run(package)[0], range(3)))
+    assert [run[:2] for run in runs] == [[20.0, -2.0]] * 3
+    assert sum(run[2] for run in runs) == 3
+
+
+@pytest.mark.skipif(os.name == "nt", reason="file locks of POSIX")
+def test_a_killed_process_leaves_its_kernel_to_others(package: Path) -> None:
+    claim = "from polish_sim.gains import gain; import time; gain._cache._wait_for_claim(); print(1, flush=True)"
+    command = [sys.executable, "-c", f"{claim}; time.sleep(60)"]
+    with subprocess.Popen(command, env=_environment(package), stdout=subprocess.PIPE) as claimant:
+        assert claimant.stdout is not None
+        claimant.stdout.readline()
+        assert list(_cache(package).glob("*/gains.gain*.lock"))
+        claimant.kill()
+    assert _run(package)[0] == [20.0, -2.0, 3]
+    assert not list(_cache(package).glob("*/*.lock"))
 
 
 @pytest.mark.skipif(os.name == "nt", reason="folders of a Windows profile are closed to others")
@@ -109,6 +130,16 @@ def test_kernels_long_unused_are_deleted(package: Path) -> None:
     assert len(list(_cache(package).iterdir())) == 3
 
 
+def test_kernels_are_compiled_through_this_cache() -> None:
+    """Numba's own would not notice an edit of a callee in another file."""
+    for folder in ("src", "cli", "models"):
+        for file in (ROOT / folder).rglob("*.py"):
+            if file.name != "kernel_cache.py":
+                assert not re.search(r"^from numba import .*\b(njit|cfunc)\b", file.read_text("utf-8"), re.MULTILINE), (
+                    file
+                )
+
+
 def test_every_import_at_the_top_of_a_module_is_found() -> None:
     """Against the parser: a missed import would leave stale machine code running."""
     for file in (ROOT / "src" / "polish_sim").rglob("*.py"):
@@ -121,4 +152,4 @@ def test_every_import_at_the_top_of_a_module_is_found() -> None:
             elif isinstance(node, ast.Import):
                 named |= {alias.name for alias in node.names}
         ours = {name for name in named if name.split(".")[0] == "polish_sim"}
-        assert {name for name in ours if kernel_cache._source_file(name)} == kernel_cache._imports(module), file
+        assert {name for name in ours if source_stamp.source_file(name)} == source_stamp.imports_of(module), file

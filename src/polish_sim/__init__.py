@@ -19,11 +19,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from polish_sim.kernel_cache import use_kernel_cache
-
 __version__ = "0.1.0"
-
-use_kernel_cache()
 
 _HOME = {
     "Scenario": "config",

@@ -1,20 +1,20 @@
-"""Where compiled kernels are kept between runs: one folder per user, one subfolder per state of a module's sources.
+"""`njit` and `cfunc` as numba has them, with a cache of the machine code that knows what a kernel calls.
 
 Numba notices a change of the file a kernel stands in, not of the files it calls into: after an edit or an update old
-machine code could go on running beside new. Here the subfolder's name holds a hash of the kernel's file and of every
-file of this package it imports, directly or not, and of the compiler's versions. An edit therefore recompiles only
-what depends on it, and several checkouts or versions share the folder without overwriting each other's kernels.
+machine code could go on running beside new. Here kernels are kept in one folder per user, in a subfolder per module and
+state of its sources: the name holds a hash of the kernel's file, of every file of this package it imports, directly or
+not, and of the compiler's versions. An edit therefore recompiles only what depends on it, and several checkouts or
+versions share the folder without overwriting each other's kernels.
 
-Kernels of other packages, a user's own controller for example, stay where numba keeps them.
+A wheel may carry kernels (``make wheel``), compiled for a common CPU; they are read first and never written.
 """
 
 from __future__ import annotations
 
 import atexit
-import hashlib
+import json
 import logging
 import os
-import re
 import shutil
 import stat
 import sys
@@ -23,61 +23,88 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
-from importlib.machinery import ModuleSpec
-from importlib.util import find_spec
+from multiprocessing import parent_process
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Final
+from typing import IO, Any, Final, NamedTuple
+
+import llvmlite
+import llvmlite.binding as llvm
+import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.ccallback import CFunc
+from numba.core.registry import CPUDispatcher
+from numba.core.sigutils import normalize_signature
+
+from polish_sim.source_stamp import source_stamp
+
+try:
+    import fcntl
+except ImportError:
+    fcntl = None  # type: ignore[assignment]
+
+SHIPPED: Final = "kernels"
+"""Folder of the package, of a wheel that carries its kernels."""
+MADE_FOR: Final = "made_for.json"
+"""What they were compiled for."""
+FOLDER: Final = "POLISH_SIM_KERNELS"
+"""Environment variable that names another folder than the user's; a worker process inherits a temporary one by it."""
 
 _PACKAGE: Final = __name__.partition(".")[0]
-_COMPILER: Final = "numba.core.caching"
-_ELSEWHERE: Final = (f"{_PACKAGE}.cli", f"{_PACKAGE}.models")  # in a checkout
-_SHARED: Final = "POLISH_SIM_KERNELS"  # a temporary folder that worker processes use too
 _MOST_DAYS: Final = 60  # since a subfolder was last used
 _MOST_BYTES: Final = 1 << 30
 _DAY: Final = 86400.0
-_IMPORT = re.compile(rf"^(?:from ({_PACKAGE}[\w.]*) import (\([^)]*\)|.*)|import ({_PACKAGE}[\w.]*))", re.MULTILINE)
+_LONGEST_WAIT_S: Final = 300.0  # for another process that compiles the same kernel
 
 _log = logging.getLogger(__name__)
 
 
-def use_kernel_cache() -> None:
-    """Keep this package's kernels in the user's folder, whether numba has been imported already or will be later."""
-    if _COMPILER in sys.modules:
-        _register(sys.modules[_COMPILER])
-    elif not any(isinstance(finder, _CompilerFinder) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _CompilerFinder())
+def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a function at its first call; options as of ``numba.njit``, with ``cache`` the machine code is kept."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        if not cache or numba.config.DISABLE_JIT:
+            return numba.njit(**options)(function)
+        return _Kernel(function, targetoptions={"nopython": True, "boundscheck": None, **options})
+
+    return decorate
+
+
+def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Make a C callback of a function, compiled when its address is first needed, and keep the machine code."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        return _Callback(function, normalize_signature(signature), locals={}, options={})
+
+    return decorate
 
 
 def is_warm() -> bool:
     """Whether the simulation's kernels, as the sources are now, have been compiled before."""
-    import numba  # noqa: F401  (its version is part of the folder's name)
+    folder = _subfolder(f"{_PACKAGE}.cell.loop")
+    homes = [_home(), *([shipped.folder] if (shipped := _shipped()) else [])]
+    return any(any((home / folder).glob("loop.advance*.nbc")) for home in homes)
 
-    folder = _kernel_folder(f"{_PACKAGE}.cell.loop")
-    return any(folder.glob("loop.advance*.nbc"))
 
+class _Locator:
+    """Tells numba where the kernels of a module are."""
 
-class KernelLocator:
-    """Says to numba where a kernel of this package is kept; knows nothing of other packages' kernels."""
-
-    def __init__(self, py_func: Any, py_file: str) -> None:
-        self._py_file = py_file
-        self._line = py_func.__code__.co_firstlineno
-        self._folder = _kernel_folder(py_func.__module__)
+    def __init__(self, function: Any, file: str) -> None:
+        self._py_file = file  # numba's warnings name it
+        self._line = function.__code__.co_firstlineno
+        self.folder = _home() / _subfolder(function.__module__)
 
     @classmethod
-    def from_function(cls, py_func: Any, py_file: str) -> KernelLocator | None:
-        """The locator of a function, None for one that is not in a source file of this package."""
-        module = py_func.__module__ or ""
-        return cls(py_func, py_file) if module.startswith(f"{_PACKAGE}.") and _source_file(module) else None
+    def from_function(cls, function: Any, file: str) -> _Locator:
+        """The locator of a function."""
+        return cls(function, file)
 
     def get_cache_path(self) -> str:
         """Folder of the kernel."""
-        return str(self._folder)
+        return str(self.folder)
 
     def get_source_stamp(self) -> str:
         """Nothing more to compare: the folder's name holds the hash of the sources."""
-        return self._folder.name
+        return self.folder.name
 
     def get_disambiguator(self) -> str:
         """What tells two functions of the same name in one module apart."""
@@ -85,132 +112,188 @@ class KernelLocator:
 
     def ensure_cache_path(self) -> None:
         """Make the folder; numba calls this before it writes."""
-        if not self._folder.exists():
-            self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            _prune(self._folder.parent)
+        if not self.folder.exists():
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            _prune(self.folder.parent)
 
 
-class _CompilerFinder:
-    """Registers the locator as soon as numba's caching module is imported, without importing numba itself."""
+class _Implementation(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Locator,)
 
-    def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        if name != _COMPILER:
+
+class KernelCache(FunctionCache):  # type: ignore[misc]
+    """Machine code of one function: read from the wheel or from the user's folder, written to the latter.
+
+    Processes that need the same kernel at the same time do not compile it twice: the others wait for the first.
+    """
+
+    _impl_class = _Implementation
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        folder = self._impl.locator.folder
+        self._lock = folder / f"{self._impl.filename_base}.lock"
+        self._claim: IO[bytes] | None = None
+        self._carried = None
+        if (shipped := _shipped()) is not None:
+            self._carried = IndexDataCacheFile(str(shipped.folder / folder.name), self._impl.filename_base, folder.name)
+
+    def _load_overload(self, signature: Any, context: Any) -> Any:
+        """A compiled function, None if this process has to compile it."""
+        result = self._load_carried(signature, context)
+        if result is None:
+            result = super()._load_overload(signature, context)
+        if result is None and self._claim is None:
+            self._wait_for_claim()
+            result = super()._load_overload(signature, context)
+        return result
+
+    def _load_carried(self, signature: Any, context: Any) -> Any:
+        shipped = _shipped()
+        if self._carried is None or shipped is None:
             return None
-        sys.meta_path.remove(self)  # type: ignore[arg-type]
-        spec = find_spec(name)
-        if spec is not None and spec.loader is not None:
-            spec.loader.exec_module = _and_register(spec.loader.exec_module)  # type: ignore[method-assign, assignment]
-        return spec
+        given, _, code = self._index_key(signature, context.codegen())
+        data = self._carried.load((given, shipped.machine, code))
+        return None if data is None else self._impl.rebuild(context, data)
+
+    def _save_overload(self, signature: Any, data: Any) -> None:
+        """Keep a compiled function, if there is room for it."""
+        try:
+            super()._save_overload(signature, data)
+        except OSError as error:
+            _say(f"warning: compiled kernels cannot be kept in {_home()} ({error.strerror})")
+
+    def _wait_for_claim(self) -> None:
+        """Claim the function for this process, once no other one is compiling it."""
+        if fcntl is None:  # Windows: two processes may compile the same kernel
+            return
+        with suppress(OSError):  # nothing can be written there: _save_overload says so
+            self._impl.locator.ensure_cache_path()
+            self._claim = open(self._lock, "wb")  # noqa: SIM115  (closed by `release`)
+            latest = time.monotonic() + _LONGEST_WAIT_S
+            while not _lock(self._claim) and time.monotonic() < latest:
+                time.sleep(0.02)
+
+    def release(self) -> None:
+        """Let other processes have the function; called when it is compiled or cannot be."""
+        if self._claim is not None:
+            self._lock.unlink(missing_ok=True)
+            self._claim.close()
+            self._claim = None
 
 
-def _and_register(execute: Callable[[ModuleType], None]) -> Callable[[ModuleType], None]:
-    def execute_and_register(module: ModuleType) -> None:
-        execute(module)
-        _register(module)
+def _lock(file: IO[bytes]) -> bool:
+    """Lock a file unless another process has; the lock ends with this process at the latest."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
-    return execute_and_register
+
+class _Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A function compiled at its first call."""
+
+    def __init__(self, function: Any, *arguments: Any, **options: Any) -> None:
+        super().__init__(function, *arguments, **options)
+        self._cache = KernelCache(function)
+
+    def compile(self, signature: Any) -> Any:
+        """Entry point for a signature, from the cache or compiled."""
+        try:
+            return super().compile(signature)
+        finally:
+            self._cache.release()
 
 
-def _register(caching: ModuleType) -> None:
-    implementation = getattr(caching, "CacheImpl", None) or caching._CacheImpl  # the second until numba 0.61
-    if KernelLocator not in implementation._locator_classes:
-        implementation._locator_classes.insert(0, KernelLocator)
+class _Callback(CFunc):  # type: ignore[misc]
+    """A C callback, compiled when its address is first asked for."""
+
+    _wrapper_address: int | None
+
+    def __init__(self, function: Any, *arguments: Any, **options: Any) -> None:
+        super().__init__(function, *arguments, **options)
+        self._cache = KernelCache(function)
+
+    @property
+    def address(self) -> int:
+        """Address of the C function."""
+        if self._wrapper_address is None:
+            try:
+                self.compile()
+            finally:
+                self._cache.release()
+        assert self._wrapper_address is not None
+        return self._wrapper_address
+
+
+class _Shipped(NamedTuple):
+    """Kernels that came with the package."""
+
+    folder: Path
+    machine: tuple[str, ...]
+    """Platform, CPU and its features as numba's cache has them."""
 
 
 @cache
-def _kernel_folder(module: str) -> Path:
-    """Folder of a module's kernels as the sources are now; marked as used."""
-    digest = hashlib.sha256(_compiler_version().encode())
-    for name in sorted(_dependencies(module)):
-        digest.update(name.encode())
-        digest.update(_digest(name))
-    folder = _home() / f"{module.removeprefix(f'{_PACKAGE}.')}-{digest.hexdigest()[:16]}"
-    with suppress(OSError):  # it does not exist yet, or is read-only
-        if time.time() - folder.stat().st_mtime > _DAY:
-            os.utime(folder)
-    return folder
-
-
-def _compiler_version() -> str:
-    numba, llvmlite = sys.modules["numba"], sys.modules["llvmlite"]
-    return f"numba {numba.__version__}, llvmlite {llvmlite.__version__}, {sys.implementation.cache_tag}"
-
-
-def _dependencies(module: str) -> set[str]:
-    """A module and all of this package it imports at its top, directly or not; imports inside functions come later."""
-    found, waiting = {module}, [module]
-    while waiting:
-        for name in _imports(waiting.pop()) - found:
-            found.add(name)
-            waiting.append(name)
-    return found
-
-
-@cache
-def _imports(module: str) -> frozenset[str]:
-    """Modules of this package that a module imports at its top."""
-    names = set()
-    for package, members, plain in _IMPORT.findall(_source(module).decode()):
-        names.add(package or plain)
-        names.update(f"{package}.{member}" for member in re.findall(r"\w+", members))
-    return frozenset(name for name in names if _source_file(name))
-
-
-@cache
-def _digest(module: str) -> bytes:
-    return hashlib.sha256(_source(module)).digest()
-
-
-@cache
-def _source(module: str) -> bytes:
-    with open(_source_file(module) or "", "rb") as file:
-        return file.read()
-
-
-@cache
-def _source_file(module: str) -> str | None:
-    """File of one of this package's modules, None if there is no such module."""
-    inside = _folder(module)
-    if inside:
-        return f"{inside}/__init__.py"
-    package, _, name = module.rpartition(".")
-    folder = _folder(package) if package else None
-    return f"{folder}/{name}.py" if folder and f"{name}.py" in _entries(folder) else None
-
-
-@cache
-def _folder(package: str) -> str | None:
-    """Folder of one of this package's packages, None if there is no such package."""
-    if package == _PACKAGE:
-        return str(Path(__file__).parent)
-    parent, _, name = package.rpartition(".")
-    above = _folder(parent) if parent else None
-    if above is None:
+def _shipped() -> _Shipped | None:
+    """The kernels of the wheel, None where it has none or they do not fit this machine, which is then said."""
+    folder = Path(__file__).with_name(SHIPPED)
+    try:
+        made_for = json.loads((folder / MADE_FOR).read_text(encoding="utf-8"))
+    except FileNotFoundError:
         return None
-    if name in _entries(above):
-        return f"{above}/{name}" if "__init__.py" in _entries(f"{above}/{name}") else None
-    if package in _ELSEWHERE:
-        spec = find_spec(package)
-        return str(Path(spec.origin).parent) if spec and spec.origin else None
+    misfit = _misfit(made_for)
+    if misfit is None:
+        return _Shipped(folder, tuple(made_for["machine"]))
+    _say(f"note: the kernels that came with polish-sim are {misfit}; others are compiled for this machine, once.")
     return None
 
 
+def _misfit(made_for: dict[str, Any]) -> str | None:
+    """In what way shipped kernels do not fit this process."""
+    if made_for["compiler"] != compiler():
+        return f"for {made_for['compiler']}, here is {compiler()}"
+    if made_for["machine"][0] != llvm.get_process_triple():
+        return f"for {made_for['machine'][0]}, here is {llvm.get_process_triple()}"
+    if numba.config.CPU_NAME not in (None, made_for["machine"][1]):
+        return f"for the CPU {made_for['machine'][1]}, NUMBA_CPU_NAME asks for {numba.config.CPU_NAME}"
+    missing = [name for name in made_for["features"] if not llvm.get_host_cpu_features().get(name)]
+    return f"for a CPU with {', '.join(missing)}, which this one does not have" if missing else None
+
+
+def _say(line: str) -> None:
+    if parent_process() is None:  # workers find the same
+        _log.warning(line)
+
+
 @cache
-def _entries(folder: str) -> frozenset[str]:
-    return frozenset(os.listdir(folder)) if os.path.isdir(folder) else frozenset()
+def _subfolder(module: str) -> str:
+    """Name of the folder of a module's kernels as the sources are now; marked as used."""
+    folder = f"{module.removeprefix(f'{_PACKAGE}.')}-{source_stamp(module, compiler())}"
+    with suppress(OSError):  # it does not exist yet, or is read-only
+        if time.time() - (_home() / folder).stat().st_mtime > _DAY:
+            os.utime(_home() / folder)
+    return folder
+
+
+def compiler() -> str:
+    """What machine code depends on beside the sources and the CPU."""
+    version = ".".join(map(str, sys.version_info[:2]))
+    return f"numba {numba.__version__} with llvmlite {llvmlite.__version__} on {sys.implementation.name} {version}"
 
 
 @cache
 def _home() -> Path:
     """The folder of all kernels: the user's own and closed to others, for cached kernels are executable code."""
-    shared = os.environ.get(_SHARED)
+    shared = os.environ.get(FOLDER)
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(shared) if shared else Path(chosen) / _PACKAGE if chosen else _user_cache() / "polish-sim" / "kernels"
     trouble = _trouble(folder)
     if trouble is None:
         return folder
     temporary = Path(tempfile.mkdtemp(prefix="polish-sim-kernels-"))
-    os.environ[_SHARED] = str(temporary)
+    os.environ[FOLDER] = str(temporary)
     atexit.register(shutil.rmtree, temporary, ignore_errors=True)
     _log.warning("warning: compiled kernels are not kept: %s. Every start compiles them again.", trouble)
     return temporary

@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+
+from polish_sim.kernel_cache import njit
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.cell.contact import RealPart
@@ -19,6 +18,7 @@ from polish_sim.cell.host_arm import HostArm, build_host_arm, no_host_arm, read_
 from polish_sim.cell.real_part import PartMotion
 from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
 from polish_sim.control.signals import Target
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import inverse, transform
 

@@ -11,11 +11,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.config import PadConfig, SpindleConfig
 from polish_sim.geometry.field_lookup import DistanceField, look_up
+from polish_sim.kernel_cache import njit
 
 Array = NDArray[np.float64]
 

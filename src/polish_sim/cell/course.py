@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -16,6 +15,7 @@ from polish_sim.cell.stroke import Job
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Course
 from polish_sim.geometry.field_lookup import DistanceField, look_up
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.trajectory import PathTable, sample_path, sample_share
 from polish_sim.spatial import rotation_from_quaternion
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.cell.carrier import add_carried_speed, carry_part, carry_target, drive_carrier, see_tool
@@ -56,6 +55,7 @@ from polish_sim.cell.stroke import (
 from polish_sim.cell.watch import check_guards, check_reading
 from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
 from polish_sim.control.signals import Measurement, Target, measurement_of, target_of
+from polish_sim.kernel_cache import njit
 
 # The inertia the wrist sensor feels is that of the motion that really happens.
 #

@@ -7,13 +7,13 @@ from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.cell.kernel import mj_step, register_engine
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import Scenario
 from polish_sim.errors import ProtectiveStop, ReachError
+from polish_sim.kernel_cache import njit
 
 # How far the robot is from itself and what stands around it, asked of MuJoCo pose by pose.
 

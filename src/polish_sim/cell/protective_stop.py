@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.cell.speedl import AGE, SpeedlState
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Measurement
+from polish_sim.kernel_cache import njit
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -20,6 +19,7 @@ from polish_sim.config import PartConfig
 from polish_sim.geometry.distance_field import bend_field, build_distance_field
 from polish_sim.geometry.field_lookup import NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
+from polish_sim.kernel_cache import njit
 from polish_sim.spatial import transform
 
 Array = NDArray[np.float64]

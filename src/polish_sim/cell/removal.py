@@ -12,7 +12,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
@@ -22,6 +21,7 @@ from polish_sim.cell.real_part import FACING, Touch
 from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.field_lookup import DistanceField, look_up
+from polish_sim.kernel_cache import njit
 from polish_sim.log import RunLog, Trace
 from polish_sim.planning.ground.triangulation import Triangulation, triangulate
 from polish_sim.planning.quality.points import build_point_grid

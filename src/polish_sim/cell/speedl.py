@@ -11,10 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.config import Scenario
+from polish_sim.kernel_cache import njit
 from polish_sim.motion import JOINT_LIMITS
 
 Array = NDArray[np.float64]

@@ -6,10 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.control.signals import Target
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.timed_path import Pace, TimedPath, sample_motion, sample_rate
 from polish_sim.motion.trajectory import PathTable, sample_path, sample_share
 from polish_sim.spatial import rotation_from_quaternion

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from polish_sim.cell.carrier import HALTED, SILENCE
 from polish_sim.cell.contact import SPIN, RealPart
 from polish_sim.cell.guards import (
@@ -43,6 +41,7 @@ from polish_sim.cell.stroke import TARE, TOUCH_DOWN
 from polish_sim.cell.wrist_sensor import CHANGED
 from polish_sim.control.signals import Measurement, Target
 from polish_sim.geometry.field_lookup import field_distance
+from polish_sim.kernel_cache import njit
 
 _CRASH_ROUNDS = 16  # the links' points are looked at in turn, all within this many steps
 _DEEPEST = 5.0  # the springs may be this much softer than planned before the force is first held [-]

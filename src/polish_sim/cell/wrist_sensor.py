@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.config import SensorConfig
+from polish_sim.kernel_cache import njit
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray, cfunc, njit
+from numba import carray
 from numpy.typing import NDArray
 
 from polish_sim.config import ControllerConfig
@@ -31,6 +31,7 @@ from polish_sim.control.signals import (
     measurement_of,
     target_of,
 )
+from polish_sim.kernel_cache import cfunc, njit
 
 Array = NDArray[np.float64]
 
@@ -144,7 +145,7 @@ def step_admittance(context: Array, m: Measurement, t: Target, twist: Array) -> 
 def admittance_law() -> Any:
     """Compiled entry of ``admittance``, made at first use."""
 
-    @cfunc(LAW_SIGNATURE, cache=True)
+    @cfunc(LAW_SIGNATURE)
     def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
         m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
         t = target_of(carray(target, TARGET_SIZE))
@@ -190,7 +191,7 @@ def step_impedance_position(context: Array, m: Measurement, t: Target, twist: Ar
 def impedance_position_law() -> Any:
     """Compiled entry of ``impedance-position``, made at first use."""
 
-    @cfunc(LAW_SIGNATURE, cache=True)
+    @cfunc(LAW_SIGNATURE)
     def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
         m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
         t = target_of(carray(target, TARGET_SIZE))
@@ -279,7 +280,7 @@ def step_force_mode(context: Array, m: Measurement, t: Target, twist: Array) -> 
 def force_mode_law() -> Any:
     """Compiled entry of ``force-mode``, made at first use."""
 
-    @cfunc(LAW_SIGNATURE, cache=True)
+    @cfunc(LAW_SIGNATURE)
     def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
         m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
         t = target_of(carray(target, TARGET_SIZE))

@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray, cfunc, njit
+from numba import carray
 from numpy.typing import NDArray
 
 from polish_sim.config import ControllerConfig
@@ -33,6 +33,7 @@ from polish_sim.control.signals import (
     measurement_of,
     target_of,
 )
+from polish_sim.kernel_cache import cfunc, njit
 
 Array = NDArray[np.float64]
 
@@ -223,7 +224,7 @@ def orientation_gains(g: Array) -> OrientationGains:
 def hybrid_pi_law() -> Any:
     """Compiled entry of ``hybrid-pi``, made at first use."""
 
-    @cfunc(LAW_SIGNATURE, cache=True)
+    @cfunc(LAW_SIGNATURE)
     def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
         m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
         t = target_of(carray(target, TARGET_SIZE))
@@ -236,7 +237,7 @@ def hybrid_pi_law() -> Any:
 def hybrid_pi_position_law() -> Any:
     """Compiled entry of ``hybrid-pi-position``, made at first use."""
 
-    @cfunc(LAW_SIGNATURE, cache=True)
+    @cfunc(LAW_SIGNATURE)
     def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
         m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
         t = target_of(carray(target, TARGET_SIZE))
@@ -249,7 +250,7 @@ def hybrid_pi_position_law() -> Any:
 def position_law() -> Any:
     """Compiled entry of ``position``, made at first use."""
 
-    @cfunc(LAW_SIGNATURE, cache=True)
+    @cfunc(LAW_SIGNATURE)
     def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
         m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
         t = target_of(carray(target, TARGET_SIZE))

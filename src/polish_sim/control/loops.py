@@ -6,8 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from polish_sim.kernel_cache import njit
 
 # First-order low-pass, in the exact discrete form.
 

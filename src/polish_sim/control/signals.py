@@ -10,8 +10,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
+
+from polish_sim.kernel_cache import njit
 
 Array = NDArray[np.float64]
 

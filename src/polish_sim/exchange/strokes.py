@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import PlanError
+from polish_sim.kernel_cache import njit
 from polish_sim.planning.toolpath import LEAD_OUT, RETRACT, ToolPath
 from polish_sim.spatial import rotation_to_axis, unit
 

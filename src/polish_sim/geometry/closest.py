@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.geometry.closest_on_patch import closest_on_patch, flat_distance2
+from polish_sim.kernel_cache import njit
 
 # A tree of boxes over patches, to find the few a point could be closest to (control points -> boxes).
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from polish_sim.kernel_cache import njit
 
 _STEPS = 24
 _STEP_DONE = 1e-13

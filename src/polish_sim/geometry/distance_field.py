@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
@@ -25,6 +24,7 @@ from polish_sim.geometry.field_lookup import (
     field_gradient,
 )
 from polish_sim.geometry.surface import Surface
+from polish_sim.kernel_cache import njit
 
 # On which side of the surface a point lies, also beside edges and corners (points -> signed distances).
 #

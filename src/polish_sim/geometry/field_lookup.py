@@ -9,8 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from polish_sim.kernel_cache import njit
 
 CELLS = 8
 """Cells of a brick along each axis."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.geometry.bezier import (
@@ -28,6 +27,7 @@ from polish_sim.geometry.jets import fit_vertex_jets
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.geometry.surface import Surface, build_surface
 from polish_sim.geometry.topology import Adjacency, find_adjacency
+from polish_sim.kernel_cache import njit
 from polish_sim.spatial import unit
 
 Floats = NDArray[np.float64]

@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.geometry.features import SmoothCorners, facet_normals
+from polish_sim.kernel_cache import njit
 from polish_sim.spatial import perpendicular, unit
 
 Floats = NDArray[np.float64]

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import NamedTuple, NoReturn
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import MeshError
 from polish_sim.geometry.polygon import FileTriangles, gather_triangles
+from polish_sim.kernel_cache import njit
 
 _HEADER_BYTES = 84
 _FACET_BYTES = 50

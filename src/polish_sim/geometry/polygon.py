@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import MeshError
+from polish_sim.kernel_cache import njit
 
 # Split polygons, plane or nearly so, into triangles that do not overlap (corners -> triangles).
 

@@ -7,7 +7,6 @@ from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.cell.kernel import EngineViews, engine_views, mj_step1, mj_step2, register_engine
@@ -16,6 +15,7 @@ from polish_sim.cell.observer import Observer, Silent, interrupts_noted
 from polish_sim.errors import ReachError
 from polish_sim.hand_guiding.guard import GUARDS, JOINT_END, TOUCH, UNSTABLE, GuidingLimits, fade_out, watch_guiding
 from polish_sim.hand_guiding.law import Belief, GuidingGains, GuidingMemory, build_memory, guide_by_hand, read_encoders
+from polish_sim.kernel_cache import njit
 
 # The simulated hand: a spring and a damper between where it wants the tool and where the tool is.
 

@@ -12,10 +12,10 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.hand_guiding.law import Belief, GuidingGains, GuidingMemory
+from polish_sim.kernel_cache import njit
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.config import GuideConfig
 from polish_sim.errors import unknown_name
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.serial_chain import ChainModel, chain_torque
 
 Array = NDArray[np.float64]

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import unknown_name
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.serial_chain import HINGE, LINK_PARAMETERS, LINK_UNITS, ChainGeometry, SerialChain
 
 Array = NDArray[np.float64]

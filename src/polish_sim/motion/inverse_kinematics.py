@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import ReachError
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.kinematics import DH_A, DH_D, JOINT_LIMITS
 
 Array = NDArray[np.float64]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.inverse_kinematics import nearest_solution
 from polish_sim.motion.joint_rates import ArmState, new_arm_state, solve_rates
 from polish_sim.motion.kinematics import JOINT_LIMITS, smallest_singular_values

@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.kinematics import DH_A, DH_ALPHA, DH_D
 
 # The arm at one configuration: axes, link vectors and inverse Jacobian, in arrays that are filled again.

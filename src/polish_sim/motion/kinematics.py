@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.errors import ReachError
+from polish_sim.kernel_cache import njit
 from polish_sim.spatial import inverse
 
 Array = NDArray[np.float64]

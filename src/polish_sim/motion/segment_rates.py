@@ -6,10 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import ReachError, place_in_mm
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.inverse_kinematics import inverse_on_branch
 from polish_sim.motion.joint_rates import ArmState, new_arm_state, place_arm, solve_rates
 from polish_sim.motion.kinematics import JOINT_LIMITS

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import InputError
+from polish_sim.kernel_cache import njit
 
 Array = NDArray[np.float64]
 

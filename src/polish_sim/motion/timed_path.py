@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.trajectory import PathTable, sample_path
 

@@ -10,11 +10,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from polish_sim.control.signals import Course, Measurement, Target
+from polish_sim.kernel_cache import njit
 
 # The course as a compiled law reads it: columns in one flat array behind the law's gains and memory.
 #

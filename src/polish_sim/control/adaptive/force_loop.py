@@ -18,8 +18,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
 from polish_sim.control.adaptive.gains import (
     AGE,
     AT_NO_TRAVEL,
@@ -41,6 +39,7 @@ from polish_sim.control.adaptive.gains import (
 )
 from polish_sim.control.adaptive.landing import unknown_mass
 from polish_sim.control.loops import low_pass_step
+from polish_sim.kernel_cache import njit
 
 _MASS_SHARE = 0.5  # of its command the loop may feed back through unknown inertia
 _NOISE_POWER = 0.6  # the observer slows with noise to this power

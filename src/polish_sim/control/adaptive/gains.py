@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.config import AdaptiveConfig
 from polish_sim.control.adaptive.drawing import Abilities, FeedForwardGains, FeedGains
 from polish_sim.control.adaptive.surface import LearningGains, NormalGains
 from polish_sim.errors import ConfigError
+from polish_sim.kernel_cache import njit
 
 LAWS = ("touch-down", "stiffness", "inertia", "feed-forward", "feed", "learning", "normal")
 """Names of the laws; without one of them the others go on."""

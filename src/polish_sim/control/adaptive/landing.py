@@ -14,8 +14,6 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from polish_sim.control.adaptive.gains import (
     AGE,
     AIR_MEAN,
@@ -40,6 +38,7 @@ from polish_sim.control.adaptive.gains import (
 )
 from polish_sim.control.loops import low_pass_step
 from polish_sim.control.signals import Measurement
+from polish_sim.kernel_cache import njit
 
 _FAST_HZ, _SLOW_HZ = 30.0, 5.0
 _FAST_SHARE, _SLOW_SHARE = 0.58, 0.25  # of a reading's deviation (80 Hz) that these low-passes let through

@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import carray, cfunc, njit
+from numba import carray
 from numpy.typing import NDArray
 
 from polish_sim.config import ControllerConfig
@@ -107,6 +107,7 @@ from polish_sim.control.signals import (
     measurement_of,
     target_of,
 )
+from polish_sim.kernel_cache import cfunc, njit
 
 Array = NDArray[np.float64]
 
@@ -275,7 +276,7 @@ def _touches(
 def hybrid_adaptive_law() -> Any:
     """Compiled entry of ``hybrid-adaptive``, made at first use."""
 
-    @cfunc(LAW_SIGNATURE, cache=True)
+    @cfunc(LAW_SIGNATURE)
     def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
         m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
         t = target_of(carray(target, TARGET_SIZE))

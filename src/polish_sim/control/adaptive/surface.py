@@ -10,11 +10,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.control.adaptive.drawing import Ahead, at
 from polish_sim.control.signals import Measurement, Target
+from polish_sim.kernel_cache import njit
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -14,6 +13,7 @@ from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.polygon import split_polygons
 from polish_sim.geometry.repair.skin import Floats, Ints, Skin, number_rows, place
 from polish_sim.geometry.topology import facet_links, find_adjacency, label_pieces, sorted_half_edges
+from polish_sim.kernel_cache import njit
 
 SLIVER = 1e-6
 """Facets lower than this share of the part's size have no meaningful normal."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.repair.skin import Floats, Ints, Skin
 from polish_sim.geometry.topology import find_adjacency
+from polish_sim.kernel_cache import njit
 from polish_sim.spatial import unit
 
 NOISY = 0.01

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import MeshError
@@ -14,6 +13,7 @@ from polish_sim.geometry.closest import build_boxes
 from polish_sim.geometry.repair.skin import Floats, Skin, place
 from polish_sim.geometry.repair.skin import Ints as Indices
 from polish_sim.geometry.topology import equal_pairs, facet_links, find_adjacency, label_pieces, sorted_half_edges
+from polish_sim.kernel_cache import njit
 
 # Make all facets of a piece run the same way round (faces -> faces).
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry.topology import find_edge_faults, label_pieces
+from polish_sim.kernel_cache import njit
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]

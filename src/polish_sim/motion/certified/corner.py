@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.corner_bounds import Pair, Peaks
 from polish_sim.motion.certified.corner_pieces import integrate_knots, set_knot, spread_shape
 from polish_sim.motion.certified.corner_scaling import Fit, fit_ends, fit_limits, scaled, share_used

@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.corner_extent import KernelControls, most_of_vectors
 
 

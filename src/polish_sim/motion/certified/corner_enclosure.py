@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.corner_parts import Kernel, Sides
 from polish_sim.motion.certified.joint_enclosure import Enclosure, enclose, new_enclosure
 from polish_sim.motion.joint_rates import solve_rates

@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.corner_axis import AxisCorner, axis_extent
 from polish_sim.motion.certified.corner_extent import KernelControls, fill_controls, new_kernel_controls
 from polish_sim.motion.certified.corner_joints import (

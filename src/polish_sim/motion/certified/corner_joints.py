@@ -13,9 +13,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.corner_extent import KernelControls, most_of_sum
 from polish_sim.motion.certified.joint_enclosure import fill_drift
 from polish_sim.motion.joint_rates import ArmState, new_arm_state, solve_second

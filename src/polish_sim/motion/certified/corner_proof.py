@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.corner_enclosure import JointShares, MovingTool, joint_shares, new_moving_tool
 from polish_sim.motion.certified.corner_factor import (
     CornerWork,

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.corner_bounds import Peaks, bound_deviation, distance_from_vertex, measure_peaks
 from polish_sim.motion.certified.corner_pieces import scale_pieces
 from polish_sim.motion.certified.corner_task import (

@@ -16,8 +16,9 @@ from importlib.resources import as_file, files
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from polish_sim.kernel_cache import njit
 
 Array = NDArray[np.float64]
 

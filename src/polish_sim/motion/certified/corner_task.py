@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.corner_bounds import Pair, Peaks, pair_of
 
 FAR = (1e30, 1e30)

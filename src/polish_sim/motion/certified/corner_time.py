@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.connector import Ends, LineLimits, connect, connector_time
 from polish_sim.motion.certified.corner_task import CornerFigures, CornerLimits, CornerWeights
 

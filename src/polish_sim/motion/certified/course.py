@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.bends import LINE_SHARE, axis_vectors, off_axis, off_line, plan_bend, tip_vectors
 from polish_sim.motion.certified.buffers import Lines, Segments
 from polish_sim.motion.certified.corner_proof import prove_kernel

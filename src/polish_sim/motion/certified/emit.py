@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.buffers import DURATION, MOST_STRUNG, SIZE, SPEED, Corners, Lines, Segments
 from polish_sim.motion.certified.connector import CONNECTOR_PIECES, LineLimits, connect, fill_connector
 from polish_sim.motion.certified.corner_parts import Kernel, copy_scaled, new_kernel

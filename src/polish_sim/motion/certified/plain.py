@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.bends import axis_vectors, off_axis, off_line, tip_vectors, turn_size
 from polish_sim.motion.certified.corner_shapes import PIECES
 from polish_sim.motion.certified.corner_task import CornerFigures, CornerLimits, CornerWeights

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.buffers import CAPACITY, Segments
 from polish_sim.motion.certified.corner_parts import Kernel, Sides, new_kernel
 from polish_sim.motion.certified.corner_proof import ProofWork, new_proof_work

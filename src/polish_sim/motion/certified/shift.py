@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.buffers import Corners, Lines, Segments
 from polish_sim.motion.rules.chain import Chain
 

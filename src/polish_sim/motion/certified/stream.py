@@ -6,9 +6,9 @@ Every way point goes the same way however many come at once, so the output does 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.buffers import CAPACITY, LOOKAHEAD, SPEED, Corners, Segments
 from polish_sim.motion.certified.connector import LineLimits
 from polish_sim.motion.certified.corner_fit import fill_corner

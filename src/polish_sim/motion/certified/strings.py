@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.bends import LINE_SHARE
 from polish_sim.motion.certified.buffers import MOST_STRUNG, Lines, Segments
 from polish_sim.motion.certified.connector import Ends, LineLimits, connector_time

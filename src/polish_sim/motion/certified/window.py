@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.buffers import ACCELERATION, DURATION, SIZE, SPEED, Corners, Lines
 from polish_sim.motion.certified.connector import Ends, LineLimits, connector_time
 

@@ -6,10 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import SmoothingError, place_in_mm
+from polish_sim.kernel_cache import njit
 from polish_sim.spatial import rotation_to_axis, unit
 
 Array = NDArray[np.float64]

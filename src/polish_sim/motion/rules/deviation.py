@@ -12,10 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import SmoothingError
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain, axis_distance, tip_distance
 from polish_sim.motion.rules.schedule import (
     Schedule,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.joint_choice import choose_limits
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.fir import fir_schedule

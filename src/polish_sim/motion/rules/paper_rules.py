@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.errors import SmoothingError
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule, sorted_times
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits

@@ -7,11 +7,11 @@ from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.geometry import ClosestPoints
+from polish_sim.kernel_cache import njit
 from polish_sim.spatial import unit
 
 # Equal-distance stepping on a surface (paper 1, section 1.2, fig. 4): the one primitive all turns are built from.

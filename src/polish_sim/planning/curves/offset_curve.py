@@ -12,10 +12,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve, Nearest, SurfaceQuery, step_on_surface
 from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.spatial import unit

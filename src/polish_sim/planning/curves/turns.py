@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve, SurfaceQuery
 from polish_sim.planning.curves.offset_curve import ROUNDING, CurveSet, LevelLine, level_lines, nearest_of, offset_curve
 from polish_sim.planning.ground.triangulation import Triangulation

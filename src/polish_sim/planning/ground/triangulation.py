@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
+from polish_sim.kernel_cache import njit
 
 # What hangs together in a triangulation: pieces, triangles around vertices, edges at its border; compiled.
 

@@ -7,11 +7,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
+from polish_sim.kernel_cache import njit
 from polish_sim.planning.moves.leads import Move, evenly
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, way_out
 from polish_sim.planning.toolpath import APPROACH

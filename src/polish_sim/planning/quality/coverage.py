@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.config import PadConfig
+from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.ground.triangulation import Triangulation

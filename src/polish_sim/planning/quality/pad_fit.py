@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.config import PadConfig
@@ -14,6 +13,7 @@ from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
 from polish_sim.geometry.closest import box_distance2
 from polish_sim.geometry.topology import label_pieces
+from polish_sim.kernel_cache import njit
 from polish_sim.planning.quality.coverage import rows_apart
 from polish_sim.planning.quality.located import PathOnSurface
 from polish_sim.planning.toolpath import arc_length

@@ -8,9 +8,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from polish_sim.kernel_cache import njit
 
 # Points sorted into the cells of a grid, for kernels that visit what lies near (points -> PointGrid).
 #

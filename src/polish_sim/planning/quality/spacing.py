@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
+from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.quality.located import Samples, Strands
 from polish_sim.planning.quality.points import build_point_grid
