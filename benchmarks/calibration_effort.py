@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.table import Row, print_rows
-from polish_sim.analysis.claims import CLAIMS
 from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, predict
 from polish_sim.dual.calibrate_tcp import TcpTrial
+from polish_sim.dual.experiment import CALIBRATIONS
 
 EFFORTS = ((3, 0), (6, 0), (12, 0), (3, 3), (3, 6), (3, 12), (3, 24), (6, 12), (6, 24))
 """Marks on the part and closing touches."""
@@ -18,7 +18,7 @@ MOVES, MINUTES_A_TOUCH = 3, 0.5
 
 
 def main() -> None:
-    asked = {claim.figure: claim.high for claim in CLAIMS["calibrate-budget"]}
+    asked = {claim.figure: claim.high for claim in CALIBRATIONS["budget"]}
     print_rows("Tool on the part, by covariances: rms, and calibrations with more than is asked", _rows(asked))
 
 

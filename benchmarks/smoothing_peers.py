@@ -21,7 +21,8 @@ from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.schedule import sample_schedule
-from polish_sim.smoothing.trial import AXIS_TOLERANCE, TOLERANCE, TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
+from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
 
 Array = NDArray[np.float64]
 DIRECTIONS = 60

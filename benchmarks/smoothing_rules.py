@@ -23,7 +23,8 @@ from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
 from polish_sim.motion.rules.paper_rules import block_triples, filter_times, joint_jerk_block_triples
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule
-from polish_sim.smoothing.trial import AXIS_TOLERANCE, DOME, TOLERANCE, TOP, TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
+from polish_sim.smoothing.trial import DOME, TOP, TRIAL_LIMITS, trial_arm, trial_path
 from polish_sim.spatial import rotation_to_axis, unit
 
 Array = NDArray[np.float64]

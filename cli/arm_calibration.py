@@ -9,17 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 from polish_sim.cli.frame_calibration import together
 from polish_sim.cli.outcome import Outcome
 from polish_sim.dual.calibrate_bases import ArmsFound, ArmTrial, calibrate_arm_from, run_arm_calibration
 from polish_sim.dual.calibration.arm import fit_placement
 from polish_sim.dual.calibration.arm_file import read_tracked, tracked_table, write_arm_calibration
+from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.dual.plots import BaseScene, Residuals, plot_bases
+from polish_sim.experiments.report import save_plots
 from polish_sim.motion.kinematics import NOMINAL
 
-ARM, ARM_DATA = "calibrate-arm", "calibrate-arm-data"
+ARM, ARM_DATA = CALIBRATIONS["arm"], CALIBRATIONS["arm-data"]
 
 
 def arm_once(trial: ArmTrial, pair: str, draft: Path) -> Outcome:
@@ -35,7 +36,7 @@ def arm_many(trial: ArmTrial, seeds: Sequence[int], draft: Path) -> Outcome:
     def figures(seed: int) -> Mapping[str, Any]:
         return run_arm_calibration(replace(trial, seed=seed)).figures
 
-    return together(ARM, "arms", seeds, figures, draft)
+    return together("calibrate-arm", ARM, "arms", seeds, figures, draft)
 
 
 def arm_from_data(file: Path, pair: str, draft: Path) -> Outcome:

@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.analysis.claims import CLAIMS
-from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
@@ -25,7 +23,9 @@ from polish_sim.dual.budget import (
     predict,
 )
 from polish_sim.dual.calibration.matched_points import length_probability
+from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.dual.plots import Bar, Total, plot_budget
+from polish_sim.experiments.report import save_plots
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,9 @@ def budget_once(trial: PairBudgetTrial, least: int, draft: Path) -> Outcome:
     _write(draft, trial, shares, figures, total)
     _show_shares(shares)
     columns = {"analysis": predicted, "drawn": figures}
-    return Outcome(BUDGET, f"tool on the part, {len(drawn)} calibrations", columns, interrupted=interrupted)
+    return Outcome(
+        CALIBRATIONS["budget"], f"tool on the part, {len(drawn)} calibrations", columns, interrupted=interrupted
+    )
 
 
 def _write(
@@ -113,7 +115,7 @@ def _show_shares(shares: Mapping[str, Share]) -> None:
 
 def _total(errors: Array, covariances: Array) -> Total:
     """The whole error beside what is asked of it; the curve ends where the draws do."""
-    asked = {claim.figure: claim.high for claim in CLAIMS[BUDGET]}
+    asked = {claim.figure: claim.high for claim in CALIBRATIONS["budget"]}
     rms, p95 = asked["relative_error_rms_m"], asked["relative_error_p95_m"]
     lengths = np.linalg.norm(errors, axis=2).ravel()
     edges = np.linspace(0.0, max(float(lengths.max()), p95), CURVE + 1)

@@ -72,7 +72,7 @@ def payload(
             raise InputError(f"{', '.join(idle)} would change nothing with --data: leave it out.")
     # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.cli.calibration import from_data, many_seeds, one_seed
-    from polish_sim.experiments import PAYLOAD_SCENARIO
+    from polish_sim.experiments.rows import PAYLOAD_SCENARIO
 
     scenario = build_scenario(PAYLOAD_SCENARIO, given, config, set_ or [])
     with claimed(out, "calibrate-payload", overwrite) as folder:

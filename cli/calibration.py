@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from polish_sim.analysis.payload_plot import DriftData, ResidualData, plot_drift, plot_residuals
-from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import CONFIG, METRICS, package_versions, write_json
 from polish_sim.calibration import read_readings, residual_table, write_calibration
 from polish_sim.cli import console
@@ -19,9 +18,11 @@ from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.seeds import aggregate
 from polish_sim.config import Scenario
 from polish_sim.experiments import PayloadCalibration, calibrate_from, run_payload_calibration
+from polish_sim.experiments.report import save_plots
+from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS
 from polish_sim.scenario_file import to_toml
 
-SIMULATED, MEASURED = "calibrate-payload", "calibrate-payload-data"
+KIND = "calibrate-payload"
 UNFINISHED = ".seed"
 
 
@@ -32,7 +33,7 @@ def one_seed(scenario: Scenario, drift: bool, draft: Path) -> Outcome:
         observer.stage("draw")
         _write(draft, found)
     _show_estimate(found)
-    return Outcome(SIMULATED, f"payload, seed {scenario.seed}", {"this calibration": found.figures})
+    return Outcome(PAYLOAD_CLAIMS, f"payload, seed {scenario.seed}", {"this calibration": found.figures})
 
 
 def many_seeds(scenario: Scenario, drift: bool, seeds: Sequence[int], draft: Path) -> Outcome:
@@ -56,11 +57,11 @@ def many_seeds(scenario: Scenario, drift: bool, seeds: Sequence[int], draft: Pat
                 raise
             interrupted = True
             shutil.rmtree(draft / UNFINISHED, ignore_errors=True)
-    mean, worst = aggregate(SIMULATED, list(runs.values()))
-    table = {"experiment": SIMULATED, "seeds": list(runs), "mean": mean, "worst": worst}
+    mean, worst = aggregate(PAYLOAD_CLAIMS, list(runs.values()))
+    table = {"experiment": KIND, "seeds": list(runs), "mean": mean, "worst": worst}
     write_json(draft / METRICS, table | {"runs": runs, "versions": package_versions()})
     columns = {"mean": mean, "worst seed": worst}
-    return Outcome(SIMULATED, f"payload, {len(runs)} seeds", columns, interrupted=interrupted)
+    return Outcome(PAYLOAD_CLAIMS, f"payload, {len(runs)} seeds", columns, interrupted=interrupted)
 
 
 def from_data(file: Path, drift: bool, draft: Path) -> Outcome:
@@ -68,7 +69,7 @@ def from_data(file: Path, drift: bool, draft: Path) -> Outcome:
     found = calibrate_from(read_readings(file), drift)
     _write(draft, found)
     _show_estimate(found)
-    return Outcome(MEASURED, f"payload from {file.name}", {"this calibration": found.figures})
+    return Outcome(PAYLOAD_DATA_CLAIMS, f"payload from {file.name}", {"this calibration": found.figures})
 
 
 def _write(folder: Path, found: PayloadCalibration) -> None:

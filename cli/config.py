@@ -29,13 +29,14 @@ def config(
     `limits` prints the default limits of tool and joints, for the command `smooth`.
     """
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.experiments import EXPERIMENTS, PAYLOAD_SCENARIO, default_scenario
+    from polish_sim.experiments.registry import ROWS, default_scenario
+    from polish_sim.experiments.rows import PAYLOAD_SCENARIO
     from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml
 
     if experiment == LIMITS:
         console.say(limits_toml(SmoothingLimits()).rstrip())
         return
     calibrates = experiment == PAYLOAD_SCENARIO.experiment
-    if not calibrates and experiment not in EXPERIMENTS:
-        raise unknown_name("experiment", experiment, (*EXPERIMENTS, PAYLOAD_SCENARIO.experiment, LIMITS))
+    if not calibrates and experiment not in ROWS:
+        raise unknown_name("experiment", experiment, (*ROWS, PAYLOAD_SCENARIO.experiment, LIMITS))
     console.say(to_toml(PAYLOAD_SCENARIO if calibrates else default_scenario(experiment)).rstrip())

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.analysis.claims import CLAIMS
-from polish_sim.analysis.report import save_plots
+from polish_sim.analysis.claim import Claim
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
@@ -20,10 +19,11 @@ from polish_sim.dual.calibration.base_file import method_named, read_base_measur
 from polish_sim.dual.calibration.circle import GOOD_ARC, Circle
 from polish_sim.dual.calibration.tool import tip_positions_flange
 from polish_sim.dual.calibration.tool_file import read_tool_measurements, tool_table, write_tool_calibration
+from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.dual.plots import BaseScene, Residuals, ToolScene, plot_bases, plot_tool
+from polish_sim.experiments.report import save_plots
 
-TCP, TCP_DATA, BASE = "calibrate-tcp", "calibrate-tcp-data", "calibrate-base"
-_METHOD_CLAIMS = {"circles": BASE, "poses": f"{BASE}-poses", "handshake": f"{BASE}-poses"}
+_METHOD_CLAIMS = {"circles": "base", "poses": "base-poses", "handshake": "base-poses"}
 
 
 def check_method(name: str) -> None:
@@ -47,13 +47,23 @@ def tcp_once(trial: TcpTrial, draft: Path) -> Outcome:
     """Calibrate one simulated tool and write its folder."""
     found = run_tcp_calibration(trial)
     _write_tcp(draft, found)
-    return Outcome(TCP, f"tool frame, seed {trial.seed}", {"this calibration": found.figures}, notes=_tcp_notes(found))
+    return Outcome(
+        CALIBRATIONS["tcp"],
+        f"tool frame, seed {trial.seed}",
+        {"this calibration": found.figures},
+        notes=_tcp_notes(found),
+    )
 
 
 def tcp_many(trial: TcpTrial, seeds: Sequence[int], draft: Path) -> Outcome:
     """Calibrate with each seed; what is checked is the worst of each figure."""
     return together(
-        TCP, "tool frame", seeds, lambda seed: run_tcp_calibration(replace(trial, seed=seed)).figures, draft
+        "calibrate-tcp",
+        CALIBRATIONS["tcp"],
+        "tool frame",
+        seeds,
+        lambda seed: run_tcp_calibration(replace(trial, seed=seed)).figures,
+        draft,
     )
 
 
@@ -62,7 +72,7 @@ def tcp_from_data(file: Path, draft: Path) -> Outcome:
     found = calibrate_tcp_from(read_tool_measurements(file))
     _write_tcp(draft, found)
     columns = {"this calibration": found.figures}
-    return Outcome(TCP_DATA, f"tool frame from {file.name}", columns, notes=_tcp_notes(found))
+    return Outcome(CALIBRATIONS["tcp-data"], f"tool frame from {file.name}", columns, notes=_tcp_notes(found))
 
 
 def base_once(trial: BaseTrial, pair: str, draft: Path) -> Outcome:
@@ -70,7 +80,9 @@ def base_once(trial: BaseTrial, pair: str, draft: Path) -> Outcome:
     found = run_base_calibration(trial)
     _write_base(draft, found, trial.method, pair)
     title = f"bases by {trial.method}, seed {trial.seed}"
-    return Outcome(_METHOD_CLAIMS[trial.method], title, {"this calibration": found.figures}, notes=_base_notes(found))
+    return Outcome(
+        CALIBRATIONS[_METHOD_CLAIMS[trial.method]], title, {"this calibration": found.figures}, notes=_base_notes(found)
+    )
 
 
 def base_many(trial: BaseTrial, seeds: Sequence[int], draft: Path) -> Outcome:
@@ -79,7 +91,8 @@ def base_many(trial: BaseTrial, seeds: Sequence[int], draft: Path) -> Outcome:
     def figures(seed: int) -> Mapping[str, Any]:
         return run_base_calibration(replace(trial, seed=seed)).figures
 
-    return together(_METHOD_CLAIMS[trial.method], f"bases by {trial.method}", seeds, figures, draft)
+    kind = _METHOD_CLAIMS[trial.method]
+    return together(f"calibrate-{kind}", CALIBRATIONS[kind], f"bases by {trial.method}", seeds, figures, draft)
 
 
 def base_from_data(file: Path, method: str, pair: str, draft: Path) -> Outcome:
@@ -87,24 +100,31 @@ def base_from_data(file: Path, method: str, pair: str, draft: Path) -> Outcome:
     found = calibrate_base_from(read_base_measurements(file, method))
     _write_base(draft, found, method, pair)
     columns = {"this calibration": found.figures}
-    return Outcome(f"{_METHOD_CLAIMS[method]}-data", f"bases from {file.name}", columns, notes=_base_notes(found))
+    return Outcome(
+        CALIBRATIONS[f"{_METHOD_CLAIMS[method]}-data"], f"bases from {file.name}", columns, notes=_base_notes(found)
+    )
 
 
 def together(
-    experiment: str, what: str, seeds: Sequence[int], figures: Callable[[int], Mapping[str, Any]], draft: Path
+    experiment: str,
+    claims: Sequence[Claim],
+    what: str,
+    seeds: Sequence[int],
+    figures: Callable[[int], Mapping[str, Any]],
+    draft: Path,
 ) -> Outcome:
     """Calibrate with each seed: rms and worst value of each figure over them; broken off, over those that were done."""
     runs, interrupted = _each_seed(seeds, figures)
 
     def over(summary: Callable[[list[float]], float]) -> dict[str, float]:
-        known = {c.figure: [run[c.figure] for run in runs.values() if c.figure in run] for c in CLAIMS[experiment]}
+        known = {c.figure: [run[c.figure] for run in runs.values() if c.figure in run] for c in claims}
         return {figure: summary(values) for figure, values in known.items() if values}
 
     rms, worst = over(lambda values: float(np.sqrt(np.mean(np.square(values))))), over(max)
     table = {"experiment": experiment, "seeds": list(runs), "rms": rms, "worst": worst, "runs": runs}
     write_json(draft / METRICS, table | {"versions": package_versions()})
     columns = {"rms": rms, "worst seed": worst}
-    return Outcome(experiment, f"{what}, {len(runs)} seeds", columns, interrupted=interrupted)
+    return Outcome(claims, f"{what}, {len(runs)} seeds", columns, interrupted=interrupted)
 
 
 def _each_seed(

@@ -6,19 +6,16 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
-from polish_sim.cli.idle_options import PATH_OPTIONS
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.exchange import read_path
 from polish_sim.experiments.part_setup import part_file
+from polish_sim.experiments.registry import PATH_OPTIONS, experiment
 from polish_sim.models import workpiece_names
 from polish_sim.planning import ToolPath
 from polish_sim.scenario_file import merge
-
-PATH_TAKERS: Final = ("surface", "dual")
-"""Experiments that run a finished plan; `smooth` and `teach` take theirs in their own way."""
 
 
 class GivenPlan(NamedTuple):
@@ -42,7 +39,7 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
     Raises:
         InputError: If the plan cannot be read, belongs to another part, or is asked to be planned differently.
     """
-    if scenario.experiment not in PATH_TAKERS:
+    if not experiment(scenario.experiment).along_plan:
         raise InputError(
             f"--path is for 'run surface', 'dual' and 'smooth': '{scenario.experiment}' has no path to be given."
         )

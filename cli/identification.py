@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.weighing import read_run, show_payload, write_payload
+from polish_sim.experiments.report import save_plots
 from polish_sim.identification.arm import LoggedRobot, cell_arm, robot_of_file
 from polish_sim.identification.base_parameters import base_names, base_of, identifiable
+from polish_sim.identification.claims import IDENTIFY
 from polish_sim.identification.identify import Identification, identify_from_log, run_identification
 from polish_sim.identification.model_file import IdentifiedJoints, write_identified
 from polish_sim.identification.payload import weigh_from_logs
@@ -23,8 +24,8 @@ from polish_sim.identification.plot import MotionData, TorqueData, plot_motion, 
 from polish_sim.identification.settings import IdentifySettings
 from polish_sim.identification.use_motion import use_states
 
-SIMULATED, SHORT, STEPWISE, FOR_TASK = "identify", "identify-short", "identify-stepwise", "identify-task"
-MEASURED, MEASURED_STEPWISE = "identify-data", "identify-data-stepwise"
+SIMULATED, SHORT, STEPWISE, FOR_TASK = "full", "short", "stepwise", "task"
+MEASURED, MEASURED_STEPWISE = "data", "data-stepwise"
 OTHER = "-other"
 """After the name of a simulated one whose motion has another objective than the default."""
 FULL_PERIODS = 5
@@ -54,11 +55,12 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
         write_payload(draft, found.weighed)
         show_payload(found.weighed)
     title = f"identification, {settings.method}, {settings.objective}, {settings.periods} periods, seed {settings.seed}"
-    return Outcome(FOR_TASK if task is not None else asked_of(settings), title, {"this arm": found.figures})
+    kind = FOR_TASK if task is not None else asked_of(settings)
+    return Outcome(IDENTIFY[kind], title, {"this arm": found.figures})
 
 
 def asked_of(settings: IdentifySettings) -> str:
-    """The name in ``CLAIMS`` of what is asked of a simulated identification without a task."""
+    """The name in ``IDENTIFY`` of what is asked of a simulated identification without a task."""
     experiment = SIMULATED if settings.periods >= FULL_PERIODS else SHORT
     experiment = experiment if settings.method == IdentifySettings.method else STEPWISE
     return experiment if settings.objective == IdentifySettings.objective else experiment + OTHER
@@ -83,7 +85,7 @@ def from_log(robot: LoggedRobot, logs: Logs, method: str, draft: Path) -> Outcom
         show_payload(found.weighed)
     experiment = MEASURED if method == "joint" else MEASURED_STEPWISE
     title = f"identification from {file.name}, {method}"
-    return Outcome(experiment, title, {"this robot": found.figures}, notes=doubts(found))
+    return Outcome(IDENTIFY[experiment], title, {"this robot": found.figures}, notes=doubts(found))
 
 
 def doubts(found: Identification) -> tuple[str, ...]:

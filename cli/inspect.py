@@ -66,10 +66,10 @@ def inspect(
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
-    from polish_sim.analysis.report import save_plots
     from polish_sim.analysis.run_record import write_json
     from polish_sim.cli.given_plan import check_part, plan_facts
     from polish_sim.exchange import read_path
+    from polish_sim.experiments.report import save_plots
     from polish_sim.planning import guessed_stepover, inspect_path
 
     tool_path = read_path(path)

@@ -37,14 +37,14 @@ def _known() -> Mapping[str, Mapping[str, str]]:
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.cell import FAULTS
     from polish_sim.control import CONTROLLERS
-    from polish_sim.experiments import EXPERIMENTS
+    from polish_sim.experiments.registry import experiments
     from polish_sim.models import WORKPIECES
     from polish_sim.planning import PATTERNS
 
     return {
         "parts": WORKPIECES,
         "controllers": {**_told(CONTROLLERS), "FILE.py:CLASS": "your own, see docs/controllers.md"},
-        "experiments": dict(EXPERIMENTS),
+        "experiments": {name: row.text for name, row in experiments().items()},
         "patterns": _told({name: pattern.plan for name, pattern in PATTERNS.items()}),
         "faults": {name: fault.text for name, fault in FAULTS.items()},
     }

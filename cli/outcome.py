@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from polish_sim.analysis.claim import Claim, bound_text, value_text
-from polish_sim.analysis.claims import CLAIMS, shortfalls, without_paper
+from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 
@@ -16,7 +15,8 @@ from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 class Outcome:
     """One run, or several seeds of one: the figures that count."""
 
-    experiment: str
+    claims: Sequence[Claim]
+    """The figures to show and what is asked of them."""
     title: str
     columns: Mapping[str, Mapping[str, Any]]
     """Columns of figures to show by heading; the last one is the one that is checked."""
@@ -26,9 +26,7 @@ class Outcome:
     undrawn: str = ""
     """What draws the pictures that are missing because it was broken off after all was measured."""
     notes: tuple[str, ...] = ()
-    """What else is to be told."""
-    paper_task: bool = True
-    """Whether this is the paper's own trial: only then its figures are shown."""
+    """What else there is to say."""
 
     def show(self) -> None:
         """Print why the run ended early, if it did, and the table of figures."""
@@ -44,9 +42,7 @@ class Outcome:
             console.note(f"error: protective stop: {reason}{end} The log is kept, stop included.")
         for text in self.notes:
             console.note(text)
-        claims = CLAIMS[self.experiment]
-        shown = claims if self.paper_task else without_paper(claims)
-        show_figures(shown, self.title, self.columns, self._checked)
+        show_figures(self.claims, self.title, self.columns, self._checked)
 
     def exit_code(self, check: bool) -> int:
         """The code to end with; falling short counts only when it was asked to ``check``."""
@@ -54,7 +50,7 @@ class Outcome:
             return INTERRUPTED
         if self.stops:
             return STOPPED
-        return SHORT if check and shortfalls(self.experiment, self._checked) else DONE
+        return SHORT if check and shortfalls(self.claims, self._checked) else DONE
 
     @property
     def _checked(self) -> Mapping[str, Any]:

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from polish_sim.analysis.path_plot import plot_plan
-from polish_sim.analysis.report import save_plots
 from polish_sim.cell import Observer
 from polish_sim.cli import console
 from polish_sim.config import Scenario
-from polish_sim.dual.task import prepare_dual
 from polish_sim.exchange import write_plan
+from polish_sim.experiments.registry import experiment
+from polish_sim.experiments.report import save_plots
 from polish_sim.experiments.stroke_motion import check_stroke_rule
 from polish_sim.planning import PlanObserver, PlanResult, ToolPath, measure_given_path, plan_part
 
@@ -31,6 +31,8 @@ def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
     Raises:
         PolishSimError: If the part cannot be used or planned, or an arm cannot follow.
     """
+    from polish_sim.dual.task import prepare_dual
+
     begin = time.perf_counter()
     task = prepare_dual(scenario, None, observer)
     path, planned_s = task.place.path, time.perf_counter() - begin
@@ -68,9 +70,10 @@ def plan_to_run(
     Raises:
         PolishSimError: If the part cannot be used or planned.
     """
-    if scenario.experiment != "surface" and not (scenario.experiment == "dual" and given is not None):
+    row = experiment(scenario.experiment)
+    if not (row.plans or (row.along_plan and given is not None)):
         return None
-    if scenario.experiment == "surface":
+    if row.plans:
         check_stroke_rule(scenario)
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     plan = plan_part(*asked) if given is None else measure_given_path(given, *asked)

@@ -19,12 +19,12 @@ def report(runs: Runs, out: Out = None, overwrite: Overwrite = False) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
     refuse_taken(out, overwrite)
     # Lazy: --help must not wait for matplotlib.
-    from polish_sim.analysis.claims import claims_shown
     from polish_sim.analysis.path_plot import plot_cell
     from polish_sim.analysis.removal_plot import REMOVAL_MESH, write_removal_mesh
-    from polish_sim.analysis.report import draw_comparison, draw_plots, save_plots
     from polish_sim.analysis.run_record import notes_of, read_records, setting_rows, write_json
     from polish_sim.cli.outcome import show_figures
+    from polish_sim.experiments.registry import claims_shown
+    from polish_sim.experiments.report import draw_comparison, draw_plots, save_plots
 
     records = read_records(runs)
     experiment = records[0].scenario.experiment

@@ -100,7 +100,7 @@ def run(
     given = given_options(workpiece, region, pattern, tool, master, job, trial, record)
     view, video, seeds = trial.view, record.video, trial.seeds
     switches = {"--view": view or None, "--video": video or None, "--dry-run": trial.dry_run or None}
-    refuse_idle_in(experiment, given | {"--seeds": seeds} | switches)
+    refuse_idle_in(experiment, given | {"--seeds": seeds, "--path": path} | switches)
     if seeds is not None and (view or video):
         raise InputError("--view and --video show one run: leave --seeds out.")
     refuse_taken(output.out, output.overwrite)
@@ -108,7 +108,7 @@ def run(
     # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.cli.seeds import run_seeds
     from polish_sim.cli.simulation import check_reach, run_once
-    from polish_sim.experiments import default_scenario
+    from polish_sim.experiments.registry import default_scenario
 
     scenario = build_scenario(default_scenario(experiment), given, settings.config, settings.set_ or [])
     plan, scenario = _checked(scenario, given, path)
@@ -129,16 +129,18 @@ def _checked(scenario: Scenario, given: Mapping[str, Any], path: Path | None) ->
     """Refuse what cannot be run before anything is planned, and take the plan of a given path."""
     from polish_sim.cli.given_plan import name_path, take_plan
     from polish_sim.experiments.assembly import check_force, check_settings
+    from polish_sim.experiments.registry import experiment as row_of
     from polish_sim.planning import PATTERNS
 
     source = path or (Path(scenario.plan.file) if scenario.plan.file else None)
-    check_settings(scenario, plans=scenario.experiment == "surface" and source is None)
+    row = row_of(scenario.experiment)
+    check_settings(scenario, plans=row.plans and source is None)
     given_path = None
     if scenario.experiment == "smooth":
         scenario = scenario if source is None else name_path(source, scenario)
     elif source is not None:
         given_path, scenario = take_plan(source, scenario, given)
-    elif scenario.experiment not in ("teach", "dual"):
+    elif row.plans:
         refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
     check_force(scenario, given_path)
     return given_path, scenario

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.analysis.claims import CLAIMS, claims_of, is_paper_task
-from polish_sim.analysis.report import draw_seeds, save_plots
+from polish_sim.analysis.claim import Claim
 from polish_sim.analysis.run_record import METRICS, package_versions, read_record, write_json
 from polish_sim.cli import console
 from polish_sim.cli.compiling import FIRST_START
@@ -22,6 +21,8 @@ from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.planning import plan_to_run
 from polish_sim.cli.simulation import PICTURES_MISSING, simulate
 from polish_sim.config import Scenario
+from polish_sim.experiments.registry import claims_shown
+from polish_sim.experiments.report import draw_seeds, save_plots
 from polish_sim.kernel_cache import is_warm
 from polish_sim.planning import PlanResult, ToolPath
 
@@ -41,7 +42,8 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
         How it ended; what is checked is the worst seed of each figure.
     """
     runs, interrupted = _run_all(scenario, plan, seeds, draft)
-    mean, worst = aggregate(claims_of(scenario), list(runs.values()))
+    claims = claims_shown([scenario])
+    mean, worst = aggregate(claims, list(runs.values()))
     table = {"experiment": scenario.experiment, "seeds": list(runs), "mean": mean, "worst": worst}
     facts, undrawn = table | {"runs": runs, "versions": package_versions()}, ""
     write_json(draft / METRICS, facts)
@@ -62,21 +64,20 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
     ]
     title = f"{scenario.experiment}, {scenario.controller.label}, {len(runs)} seeds"
     return Outcome(
-        claims_of(scenario),
+        claims,
         title,
         {"mean": mean, "worst seed": worst},
         tuple(stops),
         interrupted,
         undrawn,
         tuple(missed),
-        is_paper_task(scenario),
     )
 
 
-def aggregate(experiment: str, runs: Sequence[Figures]) -> tuple[dict[str, float], dict[str, float]]:
-    """Mean and worst value of each figure of an experiment over its runs."""
+def aggregate(claims: Sequence[Claim], runs: Sequence[Figures]) -> tuple[dict[str, float], dict[str, float]]:
+    """Mean and worst value of each figure over the runs."""
     mean, worst = {}, {}
-    for claim in CLAIMS[experiment]:
+    for claim in claims:
         values = [run.get(claim.figure) for run in runs]
         known = [float(value) for value in values if value is not None]
         mean[claim.figure] = float(np.mean(known)) if known else float("nan")

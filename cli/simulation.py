@@ -7,12 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from polish_sim.analysis.claims import claims_of, is_paper_task
 from polish_sim.analysis.path_plot import plot_cell
 from polish_sim.analysis.removal_plot import REMOVAL_MESH, write_removal_mesh
-from polish_sim.analysis.report import draw_plots, save_plots
 from polish_sim.analysis.run_record import METRICS, RunRecord, package_versions, write_json, write_record
 from polish_sim.cell import Observer
 from polish_sim.cli import console
@@ -21,15 +17,13 @@ from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.planning import plan_to_run
 from polish_sim.cli.sinks import CELL_PICTURE
 from polish_sim.config import Scenario
-from polish_sim.dual.placement import seat_text
-from polish_sim.exchange import path_csv
-from polish_sim.experiments import RunResult, check_experiment, run_experiment
+from polish_sim.experiments.registry import check_experiment, claims_shown, experiment, load, run_experiment
+from polish_sim.experiments.report import draw_plots, save_plots
+from polish_sim.experiments.result import RunResult
 from polish_sim.planning import PlanResult, ToolPath
 
 PICTURES_MISSING = "pictures_missing"
 """Key in metrics.json of a run that was broken off while its pictures were drawn."""
-TAUGHT = "taught.csv"
-"""The path of `run teach --follow`."""
 
 
 def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequence[FrameSink] = ()) -> Outcome:
@@ -44,7 +38,7 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
     Returns:
         How it ended.
     """
-    record, undrawn = None, ""
+    row, record, undrawn = experiment(scenario.experiment), None, ""
     try:
         with ExitStack() as stack:
             observer = stack.enter_context(console.progress(sinks))
@@ -65,30 +59,14 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
         undrawn = "'polish-sim report' with the folder of the run draws them."
         write_json(draft / METRICS, {**record.metrics, PICTURES_MISSING: True})
     return Outcome(
-        claims_of(scenario),
-        _title(scenario),
+        claims_shown([scenario]),
+        row.title(scenario),
         {"this run": record.metrics},
         (result.stop_reason,) if result.stop_reason else (),
         result.interrupted,
         undrawn,
-        (*_of_seat(record.metrics), *_of_faults(record.metrics)),
-        is_paper_task(scenario),
+        (*(load(row.notes)(record.metrics) if row.notes else ()), *_of_faults(record.metrics)),
     )
-
-
-def _title(scenario: Scenario) -> str:
-    if scenario.experiment == "smooth":
-        return "smooth, every rule on the servos"
-    if scenario.experiment == "teach":
-        followed = f"along {scenario.drag.follow} of {scenario.part.file}, seed {scenario.seed}"
-        return f"teach, {followed if scenario.drag.follow else scenario.guide.mode or 'every mode'}"
-    return f"{scenario.experiment}, {scenario.controller.label}, seed {scenario.seed}"
-
-
-def _of_seat(metrics: Mapping[str, Any]) -> Iterator[str]:
-    """How a second robot held the part."""
-    if "T_gripper_work" in metrics:
-        yield f"part: {seat_text(np.array(metrics['T_gripper_work']))}"
 
 
 def _of_faults(metrics: Mapping[str, Any]) -> Iterator[str]:
@@ -105,8 +83,8 @@ def simulate(
     metrics = {**result.figures, "versions": package_versions()}
     record = RunRecord(scenario.experiment, result.scenario, metrics, result.log, result.path, result.removal)
     write_record(folder, record)
-    if scenario.experiment == "teach" and result.path is not None:
-        (folder / TAUGHT).write_text(path_csv(result.path), encoding="utf-8")
+    for name, text in result.files.items():
+        (folder / name).write_text(text, encoding="utf-8")
     return record, result
 
 

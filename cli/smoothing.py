@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.report import save_plots
 from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 from polish_sim.cli.given_plan import plan_facts
 from polish_sim.cli.smoothing_outcome import SmoothOutcome
 from polish_sim.cli.smoothing_pictures import draw_smoothing
 from polish_sim.errors import InputError, PolishSimError, unknown_name
 from polish_sim.exchange import Unknown, WayPoints, read_way_points, refuse_unknown
+from polish_sim.experiments.report import save_plots
 from polish_sim.experiments.stroke_motion import STROKE_RULES
 from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml, load_limits
 from polish_sim.motion.rules.registry import RULES

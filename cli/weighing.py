@@ -13,6 +13,7 @@ from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
 from polish_sim.identification.arm import LoggedRobot
+from polish_sim.identification.claims import IDENTIFY
 from polish_sim.identification.estimate import INTERVAL_95
 from polish_sim.identification.log_file import RobotLog, periodic_states, read_robot_log, spline_states
 from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed, body_of, weigh_from_logs
@@ -20,7 +21,6 @@ from polish_sim.identification.regressor import States
 
 FILE: Final = "payload.csv"
 COLUMNS: Final = ("name", "value", "unit", "std", "low_95", "high_95", "nearest_body", "true_value")
-EXPERIMENT: Final = "identify-payload-data"
 
 
 def read_run(file: Path, robot: LoggedRobot, period: float | None) -> tuple[RobotLog, States]:
@@ -43,7 +43,7 @@ def weigh_alone(robot: LoggedRobot, file: Path, period: float | None, draft: Pat
     note = (
         "the arm was believed to be as its model says: intervals count noise only. --data adds a run without payload."
     )
-    return Outcome(EXPERIMENT, f"payload from {file.name}", {"payload": weighed.figures}, notes=(note,))
+    return Outcome(IDENTIFY["payload-data"], f"payload from {file.name}", {"payload": weighed.figures}, notes=(note,))
 
 
 def write_payload(folder: Path, weighed: Weighed) -> None:

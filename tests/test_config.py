@@ -10,7 +10,7 @@ import pytest
 
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
-from polish_sim.experiments import EXPERIMENTS, default_scenario
+from polish_sim.experiments.registry import ROWS, default_scenario
 
 
 def leaves(table: Any, place: str = "") -> Iterator[tuple[str, Any, Field[Any]]]:
@@ -23,7 +23,7 @@ def leaves(table: Any, place: str = "") -> Iterator[tuple[str, Any, Field[Any]]]
             yield f"{place}{f.name}", value, f
 
 
-@pytest.mark.parametrize("name", sorted(EXPERIMENTS))
+@pytest.mark.parametrize("name", sorted(ROWS))
 def test_every_default_lies_within_its_range(name: str) -> None:
     for key, value, field in leaves(default_scenario(name)):
         if isinstance(value, (int, float)):

@@ -11,7 +11,7 @@ import pytest
 
 from polish_sim.config import ControllerConfig, PartConfig, Scenario
 from polish_sim.errors import ConfigError
-from polish_sim.experiments import EXPERIMENTS, default_scenario
+from polish_sim.experiments.registry import ROWS, default_scenario
 from polish_sim.scenario_file import load_scenario, override, to_toml
 from tests.test_config import leaves
 
@@ -38,7 +38,7 @@ def changed_everywhere() -> Scenario:
     return override(replace(BASE, part=part), assignments)
 
 
-@pytest.mark.parametrize("scenario", [*map(default_scenario, EXPERIMENTS), changed_everywhere()])
+@pytest.mark.parametrize("scenario", [*map(default_scenario, ROWS), changed_everywhere()])
 def test_toml_gives_back_the_very_same_scenario(scenario: Scenario, tmp_path: Path) -> None:
     assert load_scenario(written(tmp_path, to_toml(scenario)), default_scenario("arc")) == scenario
 

@@ -8,13 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.analysis.claim import Claim, bound_text, value_text
-from polish_sim.analysis.claims import CLAIMS, claims_shown, shortfalls
+from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_surface
 from polish_sim.analysis.removal_plot import measure_removal
-from polish_sim.experiments import default_scenario
+from polish_sim.dual.experiment import CALIBRATIONS
+from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, experiments
+from polish_sim.experiments.rows import ARC_CLAIMS, PAYLOAD_CLAIMS
+from polish_sim.identification.claims import IDENTIFY
 from polish_sim.scenario_file import merge
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, removal_map, surface_trace
+
+
+def asked_of(name: str) -> tuple[Claim, ...]:
+    row = experiment(name)
+    return row.claims(row.defaults)
 
 
 def test_every_claim_names_a_figure_that_is_measured() -> None:
@@ -24,20 +31,20 @@ def test_every_claim_names_a_figure_that_is_measured() -> None:
         "force": measure_force(force_trace(), 20.0),
         "surface": measure_surface(surface_trace(path), path, 20.0) | measure_removal(removal_map(np.ones(5))),
     }
-    for experiment, figures in measured.items():
-        assert {claim.figure for claim in CLAIMS[experiment]} <= {*figures, "path_done"}
+    for name, figures in measured.items():
+        assert {claim.figure for claim in asked_of(name)} <= {*figures, "path_done"}
 
 
 def test_a_good_arc_meets_all_claims_and_a_wide_one_misses_the_tracking_error() -> None:
     good = measure_arc(arc_trace(radial_error_m=5e-5)) | {"path_done": 1.0}
     wide = measure_arc(arc_trace(radial_error_m=2e-4)) | {"path_done": 1.0}
-    assert shortfalls("arc", good) == []
-    assert [claim.figure for claim in shortfalls("arc", wide)] == ["tracking_error_max_m"]
+    assert shortfalls(ARC_CLAIMS, good) == []
+    assert [claim.figure for claim in shortfalls(ARC_CLAIMS, wide)] == ["tracking_error_max_m"]
 
 
 def test_a_run_that_stopped_early_falls_short() -> None:
     figures = measure_arc(arc_trace()) | {"path_done": 0.5}
-    assert [claim.figure for claim in shortfalls("arc", figures)] == ["path_done"]
+    assert [claim.figure for claim in shortfalls(ARC_CLAIMS, figures)] == ["path_done"]
 
 
 @pytest.mark.parametrize("value", [None, math.nan])
@@ -54,12 +61,13 @@ def test_the_worst_of_several_seeds_is_the_least_good() -> None:
 
 
 def test_a_lower_bound_goes_with_more_being_better() -> None:
-    for claim in (claim for claims in CLAIMS.values() for claim in claims):
+    tables = [*map(asked_of, experiments()), *CALIBRATIONS.values(), *IDENTIFY.values(), PAYLOAD_CLAIMS]
+    for claim in (claim for claims in tables for claim in claims):
         assert claim.more_is_better or math.isinf(claim.low)
 
 
 @pytest.mark.parametrize(
-    ("experiment", "changed"),
+    ("name", "changed"),
     [
         ("arc", {"process": {"feed_m_s": 0.02}}),
         ("force", {"part": {"file": "freeform"}}),
@@ -70,13 +78,13 @@ def test_a_lower_bound_goes_with_more_being_better() -> None:
         ("smooth", {"plan": {"file": "mine.csv"}}),
     ],
 )
-def test_the_paper_s_figures_stand_beside_its_own_trial_only(experiment: str, changed: dict[str, Any]) -> None:
-    trial = default_scenario(experiment)
+def test_the_paper_s_figures_stand_beside_its_own_trial_only(name: str, changed: dict[str, Any]) -> None:
+    trial = default_scenario(name)
     other = merge(trial, changed, "")
-    assert claims_shown([trial]) == CLAIMS[experiment]
+    assert claims_shown([trial]) == asked_of(name)
     for scenarios in ([other], [trial, other]):
         assert {claim.paper for claim in claims_shown(scenarios)} == {"-"}
-        assert [claim.figure for claim in claims_shown(scenarios)] == [claim.figure for claim in CLAIMS[experiment]]
+        assert [claim.figure for claim in claims_shown(scenarios)] == [claim.figure for claim in asked_of(name)]
 
 
 def test_a_single_mode_of_hand_guiding_is_not_called_the_last() -> None:

@@ -12,11 +12,11 @@ import pytest
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_surface
-from polish_sim.analysis.report import draw_comparison, draw_plots, draw_seeds, save_plots
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.surface_plot import around_peaks
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
+from polish_sim.experiments.report import draw_comparison, draw_plots, draw_seeds, save_plots
 from polish_sim.log import RunLog, Trace
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, log_of, surface_trace, trace_of
 

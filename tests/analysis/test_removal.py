@@ -11,10 +11,10 @@ import pytest
 import trimesh
 
 from polish_sim.analysis.removal_plot import measure_removal, write_removal_mesh
-from polish_sim.analysis.report import draw_comparison, draw_plots
 from polish_sim.analysis.run_record import REMOVAL, RunRecord, read_record, write_record
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
+from polish_sim.experiments.report import draw_comparison, draw_plots
 from polish_sim.log import LATER, RunLog, read_log, read_removal, with_column, write_log, write_removal
 from tests.analysis.synthetic import bumpy_path, log_of, removal_map, surface_trace
 

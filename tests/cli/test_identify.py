@@ -14,9 +14,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.analysis.claims import CLAIMS
 from polish_sim.cell.read_chain import read_chain
 from polish_sim.cli.identification import asked_of, simulated
+from polish_sim.identification.claims import IDENTIFY
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import MotionLimits
 from polish_sim.identification.regressor import TorqueModel
@@ -181,7 +181,9 @@ def test_the_model_it_wrote_is_taken_again_with_the_joints_it_names(polish_sim: 
 )
 def test_the_bound_of_the_default_objective_is_asked_of_no_other(settings: IdentifySettings, bounded: bool) -> None:
     for method, periods in (("joint", 5), ("joint", 1), ("stepwise", 1)):
-        claims = {claim.figure: claim for claim in CLAIMS[asked_of(replace(settings, method=method, periods=periods))]}
+        claims = {
+            claim.figure: claim for claim in IDENTIFY[asked_of(replace(settings, method=method, periods=periods))]
+        }
         assert math.isfinite(claims["predicted_error_sigma"].high) == bounded
         assert math.isfinite(claims["nrms_heldout_mean"].high)
 

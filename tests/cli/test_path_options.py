@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from polish_sim.cli.idle_options import PATH_OPTIONS
+from polish_sim.experiments.registry import PATH_OPTIONS
 
 Polish = Callable[..., tuple[int, str, str]]
 
@@ -77,4 +77,4 @@ def test_a_finished_path_is_not_planned_differently(polish_sim: Polish) -> None:
     assert polish_sim("plan", *SMALL, "--out", "plan")[0] == 0
     code, _, err = polish_sim("run", "surface", "--path", "plan", "--lead-in", "arc", "--overlap", "60", "--dry-run")
     assert code == 2
-    assert "--path is a finished plan: leave --overlap, --lead-in out" in err
+    assert "--path is a finished plan: leave --lead-in, --overlap out" in err

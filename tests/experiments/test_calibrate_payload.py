@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.analysis.claims import CLAIMS, shortfalls
+from polish_sim.analysis.claim import shortfalls
 from polish_sim.calibration import plan_payload_poses, write_calibration
 from polish_sim.calibration.poses import move
 from polish_sim.cell import weight_of
@@ -17,6 +17,7 @@ from polish_sim.experiments import PAYLOAD_SCENARIO, PayloadCalibration, default
 from polish_sim.experiments.force import prepare_force
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.payload import believe_tool, readings_at_rest
+from polish_sim.experiments.rows import PAYLOAD_CLAIMS
 from polish_sim.scenario_file import override
 from tests.cell.cells import IDEAL_SENSOR, cell_for, free_job, tool_pose
 
@@ -39,7 +40,7 @@ def test_an_ideal_sensor_gives_the_tool_to_the_last_digits_of_the_log() -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_with_the_default_sensor_every_claim_is_met(seed: int) -> None:
     figures = run_payload_calibration(override(PAYLOAD_SCENARIO, [f"seed={seed}"])).figures
-    assert {claim.figure for claim in CLAIMS["calibrate-payload"]} <= set(figures)
+    assert {claim.figure for claim in PAYLOAD_CLAIMS} <= set(figures)
     assert shortfalls("calibrate-payload", figures) == []
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.analysis.claims import CLAIMS, claims_of
 from polish_sim.config import DragConfig, HandConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.hand_guiding.drag import drag_table
+from polish_sim.hand_guiding.experiment import CLAIMS, kind_of
 
 STEADY = {"wander_m": 0.0, "tremor_m": 0.0, "wobble_rad": 0.0}
 
@@ -28,8 +28,8 @@ def run() -> RunResult:
 
 
 def test_every_figure_that_is_shown_is_measured(run: RunResult) -> None:
-    assert claims_of(run.scenario) == "teach-path"
-    assert {claim.figure for claim in CLAIMS["teach-path"]} <= set(run.figures)
+    assert kind_of(run.scenario) == "path"
+    assert {claim.figure for claim in CLAIMS["path"]} <= set(run.figures)
     assert run.stop_reason is None
 
 

@@ -9,12 +9,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.analysis.claims import CLAIMS
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.cell.carrier import FIRST_JOINT
 from polish_sim.config import Scenario
 from polish_sim.dual import task
 from polish_sim.dual.dual import build_dual_cell
+from polish_sim.dual.experiment import FREE_CLAIMS, PRESSING_CLAIMS
 from polish_sim.dual.frames import true_chain
 from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.scene import Held, build_pair_scene
@@ -63,8 +63,8 @@ def pressed() -> RunResult:
 
 
 def test_the_run_has_the_figures_that_are_asked_of_it(free: RunResult, pressed: RunResult) -> None:
-    assert {claim.figure for claim in CLAIMS["dual"]} <= set(pressed.figures)
-    assert {claim.figure for claim in CLAIMS["dual-free"]} <= set(free.figures)
+    assert {claim.figure for claim in PRESSING_CLAIMS} <= set(pressed.figures)
+    assert {claim.figure for claim in FREE_CLAIMS} <= set(free.figures)
     assert len(free.figures["tracking_error_max_m"]) == 3
     assert free.log["master_q_rad"].shape == free.log["relative_error_m"].shape[:1] + (6,)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.analysis.claims import CLAIMS
 from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
 from polish_sim.motion.rules.registry import RULES
+from polish_sim.smoothing.experiment import CLAIMS
 from polish_sim.smoothing.trial import LENGTH
 
 
@@ -17,7 +17,7 @@ def run() -> RunResult:
 
 
 def test_every_figure_that_is_shown_is_measured(run: RunResult) -> None:
-    assert {claim.figure for claim in CLAIMS["smooth"]} <= set(run.figures)
+    assert {claim.figure for claim in CLAIMS} <= set(run.figures)
 
 
 def test_each_rule_is_in_the_log_from_its_start_to_its_end(run: RunResult) -> None:

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.analysis.claims import CLAIMS
 from polish_sim.cell.read_chain import own_parameters
 from polish_sim.config import GuideConfig, HandConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.hand_guiding.arm import home_pose, torque_arm
 from polish_sim.hand_guiding.cell import WIDTH, GuidingRun
+from polish_sim.hand_guiding.experiment import CLAIMS
 from polish_sim.hand_guiding.figures import compare_modes
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.hand_guiding.teach import PlayedMove, figures_of_moves, minimum_jerk, move_table, moves_of
@@ -37,7 +37,7 @@ def trial() -> RunResult:
 
 
 def test_every_figure_that_is_shown_is_measured(trial: RunResult) -> None:
-    assert {claim.figure for claim in CLAIMS["teach"]} <= set(trial.figures)
+    assert {claim.figure for claim in CLAIMS["trial"]} <= set(trial.figures)
     assert trial.figures["path_done"] == 1.0
     assert trial.stop_reason is None
 

@@ -25,7 +25,8 @@ from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.rules.schedule import sample_schedule
 from polish_sim.motion.segment_rates import JointRates
-from polish_sim.smoothing.trial import AXIS_TOLERANCE, TOLERANCE, TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
+from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
 
 PAPER = (plan_joint_jerk, plan_joint_acceleration)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Final, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
 DEGREES: Final = 180.0 / math.pi
 """Scale of an angle shown in degrees."""
@@ -61,3 +61,13 @@ def value_text(claim: Claim, value: float | None) -> str:
     if value is None or math.isnan(value):
         return "-"
     return f"{value * claim.scale:.4g}"
+
+
+def shortfalls(claims: Iterable[Claim], figures: Mapping[str, Any]) -> list[Claim]:
+    """The claims that figures do not meet."""
+    return [claim for claim in claims if not claim.met_by(figures.get(claim.figure))]
+
+
+def without_paper(claims: Iterable[Claim]) -> tuple[Claim, ...]:
+    """The same claims without the paper's figures."""
+    return tuple(claim._replace(paper="-") for claim in claims)

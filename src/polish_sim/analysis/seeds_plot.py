@@ -10,23 +10,23 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from polish_sim.analysis.claim import Claim, bound_text
-from polish_sim.analysis.claims import CLAIMS, claims_of
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREEN, ORANGE, new_figure, styled
 
 
 @styled
-def plot_seeds(records: Sequence[RunRecord]) -> Figure:
+def plot_seeds(records: Sequence[RunRecord], claims: Sequence[Claim]) -> Figure:
     """Draw every bounded figure of an experiment by seed; what falls short stands out.
 
     Args:
         records: Runs of one experiment, differing in their seed.
+        claims: The experiment's figures.
 
     Returns:
         The figure.
     """
     experiment = records[0].scenario.experiment
-    claims = [claim for claim in CLAIMS[claims_of(records[0].scenario)] if claim.bounded]
+    claims = [claim for claim in claims if claim.bounded]
     figure = new_figure(10.0, 1.0 + 1.7 * len(claims))
     panels = figure.subplots(len(claims), 1, sharex=True, squeeze=False)[:, 0]
     for axes, claim in zip(panels, claims, strict=True):

@@ -17,6 +17,7 @@ from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.figures import Wanted, measure_pair, pair_errors
 from polish_sim.dual.frames import settled_bases
+from polish_sim.dual.placement import seat_text
 from polish_sim.dual.scene import BuiltArms, Held, build_pair_scene
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.experiments.assembly import course_for
@@ -29,6 +30,7 @@ from polish_sim.experiments.part_setup import (
     strongest,
 )
 from polish_sim.experiments.payload import believe_tool
+from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.surface import remove_material
 from polish_sim.log import RunLog, with_column
@@ -37,6 +39,16 @@ from polish_sim.planning import PlanResult
 from polish_sim.spatial import apply, inverse
 
 Array = NDArray[np.float64]
+
+
+def check_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> CheckedPath:
+    """The path on the held part and how the follower reaches all of it.
+
+    Raises:
+        PolishSimError: If the part cannot be used or planned, or an arm cannot follow.
+    """
+    task = prepare_dual(scenario, plan, observer)
+    return CheckedPath(task.place.path, task.place.reach, seat_text(task.seat.T_gripper_work))
 
 
 def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:

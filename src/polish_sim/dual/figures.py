@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.analysis.claim import PATH_DONE, Claim
 from polish_sim.analysis.metrics import PROCESS
 from polish_sim.log import Trace
 
@@ -118,32 +115,3 @@ def _turned(R: Array) -> float:
 def _along(s: Array, values: Array, places: Array) -> Array:
     """Values (n, 3) at places of the path, linear between them, shape (k, 3)."""
     return np.stack([np.interp(places, s, values[:, k]) for k in range(3)], axis=1)
-
-
-# What is asked of two robots, and of the tool on the part one of them holds.
-
-TOOL_ON_PART: Final = (
-    Claim("relative_error_rms_m", "tool on the part, error rms", "mm", 1e3, high=6e-5),
-    Claim("relative_error_p95_m", "  95% below", "mm", 1e3, high=1e-4),
-)
-_PAIR: Final = (
-    Claim("tracking_error_worst_m", "tracking error, worst axis", "mm", 1e3, high=1e-4),
-    *TOOL_ON_PART,
-    Claim("chain_residual_m", "closed chain of the planned joints", "mm", 1e3, high=1e-9),
-    Claim("master_way_m", "way of the part", "mm", 1e3),
-    Claim("master_turn_rad", "turn of the part", "deg", math.degrees(1.0)),
-)
-
-DUAL: Final[Mapping[str, tuple[Claim, ...]]] = {
-    "dual": (
-        Claim("force_max_deviation_n", "force error, max", "N", 1.0, high=1.5),
-        Claim("force_mean_n", "force, mean", "N", 1.0),
-        Claim("force_rms_error_n", "force error, rms", "N", 1.0),
-        Claim("force_within_1n", "force in ±1 N", "%", 100.0, more_is_better=True),
-        Claim("contact_lost_s", "contact lost", "s", 1.0),
-        *_PAIR,
-        Claim("removal_cv", "removal, std / mean", "%", 100.0),
-        PATH_DONE,
-    ),
-    "dual-free": (*_PAIR, PATH_DONE),
-}

@@ -6,8 +6,8 @@ follower's base it stays as it is, however the part turns, and is chosen to keep
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import Final, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -333,6 +333,11 @@ def seat_text(T_gripper_work: Array) -> str:
     T_work_gripper = inverse(T_gripper_work)
     axis = ", ".join(f"{number + 0.0:.3g}" for number in np.round(T_work_gripper[:3, 2], 4))
     return f"held by the gripper at {place_in_mm(T_work_gripper[:3, 3])} of its own frame, gripper's axis ({axis})"
+
+
+def seat_notes(figures: Mapping[str, Any]) -> tuple[str, ...]:
+    """How the part was held in a run, by its figures."""
+    return (f"part: {seat_text(np.array(figures['T_gripper_work']))}",)
 
 
 def _on_lowest_point(corners: Array, up: Array) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +14,8 @@ from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.payload import believe_tool
-from polish_sim.experiments.placement import Reach, check_whole_path, find_reach, tool_rotations
+from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
+from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.motion.timed_path import time_path
 from polish_sim.motion.trajectory import build_path_table
@@ -40,15 +40,8 @@ def arc_path(points: int = 1257) -> ToolPath:
     )
 
 
-class ArcTask(NamedTuple):
-    """The circle and the way the arm does it."""
-
-    path: ToolPath
-    reach: Reach
-
-
-def prepare_arc() -> ArcTask:
-    """Check that the arm can do the circle.
+def prepare_arc(scenario: Scenario | None = None, observer: Observer | None = None) -> CheckedPath:
+    """Check that the arm can do the circle, which is the same in every scenario.
 
     Raises:
         ReachError: If it cannot; names the first bad point.
@@ -56,7 +49,7 @@ def prepare_arc() -> ArcTask:
     path, T_flange_tool = arc_path(), tool_on_flange()
     reach = find_reach(path.positions_work, path.axes_work, iter([np.eye(4)]), T_flange_tool, above_table=False)
     check_whole_path(reach, path.positions_work, path.axes_work, T_flange_tool)
-    return ArcTask(path, reach)
+    return CheckedPath(path, reach)
 
 
 def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
@@ -73,7 +66,7 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
         ReachError: If the arm cannot do the circle.
     """
     observer = observer or Silent()
-    path, reach = prepare_arc()
+    path, reach, _ = prepare_arc()
     table = build_path_table(path.positions_work, tool_rotations(path.axes_work, reach.spin))
     start = build_path_table(path.positions_work[:1], tool_rotations(path.axes_work[:1], reach.spin))
     pace = feed_pace(scenario.process.feed_m_s)

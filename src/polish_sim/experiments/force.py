@@ -13,6 +13,7 @@ from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
 from polish_sim.experiments.part_setup import part_file, reach_path, real_shape
 from polish_sim.experiments.placement import Reach
+from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.geometry import Region, fit_surface, load_part, select_region
 from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
@@ -88,6 +89,16 @@ def prepare_force(scenario: Scenario, observer: Observer | None = None) -> Force
     observer.stage("prepare the cell")
     cell = build_cell(scenario, place, build_part(scenario, place), scenario.process.hold_s, lift=0.0)
     return ForceTask(cell, place.path, place.reach)
+
+
+def check_force_point(scenario: Scenario, observer: Observer | None = None) -> CheckedPath:
+    """The point to press on and how the arm reaches it, the cell set up but not run.
+
+    Raises:
+        PolishSimError: If the part cannot be used or the point not reached.
+    """
+    task = prepare_force(scenario, observer)
+    return CheckedPath(task.path, task.reach)
 
 
 def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult:

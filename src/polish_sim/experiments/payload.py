@@ -23,17 +23,12 @@ from polish_sim.calibration import (
 from polish_sim.calibration.outliers import refuse_doubtful, refuse_swapped_columns
 from polish_sim.cell import Cell, Observer, Silent, read_at_rest, weight_of
 from polish_sim.cell.stroke import TARE_TIME
-from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
+from polish_sim.config import Scenario
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, SENSOR_STREAM, random_streams
 from polish_sim.experiments.standing_still import patience, plan_visit, run_visit, visiting_cell
 
 Array = NDArray[np.float64]
-
-PAYLOAD_SCENARIO = Scenario(
-    experiment="calibrate-payload", spindle=SpindleConfig(speed_rpm=0.0), simulation=SimulationConfig(log_rate_hz=0.0)
-)
-"""What ``calibrate payload`` starts from: the host averages every reading, one per physics step."""
 
 CHECK_POSES = 200
 CHECK_SETTLE_S, CHECK_AVERAGE_S = 0.1, 0.25

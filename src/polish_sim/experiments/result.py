@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,8 @@ class RunResult:
     """The path that was run, work frame."""
     removal: RemovalMap | None = None
     """What it took off the part, of ``surface`` and of ``dual`` in contact."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """More text files of the run, by name."""
 
 
 def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None) -> dict[str, Any]:

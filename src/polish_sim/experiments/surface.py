@@ -25,6 +25,7 @@ from polish_sim.experiments.part_setup import (
     touched,
 )
 from polish_sim.experiments.placement import Reach
+from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.stroke_motion import check_stroke_rule, feed_of_jobs
 from polish_sim.log import RemovalMap, RunLog, with_column
@@ -131,6 +132,16 @@ def prepare_surface(
     observer.stage("check the reach")
     reach = reach_path(scenario, plan.mesh, plan.path)
     return SurfaceTask(plan, reach, real_shape(scenario, plan.mesh, plan.surface, plan.path))
+
+
+def check_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> CheckedPath:
+    """The path of a run and how the arm reaches all of it.
+
+    Raises:
+        PolishSimError: If the part cannot be used, planned or reached.
+    """
+    task = prepare_surface(scenario, plan, observer)
+    return CheckedPath(task.plan.path, task.reach)
 
 
 def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.config import DragConfig, HandConfig, Scenario
 from polish_sim.errors import PlanError
-from polish_sim.exchange import read_path
+from polish_sim.exchange import path_csv, read_path
 from polish_sim.experiments.part_setup import part_file, reach_path
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.result import RunResult
@@ -34,6 +34,7 @@ from polish_sim.hand_guiding.teach import (
     PlayedMove,
     figures_of_moves,
     log_of_moves,
+    run_teach,
     trace_of_move,
 )
 from polish_sim.hand_guiding.teaching import Recording, Taught, teach_path
@@ -49,6 +50,10 @@ TREMOR_HZ: Final = (8.0, 12.0)
 """Where a person's hand trembles [Hz]."""
 RAMP_S: Final = 0.8
 """The hand sets off and stops during this time [s]."""
+
+
+TAUGHT: Final = "taught.csv"
+"""The file of the taught path."""
 
 
 class DragTable(NamedTuple):
@@ -181,6 +186,15 @@ MODE = "assist"
 """The mode a path is taught in, unless another is asked for."""
 
 
+def run_guiding(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+    """Guide the arm along a path where the scenario names one, else through the moves of the trial.
+
+    Raises:
+        PolishSimError: If the scenario cannot be run.
+    """
+    return run_drag(scenario, observer) if scenario.drag.follow else run_teach(scenario, observer)
+
+
 def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     """Let a hand drag the tool along a part's rim or a path, and make a path of the recording.
 
@@ -219,9 +233,11 @@ def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     if run.stop_reason is None and not run.interrupted:
         taught, told = _teach(scenario, task, dragged, run.rows[:, Q : Q + 6])
         path, figures = taught.path, figures | told
+    files = {} if path is None else {TAUGHT: path_csv(path)}
     return RunResult(
-        scenario, log_of_moves([meant], scenario), trace_of_move(meant), figures, run.stop_reason, run.interrupted, path
-    )
+        scenario, log_of_moves([meant], scenario), trace_of_move(meant), figures, run.stop_reason, run.interrupted,
+        path, files=files,
+    )  # fmt: skip
 
 
 def _teach(scenario: Scenario, task: DragTask, dragged: DragTable, q: Array) -> tuple[Taught, dict[str, Any]]:

@@ -39,20 +39,20 @@ _STEPWISE: Final = (
 )
 
 IDENTIFY: Final[Mapping[str, tuple[Claim, ...]]] = {
-    "identify": _identify(6e-4),
-    "identify-short": _identify(1.3e-3),
-    "identify-stepwise": (*_identify(1.3e-3), *_STEPWISE),
+    "full": _identify(6e-4),
+    "short": _identify(1.3e-3),
+    "stepwise": (*_identify(1.3e-3), *_STEPWISE),
     # The bound on the predicted error is the default objective's, and for the default task, random motions under
     # the same limits.
-    "identify-other": _identify(6e-4, math.inf),
-    "identify-short-other": _identify(1.3e-3, math.inf),
-    "identify-stepwise-other": (*_identify(1.3e-3, math.inf), *_STEPWISE),
-    "identify-task": _identify(1.3e-3, math.inf),
-    "identify-data": _IDENTIFY_DATA,
-    "identify-payload-data": (
+    "full-other": _identify(6e-4, math.inf),
+    "short-other": _identify(1.3e-3, math.inf),
+    "stepwise-other": (*_identify(1.3e-3, math.inf), *_STEPWISE),
+    "task": _identify(1.3e-3, math.inf),
+    "data": _IDENTIFY_DATA,
+    "payload-data": (
         Claim("payload_mass_std_kg", "mass, std", "g", 1e3),
         Claim("payload_consistent_as_found", "a body can have these numbers as found", "", 1.0),
         Claim("payload_consistent", "the nearest body can exist", "", 1.0, low=1.0, more_is_better=True),
     ),
-    "identify-data-stepwise": (*_IDENTIFY_DATA, *_STEPWISE),
+    "data-stepwise": (*_IDENTIFY_DATA, *_STEPWISE),
 }

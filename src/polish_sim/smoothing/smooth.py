@@ -16,6 +16,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.exchange import read_way_points
 from polish_sim.experiments.placement import Reach
+from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult
 from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
 from polish_sim.motion import forward_many, inverse_near, track
@@ -63,14 +64,7 @@ def prepare_smooth(scenario: Scenario) -> SmoothTask:
     return SmoothTask(chain, marks_along(chain), arm, limits)
 
 
-class TaskPath(NamedTuple):
-    """A task's path and the way the arm does it, as the other experiments tell theirs."""
-
-    path: ToolPath
-    reach: Reach
-
-
-def path_of_task(task: SmoothTask) -> TaskPath:
+def path_of_task(task: SmoothTask) -> CheckedPath:
     """The path of a task, work frame, and its reach.
 
     Raises:
@@ -84,7 +78,16 @@ def path_of_task(task: SmoothTask) -> TaskPath:
     if joints.first_unreachable is not None:
         place = place_in_mm(chain.tips[joints.first_unreachable])
         raise ReachError(f"the robot cannot be at {place} of the path. Move it with --part-pose.")
-    return TaskPath(path, Reach(arm.T_base_work, 0.0, arm.q_start, joints.smallest_singular_value))
+    return CheckedPath(path, Reach(arm.T_base_work, 0.0, arm.q_start, joints.smallest_singular_value))
+
+
+def check_smooth(scenario: Scenario, observer: Observer | None = None) -> CheckedPath:
+    """The path of a run and how the arm reaches all of it.
+
+    Raises:
+        PolishSimError: The path cannot be read, reached or smoothed.
+    """
+    return path_of_task(prepare_smooth(scenario))
 
 
 def marks_along(chain: Chain) -> Array:

@@ -7,7 +7,6 @@ path stands in for it: four alike arms round a dome, with turns from 30 to 90 de
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +18,6 @@ from polish_sim.spatial import rotation_to_axis, transform, unit
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 0.02e-3
-"""Of the tip [m]."""
-AXIS_TOLERANCE = math.radians(0.02)
-"""Of the tool axis [rad]."""
 TRIAL_LIMITS = SmoothingLimits(joint_acceleration=six(3.0))
 """The paper's limits of the tool; of the joints such as just bind on this path, as the lost ones did on the paper's."""
 

@@ -1,0 +1,225 @@
+"""The experiments by name: one row each, which says what it runs, shows, is asked and takes.
+
+Rows hold no heavy code: what runs, checks and draws is named as ``module:function`` and loaded when it is needed, so
+that help answers at once and one experiment never loads another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from polish_sim.analysis.claim import Claim, without_paper
+from polish_sim.config import Scenario
+from polish_sim.errors import InputError, unknown_name
+
+if TYPE_CHECKING:
+    from polish_sim.analysis.run_record import RunRecord
+    from polish_sim.cell import Observer
+    from polish_sim.experiments.placement import Reach
+    from polish_sim.experiments.result import RunResult
+    from polish_sim.planning import PlanResult, ToolPath
+
+ROWS: Final[Mapping[str, str]] = {
+    "arc": "polish_sim.experiments.rows:ARC",
+    "force": "polish_sim.experiments.rows:FORCE",
+    "surface": "polish_sim.experiments.rows:SURFACE",
+    "smooth": "polish_sim.smoothing.experiment:SMOOTH",
+    "teach": "polish_sim.hand_guiding.experiment:TEACH",
+    "dual": "polish_sim.dual.experiment:DUAL",
+}
+"""Where the row of each experiment is; a branch is known by this name only."""
+
+REGION_OPTIONS: Final = ("--region", "--feature-angle", "--edge-margin")
+PART_OPTIONS: Final = ("--part", "--part-pose", "--units", "--up")
+PATH_OPTIONS: Final = (
+    *REGION_OPTIONS,
+    *("--pattern", "--stepover", "--overlap", "--order", "--direction", "--start", "--raster-direction"),
+    *("--lead-in", "--lead-angle", "--tilt-angle", "--axis-smoothing", "--axis-deviation"),
+)
+"""What decides where a planned path runs."""
+FINISHED: Final = "is a finished plan"
+TOOL_OPTIONS: Final = ("--pad-diameter", "--contact-force", "--spindle-rpm")
+TRIAL_OPTIONS: Final = ("--controller", "--calibration", "--seed", "--seeds", "--fault", "--dry-run")
+WATCH_OPTIONS: Final = ("--view", "--video", "--log-rate")
+
+
+def _usual_title(scenario: Scenario) -> str:
+    return f"{scenario.experiment}, {scenario.controller.label}, seed {scenario.seed}"
+
+
+class Excludes(NamedTuple):
+    """An option beside which others change nothing."""
+
+    option: str
+    why: str
+    """What goes on in the sentence that begins with the option."""
+    others: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment. A function is named ``module:function``."""
+
+    name: str
+    text: str
+    """What it is, in one line."""
+    defaults: Scenario
+    run: str
+    """(scenario, observer) or, where it runs along a plan, (scenario, plan, observer) -> RunResult."""
+    claims: Callable[[Scenario], tuple[Claim, ...]]
+    """The figures shown of a run, and what is asked of them."""
+    plots: Callable[[RunRecord], Mapping[str, str]]
+    """Pictures of one run: by file name, (RunRecord) -> Figure."""
+    comparisons: Mapping[str, str]
+    """Pictures of several runs side by side: by file name, (RunRecords) -> Figure."""
+    options: tuple[str, ...]
+    """Options of ``run`` that change something here; checks, config and output are taken everywhere."""
+    prepare: str = ""
+    """Arguments as of ``run`` -> CheckedPath: everything but the simulation; empty: nothing to check."""
+    along_plan: bool = False
+    """Whether it can run along a finished plan."""
+    plans: bool = False
+    """Whether a plan is made before it where none is given."""
+    paper: Mapping[str, Any] = field(default_factory=dict)
+    """Settings that make a run the paper's own trial, so that the paper's figures stand beside it."""
+    only_with: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Options that change something beside another one only, by that one."""
+    not_with: tuple[Excludes, ...] = ()
+    """Options that change nothing beside another one."""
+    seeds_plots: Mapping[str, str] = field(default_factory=dict)
+    """More pictures of many seeds, as ``comparisons``."""
+    title: Callable[[Scenario], str] = _usual_title
+    notes: str = ""
+    """(figures) -> lines to print beside the table of a run; empty: none."""
+
+    def is_paper_trial(self, scenario: Scenario) -> bool:
+        """Whether part, path, force and feed of a run are those of the paper's trial."""
+        return all(attrgetter(name)(scenario) == value for name, value in self.paper.items())
+
+
+def always(value: Any) -> Callable[[Any], Any]:
+    """A value that is the same for every run."""
+    return lambda _: value
+
+
+def load(name: str) -> Any:
+    """What stands under ``module:name``."""
+    module, _, attribute = name.partition(":")
+    return getattr(import_module(module), attribute)
+
+
+@cache
+def experiment(name: str) -> Experiment:
+    """The row of an experiment.
+
+    Raises:
+        InputError: If there is no such experiment; lists the known ones.
+    """
+    if name not in ROWS:
+        raise unknown_name("experiment", name, ROWS)
+    row = load(ROWS[name])
+    assert isinstance(row, Experiment)
+    return row
+
+
+def experiments() -> dict[str, Experiment]:
+    """All rows by name."""
+    return {name: experiment(name) for name in ROWS}
+
+
+def default_scenario(name: str) -> Scenario:
+    """The scenario an experiment starts from.
+
+    Raises:
+        InputError: If there is no such experiment; lists the known ones.
+    """
+    return experiment(name).defaults
+
+
+class CheckedPath(NamedTuple):
+    """A path and how the arm does all of it."""
+
+    path: ToolPath
+    reach: Reach
+    held: str = ""
+    """How a second robot holds the part, for the user."""
+
+
+def check_experiment(
+    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
+) -> CheckedPath:
+    """Plan the path of an experiment and check that the arm can do it, without simulating anything.
+
+    Args:
+        scenario: The scenario.
+        plan: A plan made before, where the experiment runs along one; planned if not given.
+        observer: Hears of the progress.
+
+    Returns:
+        The path (of ``arc`` in the base frame, else in the work frame) and its reach.
+
+    Raises:
+        PolishSimError: If the scenario cannot be run.
+    """
+    row = experiment(scenario.experiment)
+    return CheckedPath(*_call(row, row.prepare, scenario, plan, observer))
+
+
+def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
+    """Run the experiment a scenario names.
+
+    Args:
+        scenario: The scenario.
+        plan: A plan made before, where the experiment runs along one; planned if not given.
+        observer: Hears of the progress.
+
+    Returns:
+        The finished run; a protective stop or an interrupt is noted there, not raised.
+
+    Raises:
+        PolishSimError: If the scenario cannot be run.
+    """
+    row = experiment(scenario.experiment)
+    result: RunResult = _call(row, row.run, scenario, plan, observer)
+    return result
+
+
+def _call(row: Experiment, name: str, scenario: Scenario, plan: PlanResult | None, observer: Observer | None) -> Any:
+    function = load(name)
+    return function(scenario, plan, observer) if row.along_plan else function(scenario, observer)
+
+
+def claims_shown(scenarios: Sequence[Scenario]) -> tuple[Claim, ...]:
+    """The figures to show of runs of one experiment: what is asked of any of them.
+
+    The paper's figures are left out unless every run is the paper's trial.
+    """
+    rows = [experiment(scenario.experiment) for scenario in scenarios]
+    asked = {
+        claim.figure: claim for row, scenario in zip(rows, scenarios, strict=True) for claim in row.claims(scenario)
+    }
+    papers = all(row.is_paper_trial(scenario) for row, scenario in zip(rows, scenarios, strict=True))
+    return tuple(asked.values()) if papers else without_paper(asked.values())
+
+
+def refuse_idle_options(row: Experiment, given: Iterable[str]) -> None:
+    """Refuse options that change nothing in an experiment.
+
+    Raises:
+        InputError: Naming them and why.
+    """
+    named = set(given)
+    for option, why, others in row.not_with:
+        beside = sorted(named & set(others)) if option in named else []
+        if beside:
+            raise InputError(f"{option} {why}: leave {', '.join(beside)} out.")
+    idle = named - set(row.options)
+    for option, others in row.only_with.items():
+        idle |= named & set(others) if option not in named else set()
+    if idle:
+        raise InputError(f"{', '.join(sorted(idle))} would change nothing in 'run {row.name}': leave it out.")

@@ -1,0 +1,71 @@
+"""The pictures of runs, as their experiment has them, drawn and saved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.errors import InputError
+from polish_sim.experiments.registry import experiment, load
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def draw_plots(record: RunRecord) -> dict[str, Figure]:
+    """Draw the pictures of a run, by file name; a run without a row has none."""
+    if not len(record.log):
+        return {}
+    plots = _drawn(experiment(record.scenario.experiment).plots(record), record)
+    return plots | _removal("plot_removal", record) if removed_something(record) else plots
+
+
+def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
+    """Draw the pictures that put several runs side by side, by file name.
+
+    Raises:
+        InputError: If the runs are of different experiments.
+    """
+    names = {record.scenario.experiment for record in records}
+    if len(names) > 1:
+        raise InputError(
+            f"runs of different experiments ({', '.join(sorted(names))}) cannot be put side by side: "
+            "give runs of one experiment."
+        )
+    plots = _drawn(experiment(names.pop()).comparisons, records)
+    return plots | _removal("plot_removal_runs", records) if all(map(removed_something, records)) else plots
+
+
+def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:
+    """Draw the pictures of many seeds of one scenario, by file name."""
+    from polish_sim.analysis.seeds_plot import plot_seeds
+
+    scenario = records[0].scenario
+    row = experiment(scenario.experiment)
+    return {"seeds.png": plot_seeds(records, row.claims(scenario)), **_drawn(row.seeds_plots, records)}
+
+
+def removed_something(record: RunRecord) -> bool:
+    """Whether a run has a map of its removal, and removed anything."""
+    return record.removal is not None and record.removal.mean > 0.0
+
+
+def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
+    """Save figures under their file names; each file appears when it is whole."""
+    for name, figure in plots.items():
+        draft = folder / f".part-{name}"
+        try:
+            figure.savefig(draft)
+            draft.replace(folder / name)
+        finally:
+            draft.unlink(missing_ok=True)
+
+
+def _drawn(plots: Mapping[str, str], runs: Any) -> dict[str, Figure]:
+    return {name: load(plot)(runs) for name, plot in plots.items()}
+
+
+def _removal(plot: str, runs: Any) -> dict[str, Figure]:
+    return _drawn({"removal.png": f"polish_sim.analysis.removal_plot:{plot}"}, runs)

@@ -1,0 +1,137 @@
+"""The rows of the trunk's experiments (paper 1), and what a calibration of the payload starts from and is asked."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from polish_sim.analysis.claim import PATH_DONE, Claim
+from polish_sim.config import PartConfig, Scenario, SimulationConfig, SpindleConfig
+from polish_sim.experiments.registry import (
+    FINISHED,
+    PART_OPTIONS,
+    PATH_OPTIONS,
+    TOOL_OPTIONS,
+    TRIAL_OPTIONS,
+    WATCH_OPTIONS,
+    Excludes,
+    Experiment,
+    always,
+)
+
+ARC_CLAIMS: Final = (
+    Claim("tracking_error_max_m", "tracking error, max", "mm", 1e3, "< 0.3", high=1e-4),
+    Claim("tracking_error_rms_m", "tracking error, rms", "mm", 1e3),
+    Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "10"),
+    Claim("speed_max_deviation_m_s", "speed deviation, max", "mm/s", 1e3, "held", high=1e-4),
+    Claim("orientation_error_max_rad", "orientation error, max", "mrad", 1e3),
+    PATH_DONE,
+)
+FORCE_CLAIMS: Final = (
+    Claim("settling_time_3n_s", "settling to ±3 N", "s", 1.0, "< 0.5", high=0.4),
+    Claim("settling_time_1n_s", "settling to ±1 N", "s", 1.0),
+    Claim("steady_within_3n", "in ±3 N after 0.5 s", "%", 100.0, "most", low=1.0, more_is_better=True),
+    Claim("overshoot_n", "overshoot", "N", 1.0),
+    Claim("rise_time_s", "rise 10-90%", "s", 1.0),
+    Claim("steady_std_n", "steady force, std", "N", 1.0),
+    PATH_DONE,
+)
+SURFACE_CLAIMS: Final = (
+    Claim("force_within_4n", "force in ±4 N", "%", 100.0, "100, six dips", low=0.995, more_is_better=True),
+    Claim("force_within_1n", "force in ±1 N", "%", 100.0, more_is_better=True),
+    Claim("force_mean_n", "force, mean", "N", 1.0, "20"),
+    Claim("force_rms_error_n", "force error, rms", "N", 1.0),
+    Claim("force_max_deviation_n", "force error, max", "N", 1.0, "4"),
+    Claim("force_error_at_peaks_n", "largest error at a peak, mean of the peaks", "N", 1.0),
+    Claim("force_error_median_n", "force error, median", "N", 1.0),
+    Claim("curvature_peaks", "curvature peaks", "", 1.0, "6"),
+    Claim("contact_lost_s", "contact lost", "s", 1.0, "0"),
+    Claim("tracking_error_max_m", "tangential error, max", "mm", 1e3, "-", high=3e-4),
+    Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "constant"),
+    Claim("removal_cv", "removal, std / mean", "%", 100.0),
+    Claim("under_polished_share", "removal below half its mean", "%", 100.0),
+    Claim("over_polished_share", "removal above 1.5 x its mean", "%", 100.0),
+    PATH_DONE,
+)
+
+ARC: Final = Experiment(
+    "arc",
+    "the tool point on a circle in free space at constant feed (paper 1, fig. 12)",
+    Scenario(experiment="arc", spindle=SpindleConfig(speed_rpm=0.0)),
+    run="polish_sim.experiments.arc:run_arc",
+    prepare="polish_sim.experiments.arc:prepare_arc",
+    claims=always(ARC_CLAIMS),
+    plots=always({"arc.png": "polish_sim.analysis.arc_plot:plot_arc"}),
+    comparisons={"arc.png": "polish_sim.analysis.arc_plot:plot_arc_runs"},
+    options=("--feed", *TRIAL_OPTIONS, *WATCH_OPTIONS),
+    paper={"process.feed_m_s": 0.01},
+)
+FORCE: Final = Experiment(
+    "force",
+    "a step of the contact force from first contact, at one point (paper 1, fig. 13)",
+    Scenario(experiment="force", part=PartConfig(file="plate"), spindle=SpindleConfig(speed_rpm=0.0)),
+    run="polish_sim.experiments.force:run_force",
+    prepare="polish_sim.experiments.force:check_force_point",
+    claims=always(FORCE_CLAIMS),
+    plots=always({"force.png": "polish_sim.analysis.force_plot:plot_force"}),
+    comparisons={"force.png": "polish_sim.analysis.force_plot:plot_force_runs"},
+    seeds_plots={"force.png": "polish_sim.analysis.force_plot:plot_force_runs"},
+    options=(
+        *(*PART_OPTIONS, "--real-part", "--region", "--feature-angle"),
+        *(*TOOL_OPTIONS, *TRIAL_OPTIONS, *WATCH_OPTIONS),
+    ),
+    paper={"part.file": "plate", "process.contact_force_n": 20.0},
+)
+SURFACE: Final = Experiment(
+    "surface",
+    "polish a part along a planned path under force control (paper 1, fig. 14, 15)",
+    Scenario(experiment="surface"),
+    run="polish_sim.experiments.surface:run_surface",
+    prepare="polish_sim.experiments.surface:check_surface",
+    claims=always(SURFACE_CLAIMS),
+    plots=always(
+        {
+            "force.png": "polish_sim.analysis.surface_plot:plot_surface_force",
+            "peaks.png": "polish_sim.analysis.surface_plot:plot_peaks",
+        }
+    ),
+    comparisons={"force.png": "polish_sim.analysis.surface_plot:plot_surface_runs"},
+    options=(
+        *(*PART_OPTIONS, "--real-part", *PATH_OPTIONS, "--path"),
+        *(*TOOL_OPTIONS, "--feed", *TRIAL_OPTIONS, *WATCH_OPTIONS),
+    ),
+    along_plan=True,
+    plans=True,
+    not_with=(Excludes("--path", FINISHED, PATH_OPTIONS),),
+    paper={
+        "part.file": "freeform",
+        "plan.file": "",
+        "process.contact_force_n": 20.0,
+        "process.feed_m_s": 0.01,
+    },
+)
+
+PAYLOAD_SCENARIO: Final = Scenario(
+    experiment="calibrate-payload", spindle=SpindleConfig(speed_rpm=0.0), simulation=SimulationConfig(log_rate_hz=0.0)
+)
+"""What ``calibrate payload`` starts from: the host averages every reading, one per physics step."""
+PAYLOAD_CLAIMS: Final = (
+    Claim("mass_error_relative", "mass error", "%", 100.0, high=0.01),
+    Claim("center_error_m", "centre error", "mm", 1e3, high=1e-3),
+    Claim("residual_force_max_n", "force left, worst of 200 poses", "N", 1.0, high=0.3),
+    Claim("residual_force_tared_max_n", "  tared in one of them", "N", 1.0, high=0.3),
+    Claim("compensation_error_max_n", "  worst possible pose, no noise", "N", 1.0, high=0.3),
+    Claim("residual_rms_n", "residual of the fit, force, rms", "N", 1.0),
+    Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m", 1e3),
+    Claim("condition", "condition of the poses", "", 1.0),
+    Claim("drift_600s_rms_n", "idle force in 600 s, tared once, rms", "N", 1.0),
+    Claim("drift_600s_retared_rms_n", "  tared every 60 s, rms", "N", 1.0),
+)
+"""What is asked of a simulated calibration."""
+PAYLOAD_DATA_CLAIMS: Final = (
+    Claim("mass_std_relative", "mass, std", "%", 100.0, high=0.01),
+    Claim("center_std_max_m", "centre, std of its worst axis", "mm", 1e3, high=1e-3),
+    Claim("residual_rms_n", "residual of the fit, force, rms", "N", 1.0),
+    Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m", 1e3),
+    Claim("condition", "condition of the poses", "", 1.0),
+)
+"""What is asked of one from a user's readings, whose truth is unknown: less."""

@@ -1,0 +1,110 @@
+"""The experiment ``teach``: its row, and what is asked of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final
+
+from polish_sim.analysis.claim import DEGREES, PATH_DONE, Claim
+from polish_sim.config import Scenario, SpindleConfig
+from polish_sim.experiments.registry import PART_OPTIONS, REGION_OPTIONS, WATCH_OPTIONS, Excludes, Experiment
+
+if TYPE_CHECKING:
+    from polish_sim.analysis.run_record import RunRecord
+
+_LET_GO: Final = (
+    Claim("drift_rad", "hands off, drift", "deg", DEGREES, "-", high=0.01 / DEGREES),
+    Claim("lent_energy_j", "energy lent, most", "J", 1.0),
+)
+
+CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = {
+    "trial": (
+        Claim("none_peak_n", "hand force, nothing compensated, peak", "N", 1.0, "> 100"),
+        Claim("classical_peak_n", "  gravity and friction (classical)", "N", 1.0, "< 30"),
+        Claim("fast_peak_ratio_x", "fast move along x, inertia / classical, peak", "", 1.0, "0.714", high=0.45),
+        Claim("fast_rms_ratio_x", "  rms", "", 1.0, "-", high=0.30),
+        Claim("fast_peak_ratio_y", "along y, peak", "", 1.0, "0.714", high=0.45),
+        Claim("fast_rms_ratio_y", "  rms", "", 1.0, "-", high=0.30),
+        Claim("assist_fast_peak_ratio_x", "with start-up assist: along x, peak", "", 1.0),
+        Claim("assist_fast_rms_ratio_x", "  rms", "", 1.0),
+        Claim("assist_fast_peak_ratio_y", "  along y, peak", "", 1.0),
+        Claim("assist_fast_rms_ratio_y", "  rms", "", 1.0),
+        Claim("slow_peak_n", "  slow moves, peak", "N", 1.0, "-", high=10.0),
+        *_LET_GO,
+        PATH_DONE,
+    ),
+    "some": (
+        Claim("hand_force_peak_n", "hand force, last mode, peak", "N", 1.0),
+        Claim("hand_force_rms_n", "  rms", "N", 1.0),
+        *_LET_GO,
+        PATH_DONE,
+    ),
+    "one": (
+        Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
+        Claim("hand_force_rms_n", "  rms", "N", 1.0),
+        *_LET_GO,
+        PATH_DONE,
+    ),
+    # An arm that does not carry itself is not let go.
+    "none": (
+        Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
+        Claim("hand_force_rms_n", "  rms", "N", 1.0),
+        PATH_DONE,
+    ),
+    "path": (
+        Claim("taught_deviation_max_m", "taught path off what was meant, max", "mm", 1e3),
+        Claim("taught_deviation_rms_m", "  rms", "mm", 1e3),
+        Claim("recorded_deviation_max_m", "recording off it, max", "mm", 1e3),
+        Claim("recorded_deviation_rms_m", "  rms", "mm", 1e3),
+        Claim("taught_missed_max_m", "what was meant off the taught path, max", "mm", 1e3),
+        Claim("taught_axis_error_max_rad", "tool axis, max", "deg", DEGREES),
+        Claim("points_recorded", "points recorded", "", 1.0),
+        Claim("points_taught", "points taught", "", 1.0),
+        Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
+        Claim("hand_force_rms_n", "  rms", "N", 1.0),
+        PATH_DONE,
+    ),
+}
+"""What is asked of each kind of run."""
+
+
+def kind_of(scenario: Scenario) -> str:
+    """Which figures a run has: the whole trial, some of its moves, one mode, an arm that sags, or a taught path."""
+    guide = scenario.guide
+    if scenario.drag.follow:
+        return "path"
+    if not (guide.mode or guide.direction or guide.duration_s):
+        return "trial"
+    if not guide.mode:
+        return "some"
+    return "none" if guide.mode == "none" else "one"
+
+
+def _plots(record: RunRecord) -> Mapping[str, str]:
+    plots = {"hand_force.png": "polish_sim.hand_guiding.plots:plot_guiding"}
+    taught = record.scenario.drag.follow and record.path is not None
+    return plots | ({"taught.png": "polish_sim.hand_guiding.plots:plot_taught"} if taught else {})
+
+
+def _title(scenario: Scenario) -> str:
+    if scenario.drag.follow:
+        return f"teach, along {scenario.drag.follow} of {scenario.part.file}, seed {scenario.seed}"
+    return f"teach, {scenario.guide.mode or 'every mode'}"
+
+
+TEACH: Final = Experiment(
+    "teach",
+    "a hand guides the arm, whose torques make it light (paper 3, fig. 6)",
+    Scenario(experiment="teach", spindle=SpindleConfig(speed_rpm=0.0)),
+    run="polish_sim.hand_guiding.drag:run_guiding",
+    claims=lambda scenario: CLAIMS[kind_of(scenario)],
+    plots=_plots,
+    comparisons={"hand_force.png": "polish_sim.hand_guiding.plots:plot_guiding_runs"},
+    options=(
+        *("--mode", "--direction", "--duration", "--follow"),
+        *(*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", "--seed", "--seeds", *WATCH_OPTIONS),
+    ),
+    only_with={"--follow": (*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", "--seed", "--seeds")},
+    not_with=(Excludes("--follow", "says where the hand goes", ("--direction", "--duration")),),
+    title=_title,
+)

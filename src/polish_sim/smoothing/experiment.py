@@ -1,0 +1,75 @@
+"""The experiment ``smooth``: its row, and what is asked of it."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from polish_sim.analysis.claim import PATH_DONE, Claim
+from polish_sim.config import Scenario, SmoothingConfig, SpindleConfig
+from polish_sim.experiments.registry import Experiment, always
+
+TOLERANCE: Final = 0.02e-3
+"""Of the tip in the paper's trial [m]."""
+AXIS_TOLERANCE: Final = math.radians(0.02)
+"""Of the tool axis [rad]."""
+
+CLAIMS: Final = (
+    Claim(
+        "certified_reduction_largest",
+        "certified: error less at a jerk peak, largest",
+        "%",
+        100.0,
+        "14.57",
+        low=0.1457,
+        more_is_better=True,
+    ),
+    Claim("certified_reduction_median", "  median of the peaks", "%", 100.0, more_is_better=True),
+    Claim("certified_rise_largest", "  largest rise at one", "%", 100.0),
+    Claim(
+        "certified_reduction_largest_at_equal_time",
+        "  largest, equal cycle times",
+        "%",
+        100.0,
+        more_is_better=True,
+    ),
+    Claim(
+        "certified_reduction_median_at_equal_time",
+        "  median, equal cycle times",
+        "%",
+        100.0,
+        more_is_better=True,
+    ),
+    Claim("joint_jerk_reduction_largest", "joint-jerk: largest", "%", 100.0, "14.57", more_is_better=True),
+    Claim("joint_jerk_reduction_median", "  median of the peaks", "%", 100.0, more_is_better=True),
+    Claim("certified_joint_jerk_ratio_max", "certified: joint jerk / limit", "", 1.0, high=1.0 + 1e-9),
+    Claim("joint_jerk_joint_jerk_ratio_max", "joint-jerk: joint jerk / limit", "", 1.0, "< 1"),
+    Claim("joint_acceleration_joint_jerk_ratio_max", "joint-acceleration: joint jerk / limit", "", 1.0, "> 1"),
+    Claim("certified_cycle_time_s", "certified: cycle time", "s", 1.0),
+    Claim("joint_jerk_cycle_time_s", "joint-jerk: cycle time", "s", 1.0, "13.215"),
+    Claim("joint_acceleration_cycle_time_s", "joint-acceleration: cycle time", "s", 1.0, "13.169"),
+    PATH_DONE,
+)
+
+SMOOTH: Final = Experiment(
+    "smooth",
+    "one path played with every smoothing rule on the joint servos (paper 4, fig. 10)",
+    Scenario(
+        experiment="smooth",
+        spindle=SpindleConfig(speed_rpm=0.0),
+        smoothing=SmoothingConfig(tolerance_m=TOLERANCE, axis_tolerance_rad=AXIS_TOLERANCE),
+    ),
+    run="polish_sim.smoothing.smooth:run_smooth",
+    prepare="polish_sim.smoothing.smooth:check_smooth",
+    claims=always(CLAIMS),
+    plots=always(
+        {
+            "tracking.png": "polish_sim.smoothing.tracking:plot_tracking",
+            "tracking_by_joint.png": "polish_sim.smoothing.tracking:plot_tracking_bars",
+        }
+    ),
+    comparisons={"tracking.png": "polish_sim.smoothing.tracking:plot_tracking_runs"},
+    options=("--part-pose", "--path", "--dry-run", "--log-rate"),
+    paper={"plan.file": "", "smoothing.limits_file": ""},
+    title=always("smooth, every rule on the servos"),
+)
