@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from benchmarks.arm_jets import tool_jet
 from benchmarks.random_paths import RandomPath, draw_path
 from polish_sim.errors import PolishSimError
-from polish_sim.motion.joint_motion import joint_motion
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.schedule import Samples, Schedule, sample_schedule, turning
+from polish_sim.motion.segment_rates import joint_motion
 
 Array = NDArray[np.float64]
 

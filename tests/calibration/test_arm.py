@@ -9,7 +9,7 @@ from polish_sim.dual.calibrate_bases import HIGH, LOW, ArmTrial, run_arm_calibra
 from polish_sim.dual.calibration.arm import TrackedArm, fit_arm, fit_placement
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import link_frames
-from polish_sim.motion.kinematics import NOMINAL, arm_frames, table_slopes
+from polish_sim.motion.kinematics import NOMINAL, table_slopes
 from polish_sim.spatial import from_pose
 
 RNG = np.random.default_rng(2)
@@ -17,18 +17,14 @@ Q = RNG.uniform(LOW, HIGH, (40, 6))
 POINT = np.array([0.01, -0.02, 0.1])
 
 
-def test_the_nominal_table_is_the_robots() -> None:
-    np.testing.assert_allclose(arm_frames(NOMINAL, Q[:5]), [link_frames(q) for q in Q[:5]], atol=1e-14)
-
-
 def test_slopes_of_the_table_are_those_of_differences() -> None:
     table, step = NOMINAL + 0.01 * RNG.standard_normal((4, 6)), 1e-6
 
     def tips(table: np.ndarray) -> np.ndarray:
-        T = arm_frames(table, Q)[:, 6]
+        T = link_frames(Q, table)[:, 6]
         return T[:, :3, :3] @ POINT + T[:, :3, 3]
 
-    slopes = table_slopes(arm_frames(table, Q), tips(table))
+    slopes = table_slopes(link_frames(Q, table), tips(table))
     for k, row in enumerate(step * np.eye(24).reshape(24, 4, 6)):
         np.testing.assert_allclose(slopes[:, :, k], (tips(table + row) - tips(table - row)) / (2.0 * step), atol=1e-9)
 
@@ -37,7 +33,7 @@ def test_exact_measurements_give_an_arm_that_predicts_exactly() -> None:
     table, T = NOMINAL + 5e-4 * RNG.standard_normal((4, 6)), from_pose([2.0, 1.0, -0.5, 0.1, 0.2, 1.0])
 
     def seen(q: np.ndarray) -> np.ndarray:
-        frames = T @ arm_frames(table, q)[:, 6]
+        frames = T @ link_frames(q, table)[:, 6]
         return frames[:, :3, :3] @ POINT + frames[:, :3, 3]
 
     found = fit_arm(TrackedArm(Q, seen(Q)), 0.0)

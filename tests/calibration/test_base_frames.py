@@ -23,7 +23,7 @@ from polish_sim.dual.calibration.matched_points import (
     relative_frame,
 )
 from polish_sim.errors import CalibrationError
-from polish_sim.motion import forward_many
+from polish_sim.motion import forward
 from polish_sim.spatial import apply, from_pose, inverse, transform
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ def arc(joint: int, count: int = 200, offsets: Array | None = None, sector: tupl
     """Target seen by the tracker while one joint turns, angles rising; what encoders say plays no role."""
     q = np.tile(np.zeros(6) if offsets is None else offsets, (count, 1))
     q[:, joint] += np.radians(np.linspace(*(sector or SECTORS[joint]), count))
-    T = T_TRACKER_BASE @ forward_many(q)
+    T = T_TRACKER_BASE @ forward(q)
     return np.asarray(T[:, :3, :3] @ TARGET + T[:, :3, 3])
 
 

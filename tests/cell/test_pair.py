@@ -25,7 +25,7 @@ from polish_sim.errors import ConfigError, InputError, ReachError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.models import workpiece_path
 from polish_sim.motion import forward, link_frames
-from polish_sim.motion.kinematics import NOMINAL, flange_poses
+from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.scenario_file import override
 from polish_sim.spatial import from_pose, inverse, transform
 from tests.cell.cells import (
@@ -345,7 +345,7 @@ def test_arms_off_their_table_are_built_as_their_own_table_says() -> None:
             ("follower", np.eye(4), q[0], OFF.follower), ("master", T_FOLLOWER_MASTER, q[1], OFF.master),
         ):  # fmt: skip
             site = data.site(f"{arm}_flange")
-            wanted = T_base @ flange_poses(table, angles[None])[0]
+            wanted = T_base @ forward(angles[None], table)[0]
             np.testing.assert_allclose(site.xpos, wanted[:3, 3], atol=1e-12)
             np.testing.assert_allclose(site.xmat.reshape(3, 3), wanted[:3, :3], atol=1e-12)
     assert np.linalg.norm((wanted - T_FOLLOWER_MASTER @ forward(q[1]))[:3, 3]) > 5e-4

@@ -23,7 +23,7 @@ from polish_sim.errors import CalibrationError, ConfigError, InputError, PlanErr
 from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
 from polish_sim.geometry import load_part
 from polish_sim.models import workpiece_path
-from polish_sim.motion import forward_many
+from polish_sim.motion import forward
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.toolpath import APPROACH, RETRACT, arc_length
 from polish_sim.scenario_file import override
@@ -145,7 +145,7 @@ def test_a_part_that_slips_in_the_gripper_shows_in_the_error_of_the_tool_on_it()
 def test_the_master_keeps_its_orientation_and_moves_at_constant_speed(free: RunResult) -> None:
     log = free.log
     time, process = log["time_s"].astype(float), log["phase"] == 2
-    poses = forward_many(log["master_q_rad"].astype(float)[process])
+    poses = forward(log["master_q_rad"].astype(float)[process])
     turned = poses[0, :3, :3].T @ poses[:, :3, :3]
     assert np.abs(turned - np.eye(3)).max() < 1e-4
     fast = time[process] > time[process][0] + 0.6

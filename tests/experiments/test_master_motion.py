@@ -24,7 +24,7 @@ from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.errors import ConfigError, InputError, PolishSimError, ReachError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
-from polish_sim.motion import forward_many
+from polish_sim.motion import forward
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
 from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse
@@ -42,7 +42,7 @@ def dual(*changes: str) -> Scenario:
 
 
 def poses_of(run: RunResult, column: str) -> NDArray[np.float64]:
-    return forward_many(np.ascontiguousarray(run.log[column], dtype=np.float64))
+    return forward(np.ascontiguousarray(run.log[column], dtype=np.float64))
 
 
 def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still() -> None:
@@ -169,13 +169,13 @@ def test_a_file_of_a_motion_is_followed_like_the_motion_itself(tmp_path: Path, f
     asked, read = (one.work.way(one.reach.T_master_work, moments) for one in (task, again))
     np.testing.assert_allclose(read, asked, atol=2e-6)
     rows = again.master.spacing * np.arange(len(again.master.q))
-    played = forward_many(again.master.q) @ again.frames.believed.T_flange_gripper
+    played = forward(again.master.q) @ again.frames.believed.T_flange_gripper
     np.testing.assert_allclose(played, again.work.way(again.reach.T_master_work, rows), atol=1e-9)
 
 
 def test_an_arc_bends_in_the_run_as_told() -> None:
     task = prepare_dual(dual(*ABOVE, "dual.master_arc_radius_m=-0.05", "dual.master_speed_m_s=0.02"))
-    places = (forward_many(task.master.q) @ task.frames.true.T_flange_gripper)[:, :3, 3]
+    places = (forward(task.master.q) @ task.frames.true.T_flange_gripper)[:, :3, 3]
     # Along y at first, and to the right: the middle is at +x.
     middle = places[0] + np.array([0.05, 0.0, 0.0])
     np.testing.assert_allclose(np.linalg.norm(places - middle, axis=1), 0.05, atol=1e-6)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.cell import tool_on_flange
 from polish_sim.experiments import RunResult
 from polish_sim.log import COLUMNS
-from polish_sim.motion import forward_many, jacobian_many
+from polish_sim.motion import forward, jacobian
 
 
 def column(result: RunResult, name: str) -> np.ndarray:
@@ -30,11 +30,11 @@ def test_rows_come_at_250_hz_from_time_zero(freeform: RunResult) -> None:
 
 def test_tool_pose_and_speed_are_the_joints_by_forward_kinematics(freeform: RunResult) -> None:
     q, qd = column(freeform, "q_rad"), column(freeform, "qd_rad_s")
-    T_base_tool = forward_many(q) @ tool_on_flange()
+    T_base_tool = forward(q) @ tool_on_flange()
     np.testing.assert_allclose(T_base_tool[:, :3, 3], column(freeform, "tcp_position_m"), atol=1e-6)
     frames = Rotation.from_quat(column(freeform, "tcp_quaternion_wxyz"), scalar_first=True)
     assert (frames.inv() * Rotation.from_matrix(T_base_tool[:, :3, :3])).magnitude().max() < 1e-6
-    twist = np.einsum("nij,nj->ni", jacobian_many(q, tool_on_flange()[:3, 3].copy()), qd)
+    twist = np.einsum("nij,nj->ni", jacobian(q, tool_on_flange()[:3, 3].copy()), qd)
     np.testing.assert_allclose(np.linalg.norm(twist[:, :3], axis=1), column(freeform, "tcp_speed_m_s"), atol=1e-6)
 
 

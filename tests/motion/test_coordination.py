@@ -17,8 +17,8 @@ from polish_sim.dual.coordination import (
     rest_to_rest,
     spun,
 )
+from polish_sim.dual.rim import fit_closed_spline
 from polish_sim.errors import ReachError, SmoothingError
-from polish_sim.motion.rim import fit_closed_spline
 from polish_sim.spatial import from_pose, rotation_to_axis, transform
 
 RADIUS = 0.2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import ReachError
-from polish_sim.motion import JOINT_LIMITS, forward, forward_many, inverse_all, inverse_near, nearest_solution, track
+from polish_sim.motion import JOINT_LIMITS, forward, inverse_all, inverse_near, nearest_solution, track
 
 HOME = np.array([1.30, -1.59, 1.51, -1.49, -1.57, -0.27])
 T_FLANGE_TOOL = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.22], [0, 0, 0, 1]])
@@ -29,7 +29,7 @@ def test_all_solutions_reach_the_pose_and_one_is_the_configuration_it_came_from(
     for q in configurations:
         T = forward(q)
         solutions = reachable(inverse_all(T))
-        np.testing.assert_allclose(forward_many(solutions), np.broadcast_to(T, (len(solutions), 4, 4)), atol=1e-9)
+        np.testing.assert_allclose(forward(solutions), np.broadcast_to(T, (len(solutions), 4, 4)), atol=1e-9)
         assert angle_difference(solutions, q).max(axis=1).min() < 1e-9
 
 
@@ -91,7 +91,7 @@ def test_out_of_reach_says_where_and_what_to_do():
 
 
 def tool_poses(q):
-    return forward_many(q) @ T_FLANGE_TOOL
+    return forward(q) @ T_FLANGE_TOOL
 
 
 def test_track_follows_a_smooth_joint_motion_back_to_itself():

@@ -9,12 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.errors import ReachError
-from polish_sim.motion import forward, forward_many
-from polish_sim.motion.inverse_kinematics import inverse_on_branch
-from polish_sim.motion.joint_motion import joint_motion
+from polish_sim.motion import forward
+from polish_sim.motion.kinematics import inverse_on_branch
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, build_arm
-from polish_sim.motion.segment_rates import chain_rates, chebyshev_nodes
+from polish_sim.motion.segment_rates import chain_rates, chebyshev_nodes, joint_motion
 
 T_FLANGE_TOOL = np.eye(4)
 T_FLANGE_TOOL[:3, :3] = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix()
@@ -125,7 +124,7 @@ def test_in_time_the_chain_rule_holds() -> None:
 def test_the_joints_lead_to_the_tool_s_pose() -> None:
     chain, arm = one_segment(HOME, np.array([0.03, 0.05, -0.02]), 0.4, -0.5)
     q = chain_rates(chain, np.array([0.0, 1.0]), arm).q[0]
-    end = (np.linalg.inv(arm.T_base_work) @ forward_many(q) @ T_FLANGE_TOOL)[1]
+    end = (np.linalg.inv(arm.T_base_work) @ forward(q) @ T_FLANGE_TOOL)[1]
     np.testing.assert_allclose(end[:3, 3], chain.tips[1], atol=1e-12)
     np.testing.assert_allclose(end[:3, 2], chain.axes[1], atol=1e-12)
 

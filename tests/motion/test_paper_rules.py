@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.errors import SmoothingError
-from polish_sim.motion.joint_motion import joint_motion
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.exact_stop import plan_exact_stop
@@ -24,7 +23,7 @@ from polish_sim.motion.rules.paper_rules import (
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.rules.schedule import sample_schedule
-from polish_sim.motion.segment_rates import JointRates
+from polish_sim.motion.segment_rates import JointRates, joint_motion
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
 

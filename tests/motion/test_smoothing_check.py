@@ -8,7 +8,7 @@ import pytest
 from benchmarks.arm_jets import tool_jet
 from benchmarks.random_paths import KINDS, T_FLANGE_TOOL, draw_path
 from benchmarks.smoothing_check import AXIS_TOLERANCE, FIGURES, TOLERANCE, judge_motion
-from polish_sim.motion import forward_many
+from polish_sim.motion import forward
 from polish_sim.motion.rules.exact_stop import plan_exact_stop as plan
 from polish_sim.motion.rules.limits import SmoothingLimits
 
@@ -24,7 +24,7 @@ def test_the_table_gives_the_tool_s_pose_and_its_derivatives_in_time() -> None:
     jet = tool_jet(
         np.stack([q, c[1] + 2 * c[2] * t + 3 * c[3] * t**2, 2 * c[2] + 6 * c[3] * t, 6 * c[3] + 0 * t]), T_FLANGE_TOOL
     )
-    np.testing.assert_allclose(jet[0], forward_many(q) @ T_FLANGE_TOOL, atol=1e-14)
+    np.testing.assert_allclose(jet[0], forward(q) @ T_FLANGE_TOOL, atol=1e-14)
     for order in range(3):
         slope = (jet[order][3] - jet[order][1]) / 2e-3
         np.testing.assert_allclose(jet[order + 1][2], slope, atol=1e-4 * np.abs(slope).max())

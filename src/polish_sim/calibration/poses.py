@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from polish_sim.calibration.payload import ROTATION_TOLERANCE, condition_of, payload_regressor
 from polish_sim.errors import CalibrationError
-from polish_sim.motion import forward_many
+from polish_sim.motion import forward
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ def plan_payload_poses(count: int) -> PosePlan:
     q = np.tile([PAN, LIFT, ELBOW, TOOL_DOWN, WRIST_2, 0.0], (count, 1))
     q[:, 3] -= tilt[order]
     q[:, 5] = azimuth[order]
-    R = np.ascontiguousarray(forward_many(q)[:, :3, :3])
+    R = np.ascontiguousarray(forward(q)[:, :3, :3])
     for array in (q, R):
         array.flags.writeable = False
     return PosePlan(q, R, condition_of(payload_regressor(R[:, 2, :], None, 1.0)))

@@ -5,18 +5,13 @@ The engine moves the arm as it is. A host knows its joint angles and a table, an
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.kinematics import NOMINAL
-
-Array = NDArray[np.float64]
-
-OFFSET, D, A, COSINE, SINE = 0, 1, 2, 3, 4
+from polish_sim.motion.kinematics import NOMINAL, advance_frame, joint_rows
 
 
 class HostArm(NamedTuple):
@@ -25,7 +20,7 @@ class HostArm(NamedTuple):
     present: float
     """1 if the host computes with it; 0: the arm is as the host's table says, the engine's own poses are taken."""
     table: Array
-    """OFFSET [rad], D [m], A [m], COSINE and SINE of alpha of each joint, shape (6, 5)."""
+    """As `joint_rows`, shape (6, 5)."""
     T_world_base: Array
     """Where the arm stands, shape (4, 4)."""
     T_flange_end: Array
@@ -55,9 +50,8 @@ def build_host_arm(table: Array, T_world_base: Array, T_flange_end: Array) -> Ho
         T_world_base: Where the arm stands, shape (4, 4).
         T_flange_end: Its end on the flange, shape (4, 4).
     """
-    offset, d, a, alpha = table
     return HostArm(
-        1.0, np.ascontiguousarray(np.stack([offset, d, a, np.cos(alpha), np.sin(alpha)], axis=1)),
+        1.0, joint_rows(table),
         np.array(T_world_base), np.array(T_flange_end), np.zeros((6, 3)), np.zeros((6, 3)), np.zeros(3), np.zeros(9),
         np.zeros((3, 4)),
     )  # fmt: skip
@@ -65,25 +59,15 @@ def build_host_arm(table: Array, T_world_base: Array, T_flange_end: Array) -> Ho
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def read_encoders(arm: HostArm, q: Array, first: int) -> None:
-    """Where axes and end are with joint angles ``q[first : first + 6]`` [rad], by the host's table.
-
-    Standard Denavit-Hartenberg: T_i = Rz(q_i + offset) Tz(d) Tx(a) Rx(alpha).
-    """
+    """Where axes and end are with joint angles ``q[first : first + 6]`` [rad], by the host's table."""
     T = arm.frame
     for i in range(3):
         for j in range(4):
             T[i, j] = arm.T_world_base[i, j]
     for k in range(6):
-        row = arm.table[k]
-        c, s = math.cos(q[first + k] + row[OFFSET]), math.sin(q[first + k] + row[OFFSET])
         for i in range(3):
-            x, y, z = T[i, 0], T[i, 1], T[i, 2]
-            arm.anchors[k, i], arm.axes[k, i] = T[i, 3], z
-            turned, beside = c * x + s * y, c * y - s * x
-            T[i, 0] = turned
-            T[i, 1] = row[COSINE] * beside + row[SINE] * z
-            T[i, 2] = row[COSINE] * z - row[SINE] * beside
-            T[i, 3] += row[D] * z + row[A] * turned
+            arm.anchors[k, i], arm.axes[k, i] = T[i, 3], T[i, 2]
+        advance_frame(T, arm.table[k], q[first + k])
     E = arm.T_flange_end
     for i in range(3):
         arm.place[i] = T[i, 3] + T[i, 0] * E[0, 3] + T[i, 1] * E[1, 3] + T[i, 2] * E[2, 3]

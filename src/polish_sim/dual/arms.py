@@ -16,8 +16,8 @@ from polish_sim.dual.calibration.arm import LEAST_POSES, PairTables, Tolerance, 
 from polish_sim.dual.calibration.arm_file import read_arm_calibration
 from polish_sim.dual.calibration.measurements import ROBOTS
 from polish_sim.errors import ConfigError
-from polish_sim.motion import forward_many
-from polish_sim.motion.kinematics import NOMINAL, flange_poses, is_nominal, reach_with_table
+from polish_sim.motion import forward
+from polish_sim.motion.kinematics import NOMINAL, inverse_with_table, is_nominal
 
 Array = NDArray[np.float64]
 
@@ -50,20 +50,19 @@ class PairArms(NamedTuple):
 
     def flanges(self, robot: str, q: Array) -> Array:
         """Where the flange of an arm really is in its base with joints (n, 6) [rad], shape (n, 4, 4)."""
-        table = self.true[robot]
-        return forward_many(q) if is_nominal(table) else flange_poses(table, q)
+        return forward(q, self.true[robot])
 
     def joints(self, robot: str, T_base_flange: Array, q: Array) -> Array:
         """Joint angles with which the host expects the flange there, from the nominal arm's (n, 6) [rad]."""
         table = self.believed[robot]
-        return q if is_nominal(table) else reach_with_table(table, T_base_flange, q)
+        return q if is_nominal(table) else inverse_with_table(table, T_base_flange, q)
 
     def reading(self, robot: str) -> Reading | None:
         """What the host reads when an arm is led until its flange really is where it should be; None: just that."""
         true, believed = self.true[robot], self.believed[robot]
         if is_nominal(true) and is_nominal(believed):
             return None
-        return lambda T_base_flange, q: flange_poses(believed, reach_with_table(true, T_base_flange, q))
+        return lambda T_base_flange, q: forward(inverse_with_table(true, T_base_flange, q), believed)
 
 
 AS_DRAWN: Final = PairArms()

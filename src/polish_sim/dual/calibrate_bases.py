@@ -34,8 +34,8 @@ from polish_sim.dual.calibration.measurements import (
     TrackedPoses,
 )
 from polish_sim.errors import unknown_name
-from polish_sim.motion import forward_many
-from polish_sim.motion.kinematics import NOMINAL, flange_poses
+from polish_sim.motion import forward
+from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import apply, from_pose, inverse, rotation_angle
 
 Array = NDArray[np.float64]
@@ -130,7 +130,7 @@ def simulate_arcs(
     truth: TrueBases, count: int, noise: float, rng: np.random.Generator, tables: Mapping[str, Array] | None = None
 ) -> AxisArcs:
     """Axis 1, then axis 2 of each robot turns, at joint angles nobody reads; ``tables``: of arms as they are built."""
-    flanges = {r: partial(flange_poses, tables[r]) if tables else forward_many for r in ROBOTS}
+    flanges = {r: partial(forward, table=tables[r] if tables else NOMINAL) for r in ROBOTS}
     return AxisArcs(
         {r: (_arc(T, flanges[r], 0, count, noise, rng), _arc(T, flanges[r], 1, count, noise, rng))
          for r, T in truth.T_tracker.items()}
@@ -156,7 +156,7 @@ def simulate_poses(truth: TrueBases, count: int, noise: float, rng: np.random.Ge
     low, high = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
     points = {}
     for robot, T in truth.T_tracker.items():
-        own = _target(forward_many(rng.uniform(low, high, (count, 6))))
+        own = _target(forward(rng.uniform(low, high, (count, 6))))
         points[robot] = (apply(T, own) + noise * rng.standard_normal(own.shape), own)
     return TrackedPoses(points)
 

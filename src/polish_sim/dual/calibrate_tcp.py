@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.dual.calibration.tool import ToolFrameEstimate, ToolMeasurements, fit_tool_frame
 from polish_sim.dual.calibration.tool_checks import TOOL_DOWN, ToolTouches, plan_touch_orientations
 from polish_sim.dual.calibration.tool_file import tool_figures
-from polish_sim.motion import forward_many, inverse_near
+from polish_sim.motion import forward, inverse_near
 from polish_sim.spatial import rotation_angle, transform
 
 Array = NDArray[np.float64]
@@ -133,4 +133,4 @@ def reached(T_base_flange: Array, read: Reading | None = None) -> Array:
         ReachError: The arm cannot do one of them.
     """
     q = np.stack([inverse_near(T, Q_NEAR) for T in T_base_flange])
-    return np.ascontiguousarray(forward_many(q) if read is None else read(T_base_flange, q))
+    return np.ascontiguousarray(forward(q) if read is None else read(T_base_flange, q))

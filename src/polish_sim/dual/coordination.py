@@ -12,8 +12,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from polish_sim.errors import ReachError
-from polish_sim.motion.inverse_kinematics import nearest_solution
-from polish_sim.motion.kinematics import JOINT_LIMITS, forward_many, smallest_singular_values
+from polish_sim.motion.kinematics import JOINT_LIMITS, forward, nearest_solution, smallest_singular_values
 from polish_sim.spatial import inverse, transform
 
 # The chain two robots close over one part: flange poses from the part's pose and the tool's pose on it.
@@ -106,7 +105,7 @@ def plan_coordinated(
     T_work_tool = spun(T_work_tool, spin)
     q_master = follow_joints(master_flange(chain, T_master_work), q_near[0], "master")
     q_follower = follow_joints(follower_flange(chain, T_master_work, T_work_tool), q_near[1], "follower")
-    off = chain_residual(chain, forward_many(q_master), forward_many(q_follower), T_work_tool)
+    off = chain_residual(chain, forward(q_master), forward(q_follower), T_work_tool)
     least = smallest_singular_values(q_follower, np.ascontiguousarray(chain.T_flange_tool[:3, 3]))
     return CoordinatedJoints(q_master, q_follower, float(np.abs(off).max()), float(least.min()))
 

@@ -34,7 +34,7 @@ from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.surface import remove_material
 from polish_sim.log import RunLog, with_column
-from polish_sim.motion import forward_many
+from polish_sim.motion import forward
 from polish_sim.planning import PlanResult
 from polish_sim.spatial import apply, inverse
 
@@ -167,7 +167,7 @@ def _at_rows(run: CellRun, values: Array) -> Array:
 def _start(task: DualTask) -> Array:
     """Joints with which the host expects the follower at the start of its path [rad], shape (6,)."""
     q = task.place.reach.q_start[None]
-    return task.arms.joints("follower", forward_many(np.ascontiguousarray(q)), q)[0]
+    return task.arms.joints("follower", forward(np.ascontiguousarray(q)), q)[0]
 
 
 def _part_on_flange(task: DualTask, part: RealPart) -> Array:

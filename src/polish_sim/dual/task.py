@@ -39,6 +39,7 @@ from polish_sim.dual.placement import (
     seat_part,
     tool_on_start,
 )
+from polish_sim.dual.rim import rim_path
 from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_scene, check_load
 from polish_sim.dual.strokes import Visits, lifted, pair_strokes, plan_visits
 from polish_sim.errors import ReachError
@@ -46,8 +47,7 @@ from polish_sim.experiments.assembly import Workplace
 from polish_sim.experiments.part_setup import PlacedTool, check_set_points, part_file, real_shape
 from polish_sim.experiments.placement import Reach, check_shaft, tool_rotations
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
-from polish_sim.motion.kinematics import flange_poses, is_nominal
-from polish_sim.motion.rim import rim_path
+from polish_sim.motion.kinematics import forward, is_nominal
 from polish_sim.motion.rules.limits import build_arm
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.spatial import inverse
@@ -216,7 +216,7 @@ def _residual(work: Work, reach: PairReach, arms: PairArms) -> float:
         return nominal.residual
     wanted = master_flange(work.chain, parts), follower_flange(work.chain, parts, T_work_tool)
     reached = [
-        flange_poses(arms.believed[robot], arms.joints(robot, T, q))
+        forward(arms.joints(robot, T, q), arms.believed[robot])
         for robot, T, q in zip(ROBOTS, wanted, nominal[:2], strict=True)
     ]
     return float(np.abs(chain_residual(work.chain, reached[0], reached[1], T_work_tool)).max())

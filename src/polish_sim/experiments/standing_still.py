@@ -17,7 +17,7 @@ from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import RobotConfig, Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop
-from polish_sim.motion import forward_many
+from polish_sim.motion import forward
 from polish_sim.motion.timed_path import time_path
 from polish_sim.motion.trajectory import PathTable, build_path_table
 
@@ -73,7 +73,7 @@ def plan_visit(q: Array, settle: float, average: float, patience: float = 1.0) -
         times.append(np.asarray(now + still))
         windows.append([now + settle, now + settle + average])
         now = float(times[-1][-1])
-    T_base_tool = forward_many(np.concatenate(rows)) @ tool_on_flange()
+    T_base_tool = forward(np.concatenate(rows)) @ tool_on_flange()
     place = CLOCK_FEED * np.concatenate(times)
     table = build_path_table(T_base_tool[:, :3, 3], T_base_tool[:, :3, :3], place, spacing=0.5 * CLOCK_FEED * ROW_S)
     return Visit(table, CLOCK_FEED * np.array(windows))

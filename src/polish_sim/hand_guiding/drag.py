@@ -38,7 +38,7 @@ from polish_sim.hand_guiding.teach import (
     trace_of_move,
 )
 from polish_sim.hand_guiding.teaching import Recording, Taught, teach_path
-from polish_sim.motion import forward_many
+from polish_sim.motion import forward
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from polish_sim.spatial import apply, inverse
 
@@ -247,7 +247,7 @@ def _teach(scenario: Scenario, task: DragTask, dragged: DragTable, q: Array) -> 
     # What the encoders say is all that is known of the tool.
     step = scenario.guide.encoder_rad
     read = step * np.round(q[::every] / step) if step else q[::every]
-    T_work_tool = inverse(task.reach.T_base_work) @ forward_many(np.ascontiguousarray(read)) @ tool_on_flange()
+    T_work_tool = inverse(task.reach.T_base_work) @ forward(np.ascontiguousarray(read)) @ tool_on_flange()
     clock: Array = np.arange(len(read)) * np.float64(every * sim.timestep_s)
     record = Recording(clock, T_work_tool[:, :3, 3], -T_work_tool[:, :3, 2])
     taught = teach_path(record, task.surface, drag.filter_hz, drag.tolerance_m, drag.spacing_m)

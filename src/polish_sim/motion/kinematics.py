@@ -1,139 +1,135 @@
-"""Forward kinematics and Jacobian of the UR5e: from joint angles to poses and velocities of the tool.
+"""Kinematics of the UR5e: from joint angles to poses and velocities of the tool, and back.
 
-The arm is its table of standard Denavit-Hartenberg parameters, T_i = Rz(q_i) Tz(d_i) Tx(a_i) Rx(alpha_i), as the
-manufacturer publishes them (source: ``models/README.md``). The flange frame is DH frame 6.
+The arm is its table of standard Denavit-Hartenberg parameters, T_i = Rz(q_i + offset_i) Tz(d_i) Tx(a_i) Rx(alpha_i).
+The nominal table is the manufacturer's (source: ``models/README.md``); an arm as built has its own, which every
+function of forward kinematics takes as an argument. The flange frame is DH frame 6. The inverse is in closed form for
+the nominal table, and by Newton's method from there for another.
 """
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.errors import ReachError
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import inverse
-
-Array = NDArray[np.float64]
 
 DH_A = np.array([0.0, -0.425, -0.3922, 0.0, 0.0, 0.0])
 """Link lengths [m]."""
 DH_D = np.array([0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996])
 """Link offsets [m]."""
-DH_ALPHA = np.array([np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0])
-"""Link twists [rad]."""
+NOMINAL = np.stack([np.zeros(6), DH_D, DH_A, np.pi / 2 * np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])])
+"""The UR5e's table: joint offsets [rad], d [m], a [m], alpha [rad], shape (4, 6)."""
+NOMINAL.setflags(write=False)
 JOINT_LIMITS = np.array([[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0], [-2.0, 2.0], [-2.0, 2.0], [-2.0, 2.0]]) * np.pi
 """Lowest and highest joint angle [rad], shape (6, 2)."""
 JOINT_SPEED_LIMIT = np.pi
 """Highest speed of every joint [rad/s]."""
+CLOSE: Final = 1e-12
+"""Newton's method ends when the flange pose is reached to this [m] and [rad]."""
+_MOST_ROUNDS: Final = 10
 
-# Exact sines and cosines of the twists: cos(pi/2) in floating point would tilt every axis by 6e-17.
-_SIN_ALPHA = np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])
-_COS_ALPHA = np.array([0.0, 1.0, 1.0, 0.0, 0.0, 1.0])
+
+# Forward: one step of the chain, written once for every kernel.
 
 
-@njit(cache=True)
-def link_frames(q: Array) -> Array:
+def joint_rows(table: Array) -> Array:
+    """A table as kernels take it: offset [rad], d [m], a [m], cosine and sine of alpha of each joint, shape (6, 5)."""
+    offset, d, a, alpha = table
+    # The cosine of pi/2 in floating point would tilt the nominal axes by 6e-17.
+    cosine = np.where(np.abs(np.cos(alpha)) < 1e-16, 0.0, np.cos(alpha))
+    return np.ascontiguousarray(np.stack([offset, d, a, cosine, np.sin(alpha)], axis=1))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def advance_frame(T: Array, row: Array, angle: float) -> None:
+    """Carry a frame over one joint, in place.
+
+    Args:
+        T: Pose of frame i - 1, becomes that of frame i, shape (3, 4) or (4, 4).
+        row: Of `joint_rows`, shape (5,).
+        angle: Joint angle [rad].
+    """
+    c, s = math.cos(angle + row[0]), math.sin(angle + row[0])
+    for i in range(3):
+        x, y, z = T[i, 0], T[i, 1], T[i, 2]
+        x_turned, y_turned = c * x + s * y, c * y - s * x
+        T[i, 0] = x_turned
+        T[i, 1] = row[3] * y_turned + row[4] * z
+        T[i, 2] = row[3] * z - row[4] * y_turned
+        T[i, 3] = T[i, 3] + row[1] * z + row[2] * x_turned
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_frames(rows: Array, q: Array, frames: Array) -> None:
+    """Frames of n configurations: all seven, shape (n, 7, 4, 4), or the flange's alone, shape (n, 1, 4, 4)."""
+    last = frames.shape[1] - 1
+    for i in range(q.shape[0]):
+        frames[i, 0] = np.eye(4)
+        for k in range(6):
+            if last:
+                frames[i, k + 1] = frames[i, k]
+            advance_frame(frames[i, min(k + 1, last)], rows[k], q[i, k])
+
+
+def _frames(q: Array, table: Array, count: int) -> Array:
+    angles = np.array(q, dtype=float, order="C")
+    frames = np.empty((angles.size // 6, count, 4, 4))
+    _fill_frames(joint_rows(table), angles.reshape(-1, 6), frames)
+    return frames.reshape(*angles.shape[:-1], count, 4, 4)
+
+
+def link_frames(q: Array, table: Array = NOMINAL) -> Array:
     """Poses of all DH frames in the base frame.
 
     Args:
-        q: Joint angles [rad], shape (6,).
+        q: Joint angles [rad], shape (..., 6).
+        table: The arm's, shape (4, 6).
 
     Returns:
-        Frames 0 (base) to 6 (flange), shape (7, 4, 4).
+        Frames 0 (base) to 6 (flange), shape (..., 7, 4, 4).
     """
-    frames = np.zeros((7, 4, 4))
-    frames[:, 3, 3] = 1.0
-    for j in range(3):
-        frames[0, j, j] = 1.0
-    for i in range(6):
-        c, s, ca, sa = np.cos(q[i]), np.sin(q[i]), _COS_ALPHA[i], _SIN_ALPHA[i]
-        for j in range(3):
-            x, y, z = frames[i, j, 0], frames[i, j, 1], frames[i, j, 2]
-            x_turned, y_turned = c * x + s * y, c * y - s * x
-            frames[i + 1, j, 0] = x_turned
-            frames[i + 1, j, 1] = ca * y_turned + sa * z
-            frames[i + 1, j, 2] = ca * z - sa * y_turned
-            frames[i + 1, j, 3] = frames[i, j, 3] + DH_D[i] * z + DH_A[i] * x_turned
-    return frames
+    return _frames(q, table, 7)
 
 
-@njit(cache=True)
-def forward(q: Array) -> Array:
+def forward(q: Array, table: Array = NOMINAL) -> Array:
     """Pose of the flange in the base frame.
 
     Args:
-        q: Joint angles [rad], shape (6,).
+        q: Joint angles [rad], shape (..., 6).
+        table: The arm's, shape (4, 6).
 
     Returns:
-        T_base_flange, shape (4, 4).
+        T_base_flange, shape (..., 4, 4).
     """
-    T_base_flange: Array = link_frames(q)[6]
-    return T_base_flange
+    return np.asarray(_frames(q, table, 1)[..., 0, :, :])
 
 
-@njit(cache=True)
-def forward_many(q: Array) -> Array:
-    """Poses of the flange for many joint configurations.
-
-    Args:
-        q: Joint angles [rad], shape (n, 6).
-
-    Returns:
-        T_base_flange, shape (n, 4, 4).
-    """
-    poses = np.empty((q.shape[0], 4, 4))
-    for i in range(q.shape[0]):
-        poses[i] = forward(q[i])
-    return poses
-
-
-@njit(cache=True)
-def jacobian(q: Array, point_flange: Array) -> Array:
+def jacobian(q: Array, point_flange: Array, table: Array = NOMINAL) -> Array:
     """Geometric Jacobian of a point that moves with the flange.
 
     Args:
-        q: Joint angles [rad], shape (6,).
+        q: Joint angles [rad], shape (..., 6).
         point_flange: The point in the flange frame [m], shape (3,).
+        table: The arm's, shape (4, 6).
 
     Returns:
-        (6, 6) matrix that maps joint speeds [rad/s] to the point's velocity [m/s] (rows 0-2) and the flange's
+        Matrices (..., 6, 6) that map joint speeds [rad/s] to the point's velocity [m/s] (rows 0-2) and the flange's
         angular velocity [rad/s] (rows 3-5), both in the base frame.
     """
-    frames = link_frames(q)
-    J = np.empty((6, 6))
-    arm = np.empty(3)
-    for i in range(6):
-        axis = frames[i, :3, 2]
-        for j in range(3):
-            point = frames[6, j, 3]
-            for k in range(3):
-                point += frames[6, j, k] * point_flange[k]
-            arm[j] = point - frames[i, j, 3]
-        J[0, i] = axis[1] * arm[2] - axis[2] * arm[1]
-        J[1, i] = axis[2] * arm[0] - axis[0] * arm[2]
-        J[2, i] = axis[0] * arm[1] - axis[1] * arm[0]
-        J[3:, i] = axis
-    return J
+    return _jacobian_of(link_frames(q, table), point_flange)
 
 
-@njit(cache=True)
-def jacobian_many(q: Array, point_flange: Array) -> Array:
-    """The Jacobian of one point at many joint configurations.
-
-    Args:
-        q: Joint angles [rad], shape (n, 6).
-        point_flange: The point in the flange frame [m], shape (3,).
-
-    Returns:
-        Jacobians as in `jacobian`, shape (n, 6, 6).
-    """
-    jacobians = np.empty((q.shape[0], 6, 6))
-    for i in range(q.shape[0]):
-        jacobians[i] = jacobian(q[i], point_flange)
-    return jacobians
+def _jacobian_of(frames: Array, point_flange: Array) -> Array:
+    points = frames[..., 6, :3, :3] @ point_flange + frames[..., 6, :3, 3]
+    axes = frames[..., :6, :3, 2]
+    linear = np.cross(axes, points[..., None, :] - frames[..., :6, :3, 3])
+    return np.ascontiguousarray(np.concatenate([linear, axes], axis=-1).swapaxes(-1, -2))
 
 
 def smallest_singular_values(q: Array, point_flange: Array) -> Array:
@@ -146,56 +142,7 @@ def smallest_singular_values(q: Array, point_flange: Array) -> Array:
     Returns:
         Singular values, shape (n,). A tool twist of size v can need joint speeds of v divided by it.
     """
-    values = np.linalg.svd(jacobian_many(q, point_flange), compute_uv=False)[:, 5]
-    return np.asarray(values, dtype=np.float64)
-
-
-def manipulability(q: Array) -> Array:
-    """Yoshikawa's measure |det J| [m^3], the same for every point of the flange; 0 at a singularity.
-
-    Args:
-        q: Joint angles [rad], shape (n, 6).
-
-    Returns:
-        The measure, shape (n,): |a2 a3 sin(q3) sin(q5)| times the distance of wrist 1's origin from the pan axis
-        within the arm's plane.
-    """
-    return np.asarray(np.abs(np.linalg.det(jacobian_many(q, np.zeros(3)))), dtype=np.float64)
-
-
-# An arm as built: standard Denavit-Hartenberg parameters that may differ from the nominal ones.
-#
-# A table is an array (4, 6): joint offsets [rad], d [m], a [m], alpha [rad];
-# T_i = Rz(q_i + offset) Tz(d) Tx(a) Rx(alpha).
-
-NOMINAL = np.stack([np.zeros(6), DH_D, DH_A, DH_ALPHA])
-"""The UR5e's table, shape (4, 6)."""
-NOMINAL.setflags(write=False)
-CLOSE: Final = 1e-12
-"""Flange poses are reached to this [m] and [rad]."""
-_ROUNDS: Final = 10
-
-
-def arm_frames(table: Array, q: Array) -> Array:
-    """Poses of all DH frames in the base, base first.
-
-    Args:
-        table: The arm's table, shape (4, 6).
-        q: Joint angles [rad], shape (n, 6).
-
-    Returns:
-        Shape (n, 7, 4, 4).
-    """
-    frames = np.empty((len(q), 7, 4, 4))
-    frames[:, 0] = np.eye(4)
-    for i in range(6):
-        offset, d, a, alpha = table[:, i]
-        c, s = np.cos(q[:, i] + offset), np.sin(q[:, i] + offset)
-        ca, sa, zero, one = np.cos(alpha), np.sin(alpha), np.zeros(len(q)), np.ones(len(q))
-        rows = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s]]
-        rows += [[zero, sa * one, ca * one, d * one], [zero, zero, zero, one]]
-        frames[:, i + 1] = frames[:, i] @ np.moveaxis(np.array(rows), 2, 0)
-    return frames
+    return np.asarray(np.linalg.svd(jacobian(q, point_flange), compute_uv=False)[:, 5])
 
 
 def is_nominal(table: Array) -> bool:
@@ -205,17 +152,17 @@ def is_nominal(table: Array) -> bool:
 
 def link_poses(table: Array) -> Array:
     """Pose of each link's frame in the one before with the joints at zero, shape (6, 4, 4)."""
-    frames = arm_frames(table, np.zeros((1, 6)))[0]
+    frames = link_frames(np.zeros(6), table)
     return np.asarray(inverse(frames[:6]) @ frames[1:])
 
 
 def table_slopes(frames: Array, points: Array) -> Array:
-    """Derivative of points that move with the flange by the table's 24 numbers, row by row of the table.
+    """Derivative of points that move with the flange with respect to the table's 24 numbers, row by row.
 
-    Offset and d act along and about z of the frame before, a and alpha along and about x of the frame behind.
+    Offset and d act about and along z of the frame before, a and alpha along and about x of the frame behind.
 
     Args:
-        frames: As from `arm_frames`, in any common frame, shape (n, 7, 4, 4).
+        frames: As from `link_frames`, in any common frame, shape (n, 7, 4, 4).
         points: The point in every pose, same frame [m], shape (n, 3).
 
     Returns:
@@ -227,23 +174,170 @@ def table_slopes(frames: Array, points: Array) -> Array:
     return np.concatenate([about_z, z, x, about_x], axis=1).transpose(0, 2, 1)
 
 
-def flange_poses(table: Array, q: Array) -> Array:
-    """Where the flange of an arm is in its base.
+# Inverse in closed form. The up to eight solutions differ in three signs: the side of the pan axis the wrist is on,
+# and the signs of the angles of wrist 2 and elbow. A continuous motion changes a sign only at a singularity, so along
+# a path one solution is enough. Angles come from atan2 of two exact terms, not from acos: accurate near singularities.
+
+_D1, _D4, _D5, _D6 = float(DH_D[0]), float(DH_D[3]), float(DH_D[4]), float(DH_D[5])
+_A2, _A3 = float(DH_A[1]), float(DH_A[2])
+_TURN = 2.0 * math.pi
+_REACH_SLACK = 1e-9
+"""How far a squared sine may be negative by rounding before a pose counts as out of reach [-]."""
+_WRIST_ALIGNED = 1e-9
+"""Sine of wrist 2 below which wrist 1 and wrist 3 turn about one line, so that only their sum is given [-]."""
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_branch(
+    T: Array, side: float, wrist: float, elbow: float, q6_if_aligned: float
+) -> tuple[bool, tuple[float, float, float, float, float, float]]:
+    """Whether there is a solution with these signs, and its angles up to full turns [rad]."""
+    none = (math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
+    # Pan: the wrist's centre seen from above is d4 beside the arm's plane.
+    x, y, z = T[0, 3] - _D6 * T[0, 2], T[1, 3] - _D6 * T[1, 2], T[2, 3] - _D6 * T[2, 2]
+    square = x * x + y * y
+    if square - _D4 * _D4 < -_REACH_SLACK:
+        return False, none
+    out = math.copysign(math.sqrt(max(square - _D4 * _D4, 0.0)), side)
+    c1, s1 = (out * x - _D4 * y) / square, (out * y + _D4 * x) / square
+    # Wrist 2 and 3: the normal of the arm's plane seen from the flange is (s5 c6, -s5 s6, c5).
+    nx = s1 * T[0, 0] - c1 * T[1, 0]
+    ny = s1 * T[0, 1] - c1 * T[1, 1]
+    c5 = s1 * T[0, 2] - c1 * T[1, 2]
+    s5 = math.copysign(math.sqrt(nx * nx + ny * ny), wrist)
+    if abs(s5) < _WRIST_ALIGNED:
+        c6, s6 = math.cos(q6_if_aligned), math.sin(q6_if_aligned)
+    else:
+        c6, s6 = nx / s5, -ny / s5
+    # Wrist 2's axis and the x axis of frame 4, seen from the flange, leave a planar arm with two links.
+    a, b = c5 * c6, c5 * s6
+    ux = a * T[0, 0] - b * T[0, 1] - s5 * T[0, 2]
+    uy = a * T[1, 0] - b * T[1, 1] - s5 * T[1, 2]
+    uz = a * T[2, 0] - b * T[2, 1] - s5 * T[2, 2]
+    q234 = math.atan2(uz, c1 * ux + s1 * uy)
+    px = x + _D5 * (T[0, 0] * s6 + T[0, 1] * c6)
+    py = y + _D5 * (T[1, 0] * s6 + T[1, 1] * c6)
+    height = z + _D5 * (T[2, 0] * s6 + T[2, 1] * c6) - _D1
+    radius = c1 * px + s1 * py
+    c3 = (radius * radius + height * height - _A2 * _A2 - _A3 * _A3) / (2.0 * _A2 * _A3)
+    if 1.0 - c3 * c3 < -_REACH_SLACK:
+        return False, none
+    s3 = math.copysign(math.sqrt(max(1.0 - c3 * c3, 0.0)), elbow)
+    q2, q3 = math.atan2(height, radius) - math.atan2(_A3 * s3, _A2 + _A3 * c3), math.atan2(s3, c3)
+    q6 = q6_if_aligned if abs(s5) < _WRIST_ALIGNED else math.atan2(s6, c6)
+    return True, (math.atan2(s1, c1), q2, q3, q234 - q2 - q3, math.atan2(s5, c5), q6)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _near(angle: float, reference: float) -> float:
+    """The angle, full turns added, within half a turn of the reference."""
+    return angle + _TURN * math.floor((reference - angle) / _TURN + 0.5)
+
+
+@njit(cache=True, error_model="numpy")
+def inverse_on_branch(T: Array, q_near: Array, q: Array) -> bool:
+    """Joint angles that bring the flange to a pose, on the branch of a configuration (closed form).
 
     Args:
-        table: The arm's table, shape (4, 6).
-        q: Joint angles [rad], shape (n, 6).
+        T: T_base_flange, shape (4, 4).
+        q_near: Configuration that says which branch, and which full turns [rad], shape (6,).
+        q: Written: joint angles [rad], shape (6,); may be ``q_near`` itself.
 
     Returns:
-        Shape (n, 4, 4).
+        Whether the pose can be reached; ``q`` is untouched if not.
     """
-    return np.ascontiguousarray(arm_frames(table, q)[:, 6])
+    side = _A2 * math.cos(q_near[1]) + _A3 * math.cos(q_near[1] + q_near[2])
+    side += _D5 * math.sin(q_near[1] + q_near[2] + q_near[3])
+    reached, angles = _solve_branch(T, side, math.sin(q_near[4]), math.sin(q_near[2]), q_near[5])
+    if reached:
+        for j in range(6):
+            q[j] = _near(angles[j], q_near[j])
+    return reached
 
 
-def reach_with_table(table: Array, T_base_flange: Array, q: Array) -> Array:
-    """Joint angles that bring the flange of an arm there, from ones that almost do: Newton's method.
+@njit(cache=True, error_model="numpy")
+def inverse_all(T_base_flange: Array, q6_if_aligned: float = 0.0) -> Array:
+    """All joint angles that bring the flange to a pose (closed form).
 
-    The closed form knows the nominal table only. Of an arm half a millimetre off it, its solution is that close.
+    Args:
+        T_base_flange: Wanted pose, shape (4, 4).
+        q6_if_aligned: Angle of wrist 3 where the pose leaves it free (wrist 2 at 0 or 180 deg) [rad].
+
+    Returns:
+        Joint angles in [-pi, pi], shape (8, 6); rows of solutions that do not exist are NaN. Rows 0-3 and 4-7 have
+        the two pan angles, within them rows 0-1 and 2-3 the two signs of wrist 2, even and odd rows those of the elbow.
+    """
+    solutions = np.empty((8, 6))
+    for row in range(8):
+        side, wrist, elbow = 2.0 * (row // 4) - 1.0, 1.0 - row // 2 % 2 * 2.0, 1.0 - row % 2 * 2.0
+        angles = _solve_branch(T_base_flange, side, wrist, elbow, q6_if_aligned)[1]
+        for j in range(6):
+            solutions[row, j] = _near(angles[j], 0.0)
+    return solutions
+
+
+@njit(cache=True, error_model="numpy")
+def nearest_solution(T_base_flange: Array, q_near: Array, within_limits: bool) -> Array:
+    """The solution closest to a configuration, in the sum of squared joint differences.
+
+    Args:
+        T_base_flange: Wanted pose, shape (4, 4).
+        q_near: Configuration to stay close to [rad], shape (6,).
+        within_limits: Whether only configurations inside the joint limits count.
+
+    Returns:
+        Joint angles [rad], shape (6,); NaN if there is no solution.
+    """
+    best, best_distance = np.full(6, np.nan), np.inf
+    solutions = inverse_all(T_base_flange, q_near[5])
+    for row in range(8):
+        candidate, distance = solutions[row], 0.0
+        for j in range(6):
+            candidate[j] = _near(candidate[j], q_near[j])
+            if within_limits:
+                candidate[j] = _into_limits(candidate[j], JOINT_LIMITS[j, 0], JOINT_LIMITS[j, 1])
+            distance += (candidate[j] - q_near[j]) ** 2
+        if distance < best_distance:
+            best, best_distance = candidate, distance
+    return best
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _into_limits(angle: float, lowest: float, highest: float) -> float:
+    """The angle brought into its range by full turns; NaN where that is impossible."""
+    if angle > highest:
+        angle -= _TURN * math.ceil((angle - highest) / _TURN)
+    if angle < lowest:
+        angle += _TURN * math.ceil((lowest - angle) / _TURN)
+    return angle if angle <= highest else math.nan
+
+
+def inverse_near(T_base_flange: Array, q_near: Array) -> Array:
+    """Joint angles inside the limits that bring the flange to a pose, closest to a configuration.
+
+    Args:
+        T_base_flange: Wanted pose, shape (4, 4).
+        q_near: Configuration to stay close to [rad], shape (6,).
+
+    Returns:
+        Joint angles [rad], shape (6,).
+
+    Raises:
+        ReachError: The flange cannot be brought there.
+    """
+    q = nearest_solution(np.ascontiguousarray(T_base_flange, dtype=float), np.asarray(q_near, dtype=float), True)
+    if np.isnan(q).any():
+        x, y, z = 1e3 * np.asarray(T_base_flange)[:3, 3]
+        raise ReachError(
+            f"the UR5e cannot bring its flange to ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame with the wanted "
+            f"direction: it reaches 850 mm from the shoulder and not closer than 133 mm to its own axis. "
+            f"Move the part or turn the tool."
+        )
+    return q
+
+
+def inverse_with_table(table: Array, T_base_flange: Array, q: Array) -> Array:
+    """Joint angles that bring the flange of an arm as built to poses: Newton's method from the nominal solution.
 
     Args:
         table: The arm's table, shape (4, 6).
@@ -257,14 +351,12 @@ def reach_with_table(table: Array, T_base_flange: Array, q: Array) -> Array:
         ReachError: A pose is not reached: near a singularity, or the start was not close.
     """
     q = q.copy()
-    for _ in range(_ROUNDS):
-        frames = arm_frames(table, q)
+    for _ in range(_MOST_ROUNDS):
+        frames = link_frames(q, table)
         off = _pose_errors(frames[:, 6], T_base_flange)
         if np.abs(off).max() < CLOSE:
             return q
-        z, arms = frames[:, :6, :3, 2], frames[:, 6, None, :3, 3] - frames[:, :6, :3, 3]
-        J = np.concatenate([np.cross(z, arms), z], axis=2).transpose(0, 2, 1)
-        q += (np.linalg.pinv(J) @ off[:, :, None])[:, :, 0]
+        q += (np.linalg.pinv(_jacobian_of(frames, np.zeros(3))) @ off[:, :, None])[:, :, 0]
     worst = int(np.abs(off).max(axis=1).argmax())
     raise ReachError(
         f"an arm with this table cannot bring its flange to pose {worst + 1} of {len(q)}: "
@@ -276,3 +368,79 @@ def _pose_errors(T: Array, T_wanted: Array) -> Array:
     """Displacement [m] and rotation vector [rad] from poses (n, 4, 4) to others, base axes, shape (n, 6)."""
     turn = Rotation.from_matrix(T_wanted[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
     return np.concatenate([T_wanted[:, :3, 3] - T[:, :3, 3], turn], axis=1)
+
+
+# A sequence of tool poses followed with the joints.
+
+
+class JointPath(NamedTuple):
+    """A pose sequence followed by the joints, without jumping between the arm's configurations."""
+
+    q: Array
+    """Joint angles [rad], shape (n, 6); NaN from the first unreachable pose on."""
+    first_unreachable: int | None
+    """Index of the first pose out of reach, or None."""
+    first_beyond_limit: int | None
+    """Index of the first pose at which a joint is outside its limits, or None."""
+    limit_joint: int | None
+    """The joint (0-5) that is outside its limits there, or None."""
+    largest_step: float
+    """Largest change of one joint between neighbouring poses [rad]; a large one is a jump near a singularity."""
+    largest_step_index: int
+    """Index of the pose that this step ends at (0: `q_start` to the first pose)."""
+    smallest_singular_value: float
+    """Least of the Jacobian's smallest singular values at the tool point, mixed units (see kinematics)."""
+    smallest_singular_index: int
+    """Index of the pose closest to a singularity."""
+
+
+@njit(cache=True, error_model="numpy")
+def _follow(T_base_tool: Array, T_tool_flange: Array, q_start: Array) -> Array:
+    """Joint angles (n, 6) along the poses, each the solution closest to the last one; NaN once out of reach."""
+    q = np.full((T_base_tool.shape[0], 6), np.nan)
+    last = q_start
+    for i in range(T_base_tool.shape[0]):
+        last = nearest_solution(T_base_tool[i] @ T_tool_flange, last, False)
+        if np.isnan(last[0]):
+            break
+        q[i] = last
+    return q
+
+
+def _first(mask: Bools) -> int | None:
+    """Index of the first true value, or None."""
+    return int(np.argmax(mask)) if mask.any() else None
+
+
+def track(T_base_tool: Array, T_flange_tool: Array, q_start: Array) -> JointPath:
+    """Follow a sequence of tool poses, staying in the arm configuration nearest to the start.
+
+    Joint limits are reported, not enforced, so that a path that leaves them shows where.
+
+    Args:
+        T_base_tool: Tool poses in order, shape (n, 4, 4), n at least 1.
+        T_flange_tool: Where the tool sits on the flange, shape (4, 4).
+        q_start: Configuration to start near [rad], shape (6,).
+
+    Returns:
+        The joint path and its worst points.
+    """
+    T_tool_flange: Array = np.linalg.inv(np.asarray(T_flange_tool, dtype=float))
+    start: Array = np.asarray(q_start, dtype=float)
+    q = _follow(np.ascontiguousarray(T_base_tool, dtype=float), T_tool_flange, start)
+    q.flags.writeable = False
+    reached = ~np.isnan(q[:, 0])
+    beyond: Bools = (q < JOINT_LIMITS[:, 0]) | (q > JOINT_LIMITS[:, 1])
+    first_beyond = _first(np.any(beyond, axis=1))
+    steps = np.abs(np.diff(q, axis=0, prepend=start[None])).max(axis=1)[reached]
+    singular = smallest_singular_values(q[reached], np.ascontiguousarray(T_flange_tool[:3, 3], dtype=float))
+    return JointPath(
+        q=q,
+        first_unreachable=_first(~reached),
+        first_beyond_limit=first_beyond,
+        limit_joint=None if first_beyond is None else int(np.argmax(beyond[first_beyond])),
+        largest_step=float(steps.max(initial=0.0)),
+        largest_step_index=int(np.argmax(steps)) if steps.size else 0,
+        smallest_singular_value=float(singular.min(initial=np.inf)),
+        smallest_singular_index=int(np.argmin(singular)) if singular.size else 0,
+    )

@@ -6,20 +6,28 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.inverse_kinematics import inverse_on_branch
 from polish_sim.motion.joint_rates import ArmState, new_arm_state, place_arm, solve_rates
-from polish_sim.motion.kinematics import JOINT_LIMITS
+from polish_sim.motion.kinematics import JOINT_LIMITS, inverse_on_branch
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, chain_in_base
 
-Array = NDArray[np.float64]
-
 REACHED, UNREACHABLE, SINGULAR, BEYOND = 0, 1, 2, 3
 """How a place was: within reach, out of reach, singular, reached with a joint beyond its range."""
+
+
+class JointRates(NamedTuple):
+    """Joint angles and their derivatives at n places."""
+
+    q: Array
+    """[rad], shape (n, 6)."""
+    first: Array
+    """By progress or time, shape (n, 6)."""
+    second: Array
+    third: Array
 
 
 class Segment(NamedTuple):
@@ -36,17 +44,6 @@ class Segment(NamedTuple):
     turn_axis: Array
     """Unit, or zero, shape (3,)."""
     roll: float
-
-
-class JointRates(NamedTuple):
-    """Joint angles and their derivatives at n places."""
-
-    q: Array
-    """[rad], shape (n, 6)."""
-    first: Array
-    """By progress or time, shape (n, 6)."""
-    second: Array
-    third: Array
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -205,6 +202,60 @@ def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
     return JointRates(*(column.reshape(-1, len(nodes), 6) for column in out))
 
 
+def chebyshev_nodes(count: int) -> Array:
+    """Extremes of a Chebyshev polynomial on [0, 1], both ends included, rising, shape (count,)."""
+    return 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, count))
+
+
+def joint_motion(tips: Array, rotations: Array, linear: Array, angular: Array, arm: Arm) -> JointRates:
+    """Joint motion of a tool motion given with its derivatives in time, exact at every sample.
+
+    Args:
+        tips: Tool points in the work frame [m], shape (n, 3), dense enough to stay on one branch of the arm.
+        rotations: R_work_tool, shape (n, 3, 3).
+        linear: Velocity, acceleration and jerk of the tool point [m/s..], shape (3, n, 3).
+        angular: Spatial angular velocity and its first two derivatives [rad/s..], work frame, shape (3, n, 3).
+        arm: Tool and robot.
+
+    Returns:
+        q [rad] and its derivatives in time, shape (n, 6) each.
+
+    Raises:
+        ReachError: A sample cannot be reached, or is singular.
+    """
+    R = arm.T_base_work[:3, :3]
+    poses = np.zeros((len(tips), 4, 4))
+    poses[:, :3, :3] = R @ rotations
+    poses[:, :3, 3] = tips @ R.T + arm.T_base_work[:3, 3]
+    poses[:, 3, 3] = 1.0
+    twists = np.ascontiguousarray(np.concatenate([linear @ R.T, angular @ R.T], axis=2).swapaxes(0, 1))
+    out = JointRates(*(np.full((len(tips), 6), np.nan) for _ in range(4)))
+    status, row = _fill_motion(poses, twists, arm, new_arm_state(), out)
+    if status != REACHED:
+        raise unreachable(status, row, tips[row])
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_motion(poses: Array, twists: Array, arm: Arm, state: ArmState, out: JointRates) -> tuple[int, int]:
+    """Joint rates of every sample; (status, row) of the first that fails, or (REACHED, -1)."""
+    state.q[:] = arm.q_start
+    for row in range(poses.shape[0]):
+        status = reach_pose(state, poses[row], arm, state.q)
+        if status != REACHED:
+            return status, row
+        for i in range(3):
+            for j in range(6):
+                state.twists[i, j] = twists[row, i, j]
+        solve_rates(state, 3)
+        for j in range(6):
+            out.q[row, j] = state.q[j]
+            out.first[row, j] = state.rates[0, j]
+            out.second[row, j] = state.rates[1, j]
+            out.third[row, j] = state.rates[2, j]
+    return REACHED, -1
+
+
 def unreachable(status: int, segment: int, tip_work: Array) -> ReachError:
     """Build the error for a place that no joint angles, or no joint speeds, belong to."""
     place = f"segment {segment + 1}, at {place_in_mm(tip_work)} in the path's frame"
@@ -213,8 +264,3 @@ def unreachable(status: int, segment: int, tip_work: Array) -> ReachError:
     if status == BEYOND:
         return ReachError(f"a joint leaves its range in {place}. Begin with the joint turned back, or turn the tool.")
     return ReachError(f"the arm is singular in {place}: joints would have to jump. Move the part or turn the tool.")
-
-
-def chebyshev_nodes(count: int) -> Array:
-    """Extremes of a Chebyshev polynomial on [0, 1], both ends included, rising, shape (count,)."""
-    return 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, count))

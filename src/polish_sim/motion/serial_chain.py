@@ -9,12 +9,10 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
 from polish_sim.kernel_cache import njit
-
-Array = NDArray[np.float64]
 
 HINGE: Final = 0
 SLIDE: Final = 1
@@ -26,7 +24,7 @@ LINK_UNITS: Final = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 class ChainGeometry(NamedTuple):
     """What the compiled regressor needs of a chain."""
 
-    kind: NDArray[np.int64]
+    kind: Indices
     """HINGE or SLIDE, shape (n,)."""
     position: Array
     """Origin of frame i in frame i - 1 with the joint at zero [m], shape (n, 3)."""

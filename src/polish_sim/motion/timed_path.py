@@ -6,13 +6,18 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.fir import stop_times
-from polish_sim.motion.trajectory import PathTable, sample_path
-
-Array = NDArray[np.float64]
+from polish_sim.motion.trajectory import (
+    PathTable,
+    blend_cubic,
+    blend_linear,
+    normalize,
+    sample_path,
+    slowed_before,
+)
 
 ROW_S = 0.005  # between rows; short against a jerk-limited corner [s]
 MOST_ROWS = 400_000  # longer motions get longer rows
@@ -100,7 +105,7 @@ def with_feed(motion: TimedPath, feed: Array, rate_change: float) -> TimedPath:
         The motion with rates.
     """
     rates = np.minimum(1.0, feed / np.maximum(motion.speeds, 1e-12))
-    return motion._replace(rates=_eased(rates, 2.0 * rate_change * motion.spacing))
+    return motion._replace(rates=slowed_before(rates, 2.0 * rate_change * motion.spacing))
 
 
 def row_times(duration: float) -> Array:
@@ -134,15 +139,6 @@ def _fill(table: PathTable, motion: TimedPath) -> None:
             motion.spins[i, axis] *= motion.speeds[i]
 
 
-@njit(cache=True)
-def _eased(rates: Array, gain: float) -> Array:
-    """Lower rates before slow places so that their square falls by no more than ``gain`` from row to row."""
-    out = rates.copy()
-    for row in range(len(out) - 2, -1, -1):
-        out[row] = min(out[row], math.sqrt(out[row + 1] ** 2 + gain))
-    return out
-
-
 @njit(cache=True, error_model="numpy", forceinline=True)
 def sample_motion(
     motion: TimedPath, clock: float, position: Array, velocity: Array, quaternion: Array, spin: Array, place: Array
@@ -158,28 +154,13 @@ def sample_motion(
         spin: Written: angular velocity [rad/s], shape (3,).
         place: Written: arc length [m] and its rate [m/s], shape (2,) or longer.
     """
-    last = motion.positions.shape[0] - 2
-    h = motion.spacing
-    share = min(max(clock, 0.0), motion.duration) / h
-    row = min(int(share), last)
+    share = min(max(clock, 0.0), motion.duration) / motion.spacing
+    row = min(int(share), motion.positions.shape[0] - 2)
     u = share - row
-    h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
-    h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
-    d00, d10 = 6.0 * u * (u - 1.0), (1.0 - u) * (1.0 - 3.0 * u)
-    d11 = u * (3.0 * u - 2.0)
-    for i in range(3):
-        p0, p1 = motion.positions[row, i], motion.positions[row + 1, i]
-        v0, v1 = motion.velocities[row, i], motion.velocities[row + 1, i]
-        position[i] = h00 * p0 + h01 * p1 + h * (h10 * v0 + h11 * v1)
-        velocity[i] = d00 * (p0 - p1) / h + d10 * v0 + d11 * v1
-        spin[i] = (1.0 - u) * motion.spins[row, i] + u * motion.spins[row + 1, i]
-    size = 0.0
-    for i in range(4):
-        quaternion[i] = (1.0 - u) * motion.quaternions[row, i] + u * motion.quaternions[row + 1, i]
-        size += quaternion[i] ** 2
-    size = math.sqrt(size)
-    for i in range(4):
-        quaternion[i] /= size
+    blend_cubic(motion.positions, motion.velocities, row, u, motion.spacing, position, velocity)
+    blend_linear(motion.spins, row, u, spin)
+    blend_linear(motion.quaternions, row, u, quaternion)
+    normalize(quaternion)
     place[0] = (1.0 - u) * motion.places[row] + u * motion.places[row + 1]
     place[1] = (1.0 - u) * motion.speeds[row] + u * motion.speeds[row + 1]
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.schedule import Schedule, ScheduleIndex, index_schedule, progress_at, sample_schedule
 from polish_sim.motion.timed_path import TimedPath, row_times
-
-Array = NDArray[np.float64]
 
 
 def time_schedule(chain: Chain, schedule: Schedule, marks: Array) -> TimedPath:

@@ -6,13 +6,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.kernel_cache import njit
-
-Array = NDArray[np.float64]
 
 
 class PathTable(NamedTuple):
@@ -32,7 +30,7 @@ class PathTable(NamedTuple):
     """Rotation per arc length [rad/m], base frame, shape (n, 3)."""
     curvature: Array
     """Normal curvature along the path [1/m], shape (n,)."""
-    pass_index: NDArray[np.int32]
+    pass_index: Ints
     """Turn of the path, shape (n,)."""
     force_share: Array
     """Force to hold as a share of the job's [-], shape (n,); ones unless the path says otherwise."""
@@ -45,7 +43,7 @@ def build_path_table(
     rotations: Array,
     s: Array | None = None,
     curvature: Array | None = None,
-    pass_index: NDArray[np.int64] | None = None,
+    pass_index: Indices | None = None,
     spacing: float = 0.0005,
 ) -> PathTable:
     """Resample poses to equal steps of arc length; cubic in position, shortest turn in orientation.
@@ -112,14 +110,14 @@ def with_set_points(
         table = table._replace(force_share=np.interp(nodes, place, force_share))
     if feed_share is not None:
         feed = np.interp(nodes, place, feed_share)
-        table = table._replace(feed_share=_slowed(feed, 2.0 * braking * table.spacing))
+        table = table._replace(feed_share=slowed_before(feed, 2.0 * braking * table.spacing))
     return table
 
 
 @njit(cache=True)
-def _slowed(feed: Array, gain: float) -> Array:
-    """Lower the feed before slow places so that its square falls by no more than ``gain`` from row to row."""
-    out = feed.copy()
+def slowed_before(speeds: Array, gain: float) -> Array:
+    """Lower speeds (n,) before slow places so that their square falls by no more than ``gain`` from row to row."""
+    out = speeds.copy()
     for row in range(len(out) - 2, -1, -1):
         out[row] = min(out[row], math.sqrt(out[row + 1] ** 2 + gain))
     return out
@@ -141,7 +139,47 @@ def _turning(quaternions: Array, step: float) -> Array:
     return at_nodes
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
+def blend_cubic(points: Array, slopes: Array, row: int, u: float, h: float, point: Array, slope: Array) -> None:
+    """Cubic Hermite interpolation between two rows of a table, with its derivative.
+
+    Args:
+        points: Values, shape (n, 3).
+        slopes: Their derivatives by what the table goes by, shape (n, 3).
+        row: The row before.
+        u: Share of the way to the next row [-].
+        h: Spacing of the rows.
+        point: Written: value, shape (3,).
+        slope: Written: derivative, shape (3,).
+    """
+    h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
+    h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
+    d00, d10, d11 = 6.0 * u * (u - 1.0), (1.0 - u) * (1.0 - 3.0 * u), u * (3.0 * u - 2.0)
+    for i in range(3):
+        p0, p1, t0, t1 = points[row, i], points[row + 1, i], slopes[row, i], slopes[row + 1, i]
+        point[i] = h00 * p0 + h01 * p1 + h * (h10 * t0 + h11 * t1)
+        slope[i] = d00 * (p0 - p1) / h + d10 * t0 + d11 * t1
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def blend_linear(rows: Array, row: int, u: float, out: Array) -> None:
+    """Write what lies a share ``u`` of the way from a row of a table (n, d) to the next."""
+    for i in range(rows.shape[1]):
+        out[i] = (1.0 - u) * rows[row, i] + u * rows[row + 1, i]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def normalize(quaternion: Array) -> None:
+    """Scale a quaternion, shape (4,), to length one."""
+    size = 0.0
+    for i in range(4):
+        size += quaternion[i] ** 2
+    size = math.sqrt(size)
+    for i in range(4):
+        quaternion[i] /= size
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def sample_path(table: PathTable, s: float, position: Array, tangent: Array, quaternion: Array, turning: Array) -> int:
     """Evaluate a path at arc length ``s`` [m] (clamped to its ends).
 
@@ -156,32 +194,17 @@ def sample_path(table: PathTable, s: float, position: Array, tangent: Array, qua
     Returns:
         Row of the table at or before ``s``.
     """
-    last = table.positions.shape[0] - 2
     place = min(max(s, 0.0), table.length) / table.spacing
-    row = min(int(place), last)
+    row = min(int(place), table.positions.shape[0] - 2)
     u = place - row
-    h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
-    h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
-    d00, d10 = 6.0 * u * (u - 1.0), (1.0 - u) * (1.0 - 3.0 * u)
-    d11 = u * (3.0 * u - 2.0)
-    h = table.spacing
-    for i in range(3):
-        p0, p1 = table.positions[row, i], table.positions[row + 1, i]
-        t0, t1 = table.tangents[row, i], table.tangents[row + 1, i]
-        position[i] = h00 * p0 + h01 * p1 + h * (h10 * t0 + h11 * t1)
-        tangent[i] = d00 * (p0 - p1) / h + d10 * t0 + d11 * t1
-        turning[i] = (1.0 - u) * table.turning[row, i] + u * table.turning[row + 1, i]
-    size = 0.0
-    for i in range(4):
-        quaternion[i] = (1.0 - u) * table.quaternions[row, i] + u * table.quaternions[row + 1, i]
-        size += quaternion[i] ** 2
-    size = math.sqrt(size)
-    for i in range(4):
-        quaternion[i] /= size
+    blend_cubic(table.positions, table.tangents, row, u, table.spacing, position, tangent)
+    blend_linear(table.turning, row, u, turning)
+    blend_linear(table.quaternions, row, u, quaternion)
+    normalize(quaternion)
     return row
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def sample_share(table: PathTable, column: Array, s: float) -> float:
     """Force or feed share at arc length ``s`` [m] (clamped to the path's ends); exactly 1 between ones."""
     place = min(max(s, 0.0), table.length) / table.spacing

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.exchange import WayPoints
-from polish_sim.motion.joint_motion import joint_motion
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, Place, measure_deviation, raw_places
 from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits
 from polish_sim.motion.rules.schedule import Samples, Schedule, index_schedule, sample_schedule, turning
+from polish_sim.motion.segment_rates import joint_motion
 
 # The largest speed, acceleration and jerk of a smoothed motion, tool and joints, and where they are.
 

@@ -19,14 +19,13 @@ from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult
 from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
-from polish_sim.motion import forward_many, inverse_near, track
-from polish_sim.motion.joint_motion import joint_motion
+from polish_sim.motion import forward, inverse_near, track
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm, load_limits
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.rules.schedule import sample_schedule, stretched
-from polish_sim.motion.segment_rates import JointRates
+from polish_sim.motion.segment_rates import JointRates, joint_motion
 from polish_sim.motion.timed_schedule import marks_on, places_at
 from polish_sim.planning.toolpath import PROCESS, ToolPath
 from polish_sim.smoothing.place import place_path
@@ -193,7 +192,7 @@ def _rows(play: RulePlay, every: int) -> Array:
 
 
 def _tool(q: Array) -> _Tool:
-    T_base_tool = forward_many(np.ascontiguousarray(q)) @ tool_on_flange()
+    T_base_tool = forward(np.ascontiguousarray(q)) @ tool_on_flange()
     return _Tool(T_base_tool[:, :3, 3], T_base_tool[:, :3, :3])
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.motion.inverse_kinematics import inverse_near
+from polish_sim.motion.kinematics import inverse_near
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm, six
 from polish_sim.spatial import rotation_to_axis, transform, unit
 

@@ -14,11 +14,10 @@ from polish_sim.motion.certified.corner_enclosure import fourth_spin, joint_shar
 from polish_sim.motion.certified.corner_factor import axis_slowdown, joint_slowdown, new_corner_work
 from polish_sim.motion.certified.corner_parts import Kernel, Sides, copy_scaled, new_kernel
 from polish_sim.motion.certified.corner_proof import Slowdown, new_proof_work, prove_kernel
-from polish_sim.motion.joint_motion import joint_motion
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, arm_or_none, build_arm, chain_in_base
 from polish_sim.motion.rules.schedule import Samples, Schedule, sample_schedule, turning
-from polish_sim.motion.segment_rates import chain_segment
+from polish_sim.motion.segment_rates import chain_segment, joint_motion
 
 T_FLANGE_TOOL = np.eye(4)
 T_FLANGE_TOOL[:3, 3] = [0.01, -0.02, 0.2]

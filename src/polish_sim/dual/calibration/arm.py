@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.dual.calibration.matched_points import kabsch, relative_frame
 from polish_sim.dual.calibration.measurements import ROBOTS
 from polish_sim.errors import CalibrationError
-from polish_sim.motion.kinematics import NOMINAL, arm_frames, table_slopes
+from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
 from polish_sim.spatial import apply, skew, transform
 
 Array = NDArray[np.float64]
@@ -120,7 +120,7 @@ def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
 
 def _start(tracked: TrackedArm) -> ArmEstimate:
     """The nominal arm, the target on the flange's origin, the base by matched points."""
-    own = arm_frames(NOMINAL, tracked.q)[:, 6, :3, 3]
+    own = link_frames(tracked.q)[:, 6, :3, 3]
     stretch = float(np.linalg.norm(np.std(tracked.seen, axis=0)) / np.linalg.norm(np.std(own, axis=0)))
     if not 0.5 < stretch < 2.0:
         raise CalibrationError(
@@ -132,7 +132,7 @@ def _start(tracked: TrackedArm) -> ArmEstimate:
 
 def _predict(arm: ArmEstimate, q: Array) -> tuple[Array, Array]:
     """All frames and the target as the tracker sees them, shapes (n, 7, 4, 4) and (n, 3)."""
-    frames = arm.T_tracker_base @ arm_frames(arm.table, q)
+    frames = arm.T_tracker_base @ link_frames(q, arm.table)
     return frames, frames[:, 6, :3, :3] @ arm.target + frames[:, 6, :3, 3]
 
 

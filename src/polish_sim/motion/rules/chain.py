@@ -6,13 +6,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import rotation_to_axis, unit
-
-Array = NDArray[np.float64]
 
 
 class Chain(NamedTuple):
@@ -110,13 +108,13 @@ def chain_from_axes(tips: Array, axes: Array) -> Chain:
     return build_chain(tips, rotation_to_axis(directions, np.eye(3)[int(along.argmin())]))
 
 
-def repeated_points(tips: Array, rotations: Array) -> NDArray[np.bool_]:
+def repeated_points(tips: Array, rotations: Array) -> Bools:
     """Which way points repeat the one before them, in tip and tool axis, shape (m,); a turn about the axis is kept
     for the next one."""
     axes = unit(np.asarray(rotations, dtype=float)[:, :, 2])
     moved = np.linalg.norm(np.diff(tips, axis=0), axis=1) > SAME_PLACE
     turned = np.linalg.norm(np.diff(axes, axis=0), axis=1) > SAME_AXIS
-    repeated: NDArray[np.bool_] = np.concatenate([[False], ~(moved | turned)])
+    repeated: Bools = np.concatenate([[False], ~(moved | turned)])
     return repeated
 
 
@@ -133,7 +131,7 @@ def _check(tips: Array, rotations: Array) -> None:
         raise SmoothingError(f"the tool frame of way point {int(np.argmax(skewed))} (counted from 0) is no rotation.")
 
 
-def _raw_number(kept: NDArray[np.bool_], index: int) -> int:
+def _raw_number(kept: Bools, index: int) -> int:
     return int(np.flatnonzero(kept)[index])
 
 

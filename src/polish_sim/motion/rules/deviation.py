@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.errors import SmoothingError
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain, axis_distance, tip_distance
@@ -28,8 +28,6 @@ from polish_sim.motion.rules.schedule import (
 
 # The search behind `deviation`: every cubic span sampled, local extremes refined by golden section (compiled).
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SAMPLES = 12
 """Of each cubic span, and of each overlap of two segments."""
@@ -369,7 +367,7 @@ def deviation_curve(chain: Chain, schedule: Schedule, raw: Chain, times: Array) 
 def _fill(
     index: ScheduleIndex,
     raw: Chain,
-    places: NDArray[np.int64],
+    places: Indices,
     times: Array,
     tips: Array,
     axes: Array,

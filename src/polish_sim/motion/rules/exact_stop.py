@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.joint_choice import choose_limits
 from polish_sim.motion.rules.chain import Chain
@@ -13,8 +13,6 @@ from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.rules.paper_rules import filter_times, singular_segment, stop_triples
 from polish_sim.motion.rules.rule import ProgressLimits, Smoothed
 from polish_sim.motion.segment_rates import JointRates
-
-Array = NDArray[np.float64]
 
 _ANY = 1e12
 """Stands for an infinite limit of the rate of progress [1/s, 1/s^2, 1/s^3]."""

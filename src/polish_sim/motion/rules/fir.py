@@ -13,12 +13,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.schedule import Schedule
-
-Array = NDArray[np.float64]
 
 PIECES = 7
 """Cubic pieces of one segment at most."""
@@ -74,7 +72,7 @@ def fir_schedule(starts: Array, triples: Array) -> Schedule:
 
 @njit(cache=True, error_model="numpy")
 def _write_all(
-    starts: Array, triples: Array, counts: NDArray[np.int64], begins: Array, durations: Array, coefficients: Array
+    starts: Array, triples: Array, counts: Indices, begins: Array, durations: Array, coefficients: Array
 ) -> None:
     for k in range(starts.shape[0]):
         row = PIECES * k

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.errors import ConfigError
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.spatial import apply, inverse
 
-Array = NDArray[np.float64]
 MM, DEG = 1e-3, math.radians(1.0)
 
 JOINT_SPEED = math.radians(180.0)

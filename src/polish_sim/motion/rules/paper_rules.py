@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.errors import SmoothingError
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain
@@ -18,8 +18,6 @@ from polish_sim.motion.segment_rates import JointRates
 
 # Filter times of every segment, by one rule for the joints: at full speed, or the lower one that takes least time.
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 TriplesAt = Callable[[Array, Indices], Array]
 """(speed (k,) [1/s], segments (k,)) -> filter times (k, 3) [s], the first at least the sum of the others; infinite

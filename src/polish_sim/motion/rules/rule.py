@@ -6,14 +6,12 @@ from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.rules.schedule import Schedule
 from polish_sim.motion.segment_rates import JointRates, chain_rates, chebyshev_nodes
-
-Array = NDArray[np.float64]
 
 
 class Smoothed(NamedTuple):

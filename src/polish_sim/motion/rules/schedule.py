@@ -9,12 +9,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain
-
-Array = NDArray[np.float64]
 
 
 class Schedule(NamedTuple):
@@ -25,7 +23,7 @@ class Schedule(NamedTuple):
     ``... exp(b n_2) exp(a n_1) R_0``, later segments on the left, rolls added up.
     """
 
-    segments: NDArray[np.int64]
+    segments: Indices
     """Segment each piece belongs to, not falling, shape (m,)."""
     starts: Array
     """When each piece begins [s], rising within a segment, shape (m,)."""
@@ -78,7 +76,7 @@ class Samples(NamedTuple):
 class ScheduleIndex(NamedTuple):
     """Where to find the pieces that matter at a time."""
 
-    first_pieces: NDArray[np.int64]
+    first_pieces: Indices
     """First piece of each segment and, last, the number of pieces, shape (segments + 1,)."""
     all_ended: Array
     """When the segment and all before it have ended [s], shape (segments,)."""

@@ -13,14 +13,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from polish_sim.motion.joint_motion import joint_motion
+from polish_sim.arrays import Array
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.rules.schedule import turning
+from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.curve import CurveRates
-
-Array = NDArray[np.float64]
 
 PLANNED_SHARE = 0.97
 """Of acceleration and jerk limits planned with: the curve goes on between the places looked at."""

@@ -12,17 +12,15 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.motion.rules.chain import Chain
 
 # Functions of one variable with their derivatives, carried along exactly.
 #
 # A jet is an array whose first index counts derivatives: ``f[k]`` is the k-th one at n places, shape (orders, n, ...).
-
-Array = NDArray[np.float64]
 
 
 def scale(f: Array, g: Array) -> Array:
@@ -173,7 +171,7 @@ def _drawn(line: Polyline, knots: Array) -> BSpline:
     return BSpline(t, 2.0 * once - BSpline(t, once, DEGREE)(greville), DEGREE)
 
 
-def _off(line: Polyline, spline: BSpline, knots: Array, tolerance: float, axis_tolerance: float) -> NDArray[np.bool_]:
+def _off(line: Polyline, spline: BSpline, knots: Array, tolerance: float, axis_tolerance: float) -> Bools:
     """Which knot spans hold a place beyond a tolerance, shape (spans,)."""
     shares = np.linspace(0.0, 1.0, LOOKS, endpoint=False)
     looks = (knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel()
@@ -193,7 +191,7 @@ def _angles(one: Array, two: Array) -> Array:
     return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(a - b, axis=1), 1.0)))
 
 
-def _halved(knots: Array, which: NDArray[np.bool_]) -> Array:
+def _halved(knots: Array, which: Bools) -> Array:
     middles = 0.5 * (knots[:-1] + knots[1:])
     return np.sort(np.concatenate([knots, middles[which]]))
 

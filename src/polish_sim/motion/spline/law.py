@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.motion.spline.bounded import (
     SLOWEST_TURN,
     Bounded,
@@ -28,13 +28,11 @@ from polish_sim.motion.spline.curve import Curve
 
 # Linear programmes whose every row touches three neighbouring unknowns.
 
-Array = NDArray[np.float64]
-
 
 class Rows(NamedTuple):
     """Row i: sum over k of ``factors[i, k] x[centers[i] - 1 + k] <= ends[i]``; unknowns beyond either end are 0."""
 
-    centers: NDArray[np.int64]
+    centers: Indices
     """From 0 to n, of n unknowns, shape (m,)."""
     factors: Array
     """Shape (m, 3)."""
@@ -133,7 +131,7 @@ class Terms(NamedTuple):
 class Cuts(NamedTuple):
     """Directions in which terms are to stay below 1 (over u', if they are jerks)."""
 
-    numbers: NDArray[np.int64]
+    numbers: Indices
     """Of the terms, shape (m,)."""
     factors: Array
     """Shape (m, 3)."""
@@ -173,7 +171,7 @@ def beyond(terms: Terms, controls: Array) -> tuple[float, Cuts]:
     return float(over.max()), _both_signs(terms, near, vectors[near] / sizes[near, None])
 
 
-def rows_of(cuts: Cuts, controls: Array, size: Array, fixed: NDArray[np.bool_]) -> Rows:
+def rows_of(cuts: Cuts, controls: Array, size: Array, fixed: Bools) -> Rows:
     """Cuts as rows of unknowns, control values over their ``size``.
 
     Args:
@@ -198,7 +196,7 @@ def _outer(stencils: Array, rates: Array) -> Array:
     return stencils[:, :, None] * rates[:, None, :]
 
 
-def _both_signs(terms: Terms, numbers: NDArray[np.int64], ways: Array) -> Cuts:
+def _both_signs(terms: Terms, numbers: Indices, ways: Array) -> Cuts:
     along = np.einsum("nkd,nd->nk", terms.factors[numbers], ways)
     return Cuts(np.concatenate([numbers, numbers]), np.concatenate([along, -along]), terms.squares)
 
@@ -293,7 +291,7 @@ def envelope(u: Array, caps: Array, quantities: list[Bounded], launch: Launch) -
     return np.sqrt(square)
 
 
-def _bounds(most: Array, size: Array, fixed: NDArray[np.bool_]) -> Rows:
+def _bounds(most: Array, size: Array, fixed: Bools) -> Rows:
     """0 <= b <= most, in unknowns b / size; fixed ones at most 1."""
     n = np.arange(len(size))
     factors = np.zeros((2 * len(n), 3))

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
@@ -30,8 +30,6 @@ from polish_sim.motion.timed_path import TimedPath, row_times
 # The parameter as a function of time (Law -> u(t)).
 #
 # Where u'^2 is a parabola of u, u'' is linear in u, so that u(t) is made of hyperbolic or circular functions: exact.
-
-Array = NDArray[np.float64]
 
 
 class Passage(NamedTuple):

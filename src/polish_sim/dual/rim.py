@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
+from polish_sim.arrays import Array
 from polish_sim.errors import PlanError, SmoothingError
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, ToolPath, arc_length
 
 # A closed curve through points with four continuous derivatives: a periodic quintic spline.
 
-Array = NDArray[np.float64]
 
 LEAST_POINTS = 6
 DEGREE = 5

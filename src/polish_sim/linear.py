@@ -1,0 +1,75 @@
+"""Small systems of linear equations for compiled kernels, on arrays that are filled again."""
+
+from __future__ import annotations
+
+import math
+
+from polish_sim.arrays import Array
+from polish_sim.kernel_cache import njit
+
+
+@njit(cache=True, error_model="numpy")
+def solve_symmetric(system: Array, out: Array) -> None:
+    """Solve symmetric positive definite equations by Cholesky's method.
+
+    Args:
+        system: Matrix, of which the lower triangle counts, and right side, shape (n, n + 1); overwritten.
+        out: The solution is written, shape (n,).
+    """
+    n = system.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            total = system[i, j]
+            for k in range(j):
+                total -= system[i, k] * system[j, k]
+            system[i, j] = math.sqrt(max(total, 1e-300)) if i == j else total / system[j, j]
+    for i in range(n):
+        total = system[i, n]
+        for k in range(i):
+            total -= system[i, k] * out[k]
+        out[i] = total / system[i, i]
+    for i in range(n - 1, -1, -1):
+        total = out[i]
+        for k in range(i + 1, n):
+            total -= system[k, i] * out[k]
+        out[i] = total / system[i, i]
+
+
+@njit(cache=True, error_model="numpy")
+def invert(matrix: Array, inverse: Array, scratch: Array) -> bool:
+    """Invert a 6x6 matrix by Gauss-Jordan elimination with row pivoting.
+
+    Args:
+        matrix: Shape (6, 6), kept.
+        inverse: Written, shape (6, 6).
+        scratch: Work array, shape (6, 12).
+
+    Returns:
+        Whether all pivots were above 1e-12.
+    """
+    for i in range(6):
+        for j in range(6):
+            scratch[i, j] = matrix[i, j]
+            scratch[i, j + 6] = 1.0 if i == j else 0.0
+    for column in range(6):
+        best = column
+        for row in range(column + 1, 6):
+            if abs(scratch[row, column]) > abs(scratch[best, column]):
+                best = row
+        if not abs(scratch[best, column]) > 1e-12:
+            return False
+        if best != column:
+            for j in range(12):
+                scratch[column, j], scratch[best, j] = scratch[best, j], scratch[column, j]
+        pivot = 1.0 / scratch[column, column]
+        for j in range(column, 12):
+            scratch[column, j] *= pivot
+        for row in range(6):
+            share = scratch[row, column]
+            if row != column and share != 0.0:
+                for j in range(column, 12):
+                    scratch[row, j] -= share * scratch[column, j]
+    for i in range(6):
+        for j in range(6):
+            inverse[i, j] = scratch[i, j + 6]
+    return True
