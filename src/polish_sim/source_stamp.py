@@ -13,7 +13,8 @@ from typing import Final
 _PACKAGE: Final = __name__.partition(".")[0]
 _ELSEWHERE: Final = (f"{_PACKAGE}.cli", f"{_PACKAGE}.models")  # in a checkout
 _NOT_COMPILED_IN: Final = {f"{_PACKAGE}.kernel_cache", f"{_PACKAGE}.source_stamp"}  # they only find what was compiled
-_IMPORT = re.compile(rf"^(?:from ({_PACKAGE}[\w.]*) import (\([^)]*\)|.*)|import ({_PACKAGE}[\w.]*))", re.MULTILINE)
+_NAME: Final = rf"({_PACKAGE}[\w.]*)"
+_IMPORT = re.compile(rf"^(    )?(?:from {_NAME} import (\([^)]*\)|.*)|import {_NAME})", re.MULTILINE)
 
 
 @cache
@@ -47,8 +48,10 @@ def _dependencies(module: str) -> set[str]:
 @cache
 def imports_of(module: str) -> frozenset[str]:
     """Modules of this package that a module imports at its top."""
-    names = set()
-    for package, members, plain in _IMPORT.findall(_source(module).decode()):
+    names, lazy = set(), b"names_on_use(" in _source(module)  # its names are imported under TYPE_CHECKING
+    for indented, package, members, plain in _IMPORT.findall(_source(module).decode()):
+        if indented and not lazy:
+            continue
         names.add(package or plain)
         names.update(f"{package}.{member}" for member in re.findall(r"\w+", members))
     return frozenset(name for name in names if source_file(name))

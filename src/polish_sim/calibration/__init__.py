@@ -1,24 +1,31 @@
 """Calibration: what a wrist sensor carries, from poses and readings; arrays in, no cell (layer 8b)."""
 
-from polish_sim.calibration.outliers import fit_without_outliers
-from polish_sim.calibration.payload import (
-    GRAVITY,
-    PayloadEstimate,
-    PayloadReadings,
-    ReadingNoise,
-    fit_payload,
-    payload_regressor,
-)
-from polish_sim.calibration.payload_file import (
-    CalibratedTool,
-    estimate_figures,
-    read_calibrated_tool,
-    read_readings,
-    residual_table,
-    write_calibration,
-)
-from polish_sim.calibration.poses import PosePlan, plan_payload_poses
-from polish_sim.calibration.tables import calibration_kind
+from typing import TYPE_CHECKING
+
+from polish_sim.lazy import names_on_use
+
+if TYPE_CHECKING:
+    from polish_sim.calibration.outliers import fit_without_outliers
+    from polish_sim.calibration.payload import (
+        GRAVITY,
+        PayloadEstimate,
+        PayloadReadings,
+        ReadingNoise,
+        fit_payload,
+        payload_regressor,
+    )
+    from polish_sim.calibration.payload_file import (
+        CalibratedTool,
+        estimate_figures,
+        read_calibrated_tool,
+        read_readings,
+        residual_table,
+        write_calibration,
+    )
+    from polish_sim.calibration.poses import PosePlan, plan_payload_poses
+    from polish_sim.calibration.tables import calibration_kind
+else:
+    __getattr__ = names_on_use(__name__)
 
 __all__ = [
     "GRAVITY",

@@ -1,14 +1,21 @@
 """The cell: robot, compliant head, wrist sensor, part and the control loop; the only layer that knows MuJoCo (8a)."""
 
-from polish_sim.cell.cell import Cell, CellRun
-from polish_sim.cell.contact import RealPart, build_pad, press_pad
-from polish_sim.cell.course import build_course
-from polish_sim.cell.faults import FAULTS, parse_events
-from polish_sim.cell.observer import Observer, Silent
-from polish_sim.cell.real_part import Touch, build_real_part, no_part
-from polish_sim.cell.scene import build_scene, tool_on_flange
-from polish_sim.cell.stroke import Job
-from polish_sim.cell.wrist_sensor import read_at_rest, weight_of
+from typing import TYPE_CHECKING
+
+from polish_sim.lazy import names_on_use
+
+if TYPE_CHECKING:
+    from polish_sim.cell.cell import Cell, CellRun
+    from polish_sim.cell.contact import RealPart, build_pad, press_pad
+    from polish_sim.cell.course import build_course
+    from polish_sim.cell.faults import FAULTS, parse_events
+    from polish_sim.cell.observer import Observer, Silent
+    from polish_sim.cell.real_part import Touch, build_real_part, no_part
+    from polish_sim.cell.scene import build_scene, tool_on_flange
+    from polish_sim.cell.stroke import Job
+    from polish_sim.cell.wrist_sensor import read_at_rest, weight_of
+else:
+    __getattr__ = names_on_use(__name__)
 
 __all__ = [
     "FAULTS",

@@ -1,10 +1,17 @@
 """Paths and plans as files: every format in and out (layer between planning and motion)."""
 
-from polish_sim.exchange.formats import FORMATS, check_formats, export_plan
-from polish_sim.exchange.plan_folder import path_csv, write_plan
-from polish_sim.exchange.reader import READERS, read_path, read_way_points
-from polish_sim.exchange.setup import ExportSetup, RobotTool
-from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_unknown
+from typing import TYPE_CHECKING
+
+from polish_sim.lazy import names_on_use
+
+if TYPE_CHECKING:
+    from polish_sim.exchange.formats import FORMATS, check_formats, export_plan
+    from polish_sim.exchange.plan_folder import path_csv, write_plan
+    from polish_sim.exchange.reader import READERS, read_path, read_way_points
+    from polish_sim.exchange.setup import ExportSetup, RobotTool
+    from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_unknown
+else:
+    __getattr__ = names_on_use(__name__)
 
 __all__ = [
     "FORMATS",

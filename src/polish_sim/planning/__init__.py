@@ -1,22 +1,29 @@
 """From a region of a part's surface to a tool path that covers it (layer 5)."""
 
-from polish_sim.planning.inspection import Inspection, guessed_stepover, inspect_path
-from polish_sim.planning.part_plan import (
-    PlanObserver,
-    PlanResult,
-    coverage_until,
-    measure_given_path,
-    measure_path,
-    plan_contour,
-    plan_fermat,
-    plan_mesh,
-    plan_part,
-    plan_raster,
-    plan_spiral,
-)
-from polish_sim.planning.patterns.registry import PATTERNS
-from polish_sim.planning.planner import plan_path
-from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed
+from typing import TYPE_CHECKING
+
+from polish_sim.lazy import names_on_use
+
+if TYPE_CHECKING:
+    from polish_sim.planning.inspection import Inspection, guessed_stepover, inspect_path
+    from polish_sim.planning.part_plan import (
+        PlanObserver,
+        PlanResult,
+        coverage_until,
+        measure_given_path,
+        measure_path,
+        plan_contour,
+        plan_fermat,
+        plan_mesh,
+        plan_part,
+        plan_raster,
+        plan_spiral,
+    )
+    from polish_sim.planning.patterns.registry import PATTERNS
+    from polish_sim.planning.planner import plan_path
+    from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed
+else:
+    __getattr__ = names_on_use(__name__)
 
 __all__ = [
     "PATTERNS",

@@ -1,21 +1,28 @@
 """The scorecard: a fixed battery of cases, run over the cores, told as tables and one figure (layer 10)."""
 
-from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
-from polish_sim.scoring.journal import Task, locked, measure_row
-from polish_sim.scoring.reach import BATTERY_ASKED, REACH, REACH_CASES, Verdict, judge
-from polish_sim.scoring.score import Score, asked_for, check_entries, run_score, user_entry
-from polish_sim.scoring.summary import (
-    ablation_ratios,
-    ablation_table,
-    ablations,
-    breaking,
-    markdown,
-    overview,
-    summarize,
-    verdict_table,
-    worst_case,
-    worst_line,
-)
+from typing import TYPE_CHECKING
+
+from polish_sim.lazy import names_on_use
+
+if TYPE_CHECKING:
+    from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
+    from polish_sim.scoring.journal import Task, locked, measure_row
+    from polish_sim.scoring.reach import BATTERY_ASKED, REACH, REACH_CASES, Verdict, judge
+    from polish_sim.scoring.score import Score, asked_for, check_entries, run_score, user_entry
+    from polish_sim.scoring.summary import (
+        ablation_ratios,
+        ablation_table,
+        ablations,
+        breaking,
+        markdown,
+        overview,
+        summarize,
+        verdict_table,
+        worst_case,
+        worst_line,
+    )
+else:
+    __getattr__ = names_on_use(__name__)
 
 __all__ = [
     "BATTERY",

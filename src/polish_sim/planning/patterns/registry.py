@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
-from polish_sim.planning.patterns.contour import contour_runs
-from polish_sim.planning.patterns.fermat import fermat_runs
-from polish_sim.planning.patterns.raster import raster_runs
-from polish_sim.planning.patterns.run import PatternRequest, SurfaceRun
-from polish_sim.planning.patterns.spiral import spiral_runs
+from polish_sim.lazy import FunctionOnUse
+
+if TYPE_CHECKING:
+    from polish_sim.planning.patterns.run import PatternRequest, SurfaceRun
 
 
 class Pattern(NamedTuple):
@@ -23,9 +22,13 @@ class Pattern(NamedTuple):
     """Whether each of its runs must be walked the way it is; the first given stays the first."""
 
 
+def _runs(pattern: str) -> Callable[[PatternRequest], list[SurfaceRun]]:
+    return FunctionOnUse(f"polish_sim.planning.patterns.{pattern}", f"{pattern}_runs")
+
+
 PATTERNS: Final[Mapping[str, Pattern]] = {
-    "spiral": Pattern(spiral_runs, listens=("order", "direction", "start")),
-    "raster": Pattern(raster_runs, listens=("start", "raster_direction"), one_way=False),
-    "contour": Pattern(contour_runs, listens=("order", "direction", "start")),
-    "fermat": Pattern(fermat_runs, listens=("start",)),
+    "spiral": Pattern(_runs("spiral"), listens=("order", "direction", "start")),
+    "raster": Pattern(_runs("raster"), listens=("start", "raster_direction"), one_way=False),
+    "contour": Pattern(_runs("contour"), listens=("order", "direction", "start")),
+    "fermat": Pattern(_runs("fermat"), listens=("start",)),
 }

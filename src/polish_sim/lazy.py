@@ -1,0 +1,58 @@
+"""Names whose modules are imported at first use, so that a command waits only for what it uses."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+_IMPORT = re.compile(r"^    from ([\w.]+) import (\([^)]*\)|.*)", re.MULTILINE)
+
+
+def names_on_use(package: str) -> Callable[[str], Any]:
+    """The ``__getattr__`` of a package whose names are imported under ``if TYPE_CHECKING:``.
+
+    The type checker and the reader see ordinary imports; each module is imported when one of its names is used.
+
+    Args:
+        package: Name of the package; its ``__init__.py`` holds the imports, indented once.
+    """
+
+    def load(name: str) -> Any:
+        if name not in (homes := _homes(package)):
+            raise AttributeError(f"module '{package}' has no attribute '{name}'")
+        value = getattr(import_module(homes[name]), name)
+        setattr(sys.modules[package], name, value)
+        return value
+
+    return load
+
+
+@cache
+def _homes(package: str) -> dict[str, str]:
+    """Module by name."""
+    text = Path(sys.modules[package].__file__ or "").read_text(encoding="utf-8")
+    return {name: module for module, names in _IMPORT.findall(text) for name in re.findall(r"\w+", names)}
+
+
+class FunctionOnUse:
+    """A function of another module, imported when it is called or its docstring is read."""
+
+    def __init__(self, module: str, name: str) -> None:
+        self._module, self._name = module, name
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """Import the function and call it."""
+        return self._function(*arguments, **named)
+
+    @property
+    def __doc__(self) -> str | None:  # type: ignore[override]
+        return self._function.__doc__
+
+    @property
+    def _function(self) -> Callable[..., Any]:
+        return getattr(import_module(self._module), self._name)
