@@ -10,44 +10,42 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Ints
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import unit
 
-Floats = NDArray[np.float64]
-
-TangentRule = Callable[[Floats, Floats], Floats]
+TangentRule = Callable[[Array, Array], Array]
 """Maps chords [m] and unit tangent directions, each (k, 3), to end tangents of a Hermite curve [m], (k, 3)."""
 
-ControlRule = Callable[[Floats, Floats, Floats], Floats]
+ControlRule = Callable[[Array, Array, Array], Array]
 """Maps both ends of an edge and the Hermite curve's mid-point M, each (k, 3) [m], to the control point."""
 
 
 _AGREEMENT = np.cos(np.radians(15.0))
 
 
-def unit_tangents(chords: Floats, directions: Floats) -> Floats:
+def unit_tangents(chords: Array, directions: Array) -> Array:
     """End tangents as long as the chord, |P1 - P0| t/|t| (paper 1, eq. 4); mid-point error R phi^4/8 on a circle."""
     return np.linalg.norm(chords, axis=-1, keepdims=True) * directions
 
 
-def projected_tangents(chords: Floats, directions: Floats) -> Floats:
+def projected_tangents(chords: Array, directions: Array) -> Array:
     """End tangents as long as the chord's projection; mid-point error 3 R phi^4/8 on a circle."""
     return (chords * directions).sum(axis=-1, keepdims=True) * directions
 
 
-def through_midpoint(start: Floats, end: Floats, middle: Floats) -> Floats:
+def through_midpoint(start: Array, end: Array, middle: Array) -> Array:
     """Control point of the quadratic curve that passes through M: 2 M - (P0 + P1)/2."""
     return 2.0 * middle - 0.5 * (start + end)
 
 
-def literal_midpoint(start: Floats, end: Floats, middle: Floats) -> Floats:
+def literal_midpoint(start: Array, end: Array, middle: Array) -> Array:
     """M itself, the paper's text taken literally; the curve then misses M. For comparison only."""
     return middle
 
 
-def hermite_midpoint(start: Floats, end: Floats, start_tangent: Floats, end_tangent: Floats) -> Floats:
+def hermite_midpoint(start: Array, end: Array, start_tangent: Array, end_tangent: Array) -> Array:
     """Middle of the cubic Hermite curve, P(1/2) = (P0 + P1)/2 + (P0' - P1')/8 (paper 1, eq. 3)."""
     return 0.5 * (start + end) + 0.125 * (start_tangent - end_tangent)
 
@@ -87,7 +85,7 @@ def blend(control, facets, barycentric):  # type: ignore[no-untyped-def]
     return out
 
 
-def differentiate(control: Floats, facets: NDArray[np.int32], barycentric: Floats) -> tuple[Floats, Floats]:
+def differentiate(control: Array, facets: Ints, barycentric: Array) -> tuple[Array, Array]:
     """Derivatives along u and along v (w = 1 - u - v), each (n, d)."""
     patch = control[facets]
     u, v, w = (barycentric[:, k, None] for k in range(3))
@@ -97,41 +95,29 @@ def differentiate(control: Floats, facets: NDArray[np.int32], barycentric: Float
     return along_u, along_v
 
 
-@njit(cache=True, inline="always")
-def cross(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
-    """Cross product of two vectors."""
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+def area_elements(control: Array, u: float, v: float, w: float) -> Array:
+    """Derivative along u times derivative along v of patches (m, 6, 3): normals as long as the area element, (m, 3)."""
+    a, b, c, d, e, f = np.moveaxis(control, 1, 0)
+    to_u, to_v, to_w = u * a + v * d + w * f, u * d + v * b + w * e, u * f + v * e + w * c
+    return np.cross(2.0 * (to_u - to_w), 2.0 * (to_v - to_w))
 
 
-@njit(cache=True, error_model="numpy")
-def area_element(patch, u, v, w):  # type: ignore[no-untyped-def]
-    """Derivative along u times derivative along v of one patch (6, 3): its normal, as long as its area element."""
-    a, b, c, d, e, f = patch[0], patch[1], patch[2], patch[3], patch[4], patch[5]
-    wx, wy, wz = u * f[0] + v * e[0] + w * c[0], u * f[1] + v * e[1] + w * c[1], u * f[2] + v * e[2] + w * c[2]
-    ux, uy, uz = u * a[0] + v * d[0] + w * f[0], u * a[1] + v * d[1] + w * f[1], u * a[2] + v * d[2] + w * f[2]
-    vx, vy, vz = u * d[0] + v * b[0] + w * e[0], u * d[1] + v * b[1] + w * e[1], u * d[2] + v * b[2] + w * e[2]
-    return cross(2.0 * (ux - wx), 2.0 * (uy - wy), 2.0 * (uz - wz), 2.0 * (vx - wx), 2.0 * (vy - wy), 2.0 * (vz - wz))
-
-
-@njit(cache=True, error_model="numpy")
-def patch_areas(control):  # type: ignore[no-untyped-def]
-    """Areas of patches, control points (m, 6, 3) [m], by a rule of three points [m^2]."""
+def patch_areas(control: Array) -> Array:
+    """Areas of patches, control points (m, 6, 3) [m], by a rule of three points [m^2], shape (m,)."""
     areas = np.zeros(len(control))
-    for facet in range(len(control)):
-        for k in range(3):
-            u, v, w = (4.0 if k == 0 else 1.0) / 6.0, (4.0 if k == 1 else 1.0) / 6.0, (4.0 if k == 2 else 1.0) / 6.0
-            x, y, z = area_element(control[facet], u, v, w)
-            areas[facet] += np.sqrt(x * x + y * y + z * z) / 6.0
+    for k in range(3):
+        u, v, w = ((4.0 if j == k else 1.0) / 6.0 for j in range(3))
+        areas += np.linalg.norm(area_elements(control, u, v, w), axis=1) / 6.0
     return areas
 
 
-def from_corners(corners: Floats) -> Floats:
+def from_corners(corners: Array) -> Array:
     """Write values that vary linearly over triangles, shape (m, 3, d), as quadratic ones, shape (m, 6, d)."""
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
     return np.concatenate([corners, middles], axis=1)
 
 
-def quadratic_normals(corners: Floats, normals: Floats) -> Floats:
+def quadratic_normals(corners: Array, normals: Array) -> Array:
     """Normal field that is quadratic over each triangle (not normalised), continuous across shared edges.
 
     In the middle of an edge stands the mean of its ends' normals mirrored at the plane across the edge, which is

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Ints
 from polish_sim.geometry.closest_on_patch import closest_on_patch, flat_distance2
 from polish_sim.kernel_cache import njit
-
-# A tree of boxes over patches, to find the few a point could be closest to (control points -> boxes).
 
 LEAF_SIZE = 2
 
@@ -24,23 +22,23 @@ DEEPEST = 24
 class BoxTree(NamedTuple):
     """Binary tree of axis-aligned boxes in depth-first order; node 0 is the root."""
 
-    low: NDArray[np.float64]
+    low: Array
     """Lower corners [m], shape (k, 3)."""
-    high: NDArray[np.float64]
+    high: Array
     """Upper corners [m], shape (k, 3)."""
-    right: NDArray[np.int32]
+    right: Ints
     """Right child (the left one is the next node); -1 for a leaf, shape (k,)."""
-    first: NDArray[np.int32]
+    first: Ints
     """First item of a node in ``items``, shape (k,)."""
-    size: NDArray[np.int32]
+    size: Ints
     """Number of items below a node, shape (k,)."""
-    items: NDArray[np.int32]
+    items: Ints
     """Patch indices, shape (m,)."""
-    bulge: NDArray[np.float64]
+    bulge: Array
     """How far each patch may be from its flat triangle [m], shape (m,)."""
 
 
-def build_box_tree(control: NDArray[np.float64]) -> BoxTree:
+def build_box_tree(control: Array) -> BoxTree:
     """Build the tree over patches; a Bezier patch lies within the box of its control points.
 
     Args:
@@ -53,118 +51,132 @@ def build_box_tree(control: NDArray[np.float64]) -> BoxTree:
     return BoxTree(low, high, right, first, size, items, bulge)
 
 
-@njit(cache=True)
-def build_boxes(lows, highs):  # type: ignore[no-untyped-def]
+def build_boxes(lows: Array, highs: Array) -> tuple[Array, Array, Ints, Ints, Ints, Ints]:
     """Build the tree over boxes, corners (m, 3) [m]: the first six fields of :class:`BoxTree`."""
     count = len(lows)
-    centers = 0.5 * (lows + highs)
-    items = np.arange(count).astype(np.int32)
     capacity = max(2 * count, 1)
+    items = np.arange(count, dtype=np.int32)
     low, high = np.empty((capacity, 3)), np.empty((capacity, 3))
-    right = np.full(capacity, -1, np.int32)
-    first, size = np.zeros(capacity, np.int32), np.zeros(capacity, np.int32)
-    # Depth first with an explicit stack; a right child tells its parent where it landed.
-    stack = np.empty((128, 4), np.int64)
-    stack[0] = 0, count, -1, 0
+    right, first, size = np.full(capacity, -1, np.int32), np.zeros(capacity, np.int32), np.zeros(capacity, np.int32)
+    nodes = _build(lows, highs, 0.5 * (lows + highs), items, low, high, right, first, size)
+    return low[:nodes], high[:nodes], right[:nodes], first[:nodes], size[:nodes], items
+
+
+# Written without array expressions and slices, which take several times as long to compile.
+
+
+@njit(cache=True)
+def _build(lows, highs, centers, items, low, high, right, first, size):  # type: ignore[no-untyped-def]
+    """Fill the tree depth first with an explicit stack; return the number of nodes."""
+    begins, ends = np.empty(128, np.int64), np.empty(128, np.int64)
+    parents, depths = np.empty(128, np.int64), np.empty(128, np.int64)
+    begins[0], ends[0], parents[0], depths[0] = 0, len(lows), -1, 0
     top, nodes = 1, 0
     while top > 0:
         top -= 1
-        begin, end, parent, depth = stack[top]
+        begin, end, parent, depth = begins[top], ends[top], parents[top], depths[top]
         node = nodes
         nodes += 1
         if parent >= 0:
             right[parent] = node
         first[node], size[node] = begin, end - begin
-        _enclose(items[begin:end], lows, highs, low[node], high[node])
+        _enclose(items, begin, end, lows, highs, low[node], high[node])
         if end - begin <= LEAF_SIZE:
             continue
-        middle = _split(items[begin:end], centers, lows, highs) + begin if depth < DEEPEST else begin
-        if middle in (begin, end):
+        middle = _split(items, begin, end, centers, lows, highs) if depth < DEEPEST else begin
+        if middle == begin or middle == end:  # noqa: SIM109  (a tuple takes longer to compile)
             middle = (begin + end) // 2
-            axis = np.argmax(high[node] - low[node])
-            _select(items, centers[:, axis], begin, end - 1, middle)
-        stack[top] = middle, end, node, depth + 1
-        stack[top + 1] = begin, middle, -1, depth + 1
+            axis = 0
+            for k in range(1, 3):
+                if high[node, k] - low[node, k] > high[node, axis] - low[node, axis]:
+                    axis = k
+            _select(items, centers, axis, begin, end - 1, middle)
+        # The left child, on top, is the next node; the right one writes its number to its parent.
+        begins[top], ends[top], parents[top], depths[top] = middle, end, node, depth + 1
+        begins[top + 1], ends[top + 1], parents[top + 1], depths[top + 1] = begin, middle, -1, depth + 1
         top += 2
-    return low[:nodes], high[:nodes], right[:nodes], first[:nodes], size[:nodes], items
+    return nodes
 
 
 @njit(cache=True)
-def _enclose(items, lows, highs, low, high):  # type: ignore[no-untyped-def]
+def _enclose(items, begin, end, lows, highs, low, high):  # type: ignore[no-untyped-def]
     """Write the box around some items' boxes to low and high."""
-    low[:], high[:] = np.inf, -np.inf
-    for item in items:
-        for k in range(3):
-            low[k] = min(low[k], lows[item, k])
-            high[k] = max(high[k], highs[item, k])
+    for k in range(3):
+        low[k], high[k] = np.inf, -np.inf
+        for i in range(begin, end):
+            low[k] = min(low[k], lows[items[i], k])
+            high[k] = max(high[k], highs[items[i], k])
 
 
 @njit(cache=True)
-def _split(items, centers, lows, highs):  # type: ignore[no-untyped-def]
+def _split(items, begin, end, centers, lows, highs):  # type: ignore[no-untyped-def]
     """Sort items to two sides such that the boxes' areas, weighted by their items, are smallest.
 
     Large facets beside small ones (a part's flat bottom under its freeform top) end in boxes of their own.
 
     Returns:
-        How many are on the first side; 0 if all centers coincide.
+        Where the second side begins; ``begin`` if all centers coincide.
     """
     low, high = np.empty(3), np.empty(3)
-    _enclose(items, centers, centers, low, high)
+    _enclose(items, begin, end, centers, centers, low, high)
     box_low, box_high = np.empty((BINS, 3)), np.empty((BINS, 3))
-    count, cost_left = np.zeros(BINS, np.int64), np.empty(BINS)
+    count, left, right = np.empty(BINS, np.int64), np.empty(BINS), np.empty(BINS)
     best, best_axis, best_bin = np.inf, -1, -1
     for axis in range(3):
         if high[axis] <= low[axis]:
             continue
         scale = BINS * (1.0 - 1e-9) / (high[axis] - low[axis])
-        box_low[:], box_high[:], count[:] = np.inf, -np.inf, 0
-        for item in items:
+        for b in range(BINS):
+            count[b] = 0
+            for k in range(3):
+                box_low[b, k], box_high[b, k] = np.inf, -np.inf
+        for i in range(begin, end):
+            item = items[i]
             b = int((centers[item, axis] - low[axis]) * scale)
             count[b] += 1
             for k in range(3):
                 box_low[b, k] = min(box_low[b, k], lows[item, k])
                 box_high[b, k] = max(box_high[b, k], highs[item, k])
-        _sweep(box_low, box_high, count, cost_left)
-        box_low[:], box_high[:], count[:] = box_low[::-1].copy(), box_high[::-1].copy(), count[::-1].copy()
-        cost_right = np.empty(BINS)
-        _sweep(box_low, box_high, count, cost_right)
+        _sweep(box_low, box_high, count, 0, 1, left)
+        _sweep(box_low, box_high, count, BINS - 1, -1, right)
         for b in range(BINS - 1):
-            cost = cost_left[b] + cost_right[BINS - 2 - b]
-            if cost < best:
-                best, best_axis, best_bin = cost, axis, b
-    if best_axis < 0:
-        return 0
-    scale = BINS * (1.0 - 1e-9) / (high[best_axis] - low[best_axis])
-    middle = 0
-    for i in range(len(items)):
-        if int((centers[items[i], best_axis] - low[best_axis]) * scale) <= best_bin:
-            items[i], items[middle] = items[middle], items[i]
-            middle += 1
+            if left[b] + right[b + 1] < best:
+                best, best_axis, best_bin = left[b] + right[b + 1], axis, b
+    middle = begin
+    if best_axis >= 0:
+        scale = BINS * (1.0 - 1e-9) / (high[best_axis] - low[best_axis])
+        for i in range(begin, end):
+            if int((centers[items[i], best_axis] - low[best_axis]) * scale) <= best_bin:
+                items[i], items[middle] = items[middle], items[i]
+                middle += 1
     return middle
 
 
 @njit(cache=True)
-def _sweep(box_low, box_high, count, cost):  # type: ignore[no-untyped-def]
-    """Area times number of items of bins 0 .. b, for every b."""
-    low, high, total = np.full(3, np.inf), np.full(3, -np.inf), 0
-    for b in range(BINS):
+def _sweep(box_low, box_high, count, first, step, cost):  # type: ignore[no-untyped-def]
+    """Area times number of items of the first bins up to each one, from one end on."""
+    x0 = y0 = z0 = np.inf
+    x1 = y1 = z1 = -np.inf
+    total = 0
+    for n in range(BINS):
+        b = first + step * n
         total += count[b]
-        for k in range(3):
-            low[k], high[k] = min(low[k], box_low[b, k]), max(high[k], box_high[b, k])
-        x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
+        x0, y0, z0 = min(x0, box_low[b, 0]), min(y0, box_low[b, 1]), min(z0, box_low[b, 2])
+        x1, y1, z1 = max(x1, box_high[b, 0]), max(y1, box_high[b, 1]), max(z1, box_high[b, 2])
+        x, y, z = x1 - x0, y1 - y0, z1 - z0
         cost[b] = total * (x * y + y * z + z * x) if total > 0 else 0.0
 
 
 @njit(cache=True)
-def _select(items, keys, begin, end, wanted):  # type: ignore[no-untyped-def]
+def _select(items, centers, axis, begin, end, wanted):  # type: ignore[no-untyped-def]
     """Quickselect: bring the item of rank ``wanted`` to its place, smaller ones before it."""
     while end > begin:
-        pivot = keys[items[(begin + end) // 2]]
+        pivot = centers[items[(begin + end) // 2], axis]
         i, j = begin, end
         while i <= j:
-            while keys[items[i]] < pivot:
+            while centers[items[i], axis] < pivot:
                 i += 1
-            while keys[items[j]] > pivot:
+            while centers[items[j], axis] > pivot:
                 j -= 1
             if i <= j:
                 items[i], items[j] = items[j], items[i]

@@ -13,11 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.geometry.surface import Surface, build_surface
 from polish_sim.geometry.topology import find_adjacency
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
 
 _EDGE_PAIRS = np.array([[0, 1], [1, 2], [2, 0]])
 
@@ -35,13 +33,13 @@ class Cut(NamedTuple):
 
     parents: Ints
     """Parent facet, shape (k,)."""
-    barycentric: Floats
+    barycentric: Array
     """Corners in the parent, shape (k, 3, 3)."""
     faces: Ints
     """Vertex numbers; cut points are numbered after the vertices, shape (k, 3)."""
 
 
-def clip(surface: Surface, values: Floats, on: float = 0.0) -> Clipped:
+def clip(surface: Surface, values: Array, on: float = 0.0) -> Clipped:
     """Keep the part of a surface where a quantity is positive.
 
     Args:
@@ -64,7 +62,7 @@ def clip(surface: Surface, values: Floats, on: float = 0.0) -> Clipped:
     return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)
 
 
-def split(surface: Surface, values: Floats, on: float = 0.0) -> Clipped:
+def split(surface: Surface, values: Array, on: float = 0.0) -> Clipped:
     """Cut a surface like `clip`, but keep both sides, still joined.
 
     Args:
@@ -91,7 +89,7 @@ def then(first: Clipped, second: Clipped) -> Clipped:
     return Clipped(second.surface, first.parents[second.parents])
 
 
-def _corner_signs(values: Floats, on: float) -> NDArray[np.int8]:
+def _corner_signs(values: Array, on: float) -> NDArray[np.int8]:
     return np.sign(np.where(np.abs(values[:, :3]) <= on, 0.0, values[:, :3])).astype(np.int8)
 
 
@@ -103,7 +101,7 @@ def _concatenate(*cuts: Cut) -> Cut:
     return Cut(*(np.concatenate(arrays) for arrays in zip(*cuts, strict=True)))
 
 
-def _edge_cuts(surface: Surface, values: Floats, sign: NDArray[np.int8]) -> tuple[Floats, Ints, int]:
+def _edge_cuts(surface: Surface, values: Array, sign: NDArray[np.int8]) -> tuple[Array, Ints, int]:
     """Where each edge is cut (from corner e on), the number of the cut point, and how many there are."""
     first, second = surface.faces, np.roll(surface.faces, -1, axis=1)
     swap = first > second
@@ -121,7 +119,7 @@ def _edge_cuts(surface: Surface, values: Floats, sign: NDArray[np.int8]) -> tupl
     return np.where(swap, 1.0 - at, at), vertex, int(number.max()) + 1
 
 
-def _root(start: Floats, middle: Floats, end: Floats) -> Floats:
+def _root(start: Array, middle: Array, end: Array) -> Array:
     """Root in (0, 1) of the quadratic Bezier function whose ends differ in sign."""
     a, b, c = start - 2.0 * middle + end, middle - start, start
     root = np.sqrt(np.maximum(b * b - a * c, 0.0))
@@ -129,15 +127,13 @@ def _root(start: Floats, middle: Floats, end: Floats) -> Floats:
     return np.clip(c / (-b + np.where(start > 0.0, root, -root)), 1e-9, 1.0 - 1e-9)
 
 
-def _cut_facets(
-    surface: Surface, facets: NDArray[np.int64], sign: NDArray[np.int8], cut_at: Floats, cut_vertex: Ints
-) -> Cut:
+def _cut_facets(surface: Surface, facets: Indices, sign: NDArray[np.int8], cut_at: Array, cut_vertex: Ints) -> Cut:
     parents: list[int] = []
-    corners: list[list[Floats]] = []
+    corners: list[list[Array]] = []
     faces: list[list[int]] = []
     unit = np.eye(3)
     for facet in facets:
-        points: list[Floats] = []
+        points: list[Array] = []
         numbers: list[int] = []
         for corner in range(3):
             if sign[facet, corner] >= 0:
@@ -154,7 +150,7 @@ def _cut_facets(
     return Cut(np.array(parents, np.int32), np.array(corners), np.array(faces, np.int32))
 
 
-def _fan(triangle: Floats, points: list[Floats]) -> list[tuple[int, int, int]]:
+def _fan(triangle: Array, points: list[Array]) -> list[tuple[int, int, int]]:
     """Split a triangle or quadrangle; the quadrangle along its shorter diagonal."""
     if len(points) == 3:
         return [(0, 1, 2)]
@@ -187,7 +183,7 @@ def build_cut(surface: Surface, cut: Cut, count: int) -> Surface:
     )
 
 
-def sub_patches(control: Floats, barycentric: Floats) -> Floats:
+def sub_patches(control: Array, barycentric: Array) -> Array:
     """Control values, shape (k, 6, d), of the triangles with these corners in their parents, shape (k, 3, 3).
 
     The control value of two corners a, b is the parent's blossom, sum of P_ij a_i b_j.
@@ -199,7 +195,7 @@ def sub_patches(control: Floats, barycentric: Floats) -> Floats:
     return np.concatenate([np.matmul(barycentric[:, b, None], half[:, a]) for a, b in pairs], axis=1)
 
 
-def _inherited_smooth(surface: Surface, cut: Cut) -> NDArray[np.bool_]:
+def _inherited_smooth(surface: Surface, cut: Cut) -> Bools:
     """Edges inside a parent are smooth; edges on a parent's edge are as smooth as that."""
     smooth = np.ones((len(cut.parents), 3), dtype=bool)
     for edge, (a, b) in enumerate(_EDGE_PAIRS):
@@ -212,8 +208,6 @@ def _inherited_smooth(surface: Surface, cut: Cut) -> NDArray[np.bool_]:
 
 # Halve edges of triangles in the parameter domain of their patches, without gaps (Cut, edges -> Cut).
 
-SubdivideInts = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 _EQUAL = 1.0 + 1e-6
 """Of two diagonals or edges of one length the first is taken, however rounding has it."""
@@ -222,13 +216,13 @@ _EQUAL = 1.0 + 1e-6
 class Edges(NamedTuple):
     """Edges of triangles, each once."""
 
-    ends: SubdivideInts
+    ends: Indices
     """Vertex numbers, the lower first, shape (e, 2)."""
-    of_facet: SubdivideInts
+    of_facet: Indices
     """Number of the edge from corner k to corner k + 1, shape (m, 3)."""
 
 
-def find_edges(faces: NDArray[np.int32]) -> Edges:
+def find_edges(faces: Ints) -> Edges:
     """List the edges of triangles, faces (m, 3)."""
     start, end = faces.astype(np.int64), np.roll(faces, -1, axis=1).astype(np.int64)
     low, high = np.minimum(start, end), np.maximum(start, end)
@@ -237,7 +231,7 @@ def find_edges(faces: NDArray[np.int32]) -> Edges:
     return Edges(np.stack([keys // size, keys % size], axis=1), which.reshape(-1, 3))
 
 
-def spread_to_longest(edges: Edges, lengths: Floats, marked: Bools) -> Bools:
+def spread_to_longest(edges: Edges, lengths: Array, marked: Bools) -> Bools:
     """Mark the longest edge of every facet with a marked edge too, so that facets stay well shaped.
 
     Args:
@@ -258,7 +252,7 @@ def spread_to_longest(edges: Edges, lengths: Floats, marked: Bools) -> Bools:
         marked[longest[touched]] = True
 
 
-def halve_edges(cut: Cut, places: Floats, edges: Edges, marked: Bools) -> tuple[Cut, SubdivideInts]:
+def halve_edges(cut: Cut, places: Array, edges: Edges, marked: Bools) -> tuple[Cut, Indices]:
     """Halve the marked edges and split the triangles beside them.
 
     Args:
@@ -302,12 +296,12 @@ _HALVED_TWO_OTHERWISE = np.array([[3, 1, 4], [0, 3, 2], [3, 4, 2]])
 _HALVED_THREE = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 
 
-def _turned(fan: SubdivideInts, turn: int) -> SubdivideInts:
+def _turned(fan: Indices, turn: int) -> Indices:
     """The same triangles with corner ``turn`` in place of corner 0."""
     return np.where(fan < 3, (fan + turn) % 3, 3 + (fan + turn) % 3)
 
 
-def _first_diagonal(places: Floats, cut: Cut, facets: SubdivideInts, turn: int) -> Bools:
+def _first_diagonal(places: Array, cut: Cut, facets: Indices, turn: int) -> Bools:
     """Whether the diagonal from corner 0 to the middle of edge 1 is the shorter one."""
     corner = places[cut.faces[facets][:, [turn, (turn + 1) % 3, (turn + 2) % 3]]]
     one = np.linalg.norm(corner[:, 0] - 0.5 * (corner[:, 1] + corner[:, 2]), axis=1)

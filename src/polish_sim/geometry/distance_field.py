@@ -1,6 +1,8 @@
-"""Sample the signed distance of a surface in a narrow band (Surface -> bricks for the contact).
+"""Signed distance of a surface: at points, and sampled in a narrow band (Surface -> bricks for the contact).
 
-Cubes of 8 x 8 x 8 cells exist only near the surface; :mod:`field_lookup` reads them.
+Cubes of 8 x 8 x 8 cells exist only near the surface; :mod:`field_lookup` reads them. The sign at an edge or corner
+follows the angle-weighted pseudo-normal (Baerentzen and Aanaes 2005); with curved patches the tangent planes at that
+point take the place of the flat facets.
 """
 
 from __future__ import annotations
@@ -9,38 +11,23 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import label
 
+from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import ConfigError
 from polish_sim.geometry.closest import BoxTree, closest_in_tree
-from polish_sim.geometry.field_lookup import (
-    CELLS,
-    INSIDE,
-    NODES,
-    OUTSIDE,
-    DistanceField,
-    field_distance,
-    field_gradient,
-)
+from polish_sim.geometry.field_lookup import CELLS, INSIDE, NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
 from polish_sim.kernel_cache import njit
 
-# On which side of the surface a point lies, also beside edges and corners (points -> signed distances).
-#
-# The sign at an edge or corner follows the angle-weighted pseudo-normal (Baerentzen and Aanaes 2005); with
-# curved patches the tangent planes at that point take the place of the flat facets.
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
-
 _ON_EDGE = 1e-9
+_MOST_NODES = 400_000_000
+_BATCH = 256
 
 
 class Skin(NamedTuple):
     """A surface's arrays as the distance kernels take them."""
 
-    control: Floats
+    control: Array
     """Control points [m], shape (m, 6, 3)."""
     faces: Ints
     """Vertex indices, shape (m, 3)."""
@@ -48,7 +35,7 @@ class Skin(NamedTuple):
     """Facet across each edge, -1 at borders, shape (m, 3)."""
     neighbour_edges: Ints
     """Which edge of that facet it is, shape (m, 3)."""
-    vertex_normals: Floats
+    vertex_normals: Array
     """Angle-weighted sums of the patches' normals, zero at borders, shape (n, 3)."""
     tree: BoxTree
 
@@ -65,7 +52,7 @@ def build_skin(surface: Surface) -> Skin:
     )
 
 
-def signed_distances(surface: Surface, points: Floats) -> Floats:
+def signed_distances(surface: Surface, points: Array) -> Array:
     """Signed distance of points to a surface, negative inside.
 
     Args:
@@ -75,17 +62,20 @@ def signed_distances(surface: Surface, points: Floats) -> Floats:
     Returns:
         Distances [m], shape (n,).
     """
-    return _signed_distances(build_skin(surface), np.ascontiguousarray(points, dtype=np.float64))
+    return np.asarray(_signed_distances(build_skin(surface), np.ascontiguousarray(points, dtype=np.float64), np.inf)[0])
 
 
 @njit(cache=True)
-def _signed_distances(skin, points):  # type: ignore[no-untyped-def]
-    out = np.empty(len(points))
-    facet = -1
+def _signed_distances(skin, points, limit):  # type: ignore[no-untyped-def]
+    """Signed distances of points and their closest facets, -1 beyond the limit."""
+    distances, facets = np.empty(len(points)), np.empty(len(points), np.int32)
+    hint = -1
     for i in range(len(points)):
         # Neighbours in the list are mostly neighbours in space: the last facet saves time.
-        out[i], facet = signed_distance(skin, points[i, 0], points[i, 1], points[i, 2], facet, np.inf)
-    return out
+        distances[i], facets[i] = signed_distance(skin, points[i, 0], points[i, 1], points[i, 2], hint, limit)
+        if facets[i] >= 0:
+            hint = facets[i]
+    return distances, facets
 
 
 @njit(cache=True)
@@ -154,19 +144,12 @@ def _component(patch, k, u, v, w):  # type: ignore[no-untyped-def]
     return u * to_u + v * to_v + w * to_w, to_u - to_w, to_v - to_w
 
 
-__all__ = ["DistanceField", "bend_field", "build_distance_field", "field_distance", "field_gradient"]
-
-
-_MOST_NODES = 400_000_000
-_BATCH = 256
-
-
 def build_distance_field(
     surface: Surface,
     spacing: float,
     band: float,
-    bounds: Floats | None = None,
-    offset: Callable[[Floats], Floats] | None = None,
+    bounds: Array | None = None,
+    offset: Callable[[Array], Array] | None = None,
 ) -> DistanceField:
     """Sample the signed distance of a surface in a narrow band.
 
@@ -212,7 +195,7 @@ def build_distance_field(
     return field if offset is None else bend_field(field, offset)
 
 
-def bend_field(field: DistanceField, offset: Callable[[Floats], Floats]) -> DistanceField:
+def bend_field(field: DistanceField, offset: Callable[[Array], Array]) -> DistanceField:
     """The field of the same part bent by a form error: outward shift of the surface [m], (n,), at points (n, 3)."""
     places = np.argwhere(field.table >= 0)
     corners = np.empty((len(field.bricks), 3))
@@ -225,45 +208,32 @@ def bend_field(field: DistanceField, offset: Callable[[Floats], Floats]) -> Dist
     return field._replace(bricks=bricks)
 
 
-def _find_near_bricks(
-    skin: Skin, origin: Floats, side: float, shape: NDArray[np.int64], band: float
-) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def _find_near_bricks(skin: Skin, origin: Array, side: float, shape: Indices, band: float) -> tuple[Indices, Ints]:
     """Bricks that meet the band, shape (k, 3), and a facet near each, shape (k,)."""
+    first = np.floor((skin.control.min(axis=1) - band - origin) / side).astype(np.int64)
+    last = np.floor((skin.control.max(axis=1) + band - origin) / side).astype(np.int64) + 1
     marked = np.zeros(shape, dtype=np.bool_)
-    _mark_boxes(skin.control, origin, side, band, marked)
+    _mark_boxes(np.maximum(first, 0), np.minimum(last, shape), marked)
     candidates = np.argwhere(marked)
-    facets = _nearest_facets(skin, origin + side * (candidates + 0.5), band + 0.5 * np.sqrt(3.0) * side)
+    limit = band + 0.5 * np.sqrt(3.0) * side
+    facets = _signed_distances(skin, origin + side * (candidates + 0.5), limit)[1]
     return candidates[facets >= 0], facets[facets >= 0]
 
 
 @njit(cache=True)
-def _mark_boxes(control, origin, side, band, marked):  # type: ignore[no-untyped-def]
-    """Mark the bricks that meet the box of a patch, widened by the band."""
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    for facet in range(len(control)):
-        for k in range(3):
-            low = (control[facet, :, k].min() - band - origin[k]) / side
-            high = (control[facet, :, k].max() + band - origin[k]) / side
-            first[k] = max(int(np.floor(low)), 0)
-            last[k] = min(int(np.floor(high)) + 1, marked.shape[k])
-        marked[first[0] : last[0], first[1] : last[1], first[2] : last[2]] = True
+def _mark_boxes(first, last, marked):  # type: ignore[no-untyped-def]
+    """Mark boxes of bricks, from the first one to before the last one along each axis."""
+    for box in range(len(first)):
+        for i in range(first[box, 0], last[box, 0]):
+            for j in range(first[box, 1], last[box, 1]):
+                for k in range(first[box, 2], last[box, 2]):
+                    marked[i, j, k] = True
 
 
-@njit(cache=True)
-def _nearest_facets(skin, centers, limit):  # type: ignore[no-untyped-def]
-    """Closest facet of each center within the limit, -1 beyond."""
-    facets = np.empty(len(centers), np.int32)
-    hint = -1
-    for i in range(len(centers)):
-        _, facet = signed_distance(skin, centers[i, 0], centers[i, 1], centers[i, 2], hint, limit)
-        facets[i] = facet
-        if facet >= 0:
-            hint = facet
-    return facets
-
-
-def _sign_empty_bricks(skin: Skin, table: NDArray[np.int32], origin: Floats, side: float) -> None:
+def _sign_empty_bricks(skin: Skin, table: Ints, origin: Array, side: float) -> None:
     """Mark the empty bricks inside a closed surface; each connected group is on one side."""
+    from scipy.ndimage import label  # slow to import
+
     groups, count = label(table < 0)
     for group in range(1, count + 1):
         place = np.unravel_index(int(np.argmax(groups == group)), table.shape)
@@ -272,7 +242,7 @@ def _sign_empty_bricks(skin: Skin, table: NDArray[np.int32], origin: Floats, sid
             table[groups == group] = INSIDE
 
 
-def _nodes(corners: Floats, spacing: float) -> Floats:
+def _nodes(corners: Array, spacing: float) -> Array:
     """Positions of the bricks' nodes [m], shape (k, 9, 9, 9, 3)."""
     steps = spacing * np.arange(NODES)
     grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1)

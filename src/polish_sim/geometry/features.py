@@ -5,14 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.geometry.topology import Adjacency, label_pieces
 from polish_sim.spatial import unit
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 
 FEATURE_ANGLE = np.radians(30.0)
 """Edges that bend more than this are creases [rad]."""
@@ -32,13 +28,13 @@ class SmoothCorners(NamedTuple):
 
     ids: Ints
     """Smooth vertex of each facet corner, shape (m, 3)."""
-    normals: Floats
+    normals: Array
     """Unit normals of the smooth vertices, shape (k, 3)."""
     flat: Bools
     """Smooth vertices whose normal is that of a flat face, shape (k,)."""
 
 
-def facet_normals(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
+def facet_normals(vertices: Array, faces: Ints) -> tuple[Array, Array]:
     """Return unit normals (m, 3) and areas (m,) [m^2] of flat facets."""
     a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
     cross = np.cross(b - a, c - a)
@@ -46,13 +42,13 @@ def facet_normals(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
     return cross / np.maximum(length, 1e-300)[:, None], 0.5 * length
 
 
-def smooth_edges(normals: Floats, adjacency: Adjacency, feature_angle: float = FEATURE_ANGLE) -> Bools:
+def smooth_edges(normals: Array, adjacency: Adjacency, feature_angle: float = FEATURE_ANGLE) -> Bools:
     """Tell which edges bend less than the feature angle, shape (m, 3); borders do not count as smooth."""
     cosine = np.einsum("mj,mej->me", normals, normals[adjacency.facets])
     return (adjacency.facets >= 0) & (cosine > np.cos(feature_angle))
 
 
-def smooth_corners(vertices: Floats, faces: Ints, adjacency: Adjacency, smooth: Bools) -> SmoothCorners:
+def smooth_corners(vertices: Array, faces: Ints, adjacency: Adjacency, smooth: Bools) -> SmoothCorners:
     """Gather facet corners across smooth edges and give each gathering one normal.
 
     Weights sin(angle) / (|e1| |e2|) make the normals exact on a sphere (Max 1999); where a much larger
@@ -88,7 +84,7 @@ def _gather_corners(adjacency: Adjacency, smooth: Bools) -> tuple[int, Ints]:
     return count, labels.reshape(-1, 3)
 
 
-def _max_weights(vertices: Floats, faces: Ints) -> Floats:
+def _max_weights(vertices: Array, faces: Ints) -> Array:
     """Weighted facet normals at each corner, n sin(angle) / (|e1| |e2|), shape (m, 3, 3)."""
     corners = vertices[faces]
     ahead = np.roll(corners, -1, axis=1) - corners
@@ -98,14 +94,14 @@ def _max_weights(vertices: Floats, faces: Ints) -> Floats:
     return cross[:, None, :] / size[:, :, None]
 
 
-def _sum_over(index: Ints, values: Floats, count: int) -> Floats:
+def _sum_over(index: Ints, values: Array, count: int) -> Array:
     flat, columns = index.ravel(), values.reshape(-1, values.shape[-1])
     return np.column_stack([np.bincount(flat, weights=column, minlength=count) for column in columns.T])
 
 
 def _keep_flat_faces(
-    vertices: Floats, faces: Ints, adjacency: Adjacency, smooth: Bools, index: Ints, normals: Floats
-) -> tuple[Floats, Bools]:
+    vertices: Array, faces: Ints, adjacency: Adjacency, smooth: Bools, index: Ints, normals: Array
+) -> tuple[Array, Bools]:
     """Replace normals at the rim of flat faces that dominate their vertex by the face's normal."""
     labels, face_areas, face_normals_ = flat_faces(vertices, faces, adjacency)
     owner, by_area = _dominant(face_areas, FLAT_DOMINANCE, labels, adjacency, smooth, index, len(normals))
@@ -116,8 +112,8 @@ def _keep_flat_faces(
 
 
 def _dominant(
-    sizes: Floats, times: float, labels: Ints, adjacency: Adjacency, smooth: Bools, index: Ints, count: int
-) -> tuple[NDArray[np.int64], Bools]:
+    sizes: Array, times: float, labels: Ints, adjacency: Adjacency, smooth: Bools, index: Ints, count: int
+) -> tuple[Indices, Bools]:
     """The largest flat face at each smooth vertex, and whether it is so many times larger than what is beside it."""
     corner_size = np.repeat(sizes[labels], 3)
     largest = np.zeros(count)
@@ -138,7 +134,7 @@ def _dominant(
     return owner, largest > times * np.where(second > 0.0, second, beside[owner])
 
 
-def _widths(vertices: Floats, faces: Ints, adjacency: Adjacency, labels: Ints, areas: Floats) -> Floats:
+def _widths(vertices: Array, faces: Ints, adjacency: Adjacency, labels: Ints, areas: Array) -> Array:
     """Mean width of flat faces, area over half the length of the rim [m], shape (k,)."""
     length = np.linalg.norm(np.roll(vertices[faces], -1, axis=1) - vertices[faces], axis=2)
     rim = (adjacency.facets < 0) | (labels[adjacency.facets] != labels[:, None])
@@ -146,7 +142,7 @@ def _widths(vertices: Floats, faces: Ints, adjacency: Adjacency, labels: Ints, a
     return np.asarray(2.0 * areas / np.maximum(around, 1e-300))
 
 
-def flat_faces(vertices: Floats, faces: Ints, adjacency: Adjacency) -> tuple[Ints, Floats, Floats]:
+def flat_faces(vertices: Array, faces: Ints, adjacency: Adjacency) -> tuple[Ints, Array, Array]:
     """Gather coplanar neighbouring facets to flat faces.
 
     Returns:
@@ -172,13 +168,13 @@ def flat_faces(vertices: Floats, faces: Ints, adjacency: Adjacency) -> tuple[Int
     return labels, total, mean
 
 
-def _face_means(labels: Ints, areas: Floats, normals: Floats, count: int) -> tuple[Floats, Floats]:
-    total: Floats = np.bincount(labels, weights=areas, minlength=count).astype(np.float64)
+def _face_means(labels: Ints, areas: Array, normals: Array, count: int) -> tuple[Array, Array]:
+    total: Array = np.bincount(labels, weights=areas, minlength=count).astype(np.float64)
     mean = _sum_over(labels, areas[:, None] * normals, count)
     return total, unit(mean)
 
 
-def _bent_faces(vertices: Floats, faces: Ints, labels: Ints, normals: Floats, tolerance: float, count: int) -> Bools:
+def _bent_faces(vertices: Array, faces: Ints, labels: Ints, normals: Array, tolerance: float, count: int) -> Bools:
     """Tell which gatherings leave their mean plane."""
     height = np.einsum("mcj,mj->mc", vertices[faces], normals[labels])
     low, high = np.full(count, np.inf), np.full(count, -np.inf)
@@ -199,15 +195,15 @@ STRAIGHT_DOMINANCE = 4.0
 class CreaseTangents(NamedTuple):
     """Unit directions at both ends of every facet edge, from the lower to the higher vertex index."""
 
-    start: Floats
+    start: Array
     """At the end with the lower vertex index, shape (m, 3, 3)."""
-    end: Floats
+    end: Array
     """At the other end, shape (m, 3, 3)."""
     border: Bools
     """Edges with one facet, shape (m, 3)."""
 
 
-def crease_tangents(vertices: Floats, faces: Ints, neighbours: Ints, smooth: Bools) -> CreaseTangents:
+def crease_tangents(vertices: Array, faces: Ints, neighbours: Ints, smooth: Bools) -> CreaseTangents:
     """Find the direction of creases and borders at the ends of each edge.
 
     Where a crease runs through a vertex its direction is that of the circle through the vertex and its two
@@ -237,7 +233,7 @@ def crease_tangents(vertices: Floats, faces: Ints, neighbours: Ints, smooth: Boo
     return CreaseTangents(mirrored_start, mirrored_end, neighbours < 0)
 
 
-def _vertex_tangents(vertices: Floats, sharp: Ints) -> tuple[Floats, Bools]:
+def _vertex_tangents(vertices: Array, sharp: Ints) -> tuple[Array, Bools]:
     """Direction of the sharp line through each vertex, shape (n, 3), and whether there is one, shape (n,)."""
     count = len(vertices)
     ends = np.concatenate([sharp[:, 0], sharp[:, 1]])
@@ -261,10 +257,10 @@ def _vertex_tangents(vertices: Floats, sharp: Ints) -> tuple[Floats, Bools]:
     return tangent, through
 
 
-def _oriented(tangents: Floats, chords: Floats) -> Floats:
+def _oriented(tangents: Array, chords: Array) -> Array:
     return np.where((tangents * chords).sum(axis=-1, keepdims=True) < 0.0, -tangents, tangents)
 
 
-def _mirror(directions: Floats, chords: Floats) -> Floats:
+def _mirror(directions: Array, chords: Array) -> Array:
     """Direction at the other end of a circular arc over the chord."""
     return 2.0 * (directions * chords).sum(axis=-1, keepdims=True) * chords - directions

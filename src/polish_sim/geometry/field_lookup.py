@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Ints
 from polish_sim.kernel_cache import njit
 
 CELLS = 8
@@ -29,13 +30,13 @@ _X, _Y, _Z = np.uint64(NODES * NODES), np.uint64(NODES), np.uint64(1)
 class DistanceField(NamedTuple):
     """Signed distance near a surface, positive outside; see :func:`field_distance`."""
 
-    origin: NDArray[np.float64]
+    origin: Array
     """Lowest corner of the grid [m], shape (3,)."""
     spacing: float
     """Distance between nodes [m]."""
     band: float
     """Distances are clipped to this magnitude [m]."""
-    table: NDArray[np.int32]
+    table: Ints
     """Brick at each place of the grid, or OUTSIDE or INSIDE, shape (nx, ny, nz)."""
     bricks: NDArray[np.float32]
     """Distances at the nodes [m], shape (k, 9, 9, 9)."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Ints
 from polish_sim.geometry.bezier import (
     ControlRule,
     TangentRule,
-    area_element,
-    cross,
+    area_elements,
     hermite_midpoint,
     quadratic_normals,
     through_midpoint,
@@ -27,11 +26,7 @@ from polish_sim.geometry.jets import fit_vertex_jets
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.geometry.surface import Surface, build_surface
 from polish_sim.geometry.topology import Adjacency, find_adjacency
-from polish_sim.kernel_cache import njit
 from polish_sim.spatial import unit
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
 
 FLAT_TILT = 1e-7
 """A facet is flat when its corners' normals differ from its own by less than this [rad]."""
@@ -66,7 +61,7 @@ def fit_surface(
 
 
 def fit_triangles(
-    vertices: Floats,
+    vertices: Array,
     faces: Ints,
     feature_angle: float = FEATURE_ANGLE,
     tangents: TangentRule = unit_tangents,
@@ -92,13 +87,13 @@ def fit_triangles(
     )
 
 
-def _corner_shape(shape: Floats, corner_normals: Floats, own_normals: Floats) -> Floats:
+def _corner_shape(shape: Array, corner_normals: Array, own_normals: Array) -> Array:
     """Shape operators at the corners, shape (m, 3, 6); zero on facets that are flat."""
     tilt = np.abs(corner_normals - own_normals[:, None, :]).max(axis=(1, 2))
     return np.where((tilt < FLAT_TILT)[:, None, None], 0.0, shape)
 
 
-def _unfold(control: Floats, normals: Floats, adjacency: Adjacency) -> Floats:
+def _unfold(control: Array, normals: Array, adjacency: Adjacency) -> Array:
     """Straighten the edges of patches that would fold over: slivers beside a strongly curved crease."""
     control = control.copy()
     for _ in range(UNFOLD_ROUNDS):
@@ -113,37 +108,23 @@ def _unfold(control: Floats, normals: Floats, adjacency: Adjacency) -> Floats:
     return control
 
 
-def _folds(control: Floats, normals: Floats) -> NDArray[np.bool_]:
+def _folds(control: Array, normals: Array) -> Bools:
     """Patches whose normal turns over at a corner or in the middle of an edge, shape (m,)."""
-    folded = np.zeros(len(control), dtype=bool)
-    _find_folds(control, normals, np.concatenate([np.eye(3), 0.5 * (1.0 - np.eye(3))]), folded)
-    return folded
-
-
-@njit(cache=True, error_model="numpy")
-def _find_folds(control, normals, places, folded):  # type: ignore[no-untyped-def]
-    """Compare the area element at some places, along the facet's normal, with the flat facet's."""
-    for facet in range(len(control)):
-        patch, normal = control[facet], normals[facet]
-        p, q, r = patch[0], patch[1], patch[2]
-        x, y, z = cross(q[0] - p[0], q[1] - p[1], q[2] - p[2], r[0] - p[0], r[1] - p[1], r[2] - p[2])
-        least = FOLDED * np.sqrt(x * x + y * y + z * z)
-        for place in places:
-            x, y, z = area_element(patch, place[0], place[1], place[2])
-            if x * normal[0] + y * normal[1] + z * normal[2] < least:
-                folded[facet] = True
-                break
+    p, q, r = control[:, 0], control[:, 1], control[:, 2]
+    least = FOLDED * np.linalg.norm(np.cross(q - p, r - p), axis=1)
+    places = [*np.eye(3), *(0.5 * (1.0 - np.eye(3)))]
+    return np.any([(area_elements(control, *place) * normals).sum(axis=1) < least for place in places], axis=0)
 
 
 def _edge_points(
-    vertices: Floats,
+    vertices: Array,
     faces: Ints,
-    corner_normals: Floats,
-    smooth: NDArray[np.bool_],
+    corner_normals: Array,
+    smooth: Bools,
     creases: CreaseTangents,
     tangents: TangentRule,
     control_point: ControlRule,
-) -> Floats:
+) -> Array:
     """Control points of the three edges of each facet, shape (m, 3, 3); the same number from both sides."""
     first, second = faces, np.roll(faces, -1, axis=1)
     swap = first > second
@@ -166,6 +147,6 @@ def _edge_points(
     return control_point(start, end, middle)
 
 
-def _into_plane(directions: Floats, normals: Floats) -> Floats:
+def _into_plane(directions: Array, normals: Array) -> Array:
     """Component perpendicular to the normals: n x (v x n) (paper 1, eq. 4)."""
     return directions - (directions * normals).sum(axis=-1, keepdims=True) * normals

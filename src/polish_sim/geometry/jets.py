@@ -10,15 +10,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.geometry.features import SmoothCorners, facet_normals
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import perpendicular, unit
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 
 SWEEPS = 6
 """Repetitions; the error left over shrinks about threefold with each."""
@@ -35,9 +31,9 @@ _ROOM, _ROUGH = 3.0, 0.1  # further off than this times and plus the facets' own
 class VertexJets(NamedTuple):
     """Second-order data of the surface at its smooth vertices."""
 
-    normals: Floats
+    normals: Array
     """Unit normals, shape (k, 3)."""
-    shape: Floats
+    shape: Array
     """Shape operators S, dn = S dx (+1/R on a sphere) [1/m], packed xx, yy, zz, xy, yz, zx, shape (k, 6)."""
 
 
@@ -48,11 +44,11 @@ class _Links(NamedTuple):
     """Vertex that fits, shape (p,)."""
     there: Ints
     """Its neighbour, shape (p,)."""
-    steps: Floats
+    steps: Array
     """Way from here to there in units of the mean edge at ``here``, shape (p, 3)."""
 
 
-def fit_vertex_jets(vertices: Floats, faces: Ints, corners: SmoothCorners, smooth: Bools) -> VertexJets:
+def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bools) -> VertexJets:
     """Refine the normals of smooth vertices and find how the surface bends there.
 
     A vertex at a crease or border starts from a one-sided average; its normal is not used by others before it
@@ -74,21 +70,21 @@ def fit_vertex_jets(vertices: Floats, faces: Ints, corners: SmoothCorners, smoot
     room = np.minimum(_ROOM * tilt, tilt + _ROUGH)
     normals = corners.normals
     for _ in range(SWEEPS):
-        frames = _tangent_frames(normals)
-        fitted, seen = _fit_heights(*links, normals, frames, trusted)
+        frames = tangent_frames(normals)
+        fitted, seen = _fit_heights(links, normals, frames, trusted)
         able = (seen >= _TRUSTED_NEEDED) & ~corners.flat & ~lonely
         tilted = unit(normals - np.einsum("kf,kfj->kj", fitted[:, :2], frames))
         able &= np.linalg.norm(tilted - corners.normals, axis=1) <= room
         normals = np.where(able[:, None], tilted, normals)
         trusted = trusted | able
-    frames = _tangent_frames(normals)
-    fitted, _ = _fit_heights(*links, normals, frames, ~lonely)
+    frames = tangent_frames(normals)
+    fitted, _ = _fit_heights(links, normals, frames, ~lonely)
     shape = _pack(frames, -fitted[:, 2:5] / size[:, None])
     return _lend_to_lonely(links, size, VertexJets(normals, shape), frames, fitted, lonely & ~corners.flat)
 
 
 def _lend_to_lonely(
-    links: _Links, size: Floats, jets: VertexJets, frames: Floats, fitted: Floats, lonely: Bools
+    links: _Links, size: Array, jets: VertexJets, frames: Array, fitted: Array, lonely: Bools
 ) -> VertexJets:
     """Give corners with too few neighbours the normals and shapes their neighbours' heights continue to."""
     borrow = lonely[links.here] & ~lonely[links.there]
@@ -108,23 +104,23 @@ def _lend_to_lonely(
     return VertexJets(normals, shape)
 
 
-def unpack(shape: Floats) -> Floats:
+def unpack(shape: Array) -> Array:
     """Symmetric matrices (n, 3, 3) from packed ones (n, 6)."""
     return shape[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2]]]
 
 
-def _pack(frames: Floats, fitted: Floats) -> Floats:
+def _pack(frames: Array, fitted: Array) -> Array:
     first, second = frames[:, 0], frames[:, 1]
     a, b, c = fitted.T
 
-    def entry(i: int, j: int) -> Floats:
+    def entry(i: int, j: int) -> Array:
         mixed = first[:, i] * second[:, j] + second[:, i] * first[:, j]
         return a * first[:, i] * first[:, j] + b * mixed + c * second[:, i] * second[:, j]
 
     return np.stack([entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(1, 2), entry(2, 0)], axis=1)
 
 
-def _find_links(vertices: Floats, faces: Ints, corners: SmoothCorners, smooth: Bools) -> tuple[_Links, Floats]:
+def _find_links(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bools) -> tuple[_Links, Array]:
     """Links along all edges, each once in either direction, and the mean edge length at each vertex [m]."""
     ahead_ids, way = np.roll(corners.ids, -1, axis=1), np.roll(vertices[faces], -1, axis=1) - vertices[faces]
     here = np.concatenate([corners.ids.ravel(), ahead_ids[~smooth]])
@@ -143,7 +139,7 @@ def _at_rim(ids: Ints, smooth: Bools, count: int) -> Bools:
     return rim
 
 
-def _widest_tilt_around(vertices: Floats, faces: Ints, corners: SmoothCorners, links: _Links) -> Floats:
+def _widest_tilt_around(vertices: Array, faces: Ints, corners: SmoothCorners, links: _Links) -> Array:
     """How far first normals are from the facets' at a vertex and its neighbours, shape (k,)."""
     own, _ = facet_normals(vertices, faces)
     tilt = np.linalg.norm(corners.normals[corners.ids] - own[:, None, :], axis=2)
@@ -154,22 +150,34 @@ def _widest_tilt_around(vertices: Floats, faces: Ints, corners: SmoothCorners, l
     return around
 
 
-def _tangent_frames(normals: Floats) -> Floats:
+def tangent_frames(normals: Array) -> Array:
     """Two unit tangents for each normal, shape (k, 2, 3)."""
     first = perpendicular(normals)
     return np.stack([first, np.cross(normals, first)], axis=1)
 
 
-@njit(cache=True)
-def _fit_heights(here, there, steps, normals, frames, trusted):  # type: ignore[no-untyped-def]
+def _fit_heights(links: _Links, normals: Array, frames: Array, trusted: Bools) -> tuple[Array, Indices]:
     """Fit z = p x + q y + A x^2/2 + B x y + C y^2/2 + cubic terms around each vertex, lengths in mean edges.
 
     Returns:
         Coefficients, shape (k, 9), and how many trusted neighbours each vertex has, shape (k,).
     """
-    sums = np.zeros((len(normals), 9, 10))
-    seen = np.zeros(len(normals), np.int64)
-    rows = np.zeros((3, 10))
+    sums, seen = np.zeros((len(normals), 9, 10)), np.zeros(len(normals), np.int64)
+    _add_equations(links.here, links.there, links.steps, normals, frames, trusted, sums, seen)
+    # Pull the terms of each degree towards zero, alike in all directions of the tangent plane: the weights are those
+    # of the squares of all entries of a symmetric tensor, which turning leaves as they are.
+    for first, last, share in ((0, 2, 1e-12), (2, 5, _QUADRATIC_RIDGE), (5, 9, _CUBIC_RIDGE)):
+        mean = sum((sums[:, i, i] / _TENSOR[i] / (last - first) for i in range(first, last)), 1e-300)
+        for i in range(first, last):
+            sums[:, i, i] += share * mean * _TENSOR[i]
+    return solve_symmetric(sums), seen
+
+
+@njit(cache=True)
+def _add_equations(here, there, steps, normals, frames, trusted, sums, seen):  # type: ignore[no-untyped-def]
+    """Add each link's height and, of trusted neighbours, both slopes to the normal equations, lower triangle."""
+    height, along, across = np.zeros(10), np.zeros(10), np.zeros(10)
+    along[0] = across[1] = 1.0
     for link in range(len(here)):
         at, other = here[link], there[link]
         x = y = z = a = b = c = 0.0
@@ -183,63 +191,48 @@ def _fit_heights(here, there, steps, normals, frames, trusted):  # type: ignore[
             c += normals[other, k] * normal
         if c < 0.2:
             continue
-        rows[0] = x, y, 0.5 * x * x, x * y, 0.5 * y * y, x**3, x * x * y, x * y * y, y**3, z
-        rows[1] = 1.0, 0.0, x, y, 0.0, 3.0 * x * x, 2.0 * x * y, y * y, 0.0, -a / c
-        rows[2] = 0.0, 1.0, 0.0, x, y, 0.0, x * x, 2.0 * x * y, 3.0 * y * y, -b / c
         far2 = x * x + y * y + z * z
-        _add_row(sums[at], rows[0], _HEIGHT_WEIGHT / (far2 * far2))
+        height[0], height[1], height[2], height[3], height[4] = x, y, 0.5 * x * x, x * y, 0.5 * y * y
+        height[5], height[6], height[7], height[8], height[9] = x**3, x * x * y, x * y * y, y**3, z
+        _add_row(sums, at, height, _HEIGHT_WEIGHT / (far2 * far2))
         if trusted[other]:
             seen[at] += 1
-            _add_row(sums[at], rows[1], 1.0 / far2)
-            _add_row(sums[at], rows[2], 1.0 / far2)
-    fitted = np.zeros((len(normals), 9))
-    for at in range(len(normals)):
-        _add_ridge(sums[at], 0, 2, 1e-12)
-        _add_ridge(sums[at], 2, 5, _QUADRATIC_RIDGE)
-        _add_ridge(sums[at], 5, 9, _CUBIC_RIDGE)
-        _solve(sums[at], fitted[at])
-    return fitted, seen
+            along[2], along[3], along[5], along[6], along[7] = x, y, 3.0 * x * x, 2.0 * x * y, y * y
+            across[3], across[4], across[6], across[7], across[8] = x, y, x * x, 2.0 * x * y, 3.0 * y * y
+            along[9], across[9] = -a / c, -b / c
+            _add_row(sums, at, along, 1.0 / far2)
+            _add_row(sums, at, across, 1.0 / far2)
 
 
-@njit(cache=True, inline="always")
-def _add_row(sums, row, weight):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def _add_row(sums, at, row, weight):  # type: ignore[no-untyped-def]
     """Add an equation to normal equations, lower triangle and right side."""
     for i in range(9):
         scaled = weight * row[i]
         for j in range(i + 1):
-            sums[i, j] += scaled * row[j]
-        sums[i, 9] += scaled * row[9]
+            sums[at, i, j] += scaled * row[j]
+        sums[at, i, 9] += scaled * row[9]
 
 
-@njit(cache=True)
-def _add_ridge(sums, first, last, share):  # type: ignore[no-untyped-def]
-    """Pull the terms of one degree towards zero, alike in all directions of the tangent plane.
+def solve_symmetric(systems: Array) -> Array:
+    """Solve many symmetric positive systems, lower triangles and right sides (k, n, n + 1), by Cholesky's method.
 
-    The weights are those of the squares of all entries of a symmetric tensor, which turning leaves as they are.
+    Returns:
+        Solutions, shape (k, n).
     """
-    mean = 1e-300
-    for i in range(first, last):
-        mean += sums[i, i] / _TENSOR[i] / (last - first)
-    for i in range(first, last):
-        sums[i, i] += share * mean * _TENSOR[i]
-
-
-@njit(cache=True)
-def _solve(system, out):  # type: ignore[no-untyped-def]
-    """Solve symmetric normal equations, shape (9, 10), in place by Cholesky's method."""
-    for i in range(9):
-        for j in range(i + 1):
-            total = system[i, j]
-            for k in range(j):
-                total -= system[i, k] * system[j, k]
-            system[i, j] = np.sqrt(max(total, 1e-300)) if i == j else total / system[j, j]
-    for i in range(9):
-        total = system[i, 9]
-        for k in range(i):
-            total -= system[i, k] * out[k]
-        out[i] = total / system[i, i]
-    for i in range(8, -1, -1):
-        total = out[i]
-        for k in range(i + 1, 9):
-            total -= system[k, i] * out[k]
-        out[i] = total / system[i, i]
+    size = systems.shape[1]
+    rows = np.moveaxis(systems, 0, -1).copy()  # (n, n + 1, k)
+    with np.errstate(all="ignore"):  # of systems without solution
+        for i in range(size):
+            for j in range(i + 1):
+                for k in range(j):
+                    rows[i, j] -= rows[i, k] * rows[j, k]
+                rows[i, j] = np.sqrt(np.maximum(rows[i, i], 1e-300)) if i == j else rows[i, j] / rows[j, j]
+            for k in range(i):
+                rows[i, size] -= rows[i, k] * rows[k, size]
+            rows[i, size] /= rows[i, i]
+        for i in reversed(range(size)):
+            for k in range(i + 1, size):
+                rows[i, size] -= rows[k, i] * rows[k, size]
+            rows[i, size] /= rows[i, i]
+    return np.asarray(rows[:, size].T)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
+from polish_sim.arrays import Array, Indices, Ints
 
 GRIDS: Final = (400, 300, 220, 160, 120, 90, 60)
 """Cells across the part on which vertices are gathered, finest first."""
@@ -17,13 +15,13 @@ GRIDS: Final = (400, 300, 220, 160, 120, 90, 60)
 class LighterMesh(NamedTuple):
     """Triangles of a mesh or of a lighter copy."""
 
-    vertices: Floats
+    vertices: Array
     """[m], shape (n, 3)."""
     faces: Ints
     """Vertex indices, shape (m, 3)."""
 
 
-def lighter_mesh(vertices: Floats, faces: Ints, most_facets: int) -> LighterMesh:
+def lighter_mesh(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:
     """Gather the vertices of a fine mesh on a grid until it has no more facets than wanted.
 
     Args:
@@ -42,7 +40,7 @@ def lighter_mesh(vertices: Floats, faces: Ints, most_facets: int) -> LighterMesh
     return light
 
 
-def _gathered(vertices: Floats, faces: Ints, cell: float) -> LighterMesh:
+def _gathered(vertices: Array, faces: Ints, cell: float) -> LighterMesh:
     keys = np.round(vertices / cell).astype(np.int64)
     _, group = np.unique(_one_number(keys - keys.min(axis=0)), return_inverse=True)
     count = np.bincount(group)
@@ -53,7 +51,7 @@ def _gathered(vertices: Floats, faces: Ints, cell: float) -> LighterMesh:
     return LighterMesh(middles, fewer[np.sort(once)].astype(np.int32))
 
 
-def _one_number(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def _one_number(rows: Indices) -> Indices:
     """A number for each row of three not negative ones, (n, 3) -> (n,): sorts much faster than rows."""
     size = rows.max(axis=0, initial=0) + 1
     return np.asarray((rows[:, 0] * size[1] + rows[:, 1]) * size[2] + rows[:, 2])

@@ -7,13 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from polish_sim.arrays import Array, Ints
 from polish_sim.errors import MeshError, unknown_name
 from polish_sim.geometry.mesh_file import read_mesh_file
 from polish_sim.geometry.orientation import choose_up
 from polish_sim.geometry.polygon import FileTriangles
-from polish_sim.geometry.repair.mend import mend
+from polish_sim.geometry.repair.facets import drop_bad_facets, flip_needles, flip_slivers, split_t_junctions
+from polish_sim.geometry.repair.holes import close_holes, separate_crowded
+from polish_sim.geometry.repair.scan_noise import smooth_noise
+from polish_sim.geometry.repair.shells import describe_crossing_facets, describe_shells, turn_outward, wind_alike
+from polish_sim.geometry.repair.skin import Skin, merge_vertices
 
 # Length units of STL files, which say none themselves, and the check that the chosen one is plausible.
 
@@ -73,11 +78,11 @@ def _plausible(size: float) -> bool:
 class PartMesh:
     """A part's checked triangle mesh in the work frame (the file's frame in metres)."""
 
-    vertices: NDArray[np.float64]
+    vertices: Array
     """Vertices [m], shape (n, 3)."""
-    faces: NDArray[np.int32]
+    faces: Ints
     """Vertex indices, counter-clockwise seen from outside, shape (m, 3)."""
-    up: NDArray[np.float64]
+    up: Array
     """Unit vector away from the table, shape (3,)."""
     name: str
     path: Path
@@ -85,7 +90,7 @@ class PartMesh:
     """Hash of the file (of the arrays, where there was none)."""
     unit: str
     """Unit the file was read in."""
-    stl_facets: NDArray[np.int32]
+    stl_facets: Ints
     """Number of each facet in the file, -1 where it closes a hole, shape (m,)."""
     notes: tuple[str, ...]
     """What was assumed or repaired, for the user."""
@@ -172,12 +177,37 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
     )
 
 
-def _compact(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+def mend(triangles: Array, path: Path) -> Skin:
+    """Repair what can be repaired without guessing; say what was done and what was left.
+
+    Args:
+        triangles: Corners [m], shape (m, 3, 3).
+        path: The file, for messages.
+
+    Returns:
+        The skin: every edge has one or two facets, wound alike, closed pieces outward. Borders, bodies and facets
+        that pass through each other are left and noted.
+
+    Raises:
+        MeshError: Inside and outside cannot be told; names the place.
+    """
+    vertices, faces, notes = merge_vertices(triangles)
+    skin = Skin(vertices, faces, np.arange(len(faces), dtype=np.int32), notes)
+    skin = drop_bad_facets(skin, path)
+    skin = wind_alike(skin, path)
+    skin = wind_alike(separate_crowded(split_t_junctions(skin), path), path)
+    skin = close_holes(flip_needles(flip_slivers(skin)))
+    skin = turn_outward(skin)
+    skin = smooth_noise(skin)
+    return skin._replace(notes=(*skin.notes, *describe_shells(skin), *describe_crossing_facets(skin)))
+
+
+def _compact(vertices: Array, faces: Ints) -> tuple[Array, Ints]:
     """Leave out vertices no facet uses."""
     used, compact = np.unique(faces, return_inverse=True)
     return vertices[used], compact.reshape(-1, 3).astype(np.int32)
 
 
-def _size_note(vertices: NDArray[np.float64], faces: NDArray[np.int32], unit: str) -> str:
+def _size_note(vertices: Array, faces: Ints, unit: str) -> str:
     x, y, z = np.ptp(vertices, axis=0) * 1e3
     return f"read in {unit}: {x:.4g} x {y:.4g} x {z:.4g} mm, {len(faces)} facets"

@@ -1,38 +1,30 @@
-"""Read the triangles of a mesh file of any known format, told by its content or its name (file -> triangles)."""
+"""Read the triangles of a mesh file; its content says which format it has, or its name (STL, PLY, OBJ -> triangles)."""
 
 from __future__ import annotations
 
+import io
+import re
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from polish_sim.arrays import Array
 from polish_sim.errors import MeshError
-from polish_sim.geometry.mesh_readers import is_obj, is_ply, is_stl, parse_obj, parse_ply, parse_stl
+from polish_sim.geometry.obj_file import is_obj, parse_obj
+from polish_sim.geometry.ply_file import is_ply, parse_ply
 from polish_sim.geometry.polygon import FileTriangles
 
 LARGEST_FILE = 600_000_000
 """Files larger than this are refused, so that memory does not run out [bytes]."""
 
-
-class Format(NamedTuple):
-    """How a kind of mesh file is known and read."""
-
-    recognises: Callable[[bytes], bool]
-    """Tells from the content alone; never wrong when it says yes."""
-    parse: Callable[[bytes, Path], FileTriangles]
-    """Content and name (for messages) to triangles."""
-
-
-FORMATS: Mapping[str, Format] = {
-    ".ply": Format(is_ply, parse_ply),
-    ".stl": Format(is_stl, parse_stl),
-    ".obj": Format(is_obj, parse_obj),
-}
-"""By the usual ending of the name. A new format: one file, one line."""
-
 _COMPANIONS = {".mtl": "the materials of an OBJ file; name the .obj file itself"}
+_HEADER_BYTES = 84
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_SOLID_NAME = re.compile(rb"^([ \t]*(?:end)?solid)\b.*$", re.IGNORECASE | re.MULTILINE)
+_VERTEX = re.compile(rb"^[ \t]*vertex\b(.*)$", re.IGNORECASE | re.MULTILINE)
 
 
 def read_mesh_file(path: Path) -> tuple[FileTriangles, bytes]:
@@ -53,19 +45,13 @@ def read_mesh_file(path: Path) -> tuple[FileTriangles, bytes]:
     triangles = _format_of(content, path).parse(content, path)
     if len(triangles.corners) == 0:
         raise MeshError(f"{path}: the file holds no facets. Export the part again.")
-    _check_finite(triangles, path)
+    bad = np.flatnonzero(~np.isfinite(triangles.corners).all(axis=(1, 2)))
+    if len(bad):
+        raise MeshError(
+            f"{path}: {len(bad)} of {len(triangles.corners)} facets have coordinates that are NaN or infinite, "
+            f"the first is facet {triangles.numbers[bad[0]]}. Repair or export the part again."
+        )
     return triangles, content
-
-
-def _format_of(content: bytes, path: Path) -> Format:
-    for known in FORMATS.values():
-        if known.recognises(content):
-            return known
-    ending = path.suffix.lower()
-    if ending in FORMATS:
-        return FORMATS[ending]
-    what = _COMPANIONS.get(ending, f"a kind of file that cannot be read (ending '{path.suffix}')")
-    raise MeshError(f"{path}: this is {what}. Export the part as one of: {', '.join(FORMATS)}.")
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -88,10 +74,123 @@ def _read_bytes(path: Path) -> bytes:
     return content
 
 
-def _check_finite(triangles: FileTriangles, path: Path) -> None:
-    bad = np.flatnonzero(~np.isfinite(triangles.corners).all(axis=(1, 2)))
-    if len(bad):
+def _format_of(content: bytes, path: Path) -> _Format:
+    for known in FORMATS.values():
+        if known.recognises(content):
+            return known
+    ending = path.suffix.lower()
+    if ending in FORMATS:
+        return FORMATS[ending]
+    what = _COMPANIONS.get(ending, f"a kind of file that cannot be read (ending '{path.suffix}')")
+    raise MeshError(f"{path}: this is {what}. Export the part as one of: {', '.join(FORMATS)}.")
+
+
+def is_stl(content: bytes) -> bool:
+    """An ASCII STL begins with "solid"; a binary one's length follows from the number of facets in its header."""
+    if _is_text_stl(content):
+        return b"facet" in content[:4096].lower()
+    return len(content) >= _HEADER_BYTES and len(content) == _HEADER_BYTES + _FACET.itemsize * _announced(content)
+
+
+def parse_stl(content: bytes, path: Path) -> FileTriangles:
+    """Read the facets of an STL file; several solids of an ASCII file one after the other.
+
+    Raises:
+        MeshError: The file is cut short, or not an STL.
+    """
+    corners = _parse_text_stl(content, path) if _is_text_stl(content) else _parse_binary_stl(content, path)
+    return FileTriangles(corners, np.arange(len(corners), dtype=np.int32))
+
+
+def _is_text_stl(content: bytes) -> bool:
+    """Tell text from binary; binary files may start with "solid" too, but soon hold a zero byte."""
+    head = content[:2048]
+    return head.lstrip().lower().startswith(b"solid") and b"\0" not in head
+
+
+def _announced(content: bytes) -> int:
+    return int(np.frombuffer(content, dtype="<u4", count=1, offset=80)[0])
+
+
+def _parse_binary_stl(content: bytes, path: Path) -> Array:
+    head = content[:512]
+    printable = sum(byte in b"\t\n\r" or 32 <= byte < 127 for byte in head)
+    if len(content) < _HEADER_BYTES or (b"\0" not in head and printable > 0.95 * len(head)):
         raise MeshError(
-            f"{path}: {len(bad)} of {len(triangles.corners)} facets have coordinates that are NaN or infinite, "
-            f"the first is facet {triangles.numbers[bad[0]]}. Repair or export the part again."
+            f"{path}: not an STL file (neither a binary header nor the word 'solid' of an ASCII STL). "
+            "Export the part as STL."
         )
+    count = _announced(content)
+    expected = _HEADER_BYTES + _FACET.itemsize * count
+    if len(content) < expected:
+        whole = (len(content) - _HEADER_BYTES) // _FACET.itemsize
+        raise MeshError(
+            f"{path}: the file is cut short: its header announces {count} facets ({expected} bytes), "
+            f"but it holds {whole} ({len(content)} bytes). Export or copy it again."
+        )
+    facets = np.frombuffer(content, dtype=_FACET, count=count, offset=_HEADER_BYTES)
+    with np.errstate(invalid="ignore"):  # signalling NaNs of broken files
+        return facets["corners"].astype(np.float64)
+
+
+def _parse_text_stl(content: bytes, path: Path) -> Array:
+    """The facets as trimesh reads them, if it reads all: it drops a solid that is cut short without a word."""
+    text = _SOLID_NAME.sub(rb"\1", content.replace(b"\r", b"\n"))
+    words = text.lower()
+    if b"vertex" not in words and b"facet" in words.split():
+        raise MeshError(f"{path}: ASCII STL with facets but no vertices. Export the part again.")
+    if b"vertex" not in words and b"endsolid" not in words:
+        raise MeshError(f"{path}: begins with 'solid' but is not an STL file. Export the part as STL.")
+    rows = _VERTEX.findall(text)
+    if len(rows) % 3 or words.rfind(b"endsolid") < words.rfind(b"vertex"):
+        raise MeshError(
+            f"{path}: the ASCII STL is cut short after {len(rows) // 3} whole facets "
+            "(no 'endsolid' at its end). Export or copy it again."
+        )
+    if any(len(row.split()) != 3 for row in rows):
+        raise _bad_vertex(rows, path)
+    from trimesh.exchange.stl import load_stl_ascii  # slow to import
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        try:
+            loaded = load_stl_ascii(io.StringIO(text.decode("latin-1")))
+        except ValueError:
+            loaded = {}
+    solids = [loaded] if "vertices" in loaded else list(loaded.get("geometry", {}).values())
+    vertices = np.concatenate([np.empty((0, 3)), *(solid["vertices"] for solid in solids)])
+    if len(vertices) != len(rows):
+        raise _bad_vertex(rows, path)
+    return vertices.reshape(-1, 3, 3)
+
+
+def _bad_vertex(rows: list[bytes], path: Path) -> MeshError:
+    for row in rows:
+        words = row.split()
+        if len(words) != 3 or not all(map(_is_number, words)):
+            shown = "".join(letter if letter.isprintable() else "?" for letter in row.decode("latin-1").strip()[:73])
+            return MeshError(f"{path}: 'vertex {shown}' is not a vertex (three numbers wanted). Export it again.")
+    return MeshError(f"{path}: facets of the ASCII STL stand outside of 'solid' and 'endsolid'. Export it again.")
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+class _Format(NamedTuple):
+    recognises: Callable[[bytes], bool]
+    """Decides from the content alone; never wrong when it says yes."""
+    parse: Callable[[bytes, Path], FileTriangles]
+    """Content and name (for messages) to triangles."""
+
+
+FORMATS: Mapping[str, _Format] = {
+    ".ply": _Format(is_ply, parse_ply),
+    ".stl": _Format(is_stl, parse_stl),
+    ".obj": _Format(is_obj, parse_obj),
+}
+"""By the usual ending of the name."""

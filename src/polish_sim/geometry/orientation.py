@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.geometry.features import facet_normals, flat_faces, smooth_edges
 from polish_sim.geometry.topology import Adjacency, facet_links, find_adjacency, label_pieces
@@ -17,8 +17,6 @@ from polish_sim.geometry.topology import Adjacency, facet_links, find_adjacency,
 # (most programs write the bottom first). From a dome with a hole in it many directions see as much: the one the whole
 # smooth surface looks in, its axis of symmetry if it has one, is taken before the others.
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
 
 _SAMPLE = 20_000
 """Facets from which candidate directions are drawn."""
@@ -45,30 +43,30 @@ _SHIFTS = 3
 class FacetGraph(NamedTuple):
     """A mesh made ready for looking at it from many sides: facets, and which of them are joined smoothly."""
 
-    normals: Floats
+    normals: Array
     """Unit normals of the facets, shape (m, 3)."""
-    areas: Floats
+    areas: Array
     """Areas of the facets [m^2], shape (m,)."""
     adjacency: Adjacency
     """Neighbours across edges."""
-    links: NDArray[np.int64]
+    links: Indices
     """Pairs of facets joined smoothly, each once, shape (k, 2)."""
 
 
 class Face(NamedTuple):
     """A smooth face as seen from one side."""
 
-    direction: Floats
+    direction: Array
     """Unit mean normal, shape (3,)."""
     area: float
     """Area [m^2]."""
     doubt: float
     """How well its area is known: that of the facets the cone ends at, which are seen whole or not at all [m^2]."""
-    facets: NDArray[np.int64]
+    facets: Indices
     """Its facets, shape (k,)."""
 
 
-def facet_graph(vertices: Floats, faces: Ints) -> FacetGraph:
+def facet_graph(vertices: Array, faces: Ints) -> FacetGraph:
     """Prepare a mesh, vertices (n, 3) [m] and faces (m, 3)."""
     normals, areas = facet_normals(vertices, faces)
     adjacency = find_adjacency(faces)
@@ -108,7 +106,7 @@ def largest_face(graph: FacetGraph, cone: float) -> Face:
     return straight if straight.area >= face.area - doubt else face
 
 
-def looks_same(graph: FacetGraph, face: Face, direction: Floats, cone: float) -> bool:
+def looks_same(graph: FacetGraph, face: Face, direction: Array, cone: float) -> bool:
     """Whether a face looks the same from another direction.
 
     Args:
@@ -126,14 +124,14 @@ def looks_same(graph: FacetGraph, face: Face, direction: Floats, cone: float) ->
     return seen_from(graph, direction, cone).area >= (1.0 - _SAME) * face.area
 
 
-def seen_from(graph: FacetGraph, direction: Floats, cone: float) -> Face:
+def seen_from(graph: FacetGraph, direction: Array, cone: float) -> Face:
     """The largest face seen from a direction, which is left as it is."""
     looks = graph.normals @ direction > np.cos(cone)
     if not looks.any():
         return Face(direction, 0.0, 0.0, np.empty(0, dtype=np.int64))
     ends = looks[graph.links]
     labels = label_pieces(graph.links[ends.all(axis=1)], len(looks))[1]
-    sizes: Floats = np.bincount(labels, weights=np.where(looks, graph.areas, 0.0)).astype(np.float64)
+    sizes: Array = np.bincount(labels, weights=np.where(looks, graph.areas, 0.0)).astype(np.float64)
     facets = np.flatnonzero(labels == _first_largest(sizes))
     rim = np.zeros(len(looks), dtype=bool)
     rim[graph.links[ends[:, 0] != ends[:, 1]]] = True
@@ -141,11 +139,11 @@ def seen_from(graph: FacetGraph, direction: Floats, cone: float) -> Face:
     return Face(direction, float(sizes.max()), doubt, facets)
 
 
-def _candidates(graph: FacetGraph, cone: float) -> tuple[Floats, Floats]:
+def _candidates(graph: FacetGraph, cone: float) -> tuple[Array, Array]:
     """Directions many facets look in, in the order of the file, and the area that looks so, (c, 3) and (c,)."""
     step = max(len(graph.areas) // _SAMPLE, 1)
     normals, areas = graph.normals[::step], graph.areas[::step] * step
-    leaders: list[Floats] = []
+    leaders: list[Array] = []
     left = areas > 0.0
     while left.any():
         direction = normals[int(left.argmax())]
@@ -159,7 +157,7 @@ def _candidates(graph: FacetGraph, cone: float) -> tuple[Floats, Floats]:
     return directions, np.maximum(bounds, 1e-300)
 
 
-def _settle(graph: FacetGraph, direction: Floats, cone: float, rounds: int) -> Face:
+def _settle(graph: FacetGraph, direction: Array, cone: float, rounds: int) -> Face:
     """Turn a direction to the mean normal of the largest face seen from it."""
     face = Face(direction, 0.0, 0.0, np.empty(0, dtype=np.int64))
     for _ in range(rounds):
@@ -169,7 +167,7 @@ def _settle(graph: FacetGraph, direction: Floats, cone: float, rounds: int) -> F
     return face
 
 
-def _whole_direction(graph: FacetGraph, face: Face) -> Floats | None:
+def _whole_direction(graph: FacetGraph, face: Face) -> Array | None:
     """Mean normal of the whole smooth surface a face is part of; None where it closes upon itself."""
     if not len(face.facets):
         return None
@@ -180,12 +178,12 @@ def _whole_direction(graph: FacetGraph, face: Face) -> Floats | None:
     return np.asarray(total / length) if length > _SAME * float(weights.sum()) else None
 
 
-def _first_largest(sizes: Floats) -> int:
+def _first_largest(sizes: Array) -> int:
     """The first of the (nearly) largest, so that rounding does not choose."""
     return int(np.flatnonzero(sizes >= (1.0 - _SAME) * sizes.max())[0])
 
 
-def _mean(normals: Floats, weights: Floats, otherwise: Floats) -> Floats:
+def _mean(normals: Array, weights: Array, otherwise: Array) -> Array:
     total = weights @ normals
     length = float(np.linalg.norm(total))
     return np.asarray(total / length) if length > 1e-9 * float(weights.sum()) else otherwise
@@ -215,7 +213,7 @@ _AXIS_NOISE = 1e-6
 """A direction this close to an axis is that axis: rounding of the file's numbers [rad]."""
 
 
-def choose_up(vertices: Floats, faces: NDArray[np.int32], up: str) -> tuple[Floats, str]:
+def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:
     """Turn the user's words into a direction.
 
     Args:
@@ -240,7 +238,7 @@ def choose_up(vertices: Floats, faces: NDArray[np.int32], up: str) -> tuple[Floa
     return direction, f"up is {describe(direction)} (assumed: the side with the largest smooth face; --up sets it)"
 
 
-def check_up(up: str) -> Floats | None:
+def check_up(up: str) -> Array | None:
     """The direction the user's words name, unit vector, shape (3,); None for "auto".
 
     Raises:
@@ -255,7 +253,7 @@ def check_up(up: str) -> Floats | None:
     return None
 
 
-def stand_straight(vertices: Floats, faces: NDArray[np.int32], graph: FacetGraph, cone: float) -> Floats:
+def stand_straight(vertices: Array, faces: Ints, graph: FacetGraph, cone: float) -> Array:
     """Direction in which the largest smooth face looks, with the part put straight on a flat face if it has one.
 
     Args:
@@ -279,7 +277,7 @@ def stand_straight(vertices: Floats, faces: NDArray[np.int32], graph: FacetGraph
     return np.asarray(sides[best])
 
 
-def describe(direction: Floats) -> str:
+def describe(direction: Array) -> str:
     """Name of a direction: a side's, or the vector."""
     for side, vector in SIDES.items():
         if np.array_equal(direction, vector):
@@ -287,14 +285,14 @@ def describe(direction: Floats) -> str:
     return "(" + ", ".join(f"{value:.4g}" for value in direction + 0.0) + ")"
 
 
-def _snap(direction: Floats) -> Floats:
+def _snap(direction: Array) -> Array:
     for side in SIDES.values():
         if np.linalg.norm(direction - side) < _AXIS_NOISE:
             return np.array(side)
     return direction
 
 
-def _parse_vector(text: str) -> Floats:
+def _parse_vector(text: str) -> Array:
     try:
         vector = np.array([float(word) for word in text.split(",")])
     except ValueError:

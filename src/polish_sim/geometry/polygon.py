@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import MeshError
 from polish_sim.kernel_cache import njit
 
@@ -22,15 +22,15 @@ LARGEST_CUT = 64
 class Split(NamedTuple):
     """Triangles polygons were split into."""
 
-    triangles: NDArray[np.int64]
+    triangles: Indices
     """Vertex numbers, wound as the polygons, shape (m, 3)."""
-    polygons: NDArray[np.int32]
+    polygons: Ints
     """Polygon each belongs to, shape (m,)."""
     too_many: int
     """The first polygon that was not split for its number of corners, or -1."""
 
 
-def split_polygons(points: NDArray[np.float64], indices: NDArray[np.int64], sizes: NDArray[np.int64]) -> Split:
+def split_polygons(points: Array, indices: Indices, sizes: Indices) -> Split:
     """Split polygons, each by cutting off its best-shaped corner again and again.
 
     Args:
@@ -168,17 +168,15 @@ def _is_convex(points, ring):  # type: ignore[no-untyped-def]
 class FileTriangles(NamedTuple):
     """Triangles of a file in the file's own unit."""
 
-    corners: NDArray[np.float64]
+    corners: Array
     """Corners in the order the file winds them, shape (m, 3, 3)."""
-    numbers: NDArray[np.int32]
+    numbers: Ints
     """Number of the file's facet each triangle belongs to, from 0, shape (m,)."""
     notes: tuple[str, ...] = ()
     """What was left out or split, for the user."""
 
 
-def gather_triangles(
-    points: NDArray[np.float64], indices: NDArray[np.int64], sizes: NDArray[np.int64], path: object
-) -> FileTriangles:
+def gather_triangles(points: Array, indices: Indices, sizes: Indices, path: object) -> FileTriangles:
     """Build triangles from indexed polygons.
 
     Args:

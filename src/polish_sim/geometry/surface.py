@@ -9,47 +9,44 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Ints
 from polish_sim.geometry.bezier import blend, patch_areas
 from polish_sim.geometry.closest import BoxTree, build_box_tree, closest_points
 from polish_sim.geometry.jets import unpack
 from polish_sim.geometry.topology import Adjacency, facet_links, label_pieces
 from polish_sim.spatial import perpendicular, unit
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
-Bools = NDArray[np.bool_]
-
 
 class SurfacePoints(NamedTuple):
     """Points on a surface."""
 
-    positions: Floats
+    positions: Array
     """Positions [m], shape (n, 3)."""
-    normals: Floats
+    normals: Array
     """Unit normals, outward, continuous across smooth edges, shape (n, 3)."""
 
 
 class ClosestPoints(NamedTuple):
     """Closest points on a surface."""
 
-    positions: Floats
+    positions: Array
     """Positions [m], shape (n, 3)."""
-    normals: Floats
+    normals: Array
     """Unit normals, outward, shape (n, 3)."""
     facets: Ints
     """Patches they lie on, shape (n,)."""
-    barycentric: Floats
+    barycentric: Array
     """Barycentric coordinates u, v, w, shape (n, 3)."""
 
 
 class Curvature(NamedTuple):
     """Principal curvatures, positive = convex seen from outside."""
 
-    k1: Floats
+    k1: Array
     """Larger one [1/m], shape (n,)."""
-    k2: Floats
+    k2: Array
     """Smaller one [1/m], shape (n,)."""
-    directions: Floats
+    directions: Array
     """Unit direction of k1, shape (n, 3)."""
 
 
@@ -57,15 +54,15 @@ class Curvature(NamedTuple):
 class Surface:
     """Quadratic Bezier triangles, one per facet, with smooth normals and shape operators."""
 
-    vertices: Floats
+    vertices: Array
     """Vertices [m], shape (n, 3)."""
     faces: Ints
     """Vertex indices, shape (m, 3)."""
-    control: Floats
+    control: Array
     """Control points [m], shape (m, 6, 3); order as in :mod:`bezier`."""
-    normal_control: Floats
+    normal_control: Array
     """Quadratic normal field, not normalised, shape (m, 6, 3)."""
-    shape: Floats
+    shape: Array
     """Shape operators at the corners [1/m], packed, shape (m, 3, 6)."""
     neighbours: Ints
     """Facet across each edge, -1 at borders, shape (m, 3)."""
@@ -80,12 +77,12 @@ class Surface:
         return build_box_tree(self.control)
 
     @cached_property
-    def facet_areas(self) -> Floats:
+    def facet_areas(self) -> Array:
         """Areas of the patches [m^2], shape (m,)."""
         return np.asarray(patch_areas(self.control))
 
     @cached_property
-    def vertex_normal_sums(self) -> Floats:
+    def vertex_normal_sums(self) -> Array:
         """Sums of the patches' normals weighted by their angles at each vertex, zero at borders, shape (n, 3)."""
         corners = self.control[:, :3]
         ahead = self.control[:, 3:] - corners
@@ -102,7 +99,7 @@ class Surface:
         return total
 
     @property
-    def bounds(self) -> Floats:
+    def bounds(self) -> Array:
         """Corners of the bounding box of the control points [m], shape (2, 3)."""
         return np.stack([self.control.min(axis=(0, 1)), self.control.max(axis=(0, 1))])
 
@@ -111,13 +108,13 @@ class Surface:
         """Whether the surface has a border."""
         return bool((self.neighbours < 0).any())
 
-    def evaluate(self, facets: Ints, barycentric: Floats) -> SurfacePoints:
+    def evaluate(self, facets: Ints, barycentric: Array) -> SurfacePoints:
         """Positions and normals at facets (n,) and barycentric coordinates (n, 3)."""
         facets, barycentric = np.asarray(facets, dtype=np.int32), np.asarray(barycentric, dtype=np.float64)
         normals = blend(self.normal_control, facets, barycentric)
         return SurfacePoints(blend(self.control, facets, barycentric), unit(normals))
 
-    def closest(self, points: Floats, hint: Ints | None = None) -> ClosestPoints:
+    def closest(self, points: Array, hint: Ints | None = None) -> ClosestPoints:
         """Closest point of the surface to each point.
 
         Args:
@@ -133,14 +130,14 @@ class Surface:
         positions, normals = self.evaluate(facets, barycentric)
         return ClosestPoints(positions, normals, facets, barycentric)
 
-    def shape_operators(self, facets: Ints, barycentric: Floats) -> Floats:
+    def shape_operators(self, facets: Ints, barycentric: Array) -> Array:
         """Shape operators S, dn = S dx, in the tangent plane [1/m], shape (n, 3, 3)."""
         packed = np.einsum("nc,ncs->ns", barycentric, self.shape[facets])
         normals = self.evaluate(facets, barycentric).normals
         project = np.eye(3) - normals[:, :, None] * normals[:, None, :]
         return np.asarray(project @ unpack(packed) @ project)
 
-    def curvature(self, facets: Ints, barycentric: Floats) -> Curvature:
+    def curvature(self, facets: Ints, barycentric: Array) -> Curvature:
         """Principal curvatures at facets (n,) and barycentric coordinates (n, 3)."""
         operators = self.shape_operators(facets, barycentric)
         normals = self.evaluate(facets, barycentric).normals
@@ -154,7 +151,7 @@ class Surface:
         directions = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
         return Curvature(0.5 * (a + c) + spread, 0.5 * (a + c) - spread, directions)
 
-    def normal_curvature(self, facets: Ints, barycentric: Floats, directions: Floats) -> Floats:
+    def normal_curvature(self, facets: Ints, barycentric: Array, directions: Array) -> Array:
         """Normal curvature along directions (n, 3) [1/m], shape (n,); positive = convex, sphere +1/R."""
         operators = self.shape_operators(facets, barycentric)
         normals = self.evaluate(facets, barycentric).normals
@@ -182,11 +179,11 @@ class Surface:
 
 
 def build_surface(
-    vertices: Floats,
+    vertices: Array,
     faces: Ints,
-    control: Floats,
-    normal_control: Floats,
-    shape: Floats,
+    control: Array,
+    normal_control: Array,
+    shape: Array,
     adjacency: Adjacency,
     smooth: Bools,
 ) -> Surface:
@@ -215,7 +212,7 @@ CHORD_ERROR = 1e-5
 """Curved border edges are divided until the polyline is this close to them [m]."""
 
 
-def boundary_loops(surface: Surface) -> tuple[Floats, ...]:
+def boundary_loops(surface: Surface) -> tuple[Array, ...]:
     """Trace the border.
 
     Args:
@@ -239,7 +236,7 @@ def boundary_loops(surface: Surface) -> tuple[Floats, ...]:
     return tuple(loops[at] for at in order)
 
 
-def connected_facets(surface: Surface, passable: NDArray[np.bool_] | None = None) -> NDArray[np.int32]:
+def connected_facets(surface: Surface, passable: Bools | None = None) -> Ints:
     """Number of the connected piece each facet belongs to, shape (m,); the largest piece is 0.
 
     Args:
@@ -256,7 +253,7 @@ def connected_facets(surface: Surface, passable: NDArray[np.bool_] | None = None
     return rank[labels]
 
 
-def enclosed(loop: Floats) -> float:
+def enclosed(loop: Array) -> float:
     """Largest area a closed loop (p, 3) encloses from any side it is seen from [m^2]."""
     return 0.5 * float(np.linalg.norm(np.cross(loop[:-1] - loop[0], loop[1:] - loop[0]).sum(axis=0)))
 
@@ -284,7 +281,7 @@ def _next_border_edge(surface: Surface, border_edge: tuple[int, int]) -> tuple[i
     return facet, edge
 
 
-def _sample(surface: Surface, loop: list[tuple[int, int]]) -> Floats:
+def _sample(surface: Surface, loop: list[tuple[int, int]]) -> Array:
     """Points along the loop, more where its edges are curved."""
     pieces = []
     for facet, edge in loop:

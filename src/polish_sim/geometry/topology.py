@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from polish_sim.kernel_cache import njit
-
-Ints = NDArray[np.int32]
+from polish_sim.arrays import Bools, Indices, Ints
 
 
 class Adjacency(NamedTuple):
@@ -70,7 +67,16 @@ def find_edge_faults(faces: Ints) -> EdgeFaults:
     return EdgeFaults(int((counts == 1).sum()), len(crowded), int(twisted.sum()), example.astype(np.int32))
 
 
-def label_pieces(links: NDArray[np.int64], count: int) -> tuple[int, Ints]:
+def facets_at_edges(faces: Ints) -> Indices:
+    """How many facets share each edge of each facet, shape (m, 3)."""
+    _, _, order, key = sorted_half_edges(faces)
+    run = np.cumsum(np.concatenate([[True], key[1:] != key[:-1]])) - 1
+    counts = np.empty(len(order), dtype=np.int64)
+    counts[order] = np.bincount(run)[run]
+    return counts.reshape(-1, 3)
+
+
+def label_pieces(links: Indices, count: int) -> tuple[int, Ints]:
     """Label connected pieces of a graph.
 
     Args:
@@ -85,7 +91,7 @@ def label_pieces(links: NDArray[np.int64], count: int) -> tuple[int, Ints]:
     return int(pieces), labels.astype(np.int32)
 
 
-def facet_links(adjacency: Adjacency, keep: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+def facet_links(adjacency: Adjacency, keep: Bools | None = None) -> Indices:
     """List pairs of neighbouring facets, shape (k, 2); ``keep`` (m, 3) tells which edges count."""
     linked = adjacency.facets >= 0
     if keep is not None:
@@ -94,41 +100,24 @@ def facet_links(adjacency: Adjacency, keep: NDArray[np.bool_] | None = None) -> 
     return np.column_stack([facet, adjacency.facets[facet, edge]]).astype(np.int64)
 
 
-def sorted_half_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def sorted_half_edges(faces: Ints) -> tuple[Indices, Indices, Indices, Indices]:
     """Half-edges in facet order (start, end), and the order and keys that bring equal edges together."""
     start = faces.astype(np.int64).ravel()
     end = faces[:, [1, 2, 0]].astype(np.int64).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
     count = int(start.max(initial=0)) + 1
-    order = _sort_pairs(low, high, count)
+    by_high = _counting_sort(high, count)
+    order = by_high[_counting_sort(low[by_high], count)].astype(np.int64)
     return start, end, order, (low * count + high)[order]
 
 
-@njit(cache=True, error_model="numpy")
-def _sort_pairs(low, high, count):  # type: ignore[no-untyped-def]
-    """Order pairs of numbers below ``count``, stable: sorted into boxes by high, then by low; linear in time."""
-    place = np.zeros(count + 1, np.int64)
-    for number in high:
-        place[number + 1] += 1
-    for i in range(count):
-        place[i + 1] += place[i]
-    by_high = np.empty(len(low), np.int64)
-    for i in range(len(low)):
-        by_high[place[high[i]]] = i
-        place[high[i]] += 1
-    place[:] = 0
-    for lower in low:
-        place[lower + 1] += 1
-    for i in range(count):
-        place[i + 1] += place[i]
-    order = np.empty(len(low), np.int64)
-    for pair in by_high:
-        order[place[low[pair]]] = pair
-        place[low[pair]] += 1
-    return order
+def _counting_sort(keys: Indices, count: int) -> Indices:
+    """Stable order of numbers below ``count``, in linear time: the rows of a sparse matrix."""
+    at = np.arange(len(keys), dtype=np.int32)
+    return np.asarray(coo_array((at, (keys, at)), shape=(count, len(keys))).tocsr().data)
 
 
-def equal_pairs(sorted_key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def equal_pairs(sorted_key: Indices) -> tuple[Indices, Indices]:
     """Positions of keys that occur exactly twice."""
     same = sorted_key[1:] == sorted_key[:-1]
     padded = np.concatenate([[False], same, [False]])

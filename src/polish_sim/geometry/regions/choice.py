@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import Clipped, clip, split, then
@@ -17,7 +17,6 @@ from polish_sim.geometry.surface import Surface, connected_facets
 
 # The words a user may say for a region, and reading their numbers (text -> metres, facet numbers).
 
-Floats = NDArray[np.float64]
 
 CHOICES = (
     "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE, faces:FILE "
@@ -41,12 +40,12 @@ def parse_numbers(argument: str, count: int, form: str) -> list[float]:
     return numbers
 
 
-def parse_point(argument: str) -> Floats:
+def parse_point(argument: str) -> Array:
     """Read a point [m], shape (3,)."""
     return np.array(parse_numbers(argument, 3, "point:X,Y,Z")) * 1e-3
 
 
-def parse_box(argument: str) -> Floats:
+def parse_box(argument: str) -> Array:
     """Read the least and the greatest corner of a box [m], shape (2, 3).
 
     Raises:
@@ -58,7 +57,7 @@ def parse_box(argument: str) -> Floats:
     return corners * 1e-3
 
 
-def parse_corners(argument: str) -> Floats:
+def parse_corners(argument: str) -> Array:
     """Read the corners of a polygon, in the option itself or from a file [m], shape (n, 3).
 
     Raises:
@@ -80,7 +79,7 @@ def parse_corners(argument: str) -> Floats:
     return corners * 1e-3
 
 
-def read_facet_numbers(argument: str) -> NDArray[np.int64]:
+def read_facet_numbers(argument: str) -> Indices:
     """Read facet numbers from a text file, shape (n,).
 
     Raises:
@@ -107,8 +106,6 @@ def _read(path: Path, content: str) -> str:
         raise InputError(f"{path}: is not a text file. Give a text file of {content}.") from None
 
 
-Bools = NDArray[np.bool_]
-
 _ON_CONE = 1e-6
 """Corners whose normal is this close to the cone lie on its edge."""
 
@@ -121,9 +118,9 @@ class Whole(NamedTuple):
 
     surface: Surface
     """Its surface, creases as the user wants them."""
-    up: Floats
+    up: Array
     """Unit vector away from the table, shape (3,)."""
-    stl_facets: NDArray[np.int32]
+    stl_facets: Ints
     """Number of each facet in the file, -1 where there is none, shape (m,)."""
 
     @property
@@ -180,7 +177,7 @@ def pick_faces(whole: Whole, argument: str) -> list[Clipped]:
     return coverable(restricted(whole.kept, facets), whole.up)
 
 
-def looking(kept: Clipped, direction: Floats) -> Clipped:
+def looking(kept: Clipped, direction: Array) -> Clipped:
     """Keep what looks this way, cut along the line where the normal leaves the cone.
 
     Raises:
@@ -197,7 +194,7 @@ def looking(kept: Clipped, direction: Floats) -> Clipped:
     return seen
 
 
-def _largest(kept: Clipped, up: Floats, passable: Bools | None) -> Clipped:
+def _largest(kept: Clipped, up: Array, passable: Bools | None) -> Clipped:
     """Keep the piece that is largest seen from above; of equals the first."""
     labels = connected_facets(kept.surface, passable)
     height = middle_normals(kept.surface) @ up
@@ -253,12 +250,12 @@ def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
     return connected(kept, kept.surface.smooth)
 
 
-def _faces_above(kept: Clipped, up: Floats) -> list[Clipped]:
+def _faces_above(kept: Clipped, up: Array) -> list[Clipped]:
     seen = looking(kept, up)
     return connected(seen, seen.surface.smooth)
 
 
-def _between(kept: Clipped, frame: Floats, low: Floats, high: Floats) -> Clipped:
+def _between(kept: Clipped, frame: Array, low: Array, high: Array) -> Clipped:
     """Cut to coordinates between limits (d,) [m] along unit vectors, rows of the frame (d, 3)."""
     for axis, least, most in zip(frame, low, high, strict=True):
         for side, limit in ((1.0, least), (-1.0, most)):
@@ -269,7 +266,7 @@ def _between(kept: Clipped, frame: Floats, low: Floats, high: Floats) -> Clipped
     return kept
 
 
-def _plane_across(up: Floats, corners: Floats) -> Floats:
+def _plane_across(up: Array, corners: Array) -> Array:
     """Two unit vectors across up, the first along the polygon's longest side seen from above, shape (2, 3)."""
     sides = np.roll(corners, -1, axis=0) - corners
     level = sides - (sides @ up)[:, None] * up
@@ -281,7 +278,7 @@ def _plane_across(up: Floats, corners: Floats) -> Floats:
     return np.stack([first, np.cross(up, first)])
 
 
-def _check_polygon(flat: Floats, argument: str) -> None:
+def _check_polygon(flat: Array, argument: str) -> None:
     if len(flat) > _MOST_CORNERS:
         raise InputError(f"the region's polygon has {len(flat)} corners, at most {_MOST_CORNERS} are taken.")
     if (np.ptp(flat, axis=0) <= _ON_OUTLINE).any():
@@ -298,7 +295,7 @@ def _check_polygon(flat: Floats, argument: str) -> None:
         )
 
 
-def _first_crossing(flat: Floats) -> tuple[int, int] | None:
+def _first_crossing(flat: Array) -> tuple[int, int] | None:
     """Two sides of a closed polygon (k, 2) that cross, not only touch; None if there are none."""
     ends = np.roll(flat, -1, axis=0)
     for k in range(len(flat) - 1):
@@ -310,7 +307,7 @@ def _first_crossing(flat: Floats) -> tuple[int, int] | None:
     return None
 
 
-def _on_both_sides(a: Floats, b: Floats, p: Floats, q: Floats) -> NDArray[np.bool_]:
+def _on_both_sides(a: Array, b: Array, p: Array, q: Array) -> Bools:
     """Whether the line through a and b parts p from q; points (2,) or (m, 2), result (m,)."""
     along = b - a
     length = np.maximum(np.linalg.norm(along, axis=-1), _ON_OUTLINE)
@@ -320,7 +317,7 @@ def _on_both_sides(a: Floats, b: Floats, p: Floats, q: Floats) -> NDArray[np.boo
     return np.asarray((low < -_ON_OUTLINE) & (high > _ON_OUTLINE))
 
 
-def _inside(points: Floats, polygon: Floats) -> NDArray[np.bool_]:
+def _inside(points: Array, polygon: Array) -> Bools:
     """Whether points (n, 2) are within a closed polygon (k, 2): a ray from them crosses it an odd number of times."""
     odd = np.zeros(len(points), dtype=bool)
     for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
@@ -331,7 +328,7 @@ def _inside(points: Floats, polygon: Floats) -> NDArray[np.bool_]:
     return odd
 
 
-def _middles(surface: Surface) -> Floats:
+def _middles(surface: Surface) -> Array:
     count = len(surface.faces)
     return surface.evaluate(np.arange(count, dtype=np.int32), np.full((count, 3), 1.0 / 3.0)).positions
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.errors import PlanError
 from polish_sim.geometry.cut import (
     Clipped,
@@ -26,8 +26,6 @@ from polish_sim.geometry.surface import Surface
 
 # How far a point of a surface is from its border, measured along the surface (Surface -> distances).
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
 
 _SAMPLES_PER_REACH = 16.0
 """The border is sampled this densely, in shares of the distance of interest."""
@@ -50,9 +48,9 @@ _FLAT = 5e-7
 class BorderDistance(NamedTuple):
     """The border of a surface, ready to be asked for distances."""
 
-    starts: Floats
+    starts: Array
     """Where short pieces of the border start [m], shape (b, 3)."""
-    ends: Floats
+    ends: Array
     """Where they end [m], shape (b, 3)."""
     tree: cKDTree
     """Search tree over their middles."""
@@ -63,7 +61,7 @@ class BorderDistance(NamedTuple):
     length: float
     """Length of the whole border [m]."""
 
-    def at(self, points: Floats, surface: Surface) -> Floats:
+    def at(self, points: Array, surface: Surface) -> Array:
         """Distances along the surface.
 
         The way is the straight line to the nearest point of the border, brought down to the surface at a few
@@ -84,11 +82,11 @@ class BorderDistance(NamedTuple):
             distances[near] = _lengths_along(surface, feet[near], points[near])
         return np.asarray(distances)
 
-    def straight(self, points: Floats) -> Floats:
+    def straight(self, points: Array) -> Array:
         """Straight distances of points (n, 3) to the border [m], shape (n,)."""
         return np.asarray(np.linalg.norm(points - self._nearest(points), axis=1))
 
-    def _nearest(self, points: Floats) -> Floats:
+    def _nearest(self, points: Array) -> Array:
         """Nearest points of the border to points (n, 3) [m], shape (n, 3)."""
         count = min(3, len(self.starts))
         _, pieces = self.tree.query(points, k=count)
@@ -137,12 +135,12 @@ def _is_flat(surface: Surface) -> bool:
     return float(np.ptp(points @ normal)) < _FLAT * float(np.ptp(points, axis=0).max())
 
 
-def _on_curve(a: Floats, c: Floats, b: Floats, share: Floats) -> Floats:
+def _on_curve(a: Array, c: Array, b: Array, share: Array) -> Array:
     t = share[:, None]
     return np.asarray((1.0 - t) ** 2 * a + 2.0 * t * (1.0 - t) * c + t**2 * b)
 
 
-def _lengths_along(surface: Surface, starts: Floats, ends: Floats) -> Floats:
+def _lengths_along(surface: Surface, starts: Array, ends: Array) -> Array:
     """Lengths of the straight lines brought down to the surface [m], shape (n,)."""
     share = np.linspace(0.0, 1.0, _ARCS + 1)[:, None, None]
     straight = (starts + share * (ends - starts)).reshape(-1, 3)
@@ -157,8 +155,6 @@ def _lengths_along(surface: Surface, starts: Floats, ends: Floats) -> Floats:
     stretch = np.where(np.abs(half) < 1e-6, 1.0, half / np.where(half == 0.0, 1.0, np.sin(half)))
     return np.asarray((length * stretch).sum(axis=0))
 
-
-TrimInts = NDArray[np.int64]
 
 _FACETS_PER_MARGIN = 8.0
 """Facets that the new border crosses are cut down to this share of the margin where it bends."""
@@ -244,9 +240,7 @@ def _refined(surface: Surface, distance: BorderDistance, margin: float) -> Clipp
     return Clipped(build_cut(surface, cut, len(places)), cut.parents)
 
 
-def _halved(
-    surface: Surface, cut: Cut, places: Floats, edges: Edges, marked: NDArray[np.bool_]
-) -> tuple[Cut, Floats, Floats]:
+def _halved(surface: Surface, cut: Cut, places: Array, edges: Edges, marked: Bools) -> tuple[Cut, Array, Array]:
     """Triangles after halving edges, the new vertices and all vertices."""
     finer, found = halve_edges(cut, places, edges, marked)
     facet, edge = found[:, 0], found[:, 1]
@@ -255,7 +249,7 @@ def _halved(
     return finer, middles, np.concatenate([places, middles])
 
 
-def _bends(surface: Surface, cut: Cut, values: Floats, facets: TrimInts, distance: BorderDistance) -> Floats:
+def _bends(surface: Surface, cut: Cut, values: Array, facets: Indices, distance: BorderDistance) -> Array:
     """How far the distance is from linear over facets (k,), in the middle of edges and of the facet [m], shape (k,)."""
     worst = np.zeros(len(facets))
     for place in (*_HALVES, np.full(3, 1.0 / 3.0)):
@@ -265,7 +259,7 @@ def _bends(surface: Surface, cut: Cut, values: Floats, facets: TrimInts, distanc
     return worst
 
 
-def _beyond_margin(surface: Surface, distance: BorderDistance, margin: float) -> Floats:
+def _beyond_margin(surface: Surface, distance: BorderDistance, margin: float) -> Array:
     """Distance beyond the margin as a quadratic over each facet whose zeros on edges are exact [m], shape (m, 6)."""
     corner = distance.at(surface.vertices, surface) - margin
     here = corner[surface.faces]
@@ -289,12 +283,12 @@ def _beyond_margin(surface: Surface, distance: BorderDistance, margin: float) ->
 
 def _zero_along(
     surface: Surface,
-    facets: NDArray[np.int32],
-    edge: TrimInts,
-    ends: tuple[Floats, Floats],
+    facets: Ints,
+    edge: Indices,
+    ends: tuple[Array, Array],
     distance: BorderDistance,
     margin: float,
-) -> Floats:
+) -> Array:
     """Where along edges the distance is the margin, by false position (Illinois), shape (k,)."""
     corners = np.eye(3)
     low, high = np.zeros(len(facets)), np.ones(len(facets))

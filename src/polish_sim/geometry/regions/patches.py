@@ -6,15 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Ints
 from polish_sim.geometry.cut import Clipped, clip, then
 from polish_sim.geometry.surface import Surface, build_surface, connected_facets
 from polish_sim.geometry.topology import Adjacency, label_pieces
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 
 OPEN_ANGLE = np.radians(80.0)
 """A patch lies open when its normals are within this angle of their mean [rad]."""
@@ -26,13 +22,13 @@ SHARP_ANGLE = np.radians(60.0)
 """The tool does not go over creases that bend more, unless asked to [rad]."""
 
 
-def facing(surface: Surface) -> Floats:
+def facing(surface: Surface) -> Array:
     """Mean normal times the share of the area it stands for, shape (3,): length 1 for a plane, 0 for a ball."""
     areas = surface.facet_areas
     return np.asarray(areas @ middle_normals(surface) / max(float(areas.sum()), 1e-300))
 
 
-def middle_normals(surface: Surface) -> Floats:
+def middle_normals(surface: Surface) -> Array:
     """Unit normals in the middle of the patches, shape (m, 3)."""
     count = len(surface.faces)
     return surface.evaluate(np.arange(count, dtype=np.int32), np.full((count, 3), 1.0 / 3.0)).normals
@@ -64,7 +60,7 @@ def restricted(kept: Clipped, facets: Ints) -> Clipped:
     return Clipped(kept.surface.restrict(facets), kept.parents[facets])
 
 
-def coverable(kept: Clipped, up: Floats) -> list[Clipped]:
+def coverable(kept: Clipped, up: Array) -> list[Clipped]:
     """Take a surface apart into patches that lie open.
 
     Pieces that are joined over gentle creases stay whole if they lie open; otherwise they are taken apart at
@@ -142,7 +138,7 @@ def _gentle_edges(surface: Surface) -> Bools:
     return (surface.neighbours >= 0) & (surface.smooth | (bend > np.cos(SHARP_ANGLE)))
 
 
-def _charts(kept: Clipped, up: Floats) -> list[Clipped]:
+def _charts(kept: Clipped, up: Array) -> list[Clipped]:
     """Cut a smooth surface where it looks as much along one of six directions as along another."""
     axes = _six_directions(kept.surface, up)
     patches: list[Clipped] = []
@@ -158,7 +154,7 @@ def _charts(kept: Clipped, up: Floats) -> list[Clipped]:
     return patches
 
 
-def _six_directions(surface: Surface, up: Floats) -> Floats:
+def _six_directions(surface: Surface, up: Array) -> Array:
     """Up, down and the four sides most of the surface looks to, turning with the part, shape (6, 3)."""
     normals, areas = middle_normals(surface), surface.facet_areas
     level = normals - (normals @ up)[:, None] * up

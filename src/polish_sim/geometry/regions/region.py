@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Ints
 from polish_sim.errors import InputError
 from polish_sim.geometry.cut import Clipped
 from polish_sim.geometry.features import facet_normals, smooth_edges
@@ -34,8 +34,6 @@ from polish_sim.geometry.regions.patches import connected, facing, join, unpinch
 from polish_sim.geometry.surface import Surface, boundary_loops, connected_facets
 from polish_sim.geometry.topology import Adjacency
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
 Pick = Callable[[Whole, str], list[Clipped]]
 
 PLAIN: Mapping[str, Pick] = {"auto": pick_auto, "top": pick_top, "all": pick_all}
@@ -66,11 +64,11 @@ class Region:
     """The surface restricted to the region; facets at its border may be cut."""
     facets: Ints
     """Facet of the whole surface each facet of the region belongs to, shape (k,)."""
-    boundary_loops: tuple[Floats, ...]
+    boundary_loops: tuple[Array, ...]
     """Closed polylines [m], each (p, 3), first point repeated at the end, region on the left; component by
     component, of each the outer one first."""
     area_m2: float
-    up: Floats
+    up: Array
     """Unit vector from where the region is looked at: away from the table; for a connected region that does not
     look up, its mean normal. Shape (3,)."""
     notes: tuple[str, ...] = ()
@@ -145,7 +143,7 @@ def check_choice(choice: str) -> None:
         READERS[name](argument)
 
 
-def build_region(surface: Surface, facets: Ints, up: Floats, notes: tuple[str, ...] = ()) -> Region:
+def build_region(surface: Surface, facets: Ints, up: Array, notes: tuple[str, ...] = ()) -> Region:
     """Make a region of a surface: part its pinched vertices, trace its border.
 
     Args:
@@ -168,7 +166,7 @@ def build_region(surface: Surface, facets: Ints, up: Floats, notes: tuple[str, .
     )
 
 
-def merge_regions(components: Sequence[Region], up: Floats, notes: tuple[str, ...] = ()) -> Region:
+def merge_regions(components: Sequence[Region], up: Array, notes: tuple[str, ...] = ()) -> Region:
     """Make one region of several unconnected ones of a part.
 
     Args:
@@ -183,7 +181,7 @@ def merge_regions(components: Sequence[Region], up: Floats, notes: tuple[str, ..
     return build_region(kept.surface, kept.parents, up, notes)
 
 
-def _seen_from(surface: Surface, up: Floats) -> Floats:
+def _seen_from(surface: Surface, up: Array) -> Array:
     mean = facing(surface)
     length = float(np.linalg.norm(mean))
     if length < 0.1 or mean @ up > np.cos(UP_CONE) * length:

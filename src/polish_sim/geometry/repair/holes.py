@@ -6,13 +6,20 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.errors import MeshError
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.polygon import MOST_CORNERS, split_polygons
-from polish_sim.geometry.repair.skin import Floats, Skin, place
-from polish_sim.geometry.topology import facet_links, find_adjacency, find_edge_faults, label_pieces, sorted_half_edges
+from polish_sim.geometry.repair.skin import Skin, place
+from polish_sim.geometry.topology import (
+    facet_links,
+    facets_at_edges,
+    find_adjacency,
+    find_edge_faults,
+    label_pieces,
+    sorted_half_edges,
+)
 
 SMALL_HOLE = 0.05
 """Holes up to this share of the part's size across are closed ..."""
@@ -29,11 +36,11 @@ _SHOWN = 3
 class Hole(NamedTuple):
     """A closed line of border edges."""
 
-    vertices: NDArray[np.int64]
+    vertices: Indices
     """Vertices in the order that winds a patch like the facets around it, shape (k,)."""
     width: float
     """Longest side of its bounding box [m]."""
-    middle: Floats
+    middle: Array
     """Mean of its vertices [m], shape (3,)."""
 
 
@@ -118,7 +125,7 @@ def _is_small(hole: Hole, size: float) -> bool:
     return hole.width <= (max(limit, MISSING_FACET * size) if len(hole.vertices) <= 4 else limit)
 
 
-def _contained(rows: NDArray[np.int32], among: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _contained(rows: Ints, among: Ints) -> Bools:
     """Which rows occur among others, all sorted; a patch must not double a facet."""
     both = np.concatenate([among, rows])
     _, index, counts = np.unique(both, axis=0, return_inverse=True, return_counts=True)
@@ -138,8 +145,6 @@ def _describe(holes: list[Hole]) -> str:
 
 SMALL_FIN = 0.01
 """Loose fins up to this share of the part's area are dropped."""
-
-_Numbers = NDArray[np.int64]
 
 
 def separate_crowded(skin: Skin, path: Path) -> Skin:
@@ -171,15 +176,10 @@ def separate_crowded(skin: Skin, path: Path) -> Skin:
 def _drop_fins(skin: Skin) -> Skin:
     """Drop small pieces between a crowded edge and the open."""
     count, labels = label_pieces(facet_links(find_adjacency(skin.faces)), len(skin.faces))
-    _, _, order, key = sorted_half_edges(skin.faces)
-    new = np.concatenate([[True], key[1:] != key[:-1]])
-    members = np.bincount(np.cumsum(new) - 1)[np.cumsum(new) - 1]
-    shared = np.empty(len(order), dtype=np.int64)
-    shared[order] = members
+    shared = facets_at_edges(skin.faces)
     hangs, ends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-    per_facet = shared.reshape(-1, 3)
-    hangs[labels[(per_facet > 2).any(axis=1)]] = True
-    ends[labels[(per_facet == 1).any(axis=1)]] = True
+    hangs[labels[(shared > 2).any(axis=1)]] = True
+    ends[labels[(shared == 1).any(axis=1)]] = True
     areas = np.bincount(labels, weights=facet_normals(skin.vertices, skin.faces)[1], minlength=count)
     fins = hangs & ends & (areas <= SMALL_FIN * areas.sum())
     if not fins.any():
@@ -221,7 +221,7 @@ def _part_vertices(skin: Skin) -> Skin:
     return Skin(vertices, labels.reshape(-1, 3), skin.source, (*skin.notes, note))
 
 
-def _wedges(skin: Skin, group: _Numbers, start: _Numbers, end: _Numbers, inward: bool) -> _Numbers:
+def _wedges(skin: Skin, group: Indices, start: Indices, end: Indices, inward: bool) -> Indices:
     """Pair half-edges that bound the same solid wedge around their edge, shape (k, 2); none where that is not clear."""
     a, b = skin.vertices[min(start[group[0]], end[group[0]])], skin.vertices[max(start[group[0]], end[group[0]])]
     way = (b - a) / np.linalg.norm(b - a)
