@@ -6,16 +6,18 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from polish_sim.config import Scenario
+from polish_sim import exchange
 from polish_sim.errors import InputError
-from polish_sim.exchange import read_path
 from polish_sim.experiments.part_setup import part_file
 from polish_sim.experiments.registry import PATH_OPTIONS, experiment
 from polish_sim.models import workpiece_names
-from polish_sim.planning import ToolPath
 from polish_sim.scenario_file import merge
+
+if TYPE_CHECKING:
+    from polish_sim.config import Scenario
+    from polish_sim.planning import ToolPath
 
 
 class GivenPlan(NamedTuple):
@@ -46,7 +48,7 @@ def take_plan(source: Path, scenario: Scenario, given: Mapping[str, Any]) -> Giv
     asked = [option for option in PATH_OPTIONS if given.get(option) is not None]
     if asked:
         raise InputError(f"--path is a finished plan: leave {', '.join(asked)} out, or leave --path out to plan anew.")
-    path = read_path(source)
+    path = exchange.read_path(source)
     facts = plan_facts(source)
     named = {"plan": {"file": str(source.resolve())}}
     if not facts:

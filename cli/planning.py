@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from polish_sim.analysis.path_plot import plot_plan
-from polish_sim.cell import Observer
+from polish_sim import exchange, planning
 from polish_sim.cli import console
-from polish_sim.config import Scenario
-from polish_sim.exchange import write_plan
 from polish_sim.experiments.registry import experiment
 from polish_sim.experiments.report import save_plots
 from polish_sim.experiments.stroke_motion import check_stroke_rule
-from polish_sim.planning import PlanObserver, PlanResult, ToolPath, measure_given_path, plan_part
+
+if TYPE_CHECKING:
+    from polish_sim.cell import Observer
+    from polish_sim.config import Scenario
+    from polish_sim.planning import PlanObserver, PlanResult, ToolPath
 
 
 def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
@@ -36,7 +38,7 @@ def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
     begin = time.perf_counter()
     task = prepare_dual(scenario, None, observer)
     path, planned_s = task.place.path, time.perf_counter() - begin
-    result = measure_given_path(path, scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+    result = planning.measure_given_path(path, scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     result.figures.update(
         plan_time_s=planned_s,
         air_length_m=path.length_m - float(np.ptp(path.s[path.process])),
@@ -76,10 +78,12 @@ def plan_to_run(
     if row.plans:
         check_stroke_rule(scenario)
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
-    plan = plan_part(*asked) if given is None else measure_given_path(given, *asked)
+    plan = planning.plan_part(*asked) if given is None else planning.measure_given_path(given, *asked)
     for text in plan.notes:
         console.note(f"note: {text}")
     if folder is not None:
-        write_plan(folder, plan)
+        from polish_sim.analysis.path_plot import plot_plan
+
+        exchange.write_plan(folder, plan)
         save_plots(folder, {"path.png": plot_plan(plan)})
     return plan

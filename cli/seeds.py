@@ -9,22 +9,24 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from polish_sim.analysis.claim import Claim
 from polish_sim.analysis.run_record import METRICS, package_versions, read_record, write_json
 from polish_sim.cli import console
 from polish_sim.cli.compiling import FIRST_START
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.planning import plan_to_run
 from polish_sim.cli.simulation import PICTURES_MISSING, simulate
-from polish_sim.config import Scenario
 from polish_sim.experiments.registry import claims_shown
 from polish_sim.experiments.report import draw_seeds, save_plots
 from polish_sim.kernel_cache import is_warm
-from polish_sim.planning import PlanResult, ToolPath
+
+if TYPE_CHECKING:
+    from polish_sim.analysis.claim import Claim
+    from polish_sim.config import Scenario
+    from polish_sim.planning import PlanResult, ToolPath
 
 Figures = Mapping[str, Any]
 

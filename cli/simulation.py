@@ -5,22 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from polish_sim.analysis.path_plot import plot_cell
 from polish_sim.analysis.removal_plot import REMOVAL_MESH, write_removal_mesh
 from polish_sim.analysis.run_record import METRICS, RunRecord, package_versions, write_json, write_record
-from polish_sim.cell import Observer
 from polish_sim.cli import console
-from polish_sim.cli.frames import FrameSink
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.planning import plan_to_run
 from polish_sim.cli.sinks import CELL_PICTURE
-from polish_sim.config import Scenario
 from polish_sim.experiments.registry import check_experiment, claims_shown, experiment, load, run_experiment
 from polish_sim.experiments.report import draw_plots, save_plots
-from polish_sim.experiments.result import RunResult
-from polish_sim.planning import PlanResult, ToolPath
+
+if TYPE_CHECKING:
+    from polish_sim.cell import Observer
+    from polish_sim.cli.frames import FrameSink
+    from polish_sim.config import Scenario
+    from polish_sim.experiments.result import RunResult
+    from polish_sim.planning import PlanResult, ToolPath
 
 PICTURES_MISSING = "pictures_missing"
 """Key in metrics.json of a run that was broken off while its pictures were drawn."""

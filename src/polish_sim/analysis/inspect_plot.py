@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, head, new_figure, styled, view_frame
-from polish_sim.planning import Inspection
+
+if TYPE_CHECKING:
+    from polish_sim.planning import Inspection
 
 # An inspected region as a coloured mesh with the time under the pad at every vertex (Inspection -> coverage.ply).
 

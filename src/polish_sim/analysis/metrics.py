@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.analysis.peaks import curvature_peaks, errors_at_peaks
-from polish_sim.log import RunLog, Trace
-from polish_sim.planning.toolpath import ToolPath
+
+if TYPE_CHECKING:
+    from polish_sim.log import RunLog, Trace
+    from polish_sim.planning.toolpath import ToolPath
 
 # How a signal behaves in time: contact, settling, rise, averages; the arithmetic under the figures.
 

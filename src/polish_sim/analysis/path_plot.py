@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,7 +18,6 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import numbers
-from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import (
     BLUE,
     GREY,
@@ -32,12 +31,15 @@ from polish_sim.analysis.style import (
     styled,
     view_frame,
 )
-from polish_sim.config import PlanConfig
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.motion import link_frames
-from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath
 from polish_sim.spatial import unit
+
+if TYPE_CHECKING:
+    from polish_sim.analysis.run_record import RunRecord
+    from polish_sim.config import PlanConfig
+    from polish_sim.planning import PlanResult
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from matplotlib import colormaps
@@ -23,11 +23,13 @@ from scipy.spatial import cKDTree
 from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import ply_header
 from polish_sim.analysis.path_plot import AMBIENT, FACTS_AT, LIGHT, TICKS, TOWARDS_VIEWER, fill_view
-from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, axis_name, new_figure, styled, view_frame
 from polish_sim.geometry.lighter_mesh import lighter_mesh
-from polish_sim.log import RemovalMap
 from polish_sim.spatial import unit
+
+if TYPE_CHECKING:
+    from polish_sim.analysis.run_record import RunRecord
+    from polish_sim.log import RemovalMap
 
 # The figures of a removal map: how much, how even, what is polished too little and too much.
 

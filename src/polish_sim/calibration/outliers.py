@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
-from scipy.stats import f as fisher
+from scipy.special import chdtri, fdtri
 
 from polish_sim.calibration.payload import (
     BIAS,
@@ -98,7 +97,7 @@ def _screened(fit: Fit, count: int) -> Mask:
         scale = max(spread * float(np.median(np.abs(e))), SMALLEST_SCALE)
         weights = 1.0 / np.maximum(np.linalg.norm(e, axis=1) / scale, 1e-2)
     k = e.shape[1]
-    limit = k * float(fisher.isf(CHANCE, k, max(e.size - fitted.unknowns, 1)))
+    limit = k * float(fdtri(k, max(e.size - fitted.unknowns, 1), 1.0 - CHANCE))
     return np.asarray(np.sum((e / scale) ** 2, axis=1) <= limit)
 
 
@@ -112,7 +111,7 @@ def _near(fitted: Fitted, used: Mask) -> Mask:
     own = np.where(used, 1.0, 0.0)
     others = np.maximum(total - own * distance, 0.0) / np.maximum(freedom - own * k, 1.0)
     noise = np.maximum(others, SMALLEST_SCALE**2)
-    return np.asarray(distance / noise / k <= fisher.isf(CHANCE, k, np.maximum(freedom - own * k, 1.0)))
+    return np.asarray(distance / noise / k <= fdtri(k, np.maximum(freedom - own * k, 1.0), 1.0 - CHANCE))
 
 
 # Readings that fit no tool the others agree on: found and left out.
@@ -145,7 +144,7 @@ def fit_without_outliers(readings: PayloadReadings, drift: bool = False, gravity
     if len(readings) <= _LEAST_LEFT:
         return fit_payload(readings, None, drift, gravity)
     check_identifiable(readings.up_sensor)
-    limit = float(chi2.isf(OUTLIERS_CHANCE, 6))
+    limit = float(chdtri(6, OUTLIERS_CHANCE))
     # Screened before anything is fitted by squares: one reading far off would give a tool of negative mass.
     used = _screened_readings(
         _regressor(readings, float(readings.time.mean()), drift, gravity), readings.wrenches, limit

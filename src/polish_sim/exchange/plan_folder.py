@@ -10,11 +10,13 @@ import os
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from polish_sim.errors import InputError
 from polish_sim.exchange.columns import path_columns
-from polish_sim.planning import PlanResult, ToolPath
+
+if TYPE_CHECKING:
+    from polish_sim.planning import PlanResult, ToolPath
 
 PATH_CSV, PATH_JSON, METRICS = "path.csv", "path.json", "metrics.json"
 VERSIONED: Final = ("polish-sim", "numpy", "scipy", "numba")

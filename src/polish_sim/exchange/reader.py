@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from polish_sim.errors import InputError
 from polish_sim.exchange.apt import read_apt
@@ -12,7 +12,9 @@ from polish_sim.exchange.columns import read_csv, read_json
 from polish_sim.exchange.gcode import read_gcode
 from polish_sim.exchange.plan_folder import PATH_JSON
 from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_repeats, refuse_unknown
-from polish_sim.planning import ToolPath
+
+if TYPE_CHECKING:
+    from polish_sim.planning import ToolPath
 
 Reader = Callable[[Path, str, Unknown], WayPoints]
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from polish_sim.calibration import read_calibrated_tool
 from polish_sim.cell import Cell, Job, build_course, build_real_part, build_scene, parse_events
-from polish_sim.cell.contact import RealPart
 from polish_sim.cell.faults import check_events
 from polish_sim.cell.limits import check_contact_settings, check_rates
 from polish_sim.cell.real_part import PartFields, build_part_fields, depth_for
-from polish_sim.config import Scenario
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError
 from polish_sim.experiments.part_setup import (
@@ -27,11 +25,15 @@ from polish_sim.experiments.part_setup import (
     touched,
 )
 from polish_sim.experiments.payload import believe_tool
-from polish_sim.experiments.placement import Reach
-from polish_sim.geometry import PartMesh, Region, Surface
 from polish_sim.models import part_path
-from polish_sim.planning import ToolPath
-from polish_sim.planning.feasibility import check_asked, check_part_words
+from polish_sim.planning.request import check_asked, check_part_words
+
+if TYPE_CHECKING:
+    from polish_sim.cell.contact import RealPart
+    from polish_sim.config import Scenario
+    from polish_sim.experiments.placement import Reach
+    from polish_sim.geometry import PartMesh, Region, Surface
+    from polish_sim.planning import ToolPath
 
 
 @dataclass(frozen=True)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from polish_sim.analysis.metrics import measure_force
 from polish_sim.cell import Cell, CellRun, Observer, Silent
-from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
 from polish_sim.experiments.part_setup import part_file, reach_path, real_shape
-from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.geometry import Region, fit_surface, load_part, select_region
 from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
+
+if TYPE_CHECKING:
+    from polish_sim.config import Scenario
+    from polish_sim.experiments.placement import Reach
 
 START_HEIGHT = 0.01  # of the tool above the part [m]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,12 @@ from polish_sim.calibration import (
 from polish_sim.calibration.outliers import refuse_doubtful, refuse_swapped_columns
 from polish_sim.cell import Cell, Observer, Silent, read_at_rest, weight_of
 from polish_sim.cell.stroke import TARE_TIME
-from polish_sim.config import Scenario
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, SENSOR_STREAM, random_streams
 from polish_sim.experiments.standing_still import patience, plan_visit, run_visit, visiting_cell
+
+if TYPE_CHECKING:
+    from polish_sim.config import Scenario
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell.guards import shaft_points
 from polish_sim.errors import PlanError, ReachError, place_in_mm
-from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.motion import JointPath, inverse_all, link_frames, nearest_solution, track
-from polish_sim.planning import ToolPath
 from polish_sim.spatial import apply, from_pose, rotation_to_axis, transform
+
+if TYPE_CHECKING:
+    from polish_sim.geometry import Surface
+    from polish_sim.planning import ToolPath
 
 Array = NDArray[np.float64]
 

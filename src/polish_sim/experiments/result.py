@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.cell import Observer
-from polish_sim.cell.cell import CellRun
-from polish_sim.config import Scenario
-from polish_sim.log import RemovalMap, RunLog, Trace
-from polish_sim.planning.toolpath import ToolPath
+if TYPE_CHECKING:
+    from polish_sim.cell import Observer
+    from polish_sim.cell.cell import CellRun
+    from polish_sim.config import Scenario
+    from polish_sim.log import RemovalMap, RunLog, Trace
+    from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +12,16 @@ from scipy.spatial.transform import Rotation
 from polish_sim.calibration import PayloadReadings
 from polish_sim.calibration.poses import move, move_time
 from polish_sim.cell import Cell, Job, Observer, build_scene, no_part, tool_on_flange
-from polish_sim.cell.cell import CellRun
 from polish_sim.cell.stroke import feed_pace
-from polish_sim.config import RobotConfig, Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop
 from polish_sim.motion import forward
 from polish_sim.motion.timed_path import time_path
 from polish_sim.motion.trajectory import PathTable, build_path_table
+
+if TYPE_CHECKING:
+    from polish_sim.cell.cell import CellRun
+    from polish_sim.config import RobotConfig, Scenario
 
 Array = NDArray[np.float64]
 

@@ -7,27 +7,29 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.cell import Job
 from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import Scenario
 from polish_sim.errors import SmoothingError, unknown_name
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, six
 from polish_sim.motion.rules.registry import RULES
-from polish_sim.motion.rules.rule import Rule
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule
 from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline
 from polish_sim.motion.timed_path import TimedPath, row_times, time_path, with_feed
 from polish_sim.motion.timed_schedule import marks_on, time_schedule
 from polish_sim.motion.trajectory import build_path_table, with_set_points
-from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import rotation_to_axis
+
+if TYPE_CHECKING:
+    from polish_sim.cell import Job
+    from polish_sim.motion.rules.rule import Rule
+    from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,8 @@ from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import (
-    check_asked,
     check_request,
     check_start,
-    check_stepover,
     overlap_notes,
     pad_notes,
     start_notes,
@@ -30,6 +28,7 @@ from polish_sim.planning.moves.leads import with_way_down
 from polish_sim.planning.planner import plan_on, plan_path
 from polish_sim.planning.quality.figures import measure_quality, pad_coverage, part_figures
 from polish_sim.planning.quality.located import locate
+from polish_sim.planning.request import check_asked, check_stepover
 from polish_sim.planning.toolpath import ToolPath
 
 Array = NDArray[np.float64]

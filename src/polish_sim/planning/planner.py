@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
-from polish_sim.planning.feasibility import check_plan_words
 from polish_sim.planning.ground.ground import Ground, Piece, prepare_ground
 from polish_sim.planning.moves.leads import Air, Move, Remark, choose_leads, concatenate, notes_of, with_leads
 from polish_sim.planning.moves.stroke import Stroke, give_axes
@@ -19,6 +18,7 @@ from polish_sim.planning.moves.travel import order_blocks, travel
 from polish_sim.planning.moves.uncross import uncross
 from polish_sim.planning.patterns.registry import PATTERNS
 from polish_sim.planning.patterns.run import PatternRequest, Report, SurfaceRun
+from polish_sim.planning.request import check_plan_words
 from polish_sim.planning.toolpath import ToolPath, arc_length
 
 Array = NDArray[np.float64]

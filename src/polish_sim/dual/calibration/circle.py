@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from polish_sim.calibration.outliers import CHANCE, Fitted, Mask, agreeing
 from polish_sim.errors import CalibrationError
@@ -250,7 +250,7 @@ def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
     ahead, behind = ([_off_table(first, second, s * _STEP * row) for row in np.eye(10)] for s in (1.0, -1.0))
     G = (np.array(ahead) - np.array(behind)).T / (2.0 * _STEP)
     S = G @ C @ G.T
-    if off @ np.linalg.solve(S, off) > chi2.isf(CHANCE, 2):
+    if off @ np.linalg.solve(S, off) > chdtri(2, CHANCE):
         if abs(off[0]) > LARGEST_GAP:
             raise CalibrationError(
                 f"axes 1 and 2 miss each other by {1e3 * abs(off[0]):.4g} mm, on a UR5e they meet: arcs of two robots "
