@@ -11,8 +11,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
-from scipy.sparse import coo_array
 
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.motion.spline.bounded import (
@@ -25,44 +23,7 @@ from polish_sim.motion.spline.bounded import (
     time_factor,
 )
 from polish_sim.motion.spline.curve import Curve
-
-# Linear programmes whose every row touches three neighbouring unknowns.
-
-
-class Rows(NamedTuple):
-    """Row i: sum over k of ``factors[i, k] x[centers[i] - 1 + k] <= ends[i]``; unknowns beyond either end are 0."""
-
-    centers: Indices
-    """From 0 to n, of n unknowns, shape (m,)."""
-    factors: Array
-    """Shape (m, 3)."""
-    ends: Array
-    """Shape (m,)."""
-
-
-def join_rows(rows: list[Rows]) -> Rows:
-    """Several sets of rows as one."""
-    centers, factors, ends = zip(*rows, strict=True)
-    return Rows(np.concatenate(centers), np.concatenate(factors), np.concatenate(ends))
-
-
-def maximize(gains: Array, rows: Rows) -> Array | None:
-    """Solve a programme by HiGHS' dual simplex.
-
-    Args:
-        gains: What is to be as large as can be: gains x, shape (n,).
-        rows: What holds; x is not negative.
-
-    Returns:
-        x, shape (n,); None where rows contradict each other or the solver gives up.
-    """
-    numbers, columns = np.repeat(np.arange(len(rows.ends)), 3), (rows.centers[:, None] + np.arange(-1, 2)).ravel()
-    values = rows.factors.ravel()
-    kept = (columns >= 0) & (columns < len(gains)) & (values != 0.0)
-    matrix = coo_array((values[kept], (numbers[kept], columns[kept])), (len(rows.ends), len(gains))).tocsr()
-    solved = linprog(-gains, A_ub=matrix, b_ub=rows.ends, bounds=(0.0, None), method="highs-ds")
-    return np.asarray(solved.x) if solved.status == 0 else None
-
+from polish_sim.motion.spline.program import Rows, join_rows, maximize
 
 # The square of the parameter's speed as a quadratic spline of the parameter (knots -> stencils).
 #
@@ -267,8 +228,8 @@ def plan_law(knots: Array, caps: Array, quantities: list[Bounded], launch: Launc
     asked = [along_the_way(each) for each in terms]
     controls = size
     for _ in range(MOST_ROUNDS):
-        rows = join_rows([_bounds(most, size, fixed), *(rows_of(each, controls, size, fixed) for each in asked)])
-        shares = maximize(np.ones(len(size)), rows)
+        rows = join_rows([rows_of(each, controls, size, fixed) for each in asked])
+        shares = maximize(np.ones(len(size)), _bounds(most, size, fixed), rows, controls / size)
         if shares is None:
             break
         controls = size * np.where(fixed, 1.0, np.maximum(shares, LEAST))

@@ -1,0 +1,143 @@
+"""Linear programmes whose rows touch three neighbouring unknowns, by an interior point method of linear cost.
+
+    maximize  gains x   subject to   A x <= ends
+
+Newton's step of the predictor-corrector method (Mehrotra, SIAM J. Optim. 2, 1992) solves ``A' D A dx = r`` with a
+diagonal D. Here that matrix is pentadiagonal, so that the cost of a step is proportional to the number of rows.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.linalg import LinAlgError, solveh_banded
+
+from polish_sim.arrays import Array, Indices
+
+MOST_STEPS: Final = 60
+TOLERANCE: Final = 1e-9
+"""Of the relative gap between primal and dual value, and of the violation of a row."""
+LIKELY: Final = 0.5
+"""Rows beyond this share of their end at ``guess`` are asked for from the first round on."""
+BESIDE: Final = 16
+"""Around a broken row all rows this many unknowns to either side are asked for as well."""
+MOST_ROUNDS: Final = 50
+
+
+class Rows(NamedTuple):
+    """Row i: sum over k of ``factors[i, k] x[centers[i] - 1 + k] <= ends[i]``; unknowns beyond either end are 0."""
+
+    centers: Indices
+    """From 0 to n, of n unknowns, shape (m,)."""
+    factors: Array
+    """Shape (m, 3)."""
+    ends: Array
+    """Shape (m,)."""
+
+
+def join_rows(rows: list[Rows]) -> Rows:
+    """Several sets of rows as one."""
+    centers, factors, ends = zip(*rows, strict=True)
+    return Rows(np.concatenate(centers), np.concatenate(factors), np.concatenate(ends))
+
+
+def maximize(gains: Array, bounds: Rows, rows: Rows, guess: Array) -> Array | None:
+    """Solve a programme; rows that do not bind are left out as long as the solution keeps them.
+
+    Args:
+        gains: Objective, maximised, shape (n,).
+        bounds: Rows that keep every unknown finite; always asked for.
+        rows: All other rows.
+        guess: Near a solution, shape (n,).
+
+    Returns:
+        x, shape (n,); None where the rows contradict each other or the method does not converge.
+    """
+    bounds, rows = _scaled(bounds), _scaled(rows)
+    asked = _values(rows, guess) > LIKELY * rows.ends
+    for _ in range(MOST_ROUNDS):
+        x = _interior_point(gains, join_rows([bounds, Rows(*(column[asked] for column in rows))]), 0.9 * guess)
+        if x is None:
+            return None
+        broken = _values(rows, x) > rows.ends + 10.0 * TOLERANCE
+        if not broken.any():
+            return x
+        near = np.zeros(len(gains) + 1)
+        near[rows.centers[broken]] = 1.0
+        asked |= np.convolve(near, np.ones(2 * BESIDE + 1), "same")[rows.centers] > 0.5
+    return None
+
+
+class _Matrix:
+    """The rows' matrix A: products with it, and the bands of ``A' D A``."""
+
+    def __init__(self, rows: Rows, size: int) -> None:
+        self.centers, self.size = rows.centers, size
+        column = rows.centers[:, None] + np.arange(-1, 2)
+        self.factors = np.where((column >= 0) & (column < size), rows.factors, 0.0).T.copy()
+
+    def times(self, x: Array) -> Array:
+        padded = np.pad(x, (1, 2))
+        return np.asarray(sum(self.factors[k] * padded[self.centers + k] for k in range(3)))
+
+    def transposed(self, y: Array) -> Array:
+        out = np.zeros(self.size + 3)
+        for k in range(3):
+            out[k : k + self.size + 1] += np.bincount(self.centers, self.factors[k] * y, self.size + 1)
+        return out[1:-2]
+
+    def normal(self, weights: Array) -> Array:
+        """Lower bands of ``A' D A`` for D's diagonal, as LAPACK wants them, shape (3, size)."""
+        bands = np.zeros((3, self.size + 3))
+        for below in range(3):
+            for k in range(3 - below):
+                product = weights * self.factors[k] * self.factors[k + below]
+                bands[below, k : k + self.size + 1] += np.bincount(self.centers, product, self.size + 1)
+        return bands[:, 1:-2]
+
+
+def _interior_point(gains: Array, rows: Rows, x: Array) -> Array | None:
+    """Mehrotra's predictor and corrector; slacks s and multipliers z stay positive."""
+    matrix = _Matrix(rows, len(gains))
+    s, z = np.maximum(rows.ends - matrix.times(x), 0.1), np.full(len(rows.ends), gains.mean())
+    for step in range(MOST_STEPS):
+        primal, dual, mean = rows.ends - matrix.times(x) - s, gains - matrix.transposed(z), s @ z / len(s)
+        if len(s) * mean < TOLERANCE * (1.0 + abs(gains @ x)) and np.abs(primal).max() < TOLERANCE:
+            return x
+        bands = matrix.normal(z / s)
+        bands[0] *= 1.0 + 1e-12
+
+        def direction(
+            wanted: Array, bands: Array = bands, s: Array = s, z: Array = z, primal: Array = primal, dual: Array = dual
+        ) -> tuple[Array, Array, Array]:
+            dx = solveh_banded(bands, dual - matrix.transposed((wanted - z * primal) / s), lower=True)
+            ds = primal - matrix.times(dx)
+            return dx, ds, (wanted - z * ds) / s
+
+        try:
+            _, ds, dz = direction(-s * z)
+            left = (s + _longest(s, ds) * ds) @ (z + _longest(z, dz) * dz) / (len(s) * mean)
+            dx, ds, dz = direction(left**3 * mean - s * z - ds * dz)
+        except (LinAlgError, ValueError):
+            return None
+        part = 0.95 if step < 6 else 0.995
+        by_s, by_z = min(1.0, part * _longest(s, ds)), min(1.0, part * _longest(z, dz))
+        x, s, z = x + by_s * dx, s + by_s * ds, z + by_z * dz
+    return None
+
+
+def _scaled(rows: Rows) -> Rows:
+    """The same rows with a largest factor of 1."""
+    size = np.maximum(np.abs(rows.factors).max(axis=1), 1e-12)
+    return Rows(rows.centers, rows.factors / size[:, None], rows.ends / size)
+
+
+def _values(rows: Rows, x: Array) -> Array:
+    return _Matrix(rows, len(x)).times(x)
+
+
+def _longest(values: Array, changes: Array) -> float:
+    """Largest share, up to 1, of changes that keeps positive values positive."""
+    shrinking = changes < 0.0
+    return min(1.0, float((-values[shrinking] / changes[shrinking]).min(initial=1.0)))
