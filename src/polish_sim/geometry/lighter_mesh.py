@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, Ints
-
-GRIDS: Final = (400, 300, 220, 160, 120, 90, 60)
-"""Cells across the part on which vertices are gathered, finest first."""
+from polish_sim.arrays import Array, Ints
 
 
 class LighterMesh(NamedTuple):
@@ -22,36 +19,20 @@ class LighterMesh(NamedTuple):
 
 
 def lighter_mesh(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:
-    """Gather the vertices of a fine mesh on a grid until it has no more facets than wanted.
+    """Collapse edges, those that change the shape least first, until a fine mesh has no more facets than wanted.
 
     Args:
         vertices: [m], shape (n, 3).
         faces: Vertex indices, shape (m, 3).
-        most_facets: How many facets are wanted at most; the coarsest grid is taken if none gets there.
+        most_facets: How many facets are wanted at most.
 
     Returns:
-        The mesh as it is if it is light enough, else the finest lighter copy that is.
+        The mesh as it is if it is light enough, else a lighter copy.
     """
-    light = LighterMesh(vertices, faces)
-    for cells in GRIDS:
-        if len(light.faces) <= most_facets:
-            break
-        light = _gathered(vertices, faces, float(np.ptp(vertices, axis=0).max()) / cells)
-    return light
+    if len(faces) <= most_facets:
+        return LighterMesh(vertices, faces)
+    from fast_simplification import simplify  # slow to import
 
-
-def _gathered(vertices: Array, faces: Ints, cell: float) -> LighterMesh:
-    keys = np.round(vertices / cell).astype(np.int64)
-    _, group = np.unique(_one_number(keys - keys.min(axis=0)), return_inverse=True)
-    count = np.bincount(group)
-    middles = np.stack([np.bincount(group, vertices[:, k]) / count for k in range(3)], axis=1)
-    fewer = group[faces]
-    fewer = fewer[(fewer != np.roll(fewer, 1, axis=1)).all(axis=1)]
-    _, once = np.unique(_one_number(np.sort(fewer, axis=1)), return_index=True)
-    return LighterMesh(middles, fewer[np.sort(once)].astype(np.int32))
-
-
-def _one_number(rows: Indices) -> Indices:
-    """A number for each row of three not negative ones, (n, 3) -> (n,): sorts much faster than rows."""
-    size = rows.max(axis=0, initial=0) + 1
-    return np.asarray((rows[:, 0] * size[1] + rows[:, 1]) * size[2] + rows[:, 2])
+    size = float(np.ptp(vertices, axis=0).max())  # its tolerances are lengths
+    points, triangles = simplify(vertices / size, faces.astype(np.int32), target_count=most_facets)
+    return LighterMesh(size * points.astype(np.float64), triangles.astype(np.int32))
