@@ -8,13 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import PAPER_ARC, Circle, distance_to_circle, fed, moving_average, numbers, steady_feed
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
-
-Array = NDArray[np.float64]
+from polish_sim.arrays import Array, Bools
 
 PAPER_LIMIT_M = 3e-4
 SHOWN_SHARE = 0.15
@@ -95,7 +93,7 @@ def _draw_speed(axes: Axes, time: Array, record: RunRecord) -> None:
     axes.legend(loc="upper right", ncols=3)
 
 
-def _draw_error(axes: Axes, time: Array, distance: Array, counted: NDArray[np.bool_]) -> None:
+def _draw_error(axes: Axes, time: Array, distance: Array, counted: Bools) -> None:
     axes.plot(time, distance * 1e6, color=GREY, lw=0.8, label="ramps, not counted")
     axes.plot(time[counted], distance[counted] * 1e6, color=BLUE)
     top = 1.25 * float(distance.max(initial=0.0))

@@ -10,11 +10,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-
-Array = NDArray[np.float64]
 
 SAMPLE_S = 0.02  # past readings are averaged over this long for the regression
 LEAST_SAMPLES = 25  # but at least this many lie within the shortest wave

@@ -8,14 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from polish_sim.analysis.metrics import Mask, before_retract, first_contact, numbers
+from polish_sim.analysis.metrics import before_retract, first_contact, numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
+from polish_sim.arrays import Array, Bools
 from polish_sim.log import RunLog
-
-Array = NDArray[np.float64]
 
 BAND_N = 3.0
 _BEFORE_S, _LONGEST_S = 0.5, 6.0
@@ -90,7 +88,7 @@ def response(record: RunRecord) -> tuple[Array, Array]:
     return time - (time[contact] if contact is not None else time[0]), force
 
 
-def _shown(log: RunLog) -> Mask:
+def _shown(log: RunLog) -> Bools:
     """The rows before the retract, shape (n,); all of them where a run stops at its very start."""
     before = before_retract(log)
     return before if before.any() else np.ones_like(before)

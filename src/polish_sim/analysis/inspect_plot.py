@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, head, new_figure, styled, view_frame
+from polish_sim.arrays import Array, Bools, Indices
 
 if TYPE_CHECKING:
     from polish_sim.planning import Inspection
 
 # An inspected region as a coloured mesh with the time under the pad at every vertex (Inspection -> coverage.ply).
 
-Array = NDArray[np.float64]
 
 HOLLOW = (204, 121, 167)
 """Colour of what the pad cannot touch."""
@@ -63,7 +63,7 @@ def write_coverage_mesh(file: Path, found: Inspection) -> None:
     file.write_bytes(header.encode("ascii") + vertices.tobytes() + triangles.tobytes())
 
 
-def hollow_vertices(found: Inspection) -> NDArray[np.bool_]:
+def hollow_vertices(found: Inspection) -> Bools:
     """Vertices of the region on facets the pad cannot touch, shape (v,)."""
     mesh, hollow = found.ground.mesh, found.quality.reach.hollow
     out = np.zeros(len(mesh.vertices), dtype=bool)
@@ -72,7 +72,7 @@ def hollow_vertices(found: Inspection) -> NDArray[np.bool_]:
     return out
 
 
-def _colors(times: Array, hollow: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def _colors(times: Array, hollow: Bools) -> NDArray[np.uint8]:
     top = float(np.percentile(times, 99.0)) or 1.0
     colors = np.asarray(colormaps["viridis"](np.clip(times / top, 0.0, 1.0), bytes=True))[:, :3].copy()
     colors[times <= 0.0] = BARE
@@ -116,7 +116,7 @@ class _View(NamedTuple):
 
     frame: Array
     extent: tuple[float, float, float, float]
-    vertex: NDArray[np.int64]
+    vertex: Indices
     """Vertex seen in each pixel, -1 where there is none, shape (rows, columns)."""
 
 

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.analysis.peaks import curvature_peaks, errors_at_peaks
+from polish_sim.arrays import Array, Bools
 
 if TYPE_CHECKING:
     from polish_sim.log import RunLog, Trace
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 # How a signal behaves in time: contact, settling, rise, averages; the arithmetic under the figures.
 
-Array = NDArray[np.float64]
 
 CONTACT_N = 0.5
 """The tool is in contact when the exact normal force is above this [N]."""
@@ -79,7 +78,6 @@ def moving_average(time: Array, value: Array, window: float) -> Array:
 
 # Columns of a log as plain numbers, and which rows belong to which phase.
 
-Mask = NDArray[np.bool_]
 
 PROCESS, RETRACT = 2, 3
 """Codes of the phases, see ``log.PHASES``."""
@@ -90,12 +88,12 @@ def numbers(log: RunLog, name: str) -> Array:
     return log[name].astype(np.float64)
 
 
-def fed(log: RunLog) -> Mask:
+def fed(log: RunLog) -> Bools:
     """Rows of the process, shape (n,)."""
     return log["phase"].astype(np.int8) == PROCESS
 
 
-def before_retract(log: RunLog) -> Mask:
+def before_retract(log: RunLog) -> Bools:
     """Rows before the tool lifts off, shape (n,)."""
     return log["phase"].astype(np.int8) < RETRACT
 
@@ -230,7 +228,7 @@ def distance_to_circle(points: Array, circle: Circle) -> Array:
     return np.hypot(height, in_plane - circle.radius)
 
 
-def steady_feed(fed: NDArray[np.bool_], time: Array, path_s: Array) -> NDArray[np.bool_]:
+def steady_feed(fed: Bools, time: Array, path_s: Array) -> Bools:
     """Rows after the ramp-up and before the target last falls below 99% of its feed.
 
     Args:

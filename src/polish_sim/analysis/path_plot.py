@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
-from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.style import (
@@ -31,6 +30,7 @@ from polish_sim.analysis.style import (
     styled,
     view_frame,
 )
+from polish_sim.arrays import Array, Bools
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.motion import link_frames
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from polish_sim.config import PlanConfig
     from polish_sim.planning import PlanResult
 
-Array = NDArray[np.float64]
 
 MM = 1e3
 COLORS = "viridis"
@@ -78,9 +77,9 @@ class _Seen(NamedTuple):
     above: DepthPicture
     towards: Array
     """Tool axes in the picture's frame, shape (n, 3)."""
-    in_space: NDArray[np.bool_]
+    in_space: Bools
     """Points that can be seen, shape (n,)."""
-    from_above: NDArray[np.bool_]
+    from_above: Bools
 
 
 @styled
@@ -147,7 +146,7 @@ def _draw_part(solid: Any, flat: Axes, corners: Array) -> None:
     flat.add_collection(PolyCollection(list(near[..., :2]), facecolors=colors, edgecolors=colors, lw=0.3))
 
 
-def _stretches(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+def _stretches(mask: Bools) -> Iterator[tuple[int, int]]:
     """First and one past the last row of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
     yield from ((int(a), int(b)) for a, b in edges.reshape(-1, 2))
@@ -162,7 +161,7 @@ def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _S
         flat.add_collection(LineCollection(list(lines[..., :2]), array=at, lw=1.5, **style))
 
 
-def _chords(rows: NDArray[np.bool_], shown: Array, s: Array) -> Iterator[tuple[Array, Array]]:
+def _chords(rows: Bools, shown: Array, s: Array) -> Iterator[tuple[Array, Array]]:
     """Chords of each stretch of rows, (k, 2, 3), and where along the path they are, (k,)."""
     for first, last in _stretches(rows):
         if last - first > 1:

@@ -8,11 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, head, new_figure, styled
-
-Array = NDArray[np.float64]
+from polish_sim.arrays import Array, Bools
 
 AXES, _COLOURS = "xyz", (BLUE, ORANGE, PINK)
 
@@ -26,7 +24,7 @@ class ResidualData(NamedTuple):
     """[N, N m], shape (n, 6)."""
     noise: Array
     """Standard deviation of one reading [N, N m], shape (6,)."""
-    used: NDArray[np.bool_]
+    used: Bools
     """Which readings the fit rests on, shape (n,)."""
     returned: bool
     """Whether the last reading is in the first one's pose."""

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.planning.toolpath import ToolPath
-
-Array = NDArray[np.float64]
 
 FLAT_1_M = 1.0 / 0.300
 """Below this normal curvature the path counts as gentle [1/m]."""

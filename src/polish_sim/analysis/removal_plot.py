@@ -17,13 +17,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import ply_header
 from polish_sim.analysis.path_plot import AMBIENT, FACTS_AT, LIGHT, TICKS, TOWARDS_VIEWER, fill_view
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, axis_name, new_figure, styled, view_frame
+from polish_sim.arrays import Array
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.spatial import unit
 
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 # The figures of a removal map: how much, how even, what is polished too little and too much.
 
-Array = NDArray[np.float64]
 
 UNDER, OVER = 0.5, 1.5
 """Under- and over-polished is what lost less (more) than this many times the mean."""

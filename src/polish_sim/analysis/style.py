@@ -10,12 +10,11 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.spatial import unit
 
 P = ParamSpec("P")
-Array = NDArray[np.float64]
 
 # Colours of Okabe and Ito: distinguishable with every common kind of colour blindness.
 BLUE: Final = "#0072B2"
@@ -163,7 +162,7 @@ def depth_picture(corners: Array, project: Projection) -> DepthPicture:
     return DepthPicture(project, low, pixel, depth, lift)
 
 
-def seen_in(picture: DepthPicture, points: Array, off: Array) -> NDArray[np.bool_]:
+def seen_in(picture: DepthPicture, points: Array, off: Array) -> Bools:
     """Whether points are before the part or beside it.
 
     Args:

@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import fed, numbers
 from polish_sim.analysis.peaks import FLAT_1_M, SHARP_1_M, WINDOW_M, curvature_peaks
 from polish_sim.analysis.run_record import WHOLE, RunRecord, ending
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
+from polish_sim.arrays import Array
 from polish_sim.planning.toolpath import ToolPath
-
-Array = NDArray[np.float64]
 
 BAND_N = 4.0
 NUMBERED_PEAKS = 24

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.errors import InputError
 from polish_sim.exchange.setup import ExportSetup, feeds_of
@@ -124,8 +123,6 @@ def unknown_word(file: Path, statement: Statement) -> InputError:
         f"'{file}', line {statement.line}: unknown word '{statement.word[:40]}'. Read are {known}, points by GOTO."
     )
 
-
-Array = NDArray[np.float64]
 
 UNITS: Final[Mapping[str, float]] = {"MM": 1e-3, "CM": 1e-2, "M": 1.0, "INCH": 0.0254, "INCHES": 0.0254, "IN": 0.0254}
 FEED_UNITS: Final[Mapping[str, float]] = {"MMPM": 1e-3 / 60.0, "IPM": 0.0254 / 60.0}

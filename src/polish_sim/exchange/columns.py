@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
 from polish_sim.exchange.way_points import (
     Place,
@@ -90,8 +90,6 @@ def _rows(file: Path, text: str) -> tuple[list[list[str]], list[int]]:
         raise InputError(f"'{file}', line {source.line_num}: not CSV ({error}). Export it again.") from None
     return rows, lines
 
-
-Array = NDArray[np.float64]
 
 OWN: Final = ("s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz", "pass_index", "segment")
 PLAIN: Final = ("x", "y", "z", "i", "j", "k")
@@ -213,7 +211,7 @@ def _wish(table: Table, name: str, unit: float) -> Array | None:
     return unit * positive_column(table.file, name, table.numbers(name)[:, 0], table.place)
 
 
-def _pass_numbers(table: Table) -> NDArray[np.int64]:
+def _pass_numbers(table: Table) -> Indices:
     values = table.numbers("pass_index")[:, 0]
     wrong = np.flatnonzero((values != np.round(values)) | (np.abs(values) > 2**31))
     if len(wrong):

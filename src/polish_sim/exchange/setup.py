@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import ProcessConfig, SpindleConfig
 from polish_sim.errors import InputError
 from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, ToolPath
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

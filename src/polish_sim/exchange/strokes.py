@@ -7,20 +7,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import PlanError
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.toolpath import LEAD_OUT, RETRACT, ToolPath
 from polish_sim.spatial import rotation_to_axis, unit
 
-Rows = NDArray[np.int64]
-
 
 class StrokeRows(NamedTuple):
     """Rows of one stretch in contact and of the ways to it and from it; the ways may be empty."""
 
-    down: Rows
-    contact: Rows
-    up: Rows
+    down: Indices
+    contact: Indices
+    up: Indices
 
 
 def strokes_of(path: ToolPath) -> list[StrokeRows]:
@@ -48,7 +47,6 @@ def strokes_of(path: ToolPath) -> list[StrokeRows]:
 
 # Tool poses along a path: z into the part, x along the feed or as steady as can be (ToolPath -> rotations).
 
-Array = NDArray[np.float64]
 
 ACROSS = 0.05
 """A feed direction whose part across the tool axis is smaller than this says nothing: the tool moves along its axis."""
@@ -117,7 +115,7 @@ NOTICED = 0.02
 """Relative change of force or feed that is passed on."""
 
 
-def needed_rows(path: ToolPath, chord_m: float, axis_rad: float, longest_m: float) -> NDArray[np.int64]:
+def needed_rows(path: ToolPath, chord_m: float, axis_rad: float, longest_m: float) -> Indices:
     """Rows that must stay so that straight moves between them keep to the path.
 
     Ends of segments and points where force or feed change by some 2% always stay.
@@ -143,7 +141,7 @@ def needed_rows(path: ToolPath, chord_m: float, axis_rad: float, longest_m: floa
     return np.flatnonzero(kept)
 
 
-def rows_without_straight_air(path: ToolPath) -> NDArray[np.bool_]:
+def rows_without_straight_air(path: ToolPath) -> Bools:
     """Mask of all points in contact and of those in the air at which the tool changes its way, shape (n,)."""
     kept = path.process.copy()
     kept[needed_rows(path, AIR_CHORD_M, AIR_AXIS_RAD, np.inf)] = True
@@ -154,11 +152,11 @@ def rows_without_straight_air(path: ToolPath) -> NDArray[np.bool_]:
 def _keep(
     positions: Array,
     axes: Array,
-    fixed: NDArray[np.bool_],
+    fixed: Bools,
     chord: float,
     cosine: float,
     longest: float,
-    kept: NDArray[np.bool_],
+    kept: Bools,
 ) -> None:
     """Lengthen each move until a point between would be missed; mark the rows that end moves."""
     first = 0

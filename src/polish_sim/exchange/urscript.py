@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.exchange.setup import ExportSetup, feeds_of, forces_of
 from polish_sim.exchange.strokes import StrokeRows, needed_rows, steady_frames, strokes_of
 from polish_sim.planning import PlanResult, ToolPath
@@ -178,8 +178,6 @@ def _pose(values: Sequence[float]) -> str:
     return "p[" + ", ".join(f"{value:.6g}" for value in values) + "]"
 
 
-Array = NDArray[np.float64]
-
 CHORD_M: Final = 5e-5
 AXIS_RAD: Final = np.radians(3.0)
 LONGEST_M: Final = 1e-2
@@ -239,7 +237,7 @@ def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
     return "\n".join([*lines, *closing(calls, result), ""])
 
 
-def _kept(path: ToolPath) -> NDArray[np.bool_]:
+def _kept(path: ToolPath) -> Bools:
     kept = np.zeros(len(path.s), dtype=np.bool_)
     kept[needed_rows(path, CHORD_M, float(AXIS_RAD), LONGEST_M)] = True
     return kept

@@ -17,6 +17,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.exchange.setup import ExportSetup
 from polish_sim.exchange.strokes import needed_rows
 from polish_sim.geometry.lighter_mesh import lighter_mesh
@@ -26,7 +27,6 @@ from polish_sim.spatial import perpendicular, unit
 
 # The path as coloured triangles for viewers: a thin tube along it (plan -> Tube).
 
-Array = NDArray[np.float64]
 Colors = NDArray[np.uint8]
 
 SIDES: Final = 5
@@ -51,13 +51,13 @@ class Tube(NamedTuple):
 
     vertices: Array
     """[m], work frame, shape (n, 3)."""
-    faces: NDArray[np.int32]
+    faces: Ints
     """Shape (m, 3)."""
     colors: Colors
     """Red, green, blue of each vertex: along the path in contact, one colour in the air, shape (n, 3)."""
     s: Array
     """Arc length of the path at each vertex [m], shape (n,)."""
-    contact: NDArray[np.bool_]
+    contact: Bools
     """Whether the vertex belongs to the path in contact, shape (n,)."""
 
 
@@ -78,7 +78,7 @@ def path_tube(result: PlanResult) -> Tube:
     return _joined(pieces)
 
 
-def _stretch(path: ToolPath, rows: NDArray[np.int64], contact: bool, radius: float) -> Tube:
+def _stretch(path: ToolPath, rows: Indices, contact: bool, radius: float) -> Tube:
     middle = path.positions_work[rows]
     around = _rings(middle, path.axes_work[rows])
     vertices = (middle[:, None] + radius * around).reshape(-1, 3)
@@ -98,7 +98,7 @@ def _rings(middle: Array, axes: Array) -> Array:
     return np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * other[:, None]
 
 
-def _tube_faces(rings: int) -> NDArray[np.int32]:
+def _tube_faces(rings: int) -> Ints:
     """Triangles between neighbouring rings and the two ends, outward."""
     k = np.arange(SIDES)
     here = (np.arange(rings - 1) * SIDES)[:, None] + k
@@ -190,7 +190,7 @@ def _data(result: PlanResult) -> dict[str, Any]:
     }
 
 
-def _tube_data(tube: Tube, kept: NDArray[np.bool_], middle: NDArray[np.float64]) -> dict[str, str]:
+def _tube_data(tube: Tube, kept: Bools, middle: Array) -> dict[str, str]:
     """The part of the tube made of some vertices, numbered anew."""
     faces = tube.faces[kept[tube.faces].all(axis=1)]
     numbers = np.cumsum(kept) - 1
@@ -243,5 +243,5 @@ def _meshes(result: PlanResult) -> tuple[Any, Any]:
     return _mesh(result.mesh.vertices, result.mesh.faces, grey), _mesh(tube.vertices, tube.faces, tube.colors)
 
 
-def _mesh(vertices: NDArray[np.float64], faces: NDArray[np.int32], colors: NDArray[np.uint8]) -> Any:
+def _mesh(vertices: Array, faces: Ints, colors: NDArray[np.uint8]) -> Any:
     return trimesh.Trimesh(vertices, faces, vertex_colors=colors, process=False)

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
 from polish_sim.planning.toolpath import PROCESS, RETRACT, ToolPath, arc_length
 
 # What every path read from a file must satisfy: numbers, unit axes, sane lengths (columns -> checked arrays).
 
-Array = NDArray[np.float64]
 
 Place = Callable[[int], str]
 """Says where in the file a row stands, e.g. "line 4, point 3"."""
@@ -169,7 +169,7 @@ def with_retract(segment: Codes) -> Codes:
     return np.where(np.arange(len(segment)) > last, np.int8(RETRACT), segment)
 
 
-def numbered_strokes(segment: Codes) -> NDArray[np.int64]:
+def numbered_strokes(segment: Codes) -> Indices:
     """Number of the stroke of every point, (n,): a new one begins where the tool comes down from the air."""
     down = (segment[1:] == PROCESS) & (segment[:-1] != PROCESS)
     begins = np.concatenate([[False], down])

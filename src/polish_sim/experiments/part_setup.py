@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell import Job, Touch, tool_on_flange
 from polish_sim.cell.stroke import TRAVEL_PACE, feed_pace
 from polish_sim.config import PartConfig, ProcessConfig, Scenario
@@ -31,8 +31,6 @@ from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import build_path_table, with_set_points
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed
 from polish_sim.spatial import apply
-
-Array = NDArray[np.float64]
 
 TARES = ("start", "strokes")
 SENSOR_STREAM, PART_STREAM, PAYLOAD_STREAM = 0, 1, 2

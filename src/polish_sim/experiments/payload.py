@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.calibration import (
     PayloadEstimate,
     PayloadReadings,
@@ -30,7 +30,6 @@ from polish_sim.experiments.standing_still import patience, plan_visit, run_visi
 if TYPE_CHECKING:
     from polish_sim.config import Scenario
 
-Array = NDArray[np.float64]
 
 CHECK_POSES = 200
 CHECK_SETTLE_S, CHECK_AVERAGE_S = 0.1, 0.25

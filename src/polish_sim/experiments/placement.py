@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell.guards import shaft_points
 from polish_sim.errors import PlanError, ReachError, place_in_mm
 from polish_sim.geometry.distance_field import signed_distances
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from polish_sim.geometry import Surface
     from polish_sim.planning import ToolPath
 
-Array = NDArray[np.float64]
 
 DISTANCES = (0.5, 0.45, 0.55, 0.4, 0.6, 0.65)  # of the region's middle from the base axis [m]
 HEIGHTS = (0.08, 0.16, 0.03)  # of the part's lowest point above the table [m]

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
+from polish_sim.arrays import Array
 
 if TYPE_CHECKING:
     from polish_sim.cell import Observer
@@ -15,8 +14,6 @@ if TYPE_CHECKING:
     from polish_sim.config import Scenario
     from polish_sim.log import RemovalMap, RunLog, Trace
     from polish_sim.planning.toolpath import ToolPath
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

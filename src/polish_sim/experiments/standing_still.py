@@ -6,9 +6,9 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.calibration import PayloadReadings
 from polish_sim.calibration.poses import move, move_time
 from polish_sim.cell import Cell, Job, Observer, build_scene, no_part, tool_on_flange
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from polish_sim.cell.cell import CellRun
     from polish_sim.config import RobotConfig, Scenario
 
-Array = NDArray[np.float64]
 
 CLOCK_FEED = 0.1
 """The path's length stands for time: so many metres a second, standing still included."""

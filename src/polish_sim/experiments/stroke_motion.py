@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import Scenario
 from polish_sim.errors import SmoothingError, unknown_name
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from polish_sim.motion.rules.rule import Rule
     from polish_sim.planning.toolpath import ToolPath
 
-Array = NDArray[np.float64]
 
 CELL_LIMITS = SmoothingLimits(
     tip_acceleration=0.6,
@@ -253,7 +252,7 @@ def time_law(scenario: Scenario, path: ToolPath) -> dict[str, float]:
     return feed_figures(strokes)
 
 
-def _stretches(path: ToolPath) -> list[NDArray[np.int64]]:
+def _stretches(path: ToolPath) -> list[Indices]:
     """Rows of every stretch in contact."""
     rows = np.flatnonzero(path.process)
     return np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else []

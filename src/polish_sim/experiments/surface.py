@@ -6,10 +6,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import measure_surface
 from polish_sim.analysis.removal_plot import measure_removal
+from polish_sim.arrays import Array
 from polish_sim.cell import CellRun, Observer, RealPart, Silent
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Scenario
@@ -32,8 +32,6 @@ from polish_sim.log import RemovalMap, RunLog, with_column
 from polish_sim.planning import PlanResult, coverage_until, plan_part
 
 # What a run of ``surface`` or ``dual`` took off the part, by Preston's law.
-
-Array = NDArray[np.float64]
 
 
 class Removal(NamedTuple):

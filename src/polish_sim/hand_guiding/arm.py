@@ -10,8 +10,8 @@ from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
 from polish_sim.cell.read_chain import read_chain
 from polish_sim.cell.scene import lay_part, robot_spec
@@ -35,7 +35,7 @@ class LaidPart(NamedTuple):
     """A part that lies before the arm."""
 
     mesh: PartMesh
-    T_base_part: NDArray[np.float64]
+    T_base_part: Array
     """Shape (4, 4)."""
 
 
@@ -94,8 +94,6 @@ def chain_of_file(file: Path, joints: Sequence[str]) -> SerialChain:
     except InputError as error:
         raise InputError(f"guide.model_file '{file}' is not this arm's: {error}") from error
 
-
-Array = NDArray[np.float64]
 
 HOME: Final = (1.300932701746, -1.591205400892, 1.509041313016, -1.488632238919, -1.570796326795, -0.269863625049)
 """Joint angles the hand's moves are centred on, the model file's home [rad]."""

@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.cell.kernel import EngineViews, engine_views, mj_step1, mj_step2, register_engine
 from polish_sim.cell.loop import correct_reading, keep_speeds
 from polish_sim.cell.observer import Observer, Silent, interrupts_noted
@@ -18,8 +18,6 @@ from polish_sim.hand_guiding.law import Belief, GuidingGains, GuidingMemory, bui
 from polish_sim.kernel_cache import njit
 
 # The simulated hand: a spring and a damper between where it wants the tool and where the tool is.
-
-Array = NDArray[np.float64]
 
 
 class Hand(NamedTuple):
@@ -128,7 +126,7 @@ class _Kernel(NamedTuple):
     """Joint ranges [rad], shape (6, 2)."""
     scratch: Array
     """Work array, shape (2, 3)."""
-    status: NDArray[np.int64]
+    status: Indices
     """STEP steps taken, STOP code of the protective stop, STOP_STEP when, shape (3,)."""
 
 

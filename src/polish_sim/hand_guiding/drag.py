@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.config import DragConfig, HandConfig, Scenario
 from polish_sim.errors import PlanError
@@ -44,7 +44,6 @@ from polish_sim.spatial import apply, inverse
 
 # A hand that drags the tool along a path, with the wander, tremor and wobble of a person's.
 
-Array = NDArray[np.float64]
 
 TREMOR_HZ: Final = (8.0, 12.0)
 """Where a person's hand trembles [Hz]."""

@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.planning.toolpath import ToolPath
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Figures = dict[str, float]
 
 COAST_S: Final = 1.0
@@ -31,9 +29,9 @@ class GuidedMove(NamedTuple):
     """Of the hand on the tool, base frame [N], shape (n, 3)."""
     q: Array
     """Joint angles [rad], shape (n, 6)."""
-    moving: Mask
+    moving: Bools
     """While the hand moves, shape (n,)."""
-    off: Mask
+    off: Bools
     """After it has let go, shape (n,)."""
     whole: bool
     """Whether the move was not cut short."""

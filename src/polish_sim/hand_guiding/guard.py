@@ -11,13 +11,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from polish_sim.arrays import Array
 from polish_sim.hand_guiding.law import Belief, GuidingGains, GuidingMemory
 from polish_sim.kernel_cache import njit
-
-Array = NDArray[np.float64]
 
 JOINT_SPEED, TOOL_SPEED, ENERGY, UNSTABLE, TOUCH, JOINT_END = 1, 2, 3, 4, 5, 6
 GUARDS: Final[Mapping[int, str]] = MappingProxyType(

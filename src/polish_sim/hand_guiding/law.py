@@ -14,14 +14,12 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import GuideConfig
 from polish_sim.errors import unknown_name
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.serial_chain import ChainModel, chain_torque
-
-Array = NDArray[np.float64]
 
 ON_S: Final = 0.01
 """Compensation comes within this time when a hand is felt [s]."""

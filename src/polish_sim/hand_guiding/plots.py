@@ -9,15 +9,13 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import PROCESS, fed, numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, SERIES, head, new_figure, styled
+from polish_sim.arrays import Array
 from polish_sim.hand_guiding.figures import distance_to_line
 from polish_sim.planning.toolpath import arc_length
-
-Array = NDArray[np.float64]
 
 COLORS: Final = {"none": GREY, "gravity": PINK, "classical": ORANGE, "inertia": GREEN, "assist": BLUE}
 PAPER_N: Final = {"none": 100.0, "classical": 30.0, "inertia": 0.714 * 30.0}

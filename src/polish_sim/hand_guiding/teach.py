@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent
 from polish_sim.config import GuideConfig, HandConfig, Scenario
 from polish_sim.errors import unknown_name
@@ -45,7 +46,6 @@ from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with
 
 # What the hand does in `run teach`: holds, moves, holds, lets go.
 
-Array = NDArray[np.float64]
 
 HOLD_S, RELEASE_S = 0.5, 0.3
 """The servos hold the arm this long, then let go during this time [s]."""

@@ -6,17 +6,14 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_lsq_spline
 from scipy.signal import butter, sosfiltfilt
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from polish_sim.spatial import unit
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 DEGREE: Final = 3
 MOVING_SHARE: Final = 0.2
@@ -84,7 +81,7 @@ def teach_path(
     return Taught(_path(found.positions, found.normals, curvature), len(corners), off)
 
 
-def simplified(points: Array, tolerance: float) -> Rows:
+def simplified(points: Array, tolerance: float) -> Indices:
     """Corners of a polyline none of whose points is further than the tolerance from it (Douglas and Peucker).
 
     Args:
@@ -92,7 +89,7 @@ def simplified(points: Array, tolerance: float) -> Rows:
         tolerance: [m].
 
     Returns:
-        Rows of the points that stay, first and last included, rising.
+        Indices of the points that stay, first and last included, rising.
     """
     kept, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
     while stack:

@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-from numpy.typing import NDArray
 
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, new_figure, styled
+from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -30,8 +30,6 @@ from polish_sim.control.margins import (
 )
 from polish_sim.control.measured_law import MeasuredLaw, measure_law
 from polish_sim.scoring.force_bench import Bench, Border, Rest, build_bench, press
-
-Array = NDArray[np.float64]
 
 SCALES = (0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 3.5, 5.0)
 """Of the springs, for the border in the cell [-]."""

@@ -12,13 +12,10 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import CONTACT_N, PROCESS, RETRACT, first_contact, moving_average, settling_time
+from polish_sim.arrays import Array
 from polish_sim.log import Trace
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 STEADY_AFTER_S: Final = 0.5
 """The steady window of a hold begins this long after first contact [s]."""

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import PROCESS
+from polish_sim.arrays import Array
 from polish_sim.cell import RealPart
 from polish_sim.config import Scenario
 from polish_sim.control import Controller, Course, Measurement, Target, build_controller
@@ -21,7 +21,6 @@ from polish_sim.scoring.figures import LARGEST_OSCILLATION, LEAST_ALLOWED_N
 
 # Whether a force loop has come to rest, and the map of where it does.
 
-Array = NDArray[np.float64]
 
 AT_REST_N = 0.05
 """Swing of the force, peak to peak, below which the loop is at rest [N]."""

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import PROCESS
 from polish_sim.analysis.peaks import curvature_peaks, errors_at_peaks
+from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PolishSimError
@@ -112,7 +112,7 @@ def _figures(task: Task, scenario: Scenario, place: Workplace, run: CellRun) -> 
     return figures | {"peaks_error_n": known, "slowed": _slowed(scenario, path_s) if task.case.moving else None}
 
 
-def _slowed(scenario: Scenario, path_s: NDArray[np.float64]) -> float | None:
+def _slowed(scenario: Scenario, path_s: Array) -> float | None:
     """Share of the wanted feed that was not driven [-]; the places on the path at the steps of the feed, shape (n,)."""
     planned = len(path_s) * scenario.simulation.timestep_s * scenario.process.feed_m_s
     return 1.0 - float(path_s[-1] - path_s[0]) / planned if len(path_s) > 1 else None
