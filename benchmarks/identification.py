@@ -15,8 +15,15 @@ from benchmarks.identification_unmatched import SEEDS as SEEDS_UNMATCHED
 from benchmarks.identification_unmatched import Known, unmatched_lines
 from benchmarks.table import Row, print_rows
 from polish_sim.identification.arm import believe, build_arm, motion_limits, play_motion
-from polish_sim.identification.base_parameters import base_of
-from polish_sim.identification.estimate import cramer_rao, estimate, held_out_error, sum_samples, told_rows
+from polish_sim.identification.estimate import (
+    base_of,
+    estimate,
+    held_out_error,
+    information,
+    informative,
+    inverse_of,
+    sum_samples,
+)
 from polish_sim.identification.excitation import (
     OBJECTIVES,
     ExcitationTask,
@@ -110,7 +117,7 @@ def bound_rows(terms: tuple[str, ...]) -> Iterator[Row]:
         errors = [held_out_error(model, base, x, held, exact) for x in (found.theta, base.combination @ full)]
         ratios.append(np.linalg.norm(errors[1]) / np.linalg.norm(errors[0]))
         nrms.append(float(errors[0].mean()))
-    bound = np.diag(cramer_rao(sums, SIGMA))
+    bound = np.diag(inverse_of(information(sums, SIGMA)))
     yield Row("rms error / Cramer-Rao bound", f"{np.sqrt(np.mean(np.mean(squares, axis=0) / bound)):.3f}", "<= 1.02")
     yield Row("95% intervals that hold the truth", f"{100 * np.mean(covered):.1f}%", "93-97%")
     yield Row("error held out / range, one period of a random motion", f"{100 * np.mean(nrms):.3f}%", "<= 0.13%")
@@ -127,7 +134,7 @@ def arm_rows() -> Iterator[Row]:
     held = play_motion(arm, other, 1, 1000.0)
     held_states = periodic_states(held, other.period)
     # Near standstill the engine's friction has no size: moving joints are compared.
-    exact = np.where(told_rows(held_states), held.torque, np.nan)
+    exact = np.where(informative(held_states), held.torque, np.nan)
     for periods, limit in ((1, "<= 0.13%"), (5, "<= 0.06%")):
         log = with_noise(play_motion(arm, motion, periods, 1000.0), encoder, np.zeros(6), np.random.default_rng(0))
         states = periodic_states(log, motion.period)

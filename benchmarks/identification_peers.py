@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.table import Row
-from polish_sim.identification.base_parameters import base_of
-from polish_sim.identification.estimate import estimate, held_out_error, sum_samples, told_rows
+from polish_sim.identification.estimate import base_of, estimate, held_out_error, informative, sum_samples
 from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.models import robot_model_path
 
@@ -41,7 +40,7 @@ def peer_rows(model: TorqueModel, sigma: Array, fitted: States, other: States) -
     if peer is None:
         yield Row("FIGAROH", "not installed", "-")
         return
-    fitted, other = (states.rows(np.all(told_rows(states), axis=1)) for states in (fitted, other))
+    fitted, other = (states.rows(np.all(informative(states), axis=1)) for states in (fitted, other))
     torque, exact = (model.torque(states, model.truth()) for states in (fitted, other))
     errors: dict[str, list[float]] = {"ours": [], "FIGAROH": []}
     seconds: dict[str, list[float]] = {"ours": [], "FIGAROH": []}

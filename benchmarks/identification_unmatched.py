@@ -14,8 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from polish_sim.identification.base_parameters import BaseParameters
-from polish_sim.identification.estimate import cramer_rao, estimate, estimate_widened, held_out_error, sum_samples
+from polish_sim.identification.estimate import (
+    BaseParameters,
+    estimate,
+    estimate_widened,
+    held_out_error,
+    information,
+    inverse_of,
+    sum_samples,
+)
 from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.log_file import RobotLog, periodic_states
 from polish_sim.identification.regressor import SIGN_WIDTH, States, TorqueModel
@@ -113,7 +120,7 @@ def measure(known: Known, robot: Robot, periods: int) -> Measured:
     # Near standstill Coulomb's law has no size: as in every other figure only moving joints count.
     exact = np.where(np.abs(other.qd) > 0.1, exact, np.nan)
     true_base = base.combination @ truth
-    bound = np.diag(cramer_rao(sum_samples(model, base, moved, torque), known.sigma))
+    bound = np.diag(inverse_of(information(sum_samples(model, base, moved, torque), known.sigma)))
     errors, covered, thetas = [], [], []
     for seed in range(SEEDS):
         noise = coloured(np.random.default_rng([11, seed]), torque.shape, robot.noise_time_s) * known.sigma

@@ -9,18 +9,19 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.exact_stop import plan_exact_stop
 from benchmarks.random_paths import RandomPath
 from benchmarks.smoothing_check import joint_shares, sample_times, tool_shares
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
-from polish_sim.motion.rules.exact_stop import plan_exact_stop
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
-from polish_sim.motion.rules.paper_rules import block_triples, filter_times, joint_jerk_block_triples
+from polish_sim.motion.rules.paper_rules import block_triples, filter_times
 from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
@@ -29,7 +30,7 @@ from polish_sim.spatial import rotation_to_axis, unit
 
 Array = NDArray[np.float64]
 ALL = {"exact stop": plan_exact_stop, **RULES}
-PAPER = {"joint-jerk": joint_jerk_block_triples, "joint-acceleration": block_triples}
+PAPER = {"joint-jerk": partial(block_triples, jerk=True), "joint-acceleration": block_triples}
 BROKEN = 1.0 + 1e-6
 
 

@@ -14,14 +14,13 @@ from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.weighing import read_run, show_payload, write_payload
 from polish_sim.experiments.report import save_plots
 from polish_sim.identification.arm import LoggedRobot, cell_arm, robot_of_file
-from polish_sim.identification.base_parameters import base_names, base_of, identifiable
-from polish_sim.identification.claims import IDENTIFY
+from polish_sim.identification.estimate import base_names, base_of, identifiable
 from polish_sim.identification.identify import Identification, identify_from_log, run_identification
 from polish_sim.identification.model_file import IdentifiedJoints, write_identified
 from polish_sim.identification.payload import weigh_from_logs
 from polish_sim.identification.physical import parameter_rows, parameters_csv
 from polish_sim.identification.plot import MotionData, TorqueData, plot_motion, plot_torques
-from polish_sim.identification.settings import IdentifySettings
+from polish_sim.identification.settings import IDENTIFY, IdentifySettings
 from polish_sim.identification.use_motion import use_states
 
 SIMULATED, SHORT, STEPWISE, FOR_TASK = "full", "short", "stepwise", "task"

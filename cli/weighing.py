@@ -13,11 +13,11 @@ from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 from polish_sim.cli import console
 from polish_sim.cli.outcome import Outcome
 from polish_sim.identification.arm import LoggedRobot
-from polish_sim.identification.claims import IDENTIFY
 from polish_sim.identification.estimate import INTERVAL_95
 from polish_sim.identification.log_file import RobotLog, periodic_states, read_robot_log, spline_states
 from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed, body_of, weigh_from_logs
 from polish_sim.identification.regressor import States
+from polish_sim.identification.settings import IDENTIFY
 
 FILE: Final = "payload.csv"
 COLUMNS: Final = ("name", "value", "unit", "std", "low_95", "high_95", "nearest_body", "true_value")

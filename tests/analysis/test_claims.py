@@ -14,7 +14,7 @@ from polish_sim.analysis.removal_plot import measure_removal
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, experiments
 from polish_sim.experiments.rows import ARC_CLAIMS, PAYLOAD_CLAIMS
-from polish_sim.identification.claims import IDENTIFY
+from polish_sim.identification.settings import IDENTIFY
 from polish_sim.scenario_file import merge
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, removal_map, surface_trace
 

@@ -16,11 +16,10 @@ import pytest
 
 from polish_sim.cell.read_chain import read_chain
 from polish_sim.cli.identification import asked_of, simulated
-from polish_sim.identification.claims import IDENTIFY
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import MotionLimits
 from polish_sim.identification.regressor import TorqueModel
-from polish_sim.identification.settings import IdentifySettings
+from polish_sim.identification.settings import IDENTIFY, IdentifySettings
 from polish_sim.motion.serial_chain import link_parameters
 from tests.identification.chains import ODD
 from tests.identification.logs import played, write_log

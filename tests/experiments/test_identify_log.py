@@ -64,5 +64,5 @@ def test_a_joint_that_rests_at_the_end_of_the_log_is_named(tmp_path: Path) -> No
     resting = KNOWN.motion.coefficients.copy()
     resting[2, 1:] = 0.0
     end = played(type(KNOWN.motion)(resting), 1)
-    with pytest.raises(IdentificationError, match="tells nothing of elbow_joint"):
+    with pytest.raises(IdentificationError, match="no usable torque of elbow_joint"):
         _identified(tmp_path, joined(MOTION, end))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.identification.base_parameters import BaseParameters, base_of
+from polish_sim.identification.estimate import BaseParameters, base_of
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import FourierMotion, MotionLimits
 from polish_sim.identification.regressor import FULL, States, TorqueModel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.identification.base_parameters import base_names, base_of, base_of_rows, identifiable
+from polish_sim.identification.estimate import base_names, base_of, base_of_rows, identifiable
 from polish_sim.identification.regressor import States, TorqueModel, random_states
 from tests.identification.chains import arm_chain
 

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import IdentificationError
-from polish_sim.identification.estimate import cramer_rao, estimate, held_out_error, require_rank, sum_samples
+from polish_sim.identification.estimate import (
+    estimate,
+    held_out_error,
+    information,
+    inverse_of,
+    require_rank,
+    sum_samples,
+)
 from polish_sim.identification.regressor import States
 from polish_sim.identification.stepwise import fit_motion_after, fit_rest, rest_rows, sum_rows
 from tests.identification.motions import SIGMA, known_robot, noisy
@@ -28,7 +35,7 @@ def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth() -> No
         found = estimate(sums)
         squares.append((found.theta - KNOWN.truth) ** 2)
         covered.append(found.covers(KNOWN.truth))
-    bound = np.diag(cramer_rao(sums, SIGMA))
+    bound = np.diag(inverse_of(information(sums, SIGMA)))
     ratio = float(np.sqrt(np.mean(np.mean(squares, axis=0) / bound)))
     # Fifty draws of fifty-eight correlated numbers tell this ratio to some 2%.
     assert 0.95 < ratio < 1.05

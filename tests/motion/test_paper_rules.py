@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.exact_stop import plan_exact_stop
 from polish_sim.errors import SmoothingError
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
-from polish_sim.motion.rules.exact_stop import plan_exact_stop
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
 from polish_sim.motion.rules.paper_rules import (
-    joint_jerk_second_time,
     plan_joint_acceleration,
     plan_joint_jerk,
     second_time,
+    signed_second_time,
     third_time,
 )
 from polish_sim.motion.rules.registry import RULES
@@ -89,8 +89,8 @@ def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with() -
     rates, limits = random_rates(0), SmoothingLimits()
     for speed in (0.5, 2.0, 6.0):
         v = np.full(50, speed)
-        theirs = second_time(v, rates.first, rates.second, limits)
-        ours = joint_jerk_second_time(v, rates, limits)
+        theirs = second_time(v, rates, limits)
+        ours = signed_second_time(v, rates, limits)
         assert np.all(ours <= theirs)
         assert np.any(ours < theirs)
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from benchmarks.arm_jets import tool_jet
+from benchmarks.exact_stop import plan_exact_stop as plan
 from benchmarks.random_paths import KINDS, T_FLANGE_TOOL, draw_path
 from benchmarks.smoothing_check import AXIS_TOLERANCE, FIGURES, TOLERANCE, judge_motion
 from polish_sim.motion import forward
-from polish_sim.motion.rules.exact_stop import plan_exact_stop as plan
 from polish_sim.motion.rules.limits import SmoothingLimits
 
 LIMITS = SmoothingLimits()

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule, stretched
-from polish_sim.motion.timed_path import sample_motion
-from polish_sim.motion.timed_schedule import marks_on, places_at, time_schedule
+from polish_sim.motion.timed_path import marks_on, places_at, sample_motion, time_schedule
 
 Array = NDArray[np.float64]
 

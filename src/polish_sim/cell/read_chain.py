@@ -13,6 +13,15 @@ from polish_sim.motion.serial_chain import HINGE, SLIDE, ChainGeometry, SerialCh
 
 Array = NDArray[np.float64]
 
+ARM_JOINTS = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+"""Of the shipped robot, from base to flange."""
 _KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): HINGE, int(mujoco.mjtJoint.mjJNT_SLIDE): SLIDE}
 
 

@@ -21,8 +21,7 @@ from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule
 from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline
-from polish_sim.motion.timed_path import TimedPath, row_times, time_path, with_feed
-from polish_sim.motion.timed_schedule import marks_on, time_schedule
+from polish_sim.motion.timed_path import TimedPath, marks_on, row_times, time_path, time_schedule, with_feed
 from polish_sim.motion.trajectory import build_path_table, with_set_points
 from polish_sim.spatial import rotation_to_axis
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
-from polish_sim.cell.read_chain import read_chain
+from polish_sim.cell.read_chain import ARM_JOINTS, read_chain
 from polish_sim.cell.scene import lay_part, robot_spec
 from polish_sim.config import HandConfig, Scenario
 from polish_sim.errors import InputError
@@ -21,7 +21,6 @@ from polish_sim.geometry.mesh import PartMesh
 from polish_sim.hand_guiding.cell import GuidedArm, Hand
 from polish_sim.hand_guiding.guard import GuidingLimits
 from polish_sim.hand_guiding.law import Belief, gains_of
-from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.motion import forward, inverse_near
 from polish_sim.motion.serial_chain import SerialChain, chain_model
 

@@ -1,4 +1,4 @@
-"""The cell's arm as something to identify: chain, surroundings, what is believed of it, its torques."""
+"""The robots that are identified: the cell's simulated arm, played and logged, and any robot a log is from."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.cell.playback import LAST_LINK, CarriedLoad, JointTargets, RobotClearance, carry, play_joints
-from polish_sim.cell.read_chain import own_parameters, read_chain
+from polish_sim.cell.read_chain import ARM_JOINTS, own_parameters, read_chain
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
 from polish_sim.errors import InputError
@@ -21,11 +21,6 @@ from polish_sim.identification.model_file import read_robot_model
 from polish_sim.identification.physical import Drawing
 from polish_sim.identification.regressor import FULL, States, TorqueModel
 
-Array = NDArray[np.float64]
-
-ARM_JOINTS: Final = (
-    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
-)  # fmt: skip
 STEP_S: Final = 2.5e-4
 """Physics step: the engine takes friction half a step late, so it is kept short."""
 RAMP_S: Final = 2.0
@@ -42,7 +37,7 @@ class Arm:
 
     scenario: Scenario
     truth: TorqueModel
-    """With the parameters of the compiled model, which an identification does not see."""
+    """With the parameters of the compiled model, hidden from the identification."""
     carried: Array
     """Tool and head, known from the payload's calibration, shape (6, 10)."""
     servo_damping: Array
@@ -81,7 +76,7 @@ def motion_limits() -> MotionLimits:
 
 
 def believe(arm: Arm, rng: np.random.Generator) -> Drawing:
-    """What a drawing might say: links some 15% off as a whole, friction and rotors 30% off, the tool known."""
+    """A plausible drawing of the arm: links some 15% off as a whole, friction and rotors 30% off, the tool known."""
     chain, n = arm.truth.chain, 6
     own = (chain.parameters - arm.carried) * np.exp(_LINK_DOUBT * rng.normal(size=(n, 1)))
     friction = arm.truth.truth()[10 * n :]
@@ -111,11 +106,11 @@ def play_motion(arm: Arm, motion: FourierMotion, periods: int, rate: float) -> R
 
 
 def play_states(arm: Arm, states: States) -> RobotLog:
-    """Play joint targets, one a physics step, and log what happens, gravity in the torques.
+    """Play joint targets, one a physics step, and log positions and torques, gravity included.
 
     The engine's step is implicit in speed: the torque that moves the robot is the servo's at the end of the step.
     Its positions are half a step ahead of its speeds, so the change of speed over a step belongs to the step's
-    first position. What the engine compensates of gravity is what a real servo would have to give, so it is added.
+    first position. The engine compensates gravity, a real servo must hold it, so it is added.
     """
     played = play_joints(arm.scenario, JointTargets(states.q, states.qd), load=arm.load)
     change = np.diff(played.qd, axis=0, append=played.qd[-1:])
@@ -125,15 +120,9 @@ def play_states(arm: Arm, states: States) -> RobotLog:
 
 
 def _gravity(arm: Arm, q: Array) -> Array:
-    still = np.zeros((2000, 6))
     links = np.concatenate([arm.truth.chain.parameters.ravel(), np.zeros(6 * len(arm.truth.terms))])
-    parts = [q[first : first + 2000] for first in range(0, len(q), 2000)]
-    return np.concatenate(
-        [arm.truth.torque(States(part, still[: len(part)], still[: len(part)]), links) for part in parts]
-    )
-
-
-# The robot a log is from: the cell's own arm, or any serial chain of a MJCF.
+    still = np.zeros_like(q)
+    return arm.truth.torque_of_base(States(q, still, still), slice(None), links)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,10 @@
-"""Weighted least squares: base parameters with their covariance, and the noise that weighs the joints."""
+"""Base parameters of a torque model, and their weighted least-squares estimate with covariance.
+
+Base parameters are the combinations of parameters that torques can tell at all. Columns of stacked regressors are taken
+in a fixed order; one that the earlier ones can make joins them in combination: W_dependent = W_base K,
+theta = pi_base + K pi_dependent (paper 3). Samples are gathered as normal equations joint by joint, so that the
+weights of the joints, their torque noise, can be found from the residuals.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +13,98 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import IdentificationError
-from polish_sim.identification.base_parameters import BaseParameters
-from polish_sim.identification.regressor import PIECE, States, TorqueModel
+from polish_sim.identification.regressor import PIECE, States, TorqueModel, random_states
 
-# What samples tell about base parameters: normal equations joint by joint, so that weights can change.
-
-Array = NDArray[np.float64]
-
+INDEPENDENT: Final = 1e-8
+"""A column is new if this share of its length stands off the earlier ones."""
 STANDSTILL: Final = 0.1
 """Below this speed [rad/s] a joint's torque gets no weight: its friction has no known size."""
 TURNING: Final = 0.06
-"""While any joint is slower than this [rad/s] no torque gets weight: all feel how its friction turns round."""
+"""While any joint is slower than this [rad/s] no torque gets weight: all feel how its friction reverses."""
 STANDING: Final = (0.01, 0.5)
-"""Below this speed [rad/s] and acceleration [rad/s^2] a joint stands still: it does not turn round either."""
+"""Below this speed [rad/s] and acceleration [rad/s^2] a joint stands still: its friction does not reverse either."""
+INTERVAL_95: Final = 1.959964
+"""Half width of a 95% interval in standard deviations."""
+LONGEST: Final = 0.1
+"""Correlations are followed over this share of the samples at most."""
+_SAMPLES: Final = 200
+_CLEAN: Final = 1e-9
+_ROUNDS: Final = 4
+_HIDDEN: Final = 1e-5
+"""A direction is not identifiable if its share of the largest singular value of the scaled regressor is below this."""
+
+
+class BaseParameters(NamedTuple):
+    """Which columns stand for the rest."""
+
+    columns: Indices
+    """Columns of the regressor that are kept, shape (r,)."""
+    combination: Array
+    """theta = combination @ pi, identity on the kept columns, shape (r, p)."""
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters r."""
+        return len(self.columns)
+
+    def null_space(self) -> Array:
+        """Orthonormal directions of pi without any effect on torques, shape (p, p - r)."""
+        return np.asarray(np.linalg.svd(self.combination)[2][self.rank :].T)
+
+
+def base_of(model: TorqueModel, seed: int = 0) -> BaseParameters:
+    """Base parameters of a model that may move freely."""
+    states = random_states(model.joints, _SAMPLES, np.random.default_rng(seed))
+    return base_of_rows(model.regressor(states).reshape(-1, model.columns))
+
+
+def base_of_rows(W: Array) -> BaseParameters:
+    """Base parameters of stacked regressor rows (rows, p)."""
+    R: Array = np.asarray(np.linalg.qr(W, mode="r")) if len(W) > W.shape[1] else W
+    size = np.linalg.norm(R, axis=0)
+    least = INDEPENDENT * float(size.max(initial=0.0))
+    kept: list[int] = []
+    basis = np.zeros((R.shape[0], 0))
+    for column in np.flatnonzero(size > least):
+        rest = R[:, column] / size[column]
+        for _twice in range(2):
+            rest = rest - basis @ (basis.T @ rest)
+        length = float(np.linalg.norm(rest))
+        if length > INDEPENDENT:
+            kept.append(int(column))
+            basis = np.column_stack([basis, rest / length])
+    columns = np.array(kept, dtype=np.int64)
+    scaled = R[:, columns] / size[columns]
+    combination = np.linalg.lstsq(scaled, R, rcond=None)[0] / size[columns][:, None]
+    combination[np.abs(combination) < _CLEAN] = 0.0
+    combination[:, columns] = np.eye(len(columns))
+    return BaseParameters(columns, combination)
+
+
+def base_names(base: BaseParameters, names: Sequence[str]) -> tuple[str, ...]:
+    """Write every base parameter as a sum of the p named parameters: ``Izz2 + 0.181 m3 + ...``."""
+    return tuple(_sum(row, int(column), names) for row, column in zip(base.combination, base.columns, strict=True))
+
+
+def _sum(row: Array, own: int, names: Sequence[str]) -> str:
+    text = names[own]
+    for column in map(int, np.flatnonzero(row)):
+        if column != own:
+            size = "" if abs(abs(row[column]) - 1.0) < _CLEAN else f"{abs(row[column]):.4g} "
+            text += f" {'-' if row[column] < 0 else '+'} {size}{names[column]}"
+    return text
+
+
+def identifiable(base: BaseParameters) -> tuple[str, ...]:
+    """Whether each parameter is identifiable: ``alone``, ``combined`` with others, or ``no``; shape (p,)."""
+    hidden = np.linalg.norm(base.null_space(), axis=1)
+    seen = np.linalg.norm(base.combination, axis=0) > _CLEAN
+    return tuple(
+        "no" if not some else "alone" if off < 1e-7 else "combined" for some, off in zip(seen, hidden, strict=True)
+    )
 
 
 class JointSums(NamedTuple):
@@ -47,26 +129,19 @@ class JointSums(NamedTuple):
         """The same samples with rows and torques divided by a share of each joint's noise (n,)."""
         squared = share**2
         return JointSums(
-            self.squares / squared[:, None, None], self.products / squared[:, None], self.torque_sum / share,
-            self.torque_squares / squared, self.samples,
-        )  # fmt: skip
+            self.squares / squared[:, None, None],
+            self.products / squared[:, None],
+            self.torque_sum / share,
+            self.torque_squares / squared,
+            self.samples,
+        )
 
 
 def sum_samples(model: TorqueModel, base: BaseParameters, states: States, torque: Array) -> JointSums:
-    """Gather the normal equations of measured states and torques.
-
-    Args:
-        model: The torque model.
-        base: Its base parameters.
-        states: Measured states, shape (m, n) each.
-        torque: Measured torques [N m], shape (m, n).
-
-    Returns:
-        Sums, joint by joint.
-    """
+    """Gather the normal equations of measured states (m, n) and torques (m, n) [N m], joint by joint."""
     n, r = model.joints, base.rank
     squares, products = np.zeros((n, r, r)), np.zeros((n, r))
-    moving = told_rows(states)
+    moving = informative(states)
     for first in range(0, len(torque), PIECE):
         rows = slice(first, first + PIECE)
         Y = model.regressor(states.rows(rows))[:, :, base.columns] * moving[rows, :, None]
@@ -78,8 +153,8 @@ def sum_samples(model: TorqueModel, base: BaseParameters, states: States, torque
     return JointSums(squares, products, used.sum(0), (used**2).sum(0), moving.sum(0).astype(float))
 
 
-def told_rows(states: States) -> NDArray[np.bool_]:
-    """Which torques tell something: the joint moves, and no joint turns round; shape (m, n)."""
+def informative(states: States) -> Bools:
+    """Which torques count: the joint moves, and no joint reverses; shape (m, n)."""
     speed = np.abs(states.qd)
     standing = (speed <= STANDING[0]) & (np.abs(states.qdd) <= STANDING[1])
     turning = (speed <= TURNING) & ~standing
@@ -91,22 +166,13 @@ def information(sums: JointSums, sigma: Array) -> Array:
     return np.asarray(np.tensordot(1.0 / sigma**2, sums.squares, axes=1))
 
 
-def cramer_rao(sums: JointSums, sigma: Array) -> Array:
-    """Least covariance any unbiased estimate can have, shape (r, r)."""
-    return inverse_of(information(sums, sigma))
-
-
 def inverse_of(H: Array) -> Array:
-    """Inverse of a positive definite matrix whose rows have very different units."""
+    """Inverse of a positive definite matrix whose rows have very different units.
+
+    Of an information matrix: the Cramér-Rao bound, the least covariance of an unbiased estimate.
+    """
     scale = 1.0 / np.sqrt(np.diag(H))
     return np.asarray(np.linalg.inv(H * np.outer(scale, scale)) * np.outer(scale, scale))
-
-
-INTERVAL_95: Final = 1.959964
-"""Half width of a 95% interval in standard deviations."""
-_ROUNDS: Final = 4
-_HIDDEN: Final = 1e-5
-"""A direction is not told if its share of the largest singular value of the scaled regressor is below this."""
 
 
 @dataclass(frozen=True)
@@ -126,14 +192,14 @@ class Estimate:
     condition_equilibrated: float
     """Of the stacked regressor with rows in units of noise and columns of unit length."""
     inefficiency: Array | None = None
-    """How many samples tell as much as one independent one, shape (n,); None where noise is taken as white."""
+    """Samples worth one independent sample, shape (n,); None where noise is taken as white."""
 
     @property
     def std(self) -> Array:
         """Standard deviations, shape (r,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
-    def covers(self, truth: Array) -> NDArray[np.bool_]:
+    def covers(self, truth: Array) -> Bools:
         """Which 95% intervals hold the true value, shape (r,)."""
         return np.asarray(np.abs(self.theta - truth) <= INTERVAL_95 * self.std)
 
@@ -151,7 +217,7 @@ def estimate(sums: JointSums, earlier: Earlier | None = None, sigma: Array | Non
     """Estimate base parameters, the weights by the residuals' own noise.
 
     Args:
-        sums: What the samples say.
+        sums: Normal equations of the samples.
         earlier: What is known beforehand.
         sigma: The torques' noise [N m] where it is known, shape (n,).
 
@@ -165,42 +231,29 @@ def estimate(sums: JointSums, earlier: Earlier | None = None, sigma: Array | Non
         H = information(sums, noise) + extra
         covariance = inverse_of(H)
         theta = covariance @ (np.tensordot(1.0 / noise**2, sums.products, axes=1) + pull)
-        left = residual_squares(sums, theta)
+        fitted = np.einsum("jrs,r,s->j", sums.squares, theta, theta)
+        left = np.maximum(sums.torque_squares - 2.0 * sums.products @ theta + fitted, 0.0)
         if sigma is None:
             spent = np.array([np.sum(covariance * sums.squares[j]) / noise[j] ** 2 for j in range(n)])
             noise = np.sqrt(np.maximum(left, 1e-24) / np.maximum(sums.samples - spent, 1.0))
     total = sums.torque_squares - sums.torque_sum**2 / np.maximum(sums.samples, 1.0)
-    plain = np.linalg.eigvalsh(sums.squares.sum(0))
     scale = 1.0 / np.sqrt(np.diag(H))
-    equal = np.linalg.eigvalsh(H * np.outer(scale, scale))
-    return Estimate(
-        theta, covariance, noise, 1.0 - left / np.maximum(total, 1e-30),
-        float(np.sqrt(plain[-1] / max(plain[0], 1e-300))), float(np.sqrt(equal[-1] / max(equal[0], 1e-300))),
-    )  # fmt: skip
+    plain, equal = (_condition(each) for each in (sums.squares.sum(0), H * np.outer(scale, scale)))
+    return Estimate(theta, covariance, noise, 1.0 - left / np.maximum(total, 1e-30), plain, equal)
 
 
-def residual_squares(sums: JointSums, theta: Array) -> Array:
-    """Sum of squared residuals of each joint at theta [N^2 m^2], shape (n,)."""
-    fitted = np.einsum("jrs,r,s->j", sums.squares, theta, theta)
-    return np.asarray(np.maximum(sums.torque_squares - 2.0 * sums.products @ theta + fitted, 0.0))
+def _condition(H: Array) -> float:
+    values = np.linalg.eigvalsh(H)
+    return float(np.sqrt(values[-1] / max(values[0], 1e-300)))
 
 
 def require_rank(sums: JointSums, base: BaseParameters, model: TorqueModel) -> None:
-    """Refuse a motion that does not tell every base parameter.
-
-    Raises:
-        IdentificationError: Names joints that stood still and the parameters that stay unknown.
-    """
-    require_told(sums, [model.names[column] for column in base.columns], model)
+    """Refuse a motion that does not excite every base parameter; see `require_excited`."""
+    require_excited(sums, [model.names[column] for column in base.columns], model)
 
 
-def require_told(sums: JointSums, names: Sequence[str], model: TorqueModel) -> None:
-    """Refuse samples that do not tell every one of some parameters.
-
-    Args:
-        sums: What the samples say of them.
-        names: Their names, shape (r,).
-        model: The torque model.
+def require_excited(sums: JointSums, names: Sequence[str], model: TorqueModel) -> None:
+    """Refuse samples in which some of the named parameters (r,) cannot be identified.
 
     Raises:
         IdentificationError: Names joints that stood still and the parameters that stay unknown.
@@ -218,9 +271,9 @@ def require_told(sums: JointSums, names: Sequence[str], model: TorqueModel) -> N
     still = [model.chain.joints[j] for j in range(model.joints) if sums.samples[j] == 0]
     said = f" {', '.join(still)} did not move, or never faster than {STANDSTILL:g} rad/s." if still else ""
     raise IdentificationError(
-        f"the motion tells {len(names) - hidden.shape[1]} of {len(names)} base parameters.{said} Not identifiable, or "
-        f"only in combination: {', '.join(unknown)}. Move every joint, at different speeds, in different poses of the "
-        "others."
+        f"the motion excites {len(names) - hidden.shape[1]} of {len(names)} base parameters.{said} Not identifiable, "
+        f"or only in combination: {', '.join(unknown)}. Move every joint, at different speeds, in different poses of "
+        "the others."
     )
 
 
@@ -231,25 +284,24 @@ def held_out_error(model: TorqueModel, base: BaseParameters, theta: Array, state
     return np.asarray(np.sqrt(np.nanmean(off**2, axis=0)) / reach)
 
 
-# How much less samples tell whose noise is not white, found in the residuals.
-#
-# Where noise stays alike for some samples, or the model lacks a torque, many samples tell no more than one independent
-# one. The inefficiency g = 1 + 2 (rho_1 + rho_2 + ...) of the residuals' correlations says how many; covariances grow.
-
-LONGEST: Final = 0.1
-"""Correlations are followed over this share of the samples at most."""
+# Noise that is not white. The inefficiency g = 1 + 2 (rho_1 + rho_2 + ...) of the residuals' correlations is the
+# number of samples worth one independent sample; covariances grow by it.
 
 
 def estimate_widened(
-    model: TorqueModel, base: BaseParameters, sums: JointSums, states: States, torque: Array,
+    model: TorqueModel,
+    base: BaseParameters,
+    sums: JointSums,
+    states: States,
+    torque: Array,
     earlier: Earlier | None = None,
-) -> Estimate:  # fmt: skip
-    """Estimate base parameters with intervals that count how alike the residuals stay from sample to sample.
+) -> Estimate:
+    """Estimate base parameters with intervals that count correlations between successive residuals.
 
     Args:
         model: The torque model.
         base: Its base.
-        sums: What the samples say.
+        sums: Normal equations of the samples.
         states: The samples themselves in their order, shape (m, n) each.
         torque: Their torques [N m], shape (m, n).
         earlier: What is known beforehand.
@@ -259,30 +311,30 @@ def estimate_widened(
     """
     found = estimate(sums, earlier)
     left = torque - model.torque_of_base(states, base.columns, found.theta)
-    g = inefficiency(left, told_rows(states))
+    g = inefficiency(left, informative(states))
     return replace(estimate(sums, earlier, found.sigma * np.sqrt(g)), sigma=found.sigma, inefficiency=g)
 
 
-def inefficiency(residuals: Array, told: NDArray[np.bool_]) -> Array:
-    """How many samples tell as much as one independent one, joint by joint.
+def inefficiency(residuals: Array, counts: Bools) -> Array:
+    """Number of samples worth one independent sample, joint by joint.
 
     Args:
         residuals: What is left of the torques, in the order of time, shape (m, n).
-        told: Which of them count, shape (m, n).
+        counts: Which of them count, shape (m, n).
 
     Returns:
         At least 1, shape (n,).
     """
     most = max(int(LONGEST * len(residuals)), 2)
-    return np.array([_of_joint(residuals[:, j], told[:, j], most) for j in range(residuals.shape[1])])
+    return np.array([_of_joint(residuals[:, j], counts[:, j], most) for j in range(residuals.shape[1])])
 
 
-def _of_joint(residual: Array, told: NDArray[np.bool_], most: int) -> float:
-    if told.sum() < 2:
+def _of_joint(residual: Array, counts: Bools, most: int) -> float:
+    if counts.sum() < 2:
         return 1.0
-    mean = residual[told].mean()
-    pairs = _products(told.astype(float), most)
-    products = _products(np.where(told, residual - mean, 0.0), most)
+    mean = residual[counts].mean()
+    pairs = _autocorrelation(counts.astype(float), most)
+    products = _autocorrelation(np.where(counts, residual - mean, 0.0), most)
     rho = np.divide(products, pairs, out=np.zeros(most), where=pairs > 0.5)
     rho /= max(rho[0], 1e-300)
     # Sums of two neighbours fall steadily; where they are lost in the noise they are left out.
@@ -291,7 +343,7 @@ def _of_joint(residual: Array, told: NDArray[np.bool_], most: int) -> float:
     return float(max(2.0 * two[:end].sum() - 1.0, 1.0))
 
 
-def _products(values: Array, most: int) -> Array:
+def _autocorrelation(values: Array, most: int) -> Array:
     """Sums of products with the values k samples later, k below ``most``."""
     size = 1 << int(np.ceil(np.log2(len(values) + most)))
     spectrum = np.fft.rfft(values, size)

@@ -1,4 +1,4 @@
-"""Motions that tell a robot's parameters best: Fourier series under limits, found by gradient descent.
+"""Exciting motions for identification: Fourier series under limits, found by gradient descent.
 
 Limits enter as squares of what goes beyond them; the motion found is then shrunk until it respects every limit at
 every sample of a fine grid. Gradients are exact: the regressor's own derivatives, chained with the series' basis.
@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from polish_sim.arrays import Array
 from polish_sim.errors import IdentificationError
-from polish_sim.identification.base_parameters import BaseParameters
-from polish_sim.identification.estimate import STANDSTILL, inverse_of, told_rows
+from polish_sim.identification.estimate import STANDSTILL, BaseParameters, informative, inverse_of
 from polish_sim.identification.fourier import (
     FREQUENCY,
     HARMONICS,
@@ -27,17 +26,12 @@ from polish_sim.identification.fourier import (
 )
 from polish_sim.identification.regressor import States, TorqueModel
 
-# How good an information matrix is, in one number to be made small, and its gradient.
-
-Array = NDArray[np.float64]
-
 
 class Judged(NamedTuple):
-    """Value of an objective and its gradient by the information matrix."""
+    """Value of an objective and its gradient by the information matrix (r, r), symmetric."""
 
     value: float
     slope: Array
-    """Symmetric, shape (r, r)."""
 
 
 _NORM: Final = 12
@@ -61,9 +55,9 @@ def d_optimal(H: Array, G: Array) -> Judged:
 
 
 def condition(H: Array, G: Array) -> Judged:
-    """Logarithm of the condition number of the stacked regressor, what the paper makes small, by a smooth bound.
+    """Logarithm of the condition number of the stacked regressor, the paper's objective, by a smooth bound.
 
-    The largest of the eigenvalues is replaced by their p-norm, so that the search does not stop where two meet.
+    The largest eigenvalue is replaced by the eigenvalues' p-norm, so that the search does not stop where two meet.
     """
     values, vectors = np.linalg.eigh(H)
     values = np.maximum(values, 1e-12 * values[-1])
@@ -109,12 +103,12 @@ _RESTARTS: Final = 4
 
 @dataclass(frozen=True)
 class ExcitationTask:
-    """What is to be excited, under which limits, for which use."""
+    """What is identified, under which limits, for which use."""
 
     model: TorqueModel
     base: BaseParameters
     parameters: Array
-    """What is believed of all parameters, for the torques' limits, shape (p,)."""
+    """All parameters as believed, for the torques' limits, shape (p,)."""
     sigma: Array
     """Expected torque noise [N m], shape (n,)."""
     limits: MotionLimits
@@ -124,7 +118,7 @@ class ExcitationTask:
 
 
 class Excitation(NamedTuple):
-    """A motion and what the search says of it."""
+    """A motion and its value."""
 
     motion: FourierMotion
     value: float
@@ -147,10 +141,8 @@ def random_motion(limits: MotionLimits, rng: np.random.Generator, share: float =
     coefficients[:, 0] = 0.0
     states = FourierMotion(coefficients)(np.arange(FINE) / (FINE * FREQUENCY))
     # The offset is drawn within what the amplitude leaves.
-    room = np.maximum(
-        np.abs(states.qd).max(0) / limits.speed, np.abs(states.qdd).max(0) / limits.acceleration
-    ) / share  # fmt: skip
-    reach = np.abs(states.q).max(0)
+    reach, speed, acceleration = (np.abs(part).max(0) for part in states)
+    room = np.maximum(speed / limits.speed, acceleration / limits.acceleration) / share
     room = np.maximum(room, reach / (0.8 * half))
     coefficients[:, 1:] /= room[:, None]
     coefficients[:, 0] = center + rng.uniform(-1.0, 1.0, n) * (0.95 * half - reach / room)
@@ -166,7 +158,7 @@ def allowed_motions(task: ExcitationTask, rng: np.random.Generator) -> Iterator[
 
 
 def shrunk(motion: FourierMotion, task: ExcitationTask) -> FourierMotion | None:
-    """The motion with amplitudes as large as every limit allows, None if a few tenths are too much."""
+    """The motion with amplitudes as large as every limit allows; None if it must shrink below a few tenths."""
     factor = 1.0
     for samples in (GRID, FINE):
         t = np.arange(samples) / samples * motion.period
@@ -178,10 +170,9 @@ def shrunk(motion: FourierMotion, task: ExcitationTask) -> FourierMotion | None:
 
 
 def _allowed(states: States, task: ExcitationTask) -> bool:
-    torque = task.model.torque(states, task.parameters)
-    if not task.limits.holds(states, torque, None):
+    if not task.limits.holds(states, task.model.torque(states, task.parameters)):
         return False
-    return task.clearance is None or task.limits.holds(states, torque, task.clearance(states.q).distance)
+    return task.clearance is None or bool(np.all(task.clearance(states.q).distance >= task.limits.clearance))
 
 
 def design(
@@ -190,8 +181,8 @@ def design(
     """Find a motion that makes an objective small under all limits.
 
     Args:
-        task: What is to be told.
-        choice: What is made small.
+        task: What is identified, and the limits.
+        choice: The objective.
         rng: Draws the starts.
         starts: Random motions to begin from.
         iterations: Of the search from each.
@@ -222,7 +213,7 @@ def design(
 def mean_information(task: ExcitationTask, motion: FourierMotion, samples: int = FINE) -> Array:
     """Information of one sample of all torques, averaged over a period, shape (r, r)."""
     states = motion(np.arange(samples) / samples * motion.period)
-    Y = task.model.regressor(states)[:, :, task.base.columns] * (told_rows(states) / task.sigma)[:, :, None]
+    Y = task.model.regressor(states)[:, :, task.base.columns] * (informative(states) / task.sigma)[:, :, None]
     flat = Y.reshape(-1, task.base.rank)
     return np.asarray(flat.T @ flat / samples)
 
@@ -264,7 +255,7 @@ class Search:
 
     def _judge(self, states: States, slopes: Array) -> tuple[float, Array]:
         task, columns = self.task, self.task.base.columns
-        # Near standstill rows fade out smoothly: what decides at the end is a step.
+        # Near standstill rows fade out smoothly; the final weight is a step.
         u = (states.qd / STANDSTILL) ** 2
         certainty = 1.0 / (task.sigma**2 * GRID)
         weight, weight_slope = certainty * u**2 / (1.0 + u**2), certainty * 2.0 * u / (1.0 + u**2) ** 2

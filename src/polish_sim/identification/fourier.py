@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.identification.regressor import States
-
-Array = NDArray[np.float64]
 
 HARMONICS: Final = 5
 FREQUENCY: Final = 0.1
@@ -24,7 +22,7 @@ FREQUENCY: Final = 0.1
 
 
 class FourierBasis(NamedTuple):
-    """What one unit of each coefficient (1, a_1.., b_1..) does; each of shape (m, 1 + 2 k)."""
+    """Values and derivatives of one unit of each coefficient (1, a_1.., b_1..); each of shape (m, 1 + 2 k)."""
 
     q: Array
     qd: Array
@@ -72,16 +70,13 @@ class FourierMotion:
 
 
 def fit_fourier(t: Array, q: Array, frequency: float, harmonics: int) -> FourierMotion:
-    """Fit a series to measured positions: the derivatives come from the fit, not from differences.
+    """Fit a series to measured positions, whose derivatives are then those of the fit, not differences.
 
     Args:
         t: Times [s], shape (m,).
         q: Positions [rad], shape (m, n).
         frequency: Of the first harmonic [Hz].
         harmonics: How many; more than were commanded, because the servos add their own.
-
-    Returns:
-        The motion nearest in the sense of least squares.
     """
     basis = fourier_basis(t, frequency, harmonics).q
     solution = np.linalg.solve(basis.T @ basis, basis.T @ q)
@@ -89,12 +84,12 @@ def fit_fourier(t: Array, q: Array, frequency: float, harmonics: int) -> Fourier
 
 
 def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float) -> States:
-    """The motion entered from rest and left to rest along its own path, its clock wound up and down smoothly.
+    """The motion entered from rest and left to rest along its own path, its clock started and stopped smoothly.
 
     Args:
         motion: The motion.
         t: Times [s], shape (m,); the clock runs at full speed from ``ramp`` to ``end - ramp``.
-        ramp: How long winding up takes [s].
+        ramp: Duration of the start [s].
         end: When it stands again [s].
 
     Returns:
@@ -111,9 +106,6 @@ def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float
     states = motion(clock)
     rate, rise = speed[:, None], change[:, None]
     return States(states.q, states.qd * rate, states.qdd * rate**2 + states.qd * rise)
-
-
-# What an exciting motion must respect, and by how much it does not.
 
 
 class Clearance(NamedTuple):
@@ -147,17 +139,9 @@ class MotionLimits:
     def excess(self, states: States) -> States:
         """By how much positions, speeds and accelerations go beyond, in shares of the limits, signed; 0 inside."""
         center, half = self.position.mean(axis=1), 0.5 * np.ptp(self.position, axis=1)
-        return States(
-            _beyond((states.q - center) / half), _beyond(states.qd / self.speed),
-            _beyond(states.qdd / self.acceleration),
-        )  # fmt: skip
+        ratios = ((states.q - center) / half, states.qd / self.speed, states.qdd / self.acceleration)
+        return States(*(np.sign(ratio) * np.maximum(np.abs(ratio) - 1.0, 0.0) for ratio in ratios))
 
-    def holds(self, states: States, torque: Array, clearance: Array | None) -> bool:
-        """Whether a motion respects everything at every sample."""
-        over = any(np.any(part) for part in self.excess(states))
-        over |= bool(np.any(np.abs(torque) > self.torque))
-        return not over and (clearance is None or bool(np.all(clearance >= self.clearance)))
-
-
-def _beyond(ratio: Array) -> Array:
-    return np.asarray(np.sign(ratio) * np.maximum(np.abs(ratio) - 1.0, 0.0))
+    def holds(self, states: States, torque: Array) -> bool:
+        """Whether a motion respects position, speed, acceleration and torque at every sample."""
+        return not any(np.any(part) for part in self.excess(states)) and bool(np.all(np.abs(torque) <= self.torque))

@@ -1,4 +1,4 @@
-"""Experiment ``identify``: the arm moves so that its torques tell its dynamics, and they are told."""
+"""Identify an arm's dynamics from an exciting motion of the simulated arm, or from a robot's own log."""
 
 from __future__ import annotations
 
@@ -8,23 +8,24 @@ from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.cell import Observer, Silent
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.arm import Arm, LoggedRobot, believe, build_arm, motion_limits, play_motion
-from polish_sim.identification.base_parameters import BaseParameters, base_of
 from polish_sim.identification.estimate import (
+    BaseParameters,
     Estimate,
     JointSums,
+    base_of,
     estimate,
     estimate_widened,
     held_out_error,
     information,
+    informative,
     inverse_of,
     require_rank,
     sum_samples,
-    told_rows,
 )
 from polish_sim.identification.excitation import (
     OBJECTIVES,
@@ -36,20 +37,19 @@ from polish_sim.identification.excitation import (
     mean_information,
     use_matrix,
 )
-from polish_sim.identification.first_steps import IN_LOG, SIMULATED, FirstStep
 from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.log_file import RobotLog, periodic_states, with_noise
 from polish_sim.identification.payload import Weighed, guessed_load, weigh_block
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent
 from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.identification.settings import IdentifySettings
-from polish_sim.identification.stepwise import carried, fit_motion_after
-
-Array = NDArray[np.float64]
+from polish_sim.identification.stepwise import IN_LOG, SIMULATED, FirstStep, carried, fit_motion_after
 
 USE_MOTIONS = 12
 """Random motions under the same limits: what the identified model is designed to predict."""
 USE_SAMPLES = 200
+HELD_OUT = 0.2
+"""Share of a robot's own log, its end, that is not fitted."""
 
 
 class HeldOut(NamedTuple):
@@ -58,14 +58,14 @@ class HeldOut(NamedTuple):
     time: Array
     states: States
     measured: Array
-    """Torques with noise [N m], NaN where a torque tells nothing, shape (m, n)."""
+    """Torques with noise [N m], NaN where a torque does not count, shape (m, n)."""
     exact: Array
-    """Without noise [N m], shape (m, n); the measured ones if nobody knows better."""
+    """Without noise [N m], shape (m, n); the measured ones of a real robot."""
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What an identification leaves behind."""
+    """Result of an identification."""
 
     model: TorqueModel
     base: BaseParameters
@@ -80,7 +80,7 @@ class Identification:
     """True base parameters, shape (r,); None for a real robot."""
     motion: FourierMotion | None = None
     weighed: Weighed | None = None
-    """The payload, if one was to be found."""
+    """The payload, if one was searched."""
 
 
 def run_identification(
@@ -90,7 +90,7 @@ def run_identification(
 
     Args:
         settings: Noise, objective, method.
-        observer: Told of the progress.
+        observer: Receives the progress.
         use: Motion the identified model is for; random motions under the same limits if None.
 
     Returns:
@@ -103,7 +103,9 @@ def run_identification(
     base, sigma = base_of(arm.truth), np.array(settings.sigma)
     drawing = believe(arm, streams[0])
     observer.stage(f"design a motion ({settings.objective})")
-    task, other, excitation, design_s = _design(arm, base, drawing, settings, streams[1], use)
+    started = time.process_time()
+    task, other, excitation = _design(arm, base, drawing, settings, streams[1], use)
+    design_s = time.process_time() - started
     observer.stage(f"play {settings.periods} periods and one of another motion")
     log = with_noise(
         play_motion(arm, excitation.motion, settings.periods, settings.rate), settings.encoder, sigma, streams[2]
@@ -125,10 +127,15 @@ def run_identification(
     full = fit_consistent(arm.truth, base, found, drawing)
     truth = base.combination @ arm.truth.truth()
     figures = measure_fit(arm.truth, base, found, full, drawing, held_out) | step_figures
-    told = information(sums, sigma)
+    known = information(sums, sigma)
     if first is not None:
-        told = told + information(first.sums, first.sigma)
-    figures |= _against_truth(found, told, truth) | _motion_figures(task, excitation, len(log.time))
+        known = known + information(first.sums, first.sigma)
+    bound = np.diag(inverse_of(known))
+    figures |= {
+        "error_over_crb": float(np.sqrt(np.mean((found.theta - truth) ** 2 / bound))),
+        "interval_coverage": float(np.mean(found.covers(truth))),
+    }
+    figures |= _motion_figures(task, excitation, len(log.time))
     figures |= {"design_s": design_s, "fit_s": fit_s, "samples": len(log.time), "seed": settings.seed}
     figures |= {"method": settings.method, "objective": settings.objective}
     weighed = None
@@ -139,21 +146,16 @@ def run_identification(
     return Identification(arm.truth, base, found, full, drawing, held_out, figures, truth, excitation.motion, weighed)
 
 
-class Designed(NamedTuple):
-    """A motion, the task it is for, and another motion of that kind to be held out."""
-
-    task: ExcitationTask
-    other: FourierMotion
-    excitation: Excitation
-    seconds: float
-
-
 def _design(
-    arm: Arm, base: BaseParameters, drawing: Drawing, settings: IdentifySettings, rng: np.random.Generator,
+    arm: Arm,
+    base: BaseParameters,
+    drawing: Drawing,
+    settings: IdentifySettings,
+    rng: np.random.Generator,
     use: States | None,
-) -> Designed:  # fmt: skip
+) -> tuple[ExcitationTask, FourierMotion, Excitation]:
+    """The task of a motion, another random motion to be held out, and the motion designed for the task."""
     sigma = np.array(settings.sigma)
-    started = time.process_time()
     nothing, believed = np.eye(base.rank), drawing.parameters.copy()
     if settings.payload:
         last = 10 * arm.truth.joints
@@ -163,17 +165,15 @@ def _design(
     t = np.arange(USE_SAMPLES) / USE_SAMPLES * other.period
     uses = [motion(t) for motion in motions] if use is None else [use]
     task = replace(task, use=np.mean([use_matrix(arm.truth, base, states, sigma) for states in uses], axis=0))
-    choice = OBJECTIVES[settings.objective]
-    excitation = design(task, choice, rng, settings.starts, settings.iterations)
-    return Designed(task, other, excitation, time.process_time() - started)
+    return task, other, design(task, OBJECTIVES[settings.objective], rng, settings.starts, settings.iterations)
 
 
 def _hold_out(arm: Arm, motion: FourierMotion, settings: IdentifySettings, rng: np.random.Generator) -> HeldOut:
     log = play_motion(arm, motion, 1, settings.rate)
     states = periodic_states(log, motion.period)
     measured = with_noise(log, 0.0, np.array(settings.sigma), rng).torque
-    # Where any joint turns round, the engine's friction has no sign; torques of moving joints are compared.
-    moving = np.all(told_rows(states), axis=1)
+    # Where any joint reverses, the engine's friction has no sign; torques of moving joints are compared.
+    moving = np.all(informative(states), axis=1)
     return HeldOut(log.time[moving], states.rows(moving), measured[moving], log.torque[moving])
 
 
@@ -223,14 +223,6 @@ def measure_fit(
     }
 
 
-def _against_truth(found: Estimate, told: Array, truth: Array) -> dict[str, Any]:
-    bound = np.diag(inverse_of(told))
-    return {
-        "error_over_crb": float(np.sqrt(np.mean((found.theta - truth) ** 2 / bound))),
-        "interval_coverage": float(np.mean(found.covers(truth))),
-    }
-
-
 def _motion_figures(task: ExcitationTask, excitation: Excitation, samples: int) -> dict[str, Any]:
     """What the designed motion promises for a period of 10,000 samples, and its condition number in SI."""
     H = mean_information(task, excitation.motion)
@@ -246,23 +238,17 @@ def _motion_figures(task: ExcitationTask, excitation: Excitation, samples: int) 
     }
 
 
-# A robot identified from its own log instead of the simulated arm.
-
-HELD_OUT = 0.2
-"""Share of the motion, its end, that is not fitted."""
-
-
 def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States, method: str = "joint") -> Identification:
     """Identify a robot from its own log; the last fifth of its motion is held out.
 
     Args:
-        robot: What is known of it.
-        log: What it did.
+        robot: Its model and known load.
+        log: Positions and torques.
         states: Its states, from the log's positions.
         method: One of `METHODS`.
 
     Raises:
-        IdentificationError: The motion does not tell every base parameter, or there is no first step in the log.
+        IdentificationError: The motion does not excite every base parameter, or the log has no first step.
     """
     model, base = robot.model, base_of(robot.model)
     drawing = Drawing(model.truth(), robot.carried)
@@ -287,14 +273,14 @@ def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States, method:
     return Identification(model, base, found, full, drawing, held_out, figures)
 
 
-def _hold_out_log(model: TorqueModel, log: RobotLog, states: States, rows: NDArray[np.int64]) -> HeldOut:
-    told = told_rows(states.rows(rows))
-    silent = [joint for j, joint in enumerate(model.chain.joints) if not told[:, j].any()]
+def _hold_out_log(model: TorqueModel, log: RobotLog, states: States, rows: Indices) -> HeldOut:
+    counts = informative(states.rows(rows))
+    silent = [joint for j, joint in enumerate(model.chain.joints) if not counts[:, j].any()]
     if silent:
         raise IdentificationError(
-            f"the last fifth of the log, which is held out, tells nothing of {', '.join(silent)}: there it "
-            "stands or turns round. Let every joint move until the end of the log."
+            f"the last fifth of the log, which is held out, has no usable torque of {', '.join(silent)}: the joint "
+            "stands still or reverses there. Let every joint move until the end of the log."
         )
-    some = told.any(axis=1)
-    measured = np.where(told, log.torque[rows], np.nan)[some]
+    some = counts.any(axis=1)
+    measured = np.where(counts, log.torque[rows], np.nan)[some]
     return HeldOut(log.time[rows][some], states.rows(rows[some]), measured, measured)

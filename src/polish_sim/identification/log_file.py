@@ -1,4 +1,4 @@
-"""A robot's own log as CSV: joint positions and torques over time, checked before they are believed.
+"""Logs of a robot: joint positions and torques over time, simulated or from a CSV that is checked.
 
 Columns ``time_s``, and for joint 1 ``q1_rad``, ``torque1_nm`` (of a slide ``q1_m``, ``force1_n``) and so on; others are
 left out.
@@ -11,19 +11,15 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_lsq_spline
 
+from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.exchange.columns import read_named_columns
 from polish_sim.exchange.way_points import finite_column
 from polish_sim.identification.fourier import fit_fourier
 from polish_sim.identification.regressor import States
 from polish_sim.motion.serial_chain import HINGE
-
-# What a robot's joints did and which torques they took, as arrays; from simulation or from a file.
-
-Array = NDArray[np.float64]
 
 HARMONICS_FITTED = 20
 """Of the measured positions: four times what is commanded, for what the servos add."""
@@ -46,14 +42,7 @@ def periodic_states(log: RobotLog, period: float, harmonics: int = HARMONICS_FIT
 
 
 def with_noise(log: RobotLog, encoder: float, sigma: Array, rng: np.random.Generator) -> RobotLog:
-    """The log as encoders and torque sensors read it.
-
-    Args:
-        log: What happened.
-        encoder: Step of the encoders [rad].
-        sigma: White noise of the torques [N m], shape (n,).
-        rng: Draws the noise.
-    """
+    """The log as read by encoders with a step [rad] and torque sensors with white noise sigma (n,) [N m]."""
     q = np.round(log.q / encoder) * encoder if encoder > 0.0 else log.q
     return RobotLog(log.time, q, log.torque + rng.normal(size=log.torque.shape) * sigma)
 
@@ -63,7 +52,7 @@ def spline_states(log: RobotLog, knots: float = 0.05) -> States:
 
     Args:
         log: The log.
-        knots: Time between knots [s]; motion faster than some three of them is smoothed away.
+        knots: Time between knots [s]; motion faster than about three of them is smoothed away.
     """
     span = log.time[-1] - log.time[0]
     inner = np.linspace(log.time[0], log.time[-1], max(int(span / knots), 2) + 1)[1:-1]
@@ -104,8 +93,8 @@ def read_robot_log(
         joints: Names of the joints in a user's model, shape (n,), to name those of a log that has fewer.
 
     Raises:
-        InputError: A column is missing, a value is none, time does not increase or is in other units, there are gaps,
-            the period does not fit, angles look like degrees, a torque is saturated; names the place.
+        InputError: A column or a value is missing, time does not increase or is in other units, there are gaps, the
+            period does not fit, angles look like degrees, a torque is saturated; names the place.
     """
     q_names, torque_names = log_columns(kinds)
     columns, lines = _read(file)
@@ -198,7 +187,7 @@ def _check_steps(file: Path, time: Array, lines: list[int]) -> None:
         row = int(np.argmax(gaps)) + 1
         raise InputError(
             f"'{file}', line {lines[row]}: a gap of {step[row - 1]:.3g} s, {int(gaps.sum())} in all; samples are "
-            f"{usual:.3g} s apart. Accelerations cannot be told across a gap: log without, or give --period "
+            f"{usual:.3g} s apart. Accelerations are unknown across a gap: log without, or give --period "
             "if the motion repeats."
         )
 

@@ -10,13 +10,11 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import inertia_at_origin
-
-# A model's XML written so that its folder may be moved: the files it needs are copied beside it.
 
 ASSETS: Final = "meshes"
 """Folder beside the model that holds copies of what it needs."""
@@ -24,15 +22,7 @@ _TEXTURE_FILES: Final = ("file", "fileright", "fileleft", "fileup", "filedown", 
 
 
 def write_portable(file: Path, xml: str) -> Path:
-    """Write a model whose folders are absolute, as MuJoCo saves it, with copies of its files.
-
-    Args:
-        file: Where to; copies go to the folder `ASSETS` beside it.
-        xml: The model.
-
-    Returns:
-        The model's file.
-    """
+    """Write a model whose folders are absolute, as MuJoCo saves it; copies of its files go to `ASSETS` beside it."""
     root = ElementTree.fromstring(xml)
     compiler = root.find("compiler")
     folders = {} if compiler is None else compiler.attrib
@@ -68,11 +58,8 @@ def _copied(source: Path, folder: Path, taken: dict[str, Path]) -> str:
     return name
 
 
-Array = NDArray[np.float64]
-
-
 class IdentifiedJoints(NamedTuple):
-    """Numbers to be written; friction and rotors may be missing, then they stay."""
+    """Numbers to be written; friction and rotors that are None stay as they are."""
 
     parameters: Array
     """Ten parameters of each joint's own body about the joint's origin, shape (n, 10)."""
@@ -124,17 +111,7 @@ def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: Path 
 
 
 def write_identified(folder: Path, joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None) -> Path:
-    """Write ``identified.xml`` with copies of its meshes: the folder compiles wherever it is moved.
-
-    Args:
-        folder: Where to.
-        joints: Names of the joints, shape (n,).
-        found: What was identified.
-        source: The robot's MJCF; the shipped robot's if None.
-
-    Returns:
-        The model's file.
-    """
+    """Write ``identified.xml`` with copies of its meshes, so that the folder may be moved; see `identified_xml`."""
     return write_portable(folder / "identified.xml", identified_xml(joints, found, source))
 
 

@@ -1,7 +1,7 @@
 """A payload as one more body on the last link: its mass, centre and inertia from a second run.
 
-tau_loaded = Y theta + Y_n pi: the last link's own ten columns Y_n, beside the base parameters theta of the arm, which
-the run without payload tells; or theta known beforehand.
+tau_loaded = Y theta + Y_n pi: the last link's own ten columns Y_n, beside the base parameters theta of the arm, found
+in the run without payload or known beforehand.
 """
 
 from __future__ import annotations
@@ -10,21 +10,25 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.cell.playback import CarriedLoad
 from polish_sim.identification.arm import SCENARIO, LoggedRobot, build_arm, play_motion
-from polish_sim.identification.base_parameters import BaseParameters, base_of
-from polish_sim.identification.estimate import JointSums, estimate, require_told, sum_samples
+from polish_sim.identification.estimate import (
+    BaseParameters,
+    JointSums,
+    base_of,
+    estimate,
+    require_excited,
+    sum_samples,
+)
 from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.log_file import RobotLog, periodic_states, with_noise
 from polish_sim.identification.physical import is_consistent, parameters_of, pseudo_inertia
 from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.identification.settings import IdentifySettings
 from polish_sim.motion.serial_chain import LINK_PARAMETERS, inertia_at_origin, link_parameters
-
-Array = NDArray[np.float64]
 
 BODY_NAMES: Final = ("mass", "center_x", "center_y", "center_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 BODY_UNITS: Final = ("kg", "m", "m", "m", *["kg m^2"] * 6)
@@ -95,17 +99,17 @@ def fit_payload(
     Args:
         model: The torque model of the arm.
         base: Its base.
-        empty: What the run without payload says, in the base.
+        empty: Normal equations of the run without payload, in the base.
         states: States with it, shape (m, n) each.
         torque: Torques with it [N m], shape (m, n).
 
     Raises:
-        IdentificationError: The motions do not tell everything; names what stays unknown.
+        IdentificationError: The motions leave a parameter unknown; names it.
     """
     both = BaseParameters(np.append(base.columns, _last_link(model)), np.zeros((0, 0)))
     sums = sum_samples(model, both, states, torque).plus(_widened(empty, 10))
     names = [model.names[column] for column in base.columns] + [f"payload {name}" for name in LINK_PARAMETERS]
-    require_told(sums, names, model)
+    require_excited(sums, names, model)
     found = estimate(sums)
     return Payload(found.theta[-10:], found.covariance[-10:, -10:], model.chain.origins[-1])
 
@@ -113,37 +117,27 @@ def fit_payload(
 def fit_payload_on_known_arm(
     model: TorqueModel, base: BaseParameters, theta: Array, states: States, torque: Array
 ) -> Payload:
-    """Estimate a payload from one run; the intervals count noise only, as if the arm were known exactly.
+    """Estimate a payload from one run of an arm whose base parameters ``theta`` (r,) are known.
 
-    Args:
-        model: The torque model of the arm.
-        base: Its base.
-        theta: Its base parameters, shape (r,).
-        states: States with the payload, shape (m, n) each.
-        torque: Torques with it [N m], shape (m, n).
-
-    Raises:
-        IdentificationError: The motion does not tell everything; names what stays unknown.
+    The intervals count noise only, as if the arm were known exactly. Arguments and errors else as in `fit_payload`.
     """
     alone = BaseParameters(_last_link(model), np.zeros((0, 0)))
     left = torque - model.torque_of_base(states, base.columns, theta)
     sums = sum_samples(model, alone, states, left)
-    require_told(sums, [f"payload {name}" for name in LINK_PARAMETERS], model)
+    require_excited(sums, [f"payload {name}" for name in LINK_PARAMETERS], model)
     found = estimate(sums)
     return Payload(found.theta, found.covariance, model.chain.origins[-1])
 
 
-def _last_link(model: TorqueModel) -> NDArray[np.int64]:
+def _last_link(model: TorqueModel) -> Indices:
     return np.arange(10 * (model.joints - 1), 10 * model.joints)
 
 
 def _widened(sums: JointSums, more: int) -> JointSums:
-    """The same samples, telling nothing of some more columns."""
+    """The same samples with some more columns of zeros."""
     squares = np.pad(sums.squares, ((0, 0), (0, more), (0, more)))
     return sums._replace(squares=squares, products=np.pad(sums.products, ((0, 0), (0, more))))
 
-
-# A payload weighed by the arm that carries it: the same motion without and with it.
 
 _DENSITY: Final = 2700.0
 """Of the blocks that are carried [kg/m^3]."""
@@ -152,11 +146,10 @@ _AHEAD: Final = 0.05
 
 
 class Weighed(NamedTuple):
-    """A payload that was found."""
+    """A payload that was found, its true ten parameters (None for a real one), and its figures."""
 
     payload: Payload
     truth: Array | None
-    """Its true ten parameters; None for a real one."""
     figures: dict[str, Any]
 
 
@@ -182,7 +175,7 @@ def weigh_block(
     """Play the motion again with a block on the simulated arm, and find the block.
 
     Args:
-        empty: What the run without it says, in the base.
+        empty: Normal equations of the run without it, in the base.
         base: The arm's base.
         motion: The motion of both runs.
         settings: The block's mass, noise, periods.
@@ -203,12 +196,12 @@ def weigh_from_logs(
     """Find what a robot carries from its logs.
 
     Args:
-        robot: What is known of the robot.
-        empty: A run without payload and its states; None if the robot's model is to be believed as it is.
+        robot: Its model.
+        empty: A run without payload and its states; None: the robot's model is taken as exact.
         loaded: A run with it.
 
     Raises:
-        IdentificationError: The motions do not tell everything.
+        IdentificationError: The motions leave a parameter unknown.
     """
     model, base = robot.model, base_of(robot.model)
     log, states = loaded

@@ -1,8 +1,8 @@
 """From base parameters to full ones a real body can have: pseudo-inertia above zero, friction not below.
 
 A body's pseudo-inertia J = [[Sigma, m c], [m c^T, m]], Sigma = tr(I)/2 - I, is positive exactly if a distribution of
-mass has these parameters. J = L L^T + a share of the drawing's, so every fit is consistent; directions that torques do
-not tell stay at the drawing.
+mass has these parameters. J = L L^T + a share of the drawing's, so every fit is consistent; directions without effect
+on torques stay at the drawing.
 """
 
 from __future__ import annotations
@@ -13,15 +13,12 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from polish_sim.identification.base_parameters import BaseParameters, base_names, identifiable
-from polish_sim.identification.estimate import INTERVAL_95, Estimate
+from polish_sim.arrays import Array
+from polish_sim.identification.estimate import INTERVAL_95, BaseParameters, Estimate, base_names, identifiable
 from polish_sim.identification.regressor import TorqueModel
 from polish_sim.motion.serial_chain import inertia_at_origin
-
-Array = NDArray[np.float64]
 
 _FLOOR: Final = 1e-3
 """Share of the drawing's pseudo-inertia every link keeps."""
@@ -65,16 +62,13 @@ class Drawing:
 
 
 def fit_consistent(model: TorqueModel, base: BaseParameters, found: Estimate, drawing: Drawing) -> Array:
-    """Full parameters nearest to the estimated base, in its own covariance, that a body can have.
+    """Full parameters nearest to the estimated base, in its own covariance, that a body can have, shape (p,).
 
     Args:
         model: The torque model.
         base: Its base.
-        found: What was estimated.
-        drawing: Where directions that torques do not tell stay.
-
-    Returns:
-        All parameters, shape (p,).
+        found: The estimate.
+        drawing: Directions without effect on torques stay at it.
     """
     fit = _ConsistentFit(model, drawing)
     whiten = np.linalg.cholesky(np.linalg.inv(_scaled(found))).T / found.std
@@ -161,8 +155,6 @@ def _lower(numbers: Array) -> Array:
     return L
 
 
-# Identified numbers as rows: base parameters with their intervals, then what a body could have.
-
 COLUMNS: Final = ("name", "value", "unit", "std", "identifiable", "low_95", "high_95", "true_value")
 
 
@@ -174,22 +166,14 @@ class ParameterRow(NamedTuple):
     unit: str
     std: float
     identifiable: str
-    """``base`` for a combination that torques tell; else ``alone``, ``combined`` or ``no``."""
+    """``base`` for a base parameter; else ``alone``, ``combined`` or ``no``."""
     true_value: float
 
 
 def parameter_rows(
     model: TorqueModel, base: BaseParameters, found: Estimate, full: Array, truth: Array | None
 ) -> list[ParameterRow]:
-    """All numbers of an identification.
-
-    Args:
-        model: The torque model.
-        base: Its base.
-        found: The base parameters.
-        full: Physically consistent parameters, shape (p,).
-        truth: True parameters, if known, shape (p,).
-    """
+    """All numbers of an identification, with their true values (p,) where these are known."""
     true_base = np.full(base.rank, np.nan) if truth is None else base.combination @ truth
     true_full = np.full(model.columns, np.nan) if truth is None else truth
     rows = [
@@ -204,7 +188,7 @@ def parameter_rows(
 
 
 def alone_std(base: BaseParameters, found: Estimate) -> Array:
-    """Standard deviation of every parameter as far as torques tell it, shape (p,)."""
+    """Standard deviation of every parameter as far as it is identifiable, shape (p,)."""
     back = np.linalg.pinv(base.combination)
     return np.asarray(np.sqrt(np.einsum("pr,rs,ps->p", back, found.covariance, back)))
 

@@ -7,31 +7,26 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, styled
-
-Array = NDArray[np.float64]
+from polish_sim.arrays import Array
 
 
 class TorqueData(NamedTuple):
-    """Torques over time; rows that tell nothing are left out."""
+    """Torques over time [N m], shape (m, n) each; rows that do not count are left out."""
 
     time: Array
     """[s], shape (m,)."""
     measured: Array
-    """[N m], shape (m, n)."""
     predicted: Array
-    """[N m], shape (m, n)."""
     drawing: Array
-    """[N m], shape (m, n)."""
     error: Array
     """Rms error of the prediction / range of the torque, shape (n,)."""
 
 
 @styled
 def plot_torques(data: TorqueData, title: str, facts: Sequence[str]) -> Figure:
-    """Joint by joint: what was measured, what the identified model says, what the drawing says (paper's fig. 4)."""
+    """Joint by joint: the measured torque, the identified model's, the drawing's (paper's fig. 4)."""
     n = data.measured.shape[1]
     figure = new_figure(11.0, 1.1 + 2.2 * ((n + 1) // 2))
     grid = figure.subplots((n + 1) // 2, 2, sharex=True, squeeze=False).ravel()
@@ -45,21 +40,18 @@ def plot_torques(data: TorqueData, title: str, facts: Sequence[str]) -> Figure:
             axes.plot(time, _broken(values[:, joint], data.time), color=colour, lw=width, label=label)
         axes.set_ylabel(f"joint {joint + 1} [N m]\nerror {100 * data.error[joint]:.3f}%")
     for axes in grid[-2:]:
-        axes.set_xlabel("time [s]; gaps: a joint turns round")
+        axes.set_xlabel("time [s]; gaps: a joint reverses")
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
     head(figure, grid[0], title, facts)
     return figure
 
 
 class MotionData(NamedTuple):
-    """One period of an exciting motion."""
+    """One period of an exciting motion: times (m,) [s], positions [rad] and speeds [rad/s], shape (m, n)."""
 
     time: Array
-    """[s], shape (m,)."""
     q: Array
-    """[rad], shape (m, n)."""
     qd: Array
-    """[rad/s], shape (m, n)."""
 
 
 @styled

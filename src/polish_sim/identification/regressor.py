@@ -1,8 +1,9 @@
-"""Joint torques as a linear function of inertial parameters: tau = Y(q, qd, qdd) pi.
+"""Joint torques as a linear function of their parameters: rigid links, friction, rotors, offsets (paper 3).
 
-Newton-Euler in link frames (paper 3). Link j's wrench about its own origin is B_j pi_j; joint k feels of it
-s_kj . B_j pi_j, where s_kj = (z_k x r_kj; z_k) is the joint's screw at that origin, in the link's axes. The kernel
-takes complex numbers too: that is how derivatives are taken (`regressor_derivatives`).
+tau = Y(q, qd, qdd) pi + diag(qd) fv + diag(tanh(qd / vs)) fc + diag(qdd) Ia + f0. Y is Newton-Euler in link frames:
+link j's wrench about its own origin is B_j pi_j, its share at joint k is s_kj . B_j pi_j, where
+s_kj = (z_k x r_kj; z_k) is the joint's screw at that origin, in the link's axes. The kernel takes complex numbers too,
+for derivatives by a complex step (`regressor_derivatives`).
 """
 
 from __future__ import annotations
@@ -14,14 +15,17 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import unknown_name
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.serial_chain import HINGE, LINK_PARAMETERS, LINK_UNITS, ChainGeometry, SerialChain
 
-Array = NDArray[np.float64]
-
 STEP = 1e-30
 """Size of the complex step: its square vanishes beside one."""
+PIECE: Final = 2000
+"""Samples whose regressors are held at once."""
+SIGN_WIDTH: Final = 0.02
+"""Speed over which the sign of Coulomb friction is smoothed [rad/s]."""
 
 
 def rigid_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Array:
@@ -38,10 +42,8 @@ def rigid_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Ar
     """
     m, n = q.shape
     Y = np.zeros((m, n, 10 * n))
-    fill_regressors(
-        chain, np.ascontiguousarray(q, np.float64), np.ascontiguousarray(qd, np.float64),
-        np.ascontiguousarray(qdd, np.float64), np.zeros((6, 3)), np.zeros((2, n, 3)), Y,
-    )  # fmt: skip
+    states = (np.ascontiguousarray(part, np.float64) for part in (q, qd, qdd))
+    _fill_regressors(chain, *states, np.zeros((6, 3)), np.zeros((2, n, 3)), Y)
     return Y
 
 
@@ -60,50 +62,32 @@ def regressor_derivatives(chain: ChainGeometry, q: Array, qd: Array, qdd: Array)
     m, n = q.shape
     state = np.concatenate([q, qd, qdd], axis=1).astype(np.complex128)
     out = np.empty((m, 3 * n, n, 10 * n))
-    work, chains, Y = (
-        np.zeros((6, 3), np.complex128),
-        np.zeros((2, n, 3), np.complex128),
-        np.zeros((m, n, 10 * n), np.complex128),
-    )
+    work, chains, Y = (np.zeros(shape, np.complex128) for shape in ((6, 3), (2, n, 3), (m, n, 10 * n)))
     for column in range(3 * n):
         stepped = state.copy()
         stepped[:, column] += 1j * STEP
         parts = [np.ascontiguousarray(stepped[:, n * k : n * (k + 1)]) for k in range(3)]
-        fill_regressors(chain, parts[0], parts[1], parts[2], work, chains, Y)
+        _fill_regressors(chain, *parts, work, chains, Y)
         out[:, column] = Y.imag / STEP
     return out
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def fill_regressors(  # type: ignore[no-untyped-def]
-    chain: ChainGeometry, q, qd, qdd, motion, screws, Y
-) -> None:
-    """Fill regressors (m, n, 10 n) of m states; blocks below the diagonal are left as they are (zero).
+def _fill_regressors(chain: ChainGeometry, q, qd, qdd, motion, screws, Y) -> None:  # type: ignore[no-untyped-def]
+    """Fill regressors (m, n, 10 n) of m real or complex states (m, n); blocks below the diagonal are left as they are.
 
-    Args:
-        chain: The chain.
-        q: Real or complex, shape (m, n).
-        qd: Shape (m, n).
-        qdd: Shape (m, n).
-        motion: Room for w, dw, a and the turn from link to link, shape (6, 3).
-        screws: Room for axes and arms of the joints below, shape (2, n, 3).
-        Y: What is filled.
+    ``motion`` (6, 3) has w, dw, a and the turn from link to link, ``screws`` (2, n, 3) axes and arms of the joints.
     """
-    for row in range(q.shape[0]):
-        _fill_one(chain, q[row], qd[row], qdd[row], motion, screws, Y[row])
-
-
-@njit(cache=True, error_model="numpy", _nrt=False)
-def _fill_one(chain: ChainGeometry, q, qd, qdd, motion, screws, Y) -> None:  # type: ignore[no-untyped-def]
     w, dw, a = motion[0], motion[1], motion[2]
-    for x in range(3):
-        w[x] = 0.0 * q[0]
-        dw[x] = 0.0 * q[0]
-        a[x] = -chain.gravity[x] + 0.0 * q[0]
-    for j in range(q.shape[0]):
-        _step_outward(chain, j, q[j], qd[j], qdd[j], motion, screws)
-        for k in range(j + 1):
-            _fill_block(chain.kind[k], screws[0, k], screws[1, k], w, dw, a, Y[k], 10 * j)
+    for row in range(q.shape[0]):
+        for x in range(3):
+            w[x] = 0.0 * q[row, 0]
+            dw[x] = 0.0 * q[row, 0]
+            a[x] = -chain.gravity[x] + 0.0 * q[row, 0]
+        for j in range(q.shape[1]):
+            _step_outward(chain, j, q[row, j], qd[row, j], qdd[row, j], motion, screws)
+            for k in range(j + 1):
+                _fill_block(chain.kind[k], screws[0, k], screws[1, k], w, dw, a, Y[row, k], 10 * j)
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
@@ -177,7 +161,7 @@ def _turn(R, v) -> None:  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 def _fill_block(kind: int, z, arm, w, dw, a, Y, first: int) -> None:  # type: ignore[no-untyped-def]
-    """What joint (axis z, arm from its origin to the link's) feels of the ten parameters of a link."""
+    """Torque at a joint (axis z, arm from its origin to the link's) by the ten parameters of a link."""
     if kind == HINGE:
         nx, ny, nz = z[0], z[1], z[2]
         lx, ly, lz = ny * arm[2] - nz * arm[1], nz * arm[0] - nx * arm[2], nx * arm[1] - ny * arm[0]
@@ -200,16 +184,6 @@ def _fill_block(kind: int, z, arm, w, dw, a, Y, first: int) -> None:  # type: ig
     Y[first + 9] = nz * dw[2] + pz * w[2]
 
 
-# What a joint's torque is made of: rigid links, friction, rotors, offsets; all linear in their parameters.
-#
-# tau = Y(q, qd, qdd) pi + diag(qd) fv + diag(tanh(qd / vs)) fc + diag(qdd) Ia + f0          (paper 3)
-
-PIECE: Final = 2000
-"""Samples whose regressors are held at once."""
-SIGN_WIDTH: Final = 0.02
-"""Speed over which the sign of Coulomb friction is smoothed [rad/s]."""
-
-
 class States(NamedTuple):
     """Joint states, one row a sample."""
 
@@ -220,7 +194,7 @@ class States(NamedTuple):
     qdd: Array
     """[rad/s^2], shape (m, n)."""
 
-    def rows(self, rows: slice | NDArray[np.integer[Any]] | NDArray[np.bool_]) -> States:
+    def rows(self, rows: slice | NDArray[np.integer[Any]] | Bools) -> States:
         """Some of the samples."""
         return States(self.q[rows], self.qd[rows], self.qdd[rows])
 
@@ -262,7 +236,7 @@ TERMS: Final[dict[str, JointTerm]] = {
 }  # fmt: skip
 """Terms a model may have beside the rigid links."""
 FULL: Final = ("coulomb", "viscous", "armature", "offset")
-"""Coulomb first: poses approached at one slow speed tell its sum with viscous friction, and that is its name."""
+"""Coulomb first: poses approached at one slow speed give its sum with viscous friction, under its name."""
 
 
 @dataclass(frozen=True)
@@ -327,14 +301,10 @@ class TorqueModel:
         """Torques of all parameters (p,) [N m], shape (m, n)."""
         return np.asarray(self.regressor(states) @ parameters)
 
-    def torque_of_base(self, states: States, columns: NDArray[np.int64], theta: Array) -> Array:
-        """Torques of base parameters (r,) on their columns (r,) [N m], shape (m, n)."""
-        return np.concatenate(
-            [
-                self.regressor(states.rows(slice(first, first + PIECE)))[:, :, columns] @ theta
-                for first in range(0, len(states.q), PIECE)
-            ]
-        )
+    def torque_of_base(self, states: States, columns: Indices | slice, theta: Array) -> Array:
+        """Torques of parameters (r,) on some columns (r,), piece by piece [N m], shape (m, n)."""
+        parts = (states.rows(slice(first, first + PIECE)) for first in range(0, len(states.q), PIECE))
+        return np.concatenate([self.regressor(part)[:, :, columns] @ theta for part in parts])
 
 
 def random_states(joints: int, count: int, rng: np.random.Generator) -> States:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import InputError
@@ -20,8 +20,6 @@ from polish_sim.motion import track
 from polish_sim.motion.serial_chain import HINGE
 from polish_sim.smoothing.place import distinct_rows, way_between
 from polish_sim.spatial import apply, transform
-
-Array = NDArray[np.float64]
 
 JOINTS: Final = 6
 LOGS: Final = ("log.npz", "trajectory.npz")

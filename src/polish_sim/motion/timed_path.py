@@ -9,11 +9,14 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
+from polish_sim.motion.rules.chain import Chain, rows_among
 from polish_sim.motion.rules.fir import stop_times
+from polish_sim.motion.rules.schedule import Schedule, ScheduleIndex, index_schedule, progress_at, sample_schedule
 from polish_sim.motion.trajectory import (
     PathTable,
     blend_cubic,
     blend_linear,
+    continuous_quaternions,
     normalize,
     sample_path,
     slowed_before,
@@ -171,3 +174,81 @@ def sample_rate(motion: TimedPath, clock: float) -> float:
     share = min(max(clock, 0.0), motion.duration) / motion.spacing
     row = min(int(share), motion.rates.shape[0] - 2)
     return float(motion.rates[row] + (share - row) * (motion.rates[row + 1] - motion.rates[row]))
+
+
+# A smoothed chain as a motion (Chain, Schedule -> TimedPath).
+
+
+def time_schedule(chain: Chain, schedule: Schedule, marks: Array) -> TimedPath:
+    """Sample a schedule densely.
+
+    Args:
+        chain: The segments, base frame, at least one.
+        schedule: When they are passed.
+        marks: Arc length at the chain's way points [m], rising, shape (segments + 1,): the motion's places go from
+            mark to mark as its segments progress.
+
+    Returns:
+        The motion.
+    """
+    clock = row_times(schedule.end)
+    motion = sample_schedule(chain, schedule, clock)
+    places, speeds = np.empty(len(clock)), np.empty(len(clock))
+    _mark(schedule, index_schedule(chain, schedule), clock, marks, places, speeds)
+    return TimedPath(
+        float(clock[1] - clock[0]),
+        schedule.end,
+        np.ascontiguousarray(motion.tips[:, 0]),
+        np.ascontiguousarray(motion.tips[:, 1]),
+        continuous_quaternions(motion.rotations),
+        np.ascontiguousarray(motion.spins[:, 0]),
+        np.maximum.accumulate(places),
+        speeds,
+        np.ones(len(clock)),
+    )
+
+
+def places_at(chain: Chain, schedule: Schedule, marks: Array, times: Array) -> Array:
+    """Arc length a schedule has come to, never falling.
+
+    Args:
+        chain: The segments.
+        schedule: When they are passed.
+        marks: Arc length at the way points [m], rising, shape (segments + 1,).
+        times: Rising [s], shape (n,).
+
+    Returns:
+        [m], shape (n,).
+    """
+    places, speeds = np.empty(len(times)), np.empty(len(times))
+    _mark(schedule, index_schedule(chain, schedule), times, marks, places, speeds)
+    return np.maximum.accumulate(places)
+
+
+def marks_on(chain: Chain, tips: Array, rotations: Array, s: Array) -> Array:
+    """Arc lengths of a chain's way points, each of which is one of the points it was made of, in the same order.
+
+    Args:
+        chain: The chain.
+        tips: Points it was made of [m], shape (m, 3).
+        rotations: Tool frames there, shape (m, 3, 3).
+        s: Arc length there [m], shape (m,).
+
+    Returns:
+        [m], shape (segments + 1,).
+    """
+    own, raw = (np.hstack([p, R.reshape(-1, 9)]) for p, R in ((chain.tips, chain.rotations), (tips, rotations)))
+    return s[rows_among(own, raw)]
+
+
+@njit(cache=True, error_model="numpy")
+def _mark(schedule: Schedule, index: ScheduleIndex, clock: Array, marks: Array, places: Array, speeds: Array) -> None:
+    rates = np.empty(4)
+    for i in range(len(clock)):
+        first = np.searchsorted(index.all_ended, clock[i], side="right")
+        stop = max(first, np.searchsorted(index.none_begun, clock[i], side="right"))
+        places[i], speeds[i] = marks[first], 0.0
+        for k in range(first, stop):
+            progress_at(schedule, index, k, clock[i], rates)
+            places[i] += rates[0] * (marks[k + 1] - marks[k])
+            speeds[i] += rates[1] * (marks[k + 1] - marks[k])

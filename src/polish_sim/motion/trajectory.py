@@ -73,7 +73,7 @@ def build_path_table(
     nodes = np.linspace(0.0, float(place[-1]), max(2, math.ceil(place[-1] / spacing) + 1))
     curve = CubicSpline(place, points, axis=0, bc_type="natural")
     step = float(nodes[1] - nodes[0])
-    quaternions = _interpolate_quaternions(place, Rotation.from_matrix(frames).as_quat(scalar_first=True), nodes)
+    quaternions = _interpolate_quaternions(place, continuous_quaternions(frames), nodes)
     return PathTable(
         step,
         length,
@@ -123,9 +123,15 @@ def slowed_before(speeds: Array, gain: float) -> Array:
     return out
 
 
-def _interpolate_quaternions(s: Array, quaternions: Array, nodes: Array) -> Array:
-    signs = np.cumprod(np.concatenate([[1.0], np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1, 1)]))
-    continuous = quaternions * signs[:, None]
+def continuous_quaternions(rotations: Array) -> Array:
+    """Rotations (n, 3, 3) as quaternions wxyz whose signs do not jump, shape (n, 4)."""
+    quaternions = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
+    turned = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
+    quaternions[1:] *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
+    return np.ascontiguousarray(quaternions)
+
+
+def _interpolate_quaternions(s: Array, continuous: Array, nodes: Array) -> Array:
     blended = np.stack([np.interp(nodes, s, continuous[:, i]) for i in range(4)], axis=1)
     return np.ascontiguousarray(blended / np.linalg.norm(blended, axis=1, keepdims=True))
 

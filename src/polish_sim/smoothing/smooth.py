@@ -26,7 +26,7 @@ from polish_sim.motion.rules.registry import RULES
 from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.rules.schedule import sample_schedule, stretched
 from polish_sim.motion.segment_rates import JointRates, joint_motion
-from polish_sim.motion.timed_schedule import marks_on, places_at
+from polish_sim.motion.timed_path import marks_on, places_at
 from polish_sim.planning.toolpath import PROCESS, ToolPath
 from polish_sim.smoothing.place import place_path
 from polish_sim.smoothing.tracking import REFERENCE, PlayedRule, compare_tracking, measure_tracking

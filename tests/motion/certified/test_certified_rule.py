@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.exact_stop import plan_exact_stop
 from benchmarks.random_paths import draw_path
 from benchmarks.smoothing_rules import random_path
 from polish_sim.motion.certified.segment_limits import FINE
@@ -13,7 +14,6 @@ from polish_sim.motion.certified.smoother import Smoother, join_pieces
 from polish_sim.motion.rules.certified_rule import plan_certified as plan
 from polish_sim.motion.rules.chain import build_chain, chain_from_axes
 from polish_sim.motion.rules.deviation import measure_deviation
-from polish_sim.motion.rules.exact_stop import plan_exact_stop
 from polish_sim.motion.rules.limits import SmoothingLimits, six
 from polish_sim.motion.rules.schedule import sample_schedule
 from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path

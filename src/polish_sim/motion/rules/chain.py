@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import rotation_to_axis, unit
@@ -73,10 +73,10 @@ def build_chain(tips: Array, rotations: Array) -> Chain:
     chain = Chain(tips, axes, rotations, np.zeros(n), np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), np.zeros(n))
     _fill_segments(chain)
     if n and chain.angles.max() > HALF_TURN:
-        k = int(chain.angles.argmax())
+        k, raw = int(chain.angles.argmax()), np.flatnonzero(kept)
         raise SmoothingError(
             f"the tool axis turns by 180 deg between {place_in_mm(tips[k])} and {place_in_mm(tips[k + 1])} "
-            f"(way points {_raw_number(kept, k)} and {_raw_number(kept, k + 1)}, counted from 0): "
+            f"(way points {raw[k]} and {raw[k + 1]}, counted from 0): "
             "which way round is not given. Put a way point between them."
         )
     return chain
@@ -118,6 +118,48 @@ def repeated_points(tips: Array, rotations: Array) -> Bools:
     return repeated
 
 
+def rows_among(points: Array, raw: Array) -> Indices:
+    """Row of each of some points among the raw ones they were chosen from, in the same order.
+
+    Args:
+        points: Rows of numbers, shape (n, d).
+        raw: Shape (m, d).
+
+    Returns:
+        Shape (n,).
+
+    Raises:
+        SmoothingError: A point is not among the raw ones behind the row of the one before.
+    """
+    rows = np.zeros(len(points), dtype=np.int64)
+    missing = _match(points, raw, rows)
+    if missing >= 0:
+        raise SmoothingError(f"way point {missing} of the smoothed chain is not among those given, in order.")
+    return rows
+
+
+@njit(cache=True, error_model="numpy")
+def _match(points: Array, raw: Array, rows: Indices) -> int:
+    """Fill ``rows``; the first point without one, or -1."""
+    r = 0
+    for k in range(points.shape[0]):
+        while r < raw.shape[0] and _apart(points[k], raw[r]):
+            r += 1
+        if r == raw.shape[0]:
+            return k
+        rows[k] = r
+        r += 1
+    return -1
+
+
+@njit(cache=True, error_model="numpy")
+def _apart(one: Array, other: Array) -> bool:
+    apart = False
+    for i in range(one.shape[0]):
+        apart = apart or one[i] != other[i]
+    return apart
+
+
 def _check(tips: Array, rotations: Array) -> None:
     if tips.ndim != 2 or tips.shape[1:] != (3,) or rotations.shape != (len(tips), 3, 3) or len(tips) == 0:
         raise SmoothingError(
@@ -129,10 +171,6 @@ def _check(tips: Array, rotations: Array) -> None:
     skewed = np.abs(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)).max(axis=(1, 2)) > 1e-6
     if skewed.any():
         raise SmoothingError(f"the tool frame of way point {int(np.argmax(skewed))} (counted from 0) is no rotation.")
-
-
-def _raw_number(kept: Bools, index: int) -> int:
-    return int(np.flatnonzero(kept)[index])
 
 
 @njit(cache=True, error_model="numpy")

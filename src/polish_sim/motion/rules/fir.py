@@ -10,7 +10,6 @@ S(T - t) = 1 - S(t) beyond half time.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,35 +19,6 @@ from polish_sim.motion.rules.schedule import Schedule
 
 PIECES = 7
 """Cubic pieces of one segment at most."""
-
-
-class Peaks(NamedTuple):
-    """Largest rates of a segment of length 1."""
-
-    speed: Array
-    """[1/s]."""
-    acceleration: Array
-    """[1/s^2]."""
-    jerk: Array
-    """[1/s^3]."""
-
-
-def peak_rates(triples: Array) -> Peaks:
-    """Largest rates of a segment of length 1, exact.
-
-    With a >= b >= c: speed 1/a, acceleration 1/(ab), jerk k/(abc). k = 1 if a >= b + c; else the end of the rise and
-    the begin of the fall overlap: k = 2 (the paper takes 1 always), and the speed stays (b + c - a)^2 / 4bc below.
-
-    Args:
-        triples: Filter times T1, T2, T3 in any order [s], positive, shape (..., 3).
-
-    Returns:
-        The peaks, each of shape (...).
-    """
-    c, b, a = np.moveaxis(np.sort(triples, axis=-1), -1, 0)
-    overlap = np.maximum(b + c - a, 0.0)
-    k = np.where(overlap > 0.0, 2.0, 1.0)
-    return Peaks((1.0 - overlap**2 / (4.0 * b * c)) / a, 1.0 / (a * b), k / (a * b * c))
 
 
 def fir_schedule(starts: Array, triples: Array) -> Schedule:
@@ -93,12 +63,12 @@ def sorted_times(t1: float, t2: float, t3: float) -> tuple[float, float, float]:
 
 @njit(cache=True, error_model="numpy")
 def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: Array) -> int:
-    """Write the pieces of a filtered box of length 1, those of no duration left out.
+    """Write the pieces of a box of length 1 filtered with three times [s] in any order, those of no duration left out.
 
     Args:
-        t1: Filter times [s], in any order.
-        t2: As above.
-        t3: As above.
+        t1: A filter time.
+        t2: Another.
+        t3: The third.
         durations: Written [s], shape (7,).
         coefficients: Written: progress from each piece's start, shape (7, 4).
 
@@ -221,25 +191,6 @@ def stop_times(length: float, speed: float, acceleration: float, jerk: float) ->
 
 
 @njit(cache=True, error_model="numpy")
-def rise_way(b: float, c: float, time: float) -> float:
-    """H: way of a speed that rises from 0 to 1 over b + c, within the first half of that.
-
-    Args:
-        b: Longer filter time [s].
-        c: Shorter filter time [s].
-        time: [s], 0 to (b + c) / 2.
-
-    Returns:
-        [s], as the speed has no unit.
-    """
-    if time < c:
-        return time * (time / b) * (time / c) / 6.0
-    if b == 0.0:
-        return 0.0
-    return (3.0 * time * (time - c) + c * c) / (6.0 * b)
-
-
-@njit(cache=True, error_model="numpy")
 def rise_time(b: float, c: float, way: float) -> float:
     """When H reaches a way [s], capped at (b + c) / 2 [s]: half the overlap of eq. 13."""
     time = (6.0 * b * c * way) ** (1.0 / 3.0)
@@ -261,25 +212,6 @@ def corner_speed(speed_1: float, speed_2: float, cosine: float) -> float:
         The size, exact for straight corners too.
     """
     return math.sqrt((speed_1 - speed_2) ** 2 + 2.0 * speed_1 * speed_2 * max(1.0 - cosine, 0.0))
-
-
-@njit(cache=True, error_model="numpy")
-def vertex_error(overlap: float, t2: float, t3: float, change: float) -> float:
-    """Distance from the vertex of two segments with the same filters (paper 4, eq. 12), in the unit of ``change`` s.
-
-    Args:
-        overlap: T_c [s], at most t2 + t3.
-        t2: Longer filter time [s].
-        t3: Shorter filter time [s].
-        change: `corner_speed`.
-    """
-    return change * rise_way(t2, t3, 0.5 * overlap)
-
-
-@njit(cache=True, error_model="numpy")
-def contour_error(overlap: float, t2: float, t3: float, change: float, cosine: float) -> float:
-    """Distance from the polyline likewise: the vertex error times the cosine of half the turn."""
-    return vertex_error(overlap, t2, t3, change) * math.sqrt(max(0.5 * (1.0 + cosine), 0.0))
 
 
 @njit(cache=True, error_model="numpy")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -16,9 +17,6 @@ from polish_sim.motion.rules.rule import NODES, ProgressLimits, Rule, Smoothed, 
 from polish_sim.motion.rules.schedule import Schedule
 from polish_sim.motion.segment_rates import JointRates
 
-# Filter times of every segment, by one rule for the joints: at full speed, or the lower one that takes least time.
-
-
 TriplesAt = Callable[[Array, Indices], Array]
 """(speed (k,) [1/s], segments (k,)) -> filter times (k, 3) [s], the first at least the sum of the others; infinite
 where the joints' curvature alone takes up a limit at that speed."""
@@ -28,6 +26,8 @@ BlockTriples = Callable[[ProgressLimits, JointRates, SmoothingLimits], Array]
 
 _SLOWEST = 1e4  # times slower than the limit
 _COARSE, _FINE = 40, 12
+_GAINING = np.where(NODES < 0.5, 1.0, -1.0)[:, None]
+"""Sign of the acceleration of progress at the nodes: speed is gained in the first half, lost in the second."""
 
 
 def filter_times(
@@ -169,61 +169,42 @@ def fir_rule(block_triples: BlockTriples) -> Rule:
     return plan
 
 
-# The rule `joint-acceleration`: the method paper 4 compares with ([18] there), joint jerk not looked at.
+def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits, jerk: bool = False) -> Array:
+    """Filter times of a block of segments by one of the paper's rules.
 
+    Args:
+        tool: Limits of progress that tool and feed allow, k segments.
+        rates: Joint derivatives by progress, shape (k, nodes, 6).
+        limits: Of the joints.
+        jerk: Whether the joints' jerk is limited too (eq. 24 and 30), or not (eq. 25).
 
-def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
-    """Filter times of a block of segments, shape (k, 3)."""
-
-    def triples_at(speed: Array, rows: Indices) -> Array:
-        base = stop_triples(speed, tool.acceleration[rows], tool.jerk[rows])
-        t2 = np.maximum(base[:, 1], second_time(speed, rates.first[rows], rates.second[rows], limits))
-        t3 = base[:, 2]
-        return np.stack([np.maximum(1.0 / speed, t2 + t3), t2, t3], axis=1)
-
-    return fastest_triples(capped_speed(tool.speed, rates, limits), triples_at)
-
-
-def capped_speed(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
-    """Largest rate of progress at which no joint is too fast either (eq. 18-20) [1/s], shape (k,)."""
-    fastest = np.abs(rates.first).max(axis=1) / np.asarray(limits.joint_speed)
-    return np.minimum(speed, 1.0 / np.maximum(fastest.max(axis=1), 1e-300))
-
-
-def second_time(speed: Array, first: Array, second: Array, limits: SmoothingLimits) -> Array:
-    """T2 of eq. 25 [s], shape (k,); infinite where the denominator is not positive."""
-    sd = speed[:, None, None]
-    left = np.asarray(limits.joint_acceleration) - np.abs(second) * sd**2
-    with np.errstate(divide="ignore"):
-        needed = np.where(left > 0.0, np.abs(first) * sd / left, np.inf)
-    return needed.max(axis=(1, 2))
-
-
-plan_joint_acceleration = fir_rule(block_triples)
-"""T1 >= |q'| / qd_max (eq. 18-20) and T2 >= |q'| sd / (qdd_max - |q''| sd^2) (eq. 25); see `fir_rule`."""
-
-
-# The rule `joint-jerk`: paper 4's own, joint jerk kept by the third filter, its limit halved for the corners.
-
-_GAINING = np.where(NODES < 0.5, 1.0, -1.0)[:, None]
-"""Sign of the acceleration of progress at the nodes: speed is gained in the first half, lost in the second."""
-
-
-def joint_jerk_block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
-    """Filter times of a block of segments, shape (k, 3)."""
+    Returns:
+        [s], shape (k, 3).
+    """
 
     def triples_at(speed: Array, rows: Indices) -> Array:
         part = JointRates(*(column[rows] for column in rates))
         base = stop_triples(speed, tool.acceleration[rows], tool.jerk[rows])
-        t2 = np.maximum(base[:, 1], joint_jerk_second_time(speed, part, limits))
-        t3 = np.maximum(base[:, 2], third_time(speed, speed / t2, part, limits))
+        t2 = np.maximum(base[:, 1], (signed_second_time if jerk else second_time)(speed, part, limits))
+        t3 = np.maximum(base[:, 2], third_time(speed, speed / t2, part, limits)) if jerk else base[:, 2]
         return np.stack([np.maximum(1.0 / speed, t2 + t3), t2, t3], axis=1)
 
-    return fastest_triples(capped_speed(tool.speed, rates, limits), triples_at)
+    # No joint is too fast either (eq. 18-20).
+    fastest = (np.abs(rates.first).max(axis=1) / np.asarray(limits.joint_speed)).max(axis=1)
+    return fastest_triples(np.minimum(tool.speed, 1.0 / np.maximum(fastest, 1e-300)), triples_at)
 
 
-def joint_jerk_second_time(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
-    """T2 of eq. 24 [s], shape (k,); infinite where a denominator is not positive."""
+def second_time(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
+    """T2 of eq. 25 [s], shape (k,); infinite where the denominator is not positive."""
+    sd = speed[:, None, None]
+    left = np.asarray(limits.joint_acceleration) - np.abs(rates.second) * sd**2
+    with np.errstate(divide="ignore"):
+        needed = np.where(left > 0.0, np.abs(rates.first) * sd / left, np.inf)
+    return needed.max(axis=(1, 2))
+
+
+def signed_second_time(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
+    """T2 of eq. 24 [s], shape (k,): eq. 25 with the sign the motion has, so never more."""
     sd = speed[:, None, None]
     left = np.asarray(limits.joint_acceleration) - np.sign(rates.first * _GAINING) * rates.second * sd**2
     cruising = np.asarray(limits.joint_acceleration) - np.abs(rates.second) * sd**2
@@ -233,7 +214,10 @@ def joint_jerk_second_time(speed: Array, rates: JointRates, limits: SmoothingLim
 
 
 def third_time(speed: Array, acceleration: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
-    """T3 of eq. 30 [s], shape (k,); infinite where the denominator is not positive."""
+    """T3 of eq. 30 [s], shape (k,), the limit halved for corners; infinite where the denominator is not positive.
+
+    The jerk due to curvature counts with both signs, as jerk has both in either half.
+    """
     sd, sdd = speed[:, None, None], acceleration[:, None, None]
     bent = np.abs(rates.third * sd**3 + 3.0 * rates.second * _GAINING * sd * sdd)
     left = 0.5 * np.asarray(limits.joint_jerk) - bent
@@ -242,10 +226,7 @@ def third_time(speed: Array, acceleration: Array, rates: JointRates, limits: Smo
     return needed.max(axis=(1, 2))
 
 
-plan_joint_jerk = fir_rule(joint_jerk_block_triples)
-"""Eq. 18-20 for T1, 24 for T2 and 30 for T3; see `fir_rule`.
-
-``|q'| sd / |qdd_max -+ q'' sd^2|`` is taken with the sign the motion has (eq. 24, never more than eq. 25);
-``|q'| sdd / |qddd_max / 2 -+ (q''' sd^3 + 3 q'' sd sdd)|`` with both, as jerk has both in either half.
-A denominator that is not positive asks for a lower speed.
-"""
+plan_joint_acceleration = fir_rule(block_triples)
+"""The method paper 4 compares with ([18] there): eq. 18-20 for T1, 25 for T2; joint jerk is not limited."""
+plan_joint_jerk = fir_rule(partial(block_triples, jerk=True))
+"""Paper 4's own rule: eq. 18-20 for T1, 24 for T2 and 30 for T3."""

@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.errors import SmoothingError, place_in_mm
@@ -26,6 +25,7 @@ from polish_sim.motion.spline.law import (
     with_feed_changes,
 )
 from polish_sim.motion.timed_path import TimedPath, row_times
+from polish_sim.motion.trajectory import continuous_quaternions
 
 # The parameter as a function of time (Law -> u(t)).
 #
@@ -204,15 +204,12 @@ def time_spline(motion: SplineMotion) -> TimedPath:
     clock = row_times(passage.duration)
     u, speed = passage_at(passage, clock)[:2]
     rates = curve_rates(curve, np.clip(u, 0.0, curve.length))
-    quaternions = Rotation.from_matrix(rates.rotations).as_quat(scalar_first=True)
-    turned = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
-    quaternions[1:] *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
     return TimedPath(
         float(clock[1] - clock[0]),
         passage.duration,
         np.ascontiguousarray(rates.tips[0]),
         rates.tips[1] * speed[:, None],
-        np.ascontiguousarray(quaternions),
+        continuous_quaternions(rates.rotations),
         rates.spins[0] * speed[:, None],
         np.maximum.accumulate(rates.places[0]),
         np.maximum(rates.places[1] * speed, 0.0),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.joint_choice import choose_limits
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.fir import fir_schedule
@@ -52,16 +51,8 @@ def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimi
     """Filter times of a block of segments, shape (k, 3)."""
     most = np.stack([np.abs(column).max(axis=1) for column in rates[1:]], axis=1)
     motions = np.minimum(np.stack(tool, axis=1), _ANY)
-    failed = _choose_all(most, limits.values().joint, motions)
-    if failed >= 0:
-        raise singular_segment(failed)
-    return stop_triples(*motions.T)
-
-
-@njit(cache=True, error_model="numpy", _nrt=False)
-def _choose_all(most: Array, joint: Array, motions: Array) -> int:
-    """Lower the limits of progress (n, 3) for joint derivatives (n, 3, 6); the first segment without any, or -1."""
-    for k in range(motions.shape[0]):
+    joint = limits.values().joint
+    for k in range(len(motions)):
         if not choose_limits(most[k], 1.0, joint, 1.0, motions[k]):
-            return k
-    return -1
+            raise singular_segment(k)
+    return stop_triples(*motions.T)
