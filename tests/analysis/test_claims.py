@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
-from polish_sim.analysis.metrics import measure_arc, measure_force, measure_surface
-from polish_sim.analysis.removal_plot import measure_removal
+from polish_sim.analysis.metrics import measure_arc, measure_force, measure_removal, measure_surface
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, experiments
 from polish_sim.experiments.rows import ARC_CLAIMS, PAYLOAD_CLAIMS

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from polish_sim.analysis.removal_plot import measure_removal, write_removal_mesh
+from polish_sim.analysis.metrics import measure_removal
+from polish_sim.analysis.removal_plot import write_removal_mesh
 from polish_sim.analysis.run_record import REMOVAL, RunRecord, read_record, write_record
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError

@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import ply_header
+from polish_sim.analysis.metrics import OVER, UNDER
 from polish_sim.analysis.path_plot import AMBIENT, FACTS_AT, LIGHT, TICKS, TOWARDS_VIEWER, fill_view
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, axis_name, new_figure, styled, view_frame
 from polish_sim.arrays import Array
@@ -30,57 +31,6 @@ from polish_sim.spatial import unit
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
     from polish_sim.log import RemovalMap
-
-# The figures of a removal map: how much, how even, what is polished too little and too much.
-
-
-UNDER, OVER = 0.5, 1.5
-"""Under- and over-polished is what lost less (more) than this many times the mean."""
-RELATIVE: Final = ("removal_cv", "removal_p5", "removal_p95", "removal_max")
-
-
-def measure_removal(removal: RemovalMap) -> dict[str, float]:
-    """Measure a map over the region's area.
-
-    Args:
-        removal: The map.
-
-    Returns:
-        exposure_nm: pressure x sliding speed integrated over the region and time; exposure_mean_n_m: the
-        same per area; removal_volume_m3, removal_mean_m, removal_max_m: undefined without a wear coefficient;
-        removal_cv: standard deviation over mean; removal_p5, removal_p95, removal_max: over the mean, by area;
-        under_polished_share, over_polished_share, unpolished_share: of the area, with less than 0.5 means, with more
-        than 1.5, with nothing at all; removal_elsewhere: exposure that went to surfaces beside the region, over the
-        region's; removal_unplaced: share of the force for which the pad touched no node; pressure_field_ratio: force
-        of the pressure field as it was computed over the exact one.
-    """
-    shares = removal.areas / removal.areas.sum()
-    total = float(removal.areas @ removal.exposure)
-    depth = removal.preston_1_pa if removal.absolute else math.nan
-    out = {
-        "exposure_nm": total,
-        "exposure_mean_n_m": removal.mean,
-        "removal_volume_m3": depth * total,
-        "removal_mean_m": depth * removal.mean,
-        "removal_max_m": depth * float(removal.exposure.max()),
-        **dict.fromkeys(RELATIVE, math.nan),
-        "under_polished_share": float(shares[removal.exposure < UNDER * removal.mean].sum()),
-        "over_polished_share": float(shares[removal.exposure > OVER * removal.mean].sum()),
-        "unpolished_share": float(shares[removal.exposure <= 0.0].sum()),
-        "removal_elsewhere": removal.elsewhere_nm / total if total > 0.0 else math.nan,
-        "removal_unplaced": removal.unplaced_share,
-        "pressure_field_ratio": removal.field_ratio,
-    }
-    return out | _spread(removal.relative, shares) if total > 0.0 else out
-
-
-def _spread(relative: Array, shares: Array) -> dict[str, float]:
-    order = np.argsort(relative)
-    below = np.cumsum(shares[order]) - 0.5 * shares[order]
-    low, high = np.interp([0.05, 0.95], below, relative[order])
-    deviation = math.sqrt(float(shares @ (relative - 1.0) ** 2))
-    return dict(zip(RELATIVE, (deviation, float(low), float(high), float(relative.max())), strict=True))
-
 
 MM, MICRO = 1e3, 1e6
 MOST_FACETS = 20_000
@@ -92,7 +42,7 @@ SCALE: Final = Normalize(0.0, TOP)
 SHADED = 0.35
 """How much of a facet's brightness is light and shade; the rest is its colour's own."""
 BINS = 80
-REMOVAL_PLOT_RELATIVE, PER_TENTH = "removal / its mean", "share of the area per 0.1 [%]"
+RELATIVE, PER_TENTH = "removal / its mean", "share of the area per 0.1 [%]"
 
 
 def removal_colors() -> Colormap:
@@ -147,17 +97,17 @@ def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
     for index, (record, flat) in enumerate(zip(records, grid, strict=False)):
         removal, color = _of(record), SERIES[index % len(SERIES)]
         _draw_flat(flat, removal, view_frame(removal.up))
-        flat.set_title(f"{_name(record)}\n{_removal_plot_spread(record)}", fontsize=9.0, color=color)
+        flat.set_title(f"{_name(record)}\n{_spread(record)}", fontsize=9.0, color=color)
         share.plot(*_outline(removal), color=color)
         if index % columns:
             flat.set_ylabel("")
     for flat in grid[len(records) :]:
         flat.set_visible(False)
     bar = maps.colorbar(ScalarMappable(SCALE, removal_colors()), ax=list(grid), shrink=0.8, pad=0.02, extend="max")
-    bar.set_label(REMOVAL_PLOT_RELATIVE)
+    bar.set_label(RELATIVE)
     _mark_bands(share)
     share.set_title("colours as over the maps", fontsize=9.0, fontweight="normal")
-    share.set(xlabel=REMOVAL_PLOT_RELATIVE, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.5), ylim=(0.0, None))
+    share.set(xlabel=RELATIVE, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.5), ylim=(0.0, None))
     figure.suptitle("Removal, side by side", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     return figure
 
@@ -221,7 +171,7 @@ def _color_bar(figure: Figure, axes: Axes, removal: RemovalMap) -> None:
     mappable = ScalarMappable(SCALE, removal_colors())
     bar = figure.colorbar(mappable, ax=axes, shrink=0.85, pad=0.02, extend="both" if _bare(removal) else "max")
     if not removal.absolute:
-        bar.set_label(f"{REMOVAL_PLOT_RELATIVE} (dark: none)" if _bare(removal) else REMOVAL_PLOT_RELATIVE)
+        bar.set_label(f"{RELATIVE} (dark: none)" if _bare(removal) else RELATIVE)
         return
     depth = MICRO * removal.preston_1_pa * removal.mean
     bar.set_label("removal [µm] (dark: none)" if _bare(removal) else "removal [µm]")
@@ -248,11 +198,7 @@ def _draw_shares(axes: Axes, record: RunRecord) -> None:
         axes.axvline(m[f"removal_{name}"], color=GREY, lw=1.0, ls=":")
         if UNDER <= m[f"removal_{name}"] <= TOP:  # elsewhere its name would lie beside the axes
             axes.text(m[f"removal_{name}"], 0.7 * top, f" {name} {m[f'removal_{name}']:.2f} ", ha=side, color=GREY)
-    label = (
-        f"{REMOVAL_PLOT_RELATIVE}, the untouched {_untouched(record)} left out"
-        if _bare(removal)
-        else REMOVAL_PLOT_RELATIVE
-    )
+    label = f"{RELATIVE}, the untouched {_untouched(record)} left out" if _bare(removal) else RELATIVE
     axes.set(xlabel=label, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.25), ylim=(0.0, top))
 
 
@@ -277,7 +223,7 @@ def _outline(removal: RemovalMap) -> tuple[Array, Array]:
     return 0.5 * (edges[1:] + edges[:-1]), shares
 
 
-def _removal_plot_spread(record: RunRecord) -> str:
+def _spread(record: RunRecord) -> str:
     m = record.metrics
     spread = (
         f"std {100.0 * m['removal_cv']:.0f}%, under {100.0 * m['under_polished_share']:.1f}%, "

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from polish_sim.analysis.metrics import measure_surface
-from polish_sim.analysis.removal_plot import measure_removal
+from polish_sim.analysis.metrics import measure_removal, measure_surface
 from polish_sim.cell import Cell, CellRun, Job, Observer, RealPart, Silent, build_real_part
 from polish_sim.cell.host_arm import build_host_arm
 from polish_sim.config import Scenario

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.metrics import measure_surface
-from polish_sim.analysis.removal_plot import measure_removal
+from polish_sim.analysis.metrics import measure_removal, measure_surface
 from polish_sim.arrays import Array
 from polish_sim.cell import CellRun, Observer, RealPart, Silent
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
