@@ -2,6 +2,7 @@
 # make test   the test suite
 # make check  lint, format, layers, types
 # make bench  speeds as ratios
+# make wheel  a wheel with its kernels compiled, for this Python and platform
 # make clean  remove what the other targets made (run folders in results/ stay)
 
 CANDIDATES := $(PYTHON) python3.11 python3.12 python3.13 python3.14 python3 python
@@ -11,7 +12,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 TREE := build/tree
 
-.PHONY: demo test check bench clean
+.PHONY: demo test check bench wheel clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.installed
@@ -30,6 +31,9 @@ check: $(VENV)/.installed
 bench: $(VENV)/.installed
 	$(BIN)/python -m benchmarks
 
+wheel: $(VENV)/.installed
+	$(BIN)/python .ci/build_wheel.py
+
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -40,4 +44,5 @@ $(VENV)/.installed: pyproject.toml
 		echo "error: Python 3.11 or newer with venv is needed; name one with: make PYTHON=/path/to/python" >&2; exit 2; fi; \
 	echo "$$python -m venv $(VENV)"; $$python -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/python -m compileall -q src cli models
 	touch $@

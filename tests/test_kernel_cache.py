@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import json
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -26,6 +28,8 @@ from polish_sim.stiffness import force
 from polish_sim.damping import drag
 print(force(2.0), drag(2.0), sum(e.is_start for _, e in compiled.buffer))
 """
+
+DESCRIBE = "from polish_sim.kernel_cache import describe; describe([])"
 
 
 @pytest.fixture
@@ -128,6 +132,58 @@ def test_kernels_long_unused_are_deleted(package: Path) -> None:
     _run(package)
     assert not old.exists()
     assert len(list(_cache(package).iterdir())) == 3
+
+
+@pytest.fixture
+def shipped(package: Path) -> Path:
+    """The package with kernels compiled for a common CPU inside it, moved to another folder afterwards."""
+    common = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
+    _run(package, POLISH_SIM_KERNELS=str(package / kernel_cache.SHIPPED), **common)
+    made_for = subprocess.run(
+        [sys.executable, "-c", DESCRIBE], env=_environment(package) | common, capture_output=True, check=True
+    )
+    (package / kernel_cache.SHIPPED / kernel_cache.MADE_FOR).write_bytes(made_for.stdout)
+    moved = package.parents[1] / "installed elsewhere" / package.name
+    moved.parent.mkdir()
+    return package.rename(moved)
+
+
+def test_kernels_of_a_wheel_are_used_wherever_it_is_installed(shipped: Path) -> None:
+    assert _run(shipped) == ([20.0, -2.0, 0], "")
+    assert not any(_cache(shipped).iterdir())
+
+
+def test_kernels_a_wheel_does_not_have_go_to_the_users_folder(shipped: Path) -> None:
+    _write_gain(shipped, 30.0)
+    assert _run(shipped)[0] == [60.0, -2.0, 2]
+    assert _run(shipped)[0] == [60.0, -2.0, 0]
+    assert {folder.name.partition("-")[0] for folder in _cache(shipped).iterdir()} == {"gains", "stiffness"}
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"features": ["avx4096"]}, "avx4096, which this one does not have"),
+        ({"compiler": "numba 0.1 with llvmlite 0.1 on cpython 3.11"}, "for numba 0.1 with"),
+        ({"machine": ["riscv64-unknown-linux-gnu", "generic", ""]}, "for riscv64"),
+    ],
+)
+def test_kernels_of_a_wheel_for_another_machine_are_left_alone(
+    shipped: Path, change: dict[str, object], complaint: str
+) -> None:
+    file = shipped / kernel_cache.SHIPPED / kernel_cache.MADE_FOR
+    file.write_text(json.dumps(json.loads(file.read_text()) | change))
+    numbers, said = _run(shipped)
+    assert numbers == [20.0, -2.0, 3]
+    assert said.count("\n") == 1
+    assert complaint in said
+    assert _run(shipped)[0] == [20.0, -2.0, 0]
+
+
+def test_a_cpu_named_by_the_user_is_obeyed(shipped: Path) -> None:
+    numbers, said = _run(shipped, NUMBA_CPU_NAME="x86-64" if "x86" in platform.machine() else "apple-m1")
+    assert numbers == [20.0, -2.0, 3]
+    assert "NUMBA_CPU_NAME" in said
 
 
 def test_kernels_are_compiled_through_this_cache() -> None:

@@ -20,7 +20,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from multiprocessing import parent_process
@@ -32,7 +32,7 @@ import llvmlite.binding as llvm
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
-from numba.core.registry import CPUDispatcher
+from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.sigutils import normalize_signature
 
 from polish_sim.source_stamp import source_stamp
@@ -248,6 +248,16 @@ def _shipped() -> _Shipped | None:
         return _Shipped(folder, tuple(made_for["machine"]))
     _say(f"note: the kernels that came with polish-sim are {misfit}; others are compiled for this machine, once.")
     return None
+
+
+def describe(features: Sequence[str]) -> None:
+    """Print what `MADE_FOR` holds of kernels compiled by this process's settings.
+
+    Args:
+        features: CPU features they need, as LLVM names them.
+    """
+    machine = cpu_target.target_context.codegen().magic_tuple()
+    print(json.dumps({"compiler": compiler(), "machine": machine, "features": features}, indent=2))
 
 
 def _misfit(made_for: dict[str, Any]) -> str | None:
