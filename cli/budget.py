@@ -22,7 +22,7 @@ from polish_sim.dual.budget import (
     draw_errors,
     predict,
 )
-from polish_sim.dual.calibration.matched_points import length_probability
+from polish_sim.dual.calibration.error_length import length_probability
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.dual.plots import Bar, Total, plot_budget
 from polish_sim.experiments.report import save_plots

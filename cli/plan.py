@@ -52,7 +52,7 @@ def plan(
 
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.cli.planning import plan_for_two
-    from polish_sim.dual.placement import seat_text
+    from polish_sim.dual.gripper import seat_text
     from polish_sim.exchange import ExportSetup, check_formats, export_plan, write_plan
     from polish_sim.experiments import time_law
     from polish_sim.experiments.report import save_plots

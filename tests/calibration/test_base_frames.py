@@ -143,16 +143,16 @@ CLOUD = np.random.default_rng(8).uniform(-0.6, 0.6, (12, 3))
 
 
 def test_exact_points_give_the_frame() -> None:
-    np.testing.assert_allclose(fit_frame(apply(T_TRACKER_BASE, CLOUD), CLOUD).T, T_TRACKER_BASE, atol=1e-12)
-    np.testing.assert_allclose(fit_frame(apply(T_TRACKER_BASE, CLOUD[:3]), CLOUD[:3]).T, T_TRACKER_BASE, atol=1e-12)
+    np.testing.assert_allclose(fit_frame(apply(T_TRACKER_BASE, CLOUD), CLOUD).x, T_TRACKER_BASE, atol=1e-12)
+    np.testing.assert_allclose(fit_frame(apply(T_TRACKER_BASE, CLOUD[:3]), CLOUD[:3]).x, T_TRACKER_BASE, atol=1e-12)
 
 
 def test_errors_of_a_frame_from_points_are_as_stated() -> None:
     rng, seen, distances = np.random.default_rng(9), apply(T_TRACKER_BASE, CLOUD), []
     for _ in range(1500):
         found = fit_frame(noisy(seen, rng), CLOUD, SIGMA)
-        turn = Rotation.from_matrix(found.T[:3, :3] @ T_TRACKER_BASE[:3, :3].T).as_rotvec()
-        error = np.concatenate([found.T[:3, 3] - T_TRACKER_BASE[:3, 3], turn])
+        turn = Rotation.from_matrix(found.x[:3, :3] @ T_TRACKER_BASE[:3, :3].T).as_rotvec()
+        error = np.concatenate([found.x[:3, 3] - T_TRACKER_BASE[:3, 3], turn])
         distances.append(error @ np.linalg.solve(found.covariance, error))
     assert np.mean(distances) == pytest.approx(6.0, rel=0.06)
 

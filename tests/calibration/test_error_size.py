@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi, chi2
 
-from polish_sim.dual.calibration.matched_points import length_probability, length_quantile, quadratic_tail
+from polish_sim.dual.calibration.error_length import length_probability, length_quantile, quadratic_tail
 
 
 def test_the_same_in_all_directions_is_a_chi_with_three_degrees_of_freedom() -> None:

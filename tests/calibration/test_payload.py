@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from polish_sim.calibration import (
     GRAVITY,
     PayloadReadings,
-    ReadingNoise,
     fit_payload,
     payload_regressor,
     plan_payload_poses,
@@ -53,52 +52,25 @@ def test_exact_readings_of_a_drifting_sensor_give_the_drift_too() -> None:
     np.testing.assert_allclose(found.drift, DRIFT, atol=1e-9)
 
 
-def cramer_rao(R_base_sensor: Array, noise: ReadingNoise) -> Array:
-    """Least covariance any unbiased estimator can have, from the Fisher information, shape (10, 10)."""
-    X = payload_regressor(R_base_sensor[:, 2, :])
-    time = 3.0 * np.arange(len(X))
-    information = np.zeros((10, 10))
-    for axis in range(6):
-        covariance = noise.white[axis] ** 2 * np.eye(len(X)) + noise.walk[axis] ** 2 * np.minimum.outer(time, time)
-        information += X[:, axis].T @ np.linalg.solve(covariance, X[:, axis])
-    return np.linalg.inv(information)
-
-
-@pytest.mark.parametrize("walk", [0.0, 0.01])
-def test_over_many_draws_the_error_is_the_cramer_rao_bound(walk: float) -> None:
-    """An efficient estimator: rms error over bound is one within what 4000 draws can tell (3.3 sigma: 4%)."""
-    noise = ReadingNoise(NOISE, walk * np.repeat([1.0, 0.04], 3))
-    rng, errors, centers = np.random.default_rng(3), [], []
-    for _ in range(4000):
-        walked = np.cumsum(rng.standard_normal((12, 6)) * noise.walk * np.sqrt(3.0), axis=0)
-        found = fit_payload(readings_in(POSES, errors=walked - walked[0] + NOISE * rng.standard_normal((12, 6))), noise)
-        errors.append(found.theta - THETA)
-        centers.append(found.center - CENTER)
-    bound = cramer_rao(POSES, noise)
-    np.testing.assert_allclose(found.covariance, bound, rtol=1e-6, atol=1e-15)
-    np.testing.assert_allclose(np.sqrt(np.mean(np.square(errors), axis=0) / np.diag(bound)), 1.0, atol=0.04)
-    slope = np.column_stack([-CENTER, np.eye(3)]) / MASS
-    center_bound = np.sqrt(np.diag(slope @ bound[:4, :4] @ slope.T))
-    np.testing.assert_allclose(np.sqrt(np.mean(np.square(centers), axis=0)) / center_bound, 1.0, atol=0.04)
-
-
-def test_with_noise_it_must_find_itself_it_stays_within_5_percent_of_the_bound() -> None:
+def test_over_many_draws_the_error_is_the_cramer_rao_bound_to_5_percent() -> None:
+    """The noise is found from the residuals; 1500 draws tell an rms to 1.8%."""
     rng = np.random.default_rng(4)
-    found = [fit_payload(readings_in(POSES, errors=NOISE * rng.standard_normal((12, 6)))) for _ in range(4000)]
-    bound = np.sqrt(np.diag(cramer_rao(POSES, ReadingNoise(NOISE, np.zeros(6)))))
-    ratio = np.sqrt(np.mean([(one.theta - THETA) ** 2 for one in found], axis=0)) / bound
+    found = [fit_payload(readings_in(POSES, errors=NOISE * rng.standard_normal((12, 6)))) for _ in range(1500)]
+    rows = (payload_regressor(POSES[:, 2, :]) / NOISE[:, None]).reshape(-1, 10)
+    bound = np.linalg.inv(rows.T @ rows)
+    ratio = np.sqrt(np.mean([(one.theta - THETA) ** 2 for one in found], axis=0) / np.diag(bound))
     assert ratio.min() > 0.95
     assert ratio.max() < 1.05
     assert np.mean([one.noise for one in found], axis=0) == pytest.approx(NOISE, rel=0.03)
-
-
-def test_the_stated_deviations_are_those_of_the_errors() -> None:
-    rng = np.random.default_rng(5)
-    found = [fit_payload(readings_in(POSES, errors=NOISE * rng.standard_normal((12, 6)))) for _ in range(2000)]
-    mass = np.array([(one.mass - MASS) / one.mass_std for one in found])
-    center = np.array([(one.center - CENTER) / one.center_std for one in found])
-    bias = np.array([(one.bias - BIAS) / one.bias_std for one in found])
-    for score in (mass, center, bias):
+    slope = np.column_stack([-CENTER, np.eye(3)]) / MASS
+    center_bound = np.sqrt(np.diag(slope @ bound[:4, :4] @ slope.T))
+    centers = np.array([one.center - CENTER for one in found])
+    np.testing.assert_allclose(np.sqrt(np.mean(centers**2, axis=0)) / center_bound, 1.0, atol=0.05)
+    for score in (
+        np.array([(one.mass - MASS) / one.mass_std for one in found]),
+        np.array([(one.center - CENTER) / one.center_std for one in found]),
+        np.array([(one.bias - BIAS) / one.bias_std for one in found]),
+    ):
         np.testing.assert_allclose(score.std(axis=0), 1.0, atol=0.08)
         np.testing.assert_allclose(score.mean(axis=0), 0.0, atol=0.09)
 

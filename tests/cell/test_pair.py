@@ -20,7 +20,8 @@ from polish_sim.cell.guards import CONTROLLER_NAN, MASTER_HALTED, MASTER_SILENT,
 from polish_sim.cell.host_arm import HostArm, build_host_arm
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.dual.scene import GRIPPER_LENGTH, GRIPPER_MASS, BuiltArms, Held, build_pair_scene, check_load, part_mass
+from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_MASS, check_load, part_mass
+from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.errors import ConfigError, InputError, ReachError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.models import workpiece_path
@@ -327,7 +328,9 @@ def test_a_fault_of_the_master_is_refused_where_there_is_none() -> None:
         check_events(parse_events("master-stop@1"), on_part=True)
 
 
-OFF = BuiltArms(*(NOMINAL + 1e-3 * np.random.default_rng(5).standard_normal((2, 4, 6))))
+OFF = dict(
+    zip(("master", "follower"), NOMINAL + 1e-3 * np.random.default_rng(5).standard_normal((2, 4, 6)), strict=True)
+)
 """Arms a millimetre and a milliradian off their table."""
 
 
@@ -342,7 +345,7 @@ def test_arms_off_their_table_are_built_as_their_own_table_says() -> None:
         data.qpos[:6], data.qpos[FIRST_JOINT:] = q
         mujoco.mj_kinematics(model, data)
         for arm, T_base, angles, table in (
-            ("follower", np.eye(4), q[0], OFF.follower), ("master", T_FOLLOWER_MASTER, q[1], OFF.master),
+            ("follower", np.eye(4), q[0], OFF["follower"]), ("master", T_FOLLOWER_MASTER, q[1], OFF["master"]),
         ):  # fmt: skip
             site = data.site(f"{arm}_flange")
             wanted = T_base @ forward(angles[None], table)[0]

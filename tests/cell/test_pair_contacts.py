@@ -15,7 +15,8 @@ from polish_sim.cell import Cell, no_part
 from polish_sim.cell.carrier import FIRST_JOINT, MasterRows
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.dual.scene import GRIPPER_LENGTH, GRIPPER_RADIUS, Clearances, Held, PairContacts, build_pair_scene
+from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_RADIUS
+from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_scene
 from polish_sim.geometry import PartMesh, part_from_arrays
 from polish_sim.motion import forward
 from polish_sim.spatial import from_pose, inverse, transform

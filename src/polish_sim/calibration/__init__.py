@@ -1,17 +1,16 @@
-"""Calibration: what a wrist sensor carries, from poses and readings; arrays in, no cell (layer 8b)."""
+"""Calibration: what a wrist sensor carries, from poses and readings; arrays in, no cell."""
 
 from typing import TYPE_CHECKING
 
 from polish_sim.lazy import names_on_use
 
 if TYPE_CHECKING:
-    from polish_sim.calibration.outliers import fit_without_outliers
     from polish_sim.calibration.payload import (
         GRAVITY,
         PayloadEstimate,
         PayloadReadings,
-        ReadingNoise,
         fit_payload,
+        fit_without_outliers,
         payload_regressor,
     )
     from polish_sim.calibration.payload_file import (
@@ -33,7 +32,6 @@ __all__ = [
     "PayloadEstimate",
     "PayloadReadings",
     "PosePlan",
-    "ReadingNoise",
     "calibration_kind",
     "estimate_figures",
     "fit_payload",

@@ -11,24 +11,32 @@ in this order.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
+from polish_sim.arrays import Array, Bools
+from polish_sim.calibration.fit import Noise, Problem, agreeing, fit
 from polish_sim.errors import CalibrationError
 
-# Whether poses tell a tool's weight from the sensor's bias, and how well.
-
-Array = NDArray[np.float64]
-
+GRAVITY = 9.81  # [m/s^2], the model's
+MASS, MOMENT, BIAS, DRIFT = 0, slice(1, 4), slice(4, 10), slice(10, 16)
 LEAST_READINGS = 3
 LEAST_SPREAD = 0.02
 """Least spread of the up directions along two axes [-]; 1/sqrt(3) is that of a full sphere."""
 LARGEST_CONDITION = 1e5
-"""Of the whole regressor; beyond it the drift cannot be told from the rest."""
+"""Of the whole regressor; beyond it the drift cannot be separated from the rest."""
+ROTATION_TOLERANCE = 1e-3
+"""How far R^T R may be from one: the rounding of printed digits."""
+LARGEST_REST = 0.3
+"""Of the weight, what the forces may leave unexplained, rms."""
+FARTHEST = 1.0
+"""How far from the sensor's origin a tool's centre of mass may be [m]."""
+NOISES = (Noise(slice(0, 3), 1.0, 2e-3), Noise(slice(3, 6), 0.05, 1e-4))
+"""Of forces and of torques [N, N m]; drift and residual motion move readings by the floors at least."""
+_BETTER, _GOOD = 0.2, 0.05
 
 
 def check_identifiable(up_sensor: Array) -> None:
@@ -77,12 +85,6 @@ def condition_of(regressor: Array) -> float:
     return float(values[0] / values[-1]) if values[-1] > 0.0 else float("inf")
 
 
-# What a calibration of the payload is made from: how the sensor stood and what it read.
-
-ROTATION_TOLERANCE = 1e-3
-"""How far R^T R may be from one: the rounding of printed digits."""
-
-
 @dataclass(frozen=True)
 class PayloadReadings:
     """Readings of a wrist sensor that carries a tool at rest, nothing touching it."""
@@ -118,29 +120,14 @@ class PayloadReadings:
         """Unit vectors against gravity in the sensor frame, shape (n, 3)."""
         return self.R_base_sensor[:, 2, :]
 
-    def rows(self, mask: NDArray[np.bool_]) -> PayloadReadings:
+    def rows(self, mask: Bools) -> PayloadReadings:
         """Some of the readings."""
         return PayloadReadings(self.time[mask].copy(), self.R_base_sensor[mask].copy(), self.wrenches[mask].copy())
 
 
-GRAVITY = 9.81  # [m/s^2], the model's
-MASS, MOMENT, BIAS, DRIFT = 0, slice(1, 4), slice(4, 10), slice(10, 16)
-_ROUNDS = 20
-_SMALLEST_NOISE = 1e-12  # of exact data [N, N m]
-
-
-class ReadingNoise(NamedTuple):
-    """How wrong a reading is, by axis (force; torque)."""
-
-    white: Array
-    """Standard deviation of what is independent from reading to reading [N, N m], shape (6,) or (n, 6)."""
-    walk: Array
-    """Random walk of the bias, rms after one second [N/sqrt(s), N m/sqrt(s)], shape (6,)."""
-
-
 @dataclass(frozen=True)
 class PayloadEstimate:
-    """What the readings say, and how sure."""
+    """Tool and bias, and how well they are known."""
 
     theta: Array
     """m [kg], m c [kg m], b_f [N], b_t [N m] and, if asked for, their drift per second, shape (10,) or (16,)."""
@@ -150,7 +137,7 @@ class PayloadEstimate:
     """Reading minus model [N, N m], all readings, shape (n, 6)."""
     noise: Array
     """Standard deviation of one reading, given or found from the residuals [N, N m], shape (6,)."""
-    used: NDArray[np.bool_]
+    used: Bools
     """Which readings were used, shape (n,); the others are outliers."""
     condition: float
     """Condition number of the poses [-]; 1.22 is the best possible without drift."""
@@ -233,21 +220,15 @@ def payload_regressor(up_sensor: Array, time: Array | None = None, gravity: floa
 
 
 def fit_payload(
-    readings: PayloadReadings,
-    noise: ReadingNoise | None = None,
-    drift: bool = False,
-    gravity: float = GRAVITY,
-    used: NDArray[np.bool_] | None = None,
+    readings: PayloadReadings, drift: bool = False, gravity: float = GRAVITY, used: Bools | None = None
 ) -> PayloadEstimate:
-    """Estimate tool and bias by weighted least squares: minimum variance for the noise given.
+    """Estimate tool and bias by least squares, force and torque weighted by their noise, found from the residuals.
 
     Args:
         readings: At least three poses with gravity along different axes of the sensor.
-        noise: How wrong the readings are. If not given, force and torque noise are found from the residuals, the
-            readings taken as independent.
         drift: Whether to fit a linear drift of the bias.
         gravity: [m/s^2]
-        used: Readings to go by, shape (n,); all if not given.
+        used: Readings to use, shape (n,); None uses all.
 
     Returns:
         The estimate.
@@ -260,75 +241,103 @@ def fit_payload(
     zero_time = float(readings.time[chosen].mean())
     since = readings.time - zero_time
     X = payload_regressor(readings.up_sensor, since if drift else None, gravity)
-    scaled = payload_regressor(readings.up_sensor[chosen], _unit_time(since[chosen]) if drift else None, 1.0)
-    condition = condition_of(scaled)
+    # Times brought to about -1..1, so that the condition does not depend on how long it took.
+    unit_time = since[chosen] / max(float(np.abs(since[chosen]).max()), 1e-12)
+    condition = condition_of(payload_regressor(readings.up_sensor[chosen], unit_time if drift else None, 1.0))
     if condition > LARGEST_CONDITION or X[chosen].size < X.shape[2] ** 2:
         raise CalibrationError(
             f"{int(chosen.sum())} readings cannot tell the drift from mass, centre and bias: visit poses again later, "
             "and give each reading its time."
         )
-    if noise is None:
-        theta, covariance, white = _fit_unknown_noise(X[chosen], readings.wrenches[chosen])
-    else:
-        white = np.broadcast_to(noise.white, (len(readings), 6))
-        theta, covariance = _solve(
-            *_whitened(X[chosen], readings.wrenches[chosen], readings.time[chosen], noise._replace(white=white[chosen]))
-        )
-        white = np.sqrt(np.mean(white**2, axis=0))
-    if theta[MASS] <= 0.0:
+    found = fit(_problem(X, readings.wrenches), np.zeros(X.shape[2]), None, chosen)
+    if found.x[MASS] <= 0.0:
         raise CalibrationError(
-            f"the tool comes out with a mass of {theta[MASS]:.3g} kg: the readings have the opposite sign (wanted: "
+            f"the tool comes out with a mass of {found.x[MASS]:.3g} kg: the readings have the opposite sign (wanted: "
             "the force that holds the tool, upwards when it hangs still), or the orientations are not R_base_sensor."
         )
-    residuals = readings.wrenches - X @ theta
-    return PayloadEstimate(theta, covariance, residuals, white, chosen, condition, zero_time)
+    return PayloadEstimate(found.x, found.covariance, -found.residuals, found.noise, chosen, condition, zero_time)
 
 
-def _unit_time(since: Array) -> Array:
-    """Times brought to about -1..1, so that a condition number does not depend on how long it took."""
-    return since / max(float(np.abs(since).max()), 1e-12)
+def fit_without_outliers(readings: PayloadReadings, drift: bool = False, gravity: float = GRAVITY) -> PayloadEstimate:
+    """Fit, leaving out readings too far off to be noise; with fewer than seven readings all are used.
+
+    Args:
+        readings: At rest, nothing touching the tool.
+        drift: Whether to fit a linear drift of the bias.
+        gravity: [m/s^2]
+
+    Returns:
+        The estimate; ``used`` marks the readings it rests on.
+
+    Raises:
+        CalibrationError: If the poses do not suffice, or more than a quarter of the readings do not fit.
+    """
+    check_identifiable(readings.up_sensor)
+    since = readings.time - float(readings.time.mean())
+    X = payload_regressor(readings.up_sensor, since if drift else None, gravity)
+    used = agreeing(_problem(X, readings.wrenches), np.zeros(X.shape[2]), "readings")
+    return fit_payload(readings, drift, gravity, used)
 
 
-def _whitened(X: Array, y: Array, time: Array, noise: ReadingNoise) -> tuple[Array, Array]:
-    """Rows and readings divided by the root of their covariance, axis by axis: (6 n, p) and (6 n,)."""
-    rows, values = [], []
-    since = time - time.min()
-    for axis in range(6):
-        covariance = np.diag(np.maximum(noise.white[:, axis], _SMALLEST_NOISE) ** 2)
-        if noise.walk[axis] > 0.0:
-            covariance += noise.walk[axis] ** 2 * np.minimum(since[:, None], since)
-            root = np.linalg.cholesky(covariance)
-            rows.append(solve_triangular(root, X[:, axis], lower=True))
-            values.append(solve_triangular(root, y[:, axis], lower=True))
-        else:
-            deviation = np.sqrt(np.diag(covariance))
-            rows.append(X[:, axis] / deviation[:, None])
-            values.append(y[:, axis] / deviation)
-    return np.concatenate(rows), np.concatenate(values)
+def _problem(X: Array, wrenches: Array) -> Problem[Array]:
+    return Problem(lambda theta: X @ theta - wrenches, lambda _: X, noises=NOISES)
 
 
-def _solve(A: Array, b: Array) -> tuple[Array, Array]:
-    """Least squares through QR with scaled columns: theta and its covariance for rows of unit variance."""
-    scale = np.linalg.norm(A, axis=0)
-    Q, R = np.linalg.qr(A / scale)
-    R_inverse = solve_triangular(R, np.eye(len(R)))
-    return R_inverse @ (Q.T @ b) / scale, (R_inverse @ R_inverse.T) / np.outer(scale, scale)
+def refuse_swapped_columns(readings: PayloadReadings) -> None:
+    """Refuse forces or torques that follow a weight far better in another order or with other signs.
+
+    Raises:
+        CalibrationError: Naming what fits, or the poses do not suffice. Forces of the opposite sign all three are
+            left to the fit, which says so.
+    """
+    check_identifiable(readings.up_sensor)
+    X = payload_regressor(readings.up_sensor)
+    forces, torques = [MASS, *range(BIAS.start, BIAS.start + 3)], [1, 2, 3, *range(BIAS.start + 3, BIAS.stop)]
+    _refuse_swapped(X[:, :3, forces], readings.wrenches[:, :3], "f", lambda theta: theta[0] > 0.0)
+    _refuse_swapped(X[:, 3:, torques], readings.wrenches[:, 3:], "t", lambda _: True)
 
 
-def _fit_unknown_noise(X: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Fit with one force and one torque noise found from the residuals: theta, covariance, noise (6,)."""
-    white = np.repeat([1.0, 0.05], 3)
-    for _ in range(_ROUNDS):
-        theta, covariance = _solve((X / white[:, None]).reshape(-1, X.shape[2]), (y / white).ravel())
-        residuals = y - X @ theta
-        # Each group's share of the degrees of freedom the fit has used up.
-        taken = np.einsum("nap,pq,naq->a", X, covariance, X) / white**2
-        found = [
-            np.sqrt(np.sum(residuals[:, axes] ** 2) / max(residuals[:, axes].size - taken[axes].sum(), 1.0))
-            for axes in (slice(0, 3), slice(3, 6))
-        ]
-        previous, white = white, np.maximum(np.repeat(found, 3), _SMALLEST_NOISE)
-        if np.allclose(white, previous, rtol=1e-6):
-            break
-    theta, covariance = _solve((X / white[:, None]).reshape(-1, X.shape[2]), (y / white).ravel())
-    return theta, covariance, white
+def refuse_doubtful(readings: PayloadReadings, estimate: PayloadEstimate) -> None:
+    """Refuse an estimate whose readings do not follow the tool's weight.
+
+    Raises:
+        CalibrationError: Forces that follow no weight, or a centre of mass where no tool has it.
+    """
+    weight = GRAVITY * estimate.mass
+    rest = float(np.sqrt(np.mean(estimate.residuals[estimate.used, :3] ** 2)))
+    if rest > LARGEST_REST * weight:
+        raise CalibrationError(
+            f"the forces do not follow a tool's weight: {rest:.3g} N rms are left of the {weight:.3g} N that fit best. "
+            "Are units mixed, lines of several tools in one file, or the orientations not those of the readings?"
+        )
+    far = float(np.linalg.norm(estimate.center))
+    if far > FARTHEST:
+        raise CalibrationError(
+            f"the tool's centre of mass comes out {far:.3g} m from the sensor: are the torques in N m, as the header "
+            "says, and about the sensor's origin?"
+        )
+
+
+def _refuse_swapped(X: Array, y: Array, letter: str, possible: Callable[[Array], bool]) -> None:
+    """Refuse three columns that fit five times better in another order or with other signs."""
+    left = _left(X, y)[0]
+    if left < _GOOD * float(np.std(y - y.mean(axis=0))):
+        return
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        if order == (0, 1, 2) and max(signs) < 0.0:
+            continue
+        rest, theta = _left(X, y[:, order] * signs)
+        if rest < _BETTER * left and possible(theta):
+            named = ", ".join(
+                ("-" if s < 0.0 else "") + letter + "xyz"[axis] for axis, s in zip(order, signs, strict=True)
+            )
+            raise CalibrationError(
+                f"{letter}x, {letter}y, {letter}z follow the tool's weight far better if they are read as {named}: "
+                "columns are swapped, a sign is lost, or the sensor stands otherwise than its orientations say."
+            )
+
+
+def _left(X: Array, y: Array) -> tuple[float, Array]:
+    """What a fit leaves, rms, and the fit."""
+    theta: Array = np.linalg.lstsq(X.reshape(-1, X.shape[2]), y.ravel(), rcond=None)[0].astype(np.float64)
+    return float(np.sqrt(np.mean((y - X @ theta) ** 2))), theta

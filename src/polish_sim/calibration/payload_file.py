@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, PayloadReadings
 from polish_sim.calibration.tables import QUATERNION, is_number, read_columns, read_table, write_table
 from polish_sim.errors import InputError
-
-Array = NDArray[np.float64]
 
 KIND = "payload"
 _HEAD = """\

@@ -7,13 +7,11 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.calibration.payload import ROTATION_TOLERANCE, condition_of, payload_regressor
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward
-
-Array = NDArray[np.float64]
 
 PAN, LIFT, ELBOW, WRIST_2 = 1.3, -1.59, 1.51, -0.5 * math.pi
 """Joints that stay as they are [rad]: the wrist half a metre before the base and 0.7 m above the table."""
@@ -94,7 +92,7 @@ def plan_payload_poses(count: int) -> PosePlan:
     return PosePlan(q, R, condition_of(payload_regressor(R[:, 2, :], None, 1.0)))
 
 
-def _short_way(places: Array) -> NDArray[np.int64]:
+def _short_way(places: Array) -> Indices:
     """Order in which to visit joint angles (n, 2): from the first always to the nearest not yet seen."""
     order, left = [0], list(range(1, len(places)))
     while left:

@@ -11,15 +11,13 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.calibration.payload import ROTATION_TOLERANCE
 from polish_sim.errors import InputError
 from polish_sim.exchange.columns import read_named_columns
 from polish_sim.exchange.way_points import finite_column
-
-Array = NDArray[np.float64]
 
 QUATERNION: Final = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR: Final = ("rx_rad", "ry_rad", "rz_rad")
@@ -144,7 +142,7 @@ class Columns:
             raise InputError(f"'{self.file}', {place}: {given[0]} to {given[-1]} are not {said}.")
         return np.asarray(R)
 
-    def rows(self, mask: NDArray[np.bool_]) -> Columns:
+    def rows(self, mask: Bools) -> Columns:
         """Some of the rows."""
         keep = np.flatnonzero(mask).tolist()
         texts = {name: [column[k] for k in keep] for name, column in self.texts.items()}

@@ -1,4 +1,4 @@
-"""Both arms of a run as they are built, and the tables the host computes them with."""
+"""Tables of both arms in a run: as they are built, and as the host believes them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import DualConfig
 from polish_sim.dual.calibrate_bases import built_arm, simulate_tracked, wrong_table
 from polish_sim.dual.calibrate_tcp import Reading
@@ -19,18 +19,7 @@ from polish_sim.errors import ConfigError
 from polish_sim.motion import forward
 from polish_sim.motion.kinematics import NOMINAL, inverse_with_table, is_nominal
 
-Array = NDArray[np.float64]
-
 _NOMINAL: Final = dict.fromkeys(ROBOTS, NOMINAL)
-
-
-class FollowerBase(NamedTuple):
-    """The follower's base in the master's."""
-
-    T_master_follower: Array
-    """Shape (4, 4)."""
-    covariance: Array
-    """Of its origin [m] and rotation [rad], master axes, shape (6, 6)."""
 
 
 class PairArms(NamedTuple):
@@ -39,13 +28,13 @@ class PairArms(NamedTuple):
     true: Mapping[str, Array] = _NOMINAL
     """As they are built: the engine moves these."""
     believed: Mapping[str, Array] = _NOMINAL
-    """What the host computes with."""
-    bases: FollowerBase | None = None
-    """The follower's base as it was found along with the tables; None: it is found apart."""
+    """The host computes with these."""
+    bases: tuple[Array, Array] | None = None
+    """T_master_follower (4, 4) and its covariance (6, 6) found along with the tables; None: it is found apart."""
 
     @property
-    def as_drawn(self) -> bool:
-        """Whether both arms are as the nominal table says."""
+    def nominal(self) -> bool:
+        """Whether both arms are built as the nominal table says."""
         return all(map(is_nominal, self.true.values()))
 
     def flanges(self, robot: str, q: Array) -> Array:
@@ -65,7 +54,7 @@ class PairArms(NamedTuple):
         return lambda T_base_flange, q: forward(inverse_with_table(true, T_base_flange, q), believed)
 
 
-AS_DRAWN: Final = PairArms()
+NOMINAL_ARMS: Final = PairArms()
 
 
 def pair_arms(config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.random.Generator) -> PairArms:
@@ -74,7 +63,7 @@ def pair_arms(config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.r
     Args:
         config: How far they are off their tables, and how these are found.
         T_tracker_base: Where they really stand before a simulated tracker, robot by robot, each (4, 4).
-        rng: Draws the arms, then what the tracker sees.
+        rng: Draws the arms, then the tracker's noise.
 
     Raises:
         ConfigError: Two sources of one thing, or too few poses.
@@ -83,11 +72,9 @@ def pair_arms(config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.r
     """
     if config.arms_file or config.arm_poses:
         _refuse_second_source(config)
-        _refuse_tool_of_nominal_arm(config)
     if config.arms_file:
         found = read_arm_calibration(Path(config.arms_file), config.pair)
-        bases = FollowerBase(found.T_master_follower, found.covariance)
-        return PairArms(found.true_tables or found.tables, found.tables, bases)
+        return PairArms(found.true_tables or found.tables, found.tables, (found.T_master_follower, found.covariance))
     tolerance = Tolerance(config.arm_length_error_m, config.arm_angle_error_rad)
     true = {robot: wrong_table(tolerance, rng) if any(tolerance) else NOMINAL for robot in ROBOTS}
     if config.arm_poses == 0:
@@ -99,34 +86,23 @@ def pair_arms(config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.r
     arms = PairTables({robot: built_arm(true[robot], T_tracker_base[robot]) for robot in ROBOTS})
     tracked = simulate_tracked(arms, config.arm_poses, config.tracker_noise_m, rng)
     fit = fit_pair(tracked, max(config.tracker_noise_m, 1e-9), Tolerance())
-    return PairArms(true, fit.tables, FollowerBase(*fit.bases))
+    return PairArms(true, fit.tables, fit.bases)
 
 
 def _refuse_second_source(config: DualConfig) -> None:
-    others: dict[str, object] = {"dual.bases_file": config.bases_file}
+    """Refuse settings beside a calibration of the arms that say the same, or that assume the nominal table."""
+    source, others = "dual.arm_poses", ["bases_file"]
     if config.arms_file:
-        others |= {
-            "dual.arm_poses": config.arm_poses, "dual.arm_length_error_m": config.arm_length_error_m,
-            "dual.arm_angle_error_rad": config.arm_angle_error_rad,
-        }  # fmt: skip
-    given = [name for name, value in others.items() if value]
+        source, others = "dual.arms_file", [*others, "arm_poses", "arm_length_error_m", "arm_angle_error_rad"]
+    given = [f"dual.{name}" for name in others if getattr(config, name)]
     if given:
         raise ConfigError(
-            f"{', '.join(given)} beside {_source(config)}: the calibration of the arms says how they are and where "
+            f"{', '.join(given)} beside {source}: the calibration of the arms says how they are and where "
             "the follower's base stands. Give one of the two."
         )
-
-
-def _refuse_tool_of_nominal_arm(config: DualConfig) -> None:
-    """A tool is measured on the flange as a table has it: with another table it stands elsewhere on it."""
     if config.tool_file:
         raise ConfigError(
-            f"dual.tool_file beside {_source(config)}: '{config.tool_file}' was measured on the flange of an arm as "
+            f"dual.tool_file beside {source}: '{config.tool_file}' was measured on the flange of an arm as "
             "the nominal table has it, not as the calibration of the arms has it. Leave the tool's file out: the run "
             "calibrates its tool with the arms' own tables."
         )
-
-
-def _source(config: DualConfig) -> str:
-    """The setting that says where the arms' tables are from."""
-    return "dual.arms_file" if config.arms_file else "dual.arm_poses"

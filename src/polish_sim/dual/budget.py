@@ -14,13 +14,14 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import DualConfig
 from polish_sim.dual.calibrate_bases import BaseTrial, planted_bases, simulate_arcs
 from polish_sim.dual.calibrate_tcp import TcpTrial, planted_tool, simulate_touches
 from polish_sim.dual.calibration.circle import base_from_meeting_axes, fit_circle
-from polish_sim.dual.calibration.matched_points import length_quantile, point_covariance, quadratic_tail, relative_frame
+from polish_sim.dual.calibration.error_length import length_quantile, quadratic_tail
+from polish_sim.dual.calibration.matched_points import point_covariance, point_slopes, relative_frame
 from polish_sim.dual.calibration.measurements import ROBOTS
 from polish_sim.dual.calibration.pair import (
     BASES,
@@ -31,16 +32,13 @@ from polish_sim.dual.calibration.pair import (
     PairAdjustment,
     PairParts,
     adjust_pair,
-    point_slopes,
 )
 from polish_sim.dual.calibration.tool import fit_tool_point
 from polish_sim.dual.calibration.tool_checks import TOOL_DOWN
-from polish_sim.dual.coordination import Chain2
+from polish_sim.dual.chain import ClosedChain
 from polish_sim.dual.frames import PairFrames, Site, believed_chain, find_parts, tool_errors, touch_marks, true_chain
 from polish_sim.dual.placement import default_poses
 from polish_sim.spatial import apply, inverse, transform
-
-Array = NDArray[np.float64]
 
 TOGETHER: Final = "together"
 DESIGNS: Final = 10
@@ -244,9 +242,9 @@ def _share(covariances: Array, errors: Array, axes: Array) -> Share:
     )
 
 
-def true_parts(found: PairParts, true: Chain2, site: Site) -> PairParts:
+def true_parts(found: PairParts, true: ClosedChain, site: Site) -> PairParts:
     """Bases, tool and marks as they really are, believed to be known as well as those that were found."""
-    marks = apply(true.T_flange_gripper @ true.T_gripper_work, site.marks_work)
+    marks = apply(true.T_flange_work, site.marks_work)
     return found._replace(T_master_follower=true.T_master_follower, tip=true.T_flange_tool[:3, 3], marks_flange=marks)
 
 
@@ -256,16 +254,16 @@ def _only(source: str, found: PairParts, exact: PairParts) -> PairParts:
     return exact if name is None else exact._replace(**{name: getattr(found, name)})
 
 
-def _adjusted_exactly(dual: DualConfig, true: Chain2, site: Site, rng: np.random.Generator) -> PairAdjustment:
+def _adjusted_exactly(dual: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator) -> PairAdjustment:
     """The adjustment without any noise drawn, weighed as if there were: what its covariance needs."""
     found, _ = find_parts(dual, true, site, rng)
     closing = touch_marks(true, site, dual.closing_touches, 0.0, rng)
     return adjust_pair(true_parts(found, true, site), site.marks_work, closing, dual.touch_noise_m)
 
 
-def _slopes(trial: PairBudgetTrial, true: Chain2) -> Array:
+def _slopes(trial: PairBudgetTrial, true: ClosedChain) -> Array:
     """How the tool's place on the part moves with bases, tip and part, work frame, shape (points, 3, 15)."""
-    T_flange_work = true.T_flange_gripper @ true.T_gripper_work
+    T_flange_work = true.T_flange_work
     R_work_master, R_work_flange = trial.T_master_work[:3, :3].T, T_flange_work[:3, :3].T
     points = trial.T_work_tool[:, :3, 3]
     J = np.zeros((trial.points, 3, 15))

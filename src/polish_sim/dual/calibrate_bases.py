@@ -12,8 +12,8 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.dual.calibration.arm import (
     ArmEstimate,
     PairTables,
@@ -38,7 +38,6 @@ from polish_sim.motion import forward
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import apply, from_pose, inverse, rotation_angle
 
-Array = NDArray[np.float64]
 Flanges = Callable[[Array], Array]
 """Poses of a flange in its base, (n, 4, 4), from joint angles (n, 6)."""
 

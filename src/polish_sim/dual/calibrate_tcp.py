@@ -10,16 +10,15 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.dual.calibration.tool import ToolFrameEstimate, ToolMeasurements, fit_tool_frame
 from polish_sim.dual.calibration.tool_checks import TOOL_DOWN, ToolTouches, plan_touch_orientations
 from polish_sim.dual.calibration.tool_file import tool_figures
 from polish_sim.motion import forward, inverse_near
 from polish_sim.spatial import rotation_angle, transform
 
-Array = NDArray[np.float64]
 Reading = Callable[[Array, Array], Array]
 """Flange poses (n, 4, 4) a host reads, from those the flange really has and the nominal arm's joints there (n, 6)."""
 

@@ -1,4 +1,4 @@
-"""Experiment ``dual``: two robots, the master moves the part, the follower works on it (paper 2)."""
+"""Experiment ``dual`` (paper 2): the master moves the part, the follower works on it."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from polish_sim.analysis.metrics import measure_removal, measure_surface
+from polish_sim.arrays import Array
 from polish_sim.cell import Cell, CellRun, Job, Observer, RealPart, Silent, build_real_part
 from polish_sim.cell.host_arm import build_host_arm
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.dual.figures import Wanted, measure_pair, pair_errors
+from polish_sim.dual.figures import WantedTool, measure_pair, pair_errors
 from polish_sim.dual.frames import settled_bases
-from polish_sim.dual.placement import seat_text
-from polish_sim.dual.scene import BuiltArms, Held, build_pair_scene
+from polish_sim.dual.gripper import seat_text
+from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.experiments.assembly import course_for
 from polish_sim.experiments.part_setup import (
@@ -37,8 +37,6 @@ from polish_sim.motion import forward
 from polish_sim.planning import PlanResult
 from polish_sim.spatial import apply, inverse
 
-Array = NDArray[np.float64]
-
 
 def check_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> CheckedPath:
     """The path on the held part and how the follower reaches all of it.
@@ -56,7 +54,7 @@ def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Obser
     Args:
         scenario: The scenario; with ``dual.standoff_m`` above 0 nothing is pressed and no force controlled.
         plan: A path made before; else once around the part's rim.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         Log with the master's joints, trace, path and figures.
@@ -97,13 +95,13 @@ class DualCell(NamedTuple):
     cell: Cell
     """Not yet run."""
     strokes: list[Job]
-    """As the host wants them, its tool where it believes it to be."""
+    """As the host commands them, with the tool where the host believes it."""
     part: RealPart
-    """Where it really is at the start."""
+    """At the start."""
 
 
 def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
-    """Set the cell up: what is true in the scene, what is believed in the plan."""
+    """Set the cell up: the scene from the true frames, the plan from the believed ones."""
     streams, place = random_streams(scenario.seed), task.place
     pressing = scenario.dual.standoff_m == 0.0
     scenario = scenario if pressing else replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
@@ -114,11 +112,13 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
     )  # fmt: skip
     true = task.frames.true
     held = Held(place.shape.mesh, scenario.dual.density_kg_m3, _part_on_flange(task, part), task.seat.nose)
-    model = build_pair_scene(scenario, inverse(true.T_master_follower), held, BuiltArms(**task.arms.true))
+    model = build_pair_scene(scenario, inverse(true.T_master_follower), held, task.arms.true)
     controller = build_controller(scenario.controller)
+    q_start = np.ascontiguousarray(place.reach.q_start[None])
+    q_start = task.arms.joints("follower", forward(q_start), q_start)[0]
     host_arm = build_host_arm(task.arms.believed["follower"], np.eye(4), task.frames.believed.T_flange_tool)
     cell = Cell(
-        strongest(scenario, place.path), model, part, strokes, _start(task), controller, streams[SENSOR_STREAM],
+        strongest(scenario, place.path), model, part, strokes, q_start, controller, streams[SENSOR_STREAM],
         course_for(controller, scenario, place, strokes), task.master, host_arm,
     )  # fmt: skip
     believe_tool(cell, streams[PAYLOAD_STREAM])
@@ -132,22 +132,21 @@ def part_turns(log: RunLog, task: DualTask, part: RealPart) -> Array:
     return np.asarray(R_base_master @ flanges[:, :3, :3] @ _part_on_flange(task, part)[:3, :3])
 
 
-def wanted_on_part(strokes: list[Job], T_base_work: Array) -> Wanted:
+def wanted_on_part(strokes: list[Job], T_base_work: Array) -> WantedTool:
     """Where the tool is wanted on the part along the path: places, points and axes in the work frame."""
     s = np.concatenate([job.start_s + job.motion.places for job in strokes])
     points = np.concatenate([job.motion.positions for job in strokes])
     turns = Rotation.from_quat(np.concatenate([job.motion.quaternions for job in strokes]), scalar_first=True)
     T_work_base = inverse(T_base_work)
     axes = turns.as_matrix()[:, :, 2] @ T_work_base[:3, :3].T
-    return Wanted(s, apply(T_work_base, points), axes)
+    return WantedTool(s, apply(T_work_base, points), axes)
 
 
 def work_turns(run: CellRun, task: DualTask) -> Array:
     """How the work frame really stands in the follower's base at the steps of the process, shape (n, 3, 3)."""
     true = task.frames.true
-    R_flange_work = (true.T_flange_gripper @ true.T_gripper_work)[:3, :3]
     q = np.ascontiguousarray(run.log["master_q_rad"], dtype=np.float64)
-    R = true.T_master_follower[:3, :3].T @ task.arms.flanges("master", q)[:, :3, :3] @ R_flange_work
+    R = true.T_master_follower[:3, :3].T @ task.arms.flanges("master", q)[:, :3, :3] @ true.T_flange_work[:3, :3]
     times, wanted = np.asarray(run.log["time_s"], dtype=np.float64), run.trace.time_s[run.trace.phase == 2]
     if len(times) < 2:
         return np.repeat(R[:1], len(wanted), axis=0)
@@ -161,12 +160,6 @@ def _at_rows(run: CellRun, values: Array) -> Array:
     every[run.trace.phase == 2] = values
     rows = np.searchsorted(run.trace.time_s, np.asarray(run.log["time_s"], dtype=np.float64) - 1e-9)
     return every[np.minimum(rows, len(every) - 1)]
-
-
-def _start(task: DualTask) -> Array:
-    """Joints with which the host expects the follower at the start of its path [rad], shape (6,)."""
-    q = task.place.reach.q_start[None]
-    return task.arms.joints("follower", forward(np.ascontiguousarray(q)), q)[0]
 
 
 def _part_on_flange(task: DualTask, part: RealPart) -> Array:

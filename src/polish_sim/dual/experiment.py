@@ -138,5 +138,5 @@ DUAL: Final = Experiment(
         Excludes("--path", FINISHED, REGION_OPTIONS),
         Excludes("--master-path", "says where the part goes", ("--master-speed", "--master-turn", "--part-pose")),
     ),
-    notes="polish_sim.dual.placement:seat_notes",
+    notes="polish_sim.dual.gripper:seat_notes",
 )

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.analysis.metrics import PROCESS
+from polish_sim.arrays import Array
 from polish_sim.log import Trace
-
-Array = NDArray[np.float64]
 
 SPEED_S = 0.05
 """Speeds are averages over this long, as those of the arc [s]."""
@@ -19,7 +17,7 @@ TURNS = 200
 """So many turns of a run are added up: more would add up the servos' trembling."""
 
 
-class Wanted(NamedTuple):
+class WantedTool(NamedTuple):
     """Where the tool is wanted on the part; n places along the path, in order."""
 
     s: Array
@@ -39,12 +37,12 @@ class PairErrors(NamedTuple):
     """From where the tool is wanted on the part to where it really is on it [m], shape (n, 3)."""
 
 
-def pair_errors(trace: Trace, wanted: Wanted, R_base_work: Array, pressing: bool) -> PairErrors:
+def pair_errors(trace: Trace, wanted: WantedTool, R_base_work: Array, pressing: bool) -> PairErrors:
     """Errors of the process phase.
 
     Args:
         trace: The run.
-        wanted: What was to be done.
+        wanted: The planned tool poses.
         R_base_work: How the work frame stands in the base of the robot with the tool then, shape (n, 3, 3).
         pressing: Whether the force decides how deep the tool is: then what is along the tool axis does not count.
     """

@@ -1,4 +1,9 @@
-"""Where two robots, part and tool stand: as they really do, and as calibration makes the host believe."""
+"""Where two robots, part and tool stand: as they really do, and as calibration makes the host believe.
+
+The simulated calibration before a run: bases by single axes turned before a laser tracker, the tool by touches of a
+fixed point, marks on the part by touches of a fixed point too; last the tool itself touches the marks on the part the
+other robot holds.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +13,12 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
 from polish_sim.config import DualConfig
-from polish_sim.dual.arms import AS_DRAWN, FollowerBase, PairArms
+from polish_sim.dual.arms import NOMINAL_ARMS, PairArms
 from polish_sim.dual.calibrate_bases import TrueBases, simulate_arcs
 from polish_sim.dual.calibrate_tcp import TcpTrial, reached, simulate_touches
 from polish_sim.dual.calibration.arm_file import read_arm_calibration
@@ -23,27 +28,34 @@ from polish_sim.dual.calibration.pair import LEAST_NOISE, ClosingTouches, PairAd
 from polish_sim.dual.calibration.tool import fit_tool_frame, fit_tool_point
 from polish_sim.dual.calibration.tool_checks import ToolTouches
 from polish_sim.dual.calibration.tool_file import read_tool_calibration
-from polish_sim.dual.coordination import Chain2, follower_flange, master_flange
-from polish_sim.dual.scene import GRIPPER_LENGTH
+from polish_sim.dual.chain import ClosedChain
+from polish_sim.dual.gripper import GRIPPER_LENGTH
 from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_in_mm
 from polish_sim.geometry import Region, Surface
 from polish_sim.spatial import apply, from_pose, inverse, perpendicular, rotation_angle, rotation_to_axis, transform
 
-# Marks on a part that are touched to find it: well apart, on what is to be worked on.
-
-Array = NDArray[np.float64]
-
+T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
+"""Where the simulated tracker sees the master."""
+ARC_POINTS: Final = 200
+LEAST_APART: Final = 0.2
+"""Between the bases of two arms, each 0.15 m wide [m]."""
+SAME_POSE: Final = 1e-8
+"""Poses that differ by less are the same but for rounding [m], [-]."""
+ON_FACE: Final = transform(np.eye(3), np.zeros(3))
+"""A part whose own frame is that of the gripper's face, as the shipped hub's is."""
+FAR_M, FAR_RAD = 0.01, 0.1
+"""A calibration farther off than this is that of another tool, or of robots that stand elsewhere [m], [rad]."""
 INSIDE: Final = 0.9
-"""How far out from the middle, of the way to the edge: a pointer does not find an edge itself."""
+"""Share of the way from the middle to the edge: a pointer does not find an edge itself."""
 NARROW: Final = 0.1
-"""A region this narrow for its length tells no turn about it: the marks are then all over the part."""
+"""A region this narrow for its length does not fix the turn about it: the marks then cover the whole part."""
 
 
 def marks_on(region: Region, surface: Surface, count: int) -> Array:
-    """Points far apart in directions evenly spread about the middle, with a tool that stands upon them.
+    """Marks on a part that are touched to find it: far apart, in directions evenly spread about the middle.
 
     Args:
-        region: What is to be worked on.
+        region: The worked region.
         surface: The whole part.
         count: Number of marks.
 
@@ -62,16 +74,6 @@ def marks_on(region: Region, surface: Surface, count: int) -> Array:
     there = candidate.closest(middle + INSIDE * (outmost - middle))
     R = [rotation_to_axis(-normal[None], perpendicular(normal))[0] for normal in there.normals]
     return transform(np.stack(R), there.positions)
-
-
-# How two simulated robots, their tool and their part are measured in a shop before a run.
-#
-# Bases by single axes turned before a laser tracker, the tool by touches of a fixed point, marks on the part by touches
-# of a fixed point too; last the tool itself touches the marks on the part the other robot holds.
-
-T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
-"""Where the simulated tracker sees the master."""
-ARC_POINTS: Final = 200
 
 
 class Site(NamedTuple):
@@ -94,7 +96,7 @@ def tracker_sees(T_master_follower: Array) -> TrueBases:
 
 
 def find_parts(
-    config: DualConfig, true: Chain2, site: Site, rng: np.random.Generator, arms: PairArms = AS_DRAWN
+    config: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator, arms: PairArms = NOMINAL_ARMS
 ) -> tuple[PairParts, Array]:
     """Measure bases, tool and part one by one.
 
@@ -113,18 +115,18 @@ def find_parts(
     """
     tracker, touch = max(config.tracker_noise_m, LEAST_NOISE), max(config.touch_noise_m, LEAST_NOISE)
     truth = tracker_sees(true.T_master_follower)
-    turned = simulate_arcs(truth, ARC_POINTS, config.tracker_noise_m, rng, None if arms.as_drawn else arms.true)
+    turned = simulate_arcs(truth, ARC_POINTS, config.tracker_noise_m, rng, None if arms.nominal else arms.true)
     circles = turned.fit(tracker)
-    bases = arms.bases or FollowerBase(circles.T_master_follower, circles.covariance)
+    T_master_follower, covariance = arms.bases or (circles.T_master_follower, circles.covariance)
     trial = TcpTrial(noise=config.touch_noise_m)
     tool = fit_tool_frame(simulate_touches(trial, true.T_flange_tool, rng, arms.reading("follower")), touch)
     marks = [
         fit_tool_point(_touch_with_mark(trial, mark, rng, arms), touch)
-        for mark in apply(true.T_flange_gripper @ true.T_gripper_work, site.marks_work)
+        for mark in apply(true.T_flange_work, site.marks_work)
     ]
     parts = PairParts(
-        bases.T_master_follower,
-        bases.covariance,
+        T_master_follower,
+        covariance,
         tool.tip.point,
         tool.tip.covariance[:3, :3],
         np.stack([mark.point for mark in marks]),
@@ -146,7 +148,7 @@ def _touch_with_mark(trial: TcpTrial, mark: Array, rng: np.random.Generator, arm
 
 
 def touch_marks(
-    true: Chain2, site: Site, count: int, noise: float, rng: np.random.Generator, arms: PairArms = AS_DRAWN
+    true: ClosedChain, site: Site, count: int, noise: float, rng: np.random.Generator, arms: PairArms = NOMINAL_ARMS
 ) -> ClosingTouches:
     """Touch the part's marks with the tool, one after the other, as often as asked.
 
@@ -168,9 +170,9 @@ def touch_marks(
     spin = np.zeros((count, 3))
     spin[:, 2] = 2.0 * np.pi * (np.arange(count) // marks) / rounds
     T_work_tool = site.T_work_tool[mark] @ transform(Rotation.from_rotvec(spin).as_matrix(), np.zeros(3))
-    T_follower_flange = follower_flange(true, site.T_master_work, T_work_tool)
+    T_follower_flange = true.follower_flange(site.T_master_work, T_work_tool)
     T_follower_flange[:, :3, 3] += noise * rng.standard_normal((count, 3))
-    T_master_flange = np.tile(master_flange(true, site.T_master_work), (count, 1, 1))
+    T_master_flange = np.tile(true.master_flange(site.T_master_work), (count, 1, 1))
     said = [
         reached(T, arms.reading(robot)) if count and arms.reading(robot) else T
         for robot, T in zip(ROBOTS, (T_master_flange, T_follower_flange), strict=True)
@@ -178,21 +180,11 @@ def touch_marks(
     return ClosingTouches(said[0], said[1], mark)
 
 
-LEAST_APART: Final = 0.2
-"""Between the bases of two arms, each 0.15 m wide [m]."""
-SAME_POSE: Final = 1e-8
-"""Poses that differ by less are the same but for rounding [m], [-]."""
-ON_FACE: Final = transform(np.eye(3), np.zeros(3))
-"""A part whose own frame is that of the gripper's face, as the shipped hub's is."""
-FAR_M, FAR_RAD = 0.01, 0.1
-"""A calibration farther off than this is that of another tool, or of robots that stand elsewhere [m], [rad]."""
-
-
 class PairFrames(NamedTuple):
     """The chain of two robots."""
 
-    true: Chain2
-    believed: Chain2
+    true: ClosedChain
+    believed: ClosedChain
 
 
 def settled_bases(config: DualConfig) -> DualConfig:
@@ -219,7 +211,7 @@ def settled_bases(config: DualConfig) -> DualConfig:
     return replace(config, follower_pose=tuple(float(number) for number in (*planted[:3, 3], *turn)))
 
 
-def true_chain(config: DualConfig, T_gripper_work: Array = ON_FACE) -> Chain2:
+def true_chain(config: DualConfig, T_gripper_work: Array = ON_FACE) -> ClosedChain:
     """The chain as it really is.
 
     The part sits in the gripper as it is put there: its own frame on the gripper's face, unless another place (4, 4) is
@@ -230,7 +222,8 @@ def true_chain(config: DualConfig, T_gripper_work: Array = ON_FACE) -> Chain2:
         InputError: The calibration cannot be read.
         CalibrationError: It is another pair's.
     """
-    return _chain(_follower_pose(settled_bases(config)), T_gripper_work)
+    T_flange_gripper = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
+    return ClosedChain(_follower_pose(settled_bases(config)), T_flange_gripper, T_gripper_work, tool_on_flange())
 
 
 def _follower_pose(config: DualConfig) -> Array:
@@ -256,15 +249,10 @@ def _pose_text(T: Array) -> str:
     return "[" + ",".join(f"{number:.9g}" for number in numbers) + "]"
 
 
-def _chain(T_master_follower: Array, T_gripper_work: Array) -> Chain2:
-    T_flange_gripper = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
-    return Chain2(T_master_follower, T_flange_gripper, T_gripper_work, tool_on_flange())
-
-
 def calibrated_frames(
-    config: DualConfig, true: Chain2, site: Site, rng: np.random.Generator, arms: PairArms = AS_DRAWN
+    config: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator, arms: PairArms = NOMINAL_ARMS
 ) -> PairFrames:
-    """What is true and what the host believes of it.
+    """The true chain beside the one the host believes.
 
     Args:
         config: Calibrations, or the noise of those that are simulated before the run.
@@ -288,9 +276,9 @@ def calibrated_frames(
     return PairFrames(true, believed_chain(adjusted, R_flange_tool, true))
 
 
-def believed_chain(adjusted: PairAdjustment, R_flange_tool: Array, true: Chain2) -> Chain2:
-    """The chain as it was found; the part's place is told together with the gripper's."""
-    return Chain2(
+def believed_chain(adjusted: PairAdjustment, R_flange_tool: Array, true: ClosedChain) -> ClosedChain:
+    """The chain as it was found; the part's place is found together with the gripper's."""
+    return ClosedChain(
         adjusted.T_master_follower,
         adjusted.T_flange_work @ inverse(true.T_gripper_work),
         true.T_gripper_work,
@@ -302,7 +290,7 @@ def tool_errors(frames: PairFrames, T_master_work: Array, T_work_tool: Array) ->
     """How far the tool is off on the part if both arms do exactly what the believed chain asks for.
 
     Args:
-        frames: What is true and what is believed.
+        frames: The true and the believed chain.
         T_master_work: Where the host wants the part, base of the master, shape (4, 4).
         T_work_tool: Where it wants the tool on the part, shape (n, 4, 4).
 
@@ -310,15 +298,15 @@ def tool_errors(frames: PairFrames, T_master_work: Array, T_work_tool: Array) ->
         From the tool as wanted to the tool as it is, work frame [m], shape (n, 3).
     """
     true, believed = frames
-    T_master_flange = master_flange(believed, T_master_work)
-    T_follower_flange = follower_flange(believed, T_master_work, T_work_tool)
+    T_master_flange = believed.master_flange(T_master_work)
+    T_follower_flange = believed.follower_flange(T_master_work, T_work_tool)
     T_work_master = inverse(T_master_flange @ true.T_flange_gripper @ true.T_gripper_work)
     is_now = T_work_master @ true.T_master_follower @ T_follower_flange @ true.T_flange_tool
     return np.asarray(is_now[:, :3, 3] - T_work_tool[:, :3, 3])
 
 
-def _given(config: DualConfig, true: Chain2, found: tuple[PairParts, Array]) -> tuple[PairParts, Array]:
-    """What was found, what files say instead of it put in its place."""
+def _given(config: DualConfig, true: ClosedChain, found: tuple[PairParts, Array]) -> tuple[PairParts, Array]:
+    """What was found, replaced by what files say."""
     parts, R_flange_tool = found
     if config.bases_file:
         T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
@@ -333,9 +321,9 @@ def _given(config: DualConfig, true: Chain2, found: tuple[PairParts, Array]) -> 
 
 def _check_bases(config: DualConfig, T: Array, T_master_follower: Array) -> None:
     """Refuse a file's place of the follower's base in the master's that is not where it stands."""
-    told = f"set the cell up as it was: --set dual.follower_pose={_pose_text(T)}"
+    cure = f"set the cell up as it was: --set dual.follower_pose={_pose_text(T)}"
     what = f"'{config.bases_file or config.arms_file}' puts the follower's base"
-    _check_near(what, "dual.follower_pose", T, T_master_follower, told)
+    _check_near(what, "dual.follower_pose", T, T_master_follower, cure)
 
 
 def _tool_of(config: DualConfig, T_flange_tool: Array) -> Array:

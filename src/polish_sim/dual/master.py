@@ -1,34 +1,110 @@
-"""How the master moves the part while the follower works: along, about an axis, or as a file says."""
+"""How the master moves the part while the follower works: along a line or arc, about an axis, or as a file says."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
 
+from polish_sim.arrays import Array
 from polish_sim.calibration.tables import Columns, read_columns
 from polish_sim.config import DualConfig, Scenario
-from polish_sim.dual.coordination import Chain2, PartWay, about_axis, along_arc, through_poses
+from polish_sim.dual.chain import ClosedChain
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.planning import ToolPath
-from polish_sim.spatial import transform
-
-# A master's motion from a user's file: poses of the part, or of the flange that holds it, over time.
-
-Array = NDArray[np.float64]
+from polish_sim.spatial import inverse, transform
 
 TIME: Final = "time_s"
 FLANGE: Final = "flange_"
 """What the columns of a place begin with where the poses are the flange's."""
 JUMP_M_S, JUMP_RAD_S = 1.0, np.pi
 """Faster from one line to the next is a jump: the tool speed a UR5e is sold with, and its joints' [m/s], [rad/s]."""
+WITHOUT_FILE: Final = (
+    "master_speed_m_s", "master_direction", "master_arc_radius_m", "master_turn_rad_s", "master_axis", "master_center",
+)  # fmt: skip
+"""Settings of section dual that say how the part moves where no file does."""
+
+
+class PartWay(NamedTuple):
+    """A motion of a part: its origin goes along, and the part moves in its own frame. Smooth, C2 or better."""
+
+    shift: Callable[[Array], Array]
+    """Times (n,) [s] to how far its origin has gone, base of the robot that moves it [m], shape (n, 3)."""
+    turn: Callable[[Array], Array]
+    """Times (n,) [s] to how it has moved in its own frame, shape (n, 4, 4)."""
+    lasts: float = math.inf
+    """How long it goes on [s]."""
+
+    def __call__(self, T_base_start: Array, times: Array) -> Array:
+        """Poses of the part at times [s], (n, 4, 4), from that at time zero, (4, 4)."""
+        poses = T_base_start @ self.turn(times)
+        poses[:, :3, 3] += self.shift(times)
+        return np.asarray(poses)
+
+
+def along_arc(velocity: Array, bend: float) -> Callable[[Array], Array]:
+    """Constant speed along a straight line, or along an arc about the base's z axis.
+
+    Args:
+        velocity: At time zero [m/s], shape (3,).
+        bend: Rate at which its direction turns about z [rad/s]; 0: straight.
+    """
+    across = np.array([-velocity[1], velocity[0], 0.0])
+    level = np.array([velocity[0], velocity[1], 0.0])
+    rise = np.array([0.0, 0.0, velocity[2]])
+
+    def shift(times: Array) -> Array:
+        half = 0.5 * bend * times
+        ratio = np.sinc(half / math.pi)  # sin(half) / half
+        along, aside = ratio * np.cos(half), ratio * np.sin(half)
+        return np.asarray(times[:, None] * (along[:, None] * level + aside[:, None] * across + rise))
+
+    return shift
+
+
+def about_axis(axis: Array, center: Array, rate: float) -> Callable[[Array], Array]:
+    """A turn at constant rate about an axis of the part.
+
+    Args:
+        axis: Its unit direction, work frame, shape (3,).
+        center: A point on it, work frame [m], shape (3,).
+        rate: Right-handed [rad/s]; 0: the part keeps its orientation.
+    """
+
+    def turn(times: Array) -> Array:
+        R = Rotation.from_rotvec(rate * times[:, None] * axis).as_matrix()
+        return np.asarray(transform(R, center - R @ center))
+
+    return turn
+
+
+def through_poses(times: Array, poses: Array) -> PartWay:
+    """Through poses at given times: position by a cubic spline, orientation by a rotation spline, both C2.
+
+    Args:
+        times: From zero, increasing [s], shape (n,), n at least 2.
+        poses: Of the part, shape (n, 4, 4).
+    """
+    places = CubicSpline(times, poses[:, :3, 3] - poses[0, :3, 3])
+    turned = RotationSpline(times, Rotation.from_matrix((inverse(poses[0]) @ poses)[:, :3, :3]))
+    end = float(times[-1])
+
+    def shift(t: Array) -> Array:
+        return np.asarray(places(np.clip(t, 0.0, end)))
+
+    def turn(t: Array) -> Array:
+        return np.asarray(transform(turned(np.clip(t, 0.0, end)).as_matrix(), np.zeros(3)))
+
+    return PartWay(shift, turn, end)
 
 
 class MasterPath(NamedTuple):
-    """Poses over time, base of the master."""
+    """Poses over time from a user's file, base of the master."""
 
     times: Array
     """From zero, increasing [s], shape (n,)."""
@@ -39,8 +115,8 @@ class MasterPath(NamedTuple):
     columns: Columns
     """Says where a row stands."""
 
-    def part_poses(self, chain: Chain2) -> Array:
-        """The part's poses by a chain the host believes in, shape (n, 4, 4)."""
+    def part_poses(self, chain: ClosedChain) -> Array:
+        """The part's poses by the chain the host believes, shape (n, 4, 4)."""
         return self.poses @ chain.T_flange_gripper @ chain.T_gripper_work if self.of_flange else self.poses
 
     def place(self, time: float) -> str:
@@ -98,12 +174,6 @@ def _refuse_jumps(columns: Columns, what: str, times: Array, poses: Array) -> No
         )
 
 
-WITHOUT_FILE: Final = (
-    "master_speed_m_s", "master_direction", "master_arc_radius_m", "master_turn_rad_s", "master_axis", "master_center",
-)  # fmt: skip
-"""Settings of section dual that say how the part moves where no file does."""
-
-
 class MasterMotion(NamedTuple):
     """What is asked of the master."""
 
@@ -114,14 +184,14 @@ class MasterMotion(NamedTuple):
     """Where a file says the part is held at the start, base of the master, shape (1, 4, 4)."""
 
 
-def master_motion(scenario: Scenario, path: ToolPath, up: Array, chain: Chain2) -> MasterMotion:
+def master_motion(scenario: Scenario, path: ToolPath, up: Array, chain: ClosedChain) -> MasterMotion:
     """The motion a scenario asks for.
 
     Args:
         scenario: The scenario.
         path: What the follower does on the part.
         up: Side of the part that is worked on, work frame, shape (3,).
-        chain: What the host believes of gripper and part.
+        chain: The chain the host believes.
 
     Raises:
         ConfigError: A direction is none, two settings say where the part is held, or how it moves.

@@ -8,13 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import fed, numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, SERIES, head, new_figure, shade_band, styled
-
-Array = NDArray[np.float64]
+from polish_sim.arrays import Array, Bools
 
 BAND_MM = 0.1
 BAND_N = 1.5
@@ -141,7 +139,7 @@ class Residuals(NamedTuple):
     name: str
     distances: Array
     """[m], shape (n,)."""
-    used: NDArray[np.bool_]
+    used: Bools
     """Shape (n,)."""
 
 

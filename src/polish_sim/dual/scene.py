@@ -6,78 +6,31 @@ single robot with its tool is true of the follower.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell.carrier import FIRST_JOINT, FOLLOWER, MASTER
 from polish_sim.cell.scene import add_drawn_part, bend_arm, robot_with_tool, set_options
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError, ReachError
+from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_MASS, GRIPPER_RADIUS, check_load, volume_and_center
 from polish_sim.geometry import PartMesh
 from polish_sim.models import robot_model_path
-from polish_sim.motion.kinematics import NOMINAL, is_nominal
-
-# What may touch what in a scene of two robots, before it is compiled.
-#
-# A cell's own geoms, capsules on the links, touch each other. Besides, pad and shaft touch the other arm and its
-# gripper, never the part: the pad's contact with that is computed on its signed distance. Where a way is checked
-# beforehand the links count as they are drawn, each shell by its convex hull, because they are up to 4 cm thicker than
-# their capsules.
+from polish_sim.motion.kinematics import is_nominal
 
 PAD: Final = ("head_pad", "head_plate", "head_shaft")
 """Geoms that are nearer to the part than the housing is."""
 CAPSULES, PAD_GROUP, SHELLS, PART = 1, 2, 4, 8
-"""Bits of the engine's contact types: a geom of this kind meets what has the bit in its affinity."""
-
-
-def let_pad_touch(follower: Any, master: Any) -> None:
-    """Let pad and shaft of one robot touch what is there of the other."""
-    for name in PAD:
-        follower.geom(name).contype = PAD_GROUP
-    for geom in master.geoms:
-        if geom.contype:
-            geom.conaffinity |= PAD_GROUP
-
-
-def let_shells_touch(follower: Any, master: Any, reach: float) -> None:
-    """Let what is drawn of one arm meet what is drawn of the other; contacts are found up to ``reach`` [m]."""
-    for geom in follower.geoms:
-        if geom.name not in PAD and _solid(geom):
-            geom.contype |= SHELLS
-            geom.margin = reach
-    for geom in master.geoms:
-        if _solid(geom):
-            geom.conaffinity |= PAD_GROUP | SHELLS | PART
-            geom.margin = reach
-
-
-def let_part_touch(part: Any, reach: float) -> None:
-    """Let a carried part, as its convex hull, meet both arms."""
-    geom = part.geoms[0]
-    geom.contype, geom.conaffinity, geom.margin = CAPSULES | PART, CAPSULES | SHELLS, reach
-
-
-def _solid(geom: Any) -> bool:
-    """Whether a geom stands for the arm itself: a shell that is drawn, or what collides and is no capsule."""
-    if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
-        return True
-    return bool(geom.contype) and geom.type != mujoco.mjtGeom.mjGEOM_CAPSULE
-
-
-Array = NDArray[np.float64]
-
-GRIPPER_LENGTH: Final = 0.1  # from the flange to its face [m]
-GRIPPER_RADIUS: Final = 0.04  # [m]
-GRIPPER_MASS: Final = 0.9  # [kg]
-PAYLOAD_LIMIT: Final = 5.0  # of a UR5e [kg]
+"""Bits of the engine's contact types: a geom of this kind meets those that have the bit in their affinity."""
+_SUFFIXES: Final = ("_collision", "_shell", "_seam", "_cap")
 
 
 class Clearances(NamedTuple):
-    """What is to be kept apart where a way is checked beforehand."""
+    """Distances to keep where a motion is checked beforehand."""
 
     arms: float
     """Arms and tool from the other arm and its gripper, and from the part [m]."""
@@ -100,18 +53,8 @@ class Held(NamedTuple):
     """For checks only: the part's hull and the links as drawn collide with what comes this close; None: a cell."""
 
 
-class BuiltArms(NamedTuple):
-    """Both arms as they are built, tables of Denavit-Hartenberg parameters, each (4, 6)."""
-
-    master: Array = NOMINAL
-    follower: Array = NOMINAL
-
-
-AS_DRAWN: Final = BuiltArms()
-
-
 def build_pair_scene(
-    scenario: Scenario, T_follower_master: Array, held: Held, arms: BuiltArms = AS_DRAWN
+    scenario: Scenario, T_follower_master: Array, held: Held, tables: Mapping[str, Array] | None = None
 ) -> mujoco.MjModel:
     """Compile the cell of two robots.
 
@@ -119,7 +62,7 @@ def build_pair_scene(
         scenario: Head, pad, robots and time step.
         T_follower_master: The master's base in the follower's, as it really stands, shape (4, 4).
         held: What the master holds.
-        arms: The arms as they are built.
+        tables: Denavit-Hartenberg parameters of ``master`` and ``follower`` as built, (4, 6) each; None: nominal.
 
     Returns:
         The compiled model: the follower's joints and controls first, names begin with ``follower_`` and ``master_``.
@@ -130,18 +73,15 @@ def build_pair_scene(
     scene = _file_without_keyframe(scenario)
     scene.delete(scene.body("base"))
     follower, master = robot_with_tool(scenario), _file_without_keyframe(scenario)
-    for arm, table in ((master, arms.master), (follower, arms.follower)):
-        if not is_nominal(table):
-            bend_arm(arm, table)
+    if tables is not None:
+        for arm, name in ((master, "master"), (follower, "follower")):
+            if not is_nominal(tables[name]):
+                bend_arm(arm, tables[name])
     for key in list(follower.keys):
         follower.delete(key)
     master.delete(master.body("tool_mount"))
     part = _add_gripper(master, held)
-    let_pad_touch(follower, master)
-    if held.clearances is not None:
-        reach = max(held.clearances)
-        let_shells_touch(follower, master, reach)
-        let_part_touch(part, reach)
+    _set_contacts(follower, master, part, held.clearances)
     scene.worldbody.add_frame().attach_body(follower.body("base"), FOLLOWER, "")
     turn = Rotation.from_matrix(T_follower_master[:3, :3]).as_quat(scalar_first=True)
     stand = scene.worldbody.add_frame(pos=T_follower_master[:3, 3], quat=turn)
@@ -149,31 +89,6 @@ def build_pair_scene(
     middle = 0.5 * T_follower_master[:3, 3]
     scene.stat.center = [middle[0], middle[1], 0.35]
     return scene.compile()
-
-
-def part_mass(mesh: PartMesh, density: float) -> float:
-    """Mass of a solid part [kg]."""
-    return density * _volume_and_center(mesh)[0]
-
-
-def check_load(mesh: PartMesh, density: float) -> None:
-    """Refuse a part that encloses nothing, or is too heavy for the master.
-
-    Raises:
-        InputError: Its mesh encloses no volume.
-        ReachError: Says what it weighs and what the master carries.
-    """
-    mass = part_mass(mesh, density)
-    if not mass > 0.0:
-        raise InputError(
-            f"the part's mesh encloses {1e6 * mass / density:.4g} cm^3, so that the master would carry no mass: it is "
-            "open or its faces look inwards. Close it, or turn its faces outwards."
-        )
-    if mass + GRIPPER_MASS > PAYLOAD_LIMIT:
-        raise ReachError(
-            f"the part weighs {mass:.2f} kg: with the gripper's {GRIPPER_MASS:g} kg the master would carry more than "
-            f"its {PAYLOAD_LIMIT:g} kg. Take a smaller part, or its true density with --set dual.density_kg_m3=..."
-        )
 
 
 def _file_without_keyframe(scenario: Scenario) -> Any:
@@ -186,23 +101,19 @@ def _file_without_keyframe(scenario: Scenario) -> Any:
 
 
 def _add_gripper(master: Any, held: Held) -> Any:
-    """A plain cylinder on the flange and the part on its face; the robot has been told what it carries."""
+    """A plain cylinder on the flange and the part on its face; the robot compensates the weight of both."""
     flange = master.body("link_6")
-    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
     half = 0.5 * GRIPPER_LENGTH
+    look = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "group": 2, "rgba": [0.25, 0.27, 0.30, 1.0]}
     gripper = flange.add_body(name="gripper", gravcomp=1.0)
-    gripper.add_geom(
-        name="gripper", type=cylinder, size=[GRIPPER_RADIUS, half, 0.0], pos=[0.0, 0.0, half], group=2,
-        mass=GRIPPER_MASS, rgba=[0.25, 0.27, 0.30, 1.0],
-    )  # fmt: skip
+    gripper.add_geom(name="gripper", size=[GRIPPER_RADIUS, half, 0.0], pos=[0.0, 0.0, half], mass=GRIPPER_MASS, **look)
     if held.nose > 0.0:
-        gripper.add_geom(
-            name="gripper_nose", type=cylinder, size=[GRIPPER_RADIUS, 0.5 * held.nose, 0.0], group=2, mass=0.0,
-            pos=[0.0, 0.0, GRIPPER_LENGTH + 0.5 * held.nose], rgba=[0.25, 0.27, 0.30, 1.0],
-        )  # fmt: skip
+        middle = [0.0, 0.0, GRIPPER_LENGTH + 0.5 * held.nose]
+        size = [GRIPPER_RADIUS, 0.5 * held.nose, 0.0]
+        gripper.add_geom(name="gripper_nose", size=size, pos=middle, mass=0.0, **look)
     part = add_drawn_part(master, flange, held.mesh, held.T_flange_part)
     check_load(held.mesh, held.density)
-    volume, center = _volume_and_center(held.mesh)
+    volume, center = volume_and_center(held.mesh)
     mass = held.density * volume
     size = np.ptp(held.mesh.vertices, axis=0)
     part.gravcomp, part.mass, part.ipos, part.explicitinertial = 1.0, mass, center, True
@@ -210,24 +121,46 @@ def _add_gripper(master: Any, held: Held) -> Any:
     return part
 
 
-def _volume_and_center(mesh: PartMesh) -> tuple[float, Array]:
-    """Volume [m^3] and its centre [m] by the divergence theorem; of an open mesh what its faces enclose."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
-    volume = float(volumes.sum())
-    return volume, (volumes @ (a + b + c)) / (4.0 * volume) if volume else np.zeros(3)
+def _set_contacts(follower: Any, master: Any, part: Any, clearances: Clearances | None) -> None:
+    """Which geoms may touch which.
+
+    A cell's own geoms, capsules on the links, touch each other. Besides, pad and shaft touch the other arm and its
+    gripper, never the part: the pad's contact with the part is computed on its signed distance. Where a motion is
+    checked beforehand, contacts are found up to the clearances, the part meets both arms as its convex hull, and the
+    links count as they are drawn, each shell by its convex hull: they are up to 4 cm thicker than their capsules.
+    """
+    for name in PAD:
+        follower.geom(name).contype = PAD_GROUP
+    for geom in master.geoms:
+        if geom.contype:
+            geom.conaffinity |= PAD_GROUP
+    if clearances is None:
+        return
+    reach = max(clearances)
+    for geom in follower.geoms:
+        if geom.name not in PAD and _is_solid(geom):
+            geom.contype |= SHELLS
+            geom.margin = reach
+    for geom in master.geoms:
+        if _is_solid(geom):
+            geom.conaffinity |= PAD_GROUP | SHELLS | PART
+            geom.margin = reach
+    hull = part.geoms[0]
+    hull.contype, hull.conaffinity, hull.margin = CAPSULES | PART, CAPSULES | SHELLS, reach
 
 
-# Whether two robots, the part in the gripper and the tool come too close on the way, before anything moves.
-#
-# The part counts as its convex hull here, and the pad is let near it, as it is to touch it; everything else is drawn as
-# it is, see ``pair_touching``.
-
-_SUFFIXES: Final = ("_collision", "_shell", "_seam", "_cap")
+def _is_solid(geom: Any) -> bool:
+    """Whether a geom stands for the arm itself: a drawn shell, or a colliding geom that is no capsule."""
+    if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+        return True
+    return bool(geom.contype) and geom.type != mujoco.mjtGeom.mjGEOM_CAPSULE
 
 
 class PairContacts:
-    """The engine's collision check of a scene of two robots."""
+    """The engine's collision check of a scene of two robots, before anything moves.
+
+    The part counts as its convex hull, and the pad may come near it, as it is to touch it.
+    """
 
     def __init__(self, model: mujoco.MjModel, clearances: Clearances) -> None:
         """Take a scene that was built with the same clearances, see ``Held``."""
@@ -244,14 +177,14 @@ class PairContacts:
             mujoco.mj_kinematics(self._model, self._data)
             mujoco.mj_collision(self._model, self._data)
             contacts = self._data.contact
-            close = [k for k in range(self._data.ncon) if contacts.dist[k] < self._wanted(*contacts.geom[k])]
+            close = [k for k in range(self._data.ncon) if contacts.dist[k] < self._least(*contacts.geom[k])]
             if close:
                 pair = contacts.geom[min(close, key=lambda k: float(contacts.dist[k]))]
                 return " and ".join(self._name(int(geom)) for geom in pair)
         return ""
 
-    def _wanted(self, one: int, two: int) -> float:
-        """Distance two geoms keep [m]: links of one arm only must not run into each other."""
+    def _least(self, one: int, two: int) -> float:
+        """Distance two geoms must keep [m]: links of one arm only must not run into each other."""
         if self._pad[one] or self._pad[two]:
             return self._clearances.pad
         apart = self._master[one] != self._master[two] or self._part[one] or self._part[two]

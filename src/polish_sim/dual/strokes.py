@@ -1,4 +1,4 @@
-"""What the tool of two robots does on the part: pressed on it, or above it without touching."""
+"""Strokes of the tool on the part or above it, and when it is where, with the master's motion meanwhile."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.cell import Job
 from polish_sim.cell.carrier import RAMP_S, time_held, time_let_go
 from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
@@ -26,13 +26,16 @@ from polish_sim.spatial import apply
 
 SPARE_S: Final = 1.0
 """Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]."""
+FEWEST: Final = 3  # visits of every move, however short it is
+BEYOND_S: Final = 1.0  # of the master's motion, as long as a feed takes to come to rest [s]
+ON_THE_WAY: Final = -1  # to a stroke or from it
 
 
 def pair_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool) -> list[Job]:
     """The strokes of a path as ``run dual`` does them; with ``dual.standoff_m`` above 0 nothing is touched.
 
     Raises:
-        SmoothingError: The tool's motion cannot be made; of the follower's arm says what would do.
+        SmoothingError: The tool's motion cannot be made; of the follower's arm also says what to change.
     """
     strokes = placed_strokes if scenario.dual.standoff_m == 0.0 else free_strokes
     kept = _fed_at_most(scenario, path)
@@ -48,8 +51,8 @@ def pair_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool) -> list
         ) from error
 
 
-def _fed_at_most(scenario: Scenario, path: ToolPath) -> NDArray[np.bool_]:
-    """Points of a path the tool may come to in ``process.max_feed_s``, and a little beyond, mask (n,)."""
+def _fed_at_most(scenario: Scenario, path: ToolPath) -> Bools:
+    """Points of a path the tool may reach in ``process.max_feed_s``, and a little beyond, mask (n,)."""
     process = scenario.process
     if process.max_feed_s == 0.0:
         return np.ones(len(path.s), dtype=bool)
@@ -80,13 +83,13 @@ def lifted(path: ToolPath, standoff: float) -> ToolPath:
 
 
 def is_gentle(motion: TimedPath, limits: SmoothingLimits) -> bool:
-    """Whether a path's bends and its axes' turns take no more acceleration than a tool may have."""
+    """Whether a path bends and turns with no more acceleration than the limits allow."""
     change = np.gradient(motion.velocities, motion.spacing, axis=0)
     along = motion.velocities / np.maximum(np.linalg.norm(motion.velocities, axis=1, keepdims=True), 1e-12)
     across = change - np.sum(change * along, axis=1, keepdims=True) * along
     axes = Rotation.from_quat(motion.quaternions, scalar_first=True).as_matrix()[:, :, 2]
     turning = np.gradient(np.cross(motion.spins, axes), motion.spacing, axis=0)
-    # Where it begins and ends it has no direction.
+    # At its ends, at rest, it has no direction.
     bends, turns = (np.linalg.norm(rate[2:-2], axis=1) for rate in (across, turning))
     return bool(np.all(bends <= limits.tip_acceleration) and np.all(turns <= limits.axis_acceleration))
 
@@ -136,15 +139,6 @@ def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: f
     return jobs
 
 
-# Where the tool is on the part and how far the master has come by then: what two robots do, over time.
-
-Array = NDArray[np.float64]
-
-FEWEST: Final = 3  # visits of every move, however short it is
-BEYOND_S: Final = 1.0  # of the master's motion, as long as a feed takes to come to rest [s]
-ON_THE_WAY: Final = -1  # to a stroke or from it
-
-
 class Visits(NamedTuple):
     """Moments of the work, n of them in order; work frame."""
 
@@ -161,9 +155,9 @@ class Visits(NamedTuple):
     rate: Array
     """At which it passes [-], shape (n,)."""
     meant: Array
-    """Time of the master's motion the tool's turn about its axis is meant for: it is kept while the tool is lifted and
-    the master comes to rest [s], shape (n,)."""
-    stroke: NDArray[np.int64]
+    """Time of the master's motion for which the tool's turn about its axis is planned: it is kept while the tool is
+    lifted and the master comes to rest [s], shape (n,)."""
+    stroke: Indices
     """Which stroke is being fed, from 0, or ``ON_THE_WAY``, shape (n,)."""
 
     def clock_at(self, s: Array) -> Array:
@@ -200,7 +194,7 @@ def plan_visits(jobs: Sequence[Job], step: float) -> Visits:
 def _moves(job: Job, number: int, step: float, meant: float) -> Iterator[Visits]:
     """Travel, way down, feed and way up of a stroke; time from each move's beginning, clock from the stroke's.
 
-    What the tool's turn was meant for as the last stroke ended, ``meant``, is led to the stroke's beginning meanwhile.
+    ``meant`` goes from its value at the end of the last stroke to zero during the travel.
     """
     if number > 0:
         times = _times(job.travel.duration, step)
@@ -212,19 +206,20 @@ def _moves(job: Job, number: int, step: float, meant: float) -> Iterator[Visits]
         times = _times(job.lead_in.length / job.approach_speed, step)
         rows = np.rint(times * job.approach_speed / job.lead_in.spacing).astype(int)
         yield _resting(job.lead_in.positions[rows], _axes(job.lead_in.quaternions[rows]), job.start_s, times)
-    fed = _fed(job, number, step)
+    touch_down = TOUCH_DOWN_TIME if job.contact > 0.0 else 0.0
+    fed = _fed(job, number, step, touch_down)
     yield fed
     lift = job.lift + job.depth if job.lift > 0.0 else 0.0
     times = _times(max(lift / RETRACT_SPEED, RAMP_S), step)
     up = fed.points[-1] + np.minimum(RETRACT_SPEED * times, lift)[:, None] * fed.axes[-1]
-    held = time_held(float(fed.time[-1]) - _touching(job), times)
+    held = time_held(float(fed.time[-1]) - touch_down, times)
     yield _resting(up, np.repeat(fed.axes[-1:], len(times), axis=0), float(fed.s[-1]), times)._replace(
         clock=fed.clock[-1] + held.clock, rate=held.rate, meant=np.full(len(times), fed.clock[-1])
     )
 
 
-def _fed(job: Job, number: int, step: float) -> Visits:
-    """A stroke's feed, at the largest rates its motion may be played at."""
+def _fed(job: Job, number: int, step: float, touch_down: float) -> Visits:
+    """A stroke's feed after its touch-down [s], at the largest rates its motion may be played at."""
     motion = job.motion
     slowness = 1.0 / motion.rates
     played = np.r_[0.0, np.cumsum(0.5 * (slowness[1:] + slowness[:-1]) * motion.spacing)]
@@ -235,7 +230,7 @@ def _fed(job: Job, number: int, step: float) -> Visits:
     master = time_let_go(played[rows])
     return Visits(
         motion.positions[rows], _axes(motion.quaternions[rows]), job.start_s + motion.places[rows],
-        played[rows] + _touching(job), master.clock, master.rate, master.clock,
+        played[rows] + touch_down, master.clock, master.rate, master.clock,
         np.full(len(rows), number),
     )  # fmt: skip
 
@@ -246,11 +241,6 @@ def _resting(points: Array, axes: Array, s: float, times: Array) -> Visits:
     return Visits(points, axes, np.full(n, s), times, still, still, still, np.full(n, ON_THE_WAY))
 
 
-def _touching(job: Job) -> float:
-    """How long touch-down takes before the feed [s]."""
-    return TOUCH_DOWN_TIME if job.contact > 0.0 else 0.0
-
-
 def _times(duration: float, step: float) -> Array:
     return np.linspace(0.0, duration, max(FEWEST, math.ceil(duration / step) + 1))
 
@@ -258,6 +248,3 @@ def _times(duration: float, step: float) -> Array:
 def _axes(quaternions: Array) -> Array:
     """From the part to the tool, for tool frames as wxyz (n, 4), shape (n, 3)."""
     return np.asarray(-Rotation.from_quat(quaternions, scalar_first=True).as_matrix()[:, :, 2])
-
-
-__all__ = ["ON_THE_WAY", "Visits", "plan_visits"]

@@ -1,16 +1,16 @@
-"""What two robots are to do, planned and checked before anything moves."""
+"""The task of two robots, planned and checked before anything moves."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from polish_sim.arrays import Array
 from polish_sim.cell import Job, Observer, Silent, tool_on_flange
 from polish_sim.cell.carrier import MasterRows
 from polish_sim.cell.stroke import expected_duration
@@ -18,45 +18,38 @@ from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.arms import PairArms, pair_arms
 from polish_sim.dual.calibration.measurements import ROBOTS
-from polish_sim.dual.checks import Check, Trial, check_length, check_motion, held_poses, what_would_do
-from polish_sim.dual.coordination import (
-    Chain2,
-    chain_residual,
-    follow_joints,
-    follower_flange,
-    master_flange,
-    plan_coordinated,
-)
+from polish_sim.dual.chain import ClosedChain, follow_joints
+from polish_sim.dual.checks import MotionCheck, check_length, check_motion
 from polish_sim.dual.frames import PairFrames, Site, calibrated_frames, marks_on, tracker_sees, true_chain
+from polish_sim.dual.gripper import Seat, check_load, seat_part
 from polish_sim.dual.master import master_motion
 from polish_sim.dual.placement import (
     Collides,
+    Infeasible,
     PairReach,
-    Seat,
     Work,
+    feasible_change,
     find_pair_reach,
+    held_poses,
     sampled,
-    seat_part,
     tool_on_start,
 )
 from polish_sim.dual.rim import rim_path
-from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_scene, check_load
+from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_scene
 from polish_sim.dual.strokes import Visits, lifted, pair_strokes, plan_visits
 from polish_sim.errors import ReachError
 from polish_sim.experiments.assembly import Workplace
 from polish_sim.experiments.part_setup import PlacedTool, check_set_points, part_file, real_shape
 from polish_sim.experiments.placement import Reach, check_shaft, tool_rotations
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
-from polish_sim.motion.kinematics import forward, is_nominal
+from polish_sim.motion import forward
 from polish_sim.motion.rules.limits import build_arm
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.spatial import inverse
 
-Array = NDArray[np.float64]
-
-SAMPLES: Final = 60  # moments of the work at which a way to do it is tried
-LOOK_S: Final = 0.05  # between the moments at which the way that is taken is looked at, at most [s]
-LOOK_M: Final = 0.001  # between its places, at most [m]
+SAMPLES: Final = 60  # moments of the work at which a placement is tried
+CHECK_S: Final = 0.05  # between the moments at which the chosen placement is checked, at most [s]
+CHECK_M: Final = 0.001  # between its places, at most [m]
 ROW_S: Final = 0.02  # between rows of the master's joints [s]
 SPARE_S: Final = 1.0  # of its motion beyond the work, should the controller slow the feed [s]
 FRAMES_STREAM: Final = 15  # of the seed, for the simulated calibrations
@@ -65,7 +58,7 @@ ARMS_STREAM: Final = 16  # of the seed, for arms off their tables
 
 @dataclass(frozen=True)
 class DualTask:
-    """Part, path, both arms' way to do it, and what is believed of where everything stands."""
+    """Part, path, motion of both arms, and the true and the believed frames."""
 
     place: Workplace
     """As the follower sees it, part at the start of its way and where the host believes it to be."""
@@ -74,7 +67,7 @@ class DualTask:
     seat: Seat
     reach: PairReach
     work: Work
-    """What is done, as the host believes it."""
+    """As the host believes it."""
     placed: PlacedTool
     """The tool along the path, base of the follower, the part at its start."""
     strokes: list[Job]
@@ -101,7 +94,7 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     observer = observer or Silent()
     build_controller(scenario.controller)
     observer.stage("plan the path")
-    mesh, surface, region, path = _planned(scenario, plan)
+    mesh, surface, region, path = _given_or_rim(scenario, plan)
     check_load(mesh, scenario.dual.density_kg_m3)
     check_set_points(path)
     path = lifted(path, scenario.dual.standoff_m)
@@ -114,7 +107,8 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     arms = pair_arms(scenario.dual, stand, np.random.default_rng([scenario.seed, ARMS_STREAM]))
     marks = marks_on(region, surface, scenario.dual.marks)
     site = Site(_where_marks_are_touched(scenario, path, visits, region.up, true), marks)
-    frames = calibrated_frames(scenario.dual, true, site, _frames_stream(scenario.seed), arms)
+    rng = np.random.default_rng([scenario.seed, FRAMES_STREAM])
+    frames = calibrated_frames(scenario.dual, true, site, rng, arms)
     observer.stage("check the reach of both robots")
     motion = master_motion(scenario, path, region.up, frames.believed)
     check_length(visits, motion)
@@ -124,27 +118,28 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     try:
         reach = find_pair_reach(work, held_poses(scenario, work, motion, region.up), collides, motion.file)
     except ReachError as error:
-        observer.stage("look for what would do")
-        cure = what_would_do(Trial(scenario, work, motion, path, region.up, collides, contacts))
-        raise ReachError(f"{error} {cure}") from error
+        observer.stage("look for a change that makes it feasible")
+        change = feasible_change(Infeasible(scenario, work, motion, path, region.up, collides, contacts))
+        raise ReachError(f"{error} {change}") from error
     T_base_work = inverse(frames.believed.T_master_follower) @ reach.T_master_work
     own = Reach(T_base_work, reach.spin, reach.q_follower, reach.value)
     place = Workplace(mesh, surface, region, path, own, real_shape(scenario, mesh, surface, path))
     rotations = tool_on_start(work, reach, path.axes_work, visits.clock_at(path.s))
     placed = PlacedTool(T_base_work, rotations, build_arm(np.eye(4), tool_on_flange(), reach.q_follower))
     master = _master_rows(scenario, frames, arms, reach, work)
-    closely = _visits(scenario, path, min(LOOK_S, LOOK_M / scenario.process.feed_m_s))
-    check_motion(Check(work, reach, motion, closely, scenario.robot), master, collides)
+    closely = _visits(scenario, path, min(CHECK_S, CHECK_M / scenario.process.feed_m_s))
+    check_motion(MotionCheck(work, reach, motion, closely, scenario.robot), master, collides)
     strokes = pair_strokes(scenario, path, placed)
     return DualTask(place, frames, arms, seat, reach, work, placed, strokes, master, _residual(work, reach, arms))
 
 
-def _contacts(scenario: Scenario, mesh: PartMesh, believed: Chain2, nose: float, T_master_follower: Array) -> Collides:
-    """The check for things that touch with the follower's base there, the rest as the host believes it to be."""
+def _contacts(
+    scenario: Scenario, mesh: PartMesh, believed: ClosedChain, nose: float, T_master_follower: Array
+) -> Collides:
+    """The check for collisions with the follower's base there, the rest as the host believes it."""
     dual = scenario.dual
     clearances = Clearances(dual.clearance_m, dual.pad_clearance_m)
-    T_flange_part = believed.T_flange_gripper @ believed.T_gripper_work
-    held = Held(mesh, dual.density_kg_m3, T_flange_part, nose, clearances)
+    held = Held(mesh, dual.density_kg_m3, believed.T_flange_work, nose, clearances)
     return PairContacts(build_pair_scene(scenario, inverse(T_master_follower), held), clearances).first
 
 
@@ -155,25 +150,18 @@ def _visits(scenario: Scenario, path: ToolPath, step: float | None = None) -> Vi
     return plan_visits(jobs, step or sum(expected_duration(job) for job in jobs) / SAMPLES)
 
 
-class _Planned(NamedTuple):
-    mesh: PartMesh
-    surface: Surface
-    region: Region
-    path: ToolPath
-
-
-def _planned(scenario: Scenario, plan: PlanResult | None) -> _Planned:
+def _given_or_rim(scenario: Scenario, plan: PlanResult | None) -> tuple[PartMesh, Surface, Region, ToolPath]:
     """The path that was given, else once around the part's rim; and what it is on."""
     if plan is not None:
-        return _Planned(plan.mesh, plan.surface, plan.region, plan.path)
+        return plan.mesh, plan.surface, plan.region, plan.path
     mesh = load_part(part_file(scenario.part.file), scenario.part.unit, scenario.part.up)
     angle = scenario.plan.feature_angle_rad
     surface = fit_surface(mesh, angle)
     region = select_region(surface, mesh, scenario.plan.region, angle, scenario.plan.edge_margin_m)
-    return _Planned(mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m))
+    return mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m)
 
 
-def _where_marks_are_touched(scenario: Scenario, path: ToolPath, visits: Visits, up: Array, true: Chain2) -> Array:
+def _where_marks_are_touched(scenario: Scenario, path: ToolPath, visits: Visits, up: Array, true: ClosedChain) -> Array:
     """Half way of the first place the part may be held, base of the master, shape (4, 4)."""
     motion = master_motion(scenario, path, up, true)
     work = Work(true, visits, motion.way)
@@ -182,17 +170,13 @@ def _where_marks_are_touched(scenario: Scenario, path: ToolPath, visits: Visits,
     return np.asarray(T_master_work)
 
 
-def _frames_stream(seed: int) -> np.random.Generator:
-    return np.random.default_rng([seed, FRAMES_STREAM])
-
-
 def _master_rows(scenario: Scenario, frames: PairFrames, arms: PairArms, reach: PairReach, work: Work) -> MasterRows:
     """Joints of the master along its way; the loop lets their time begin and end gently."""
     believed, true = frames.believed, frames.true
     duration = min(float(work.visits.clock[-1]) + SPARE_S, work.way.lasts)
     time = np.linspace(0.0, duration, math.ceil(duration / ROW_S) + 1)
-    flanges = master_flange(believed, work.way(reach.T_master_work, time))
-    q = arms.joints("master", flanges, follow_joints(flanges, reach.q_master, "master"))
+    T_base_flange = believed.master_flange(work.way(reach.T_master_work, time))
+    q = arms.joints("master", T_base_flange, follow_joints(T_base_flange, reach.q_master, "master"))
     T_master_work = arms.flanges("master", q[:1])[0] @ true.T_flange_gripper @ true.T_gripper_work
     return MasterRows(
         float(time[1]),
@@ -211,12 +195,9 @@ def _residual(work: Work, reach: PairReach, arms: PairArms) -> float:
     """How far the closed chain of the planned joints is from closing, by the host's tables [m] or [rad]."""
     parts, tools = sampled(work, reach.T_master_work, reach.spin)
     T_work_tool = inverse(parts) @ work.chain.T_master_follower @ tools
-    nominal = plan_coordinated(work.chain, parts, T_work_tool, (reach.q_master, reach.q_follower))
-    if all(map(is_nominal, arms.believed.values())):
-        return nominal.residual
-    wanted = master_flange(work.chain, parts), follower_flange(work.chain, parts, T_work_tool)
-    reached = [
-        forward(arms.joints(robot, T, q), arms.believed[robot])
-        for robot, T, q in zip(ROBOTS, wanted, nominal[:2], strict=True)
-    ]
-    return float(np.abs(chain_residual(work.chain, reached[0], reached[1], T_work_tool)).max())
+    wanted = work.chain.master_flange(parts), work.chain.follower_flange(parts, T_work_tool)
+    reached = []
+    for robot, T, q_near in zip(ROBOTS, wanted, (reach.q_master, reach.q_follower), strict=True):
+        q = arms.joints(robot, T, follow_joints(T, q_near, robot))
+        reached.append(forward(q, arms.believed[robot]))
+    return float(np.abs(work.chain.residual(reached[0], reached[1], T_work_tool)).max())

@@ -20,7 +20,7 @@ from polish_sim.calibration import (
     plan_payload_poses,
     read_calibrated_tool,
 )
-from polish_sim.calibration.outliers import refuse_doubtful, refuse_swapped_columns
+from polish_sim.calibration.payload import refuse_doubtful, refuse_swapped_columns
 from polish_sim.cell import Cell, Observer, Silent, read_at_rest, weight_of
 from polish_sim.cell.stroke import TARE_TIME
 from polish_sim.errors import CalibrationError
@@ -29,7 +29,6 @@ from polish_sim.experiments.standing_still import patience, plan_visit, run_visi
 
 if TYPE_CHECKING:
     from polish_sim.config import Scenario
-
 
 CHECK_POSES = 200
 CHECK_SETTLE_S, CHECK_AVERAGE_S = 0.1, 0.25

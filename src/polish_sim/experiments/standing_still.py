@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from polish_sim.cell.cell import CellRun
     from polish_sim.config import RobotConfig, Scenario
 
-
 CLOCK_FEED = 0.1
 """The path's length stands for time: so many metres a second, standing still included."""
 ROW_S = 0.01  # between rows of the path [s]

@@ -1,7 +1,8 @@
-"""An arm's table, its base and the tracker's target on its flange from tracked poses, all jointly.
+"""Tables of two arms, with their bases and the tracker's targets on their flanges, from tracked poses.
 
-Least squares of where the tracker saw the target, with what is known beforehand: the nominal table and how far a built
-arm may be from it. That also settles what no measurement tells, such as sliding three parallel axes along themselves.
+Each arm by least squares of where the tracker saw the target, with prior knowledge: the nominal table and how far a
+built arm may be from it. That also fixes what no measurement shows, such as sliding three parallel axes along
+themselves.
 """
 
 from __future__ import annotations
@@ -11,19 +12,20 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from polish_sim.dual.calibration.matched_points import kabsch, relative_frame
+from polish_sim.arrays import Array
+from polish_sim.calibration.fit import Problem, solve
+from polish_sim.dual.calibration.matched_points import kabsch, moved_frame, point_slopes, relative_frame
 from polish_sim.dual.calibration.measurements import ROBOTS
 from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
-from polish_sim.spatial import apply, skew, transform
-
-Array = NDArray[np.float64]
+from polish_sim.spatial import apply
 
 LEAST_POSES = 20
-_ROUNDS = 20
+FOLDS = 5
+"""Parts of the poses that are predicted from the others in turn."""
+USUAL_NOISE = 3e-5
+"""Of a laser tracker, per coordinate [m]."""
 _PLACEMENT = 9
 
 
@@ -46,7 +48,7 @@ class Tolerance(NamedTuple):
 
 
 class ArmEstimate(NamedTuple):
-    """An arm as it is."""
+    """An arm as calibrated, or as built."""
 
     table: Array
     """Shape (4, 6)."""
@@ -61,7 +63,8 @@ class ArmEstimate(NamedTuple):
 
     def target_at(self, q: Array) -> Array:
         """Where the target is, tracker frame [m], shape (n, 3)."""
-        return _predict(self, q)[1]
+        T = self.T_tracker_base @ link_frames(q, self.table)[:, 6]
+        return np.asarray(T[:, :3, :3] @ self.target + T[:, :3, 3])
 
 
 def fit_arm(tracked: TrackedArm, noise: float, tolerance: Tolerance | None = None) -> ArmEstimate:
@@ -84,7 +87,7 @@ def fit_arm(tracked: TrackedArm, noise: float, tolerance: Tolerance | None = Non
 
 
 def fit_placement(tracked: TrackedArm) -> ArmEstimate:
-    """Base and target alone, the table taken as nominal: what is left is the table's fault.
+    """Base and target alone, the table taken as nominal: the residual is the table's error.
 
     Raises:
         CalibrationError: Fewer poses than needed.
@@ -93,29 +96,32 @@ def fit_placement(tracked: TrackedArm) -> ArmEstimate:
 
 
 def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
-    """Gauss-Newton; ``spread`` of each unknown about its nominal value, 0 keeps it there."""
+    """Least squares; ``spread``: standard deviation of each unknown about its nominal value (33,), 0 keeps it there."""
     if len(tracked.q) < LEAST_POSES:
         raise CalibrationError(
             f"{len(tracked.q)} poses cannot tell an arm's table (33 unknowns): give {LEAST_POSES} or more, 60 are good."
         )
     free = spread > 0.0
-    weight = np.where(free, noise / np.where(free, spread, 1.0), 0.0)[free]
-    arm = _start(tracked)
-    for _ in range(_ROUNDS):
-        frames, points = _predict(arm, tracked.q)
-        J = _slopes(arm, frames, points)[:, :, free].reshape(-1, int(free.sum()))
-        off = np.concatenate([np.zeros(_PLACEMENT), (NOMINAL - arm.table).ravel()])[free]
-        rows, right = (
-            np.concatenate([J, np.diag(weight)]),
-            np.concatenate([(tracked.seen - points).ravel(), weight * off]),
-        )
-        step = np.zeros(len(free))
-        step[free] = np.linalg.lstsq(rows, right, rcond=1e-14)[0]
-        arm = _moved(arm, step)
-        if np.abs(step).max() < 1e-13:
-            break
-    covariance = noise**2 * np.linalg.pinv(rows.T @ rows)[:6, :6]
-    return arm._replace(residuals=tracked.seen - _predict(arm, tracked.q)[1], base_covariance=covariance)
+    prior = 1.0 / spread[free]
+
+    def residuals(arm: ArmEstimate) -> Array:
+        off = np.concatenate([np.zeros(_PLACEMENT), (arm.table - NOMINAL).ravel()])[free]
+        return np.concatenate([(arm.target_at(tracked.q) - tracked.seen).ravel() / noise, prior * off])[:, None]
+
+    def slopes(arm: ArmEstimate) -> Array:
+        J = _slopes(arm, tracked.q)[:, :, free].reshape(-1, int(free.sum()))
+        return np.concatenate([J / noise, np.diag(prior)])[:, None]
+
+    def moved(arm: ArmEstimate, step: Array) -> ArmEstimate:
+        whole = np.zeros(len(free))
+        whole[free] = step
+        T = moved_frame(arm.T_tracker_base, whole[:6])
+        return arm._replace(table=arm.table + whole[9:].reshape(4, 6), T_tracker_base=T, target=arm.target + whole[6:9])
+
+    arm = solve(Problem(residuals, slopes, moved), _start(tracked))
+    rows = slopes(arm)[:, 0]
+    covariance = np.linalg.pinv(rows.T @ rows)[:6, :6]
+    return arm._replace(residuals=tracked.seen - arm.target_at(tracked.q), base_covariance=covariance)
 
 
 def _start(tracked: TrackedArm) -> ArmEstimate:
@@ -126,35 +132,16 @@ def _start(tracked: TrackedArm) -> ArmEstimate:
         raise CalibrationError(
             f"the tracker saw the target move {stretch:.3g} times as far as the arm did: are units mixed (mm, m)?"
         )
-    T = kabsch(tracked.seen, own, np.ones(len(own)))
+    T = kabsch(tracked.seen, own)
     return ArmEstimate(NOMINAL, T, np.zeros(3), tracked.seen - apply(T, own), np.zeros((6, 6)))
 
 
-def _predict(arm: ArmEstimate, q: Array) -> tuple[Array, Array]:
-    """All frames and the target as the tracker sees them, shapes (n, 7, 4, 4) and (n, 3)."""
-    frames = arm.T_tracker_base @ link_frames(q, arm.table)
-    return frames, frames[:, 6, :3, :3] @ arm.target + frames[:, 6, :3, 3]
-
-
-def _slopes(arm: ArmEstimate, frames: Array, points: Array) -> Array:
+def _slopes(arm: ArmEstimate, q: Array) -> Array:
     """Derivative of the target by base (6), target (3) and table (24), shape (n, 3, 33)."""
-    arms = points - arm.T_tracker_base[:3, 3]
-    base = np.stack([np.concatenate([np.eye(3), -skew(v)], axis=1) for v in arms])
-    return np.concatenate([base, frames[:, 6, :3, :3], table_slopes(frames, points)], axis=2)
-
-
-def _moved(arm: ArmEstimate, step: Array) -> ArmEstimate:
-    R = Rotation.from_rotvec(step[3:6]).as_matrix() @ arm.T_tracker_base[:3, :3]
-    T = transform(R, arm.T_tracker_base[:3, 3] + step[:3])
-    return arm._replace(table=arm.table + step[9:].reshape(4, 6), T_tracker_base=T, target=arm.target + step[6:9])
-
-
-# Tables, bases and targets of two arms from one tracker: what a run with two robots computes with.
-
-FOLDS = 5
-"""Parts of the poses that are predicted from the others in turn."""
-USUAL_NOISE = 3e-5
-"""Of a laser tracker, per coordinate [m]."""
+    frames = arm.T_tracker_base @ link_frames(q, arm.table)
+    R = frames[:, 6, :3, :3]
+    points = R @ arm.target + frames[:, 6, :3, 3]
+    return np.concatenate([point_slopes(arm.T_tracker_base, points), R, table_slopes(frames, points)], axis=2)
 
 
 class PairTables(NamedTuple):
@@ -185,8 +172,8 @@ def fit_pair(tracked: Mapping[str, TrackedArm], noise: float | None, tolerance: 
     """Both arms, each from its own poses.
 
     Args:
-        tracked: What the tracker saw, robot by robot.
-        noise: Standard deviation of one coordinate [m]; None: that of a good tracker, then what the fit leaves.
+        tracked: Tracked poses, robot by robot.
+        noise: Standard deviation of one coordinate [m]; None: that of a good tracker, then that of the residuals.
         tolerance: How far an arm may be from the nominal table.
 
     Raises:

@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.calibration.tables import numbers_of, read_columns, read_table, write_table
 from polish_sim.dual.calibration.arm import PairTables, TrackedArm
 from polish_sim.dual.calibration.base_file import pose_of, refuse_other_pair, robots_of
 from polish_sim.dual.calibration.measurements import ROBOTS
 from polish_sim.errors import CalibrationError, InputError
 from polish_sim.motion.kinematics import NOMINAL
-
-Array = NDArray[np.float64]
 
 KIND = "arm"
 FAR_M, FAR_RAD = 0.01, 0.02

@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.calibration.tables import Columns, numbers_of, read_columns, read_table, write_table
 from polish_sim.dual.calibration.measurements import (
     LEAST_POSES,
@@ -24,8 +25,6 @@ from polish_sim.dual.calibration.measurements import (
 )
 from polish_sim.errors import CalibrationError, InputError, unknown_name
 from polish_sim.spatial import transform
-
-Array = NDArray[np.float64]
 
 KIND = "base"
 _HEAD = """\
@@ -52,8 +51,8 @@ def base_figures(found: BaseCalibration) -> dict[str, Any]:
     distances = np.concatenate([group.residuals[group.used] for group in found.groups])
     outliers = {group.name: (np.flatnonzero(~group.used) + 1).tolist() for group in found.groups}
     axes: dict[str, Any] = {}
-    if found.axes:
-        each = found.axes.values()
+    if found.frames:
+        each = found.frames.values()
         axes = {"gap_m": max(robot.gap for robot in each), "axes_meet": all(robot.meets for robot in each)}
     return axes | {
         "transform": found.T_master_follower.tolist(),

@@ -1,27 +1,40 @@
-"""The circle a tracker's target runs while one axis of a robot turns: plane, centre, radius, covariance."""
+"""A robot's base from two circles: those a tracker's target runs while axis 1, then axis 2 of the robot turns.
+
+z1 is the first axis. x runs along the common normal of both axes, z1 x z2: on a UR5e the axes meet, so that the
+normal's foot is where they meet, but its direction is as good. The origin lies d1 below the foot on the first axis:
+its height follows from the robot's table, not from this measurement. Joint angles are not used (paper 2).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import chdtri
 
-from polish_sim.calibration.outliers import CHANCE, Fitted, Mask, agreeing
+from polish_sim.arrays import Array, Bools
+from polish_sim.calibration.fit import CHANCE, Problem, agreeing, fit, solve
 from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import DH_A, DH_D
 from polish_sim.spatial import transform, unit
 
-Array = NDArray[np.float64]
-
 LEAST_POINTS = 6
 LEAST_ARC = np.radians(30.0)
-"""Shortest arc that is believed; 120 deg and more are good [rad]."""
+"""Shortest arc that is accepted; 120 deg and more are good [rad]."""
 GOOD_ARC = np.radians(119.0)
-_ROUNDS, _SCREENING_ROUNDS = 30, 3
+LEAST_AXES_ANGLE = np.radians(5.0)
+"""Least angle between the two axes [rad]."""
+SQUARE_TOLERANCE = np.radians(2.0)
+"""How far axes 1 and 2 may be from square, as they are on a UR5e [rad]."""
+LARGEST_GAP = 5e-3
+"""How far axes 1 and 2 of one arm may miss each other [m]; on a UR5e they meet."""
+RADIUS_SLACK = 0.35
+"""How far the target may be from the flange [m], when radii are compared with the arm's."""
+_STEP = 1e-5
 
 
 @dataclass(frozen=True)
@@ -40,7 +53,7 @@ class Circle:
     """Standard deviation of one coordinate of a point [m]."""
     residuals: Array
     """Distance of each point along the radius and the axis [m], shape (n, 2)."""
-    used: Mask
+    used: Bools
     """Which points it rests on, shape (n,)."""
     arc: float
     """How far around the points go [rad]."""
@@ -51,34 +64,22 @@ class Circle:
         return self.frame[:, 2]
 
 
-class _Shape:
-    """A circle on the way to its best fit: centre, frame, radius."""
+class _Shape(NamedTuple):
+    """The unknowns of a circle; a step is (centre in the circle's axes, tilt towards u and v, radius)."""
 
-    def __init__(self, center: Array, frame: Array, radius: float) -> None:
-        self.center, self.frame, self.radius = center, frame, radius
-
-    def residuals(self, points: Array) -> tuple[Array, Array]:
-        """Residuals (n, 2) and their derivative (n, 2, 6) by centre (circle's axes), tilt towards u and v, radius."""
-        xi, eta, w = ((points - self.center) @ self.frame).T
-        rho = np.maximum(np.hypot(xi, eta), 1e-12)
-        zero, one = np.zeros_like(xi), np.ones_like(xi)
-        radial = np.stack([-xi / rho, -eta / rho, zero, -w * xi / rho, -w * eta / rho, -one], axis=1)
-        axial = np.stack([zero, zero, -one, xi, eta, zero], axis=1)
-        return np.stack([rho - self.radius, w], axis=1), np.stack([radial, axial], axis=1)
+    center: Array
+    frame: Array
+    radius: float
 
     def moved(self, step: Array) -> _Shape:
-        """The circle after a step of the six parameters."""
         n = unit(self.frame @ np.array([step[3], step[4], 1.0]))
         u = unit(self.frame[:, 0] - (self.frame[:, 0] @ n) * n)
         frame = np.column_stack([u, np.cross(n, u), n])
         return _Shape(self.center + self.frame @ step[:3], frame, self.radius + float(step[5]))
 
 
-def fit_circle(points: Array, noise: float | None = None, used: Mask | None = None) -> Circle:
-    """Circle through points in the order they were run, least squares of their true distances.
-
-    Plane by SVD, an algebraic start, then Gauss-Newton on distances along the radius and the axis: the maximum
-    likelihood for equal Gaussian noise.
+def fit_circle(points: Array, noise: float | None = None, used: Bools | None = None) -> Circle:
+    """Circle through points in the order they were run, least squares of their distances along radius and axis.
 
     Args:
         points: Points in the order of a rising joint angle [m], shape (n, 3).
@@ -93,21 +94,19 @@ def fit_circle(points: Array, noise: float | None = None, used: Mask | None = No
     """
     used = np.ones(len(points), dtype=bool) if used is None else used
     check_arc_points(points[used])
-    shape = _refined(_start(points[used]), points, used.astype(float), _ROUNDS)
-    shape = _by_sense(shape, points[used])
-    e, J = shape.residuals(points)
-    rows = J[used].reshape(-1, 6)
-    if noise is None:
-        noise = float(np.sqrt(np.sum(e[used] ** 2) / (len(rows) - 6)))
-    turn = np.eye(6)
-    turn[:3, :3] = shape.frame
-    covariance = noise**2 * turn @ np.linalg.inv(rows.T @ rows) @ turn.T
-    arc = _arc(shape, points[used])
+    found = fit(_problem(points), _start(points[used]), noise, used)
+    center, frame, radius = found.x
+    x, y, _ = ((points[used] - center) @ frame).T
+    angle = np.unwrap(np.arctan2(y, x))
+    arc = float(angle.max() - angle.min())
     if arc < LEAST_ARC:
         raise CalibrationError(
             f"an arc of {np.degrees(arc):.0f} deg is too short to tell an axis: turn the joint by 120 deg or more."
         )
-    return Circle(shape.center, shape.frame, shape.radius, covariance[:5, :5], noise, e, used, arc)
+    turn = np.eye(6)
+    turn[:3, :3] = frame
+    covariance = (turn @ found.covariance @ turn.T)[:5, :5]
+    return Circle(center, frame, radius, covariance, float(found.noise[0]), found.residuals, used, arc)
 
 
 def fit_circle_without_outliers(points: Array, noise: float | None = None) -> Circle:
@@ -117,9 +116,8 @@ def fit_circle_without_outliers(points: Array, noise: float | None = None) -> Ci
         CalibrationError: As `fit_circle`, or more than a quarter of the points do not fit.
     """
     check_arc_points(points)
-    start = _refined(_start(points), points, np.ones(len(points)), _ROUNDS)
-    used = agreeing(lambda weights: _fitted(start, points, weights), len(points), "points of the arc")
-    return fit_circle(points, noise, used)
+    problem = _problem(points)
+    return fit_circle(points, noise, agreeing(problem, solve(problem, _start(points)), "points of the arc"))
 
 
 def check_arc_points(points: Array) -> None:
@@ -144,63 +142,34 @@ def check_arc_points(points: Array) -> None:
 
 
 def _start(points: Array) -> _Shape:
-    """Plane by SVD, then the linear least squares of x^2 + y^2 = 2 a x + 2 b y + c in it."""
+    """Plane by SVD, in it the linear least squares of x^2 + y^2 = 2 a x + 2 b y + c; axis by the sense of rotation."""
     mean = points.mean(axis=0)
-    _, _, Vt = np.linalg.svd(points - mean)
-    frame = np.column_stack([Vt[0], Vt[1], np.cross(Vt[0], Vt[1])])
-    x, y, _ = ((points - mean) @ frame).T
+    _, _, (u, v, _) = np.linalg.svd(points - mean, full_matrices=False)
+    x, y = (points - mean) @ u, (points - mean) @ v
     a, b, c = np.linalg.lstsq(np.column_stack([2.0 * x, 2.0 * y, np.ones_like(x)]), x**2 + y**2, rcond=None)[0]
-    return _Shape(mean + frame @ np.array([a, b, 0.0]), frame, float(np.sqrt(c + a * a + b * b)))
+    center = mean + a * u + b * v
+    arms = points - center
+    if np.sum(np.cross(arms[:-1], arms[1:]) @ np.cross(u, v)) < 0.0:
+        v = -v
+    return _Shape(center, np.column_stack([u, v, np.cross(u, v)]), float(np.sqrt(c + a * a + b * b)))
 
 
-def _refined(shape: _Shape, points: Array, weights: Array, rounds: int) -> _Shape:
-    root = np.repeat(np.sqrt(weights), 2)
-    for _ in range(rounds):
-        e, J = shape.residuals(points)
-        step = np.linalg.lstsq(J.reshape(-1, 6) * root[:, None], -e.ravel() * root, rcond=None)[0]
-        shape = shape.moved(step)
-        if np.abs(step).max() < 1e-13 * (1.0 + shape.radius):
-            break
-    return shape
+def _problem(points: Array) -> Problem[_Shape]:
+    """Distances along radius and axis (n, 2) and their derivative (n, 2, 6)."""
 
+    def residuals(shape: _Shape) -> Array:
+        xi, eta, w = ((points - shape.center) @ shape.frame).T
+        return np.stack([np.hypot(xi, eta) - shape.radius, w], axis=1)
 
-def _fitted(start: _Shape, points: Array, weights: Array) -> Fitted:
-    e, J = _refined(start, points, weights, _SCREENING_ROUNDS).residuals(points)
-    spread = np.linalg.inv(np.einsum("n,nka,nkb->ab", weights, J, J))
-    return Fitted(e, J @ spread @ np.swapaxes(J, 1, 2), 6)
+    def slopes(shape: _Shape) -> Array:
+        xi, eta, w = ((points - shape.center) @ shape.frame).T
+        rho = np.maximum(np.hypot(xi, eta), 1e-12)
+        zero, one = np.zeros_like(xi), np.ones_like(xi)
+        radial = np.stack([-xi / rho, -eta / rho, zero, -w * xi / rho, -w * eta / rho, -one], axis=1)
+        axial = np.stack([zero, zero, -one, xi, eta, zero], axis=1)
+        return np.stack([radial, axial], axis=1)
 
-
-def _by_sense(shape: _Shape, points: Array) -> _Shape:
-    """The same circle with its axis along the sense in which the points are run."""
-    arms = points - shape.center
-    if np.sum(np.cross(arms[:-1], arms[1:]) @ shape.frame[:, 2]) >= 0.0:
-        return shape
-    u, v, n = shape.frame.T
-    return _Shape(shape.center, np.column_stack([u, -v, -n]), shape.radius)
-
-
-def _arc(shape: _Shape, points: Array) -> float:
-    """Angle from the first to the last point, turns included [rad]."""
-    x, y, _ = ((points - shape.center) @ shape.frame).T
-    angle = np.unwrap(np.arctan2(y, x))
-    return float(angle.max() - angle.min())
-
-
-# A robot's base from the circles its first two axes draw for a laser tracker.
-#
-# z1 is the first axis. x runs along the common normal of both axes, z1 x z2: on a UR5e the axes meet, so that the
-# normal's foot is where they meet, but its direction is as good. The origin lies d1 below the foot on the first axis:
-# its height follows from the robot's table, not from this measurement. Joint angles are not used (paper 2).
-
-LEAST_AXES_ANGLE = np.radians(5.0)
-"""Least angle between the two axes [rad]."""
-SQUARE_TOLERANCE = np.radians(2.0)
-"""How far axes 1 and 2 may be from square, as they are on a UR5e [rad]."""
-LARGEST_GAP = 5e-3
-"""How far axes 1 and 2 of one arm may miss each other [m]; on a UR5e they meet."""
-RADIUS_SLACK = 0.35
-"""How far the target may be from the flange [m], when radii are compared with the arm's."""
-_STEP = 1e-5
+    return Problem(residuals, slopes, _Shape.moved)
 
 
 class BaseFrame(NamedTuple):
@@ -212,8 +181,6 @@ class BaseFrame(NamedTuple):
     """Of the origin's displacement [m] and a small rotation [rad], tracker axes, shape (6, 6)."""
     gap: float
     """Distance between the two axes [m]; 0 on a perfect UR5e."""
-    angle: float
-    """Angle between the two axes [rad]; 90 deg on a perfect UR5e."""
     meets: bool
     """Whether it was used that the axes meet and are square."""
 
@@ -238,8 +205,8 @@ def base_from_circles(first: Circle, second: Circle) -> BaseFrame:
 def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
     """The same, with what the arm's table says: axes 1 and 2 meet and are square.
 
-    Both circles give way as their covariances allow. Where they contradict the table by more than noise explains (one
-    in a million), the arm is not as its table says, and the frame is that of `base_from_circles`.
+    Both circles are adjusted to that by their covariances. Where they contradict the table by more than noise explains
+    (one in a million), the arm is not as its table says, and the frame is that of `base_from_circles`.
 
     Raises:
         CalibrationError: As `base_from_circles`, or axes that miss each other as those of one arm never do.
@@ -247,8 +214,7 @@ def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
     _check_axes(first, second)
     C = block_diag(first.covariance, second.covariance)
     off = _off_table(first, second, np.zeros(10))
-    ahead, behind = ([_off_table(first, second, s * _STEP * row) for row in np.eye(10)] for s in (1.0, -1.0))
-    G = (np.array(ahead) - np.array(behind)).T / (2.0 * _STEP)
+    G = _differences(partial(_off_table, first, second), np.zeros(10))
     S = G @ C @ G.T
     if off @ np.linalg.solve(S, off) > chdtri(2, CHANCE):
         if abs(off[0]) > LARGEST_GAP:
@@ -262,11 +228,23 @@ def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
 
 
 def _base(first: Circle, second: Circle, step: Array, covariance: Array, meets: bool) -> BaseFrame:
-    """The frame after a step of both axes, with the covariance of what is stepped, shape (10, 10)."""
+    """The frame after a step of both axes, with the covariance of the step, shape (10, 10)."""
     T = _frame(first, second, step)
-    J = np.column_stack([_slope(T, first, second, step, row) for row in np.eye(10)])
-    gap, angle = _off_table(first, second, np.zeros(10))
-    return BaseFrame(T, J @ covariance @ J.T, abs(float(gap)), float(angle + 0.5 * np.pi), meets)
+
+    def displaced(step: Array) -> Array:
+        moved = _frame(first, second, step)
+        turn = moved[:3, :3] @ T[:3, :3].T
+        rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        return np.concatenate([moved[:3, 3], rotation])
+
+    J = _differences(displaced, step)
+    return BaseFrame(T, J @ covariance @ J.T, abs(float(_off_table(first, second, np.zeros(10))[0])), meets)
+
+
+def _differences(function: Callable[[Array], Array], at: Array) -> Array:
+    """Derivative (m, 10) of a function of a step of both axes by central differences."""
+    columns = [function(at + _STEP * row) - function(at - _STEP * row) for row in np.eye(10)]
+    return np.stack(columns, axis=1) / (2.0 * _STEP)
 
 
 def _off_table(first: Circle, second: Circle, step: Array) -> Array:
@@ -297,32 +275,19 @@ def _frame(first: Circle, second: Circle, step: Array) -> Array:
     return transform(np.column_stack([x, np.cross(z1, x), z1]), foot - DH_D[0] * z1)
 
 
-def _slope(T: Array, first: Circle, second: Circle, step: Array, row: Array) -> Array:
-    """Slope of origin and rotation along one of ten parameters, tracker axes, shape (6,)."""
-    ahead, behind = (_frame(first, second, step + s * _STEP * row) for s in (1.0, -1.0))
-    turn = 0.5 * (ahead[:3, :3] - behind[:3, :3]) @ T[:3, :3].T
-    rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    return np.concatenate([0.5 * (ahead[:3, 3] - behind[:3, 3]), rotation]) / _STEP
-
-
 def _check_axes(first: Circle, second: Circle) -> None:
+    """Refuse circles that are not those of a UR5e's axes 1 and 2.
+
+    Radii are compared with those of the stretched arm, give or take the target's place on the flange: a wrong unit is
+    far off. On which side of the axes the circles lie shows a mirror image, and points recorded backwards: with all
+    joints at zero the flange is d4 + d6 out along axis 2 and d5 below it.
+    """
     angle = _angle(first.axis, second.axis)
     if min(angle, np.pi - angle) < LEAST_AXES_ANGLE:
         raise CalibrationError(
-            f"axes 1 and 2 come out nearly parallel ({np.degrees(angle):.1f} deg): they have no common normal. Was the "
+            f"axes 1 and 2 are nearly parallel ({np.degrees(angle):.1f} deg): they have no common normal. Was the "
             "same joint turned twice?"
         )
-    _check_radii(first, second)
-    if abs(angle - 0.5 * np.pi) > SQUARE_TOLERANCE:
-        raise CalibrationError(
-            f"axes 1 and 2 come out {np.degrees(angle):.2f} deg apart, on a UR5e they are square: did another joint or "
-            "the robot's stand move?"
-        )
-    _check_sides(first, second)
-
-
-def _check_radii(first: Circle, second: Circle) -> None:
-    """Radii of the stretched arm, give or take the target's place on the flange: a wrong unit is far off."""
     reach = abs(DH_A[1] + DH_A[2])
     wanted = (np.hypot(reach, DH_D[3] + DH_D[5]), np.hypot(reach, DH_D[4]))
     for axis, (circle, radius) in enumerate(zip((first, second), wanted, strict=True), 1):
@@ -331,13 +296,11 @@ def _check_radii(first: Circle, second: Circle) -> None:
                 f"the circle of axis {axis} has a radius of {1e3 * circle.radius:.4g} mm; with the UR5e stretched out "
                 f"(all other joints at zero) it is about {1e3 * radius:.0f} mm. Wrong unit, or joints not at zero?"
             )
-
-
-def _check_sides(first: Circle, second: Circle) -> None:
-    """On which side of the axes the circles lie tells a mirror image, and points recorded backwards.
-
-    With all joints at zero the flange is d4 + d6 out along axis 2 and d5 below it.
-    """
+    if abs(angle - 0.5 * np.pi) > SQUARE_TOLERANCE:
+        raise CalibrationError(
+            f"axes 1 and 2 are {np.degrees(angle):.2f} deg apart, on a UR5e they are square: did another joint or "
+            "the robot's stand move?"
+        )
     foot = _frame(first, second, np.zeros(10))[:3, 3] + DH_D[0] * first.axis
     backwards_2 = float((second.center - foot) @ second.axis) < 0.0
     backwards_1 = float((first.center - foot) @ first.axis) > 0.0

@@ -1,4 +1,4 @@
-"""What a base calibration is made from, and both robots' bases from it; one class for each way to do it."""
+"""Measurements of two bases, and both bases from them; one class for each way to measure."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.dual.calibration.circle import BaseFrame, Circle, base_from_meeting_axes, fit_circle_without_outliers
-from polish_sim.dual.calibration.matched_points import FrameEstimate, fit_frame_without_outliers, relative_frame
+from polish_sim.dual.calibration.matched_points import fit_frame_without_outliers, relative_frame
 from polish_sim.errors import CalibrationError
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 ROBOTS = ("master", "follower")
@@ -22,28 +21,19 @@ LEAST_POSES = 10
 
 
 class Group(NamedTuple):
-    """Points measured together and what is left of them after the fit."""
+    """Points measured together and their residuals."""
 
     name: str
     points: Array
     """[m], shape (n, 3)."""
     residuals: Array
     """Distance of each from the fit [m], shape (n,)."""
-    used: NDArray[np.bool_]
+    used: Bools
     """Shape (n,)."""
 
 
-class Axes(NamedTuple):
-    """How axes 1 and 2 of a robot lie to each other."""
-
-    gap: float
-    """How far they miss each other [m]."""
-    meets: bool
-    """Whether it was used that they meet and are square."""
-
-
 class BaseCalibration(NamedTuple):
-    """The follower's base in the master's, and what it rests on."""
+    """The follower's base in the master's, and the fits it rests on."""
 
     T_master_follower: Array
     """Shape (4, 4)."""
@@ -56,18 +46,18 @@ class BaseCalibration(NamedTuple):
     """T_tracker_base and its covariance, robot by robot; empty where no tracker was used."""
     circles: Mapping[str, tuple[Circle, ...]] = MappingProxyType({})
     """Circles of axes 1 and 2, robot by robot."""
-    axes: Mapping[str, Axes] = MappingProxyType({})
-    """Those axes, robot by robot."""
+    frames: Mapping[str, BaseFrame] = MappingProxyType({})
+    """The bases with the gap between their axes, robot by robot."""
 
 
 class BaseMeasurements(Protocol):
-    """Measurements that tell where both bases are."""
+    """Measurements that determine both bases."""
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """Both bases; ``noise``: standard deviation of one coordinate [m], None takes it from the residuals.
 
         Raises:
-            CalibrationError: If they do not tell.
+            CalibrationError: If they do not determine the bases.
         """
         ...
 
@@ -82,22 +72,22 @@ class AxisArcs:
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """Both bases from four circles."""
         circles: dict[str, tuple[Circle, ...]] = {}
-        found: dict[str, BaseFrame] = {}
+        frames: dict[str, BaseFrame] = {}
         for robot in ROBOTS:
             circles[robot] = tuple(
                 _named(f"the {robot}'s axis {axis}", fit_circle_without_outliers, points, noise)
                 for axis, points in enumerate(self.arcs[robot], 1)
             )
-            found[robot] = _named(f"the {robot}", base_from_meeting_axes, *circles[robot])
+            frames[robot] = _named(f"the {robot}", base_from_meeting_axes, *circles[robot])
         groups = [
             Group(f"{robot}, axis {axis + 1}", self.arcs[robot][axis], np.linalg.norm(c.residuals, axis=1), c.used)
             for robot in ROBOTS
             for axis, c in enumerate(circles[robot])
         ]
-        bases = {robot: (base.T, base.covariance) for robot, base in found.items()}
+        bases = {robot: (base.T, base.covariance) for robot, base in frames.items()}
         each = [c.noise for pair in circles.values() for c in pair]
-        axes = {robot: Axes(base.gap, base.meets) for robot, base in found.items()}
-        return _between(bases, float(np.sqrt(np.mean(np.square(each)))), groups, circles)._replace(axes=axes)
+        found = _between(bases, float(np.sqrt(np.mean(np.square(each)))), groups)
+        return found._replace(circles=circles, frames=frames)
 
 
 @dataclass(frozen=True)
@@ -109,15 +99,15 @@ class TrackedPoses:
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """Both bases by matched points (Kabsch)."""
-        found: dict[str, FrameEstimate] = {
+        found = {
             robot: _named(f"the {robot}", fit_frame_without_outliers, *self.points[robot], noise) for robot in ROBOTS
         }
         groups = [
             Group(f"{robot}, poses", self.points[robot][0], np.linalg.norm(f.residuals, axis=1), f.used)
             for robot, f in found.items()
         ]
-        bases = {robot: (f.T, f.covariance) for robot, f in found.items()}
-        return _between(bases, float(np.sqrt(np.mean([f.noise**2 for f in found.values()]))), groups, {})
+        bases = {robot: (f.x, f.covariance) for robot, f in found.items()}
+        return _between(bases, float(np.sqrt(np.mean([f.noise[0] ** 2 for f in found.values()]))), groups)
 
 
 @dataclass(frozen=True)
@@ -135,7 +125,7 @@ class Handshake:
         found = fit_frame_without_outliers(self.points_master, self.points_follower, both)
         distance = np.linalg.norm(found.residuals, axis=1)
         group = Group("touches of both", self.points_master, distance, found.used)
-        return BaseCalibration(found.T, found.covariance, float(found.noise / np.sqrt(2.0)), (group,))
+        return BaseCalibration(found.x, found.covariance, float(found.noise[0] / np.sqrt(2.0)), (group,))
 
 
 def _named(what: str, fit: Callable[..., T], *arguments: Any) -> T:
@@ -146,11 +136,6 @@ def _named(what: str, fit: Callable[..., T], *arguments: Any) -> T:
         raise CalibrationError(f"{what}: {error}") from error
 
 
-def _between(
-    bases: Mapping[str, tuple[Array, Array]],
-    noise: float,
-    groups: list[Group],
-    circles: Mapping[str, tuple[Circle, ...]],
-) -> BaseCalibration:
+def _between(bases: Mapping[str, tuple[Array, Array]], noise: float, groups: list[Group]) -> BaseCalibration:
     T, covariance = relative_frame(*bases[ROBOTS[0]], *bases[ROBOTS[1]])
-    return BaseCalibration(T, covariance, noise, tuple(groups), bases, circles)
+    return BaseCalibration(T, covariance, noise, tuple(groups), bases)

@@ -1,11 +1,11 @@
 """Bases, tool and part of two robots in one least squares.
 
 Found one by one each has its own error, and on the part the errors add up. A closing touch, the tool's tip at a mark of
-the part the other robot holds, tells their sum where the work is done:
+the part the other robot holds, measures their sum at the workplace:
 
     T_master_follower (R_2 p + t_2) = T_master_flange T_flange_work m
 
-All that was measured is weighed by its covariance: maximum likelihood for Gaussian noise, to first order in the errors
+All measurements are weighted by their covariance: maximum likelihood for Gaussian noise, to first order in the errors
 of what was found one by one, and the Cramér-Rao bound is met.
 """
 
@@ -15,15 +15,20 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.dual.calibration.matched_points import check_matched, kabsch
-from polish_sim.spatial import apply, transform
+from polish_sim.arrays import Array, Indices
+from polish_sim.calibration.fit import Problem, solve
+from polish_sim.dual.calibration.matched_points import check_matched, kabsch, moved_frame, point_slopes
+from polish_sim.spatial import apply
 
-# What is known of two robots before they are adjusted together, and the touches that close their chain.
-
-Array = NDArray[np.float64]
+SOURCES: Final = ("bases", "tool", "part", "closing")
+"""Groups of measurements, each with its own noise."""
+LEAST_NOISE: Final = 1e-9
+"""Smaller standard deviations are taken as this [m], [rad]: rounding is not much below."""
+BASES, TIP, PART = slice(0, 6), slice(6, 9), slice(9, 15)
+"""Places of the unknowns: displacement and small turn of the follower's base (master axes) and of the part (flange
+axes), displacement of the tip between them."""
 
 
 class PairParts(NamedTuple):
@@ -50,18 +55,8 @@ class ClosingTouches(NamedTuple):
     """Of the master in its base, shape (n, 4, 4)."""
     T_follower_flange: Array
     """Of the follower in its base, shape (n, 4, 4)."""
-    mark: NDArray[np.int64]
+    mark: Indices
     """Which mark was touched, shape (n,)."""
-
-
-SOURCES: Final = ("bases", "tool", "part", "closing")
-"""Groups of measurements, each with its own noise."""
-LEAST_NOISE: Final = 1e-9
-"""What is said to be known better is taken to be known as well as this [m], [rad]: rounding is not much below."""
-BASES, TIP, PART = slice(0, 6), slice(6, 9), slice(9, 15)
-"""Places of the unknowns: displacement and small turn of the follower's base (master axes) and of the part (flange
-axes), displacement of the tip between them."""
-_ROUNDS: Final = 8
 
 
 class PairAdjustment(NamedTuple):
@@ -103,80 +98,65 @@ def adjust_pair(parts: PairParts, marks_work: Array, closing: ClosingTouches, no
         CalibrationError: The marks cannot tell where the part is.
     """
     check_matched(parts.marks_flange, marks_work)
-    start = kabsch(parts.marks_flange, marks_work, np.ones(len(marks_work)))
-    state = _State(parts.T_master_follower, parts.tip, start)
-    for _ in range(_ROUNDS):
-        rows = _whitened(state, parts, marks_work, closing, max(noise, LEAST_NOISE))
-        J, e = (np.concatenate([row[k] for row in rows.values()]) for k in (0, 1))
-        step = np.linalg.lstsq(J, -e, rcond=None)[0]
-        state = _moved(state, step)
-        if np.abs(step).max() < 1e-12:
-            break
-    return PairAdjustment(*state, {name: J.T @ J for name, (J, _) in rows.items()})
+    whiten = [_whitening(C) for C in (parts.bases_covariance, parts.tip_covariance, parts.marks_covariance)]
+    whiten.append(np.eye(3) / max(noise, LEAST_NOISE))
+
+    def whitened(chain: _Chain) -> list[tuple[Array, Array]]:
+        """Derivatives (r, 15) and residuals (r,) of each source, in standard deviations."""
+        rows = _rows(chain, parts, marks_work, closing)
+        white = [(W @ J, W @ e[..., None]) for W, (J, e) in zip(whiten, rows, strict=True)]
+        return [(J.reshape(-1, 15), e.ravel()) for J, e in white]
+
+    problem = Problem(
+        lambda chain: np.concatenate([e for _, e in whitened(chain)])[:, None],
+        lambda chain: np.concatenate([J for J, _ in whitened(chain)])[:, None],
+        _Chain.moved,
+    )
+    found = solve(problem, _Chain(parts.T_master_follower, parts.tip, kabsch(parts.marks_flange, marks_work)))
+    informations = [J.T @ J for J, _ in whitened(found)]
+    return PairAdjustment(*found, dict(zip(SOURCES, informations, strict=True)))
 
 
-class _State(NamedTuple):
+class _Chain(NamedTuple):
+    """The unknowns; a step has them in the order of BASES, TIP, PART."""
+
     T_master_follower: Array
     tip: Array
     T_flange_work: Array
 
-
-def _moved(state: _State, step: Array) -> _State:
-    return _State(
-        _turned(state.T_master_follower, step[BASES]),
-        state.tip + step[TIP],
-        _turned(state.T_flange_work, step[PART]),
-    )
-
-
-def _turned(T: Array, step: Array) -> Array:
-    return transform(Rotation.from_rotvec(step[3:]).as_matrix() @ T[:3, :3], T[:3, 3] + step[:3])
+    def moved(self, step: Array) -> _Chain:
+        return _Chain(
+            moved_frame(self.T_master_follower, step[BASES]),
+            self.tip + step[TIP],
+            moved_frame(self.T_flange_work, step[PART]),
+        )
 
 
-def _whitened(
-    state: _State, parts: PairParts, marks_work: Array, closing: ClosingTouches, noise: float
-) -> dict[str, tuple[Array, Array]]:
-    """Derivatives (r, 15) and residuals (r,) of each source, in standard deviations."""
-    T_mf, tip, T_fw = state
+def _whitening(covariance: Array) -> Array:
+    """W with W C W^T = 1, for a covariance C or a stack of them."""
+    return np.linalg.inv(np.linalg.cholesky(covariance + LEAST_NOISE**2 * np.eye(covariance.shape[-1])))
+
+
+def _rows(chain: _Chain, parts: PairParts, marks_work: Array, closing: ClosingTouches) -> list[tuple[Array, Array]]:
+    """Derivatives (..., 15) and residuals (...) of each source [m], [rad]."""
+    T_mf, tip, T_fw = chain
     turned = Rotation.from_matrix(T_mf[:3, :3] @ parts.T_master_follower[:3, :3].T).as_rotvec()
     bases = np.concatenate([T_mf[:3, 3] - parts.T_master_follower[:3, 3], turned])
     seen = apply(T_fw, marks_work)
-    of_marks = np.zeros((len(seen), 3, 15))
-    of_marks[..., PART] = point_slopes(T_fw, seen)
-    J, e = _closed(state, marks_work, closing)
-    rows = (
-        _white(np.eye(15)[BASES], bases, parts.bases_covariance),
-        _white(np.eye(15)[TIP], tip - parts.tip, parts.tip_covariance),
-        _white(of_marks, seen - parts.marks_flange, parts.marks_covariance),
-        (J / noise, e / noise),
-    )
-    return {name: (J.reshape(-1, 15), e.ravel()) for name, (J, e) in zip(SOURCES, rows, strict=True)}
-
-
-def _closed(state: _State, marks_work: Array, closing: ClosingTouches) -> tuple[Array, Array]:
-    """How far closing touches are from closing the chain [m], master axes: derivatives (n, 3, 15), residuals (n, 3)."""
-    T_mf, tip, T_fw = state
+    J_marks = np.zeros((len(seen), 3, 15))
+    J_marks[..., PART] = point_slopes(T_fw, seen)
+    # How far closing touches are from closing the chain, master axes.
     R_1, R_2 = closing.T_master_flange[:, :3, :3], closing.T_follower_flange[:, :3, :3]
     tips_master = apply(T_mf, R_2 @ tip + closing.T_follower_flange[:, :3, 3])
-    marks_flange = apply(T_fw, marks_work)[closing.mark]
+    marks_flange = seen[closing.mark]
     marks_master = np.einsum("nij,nj->ni", R_1, marks_flange) + closing.T_master_flange[:, :3, 3]
-    J = np.zeros((len(closing.mark), 3, 15))
-    J[..., BASES] = point_slopes(T_mf, tips_master)
-    J[..., TIP] = T_mf[:3, :3] @ R_2
-    J[..., PART] = -R_1 @ point_slopes(T_fw, marks_flange)
-    return J, tips_master - marks_master
-
-
-def point_slopes(T: Array, points: Array) -> Array:
-    """How points that move with a frame T move with its origin and a small turn about it, shape (n, 3, 6)."""
-    J = np.zeros((len(points), 3, 6))
-    J[:, :, :3] = np.eye(3)
-    # Column j of the turn: e_j x r.
-    J[:, :, 3:] = np.swapaxes(np.cross(np.eye(3), (points - T[:3, 3])[:, None]), 1, 2)
-    return J
-
-
-def _white(J: Array, e: Array, covariance: Array) -> tuple[Array, Array]:
-    """Rows in standard deviations; stacks of them, each with its covariance."""
-    L = np.linalg.cholesky(covariance + LEAST_NOISE**2 * np.eye(covariance.shape[-1]))
-    return np.linalg.solve(L, J), np.linalg.solve(L, e[..., None])[..., 0]
+    J_closing = np.zeros((len(closing.mark), 3, 15))
+    J_closing[..., BASES] = point_slopes(T_mf, tips_master)
+    J_closing[..., TIP] = T_mf[:3, :3] @ R_2
+    J_closing[..., PART] = -R_1 @ point_slopes(T_fw, marks_flange)
+    return [
+        (np.eye(15)[BASES], bases),
+        (np.eye(15)[TIP], tip - parts.tip),
+        (J_marks, seen - parts.marks_flange),
+        (J_closing, tips_master - marks_master),
+    ]

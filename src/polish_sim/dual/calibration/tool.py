@@ -1,4 +1,9 @@
-"""A tool's whole frame: its tip from touches, its axes from moves."""
+"""A tool's frame on the flange: its tip from touches of one fixed point, its axes from moves along them.
+
+Every touch says R_i p + t_i = c with p the tip in the flange frame and c the point in the base frame (paper 2).
+Solved for both at once: differences between successive touches, as the paper has it, lose a fifth to a third of the
+information.
+"""
 
 from __future__ import annotations
 
@@ -6,47 +11,41 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from polish_sim.calibration.outliers import Fitted, Mask, agreeing
+from polish_sim.arrays import Array, Bools
+from polish_sim.calibration.fit import Fit, Problem, agreeing, fit
 from polish_sim.calibration.poses import check_poses
 from polish_sim.dual.calibration.matched_points import fit_frame
 from polish_sim.dual.calibration.tool_checks import ToolTouches, check_touches, refuse_far_off, refuse_swapped
 from polish_sim.errors import CalibrationError
 from polish_sim.spatial import transform
 
-# A tool's tip from touches of one fixed point: joint least squares of tip and point.
-#
-# Every touch says R_i p + t_i = c with p the tip in the flange frame and c the point in the base frame (paper 2).
-# Solved for both at once: differences between successive touches, as the paper has it, throw away a fifth to a third.
-
-Array = NDArray[np.float64]
+LEAST_MOVE = 5e-3
+"""Shortest move that gives a direction [m]."""
+LEAST_SINE = 0.1
+"""Least sine of the angle between the two moves."""
 
 
-@dataclass(frozen=True)
-class ToolPointEstimate:
-    """Where the tool's tip is, and how well that is known."""
+class ToolPoint(Fit[Array]):
+    """Tip and touched point: x [m], shape (6,); residuals: tip minus touched point, base frame [m], shape (n, 3)."""
 
-    point: Array
-    """Tip in the flange frame [m], shape (3,)."""
-    touched: Array
-    """The touched point in the base frame [m], shape (3,)."""
-    covariance: Array
-    """Of tip and touched point [m^2], shape (6, 6)."""
-    noise: float
-    """Standard deviation of one coordinate of a touch [m]."""
-    residuals: Array
-    """Tip minus touched point, base frame [m], shape (n, 3)."""
-    used: Mask
-    """Which touches the estimate rests on, shape (n,)."""
+    @property
+    def point(self) -> Array:
+        """Tip in the flange frame [m], shape (3,)."""
+        return self.x[:3]
+
+    @property
+    def touched(self) -> Array:
+        """The touched point in the base frame [m], shape (3,)."""
+        return self.x[3:]
 
     @property
     def std(self) -> Array:
         """Standard deviations of the tip [m], shape (3,)."""
-        return np.sqrt(np.diag(self.covariance)[:3])
+        return np.asarray(np.sqrt(np.diag(self.covariance)[:3]))
 
 
-def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Mask | None = None) -> ToolPointEstimate:
+def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Bools | None = None) -> ToolPoint:
     """Tip and touched point by least squares.
 
     Args:
@@ -60,23 +59,11 @@ def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Mask 
     Raises:
         CalibrationError: If the orientations cannot tell the tip.
     """
-    used = np.ones(len(touches), dtype=bool) if used is None else used
-    check_touches(touches.R[used])
-    A, y = _equations(touches)
-    rows, right = A[used].reshape(-1, 6), y[used].ravel()
-    Q, R = np.linalg.qr(rows)
-    theta = np.linalg.solve(R, Q.T @ right)
-    # One correction takes out what rounding left of exact touches.
-    theta += np.linalg.solve(R, Q.T @ (right - rows @ theta))
-    residuals = A @ theta - y
-    if noise is None:
-        noise = float(np.sqrt(np.sum(residuals[used] ** 2) / (len(rows) - 6)))
-    R_inverse = np.linalg.inv(R)
-    covariance = noise**2 * R_inverse @ R_inverse.T
-    return ToolPointEstimate(theta[:3], theta[3:], covariance, noise, residuals, used)
+    check_touches(touches.R if used is None else touches.R[used])
+    return ToolPoint(**vars(fit(_problem(touches), np.zeros(6), noise, used)))
 
 
-def fit_tool_point_without_outliers(touches: ToolTouches, noise: float | None = None) -> ToolPointEstimate:
+def fit_tool_point_without_outliers(touches: ToolTouches, noise: float | None = None) -> ToolPoint:
     """The same, leaving out touches too far off to be noise; with six touches or fewer all are used.
 
     Raises:
@@ -85,31 +72,16 @@ def fit_tool_point_without_outliers(touches: ToolTouches, noise: float | None = 
     """
     check_touches(touches.R)
     refuse_swapped(touches)
-    A, y = _equations(touches)
-
-    def weighted(weights: Array) -> Fitted:
-        information = np.einsum("n,nka,nkb->ab", weights, A, A)
-        theta = np.linalg.solve(information, np.einsum("n,nka,nk->a", weights, A, y))
-        return Fitted(A @ theta - y, A @ np.linalg.inv(information) @ np.swapaxes(A, 1, 2), 6)
-
-    found = fit_tool_point(touches, noise, agreeing(weighted, len(touches), "touches"))
+    found = fit_tool_point(touches, noise, agreeing(_problem(touches), np.zeros(6), "touches"))
     if noise is None:
         refuse_far_off(found.residuals[found.used])
     return found
 
 
-def _equations(touches: ToolTouches) -> tuple[Array, Array]:
-    """Matrices (n, 3, 6) and right-hand sides (n, 3) of R_i p - c = -t_i."""
+def _problem(touches: ToolTouches) -> Problem[Array]:
+    """R_i p - c = -t_i for the unknowns p, c."""
     A = np.concatenate([touches.R, np.tile(-np.eye(3), (len(touches), 1, 1))], axis=2)
-    return A, -touches.origins
-
-
-# How a tool stands on its flange, from moves of its tip along known directions of the tool.
-
-LEAST_MOVE = 5e-3
-"""Shortest move that tells a direction [m]."""
-LEAST_SINE = 0.1
-"""Least sine of the angle between the two moves."""
+    return Problem(lambda x: A @ x + touches.origins, lambda _: A)
 
 
 class ToolOrientation(NamedTuple):
@@ -188,7 +160,7 @@ def orientation_from_moves(points: Array, moves_tool: Array, noise: float) -> To
         CalibrationError: Fewer than three points, points on a line, or columns swapped.
     """
     found = fit_frame(points, moves_tool, noise)
-    R = found.T[:3, :3]
+    R = found.x[:3, :3]
     return ToolOrientation(R, R.T @ found.covariance[3:, 3:] @ R, found.residuals)
 
 
@@ -226,7 +198,7 @@ class ToolMeasurements:
 class ToolFrameEstimate:
     """Where the tool's tip is and how the tool stands, on the flange."""
 
-    tip: ToolPointEstimate
+    tip: ToolPoint
     orientation: ToolOrientation | None
     """None if no moves were measured: the tool is then taken to stand as the flange does."""
 
@@ -256,5 +228,5 @@ def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> To
         return ToolFrameEstimate(tip, None)
     points = tip_positions_flange(measured.T_base_flange_moves, tip.point)
     if measured.moves_tool is None:
-        return ToolFrameEstimate(tip, orientation_from_three_points(points, tip.noise))
-    return ToolFrameEstimate(tip, orientation_from_moves(points, measured.moves_tool, tip.noise))
+        return ToolFrameEstimate(tip, orientation_from_three_points(points, float(tip.noise[0])))
+    return ToolFrameEstimate(tip, orientation_from_moves(points, measured.moves_tool, float(tip.noise[0])))

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.calibration.poses import check_poses
 from polish_sim.errors import CalibrationError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.calibration.tables import QUATERNION, Columns, numbers_of, read_columns, read_table, write_table
 from polish_sim.dual.calibration.tool import ToolFrameEstimate, ToolMeasurements
 from polish_sim.dual.calibration.tool_checks import ToolTouches, point_error_bound
 from polish_sim.errors import InputError
 from polish_sim.spatial import transform
-
-Array = NDArray[np.float64]
 
 KIND = "tcp"
 _HEAD = """\
@@ -50,9 +49,11 @@ def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: fl
         "position_m_std": tip.std.tolist(),
         "quaternion_wxyz": turn.tolist(),
         "touched_m": tip.touched.tolist(),
-        "noise_m": tip.noise,
+        "noise_m": float(tip.noise[0]),
         "position_std_m": float(np.linalg.norm(tip.std)),
-        "position_crb_m": point_error_bound(measured.touches.R[tip.used], tip.noise if noise is None else noise),
+        "position_crb_m": point_error_bound(
+            measured.touches.R[tip.used], float(tip.noise[0]) if noise is None else noise
+        ),
         "residual_rms_m": float(np.sqrt(np.mean(np.sum(tip.residuals[tip.used] ** 2, axis=1)))),
         "touches": int(tip.used.sum()),
         "outliers": (np.flatnonzero(~tip.used) + 1).tolist(),

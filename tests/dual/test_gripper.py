@@ -10,7 +10,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.dual.placement import seat_part, seat_text
+from polish_sim.dual.gripper import seat_part, seat_text
 from polish_sim.errors import PlanError, ReachError
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.placement import check_shaft

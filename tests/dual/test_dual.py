@@ -255,7 +255,7 @@ def test_the_reach_is_checked_beforehand() -> None:
         (
             ["dual.master_speed_m_s=0.25"],
             ReachError,
-            r"carry the part along 12\d\d\d mm\. With --master-speed [0-9.]+ it is \d00 mm, and it can be done",
+            r"carry the part along 12\d\d\d mm\. With --master-speed [0-9.]+ it is \d00 mm, which is feasible",
         ),
         (["dual.follower_pose=[0,0,0,0,0,0]"], ConfigError, "0 mm from the master's: no two arms stand there"),
         (["dual.master_direction=[0,0,0]"], ConfigError, "'dual.master_direction' is no direction"),

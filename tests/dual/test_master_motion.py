@@ -15,8 +15,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.cell.carrier import RAMP_PEAK
 from polish_sim.config import Scenario
-from polish_sim.dual.checks import Check, check_master, check_motion
-from polish_sim.dual.coordination import master_flange
+from polish_sim.dual.checks import MotionCheck, check_master, check_motion
 from polish_sim.dual.dual import build_dual_cell
 from polish_sim.dual.master import MasterMotion
 from polish_sim.dual.placement import sampled
@@ -28,7 +27,7 @@ from polish_sim.motion import forward
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
 from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse
-from tests.experiments.test_dual import EXACT, two_stretches
+from tests.dual.test_dual import EXACT, two_stretches
 
 FEED, RADIUS = 0.05, 0.08
 ABOVE = ("dual.standoff_m=0.005", f"process.feed_m_s={FEED}", *EXACT)
@@ -120,7 +119,7 @@ def test_the_speed_on_the_part_is_no_trembling(stretches: tuple[DualTask, RunRes
 
 
 def test_a_few_moments_out_of_reach_between_those_that_were_tried_are_found(short: DualTask) -> None:
-    check = Check(short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot)
+    check = MotionCheck(short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot)
     check_motion(check, short.master, lambda _master, _follower: "")
     with pytest.raises(ReachError, match="tool and part would touch on the way"):
         check_motion(check, short.master, lambda _master, _follower: "tool and part")
@@ -132,7 +131,7 @@ def test_a_few_moments_out_of_reach_between_those_that_were_tried_are_found(shor
 
 
 def test_what_bends_and_begins_at_once_takes_the_acceleration_of_both(short: DualTask) -> None:
-    check = Check(short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot)
+    check = MotionCheck(short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot)
     times = short.master.spacing * np.arange(len(short.master.q))
     most, share = JOINT_ACCELERATION, 0.7
     # The first joint takes 0.7 of what it can all the time, and 0.7 of it to be let go.
@@ -163,7 +162,7 @@ def test_a_file_of_a_motion_is_followed_like_the_motion_itself(tmp_path: Path, f
     task = prepare_dual(dual(*SHORT, *setting))
     times = 7.0 + np.linspace(0.0, 3.0, 31)
     poses = task.work.way(task.reach.T_master_work, times - times[0])
-    given = master_flange(task.frames.believed, poses) if flange else poses
+    given = task.frames.believed.master_flange(poses) if flange else poses
     again = prepare_dual(dual(*SHORT, write_motion(tmp_path / "way.csv", times, given, flange)))
     moments = np.linspace(0.0, 3.0, 100)
     asked, read = (one.work.way(one.reach.T_master_work, moments) for one in (task, again))
@@ -228,7 +227,7 @@ def noisy(_times: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
             far_away,
             ReachError,
             r"the master does not reach the first pose, 0\.00 s into the master's motion \('.*way\.csv', line 2\)\. "
-            r"Change the poses in the file, .*(base elsewhere|No other place)",
+            r"Change the poses in the file, .*(another base pose|None of the other)",
         ),
         (noisy, ReachError, r"line 2\): 286 is its most\. .* more time would not help there"),
         (spinning, ReachError, r"joint 6 of the master would turn at 3[45] deg/s .* line \d+\): 29 is its most"),

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.dual.coordination import PartWay, about_axis, along_arc, through_poses
+from polish_sim.dual.master import PartWay, about_axis, along_arc, through_poses
 from polish_sim.spatial import apply, from_pose, inverse, transform
 
 START = from_pose([-0.5, 0.1, 0.3, 0.3, -0.2, 0.5])

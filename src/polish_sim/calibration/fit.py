@@ -1,0 +1,233 @@
+"""One least-squares fit for every calibration: unknowns with covariance, outliers found, left out and named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, Generic, NamedTuple, TypeVar
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.special import fdtri
+
+from polish_sim.arrays import Array, Bools
+from polish_sim.errors import CalibrationError
+
+X = TypeVar("X")
+
+CHANCE: Final = 1e-6
+"""A measurement this unlikely (Gaussian noise, its coordinates together) is an outlier."""
+LARGEST_SHARE: Final = 0.25
+"""With more outliers than this the measurements as a whole are refused."""
+LEAST_TO_JUDGE: Final = 7
+"""With fewer measurements nothing is left out: too few would be left to decide."""
+SMALLEST_NOISE: Final = 1e-12  # of exact data with several kinds of noise
+_ROUNDS: Final = 25
+_NOISE_ROUNDS: Final = 21
+_GAUSSIAN_MEDIAN: Final = 0.6745
+
+
+class Noise(NamedTuple):
+    """Noise that some columns of the residuals share."""
+
+    columns: slice = slice(None)
+    start: float = 1.0
+    """First guess of its standard deviation; only the ratio between kinds of noise counts."""
+    floor: float = 2e-6
+    """Nothing nearer than this is an outlier, however exact the others are."""
+
+
+@dataclass(frozen=True)
+class Problem(Generic[X]):
+    """Measurements that follow from unknowns ``x``; n measurements of k coordinates, p unknowns."""
+
+    residuals: Callable[[X], Array]
+    """Of every measurement, shape (n, k)."""
+    slopes: Callable[[X], Array]
+    """Their derivative by a step of the unknowns, shape (n, k, p)."""
+    moved: Callable[[X, Array], X] = lambda x, step: x + step  # type: ignore[operator]
+    """The unknowns after a step, shape (p,)."""
+    noises: tuple[Noise, ...] = (Noise(),)
+    """Kinds of noise, which together cover all columns."""
+
+
+@dataclass(frozen=True)
+class Fit(Generic[X]):
+    """The best fit and how well it is known."""
+
+    x: X
+    """The unknowns."""
+    covariance: Array
+    """Of a step of the unknowns, shape (p, p)."""
+    residuals: Array
+    """Of every measurement, used or not, shape (n, k)."""
+    used: Bools
+    """The measurements it rests on, shape (n,); the others are outliers."""
+    noise: Array
+    """Standard deviation of each coordinate of a measurement, given or found from the residuals, shape (k,)."""
+
+
+def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools | None = None) -> Fit[X]:
+    """Fit by least squares, the maximum likelihood for independent Gaussian noise.
+
+    Args:
+        problem: Residuals and their derivative.
+        start: Unknowns close to the solution.
+        noise: Standard deviation of a coordinate; None takes that of each kind of noise from the residuals.
+        used: Measurements to use, shape (n,); None uses all.
+    """
+    x, scale = start, _starts(problem, start)
+    used = np.ones(len(problem.residuals(start)), dtype=bool) if used is None else used
+    settled = False
+    for _ in range(_NOISE_ROUNDS):
+        x = solve(problem, x, used[:, None] / scale**2)
+        e, J = problem.residuals(x), problem.slopes(x)
+        rows = J[used] / scale[:, None]
+        covariance = _covariance(rows.reshape(-1, rows.shape[2]))
+        if settled or len(problem.noises) == 1:
+            break
+        # Each kind's share of the degrees of freedom the fit has used up.
+        taken = np.einsum("nap,pq,naq->a", rows, covariance, rows)
+        previous, scale = scale, np.maximum(_noise(problem, e[used], taken), SMALLEST_NOISE)
+        settled = np.allclose(scale, previous, rtol=1e-6)
+    if len(problem.noises) == 1:
+        size, unknowns = e[used].size, J.shape[2]
+        level = float(np.sqrt(np.sum(e[used] ** 2) / (size - unknowns))) if noise is None else noise
+        covariance, scale = level**2 * covariance, np.full(e.shape[1], level)
+    return Fit(x, covariance, e, used, scale)
+
+
+def solve(problem: Problem[X], start: X, weights: Array | float = 1.0) -> X:
+    """Unknowns with the least sum of weighted squares; weights of residuals (n, k), or one for each row (n, 1).
+
+    Levenberg-Marquardt, then Gauss-Newton: the cost is flat at its minimum and cannot tell the last digits.
+    """
+    root = np.broadcast_to(np.sqrt(weights), problem.residuals(start).shape)
+
+    def residuals(step: Array) -> Array:
+        return (root * problem.residuals(problem.moved(start, step))).ravel()
+
+    def slopes(step: Array) -> Array:
+        J = problem.slopes(problem.moved(start, step))
+        return (root[:, :, None] * J).reshape(-1, J.shape[2])
+
+    none = np.zeros(problem.slopes(start).shape[2])
+    found = least_squares(residuals, none, slopes, method="lm", xtol=1e-8, ftol=1e-8, gtol=1e-8)
+    x = problem.moved(start, found.x)
+    for _ in range(_ROUNDS):
+        step = _gauss_newton(problem, x, root)
+        x = problem.moved(x, step)
+        if np.abs(step).max() < 1e-13:
+            break
+    return x
+
+
+def _gauss_newton(problem: Problem[X], x: X, root: Array) -> Array:
+    """The step (p,) to the least squares of the linearised problem, rows weighted by ``root`` (n, k)."""
+    J = problem.slopes(x)
+    rows = (root[:, :, None] * J).reshape(-1, J.shape[2])
+    return np.asarray(np.linalg.lstsq(rows, -(root * problem.residuals(x)).ravel(), rcond=1e-14)[0])
+
+
+def _covariance(rows: Array) -> Array:
+    """Covariance of the unknowns from derivatives of residuals of unit variance (m, p)."""
+    scale = np.linalg.norm(rows, axis=0)
+    inverse = np.linalg.inv(np.linalg.qr(rows / scale, mode="r")) / scale[:, None]
+    return np.asarray(inverse @ inverse.T)
+
+
+def _starts(problem: Problem[Any], x: Any) -> Array:
+    scale = np.ones(problem.residuals(x).shape[1])
+    for kind in problem.noises:
+        scale[kind.columns] = kind.start
+    return scale
+
+
+def _noise(problem: Problem[Any], e: Array, taken: Array) -> Array:
+    """Noise of each column (k,) from residuals (n, k) and the degrees of freedom taken from each column (k,)."""
+    found = np.empty(e.shape[1])
+    for kind in problem.noises:
+        part = e[:, kind.columns]
+        found[kind.columns] = np.sqrt(np.sum(part**2) / max(part.size - taken[kind.columns].sum(), 1.0))
+    return found
+
+
+def agreeing(problem: Problem[X], start: X, measurements: str) -> Bools:
+    """The measurements that agree with each other.
+
+    A fit by least absolute deviations, which a few wrong measurements hardly move, names the suspects; then
+    measurements are left out or taken back by their distance from the least-squares fit of the others (Fisher's test).
+
+    Args:
+        problem: Residuals and their derivative.
+        start: Unknowns close to the solution.
+        measurements: Their name, for the message, e.g. ``"touches"``.
+
+    Returns:
+        Bools, shape (n,); all of them where there are too few to judge.
+
+    Raises:
+        CalibrationError: More than a quarter disagree.
+    """
+    count = len(problem.residuals(start))
+    if count < LEAST_TO_JUDGE:
+        return np.ones(count, dtype=bool)
+    x, used = _screened(problem, start)
+    for _ in range(_ROUNDS):
+        if np.sum(~used) > LARGEST_SHARE * count:
+            named = ", ".join(str(k + 1) for k in np.flatnonzero(~used)[:12])
+            raise CalibrationError(
+                f"more than {LARGEST_SHARE:.0%} of the {count} {measurements} do not fit the others ({named}). "
+                "Did something move or touch in between, or are units mixed? Measure again."
+            )
+        x, found = _near(problem, x, used)
+        if np.array_equal(found, used):
+            break
+        used = found
+    return used
+
+
+def _screened(problem: Problem[X], x: X) -> tuple[X, Bools]:
+    """The fit of least absolute deviations, by reweighting, and the measurements near it."""
+    scale, (count, _, unknowns) = _starts(problem, x), problem.slopes(x).shape
+    weights = np.ones(count)
+    freedom = max(count * len(scale) - unknowns, 1)
+    for _ in range(_ROUNDS):
+        x = problem.moved(x, _gauss_newton(problem, x, np.sqrt(weights)[:, None] / scale))
+        e = problem.residuals(x)
+        # Such a fit goes through some measurements exactly: they say nothing about the noise.
+        spread = np.sqrt(e.size / freedom) / _GAUSSIAN_MEDIAN
+        for kind in problem.noises:
+            scale[kind.columns] = max(spread * float(np.median(np.abs(e[:, kind.columns]))), kind.floor)
+        weights = 1.0 / np.maximum(np.linalg.norm(e / scale, axis=1), 1e-2)
+    k = e.shape[1]
+    return x, np.asarray(np.sum((e / scale) ** 2, axis=1) <= k * _fisher(k, freedom))
+
+
+def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
+    """The fit of the measurements used, and all measurements within what noise explains of the fit of the others."""
+    scale, e = _starts(problem, x), problem.residuals(x)
+    if len(problem.noises) > 1:
+        taken = np.full(e.shape[1], problem.slopes(x).shape[2] / e.shape[1])
+        floors = _starts(problem, x)
+        for kind in problem.noises:
+            floors[kind.columns] = kind.floor
+        scale = np.maximum(_noise(problem, e[used], taken), floors)
+    x = solve(problem, x, used[:, None] / scale**2)
+    e, J = problem.residuals(x) / scale, problem.slopes(x) / scale[:, None]
+    k, unknowns = e.shape[1], J.shape[2]
+    leverage = J @ _covariance(J[used].reshape(-1, unknowns)) @ np.swapaxes(J, 1, 2)
+    expected = np.eye(k) + np.where(used, -1.0, 1.0)[:, None, None] * leverage
+    distance = np.einsum("na,na->n", e, np.linalg.solve(expected + 1e-12 * np.eye(k), e[:, :, None])[:, :, 0])
+    # The noise each is judged by comes from the other measurements alone.
+    total, freedom = float(np.sum(e[used] ** 2)), k * int(used.sum()) - unknowns
+    own = used.astype(float)
+    others = np.maximum(total - own * distance, 0.0) / np.maximum(freedom - own * k, 1.0)
+    floor = max(kind.floor / float(scale[kind.columns][0]) for kind in problem.noises)
+    noise = np.maximum(others, floor**2)
+    return x, np.asarray(distance / noise / k <= _fisher(k, np.maximum(freedom - own * k, 1.0)))
+
+
+def _fisher(k: int, freedom: Array | float) -> Any:
+    """The ratio of variances, with k and ``freedom`` degrees of freedom, that noise exceeds once in a million."""
+    return fdtri(k, freedom, 1.0 - CHANCE)
