@@ -6,48 +6,48 @@ corners, then the point of the edge from corner e to corner e + 1. Barycentric c
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from polish_sim.arrays import Array, Ints
+from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import unit
-
-TangentRule = Callable[[Array, Array], Array]
-"""Maps chords [m] and unit tangent directions, each (k, 3), to end tangents of a Hermite curve [m], (k, 3)."""
-
-ControlRule = Callable[[Array, Array, Array], Array]
-"""Maps both ends of an edge and the Hermite curve's mid-point M, each (k, 3) [m], to the control point."""
-
 
 _AGREEMENT = np.cos(np.radians(15.0))
 
 
-def unit_tangents(chords: Array, directions: Array) -> Array:
-    """End tangents as long as the chord, |P1 - P0| t/|t| (paper 1, eq. 4); mid-point error R phi^4/8 on a circle."""
-    return np.linalg.norm(chords, axis=-1, keepdims=True) * directions
+def edge_middle(start: Array, end: Array, start_way: Array, end_way: Array) -> Array:
+    """Middle of the cubic Hermite curve between points whose end tangents are as long as the chord (paper 1, eq. 3, 4).
+
+    On a circle it is off by R phi^4 / 8, phi half the angle; with tangents as long as the chord's projection by three
+    times that.
+
+    Args:
+        start: Where curves start [m], shape (..., 3).
+        end: Where they end [m].
+        start_way: Unit tangents at their starts.
+        end_way: Unit tangents at their ends.
+
+    Returns:
+        Mid-points [m], shape (..., 3).
+    """
+    length = np.linalg.norm(end - start, axis=-1, keepdims=True)
+    return 0.5 * (start + end) + 0.125 * (length * start_way - length * end_way)
 
 
-def projected_tangents(chords: Array, directions: Array) -> Array:
-    """End tangents as long as the chord's projection; mid-point error 3 R phi^4/8 on a circle."""
-    return (chords * directions).sum(axis=-1, keepdims=True) * directions
+def edge_control(start: Array, end: Array, start_way: Array, end_way: Array) -> Array:
+    """Control points of the quadratic curves through the `edge_middle`, so 2 M - (P0 + P1) / 2.
+
+    With M itself as the control point, the paper's text taken literally, the surface of a sphere of 1280 facets is
+    100 times as far off.
+    """
+    return 2.0 * edge_middle(start, end, start_way, end_way) - 0.5 * (start + end)
 
 
-def through_midpoint(start: Array, end: Array, middle: Array) -> Array:
-    """Control point of the quadratic curve that passes through M: 2 M - (P0 + P1)/2."""
-    return 2.0 * middle - 0.5 * (start + end)
-
-
-def literal_midpoint(start: Array, end: Array, middle: Array) -> Array:
-    """M itself, the paper's text taken literally; the curve then misses M. For comparison only."""
-    return middle
-
-
-def hermite_midpoint(start: Array, end: Array, start_tangent: Array, end_tangent: Array) -> Array:
-    """Middle of the cubic Hermite curve, P(1/2) = (P0 + P1)/2 + (P0' - P1')/8 (paper 1, eq. 3)."""
-    return 0.5 * (start + end) + 0.125 * (start_tangent - end_tangent)
+def into_plane(directions: Array, normals: Array) -> Array:
+    """Components across unit normals, n x (v x n) (paper 1, eq. 4)."""
+    return np.asarray(directions - (directions * normals).sum(axis=-1, keepdims=True) * normals)
 
 
 @njit(cache=True, inline="always")
@@ -83,16 +83,6 @@ def blend(control, facets, barycentric):  # type: ignore[no-untyped-def]
                 + b5 * patch[5, k]
             )
     return out
-
-
-def differentiate(control: Array, facets: Ints, barycentric: Array) -> tuple[Array, Array]:
-    """Derivatives along u and along v (w = 1 - u - v), each (n, d)."""
-    patch = control[facets]
-    u, v, w = (barycentric[:, k, None] for k in range(3))
-    along_w = 2.0 * (u * patch[:, 5] + v * patch[:, 4] + w * patch[:, 2])
-    along_u = 2.0 * (u * patch[:, 0] + v * patch[:, 3] + w * patch[:, 5]) - along_w
-    along_v = 2.0 * (u * patch[:, 3] + v * patch[:, 1] + w * patch[:, 4]) - along_w
-    return along_u, along_v
 
 
 def area_elements(control: Array, u: float, v: float, w: float) -> Array:

@@ -1,9 +1,7 @@
 """Cut a surface where a quantity changes sign, along a clean line instead of whole facets (Surface -> Surface).
 
-`clip` keeps one side, `split` both.
-
-A triangle inside the parameter domain of a quadratic Bezier triangle is one again, so what is left of a
-patch lies exactly on the patch.
+`clip` keeps one side, `split` both; `halve_edges` divides facets without gaps. A triangle inside the parameter domain
+of a quadratic Bezier triangle is one again, so what is left of a patch lies exactly on the patch.
 """
 
 from __future__ import annotations
@@ -18,10 +16,11 @@ from polish_sim.geometry.surface import Surface, build_surface
 from polish_sim.geometry.topology import find_adjacency
 
 _EDGE_PAIRS = np.array([[0, 1], [1, 2], [2, 0]])
+_EQUAL = 1.0 + 1e-6  # of two diagonals or edges of one length the first is taken, whatever the rounding
 
 
 class Clipped(NamedTuple):
-    """What is left of a surface."""
+    """A surface cut from another one."""
 
     surface: Surface
     parents: Ints
@@ -51,41 +50,20 @@ def clip(surface: Surface, values: Array, on: float = 0.0) -> Clipped:
         The part where it is positive, and the facets it came from.
     """
     sign = _corner_signs(values, on)
-    inside = ~(sign < 0).any(axis=1)
-    crossed = (sign > 0).any(axis=1) & ~inside
-    whole = np.flatnonzero(inside).astype(np.int32)
-    if not crossed.any():
-        return Clipped(surface.restrict(whole), whole)
-    cut_at, cut_vertex, count = _edge_cuts(surface, values, sign)
-    pieces = _cut_facets(surface, np.flatnonzero(crossed), sign, cut_at, cut_vertex)
-    cut = _concatenate(_untouched(surface, whole), pieces)
-    return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)
+    whole = ~(sign < 0).any(axis=1)
+    crossed = (sign > 0).any(axis=1) & ~whole
+    return _cut_apart(surface, values, np.flatnonzero(whole), np.flatnonzero(crossed), (sign,))
 
 
 def split(surface: Surface, values: Array, on: float = 0.0) -> Clipped:
-    """Cut a surface like `clip`, but keep both sides, still joined.
-
-    Args:
-        surface: The surface.
-        values: The quantity as a quadratic over each patch, shape (m, 6); equal along shared edges.
-        on: Corners where its magnitude is at most this lie on the cut.
-
-    Returns:
-        The same surface, no facet on both sides of the cut, and the facets they came from.
-    """
+    """Cut a surface like `clip`, but keep both sides, still joined; no facet is on both sides of the cut."""
     sign = _corner_signs(values, on)
     crossed = (sign > 0).any(axis=1) & (sign < 0).any(axis=1)
-    if not crossed.any():
-        return Clipped(surface, np.arange(len(surface.faces), dtype=np.int32))
-    cut_at, cut_vertex, count = _edge_cuts(surface, values, sign)
-    facets = np.flatnonzero(crossed)
-    sides = [_cut_facets(surface, facets, side, cut_at, cut_vertex) for side in (sign, -sign)]
-    cut = _concatenate(_untouched(surface, np.flatnonzero(~crossed).astype(np.int32)), *sides)
-    return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)
+    return _cut_apart(surface, values, np.flatnonzero(~crossed), np.flatnonzero(crossed), (sign, -sign))
 
 
 def then(first: Clipped, second: Clipped) -> Clipped:
-    """What is left after a second cut, with the facets of the first one's original."""
+    """The result of a second cut, with the facets of the first one's original."""
     return Clipped(second.surface, first.parents[second.parents])
 
 
@@ -93,12 +71,18 @@ def _corner_signs(values: Array, on: float) -> NDArray[np.int8]:
     return np.sign(np.where(np.abs(values[:, :3]) <= on, 0.0, values[:, :3])).astype(np.int8)
 
 
-def _untouched(surface: Surface, facets: Ints) -> Cut:
-    return Cut(facets, np.broadcast_to(np.eye(3), (len(facets), 3, 3)), surface.faces[facets])
-
-
-def _concatenate(*cuts: Cut) -> Cut:
-    return Cut(*(np.concatenate(arrays) for arrays in zip(*cuts, strict=True)))
+def _cut_apart(
+    surface: Surface, values: Array, whole: Indices, crossed: Indices, sides: tuple[NDArray[np.int8], ...]
+) -> Clipped:
+    """Keep whole facets, and of the crossed ones the sides where the corners' signs are not negative."""
+    whole = whole.astype(np.int32)
+    if len(crossed) == 0:
+        return Clipped(surface if len(whole) == len(surface.faces) else surface.restrict(whole), whole)
+    cut_at, cut_vertex, count = _edge_cuts(surface, values, sides[0])
+    untouched = Cut(whole, np.broadcast_to(np.eye(3), (len(whole), 3, 3)), surface.faces[whole])
+    pieces = (_cut_facets(surface, crossed, side, cut_at, cut_vertex) for side in sides)
+    cut = Cut(*(np.concatenate(arrays) for arrays in zip(untouched, *pieces, strict=True)))
+    return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)
 
 
 def _edge_cuts(surface: Surface, values: Array, sign: NDArray[np.int8]) -> tuple[Array, Ints, int]:
@@ -155,8 +139,7 @@ def _fan(triangle: Array, points: list[Array]) -> list[tuple[int, int, int]]:
     if len(points) == 3:
         return [(0, 1, 2)]
     places = np.array(points) @ triangle
-    # Of two diagonals of one length the first, however rounding has it.
-    if np.linalg.norm(places[0] - places[2]) <= (1.0 + 1e-6) * np.linalg.norm(places[1] - places[3]):
+    if np.linalg.norm(places[0] - places[2]) <= _EQUAL * np.linalg.norm(places[1] - places[3]):
         return [(0, 1, 2), (0, 2, 3)]
     return [(0, 1, 3), (1, 2, 3)]
 
@@ -204,13 +187,6 @@ def _inherited_smooth(surface: Surface, cut: Cut) -> Bools:
             lies_on = (cut.barycentric[:, a, absent] == 0.0) & (cut.barycentric[:, b, absent] == 0.0)
             smooth[:, edge] &= ~lies_on | surface.smooth[cut.parents, parent_edge]
     return smooth
-
-
-# Halve edges of triangles in the parameter domain of their patches, without gaps (Cut, edges -> Cut).
-
-
-_EQUAL = 1.0 + 1e-6
-"""Of two diagonals or edges of one length the first is taken, however rounding has it."""
 
 
 class Edges(NamedTuple):

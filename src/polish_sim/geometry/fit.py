@@ -5,15 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from polish_sim.arrays import Array, Bools, Ints
-from polish_sim.geometry.bezier import (
-    ControlRule,
-    TangentRule,
-    area_elements,
-    hermite_midpoint,
-    quadratic_normals,
-    through_midpoint,
-    unit_tangents,
-)
+from polish_sim.geometry.bezier import area_elements, edge_control, into_plane, quadratic_normals
 from polish_sim.geometry.features import (
     FEATURE_ANGLE,
     CreaseTangents,
@@ -40,33 +32,20 @@ STEEPEST = np.radians(45.0)
 """An edge whose end tangents leave the chord by more than this stays straight: its normals mean nothing [rad]."""
 
 
-def fit_surface(
-    mesh: PartMesh,
-    feature_angle: float = FEATURE_ANGLE,
-    tangents: TangentRule = unit_tangents,
-    control_point: ControlRule = through_midpoint,
-) -> Surface:
+def fit_surface(mesh: PartMesh, feature_angle: float = FEATURE_ANGLE) -> Surface:
     """Fit one quadratic Bezier triangle to each facet (paper 1, eq. 1-4).
 
     Args:
         mesh: The part.
         feature_angle: Edges that bend more stay sharp [rad].
-        tangents: Length of the Hermite curves' end tangents.
-        control_point: What the Hermite curve's mid-point means for the edge's control point.
 
     Returns:
         The surface, in the work frame.
     """
-    return fit_triangles(mesh.vertices, mesh.faces, feature_angle, tangents, control_point)
+    return fit_triangles(mesh.vertices, mesh.faces, feature_angle)
 
 
-def fit_triangles(
-    vertices: Array,
-    faces: Ints,
-    feature_angle: float = FEATURE_ANGLE,
-    tangents: TangentRule = unit_tangents,
-    control_point: ControlRule = through_midpoint,
-) -> Surface:
+def fit_triangles(vertices: Array, faces: Ints, feature_angle: float = FEATURE_ANGLE) -> Surface:
     """Fit bare triangles, vertices (n, 3) [m] and faces (m, 3); see :func:`fit_surface`."""
     adjacency = find_adjacency(faces)
     normals, _ = facet_normals(vertices, faces)
@@ -75,7 +54,7 @@ def fit_triangles(
     jets = fit_vertex_jets(vertices, faces, corners, smooth)
     corner_normals = jets.normals[corners.ids]
     creases = crease_tangents(vertices, faces, adjacency.facets, smooth)
-    points = _edge_points(vertices, faces, corner_normals, smooth, creases, tangents, control_point)
+    points = _edge_points(vertices, faces, corner_normals, smooth, creases)
     return build_surface(
         vertices=vertices,
         faces=faces,
@@ -116,15 +95,7 @@ def _folds(control: Array, normals: Array) -> Bools:
     return np.any([(area_elements(control, *place) * normals).sum(axis=1) < least for place in places], axis=0)
 
 
-def _edge_points(
-    vertices: Array,
-    faces: Ints,
-    corner_normals: Array,
-    smooth: Bools,
-    creases: CreaseTangents,
-    tangents: TangentRule,
-    control_point: ControlRule,
-) -> Array:
+def _edge_points(vertices: Array, faces: Ints, corner_normals: Array, smooth: Bools, creases: CreaseTangents) -> Array:
     """Control points of the three edges of each facet, shape (m, 3, 3); the same number from both sides."""
     first, second = faces, np.roll(faces, -1, axis=1)
     swap = first > second
@@ -138,15 +109,9 @@ def _edge_points(
     start_way = np.where(smooth[..., None], unit_chord, creases.start)
     end_way = np.where(smooth[..., None], unit_chord, creases.end)
     turned = (smooth | creases.border)[..., None]
-    start_way = unit(np.where(turned, _into_plane(start_way, start_normal), start_way))
-    end_way = unit(np.where(turned, _into_plane(end_way, end_normal), end_way))
+    start_way = unit(np.where(turned, into_plane(start_way, start_normal), start_way))
+    end_way = unit(np.where(turned, into_plane(end_way, end_normal), end_way))
     too_steep = np.minimum((start_way * unit_chord).sum(-1), (end_way * unit_chord).sum(-1)) < np.cos(STEEPEST)
     start_way = np.where(too_steep[..., None], unit_chord, start_way)
     end_way = np.where(too_steep[..., None], unit_chord, end_way)
-    middle = hermite_midpoint(start, end, tangents(chord, start_way), tangents(chord, end_way))
-    return control_point(start, end, middle)
-
-
-def _into_plane(directions: Array, normals: Array) -> Array:
-    """Component perpendicular to the normals: n x (v x n) (paper 1, eq. 4)."""
-    return directions - (directions * normals).sum(axis=-1, keepdims=True) * normals
+    return edge_control(start, end, start_way, end_way)

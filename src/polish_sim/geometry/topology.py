@@ -67,7 +67,7 @@ def find_edge_faults(faces: Ints) -> EdgeFaults:
     return EdgeFaults(int((counts == 1).sum()), len(crowded), int(twisted.sum()), example.astype(np.int32))
 
 
-def facets_at_edges(faces: Ints) -> Indices:
+def facets_at_edges(faces: Ints | Indices) -> Indices:
     """How many facets share each edge of each facet, shape (m, 3)."""
     _, _, order, key = sorted_half_edges(faces)
     run = np.cumsum(np.concatenate([[True], key[1:] != key[:-1]])) - 1
@@ -100,18 +100,18 @@ def facet_links(adjacency: Adjacency, keep: Bools | None = None) -> Indices:
     return np.column_stack([facet, adjacency.facets[facet, edge]]).astype(np.int64)
 
 
-def sorted_half_edges(faces: Ints) -> tuple[Indices, Indices, Indices, Indices]:
+def sorted_half_edges(faces: Ints | Indices) -> tuple[Indices, Indices, Indices, Indices]:
     """Half-edges in facet order (start, end), and the order and keys that bring equal edges together."""
     start = faces.astype(np.int64).ravel()
     end = faces[:, [1, 2, 0]].astype(np.int64).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
     count = int(start.max(initial=0)) + 1
-    by_high = _counting_sort(high, count)
-    order = by_high[_counting_sort(low[by_high], count)].astype(np.int64)
+    by_high = counting_order(high, count)
+    order = by_high[counting_order(low[by_high], count)].astype(np.int64)
     return start, end, order, (low * count + high)[order]
 
 
-def _counting_sort(keys: Indices, count: int) -> Indices:
+def counting_order(keys: Ints | Indices, count: int) -> Indices:
     """Stable order of numbers below ``count``, in linear time: the rows of a sparse matrix."""
     at = np.arange(len(keys), dtype=np.int32)
     return np.asarray(coo_array((at, (keys, at)), shape=(count, len(keys))).tocsr().data)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Bools
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, select_region
@@ -19,8 +19,6 @@ from polish_sim.planning.quality.foreign_path import Offset, check_on_part, offs
 from polish_sim.planning.quality.pad_fit import pad_in_part_warning
 from polish_sim.planning.quality.spacing import guess_stepover
 from polish_sim.planning.toolpath import ToolPath
-
-Array = NDArray[np.float64]
 
 NAMED = 3
 """So many of the places the pad cannot touch are named."""
@@ -40,7 +38,7 @@ class Inspection:
     plan: PlanConfig
     """Region and step-over it is measured by."""
     quality: Quality
-    strict: NDArray[np.bool_]
+    strict: Bools
     """Vertices of the region within 0.55 step-overs of the path, shape (v,)."""
     notes: tuple[str, ...]
     """What was assumed, and what the user should know."""

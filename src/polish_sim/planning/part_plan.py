@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError
@@ -30,8 +29,6 @@ from polish_sim.planning.quality.figures import measure_quality, pad_coverage, p
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.request import check_asked, check_stepover
 from polish_sim.planning.toolpath import ToolPath
-
-Array = NDArray[np.float64]
 
 OFF_PART_M = 1e-3
 """A path made before may lie this far off the fitted surface [m]."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
@@ -20,8 +20,6 @@ from polish_sim.planning.patterns.registry import PATTERNS
 from polish_sim.planning.patterns.run import PatternRequest, Report, SurfaceRun
 from polish_sim.planning.request import check_plan_words
 from polish_sim.planning.toolpath import ToolPath, arc_length
-
-Array = NDArray[np.float64]
 
 CUT_HERE: Final = "the path would cross itself, one of the two strands is cut and the tool lifts there"
 

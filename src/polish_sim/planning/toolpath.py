@@ -8,9 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import PlanError
-
-Array = NDArray[np.float64]
 
 SEGMENTS: Final = ("approach", "lead_in", "process", "link", "lead_out", "retract")
 APPROACH, LEAD_IN, PROCESS, LINK, LEAD_OUT, RETRACT = range(len(SEGMENTS))
@@ -26,7 +25,7 @@ class ToolPath:
     """Unit tool axis from the part to the tool (the outward normal unless tilted), shape (n, 3)."""
     s: Array
     """Arc length from the first point [m], strictly increasing, shape (n,)."""
-    pass_index: NDArray[np.int64]
+    pass_index: Indices
     """Turn of the spiral or line of the raster the point belongs to, shape (n,)."""
     segment: NDArray[np.int8]
     """Code of the segment, an index into `SEGMENTS`, shape (n,)."""
@@ -48,7 +47,7 @@ class ToolPath:
                 raise PlanError(f"tool path: {field.name} has shape {array.shape}, expected {wanted}.")
             array.flags.writeable = False
 
-    def rows(self, kept: NDArray[np.bool_]) -> ToolPath:
+    def rows(self, kept: Bools) -> ToolPath:
         """The path of some of its points only, mask (n,); arc lengths stay."""
         columns: dict[str, Any] = {name: column[kept] for name, column in vars(self).items() if column is not None}
         return ToolPath(**columns)
@@ -58,7 +57,7 @@ class ToolPath:
         return np.full(len(s), usual) if self.force is None else np.interp(s, self.s, self.force)
 
     @property
-    def process(self) -> NDArray[np.bool_]:
+    def process(self) -> Bools:
         """Mask of the points at which the tool is pressed on the part, shape (n,)."""
         return (self.segment == PROCESS) | (self.segment == LINK)
 

@@ -7,16 +7,15 @@ from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.geometry import ClosestPoints
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import unit
 
 # Equal-distance stepping on a surface (paper 1, section 1.2, fig. 4): the one primitive all turns are built from.
 
-Array = NDArray[np.float64]
 
 ITERATIONS = 20
 TOLERANCE_M = 1e-11
@@ -25,7 +24,7 @@ TOLERANCE_M = 1e-11
 class SurfaceQuery(Protocol):
     """Anything that knows its closest point, so that a test can step on a sphere in closed form."""
 
-    def closest(self, points: Array, hint: NDArray[np.int32] | None = None) -> ClosestPoints:
+    def closest(self, points: Array, hint: Ints | None = None) -> ClosestPoints:
         """Closest points to points (n, 3) [m]; hint: facets that may be close, shape (n,)."""
         ...
 
@@ -219,7 +218,7 @@ class Curve:
         s[found], foot[found], normal[found], distances[found] = self.near_point(points[found], index[found])
         return Nearest(s, foot, normal, distances)
 
-    def near_point(self, points: Array, index: NDArray[np.int64]) -> Nearest:
+    def near_point(self, points: Array, index: Indices) -> Nearest:
         """Nearest points on the two chords that meet in the curve's own points of these numbers, (n,)."""
         s, foot, normal, gap = near_chords(*self._knots, len(self.positions), self.closed, points, index)
         return Nearest(s, foot, unit(normal), gap)

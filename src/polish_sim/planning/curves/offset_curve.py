@@ -12,9 +12,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve, Nearest, SurfaceQuery, step_on_surface
 from polish_sim.planning.ground.triangulation import Triangulation
@@ -22,8 +22,6 @@ from polish_sim.spatial import unit
 
 # Lines of equal value of a field on a triangulation, as ordered point lists (vertex values -> polylines).
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ROUNDING = 1e-6
 """Vertices above the level by no more than this share of the values' range lie on it."""
@@ -36,12 +34,12 @@ class LevelLine(NamedTuple):
     """Points on edges of the triangulation [m], shape (n, 3); a closed line does not repeat its first."""
     normals: Array
     """Surface normals, not normalised, shape (n, 3)."""
-    vertices: Ints
+    vertices: Indices
     """A vertex with a higher value beside each point, shape (n,)."""
     closed: bool
 
 
-def level_lines(mesh: Triangulation, values: Array, level: float, among: Ints | None = None) -> list[LevelLine]:
+def level_lines(mesh: Triangulation, values: Array, level: float, among: Indices | None = None) -> list[LevelLine]:
     """Trace the lines on which a field interpolated over the triangles has a value.
 
     Args:
@@ -78,7 +76,7 @@ def level_lines(mesh: Triangulation, values: Array, level: float, among: Ints | 
     return [LevelLine(positions[c], normals[c], high[c], closed) for c, closed in chains]
 
 
-def _chain(start: Ints, end: Ints, count: int) -> list[tuple[Ints, bool]]:
+def _chain(start: Indices, end: Indices, count: int) -> list[tuple[Indices, bool]]:
     """Link directed segments between edge points into lines: open ones first, then closed ones."""
     order, ends, heads = _walk(start, end, count)
     lines = np.split(order, ends[:-1])
@@ -133,7 +131,7 @@ OFF = 0.02
 class Feet(NamedTuple):
     """Nearest points on the closest of several curves."""
 
-    curve: Ints
+    curve: Indices
     """Which curve, shape (n,)."""
     nearest: Nearest
 
@@ -145,7 +143,7 @@ class CurveSet:
     curves: tuple[Curve, ...]
 
     @cached_property
-    def _starts(self) -> Ints:
+    def _starts(self) -> Indices:
         return np.cumsum([0] + [len(curve.positions) for curve in self.curves])
 
     @cached_property
@@ -250,7 +248,7 @@ def _on_offset(surface: SurfaceQuery, around: CurveSet, trial: Curve, distance: 
     return Curve(moved.positions[kept], moved.normals[kept], trial.closed)
 
 
-def _forward_only(feet: Feet, distance: float) -> NDArray[np.bool_]:
+def _forward_only(feet: Feet, distance: float) -> Bools:
     """Drop points whose foot falls back behind the foot of the point before (sub-points already passed)."""
     ahead = np.diff(feet.nearest.s)
     back = (ahead < -BACK * distance) & (ahead > -0.5 * distance) & (np.diff(feet.curve) == 0)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve, SurfaceQuery
 from polish_sim.planning.curves.offset_curve import ROUNDING, CurveSet, LevelLine, level_lines, nearest_of, offset_curve
@@ -19,8 +19,6 @@ from polish_sim.planning.ground.triangulation import Triangulation
 # A vertex is looked at only when the turns come near it: until then a lower bound of its distance is kept, and vertices
 # wait in the order in which their bounds fall due. So all turns together cost little more than a few looks per vertex.
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 BEYOND = 0.6
 """Distances are exact up to this many step-overs beyond the next turn; edges are a third of one long."""
@@ -29,14 +27,14 @@ SCOUTS = 1.5
 FAR = 6.0
 """Vertices that only see turns on the other side of the part are thought to be so many step-overs away."""
 
-Waiting = dict[int, list[Ints]]
+Waiting = dict[int, list[Indices]]
 """Vertices by the number of the turn at which they are to be looked at."""
 
 
 class Looked(NamedTuple):
     """The vertices near the turns so far."""
 
-    rows: Ints
+    rows: Indices
     """Those looked at, shape (k,)."""
     distances: Array
     """How far they are; lower bounds beyond the next turn [m], shape (k,)."""
@@ -60,7 +58,7 @@ class Front:
         """Distance from turn to turn; of the first from the border [m]."""
         return self.stepover if number else self.first
 
-    def look(self, rows: Ints, curves: CurveSet, number: int) -> Looked:
+    def look(self, rows: Indices, curves: CurveSet, number: int) -> Looked:
         """Bring the distances of vertices to the turns of a number up to date."""
         cap, reach = FAR * self.stepover, self.step(number) + BEYOND * self.stepover
         points = self.mesh.vertices[rows]
@@ -76,26 +74,26 @@ class Front:
         self._bounds[rows] = distances + self._level(number)
         return Looked(rows, distances)
 
-    def _at_least(self, rows: Ints, curves: CurveSet) -> Array:
+    def _at_least(self, rows: Indices, curves: CurveSet) -> Array:
         """Lower bounds of the distances of vertices to turns: those of their scouts less the ways to them [m]."""
         scouts, which = np.unique(self._scouts[rows], return_inverse=True)
         points = self.mesh.vertices
         away = np.linalg.norm(points[rows] - points[scouts][which], axis=1)
         return np.asarray(curves.at_least(points[scouts])[which] - away)
 
-    def triangles_around(self, rows: Ints) -> Ints:
+    def triangles_around(self, rows: Indices) -> Indices:
         """Triangles with a corner among vertices, each once."""
         self._mark += 1
         # In their own order, on which it depends where closed lines begin.
         return np.sort(_around(*self.mesh.around, rows, self._marks, self._mark))
 
-    def put_off(self, rows: Ints, number: int, waiting: Waiting) -> None:
+    def put_off(self, rows: Indices, number: int, waiting: Waiting) -> None:
         """Let vertices wait until a turn later than this one comes near them."""
         turns = np.floor((self._bounds[rows] - self.first) / self.stepover - BEYOND).astype(np.int64) + 1
         for turn, group in _grouped(np.maximum(turns, number + 1), rows):
             waiting.setdefault(turn, []).append(group)
 
-    def at_least(self, rows: Ints, number: int) -> Array:
+    def at_least(self, rows: Indices, number: int) -> Array:
         """Lower bounds of the distances of vertices to the turns of a number; exact near them [m]."""
         return np.asarray(self._bounds[rows] - self._level(number))
 
@@ -104,7 +102,7 @@ class Front:
         return self.first + (number - 1) * self.stepover if number else 0.0
 
 
-def _scouts(points: Array, size: float) -> Ints:
+def _scouts(points: Array, size: float) -> Indices:
     """The first vertex in each cell of a grid, told to all in the cell, shape (n,)."""
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     counts = cells.max(axis=0) + 1
@@ -113,13 +111,13 @@ def _scouts(points: Array, size: float) -> Ints:
     return np.asarray(first[which])
 
 
-def all_rows(waiting: Waiting) -> Ints:
+def all_rows(waiting: Waiting) -> Indices:
     """All vertices that wait, shape (n,)."""
     parts = [part for parts in waiting.values() for part in parts]
     return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
 
 
-def _grouped(keys: Ints, rows: Ints) -> Iterator[tuple[int, Ints]]:
+def _grouped(keys: Indices, rows: Indices) -> Iterator[tuple[int, Indices]]:
     order = np.argsort(keys, kind="stable")
     values, starts = np.unique(keys[order], return_index=True)
     ends = np.append(starts[1:], len(rows))[: len(starts)]
@@ -127,7 +125,7 @@ def _grouped(keys: Ints, rows: Ints) -> Iterator[tuple[int, Ints]]:
         yield int(value), rows[order[start:end]]
 
 
-def select_rows(waiting: Waiting, chosen: NDArray[np.bool_]) -> Waiting:
+def select_rows(waiting: Waiting, chosen: Bools) -> Waiting:
     """Those that wait among the chosen vertices, a mask of shape (n,)."""
     picked = {turn: [part[chosen[part]] for part in parts] for turn, parts in waiting.items()}
     return {turn: parts for turn, parts in picked.items() if any(len(part) for part in parts)}
@@ -168,7 +166,7 @@ class Turn:
     """One offset curve and the turns directly inside it."""
 
     curve: Curve
-    inside: Ints = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    inside: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     """Vertices of the triangulation in the piece it bounds, if no turn lies inside it, shape (k,)."""
     children: list[Turn] = field(default_factory=list)
 
@@ -197,7 +195,7 @@ def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
     return tuple(sorted(curves, key=lambda curve: -curve.length))
 
 
-def distance_to(mesh: Triangulation, rows: Ints, curves: Sequence[Curve], limit: float) -> Array:
+def distance_to(mesh: Triangulation, rows: Indices, curves: Sequence[Curve], limit: float) -> Array:
     """Distance from vertices to the nearest curve on the same side of the part.
 
     Args:
@@ -289,7 +287,7 @@ def ring_turns(
     return RingTurns(0.5 * pitch, pitch)
 
 
-def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> tuple[list[Piece], Ints]:
+def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> tuple[list[Piece], Indices]:
     """One step inwards: the pieces left, their new turns hung below those they come from; and the vertices covered."""
     step, curves = front.step(number), CurveSet(tuple(turn.curve for turn in piece.turns))
     waiting = {turn: list(parts) for turn, parts in piece.waiting.items()}

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from polish_sim.arrays import Array
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region
@@ -104,8 +104,6 @@ def _together(region: Region, pieces: Sequence[Piece], holes: int) -> Ground:
 
 
 # A region flat, as it is seen from where it looks, and how wide it is that way (Region -> Footprint).
-
-Array = NDArray[np.float64]
 
 
 class Footprint(NamedTuple):

@@ -6,16 +6,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.geometry import Region
-from polish_sim.geometry.bezier import hermite_midpoint, quadratic_normals, through_midpoint, unit_tangents
+from polish_sim.geometry.bezier import edge_control, edge_middle, into_plane, quadratic_normals
 from polish_sim.geometry.surface import Surface, boundary_loops, build_surface
 from polish_sim.geometry.topology import find_adjacency
 from polish_sim.spatial import unit
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Bridged(NamedTuple):
@@ -32,8 +29,8 @@ class Bridged(NamedTuple):
 class _Rim(NamedTuple):
     """Border edges around a hole, in order: from corner ``edge`` of ``facet`` to the next corner."""
 
-    facet: Ints
-    edge: Ints
+    facet: Indices
+    edge: Indices
 
 
 def bridge_holes(region: Region, widest: float) -> Bridged:
@@ -121,16 +118,12 @@ def _middle(points: Array, normals: Array) -> tuple[Array, Array]:
     across = np.roll(np.arange(len(points)), -(len(points) // 2))
     normal = unit(normals.mean(axis=0)[None])[0]
     chords = points[across] - points
-    start = unit(chords - normals * (chords * normals).sum(axis=1, keepdims=True))
-    end = unit(chords - normals[across] * (chords * normals[across]).sum(axis=1, keepdims=True))
-    halfway = hermite_midpoint(points, points[across], unit_tangents(chords, start), unit_tangents(chords, end))
+    start, end = unit(into_plane(chords, normals)), unit(into_plane(chords, normals[across]))
+    halfway = edge_middle(points, points[across], start, end)
     return halfway.mean(axis=0), normal
 
 
 def _edge_point(start: Array, end: Array, start_normal: Array, end_normal: Array) -> Array:
     """Control point of the curve between two points along the surface (paper 1, eq. 3, 4)."""
     chord = end - start
-    first = unit(chord - start_normal * (chord * start_normal).sum(axis=1, keepdims=True))
-    second = unit(chord - end_normal * (chord * end_normal).sum(axis=1, keepdims=True))
-    middle = hermite_midpoint(start, end, unit_tangents(chord, first), unit_tangents(chord, second))
-    return np.asarray(through_midpoint(start, end, middle))
+    return edge_control(start, end, unit(into_plane(chord, start_normal)), unit(into_plane(chord, end_normal)))

@@ -6,14 +6,19 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
+from polish_sim.geometry.topology import counting_order, facets_at_edges
 from polish_sim.kernel_cache import njit
 
-# What hangs together in a triangulation: pieces, triangles around vertices, edges at its border; compiled.
+MAX_TRIANGLES = 1_500_000
+ALIKE = 1.0 + 1e-9
+"""Lengths that differ by less are equal: rounding must not decide how patches are split."""
+MOST_ROUNDS = 40
+"""Every round halves the longest edges; patches that do not fit each other end the splitting here."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -56,65 +61,6 @@ def _root(parent, v):  # type: ignore[no-untyped-def]
     return v
 
 
-@njit(cache=True, error_model="numpy")
-def triangles_by_vertex(triangles, count):  # type: ignore[no-untyped-def]
-    """Triangles vertex by vertex.
-
-    Args:
-        triangles: Vertex indices, shape (m, 3).
-        count: Number of vertices.
-
-    Returns:
-        Where the triangles around each vertex begin, shape (count + 1,), and they, shape (3 m,).
-    """
-    starts = np.zeros(count + 1, np.int64)
-    for t in range(len(triangles)):
-        for k in range(3):
-            starts[triangles[t, k] + 1] += 1
-    for v in range(count):
-        starts[v + 1] += starts[v]
-    place, members = starts.copy(), np.empty(3 * len(triangles), np.int64)
-    for t in range(len(triangles)):
-        for k in range(3):
-            v = triangles[t, k]
-            members[place[v]] = t
-            place[v] += 1
-    return starts, members
-
-
-@njit(cache=True, error_model="numpy")
-def lonely_edges(triangles, starts, members):  # type: ignore[no-untyped-def]
-    """Which edges have a triangle on one side only.
-
-    Args:
-        triangles: Vertex indices, shape (m, 3).
-        starts: Where the triangles around each vertex begin, shape (n + 1,).
-        members: They, shape (3 m,).
-
-    Returns:
-        Whether no other triangle has the edge from corner k to k + 1, shape (m, 3).
-    """
-    lonely = np.ones(triangles.shape, np.bool_)
-    for t in range(len(triangles)):
-        for k in range(3):
-            a, b = triangles[t, k], triangles[t, (k + 1) % 3]
-            for j in range(starts[a], starts[a + 1]):
-                other = members[j]
-                if other != t and (triangles[other, 0] == b or triangles[other, 1] == b or triangles[other, 2] == b):
-                    lonely[t, k] = False
-    return lonely
-
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-MAX_TRIANGLES = 1_500_000
-ALIKE = 1.0 + 1e-9
-"""Lengths that differ by less are equal: rounding must not decide how patches are split."""
-MOST_ROUNDS = 40
-"""Every round halves the longest edges; patches that do not fit each other end the splitting here."""
-
-
 @dataclass(frozen=True, eq=False)
 class Triangulation:
     """Triangles no longer than a chosen edge, their vertices exactly on the surface."""
@@ -123,29 +69,30 @@ class Triangulation:
     """Points on the surface [m], shape (n, 3)."""
     normals: Array
     """Unit outward normals, shape (n, 3)."""
-    triangles: Ints
+    triangles: Indices
     """Vertex indices, counter-clockwise from outside, shape (m, 3)."""
     areas: Array
     """Areas [m^2], shape (m,)."""
-    owners: Ints
+    owners: Indices
     """Facet of the surface each triangle lies on, shape (m,)."""
 
     @cached_property
-    def edges(self) -> Ints:
+    def edges(self) -> Indices:
         """Every edge once, shape (e, 2)."""
         keys = np.unique(_edge_keys(self.triangles, len(self.vertices)))
         return np.stack([keys // len(self.vertices), keys % len(self.vertices)], axis=1)
 
     @cached_property
-    def border(self) -> Ints:
+    def border(self) -> Indices:
         """Directed edges with a triangle on their left only, shape (b, 2)."""
-        return _half_edges(self.triangles)[lonely_edges(self.triangles, *self.around).T.ravel()]
+        return _half_edges(self.triangles)[(facets_at_edges(self.triangles) == 1).T.ravel()]
 
     @cached_property
-    def around(self) -> tuple[Ints, Ints]:
+    def around(self) -> tuple[Indices, Indices]:
         """Triangles vertex by vertex: where those around each vertex begin, (n + 1,), and they, (3 m,)."""
-        starts, members = triangles_by_vertex(self.triangles, len(self.vertices))
-        return starts, members
+        counts = np.bincount(self.triangles.ravel(), minlength=len(self.vertices))
+        members = counting_order(self.triangles.ravel(), len(self.vertices)) // 3
+        return np.concatenate([[0], np.cumsum(counts)]), members.astype(np.int64)
 
     @cached_property
     def vertex_areas(self) -> Array:
@@ -165,7 +112,7 @@ class Triangulation:
         """Search tree over the vertices."""
         return cKDTree(self.vertices)
 
-    def components(self, inside: NDArray[np.bool_]) -> tuple[int, Ints]:
+    def components(self, inside: Bools) -> tuple[int, Indices]:
         """Connected pieces of a set of vertices: their number and each vertex's piece, -1 outside, (n,)."""
         count, labels = label_pieces(self.triangles, inside)
         return int(count), labels
@@ -213,25 +160,27 @@ def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
     return _finish(surface, vertices, triangles, corners, owners)
 
 
-def _half_edges(triangles: Ints) -> Ints:
+def _half_edges(triangles: Indices) -> Indices:
     """Edges from corner k to k + 1, all first ones, then all second ones, then all third ones, (3 m, 2)."""
     return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
 
 
-def _edge_keys(triangles: Ints, count: int) -> Ints:
+def _edge_keys(triangles: Indices, count: int) -> Indices:
     """One number per half edge, the same for both directions, shape (3 m,)."""
     half = _half_edges(triangles)
     return half.min(axis=1) * count + half.max(axis=1)
 
 
-def _long_edges(vertices: Array, triangles: Ints, longest_edge: float) -> NDArray[np.bool_]:
+def _long_edges(vertices: Array, triangles: Indices, longest_edge: float) -> Bools:
     """Whether the edge from corner k to k + 1 of each triangle is longer than asked for, shape (3, m)."""
     limit2 = (longest_edge * ALIKE) ** 2
     sides = (vertices[triangles[:, (k + 1) % 3]] - vertices[triangles[:, k]] for k in range(3))
     return np.stack([np.einsum("ij,ij->i", side, side) > limit2 for side in sides])
 
 
-def _split(triangles: Ints, corners: Array, owners: Ints, split: Ints, vertices: Array) -> tuple[Ints, Array, Ints]:
+def _split(
+    triangles: Indices, corners: Array, owners: Indices, split: Indices, vertices: Array
+) -> tuple[Indices, Array, Indices]:
     """Replace each triangle by 1, 2, 3 or 4 according to which of its edges get a middle."""
     many = (split >= 0).sum(axis=1)
     kept = many == 0
@@ -254,15 +203,15 @@ def _split(triangles: Ints, corners: Array, owners: Ints, split: Ints, vertices:
     return tuple(np.concatenate(parts) for parts in zip(*out, strict=True))  # type: ignore[return-value]
 
 
-def _rows(ids: Ints, *picks: tuple[int, int, int]) -> list[Ints]:
+def _rows(ids: Indices, *picks: tuple[int, int, int]) -> list[Indices]:
     return [np.tile(pick, (len(ids), 1)) for pick in picks]
 
 
-def _split_one(ids: Ints, vertices: Array) -> list[Ints]:
+def _split_one(ids: Indices, vertices: Array) -> list[Indices]:
     return _rows(ids, (0, 3, 2), (3, 1, 2))
 
 
-def _split_two(ids: Ints, vertices: Array) -> list[Ints]:
+def _split_two(ids: Indices, vertices: Array) -> list[Indices]:
     """Cut off the corner between both split edges; cut the rest along its shorter diagonal."""
     one = np.linalg.norm(vertices[ids[:, 0]] - vertices[ids[:, 4]], axis=1)
     other = np.linalg.norm(vertices[ids[:, 2]] - vertices[ids[:, 3]], axis=1)
@@ -272,11 +221,11 @@ def _split_two(ids: Ints, vertices: Array) -> list[Ints]:
     return [corner, np.where(first, a, c), np.where(first, b, d)]
 
 
-def _split_three(ids: Ints, vertices: Array) -> list[Ints]:
+def _split_three(ids: Indices, vertices: Array) -> list[Indices]:
     return _rows(ids, (0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
 
 
-def _finish(surface: Surface, vertices: Array, triangles: Ints, corners: Array, owners: Ints) -> Triangulation:
+def _finish(surface: Surface, vertices: Array, triangles: Indices, corners: Array, owners: Indices) -> Triangulation:
     """Normals from one triangle around each vertex, areas of the flat triangles."""
     place = np.zeros(len(vertices), dtype=np.int64)
     place[triangles.ravel()[::-1]] = np.arange(triangles.size)[::-1]

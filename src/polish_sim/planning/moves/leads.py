@@ -8,14 +8,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, rim_depths, way_out
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT, ToolPath, arc_length
 from polish_sim.spatial import unit
-
-Array = NDArray[np.float64]
 
 LEAD_SHARE = 1.0 / 3.0
 """Height of the lead-in as a share of the clearance."""
@@ -35,7 +34,7 @@ class Move(NamedTuple):
     axes: Array
     """Unit tool axes, shape (n, 3)."""
     segment: int
-    pass_index: NDArray[np.int64]
+    pass_index: Indices
 
 
 def normal_lead(height: float) -> Array:
@@ -112,12 +111,12 @@ def landing(process: Move, at_start: bool, shape: LeadShape, clearance: float) -
     return moves[0], moves[1]
 
 
-def process_move(positions: Array, axes: Array, pass_index: NDArray[np.int64]) -> Move:
+def process_move(positions: Array, axes: Array, pass_index: Indices) -> Move:
     """Points in contact as a move."""
     return Move(positions, axes, PROCESS, pass_index)
 
 
-def concatenate(moves: Sequence[Move]) -> tuple[Array, Array, NDArray[np.int8], NDArray[np.int64]]:
+def concatenate(moves: Sequence[Move]) -> tuple[Array, Array, NDArray[np.int8], Indices]:
     """Positions, axes, segment codes and pass indices of all moves in a row."""
     return (
         np.concatenate([move.positions for move in moves]),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from polish_sim.arrays import Array
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import Surface
 from polish_sim.planning.moves.leads import Move, process_move
@@ -17,7 +17,6 @@ from polish_sim.spatial import unit
 
 # The tool axis at every point: the normal, turned gradually over creases, leaned by lead and tilt, smoothed.
 
-Array = NDArray[np.float64]
 
 CREASE = np.radians(4.0)
 """Between neighbouring points a smooth part never turns by as much [rad]."""

@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.kernel_cache import njit
@@ -16,8 +16,6 @@ from polish_sim.planning.moves.leads import Move, evenly
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, way_out
 from polish_sim.planning.toolpath import APPROACH
 from polish_sim.spatial import perpendicular, unit
-
-Array = NDArray[np.float64]
 
 LEVELS = 5
 """So many heights between the lifted tool's own and one above everything are tried, the lowest first."""
@@ -112,7 +110,6 @@ def _turned(first: Array, second: Array, share: Array) -> Array:
 
 # In which order, and which way round, the runs of a path are walked so that the air moves are short.
 
-Ints = NDArray[np.int64]
 
 WINDOW = 60
 """Only so many neighbours in the order change places with one another: time stays proportional to their number."""
@@ -124,9 +121,9 @@ LEAST_GAIN_M = 1e-6
 class Tour(NamedTuple):
     """An order of blocks."""
 
-    order: Ints
+    order: Indices
     """Which block comes k-th, shape (n,)."""
-    backwards: NDArray[np.bool_]
+    backwards: Bools
     """Whether the k-th block is walked from its end, shape (n,)."""
     air_m: float
     """Length of the straight ways from block to block [m]."""
@@ -151,7 +148,7 @@ def order_blocks(ends: Array, free: bool, start: Array | None = None) -> Tour:
     return Tour(order, flips.astype(bool), float(_way(ends, order, flips, 0, len(order) - 1)))
 
 
-def _nearest_neighbours(ends: Array, free: bool, start: Array | None) -> tuple[Ints, Ints]:
+def _nearest_neighbours(ends: Array, free: bool, start: Array | None) -> tuple[Indices, Indices]:
     """Each block followed by the one that begins nearest."""
     waiting = np.ones(len(ends), dtype=bool)
     order, flips = np.zeros(len(ends), np.int64), np.zeros(len(ends), np.int64)
@@ -172,7 +169,7 @@ def _nearest_neighbours(ends: Array, free: bool, start: Array | None) -> tuple[I
 
 
 @njit(cache=True, error_model="numpy")
-def _way(ends: Array, order: Ints, flips: Ints, first: int, last: int) -> float:
+def _way(ends: Array, order: Indices, flips: Indices, first: int, last: int) -> float:
     """Length of the ways between the blocks from the first place to the last [m]."""
     total = 0.0
     for k in range(first, last):
@@ -182,7 +179,7 @@ def _way(ends: Array, order: Ints, flips: Ints, first: int, last: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _turn_round(order: Ints, flips: Ints, i: int, j: int, free: bool) -> None:
+def _turn_round(order: Indices, flips: Indices, i: int, j: int, free: bool) -> None:
     """Walk the blocks from place i to place j in the opposite order, each from its other end if that is free."""
     while i < j:
         order[i], order[j] = order[j], order[i]
@@ -196,7 +193,7 @@ def _turn_round(order: Ints, flips: Ints, i: int, j: int, free: bool) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _shift(order: Ints, flips: Ints, i: int, j: int) -> None:
+def _shift(order: Indices, flips: Indices, i: int, j: int) -> None:
     """Move the block at place i to place j."""
     block, flip = order[i], flips[i]
     step = 1 if j > i else -1
@@ -206,7 +203,7 @@ def _shift(order: Ints, flips: Ints, i: int, j: int) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _improve(ends: Array, order: Ints, flips: Ints, free: bool, window: int, sweeps: int) -> None:
+def _improve(ends: Array, order: Indices, flips: Indices, free: bool, window: int, sweeps: int) -> None:
     """Turn stretches round and move blocks while that shortens the way; the first place stays."""
     n = len(order)
     for _ in range(sweeps):

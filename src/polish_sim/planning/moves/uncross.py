@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array
 from polish_sim.geometry import ClosestPoints, Surface
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.patterns.run import SurfaceRun
@@ -21,8 +22,6 @@ from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.quality.located import Strands
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
-
-Array = NDArray[np.float64]
 
 CUT = 0.15
 """A strand is cut this far on either side of a crossing at first, in step-overs; twice as far in every round after."""

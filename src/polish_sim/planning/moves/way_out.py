@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.spatial import perpendicular, unit
-
-Array = NDArray[np.float64]
 
 DIRECTIONS = 40
 """So many directions over the half space the tool looks away to are tried besides up and the tool axis."""

@@ -7,9 +7,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from polish_sim.arrays import Array
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import ClosestPoints, Surface
 from polish_sim.planning.curves.curve import Curve
@@ -17,8 +17,6 @@ from polish_sim.planning.curves.offset_curve import adapted_spacing
 from polish_sim.planning.curves.turns import Turn
 from polish_sim.planning.patterns.nested import nested_turns
 from polish_sim.planning.patterns.run import FINE, FURTHEST_M, ROUNDING, SHARPENING, PatternRequest, SurfaceRun
-
-Array = NDArray[np.float64]
 
 STEP_LENGTH = 1.25
 """Length of the step from loop to loop along them, in step-overs."""

@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.patterns.fermat_pocket import Layout, find_contacts, grow_tree, split_pockets
 from polish_sim.planning.patterns.fermat_seam import End, Link, build_seam
 from polish_sim.planning.patterns.nested import all_turns, nested_turns
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
 from polish_sim.planning.quality.crossings import find_crossings
-
-Array = NDArray[np.float64]
 
 TRIES = 4
 """How often loops beside crossings are left out before the path is taken as it is."""

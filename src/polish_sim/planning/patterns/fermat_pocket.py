@@ -12,16 +12,14 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.planning.curves.curve import Curve
 
 # How closed turns hang together: who is beside whom, and the tree of the longest of these contacts (turns -> Tree).
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SAMPLES = 4
 """Samples per step-over along the turns."""
@@ -78,7 +76,7 @@ def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
     return contacts
 
 
-def sample_turns(curves: Sequence[Curve], stepover: float) -> tuple[Array, Ints]:
+def sample_turns(curves: Sequence[Curve], stepover: float) -> tuple[Array, Indices]:
     """Evenly spaced points of all turns (n, 3), and whose they are."""
     spacing = stepover / SAMPLES
     stations = [np.linspace(0.0, c.length, max(int(c.length / spacing), 8), endpoint=False) for c in curves]

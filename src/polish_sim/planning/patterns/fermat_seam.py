@@ -13,12 +13,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.patterns.fermat_pocket import Pocket
-
-Array = NDArray[np.float64]
 
 TIP, CLEAR = 0.4, 0.45
 """Width of a U-turn beside a line that crosses, and its distance from that line, in levels."""

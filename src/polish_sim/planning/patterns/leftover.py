@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.turns import Turn, distance_to
 from polish_sim.planning.ground.triangulation import Triangulation, label_pieces
@@ -19,10 +19,6 @@ from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.planning.quality.crossings import count_self_crossings
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 WORTH_A_LINK = 0.1
 """Smallest uncovered area a run is led into, in squared step-overs."""
@@ -92,8 +88,8 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
 
 
 def _uncovered_places(
-    mesh: Triangulation, rest: Ints, distance: Array, tried: Mask, stepover: float
-) -> Iterator[tuple[Mask, float]]:
+    mesh: Triangulation, rest: Indices, distance: Array, tried: Bools, stepover: float
+) -> Iterator[tuple[Bools, float]]:
     """The largest connected place not covered and not tried yet, and its area [m^2], as long as there are any."""
     for _ in range(MOST_LINES):
         place, area = _largest_place(mesh, rest, (distance > STRICT * stepover) & ~tried)
@@ -130,12 +126,12 @@ def _come_nearer(mesh: Triangulation, distance: Array, trace: Array, stepover: f
     distance[near] = np.minimum(distance[near], _distance(mesh.vertices[near], trace, stepover))
 
 
-def _triangles_of(mesh: Triangulation, places: Mask) -> Ints:
+def _triangles_of(mesh: Triangulation, places: Bools) -> Indices:
     """Triangles with a side inside a set of vertices, shape (k, 3)."""
     return np.asarray(mesh.triangles[places[mesh.triangles].sum(axis=1) >= 2])
 
 
-def _largest_place(mesh: Triangulation, rest: Ints, open_places: Mask) -> tuple[Mask, float]:
+def _largest_place(mesh: Triangulation, rest: Indices, open_places: Bools) -> tuple[Bools, float]:
     """The connected piece of largest area among the triangles of the rest, and that area [m^2]."""
     if not open_places.any():
         return open_places, 0.0
@@ -145,12 +141,12 @@ def _largest_place(mesh: Triangulation, rest: Ints, open_places: Mask) -> tuple[
     return labels == largest, float(areas[largest])
 
 
-def _largest(values: Array | Ints) -> int:
+def _largest(values: Array | Indices) -> int:
     """The first of the largest values, whichever of them rounding made a little larger."""
     return int(np.argmax(values >= (1.0 - SAME) * values.max()))
 
 
-def _middle_line(mesh: Triangulation, rest: Ints, place: Mask, distance: Array, stepover: float) -> Array:
+def _middle_line(mesh: Triangulation, rest: Indices, place: Bools, distance: Array, stepover: float) -> Array:
     """Longest way through a place along the line furthest from everything covered, (n, 3); a point if compact."""
     rows = np.flatnonzero(place)
     number = np.full(len(place), -1)

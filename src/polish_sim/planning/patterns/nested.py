@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.offset_curve import LevelLine, level_lines, nearest_of
 from polish_sim.planning.curves.turns import RingTurns, Turn, border_curves, distance_to, grow_turns, ring_turns
@@ -16,8 +16,6 @@ from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.patterns.run import PatternRequest
 from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.spatial import unit
-
-Array = NDArray[np.float64]
 
 WORTH_A_LOOP = 0.15
 """Smallest uncovered area that gets a loop, in squared step-overs."""

@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.planning.curves.curve import Curve, Nearest
 
 # Which places of neighbouring turns lie beside each other (two nested turns -> pairs in order).
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ODD = 0.1
 """Feet whose distance differs from the step-over by more than this share belong to another turn."""
@@ -35,7 +33,7 @@ class Match(NamedTuple):
     """Arc length from the seam on the outer turn [m], from 0 to its length, shape (n,)."""
     inner: Array
     """The same on the inner turn, shape (n,)."""
-    beside: Mask
+    beside: Bools
     """Whether the two places really lie beside each other, shape (n,)."""
 
 
@@ -78,17 +76,17 @@ def match_turns(outer: Curve, inner: Curve, outer_seam: float, inner_seam: float
     )
 
 
-def beside(outer: Curve, inner: Curve, stepover: float) -> tuple[Mask, Mask]:
+def beside(outer: Curve, inner: Curve, stepover: float) -> tuple[Bools, Bools]:
     """Which points of an outer and of the next inner turn lie beside the other turn, shapes (n,) and (m,)."""
     heads = inner.nearest(outer.positions)
     return heads.distances < ARM * stepover, _one_step(outer.nearest(inner.positions), stepover)
 
 
-def _one_step(feet: Nearest, stepover: float) -> Mask:
+def _one_step(feet: Nearest, stepover: float) -> Bools:
     return np.asarray(np.abs(feet.distances / stepover - 1.0) < ODD)
 
 
-def _shared_out(outer: Array, inner: Array, beside: Mask, own: Mask) -> tuple[Array, Array]:
+def _shared_out(outer: Array, inner: Array, beside: Bools, own: Bools) -> tuple[Array, Array]:
     """Give places that lie beside none a partner between those of their neighbours; own: place is the inner's."""
     order = np.flatnonzero(beside)[np.argsort((outer + inner)[beside], kind="stable")]
     known_outer = np.concatenate([[0.0], np.maximum.accumulate(outer[order]), [1.0]])

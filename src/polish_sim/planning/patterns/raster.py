@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.curves.curve import Curve
@@ -28,8 +28,6 @@ from polish_sim.spatial import unit
 # The middle line is a plane section; every other one is the offset of its neighbour, so that lines keep their
 # distance on the surface, not in a projection.
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MOST = 1.55
 """The first and the last line run no more than so many step-overs inside the border."""
@@ -114,7 +112,7 @@ def _both_sides(
     return lines, left[0], left[1]
 
 
-def _depth_beyond(mesh: Triangulation, lines: Sequence[Curve], inside: Mask, stepover: float) -> float:
+def _depth_beyond(mesh: Triangulation, lines: Sequence[Curve], inside: Bools, stepover: float) -> float:
     """How far the region goes on beyond its last line [m]."""
     if not inside.any():
         return 0.0
@@ -127,8 +125,8 @@ def _open(lines: Sequence[LevelLine]) -> list[LevelLine]:
 
 
 def _next_line(
-    region: Region, mesh: Triangulation, lines: Sequence[Curve], inside: Mask, stepover: float
-) -> tuple[list[Curve], Mask]:
+    region: Region, mesh: Triangulation, lines: Sequence[Curve], inside: Bools, stepover: float
+) -> tuple[list[Curve], Bools]:
     """The line one step-over further out, and the vertices beyond it."""
     longer = [_extended(region.surface, line, REACH * stepover) for line in lines]
     # Behind the last line there is no distance, so that the level line does not run round its ends.
@@ -235,7 +233,7 @@ def _cut(number: int, line: Curve, borders: Sequence[Curve], ends: Sequence[Curv
     return pieces
 
 
-def _stretches(wanted: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _stretches(wanted: Bools) -> list[tuple[int, int]]:
     """First and last index of every row of true values."""
     change = np.diff(np.concatenate([[0], wanted.astype(np.int8), [0]]))
     return list(zip(np.flatnonzero(change > 0).tolist(), (np.flatnonzero(change < 0) - 1).tolist(), strict=True))

@@ -7,16 +7,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.offset_curve import nearest_of
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ENDS = 1.05
 """Distance of the lines' ends from the border, in step-overs."""
@@ -51,7 +48,7 @@ class _Ends:
     """Ends of the pieces on the curves along the border: piece k begins at end 2 k and stops at end 2 k + 1."""
 
     curves: Sequence[Curve]
-    curve: Ints
+    curve: Indices
     """Which curve each end lies on, shape (n,)."""
     s: Array
     """Arc length there [m], shape (n,)."""

@@ -7,17 +7,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import uniform_filter1d
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import ClosestPoints, Region, Surface
 from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.toolpath import arc_length
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ROUNDING = 0.5
 """A corner is rounded over this much on either side, as a share of the step-over."""
@@ -37,7 +34,7 @@ class Run(NamedTuple):
 
     positions: Array
     """Points [m], shape (n, 3)."""
-    pass_index: Ints
+    pass_index: Indices
     """Turn or line each belongs to, shape (n,)."""
 
 
@@ -46,7 +43,7 @@ class SurfaceRun:
     """A run finished: smooth, dense, its points on the surface."""
 
     points: ClosestPoints
-    pass_index: Ints
+    pass_index: Indices
 
     @property
     def positions(self) -> Array:

@@ -11,8 +11,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.turns import Turn
 from polish_sim.planning.patterns.leftover import finish_middle, middle_ends
@@ -23,7 +23,6 @@ from polish_sim.planning.quality.crossings import count_self_crossings
 
 # Where a spiral steps from turn to turn: a line across all turns that keeps away from corners (turns -> seams).
 
-Array = NDArray[np.float64]
 
 LONGEST, SHORTEST = 8.0, 2.5
 """Limits of the length of the first step inwards, in step-overs."""

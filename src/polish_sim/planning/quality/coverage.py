@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve
@@ -17,9 +17,6 @@ from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.quality.located import PathOnSurface, Strands
 from polish_sim.planning.quality.points import build_point_grid, thin
 from polish_sim.spatial import unit
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 STRICT = 0.55
 """A place counts as covered if the path passes within this many step-overs."""
@@ -31,7 +28,7 @@ SAMPLES = 100_000
 """The share of area is counted on so many points, one in each equal share of the region's area."""
 
 
-def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepover: float) -> Mask:
+def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepover: float) -> Bools:
     """Places within 0.55 step-overs of the path, on its side of the part.
 
     Args:
@@ -41,7 +38,7 @@ def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepo
         stepover: [m].
 
     Returns:
-        Mask over the points, shape (k,).
+        Bools over the points, shape (k,).
     """
     path = Strands(runs).sample(CHORD * stepover)
     limit = STRICT * stepover
@@ -162,7 +159,6 @@ def _disc_points(radius: float) -> Array:
 # The disc moves in straight steps. Over each, the time a place lies within the disc's edge (a quadratic) and above its
 # pressed-in face (a line) is an interval known in closed form, so the times are exact for straight paths.
 
-Ints = NDArray[np.int64]
 
 STEP = 0.1
 """Length of the pad's steps in pad radii."""
@@ -213,7 +209,7 @@ def _second(on: PathOnSurface) -> Array:
     return np.cross(on.normals, on.principal)
 
 
-def rows_apart(on: PathOnSurface, s: Array, spacing: float) -> Ints:
+def rows_apart(on: PathOnSurface, s: Array, spacing: float) -> Indices:
     """Rows about a spacing apart; both ends of every stretch and its corners among them."""
     way = unit(np.diff(on.positions, axis=0))
     corner = np.zeros(len(s), dtype=bool)

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.geometry.topology import label_pieces
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.quality.located import SAME_PLACE_M, Segments, segments_of
@@ -25,9 +25,6 @@ from polish_sim.spatial import perpendicular, unit
 # Rare, so plain Python: a chain of touching segment pairs is one place. The second path crosses the first one there if
 # it comes from one side and leaves to the other; if either path begins or ends there, it only touches.
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 END_PAIRS = 60
 """Pairs of segments looked at from either end of a place where paths meet."""
@@ -36,14 +33,14 @@ END_PAIRS = 60
 class Contacts(NamedTuple):
     """What the contacts come to."""
 
-    alone: Ints
+    alone: Indices
     """Pairs that cross properly, away from contacts."""
     through: Array
     """Where paths cross through contacts [m], shape (k, 3)."""
 
 
 def crossings_through_contacts(
-    chords: Segments, i: Ints, j: Ints, proper: Mask, contact: Mask, places: Array
+    chords: Segments, i: Indices, j: Indices, proper: Bools, contact: Bools, places: Array
 ) -> Contacts:
     """Judge every chain of contacts.
 
@@ -71,7 +68,7 @@ def crossings_through_contacts(
     return Contacts(alone, np.array(through).reshape(-1, 3))
 
 
-def _chains(chords: Segments, i: Ints, j: Ints) -> Ints:
+def _chains(chords: Segments, i: Indices, j: Indices) -> Indices:
     """Label of the chain each pair belongs to: pairs follow each other over a waypoint at which paths meet, (n,)."""
     place = {pair: row for row, pair in enumerate(zip(i.tolist(), j.tolist(), strict=True))}
     follows = np.append(np.diff(chords.number) == 1, False)
@@ -95,7 +92,7 @@ def _meet_between(chords: Segments, a: int, b: int, step_a: int, step_b: int) ->
     return _Line(np.stack([chords.start[k], chords.end[k]])).foot(point)[1] <= 3.0 * SAME_PLACE_M
 
 
-def _crosses(chords: Segments, i: Ints, j: Ints) -> bool:
+def _crosses(chords: Segments, i: Indices, j: Indices) -> bool:
     """Whether the paths of a chain of pairs change sides."""
     if chords.number[j.min()] - chords.number[i.max()] <= 2:
         return False  # the path's own hairpin: both ways are one turn
@@ -106,7 +103,7 @@ def _crosses(chords: Segments, i: Ints, j: Ints) -> bool:
     return before[0] * after[1] < 0
 
 
-def _sides(chords: Segments, i: Ints, j: Ints, normal: Array) -> tuple[int, int]:
+def _sides(chords: Segments, i: Indices, j: Indices, normal: Array) -> tuple[int, int]:
     """On which side of the first path the second one comes to its first meeting, and leaves its last one."""
     first = perpendicular(normal)
     frame = np.stack([first, np.cross(normal, first)])
@@ -118,7 +115,7 @@ def _sides(chords: Segments, i: Ints, j: Ints, normal: Array) -> tuple[int, int]
     return _side(one, other, places[0], ahead=False), _side(one, other, places[-1], ahead=True)
 
 
-def _around(chords: Segments, which: Ints) -> Array:
+def _around(chords: Segments, which: Indices) -> Array:
     """Points of a path along a chain's segments, and one segment more on either side where there is one, (p, 3)."""
     low, high = int(which.min()), int(which.max())
     number = chords.number
@@ -233,7 +230,7 @@ def find_crossings(runs: Sequence[Curve]) -> Crossings:
     return Crossings(np.concatenate([places[alone], through]))
 
 
-def _near_pairs(chords: Segments) -> tuple[Ints, Ints]:
+def _near_pairs(chords: Segments) -> tuple[Indices, Indices]:
     """Pairs of segments that may meet, i < j, neighbours along the path left out.
 
     Long segments are cut into pieces of the mean length; pieces that meet have middles within one such length.
@@ -253,7 +250,7 @@ def _near_pairs(chords: Segments) -> tuple[Ints, Ints]:
     return pairs[:, 0], pairs[:, 1]
 
 
-def _classify(chords: Segments, i: Ints, j: Ints) -> tuple[Ints, NDArray[np.bool_], Array]:
+def _classify(chords: Segments, i: Indices, j: Indices) -> tuple[Indices, Bools, Array]:
     """How pairs lie to each other in the plane across their mean normal.
 
     Returns:
@@ -286,16 +283,14 @@ def _classify(chords: Segments, i: Ints, j: Ints) -> tuple[Ints, NDArray[np.bool
     return signs, near, 0.5 * (on_u + on_v)
 
 
-def _sag(chords: Segments, index: Ints) -> Array:
+def _sag(chords: Segments, index: Indices) -> Array:
     """How far a chord may stand off the surface: twice the arc's rise at the turn of its normals, and 5% [m]."""
     length = np.linalg.norm(chords.end[index] - chords.start[index], axis=1)
     bend = np.linalg.norm(chords.end_normals[index] - chords.start_normals[index], axis=1)
     return np.asarray(length * (0.25 * bend + 0.05))
 
 
-def _closest(
-    u: Array, v: Array, w: Array, normal: Array, across: NDArray[np.bool_], sides: Array
-) -> tuple[Array, Array, Array]:
+def _closest(u: Array, v: Array, w: Array, normal: Array, across: Bools, sides: Array) -> tuple[Array, Array, Array]:
     """Shares along both segments of where they cross or come closest in the plane, and the distance there [m]."""
     flat_u, flat_v, flat_w = (a - (a * normal).sum(axis=1)[:, None] * normal for a in (u, v, w))
     uu, vv = (np.maximum((a**2).sum(axis=1), 1e-300) for a in (flat_u, flat_v))

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Region, Surface
 from polish_sim.planning.curves.curve import Curve
@@ -22,7 +22,6 @@ from polish_sim.planning.toolpath import ToolPath, arc_length
 
 # How suddenly a path turns: its sharpest corner in the surface, and the rate of its tool axis (path -> figures).
 
-Array = NDArray[np.float64]
 
 CORNER_M = 1e-3
 """A corner's angle is the one between the chords of this length before and after it [m]."""

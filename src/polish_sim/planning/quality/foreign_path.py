@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Surface
 from polish_sim.planning.quality.located import with_points_between
 from polish_sim.planning.toolpath import ToolPath
-
-Array = NDArray[np.float64]
 
 UNITS = {"1000 times": 1e3, "25.4 times": 25.4, "10 times": 10.0}
 EVEN = 0.2

@@ -7,17 +7,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.toolpath import ToolPath, arc_length
 from polish_sim.spatial import unit
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LONGEST_M = 2e-3
 """Chords in contact longer than this are looked at in between as well [m]."""
@@ -44,9 +41,9 @@ class PathOnSurface(NamedTuple):
     """Contact force [N], shape (n,)."""
     feeds: Array
     """Feed [m/s], shape (n,)."""
-    stretch_of: Ints
+    stretch_of: Indices
     """Number of the stretch between lifts each point is in, shape (n,)."""
-    stretches: tuple[Ints, ...]
+    stretches: tuple[Indices, ...]
     """Rows of each stretch of two points or more."""
     runs: tuple[Curve, ...]
     """The same stretches as curves, with surface normals."""
@@ -137,7 +134,7 @@ _BETWEEN = 1.0
 class Samples(NamedTuple):
     """Evenly spaced points of all runs, run after run."""
 
-    run: Ints
+    run: Indices
     """Which run, shape (n,)."""
     s: Array
     """Arc length from the run's start [m], shape (n,)."""
@@ -145,7 +142,7 @@ class Samples(NamedTuple):
     """[m], shape (n, 3)."""
     normals: Array
     """Unit surface normals, shape (n, 3)."""
-    first: Ints
+    first: Indices
     """Number of each run's first sample, one more at the end, shape (runs + 1,)."""
 
 
@@ -162,7 +159,7 @@ class Strands:
         self._positions = np.concatenate([run.positions for run in runs])
         self._normals = np.concatenate([run.normals for run in runs])
 
-    def at(self, run: Ints, s: Array) -> tuple[Array, Array]:
+    def at(self, run: Indices, s: Array) -> tuple[Array, Array]:
         """Positions [m] and unit normals of runs (n,) at arc lengths (n,), held at a run's ends."""
         where = self._offsets[run] + np.clip(s, 0.0, self.lengths[run])
         index = np.searchsorted(self._knots, where, side="right") - 1
@@ -199,7 +196,7 @@ class Segments(NamedTuple):
     start_normals: Array
     """Unit surface normals, shape (n, 3)."""
     end_normals: Array
-    number: Ints
+    number: Indices
     """Follow each other by one only where segments share a point, shape (n,)."""
 
 

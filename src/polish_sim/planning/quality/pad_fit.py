@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.config import PadConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
@@ -21,8 +21,6 @@ from polish_sim.spatial import perpendicular
 
 # Places too hollow for the pad: curvature of the region against the pad's radius (Surface -> area, places).
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 QUARTERS = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0], [2.0, 2.0, 2.0]]) / 6.0
 """Middles of the four quarters of a facet, barycentric."""
@@ -87,7 +85,7 @@ def _smallest_curvature(surface: Surface, facets: int, weights: Array) -> Array:
     return np.asarray(0.5 * trace - np.sqrt(np.maximum(0.5 * square - 0.25 * trace * trace, 0.0)))
 
 
-def _pieces(surface: Surface, hollow: NDArray[np.bool_]) -> tuple[Ints, int]:
+def _pieces(surface: Surface, hollow: Bools) -> tuple[Indices, int]:
     """Connected piece of each hollow facet, -1 elsewhere, (m,), and their number."""
     label = np.full(len(hollow), -1, dtype=np.int64)
     number = np.cumsum(hollow) - 1
@@ -323,7 +321,7 @@ def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig) -> PadInP
     return PadInPart(discs.middles[hit], found.depths[hit], found.reaches[hit], lengths[hit], pad.radius_m)
 
 
-def _own_heights(on: PathOnSurface, rows: NDArray[np.int64], radius: float) -> Array:
+def _own_heights(on: PathOnSurface, rows: Indices, radius: float) -> Array:
     """How high the place under the pad stands above its face by its curvatures and the tool's tilt [m], (n,)."""
     second = np.cross(on.normals[rows], on.principal[rows])
     lean = on.axes[rows] / (on.axes[rows] * on.normals[rows]).sum(axis=1, keepdims=True)

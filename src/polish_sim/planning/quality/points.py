@@ -8,17 +8,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
 
 # Points sorted into the cells of a grid, for kernels that visit what lies near (points -> PointGrid).
 #
 # The grid only speeds a search up: every visitor tests exact distances, so no answer depends on where cells begin.
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOST_ACROSS = 96
 """Cells along the longest side: beyond so many the table itself would cost more than it saves."""
@@ -31,11 +29,11 @@ class PointGrid(NamedTuple):
     """Corner of the first cell [m], shape (3,)."""
     cell: float
     """Side of a cell [m]."""
-    size: Ints
+    size: Indices
     """Cells along x, y and z, shape (3,)."""
-    first: Ints
+    first: Indices
     """Where each cell's points begin in `items`, one more at the end, shape (cells + 1,)."""
-    items: Ints
+    items: Indices
     """Numbers of the points, sorted by cell, shape (n,)."""
 
 
@@ -63,9 +61,9 @@ def build_point_grid(points: Array, cell: float) -> PointGrid:
 class Thinned(NamedTuple):
     """Which points were kept, and which of them stands for each."""
 
-    kept: Ints
+    kept: Indices
     """Numbers of the points kept, shape (k,)."""
-    stands_for: Ints
+    stands_for: Indices
     """Place in `kept` of the one nearest to each point, shape (n,)."""
 
 

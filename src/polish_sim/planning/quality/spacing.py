@@ -6,20 +6,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.quality.located import Samples, Strands
 from polish_sim.planning.quality.points import build_point_grid
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import unit
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 SAMPLES = 8
 """Samples per step-over along the path."""
@@ -76,7 +72,7 @@ def _along(path: Samples) -> Array:
     return path.points[after] - path.points[before]
 
 
-def _corners(path: Samples) -> Mask:
+def _corners(path: Samples) -> Bools:
     """Points within half a step-over of a place where the path turns by more than 60 deg within one."""
     half = SAMPLES // 2
     index = np.arange(len(path.run))
@@ -88,7 +84,7 @@ def _corners(path: Samples) -> Mask:
     return binary_dilation(sharp, iterations=half)
 
 
-def _beside(path: Samples, sides: Array, stepover: float) -> tuple[Ints, Ints]:
+def _beside(path: Samples, sides: Array, stepover: float) -> tuple[Indices, Indices]:
     """The nearest sample of another turn on the left and on the right of each sample, -1 where there is none."""
     reach = FURTHEST * stepover
     grid = build_point_grid(path.points, 0.5 * reach)
@@ -137,7 +133,7 @@ def _cells(x, low, cell, count, reach):  # type: ignore[no-untyped-def]
     return first, last
 
 
-def _last_half_turns(path: Samples, sides: tuple[Ints, Ints]) -> Mask:
+def _last_half_turns(path: Samples, sides: tuple[Indices, Indices]) -> Bools:
     """The second half of the turn that a run closes around its own end, as a spiral does in the middle."""
     out = np.zeros(len(path.s), dtype=bool)
     for first, last in zip(path.first[:-1], path.first[1:] - 1, strict=True):
@@ -157,7 +153,7 @@ def _is_one_turn(path: Samples, first: int, last: int) -> bool:
     return bool(abs(turns.sum()) > 1.5 * np.pi and np.abs(turns).sum() < 4.0 * np.pi)
 
 
-def _refine(strands: Strands, path: Samples, beside: Ints, wanted: Mask, stepover: float) -> Array:
+def _refine(strands: Strands, path: Samples, beside: Indices, wanted: Bools, stepover: float) -> Array:
     """Distances to the neighbouring turn itself instead of its nearest sample."""
     rows = np.flatnonzero(wanted)
     run, s, points = path.run[beside[rows]], path.s[beside[rows]], path.points[rows]
