@@ -1,0 +1,47 @@
+"""Files written by commit 8ef5763, before the packages moved, are still read."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from polish_sim.exchange import read_path
+from polish_sim.experiments import default_scenario
+from polish_sim.log import read_log
+from polish_sim.scenario_file import load_scenario, to_toml
+
+OLD = Path(__file__).resolve().parent.parent / "files_of_8ef5763"
+
+
+@pytest.mark.parametrize("name", ["config_surface", "config_dual", "run/config"])
+def test_a_config_gives_the_same_settings_when_written_again(name: str, tmp_path: Path) -> None:
+    defaults = default_scenario({"config_surface": "surface", "config_dual": "dual"}.get(name, "force"))
+    scenario = load_scenario(OLD / f"{name}.toml", defaults)
+    again = tmp_path / "again.toml"
+    again.write_text(to_toml(scenario), encoding="utf-8")
+    assert load_scenario(again, defaults) == scenario
+
+
+def test_a_plan_is_read_and_both_its_forms_agree() -> None:
+    table, document = read_path(OLD / "plan" / "path.csv"), read_path(OLD / "plan" / "path.json")
+    assert len(table.s) == len(document.s) > 100
+    assert abs(table.positions_work - document.positions_work).max() < 1e-9
+
+
+def test_a_run_is_read_and_drawn_again(polish_sim: Callable[..., Any], tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(OLD / "run", folder)
+    assert len(read_log(folder / "log.npz")) > 10
+    assert polish_sim("report", folder, "--out", tmp_path / "report").code == 0
+    assert (tmp_path / "report" / "force.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("name", ["payload", "tcp", "arm", "base"])
+def test_a_calibration_is_taken_by_a_run(name: str, polish_sim: Callable[..., Any]) -> None:
+    experiment = "force" if name == "payload" else "dual"
+    call = polish_sim("run", experiment, "--calibration", OLD / f"{name}.toml", "--dry-run")
+    assert call.code == 0, call.err
