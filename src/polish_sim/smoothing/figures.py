@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.exchange import WayPoints
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, Place, measure_deviation, raw_places
@@ -15,29 +15,28 @@ from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits
 from polish_sim.motion.rules.schedule import Samples, Schedule, index_schedule, sample_schedule, turning
 from polish_sim.motion.segment_rates import joint_motion
 
-# The largest speed, acceleration and jerk of a smoothed motion, tool and joints, and where they are.
-
-Array = NDArray[np.float64]
-
 ORDERS: Final = ("speed", "acceleration", "jerk")
 EDGE: Final = 1e-7
 """Share of a stretch that is kept from its ends, where the jerk jumps."""
 NODES, STEP_S = 5, 0.01
-"""Samples in a stretch of constant tip jerk: so many at least, and one in so much time."""
+"""Samples in a stretch of constant tip jerk: at least so many, at most so far apart."""
 MANY, FEWEST = 200_000, 2
-"""In a motion of more stretches than this only their ends are looked at, and one sample in so much time."""
+"""In a motion of more stretches than this, at least so few samples each."""
 SHORTEST_S = 1e-9
-"""A shorter stretch is left over by rounding where pieces meet, and none [s]."""
+"""A shorter stretch is rounding where pieces meet, and left out [s]."""
 BLOCK = 100_000
+TIP_UNITS: Final = ("m_s", "m_s2", "m_s3")
+TURN_UNITS: Final = ("rad_s", "rad_s2", "rad_s3")
+
+Locate = Callable[[float], dict[str, Any]]
+"""From a time [s] to the tool's place."""
 
 
 class Peak(NamedTuple):
-    """One largest value."""
+    """A largest value (SI) and its time [s]."""
 
     value: float
-    """SI."""
     time: float
-    """[s]."""
 
 
 class MotionPeaks(NamedTuple):
@@ -72,7 +71,7 @@ class Motion(NamedTuple):
 
 
 def sample_motion(chain: Chain, schedule: Schedule, times: Array, arm: Arm | None) -> Motion:
-    """Tool and joints at times.
+    """Tool and joints at times, exact at every one.
 
     Args:
         chain: The segments, work frame.
@@ -81,7 +80,7 @@ def sample_motion(chain: Chain, schedule: Schedule, times: Array, arm: Arm | Non
         arm: The robot; None for the tool alone.
 
     Returns:
-        The motion, exact at every sample.
+        The motion.
 
     Raises:
         ReachError: The arm cannot be there, or only singularly; names the place.
@@ -121,7 +120,7 @@ def stretch_times(schedule: Schedule) -> Iterator[Array]:
         first = past
 
 
-def _nodes(begins: Array, widths: Array, counts: NDArray[np.int64]) -> Array:
+def _nodes(begins: Array, widths: Array, counts: Indices) -> Array:
     """Evenly spread times in each stretch, its ends all but included."""
     k = np.repeat(np.arange(len(counts)), counts)
     place = np.arange(len(k)) - (np.cumsum(counts) - counts)[k]
@@ -131,15 +130,12 @@ def _nodes(begins: Array, widths: Array, counts: NDArray[np.int64]) -> Array:
 
 
 def find_peaks(chain: Chain, schedule: Schedule, arm: Arm | None) -> MotionPeaks:
-    """Measure a motion, at both ends of every stretch of constant tip jerk and between them.
+    """Peaks of a motion, looked for at both ends of every stretch of constant tip jerk and between them.
 
     Args:
         chain: The segments, work frame.
         schedule: When they are passed.
         arm: The robot; None for the tool alone.
-
-    Returns:
-        The peaks.
 
     Raises:
         ReachError: The arm cannot be there.
@@ -147,9 +143,8 @@ def find_peaks(chain: Chain, schedule: Schedule, arm: Arm | None) -> MotionPeaks
     columns = 2 if arm is None else 8
     best, at = np.full((3, columns), -1.0), np.zeros((3, columns))
     for motion in sample_in_blocks(chain, schedule, stretch_times(schedule), arm):
-        rates = np.concatenate(
-            [motion.tip_rates[:, :, None], motion.axis_rates[:, :, None], np.abs(motion.q[1:])], axis=2
-        )
+        tool = [motion.tip_rates[:, :, None], motion.axis_rates[:, :, None]]
+        rates = np.concatenate([*tool, np.abs(motion.q[1:])], axis=2)
         row = rates.argmax(axis=1)
         value = np.take_along_axis(rates, row[:, None], axis=1)[:, 0]
         better = value > best
@@ -159,14 +154,8 @@ def find_peaks(chain: Chain, schedule: Schedule, arm: Arm | None) -> MotionPeaks
     return MotionPeaks(tuple(row[0] for row in peaks), tuple(row[1] for row in peaks), joints)
 
 
-Locate = Callable[[float], dict[str, Any]]
-"""Says where the tool is at a time [s]."""
-
-UNITS: Final = {"tip": ("m_s", "m_s2", "m_s3"), "axis": ("rad_s", "rad_s2", "rad_s3")}
-
-
 class Measured(NamedTuple):
-    """A smoothed motion with all that is measured on it."""
+    """A smoothed motion and its measures."""
 
     rule: str
     chain: Chain
@@ -185,12 +174,12 @@ def measure_smoothing(
     """Measure a motion against its path.
 
     Args:
-        rule: What planned it.
+        rule: The rule that planned it.
         chain: The segments the schedule passes.
         schedule: When they are passed.
         raw: The path as given.
         arm: The robot, if any.
-        limits: What the motion was to keep to.
+        limits: Of the motion.
         plan_s: Time the rule took [s].
 
     Raises:
@@ -200,17 +189,17 @@ def measure_smoothing(
     return Measured(rule, chain, schedule, find_peaks(chain, schedule, arm), deviation, limits, plan_s)
 
 
-def smoothing_figures(motion: Measured, raw: Chain, points: WayPoints, rows: NDArray[np.int64]) -> dict[str, Any]:
-    """The figures of metrics.json (names: the contract's).
+def smoothing_figures(motion: Measured, raw: Chain, points: WayPoints, rows: Indices) -> dict[str, Any]:
+    """The figures of metrics.json.
 
     Args:
-        motion: What was measured.
+        motion: The measured motion.
         raw: The path.
         points: The file it was read from.
         rows: The file's row of each way point, shape (segments + 1,).
     """
-    segments = len(raw.lengths)
-    deviation, locate = motion.deviation, locator(motion, raw, points, rows)
+    segments, deviation, limits = len(raw.lengths), motion.deviation, motion.limits.values()
+    locate = _locator(motion, raw, points, rows)
     return {
         "rule": motion.rule,
         "segments": segments,
@@ -221,7 +210,7 @@ def smoothing_figures(motion: Measured, raw: Chain, points: WayPoints, rows: NDA
         "tip_deviation_vertex_max_m": deviation.vertex.value,
         "tip_deviation_contour_max_m": deviation.contour.value,
         "axis_deviation_max_rad": deviation.axis.value,
-        **ratio_figures(motion.peaks, motion.limits.values()),
+        **_ratio_figures(motion.peaks, limits),
         "segments_per_s": segments / motion.plan_s,
         "plan_time_s": motion.plan_s,
         "deviations": {
@@ -229,12 +218,12 @@ def smoothing_figures(motion: Measured, raw: Chain, points: WayPoints, rows: NDA
             "contour": _deviation(deviation.contour, "m", locate),
             "axis": _deviation(deviation.axis, "rad", locate),
         },
-        "peaks": peak_figures(motion.peaks, motion.limits.values(), locate),
+        "peaks": _peak_figures(motion.peaks, limits, locate),
     }
 
 
-def locator(motion: Measured, raw: Chain, points: WayPoints, rows: NDArray[np.int64]) -> Locate:
-    """Say where the tool is at a time: the tip, and the way point it has left, by its place in the file."""
+def _locator(motion: Measured, raw: Chain, points: WayPoints, rows: Indices) -> Locate:
+    """The tip at a time, and the way point it has left, by its place in the file."""
     index, places = index_schedule(motion.chain, motion.schedule), raw_places(motion.chain, raw)
 
     def locate(time: float) -> dict[str, Any]:
@@ -245,7 +234,7 @@ def locator(motion: Measured, raw: Chain, points: WayPoints, rows: NDArray[np.in
     return locate
 
 
-def ratio_figures(peaks: MotionPeaks, limits: LimitValues) -> dict[str, Any]:
+def _ratio_figures(peaks: MotionPeaks, limits: LimitValues) -> dict[str, Any]:
     """Peak / limit of tool tip, tool axis and joints; of the joints the worst, null without a robot."""
     figures: dict[str, Any] = {}
     for order, name in enumerate(ORDERS):
@@ -257,16 +246,19 @@ def ratio_figures(peaks: MotionPeaks, limits: LimitValues) -> dict[str, Any]:
     return figures
 
 
-def peak_figures(peaks: MotionPeaks, limits: LimitValues, locate: Locate) -> dict[str, Any]:
+def _peak_figures(peaks: MotionPeaks, limits: LimitValues, locate: Locate) -> dict[str, Any]:
     """Every peak with its limit, time and place: ``tip_speed``, ..., ``joint_6_jerk``."""
+
+    def figures_of(peak: Peak, limit: float, unit: str) -> dict[str, Any]:
+        ratio = {"ratio": peak.value / limit, "time_s": peak.time}
+        return {f"value_{unit}": peak.value, f"limit_{unit}": limit} | ratio | locate(peak.time)
+
     figures: dict[str, Any] = {}
-    for order, name in enumerate(ORDERS):
-        tip, axis = tip_limits(limits)[order], axis_limits(limits)[order]
-        figures[f"tip_{name}"] = _peak(peaks.tip[order], tip, UNITS["tip"][order], locate)
-        figures[f"axis_{name}"] = _peak(peaks.axis[order], axis, UNITS["axis"][order], locate)
+    for order, (name, unit) in enumerate(zip(ORDERS, TURN_UNITS, strict=True)):
+        figures[f"tip_{name}"] = figures_of(peaks.tip[order], tip_limits(limits)[order], TIP_UNITS[order])
+        figures[f"axis_{name}"] = figures_of(peaks.axis[order], axis_limits(limits)[order], unit)
         for j, peak in enumerate(peaks.joints[order] if peaks.joints else ()):
-            limit = float(limits.joint[order, j])
-            figures[f"joint_{j + 1}_{name}"] = _peak(peak, limit, UNITS["axis"][order], locate)
+            figures[f"joint_{j + 1}_{name}"] = figures_of(peak, float(limits.joint[order, j]), unit)
     return figures
 
 
@@ -278,11 +270,6 @@ def tip_limits(limits: LimitValues) -> tuple[float, float, float]:
 def axis_limits(limits: LimitValues) -> tuple[float, float, float]:
     """Speed, acceleration and jerk of the tool axis [rad/s..]."""
     return limits.axis_speed, limits.axis_acceleration, limits.axis_jerk
-
-
-def _peak(peak: Peak, limit: float, unit: str, locate: Locate) -> dict[str, Any]:
-    values = {f"value_{unit}": peak.value, f"limit_{unit}": limit, "ratio": peak.value / limit, "time_s": peak.time}
-    return values | locate(peak.time)
 
 
 def _deviation(place: Place, unit: str, locate: Locate) -> dict[str, Any]:
