@@ -9,17 +9,14 @@ from typing import Final
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell import tool_on_flange
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import InputError
 from polish_sim.exchange.reader import read_way_points
-from polish_sim.experiments.placement import default_placements, failure_of, find_reach, tool_rotations
+from polish_sim.experiments.placement import default_placements
 from polish_sim.identification.log_file import RobotLog, log_columns, read_columns, spline_states
 from polish_sim.identification.regressor import States
-from polish_sim.motion import track
 from polish_sim.motion.serial_chain import HINGE
-from polish_sim.smoothing.place import distinct_rows, way_between
-from polish_sim.spatial import apply, transform
+from polish_sim.smoothing.place import distinct_rows, follow_path
 
 JOINTS: Final = 6
 LOGS: Final = ("log.npz", "trajectory.npz")
@@ -27,7 +24,7 @@ LOGS: Final = ("log.npz", "trajectory.npz")
 _SAMPLE_S: Final = 0.02
 _SAMPLES: Final = 20_000
 _KNOTS: Final = 10.0
-"""Samples between two knots of the spline that tells speeds and accelerations."""
+"""Samples between two knots of the spline that speeds and accelerations come from."""
 _MOST: Final = 2000
 _POSES: Final = 2
 """Of a move, at least."""
@@ -106,18 +103,10 @@ def _along_path(source: Path) -> tuple[Array, Array]:
     """The arm along a path laid before it, at the path's feed or the default one."""
     points = read_way_points(source)
     rows = distinct_rows(points)
-    positions, axes = points.path.positions_work[rows], points.path.axes_work[rows]
-    way = way_between(positions, axes)
-    up = np.array([0.0, 0.0, 1.0])
-    tool = tool_on_flange()
-    placements = default_placements(positions, up, float(positions[:, 2].min()))
-    reach = find_reach(way.positions, way.axes, placements, tool, above_table=True, otherwise="or give a log")
-    rotations = tool_rotations(way.axes @ reach.T_base_work[:3, :3].T, reach.spin)
-    joints = track(transform(rotations, apply(reach.T_base_work, way.positions)), tool, reach.q_start)
-    failure = failure_of(joints, False)
-    if failure is not None:
-        raise InputError(f"'{source}': the arm does not follow the path ({failure.reason}); give a log instead.")
+    positions = points.path.positions_work[rows]
+    placements = default_placements(positions, np.array([0.0, 0.0, 1.0]), float(positions[:, 2].min()))
+    _reach, way, q = follow_path(points, rows, placements, "or give a log", "Give a log instead.")
     default = ProcessConfig().feed_m_s
     feed = np.full(len(rows), default) if points.path.feed is None else points.path.feed[rows]
     steps = np.linalg.norm(np.diff(way.positions, axis=0), axis=1) / feed[way.ends[1:]]
-    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, _TURN_S))]), np.asarray(joints.q)
+    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, _TURN_S))]), q

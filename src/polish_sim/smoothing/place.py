@@ -1,13 +1,14 @@
-"""Where a path to be smoothed lies before the robot, and its way points as a chain."""
+"""A path laid before the robot as a chain of segments, and smoothed by a rule."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, Indices
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import PolishSimError, ReachError, SmoothingError, place_in_mm, unknown_name
 from polish_sim.exchange import WayPoints
@@ -23,13 +24,12 @@ from polish_sim.motion import track
 from polish_sim.motion.rules.chain import Chain, build_chain, chain_from_axes
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
 from polish_sim.motion.rules.registry import RULES
-from polish_sim.motion.rules.rule import Smoothed
+from polish_sim.motion.rules.rule import Smoothed, part_of
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
 from polish_sim.spatial import apply, transform
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
-
+FEW = 3
+"""Segments that suffice to have a rule compiled."""
 SAME_M, SAME_RAD = 1e-9, 1e-9
 """A way point that differs less than this from the one before is left out."""
 HALF_TURN = math.pi - 1e-6
@@ -43,17 +43,17 @@ class PlacedPath(NamedTuple):
 
     chain: Chain
     """Its segments in the work frame."""
-    rows: Rows
+    rows: Indices
     """Row of the file's path that each of the chain's way points is, shape (segments + 1,)."""
     arm: Arm | None
-    """The robot before it; None if only the tool is asked about."""
+    """The robot before it; None for the tool alone."""
 
 
 def path_without_robot(points: WayPoints) -> PlacedPath:
-    """The path of a tool nobody carries: no joints.
+    """The path of a tool alone, without joints.
 
     Raises:
-        SmoothingError: It is no chain: all points the same, or the tool axis turns by 180 deg; names the points.
+        SmoothingError: All points are the same, or the tool axis turns by 180 deg; names the points.
     """
     rows = distinct_rows(points)
     chain = chain_from_axes(points.path.positions_work[rows], -points.path.axes_work[rows])
@@ -68,29 +68,26 @@ def place_path(points: WayPoints, up: Array | None, pose: tuple[float, ...]) -> 
         up: Side of the work frame that is turned up, shape (3,); None: the one most tool axes point to.
         pose: Pose of the work frame in the robot's base [m, rad]; empty: chosen.
 
-    Returns:
-        The chain and the robot.
-
     Raises:
-        ReachError: The robot cannot do it; names the first place it cannot be at.
+        ReachError: The robot cannot follow it; names the first place out of reach.
         SmoothingError: As in `path_without_robot`.
     """
     rows = distinct_rows(points)
     positions, axes = points.path.positions_work[rows], points.path.axes_work[rows]
     side = _main_side(axes) if up is None else up
     placements = given_placement(pose) if pose else default_placements(positions, side, float((positions @ side).min()))
-    T_flange_tool = tool_on_flange()
-    way = way_between(positions, axes)
-    advice = "or smooth the tool's motion alone with --no-joints"
-    reach = find_reach(way.positions, way.axes, placements, T_flange_tool, above_table=True, otherwise=advice)
-    q_start = _follow(reach, way, T_flange_tool, points, rows)
+    cures = (
+        "or smooth the tool's motion alone with --no-joints",
+        "Move the path with --part-pose X,Y,Z,RX,RY,RZ (mm, deg).",
+    )
+    reach, _way, q = follow_path(points, rows, placements, *cures)
     R_base_work = reach.T_base_work[:3, :3]
     chain = build_chain(positions, R_base_work.T @ tool_rotations(axes @ R_base_work.T, reach.spin))
-    return PlacedPath(chain, rows, build_arm(reach.T_base_work, T_flange_tool, q_start))
+    return PlacedPath(chain, rows, build_arm(reach.T_base_work, tool_on_flange(), q[0].copy()))
 
 
-def distinct_rows(points: WayPoints) -> Rows:
-    """Rows of a path that differ from the one before in tip or axis, in order.
+def distinct_rows(points: WayPoints) -> Indices:
+    """Indices of a path that differ from the one before in tip or axis, in order.
 
     Raises:
         SmoothingError: As in `path_without_robot`.
@@ -118,7 +115,7 @@ class Way(NamedTuple):
     """[m], shape (m, 3)."""
     axes: Array
     """Unit tool axes, from the part to the tool, shape (m, 3)."""
-    ends: Rows
+    ends: Indices
     """The way point each row is, or is on the way to, shape (m,)."""
 
 
@@ -151,18 +148,36 @@ def _turns(axes: Array) -> Array:
     return np.arctan2(sine, np.sum(axes[:-1] * axes[1:], axis=1))
 
 
-def _follow(reach: Reach, way: Way, T_flange_tool: Array, points: WayPoints, rows: Rows) -> Array:
-    """Follow the whole way with the joints; joint angles at its start [rad], shape (6,)."""
+def follow_path(
+    points: WayPoints, rows: Indices, placements: Iterable[Array], otherwise: str, cure: str
+) -> tuple[Reach, Way, Array]:
+    """Lay a path before the robot at the first placement that reaches it, and follow all of it with the joints.
+
+    Args:
+        points: The path.
+        rows: Its rows to pass, from `distinct_rows`.
+        placements: Poses of the work frame in the base to try, (4, 4) each.
+        otherwise: Other advice if none reaches the path.
+        cure: Advice if the arm leaves the path on the way.
+
+    Returns:
+        The reach, the way with points in between, and joint angles along it [rad], shape (m, 6).
+
+    Raises:
+        ReachError: The robot cannot follow the path; names the first place out of reach.
+    """
+    way, tool = way_between(points.path.positions_work[rows], points.path.axes_work[rows]), tool_on_flange()
+    reach = find_reach(way.positions, way.axes, placements, tool, above_table=True, otherwise=otherwise)
     rotations = tool_rotations(way.axes @ reach.T_base_work[:3, :3].T, reach.spin)
-    joints = track(transform(rotations, apply(reach.T_base_work, way.positions)), T_flange_tool, reach.q_start)
+    joints = track(transform(rotations, apply(reach.T_base_work, way.positions)), tool, reach.q_start)
     failure = failure_of(joints, False)
     if failure is not None:
         end = points.place(int(rows[way.ends[failure.point]]))
         raise ReachError(
             f"'{points.file}': on the way to {end}, at {place_in_mm(way.positions[failure.point])} of the path: "
-            f"{failure.reason}. Move the path with --part-pose X,Y,Z,RX,RY,RZ (mm, deg)."
+            f"{failure.reason}. {cure}"
         )
-    return np.array(joints.q[0])
+    return reach, way, np.asarray(joints.q)
 
 
 def _main_side(axes: Array) -> Array:
@@ -172,14 +187,8 @@ def _main_side(axes: Array) -> Array:
     return np.eye(3)[k] * (1.0 if mean[k] >= 0.0 else -1.0)
 
 
-# A placed path smoothed by a rule, and what it takes by the others.
-
-FEW = 3
-"""So many segments are enough to have a rule compiled."""
-
-
 class SmoothingTask(NamedTuple):
-    """What is to be smoothed, and how well."""
+    """A path to be smoothed, with limits and tolerances."""
 
     placed: PlacedPath
     limits: SmoothingLimits
@@ -187,19 +196,12 @@ class SmoothingTask(NamedTuple):
     """Largest distance of the tip from the path [m]; 0: exact stops at corners."""
     axis_tolerance: float
     """Largest angle of the tool axis to its path [rad]."""
-    feeds: NDArray[np.float64] | None = None
+    feeds: Array | None = None
     """The tip's largest speed on every segment [m/s], infinite where it has none of its own, shape (segments,)."""
 
 
 def smooth_path(task: SmoothingTask, rule: str) -> Smoothed:
-    """Smooth a path by a rule.
-
-    Args:
-        task: The path, limits and tolerances.
-        rule: A name in `RULES`.
-
-    Returns:
-        The segments passed, those of the task or fewer where the rule joins short ones, and when.
+    """Smooth a path by a rule, one of `RULES`.
 
     Raises:
         InputError: There is no such rule; lists the known ones.
@@ -207,21 +209,15 @@ def smooth_path(task: SmoothingTask, rule: str) -> Smoothed:
     """
     if rule not in RULES:
         raise unknown_name("rule", rule, RULES)
-    placed = task.placed
-    return Smoothed(
-        *RULES[rule](placed.chain, task.limits, task.tolerance, task.axis_tolerance, placed.arm, task.feeds)
-    )
+    chain, arm = task.placed.chain, task.placed.arm
+    return Smoothed(*RULES[rule](chain, task.limits, task.tolerance, task.axis_tolerance, arm, task.feeds))
 
 
-def feeds_on_way(path: ToolPath, rows: NDArray[np.int64]) -> NDArray[np.float64] | None:
-    """The path's own feeds as smoothing takes them: that of the point a segment goes to; none in the air.
-
-    Args:
-        path: The path.
-        rows: Its rows that are way points, shape (segments + 1,).
+def feeds_on_way(path: ToolPath, rows: Indices) -> Array | None:
+    """The path's own feeds per segment, between the rows (segments + 1,) that are way points.
 
     Returns:
-        [m/s], shape (segments,); None if the path has no feeds.
+        Feed of the point a segment goes to, infinite in the air [m/s], shape (segments,); None if the path has none.
     """
     if path.feed is None:
         return None
@@ -229,19 +225,9 @@ def feeds_on_way(path: ToolPath, rows: NDArray[np.int64]) -> NDArray[np.float64]
     return np.where(in_air, np.inf, path.feed[rows[1:]])
 
 
-def first_segments(chain: Chain, count: int) -> Chain:
-    """The chain of the first segments only."""
-    ends, inner = count + 1, count
-    return Chain(
-        chain.tips[:ends].copy(), chain.axes[:ends].copy(), chain.rotations[:ends].copy(),
-        chain.lengths[:inner].copy(), chain.directions[:inner].copy(), chain.angles[:inner].copy(),
-        chain.turn_axes[:inner].copy(), chain.rolls[:inner].copy(),
-    )  # fmt: skip
-
-
 def prepare_rule(task: SmoothingTask, rule: str) -> None:
     """Have a rule compiled before its time is taken, on the first segments of the path; its failures come later."""
-    few = task.placed._replace(chain=first_segments(task.placed.chain, FEW))
+    few = task.placed._replace(chain=part_of(task.placed.chain, slice(0, FEW)))
     feeds = None if task.feeds is None else task.feeds[:FEW].copy()
     try:
         smooth_path(task._replace(placed=few, feeds=feeds), rule)

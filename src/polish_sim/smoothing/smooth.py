@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.cell.playback import JointTargets, Played, play_joints
 from polish_sim.config import Scenario
@@ -33,10 +33,9 @@ from polish_sim.smoothing.tracking import REFERENCE, PlayedRule, compare_trackin
 from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_path
 from polish_sim.spatial import transform
 
-# What `run smooth` plays: a path before the robot and the limits of its motion.
-
-Array = NDArray[np.float64]
-
+PLAYED = 2
+AFTER_S = 0.2
+"""Time at the last point [s]."""
 _NEAR = np.array([2.6, -1.6, 1.8, -1.6, -1.4, -2.1])  # elbow up, the spindle clear of the arm [rad]
 
 
@@ -44,7 +43,7 @@ class SmoothTask(NamedTuple):
     """A path, the robot before it, and how fast both may move."""
 
     chain: Chain
-    """Way points as they are given, in the frame ``arm`` says."""
+    """Way points as given, in the arm's work frame."""
     marks: Array
     """Arc length at the way points [m], shape (segments + 1,)."""
     arm: Arm
@@ -63,30 +62,21 @@ def prepare_smooth(scenario: Scenario) -> SmoothTask:
     return SmoothTask(chain, marks_along(chain), arm, limits)
 
 
-def path_of_task(task: SmoothTask) -> CheckedPath:
-    """The path of a task, work frame, and its reach.
-
-    Raises:
-        ReachError: A way point cannot be reached.
-    """
-    chain, arm, n = task.chain, task.arm, len(task.chain.tips)
-    joints = track(arm.T_base_work @ transform(chain.rotations, chain.tips), arm.T_flange_tool, arm.q_start)
-    path = ToolPath(
-        chain.tips, -chain.axes, task.marks, np.zeros(n, np.int64), np.full(n, PROCESS, np.int8), np.zeros(n)
-    )
-    if joints.first_unreachable is not None:
-        place = place_in_mm(chain.tips[joints.first_unreachable])
-        raise ReachError(f"the robot cannot be at {place} of the path. Move it with --part-pose.")
-    return CheckedPath(path, Reach(arm.T_base_work, 0.0, arm.q_start, joints.smallest_singular_value))
-
-
 def check_smooth(scenario: Scenario, observer: Observer | None = None) -> CheckedPath:
-    """The path of a run and how the arm reaches all of it.
+    """The path of a run, work frame, and how the arm reaches all of it.
 
     Raises:
         PolishSimError: The path cannot be read, reached or smoothed.
     """
-    return path_of_task(prepare_smooth(scenario))
+    task = prepare_smooth(scenario)
+    chain, arm, n = task.chain, task.arm, len(task.chain.tips)
+    joints = track(arm.T_base_work @ transform(chain.rotations, chain.tips), arm.T_flange_tool, arm.q_start)
+    if joints.first_unreachable is not None:
+        place = place_in_mm(chain.tips[joints.first_unreachable])
+        raise ReachError(f"the robot cannot be at {place} of the path. Move it with --part-pose.")
+    segment = np.full(n, PROCESS, np.int8)
+    path = ToolPath(chain.tips, -chain.axes, task.marks, np.zeros(n, np.int64), segment, np.zeros(n))
+    return CheckedPath(path, Reach(arm.T_base_work, 0.0, arm.q_start, joints.smallest_singular_value))
 
 
 def marks_along(chain: Chain) -> Array:
@@ -106,11 +96,6 @@ def _trial() -> tuple[Chain, Arm]:
     return build_chain(path.tips, path.rotations), build_arm(np.eye(4), T_flange_tool, inverse_near(first, _NEAR))
 
 
-# Rules played one after the other as a log and a trace like any other run's.
-
-PLAYED = 2
-
-
 class RulePlay(NamedTuple):
     """A path played with one rule, one row a step of the simulation."""
 
@@ -126,13 +111,6 @@ class RulePlay(NamedTuple):
     def error(self) -> Array:
         """Target less joint position [rad], shape (n, 6)."""
         return np.asarray(self.targets.q - self.played.q)
-
-
-class _Tool(NamedTuple):
-    """Tool poses of joint angles."""
-
-    positions: Array
-    rotations: Array
 
 
 def log_of_rules(plays: list[RulePlay], scenario: Scenario) -> RunLog:
@@ -155,14 +133,14 @@ def log_of_rules(plays: list[RulePlay], scenario: Scenario) -> RunLog:
 def trace_of_rule(play: RulePlay) -> Trace:
     """The exact trace of one rule, with no contact."""
     n = len(play.time)
-    tool, wanted = _tool(play.played.q), _tool(play.targets.q)
-    off = wanted.positions - tool.positions
-    across = off - np.sum(off * wanted.rotations[:, :, 2], axis=1)[:, None] * wanted.rotations[:, :, 2]
-    turned = Rotation.from_matrix(wanted.rotations) * Rotation.from_matrix(tool.rotations).inv()
+    (tips, frames), (wanted, wanted_frames) = _tool(play.played.q), _tool(play.targets.q)
+    off, axes = wanted - tips, wanted_frames[:, :, 2]
+    across = off - np.sum(off * axes, axis=1)[:, None] * axes
+    turned = Rotation.from_matrix(wanted_frames) * Rotation.from_matrix(frames).inv()
     nothing = np.zeros(n)
     return Trace(
         play.time, np.full(n, PLAYED, np.int8), nothing, np.linalg.norm(off, axis=1), np.linalg.norm(across, axis=1),
-        turned.magnitude(), tool.positions, _speed(tool.positions, play.time), play.place, np.zeros((n, 3)), nothing,
+        turned.magnitude(), tips, _speed(tips, play.time), play.place, np.zeros((n, 3)), nothing,
         nothing, off, np.zeros((n, 3)),
     )  # fmt: skip
 
@@ -170,17 +148,17 @@ def trace_of_rule(play: RulePlay) -> Trace:
 def _rows(play: RulePlay, every: int) -> Array:
     """Packed rows of the log; what a path in free space does not have is zero."""
     time = play.time[::every]
-    tool, wanted = _tool(play.played.q[::every]), _tool(play.targets.q[::every])
+    (tips, frames), (wanted, wanted_frames) = _tool(play.played.q[::every]), _tool(play.targets.q[::every])
     known = {
         "time_s": time,
         "q_rad": play.played.q[::every],
         "qd_rad_s": play.played.qd[::every],
         "torque_nm": play.played.torque[::every],
-        "tcp_position_m": tool.positions,
-        "tcp_quaternion_wxyz": Rotation.from_matrix(tool.rotations).as_quat(scalar_first=True),
-        "target_position_m": wanted.positions,
-        "target_quaternion_wxyz": Rotation.from_matrix(wanted.rotations).as_quat(scalar_first=True),
-        "tcp_speed_m_s": _speed(tool.positions, time),
+        "tcp_position_m": tips,
+        "tcp_quaternion_wxyz": Rotation.from_matrix(frames).as_quat(scalar_first=True),
+        "target_position_m": wanted,
+        "target_quaternion_wxyz": Rotation.from_matrix(wanted_frames).as_quat(scalar_first=True),
+        "tcp_speed_m_s": _speed(tips, time),
         "path_s_m": play.place[::every],
         "phase": np.full(len(time), float(PLAYED)),
     }
@@ -191,16 +169,14 @@ def _rows(play: RulePlay, every: int) -> Array:
     return rows
 
 
-def _tool(q: Array) -> _Tool:
-    T_base_tool = forward(np.ascontiguousarray(q)) @ tool_on_flange()
-    return _Tool(T_base_tool[:, :3, 3], T_base_tool[:, :3, :3])
+def _tool(q: Array) -> tuple[Array, Array]:
+    """Tool points (n, 3) [m] and frames (n, 3, 3) of joint angles (n, 6)."""
+    T_base_tool = forward(q) @ tool_on_flange()
+    return T_base_tool[:, :3, 3], T_base_tool[:, :3, :3]
 
 
 def _speed(positions: Array, time: Array) -> Array:
     return np.linalg.norm(np.gradient(positions, time, axis=0), axis=1)
-
-
-AFTER_S = 0.2  # at the last point [s]
 
 
 def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResult:
@@ -208,7 +184,7 @@ def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResul
 
     Args:
         scenario: Path, tolerances and limits; controller, part, pad and sensor play no role.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         Log of all rules at their own cycle times, figures at these and at the slowest rule's cycle time.
@@ -242,17 +218,7 @@ def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResul
 
 
 def play_rule(scenario: Scenario, task: SmoothTask, rule: str, smoothed: Smoothed) -> RulePlay:
-    """Play one rule's motion: joint angles and speeds to the servos, one pair a step.
-
-    Args:
-        scenario: The robot and its time step.
-        task: The path and the robot before it.
-        rule: The rule's name.
-        smoothed: What it made of the path.
-
-    Returns:
-        Targets and what the joints did.
-    """
+    """Play one rule's motion: joint angles and speeds to the servos, one pair a step."""
     chain, schedule = smoothed
     clock = np.arange(0.0, schedule.end + AFTER_S, scenario.simulation.timestep_s)
     tool = sample_schedule(chain, schedule, clock)

@@ -1,4 +1,4 @@
-"""How far the joints lag behind when the same path is played with several smoothing rules (paper 4, fig. 10)."""
+"""Tracking errors of the joints when one path is played with several smoothing rules (paper 4, fig. 10)."""
 
 from __future__ import annotations
 
@@ -9,21 +9,25 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, new_figure, styled
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
+from polish_sim.arrays import Array, Indices
 
 REFERENCE = "joint-acceleration"
 """The rule the others are compared with."""
-AROUND_S = 0.03  # of a jerk peak belongs to it, before and after [s]
-APART_S = 0.05  # between two peaks, at least [s]
-HIGH = 0.8  # of the largest jerk is a peak where none breaks the limit
+AROUND_S = 0.03
+"""Time before and after a jerk peak that belongs to it [s]."""
+APART_S = 0.05
+"""Between two peaks, at least [s]."""
+HIGH = 0.8
+"""Share of the largest jerk that counts as a peak where none breaks the limit."""
+RULES: Final = {"joint-acceleration": ORANGE, "joint-jerk": GREEN, "certified": BLUE}
+"""Names and colours."""
+JOINT_NAMES: Final = ("shoulder pan", "shoulder lift", "elbow", "wrist 1", "wrist 2", "wrist 3")
+TICKS: Final = tuple(name.replace(" ", "\n") for name in JOINT_NAMES)
 
 
 class PlayedRule(NamedTuple):
@@ -58,14 +62,7 @@ class AtPeak(NamedTuple):
 
 
 def measure_tracking(play: PlayedRule) -> dict[str, Any]:
-    """Largest and root mean square tracking error of each joint over the whole path.
-
-    Args:
-        play: The path as it was played.
-
-    Returns:
-        tracking_error_max_rad and tracking_error_rms_rad, one value a joint.
-    """
+    """Largest and root mean square tracking error over the whole path, one value a joint."""
     return {
         "tracking_error_max_rad": np.abs(play.error).max(axis=0).tolist(),
         "tracking_error_rms_rad": np.sqrt(np.mean(play.error**2, axis=0)).tolist(),
@@ -96,8 +93,13 @@ def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array
         "reduction_median": float(np.median(shares)) if found else math.nan,
         "rise_largest": max(0.0, -float(shares.min())) if found else math.nan,
         "peaks_reduced": float(np.mean(shares > 0.0)) if found else math.nan,
-        "reduction_max": _reduced(own, other, "tracking_error_max_rad"),
-        "reduction_rms": _reduced(own, other, "tracking_error_rms_rad"),
+        **{
+            f"reduction_{kind}": [
+                1.0 - a / b if b > 0.0 else math.nan
+                for a, b in zip(own[f"tracking_error_{kind}_rad"], other[f"tracking_error_{kind}_rad"], strict=True)
+            ]
+            for kind in ("max", "rms")
+        },
     }
 
 
@@ -115,7 +117,7 @@ def at_peaks(play: PlayedRule, reference: PlayedRule, jerk_limits: Array) -> Ite
                 yield AtPeak(joint, float(reference.place[row]), float(known), error)
 
 
-def jerk_peaks(play: PlayedRule, joint: int, limit: float) -> Rows:
+def jerk_peaks(play: PlayedRule, joint: int, limit: float) -> Indices:
     """Rows at which a joint's jerk peaks above its limit; if it never does, near its own largest value."""
     size = np.abs(play.jerk[:, joint])
     least = limit if size.max() > limit else HIGH * size.max()
@@ -124,45 +126,26 @@ def jerk_peaks(play: PlayedRule, joint: int, limit: float) -> Rows:
     return np.asarray(rows - 1, dtype=np.int64)
 
 
-def _reduced(own: dict[str, Any], other: dict[str, Any], name: str) -> list[float]:
-    return [1.0 - a / b if b > 0.0 else math.nan for a, b in zip(own[name], other[name], strict=True)]
-
-
 def _step(time: Array) -> float:
     return float(time[1] - time[0])
 
 
-# Tracking errors of all joints over time, rule by rule, over the jerk that causes them (paper 4, fig. 10).
-
-RULES: Final = ("joint-acceleration", "joint-jerk", "certified")
-COLORS: Final = {"joint-acceleration": ORANGE, "joint-jerk": GREEN, "certified": BLUE}
-JOINT_NAMES: Final = ("shoulder pan", "shoulder lift", "elbow", "wrist 1", "wrist 2", "wrist 3")
-TICKS: Final = tuple(name.replace(" ", "\n") for name in JOINT_NAMES)
-
-
 @styled
 def plot_tracking(record: RunRecord) -> Figure:
-    """Draw each joint's tracking error over time and its largest values, and the jerk of its targets.
-
-    Args:
-        record: A run of ``smooth``.
-
-    Returns:
-        The figure.
-    """
+    """Draw each joint's tracking error over time and its largest values, and the jerk of its targets, of a run."""
     figure = new_figure(12.0, 11.0)
     grid = figure.subplots(6, 2, sharex=True)
     known = _rules_of(record)
     for joint, (error, jerk) in enumerate(grid):
-        for rule in RULES:
+        for rule, colour in RULES.items():
             rows = known[rule]
             if not len(rows):
                 continue
             time = numbers(record.log, "time_s")[rows]
             lag = (numbers(record.log, "target_q_rad") - numbers(record.log, "q_rad"))[rows, joint]
             asked = numbers(record.log, "target_qddd_rad_s3")[rows, joint]
-            error.plot(time, lag * 1e6, color=COLORS[rule], lw=0.8, alpha=0.85, label=rule)
-            jerk.plot(time, asked, color=COLORS[rule], lw=0.7, alpha=0.85, label=rule)
+            error.plot(time, lag * 1e6, color=colour, lw=0.8, alpha=0.85, label=rule)
+            jerk.plot(time, asked, color=colour, lw=0.7, alpha=0.85, label=rule)
         _limit(jerk, record, joint)
         error.set(ylabel=f"{JOINT_NAMES[joint]}\nerror [µrad]")
         jerk.set(ylabel="jerk [rad/s³]")
@@ -178,25 +161,16 @@ def plot_tracking(record: RunRecord) -> Figure:
 
 @styled
 def plot_tracking_bars(record: RunRecord) -> Figure:
-    """Draw largest and root mean square tracking errors joint by joint, at own and at equal cycle times.
-
-    Args:
-        record: A run of ``smooth``.
-
-    Returns:
-        The figure.
-    """
+    """Draw largest and root mean square tracking errors joint by joint, at own and at equal cycle times, of a run."""
     figure = new_figure(10.0, 6.0)
     grid = figure.subplots(2, 2, sharex=True, sharey="row")
     for row, (kind, text) in enumerate((("max", "largest"), ("rms", "root mean square"))):
         for column, (when, title) in enumerate((("", "own cycle times"), ("_at_equal_time", "equal cycle times"))):
             axes = grid[row, column]
-            for k, rule in enumerate(RULES):
+            for k, (rule, colour) in enumerate(RULES.items()):
                 values = record.metrics.get(f"{_key(rule)}_tracking_error_{kind}_rad{when}")
                 if values is not None:
-                    axes.bar(
-                        np.arange(6) + 0.27 * (k - 1), np.array(values) * 1e6, 0.25, color=COLORS[rule], label=rule
-                    )
+                    axes.bar(np.arange(6) + 0.27 * (k - 1), np.array(values) * 1e6, 0.25, color=colour, label=rule)
             axes.set_title(f"{text}, {title}", fontsize=9.0, fontweight="normal")
             axes.set(ylabel="error [µrad]" if column == 0 else None)
             axes.set_xticks(range(6), TICKS)
@@ -207,14 +181,7 @@ def plot_tracking_bars(record: RunRecord) -> Figure:
 
 @styled
 def plot_tracking_runs(records: Sequence[RunRecord]) -> Figure:
-    """Draw what ``certified`` takes off each joint's largest tracking error in several runs.
-
-    Args:
-        records: Runs of ``smooth``.
-
-    Returns:
-        The figure.
-    """
+    """Draw by how much ``certified`` reduces each joint's largest tracking error in several runs."""
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
     width = 0.8 / len(records)
@@ -225,15 +192,15 @@ def plot_tracking_runs(records: Sequence[RunRecord]) -> Figure:
             axes.bar(place, 100.0 * np.array(shares), 0.9 * width, color=SERIES[k % len(SERIES)], label=record.name)
     axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set_xticks(range(6), TICKS)
-    axes.set(ylabel="taken off the largest error [%]")
+    axes.set(ylabel="reduction of the largest error [%]")
     axes.legend(loc="upper right")
     head(figure, axes, "Certified against joint-acceleration, joint by joint", ())
     return figure
 
 
-def _rules_of(record: RunRecord) -> dict[str, NDArray[np.int64]]:
+def _rules_of(record: RunRecord) -> dict[str, Indices]:
     """Rows of the log by rule; the log counts the rules in the order the run names them."""
-    names = record.metrics.get("rules", RULES)
+    names = list(record.metrics.get("rules", RULES))
     column = numbers(record.log, "rule")
     return {rule: np.flatnonzero(column == names.index(rule)) if rule in names else np.zeros(0, int) for rule in RULES}
 

@@ -89,11 +89,12 @@ def rate_blocks(chain: Chain, arm: Arm) -> Iterator[tuple[slice, JointRates]]:
     """Joint derivatives by progress at `NODES`, arrays (k, nodes, 6), for ``BLOCK`` segments at a time."""
     for begin in range(0, len(chain.lengths), BLOCK):
         rows = slice(begin, min(begin + BLOCK, len(chain.lengths)))
-        rates = chain_rates(_part(chain, rows), NODES, arm)
+        rates = chain_rates(part_of(chain, rows), NODES, arm)
         arm = arm._replace(q_start=rates.q[-1, -1].copy())
         yield rows, rates
 
 
-def _part(chain: Chain, rows: slice) -> Chain:
+def part_of(chain: Chain, rows: slice) -> Chain:
+    """Some neighbouring segments of a chain."""
     points = slice(rows.start, rows.stop + 1)
     return Chain(*(array[points] for array in chain[:3]), *(array[rows] for array in chain[3:]))
