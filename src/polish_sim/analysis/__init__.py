@@ -1,1 +1,1 @@
-"""From a run's record to figures, plots and report; works on saved runs and never imports the cell (layer 8c)."""
+"""From a run's record to figures, plots and report; works on saved runs and never imports the cell."""

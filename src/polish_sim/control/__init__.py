@@ -1,4 +1,4 @@
-"""Control laws on plain arrays, without MuJoCo: position, orientation, force, and their hybrid (layer 7)."""
+"""Control laws on plain arrays, without MuJoCo: position, orientation, force, and their hybrid."""
 
 from typing import TYPE_CHECKING
 

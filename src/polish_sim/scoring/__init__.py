@@ -1,4 +1,4 @@
-"""The scorecard: a fixed battery of cases, run over the cores, told as tables and one figure (layer 10)."""
+"""The scorecard: a fixed battery of cases, run over the cores, told as tables and one figure."""
 
 from typing import TYPE_CHECKING
 
