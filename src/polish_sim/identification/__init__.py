@@ -1,1 +1,1 @@
-"""From a robot's own motion to its dynamics: regressor, base parameters, excitation, estimation (layer 8d)."""
+"""From a robot's own motion to its dynamics: regressor, base parameters, excitation, estimation."""

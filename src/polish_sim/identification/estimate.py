@@ -1,6 +1,6 @@
 """Base parameters of a torque model, and their weighted least-squares estimate with covariance.
 
-Base parameters are the combinations of parameters that torques can tell at all. Columns of stacked regressors are taken
+Base parameters are the identifiable combinations of parameters. Columns of stacked regressors are taken
 in a fixed order; one that the earlier ones can make joins them in combination: W_dependent = W_base K,
 theta = pi_base + K pi_dependent (paper 3). Samples are gathered as normal equations joint by joint, so that the
 weights of the joints, their torque noise, can be found from the residuals.

@@ -1,6 +1,6 @@
 """Exciting motions for identification: Fourier series under limits, found by gradient descent.
 
-Limits enter as squares of what goes beyond them; the motion found is then shrunk until it respects every limit at
+Limits enter as squared excess; the motion found is then shrunk until it respects every limit at
 every sample of a fine grid. Gradients are exact: the regressor's own derivatives, chained with the series' basis.
 """
 

@@ -17,7 +17,7 @@ from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import inertia_at_origin
 
 ASSETS: Final = "meshes"
-"""Folder beside the model that holds copies of what it needs."""
+"""Folder beside the model with copies of its files."""
 _TEXTURE_FILES: Final = ("file", "fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 
 

@@ -180,10 +180,10 @@ def parameter_rows(
         ParameterRow(name, found.theta[k], model.units[base.columns[k]], found.std[k], "base", true_base[k])
         for k, name in enumerate(base_names(base, model.names))
     ]
-    told, std = identifiable(base), alone_std(base, found)
+    kinds, std = identifiable(base), alone_std(base, found)
     for k, name in enumerate(model.names):
-        own = std[k] if told[k] == "alone" else np.nan
-        rows.append(ParameterRow(name, full[k], model.units[k], own, told[k], true_full[k]))
+        own = std[k] if kinds[k] == "alone" else np.nan
+        rows.append(ParameterRow(name, full[k], model.units[k], own, kinds[k], true_full[k]))
     return rows
 
 

@@ -110,7 +110,7 @@ def sum_rest(model: TorqueModel, columns: Indices, states: States, torque: Array
 def fit_rest(
     model: TorqueModel, states: States, torque: Array, sigma: Array | None = None, counts: Bools | None = None
 ) -> Step:
-    """First step: poses at rest, approached from both sides, tell masses, first moments and Coulomb friction.
+    """First step: masses, first moments and Coulomb friction from poses at rest, approached from both sides.
 
     Args:
         model: The torque model.

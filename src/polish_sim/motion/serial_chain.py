@@ -37,7 +37,7 @@ class ChainGeometry(NamedTuple):
 
 
 class SerialChain(NamedTuple):
-    """A robot's geometry and what its model says of inertia and friction."""
+    """A robot's geometry, inertia and friction."""
 
     geometry: ChainGeometry
     parameters: Array

@@ -209,7 +209,7 @@ def time_schedule(chain: Chain, schedule: Schedule, marks: Array) -> TimedPath:
 
 
 def places_at(chain: Chain, schedule: Schedule, marks: Array, times: Array) -> Array:
-    """Arc length a schedule has come to, never falling.
+    """Arc length a schedule has reached, never falling.
 
     Args:
         chain: The segments.

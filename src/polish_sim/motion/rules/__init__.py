@@ -1,1 +1,1 @@
-"""The rules that schedule a chain within its limits, side by side (layer 6)."""
+"""The rules that schedule a chain within its limits."""

@@ -39,8 +39,6 @@ class Chain(NamedTuple):
     """Turn about the tool axis that is left to the next way point's frame [rad], shape (n,)."""
 
 
-# From way points to a chain of segments (tips and tool frames -> Chain).
-
 SAME_PLACE = 1e-14
 """Way points closer than this are one [m]: rounding of lengths of the size of a robot."""
 SAME_AXIS = 1e-13
@@ -227,9 +225,6 @@ def _roll(chain: Chain, k: int) -> float:
                 along_x += turned * chain.rotations[k + 1, i, 1]
                 along_y += turned * chain.rotations[k + 1, i, 0]
     return math.atan2(along_y, along_x)
-
-
-# Distance of a place to a stretch of the way points' polyline, and of an axis to its arcs (compiled).
 
 
 @njit(cache=True, error_model="numpy")

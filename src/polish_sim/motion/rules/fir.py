@@ -149,9 +149,6 @@ def _rise(b: float, c: float, t: float, rates: Array) -> None:
         rates[0], rates[1] = t - 0.5 * (b + c), 1.0
 
 
-# The fastest way from rest to rest within speed, acceleration and jerk: a filtered box too (length -> three times).
-
-
 @njit(cache=True, error_model="numpy")
 def stop_times(length: float, speed: float, acceleration: float, jerk: float) -> tuple[float, float, float]:
     """Filter times of the time-optimal rest-to-rest motion.

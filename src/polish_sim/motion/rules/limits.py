@@ -24,7 +24,7 @@ JOINT_ACCELERATION = 5.0
 """UR5e [rad/s^2]. The maker publishes torques (150 and 28 N m), no accelerations. This is the value the maker's own
 public ROS driver gives to motion planners for all six joints and calls conservative."""
 JOINT_JERK = 100.0
-"""UR5e [rad/s^3]. Nobody publishes one. Chosen: the acceleration is reached in 0.05 s, as the tool's is in paper 4."""
+"""UR5e [rad/s^3]. None is published. Chosen: the acceleration is reached in 0.05 s, as the tool's is in paper 4."""
 
 
 def six(value: float) -> tuple[float, ...]:
@@ -85,36 +85,24 @@ class SmoothingLimits:
     def __post_init__(self) -> None:
         for spec in fields(self):
             value = getattr(self, spec.name)
-            if isinstance(spec.default, tuple):
-                _check_six(spec.name, value)
-            elif not value > 0.0:
-                raise ConfigError(f"limit {spec.name} is {value:g}: every limit must be positive.")
+            values = value if isinstance(spec.default, tuple) else (value,)
+            if isinstance(spec.default, tuple) and len(values) != 6:
+                raise ConfigError(
+                    f"limit {spec.name} has {len(values)} values: it needs six, one a joint from base to flange."
+                )
+            for j, each in enumerate(values):
+                if not each > 0.0:
+                    joint = f" of joint {j + 1}" if len(values) > 1 else ""
+                    raise ConfigError(f"limit {spec.name}{joint} is {each:g}: every limit must be positive.")
 
     def values(self) -> LimitValues:
         """The same for compiled kernels."""
         joint = np.array([self.joint_speed, self.joint_acceleration, self.joint_jerk], dtype=float)
-        return LimitValues(
-            float(self.tip_speed),
-            float(self.tip_acceleration),
-            float(self.tip_jerk),
-            float(self.axis_speed),
-            float(self.axis_acceleration),
-            float(self.axis_jerk),
-            joint,
-        )
+        return LimitValues(*(float(getattr(self, name)) for name in LimitValues._fields[:-1]), joint)
 
-
-def _check_six(name: str, values: tuple[float, ...]) -> None:
-    if len(values) != 6:
-        raise ConfigError(f"limit {name} has {len(values)} values: it needs six, one a joint from base to flange.")
-    for j, value in enumerate(values):
-        if not value > 0.0:
-            raise ConfigError(f"limit {name} of joint {j + 1} is {value:g}: every limit must be positive.")
-
-
-# Limits of tool and joints as a TOML file, in the units users of robots think in.
 
 SECTIONS = ("tip", "axis", "joint")
+"""Of the TOML file, whose values have the units users of robots think in."""
 
 
 def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLimits:
@@ -141,7 +129,7 @@ def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLim
 
 
 def limits_toml(limits: SmoothingLimits) -> str:
-    """Write limits as the file `load_limits` reads."""
+    """Limits as the text of a file that `load_limits` reads."""
     lines: list[str] = []
     for section in SECTIONS:
         lines.append(f"[{section}]")
@@ -191,9 +179,6 @@ def _positive(where: str, value: Any, place: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
         raise ConfigError(f"'{where}' in '{place}' must be a finite, positive number, got {value!r}.")
     return float(value)
-
-
-# Where robot, work and tool sit: what a smoothing rule needs to know the joints.
 
 
 class Arm(NamedTuple):

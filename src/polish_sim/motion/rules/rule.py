@@ -1,4 +1,4 @@
-"""What every smoothing rule is: way points and limits in, a schedule out."""
+"""The interface of smoothing rules, and limits and joint derivatives by a segment's progress that they share."""
 
 from __future__ import annotations
 
@@ -15,12 +15,10 @@ from polish_sim.motion.segment_rates import JointRates, chain_rates, chebyshev_n
 
 
 class Smoothed(NamedTuple):
-    """A rule's answer."""
+    """The segments passed, the given ones or fewer where the rule joins short ones, and when they are passed."""
 
     chain: Chain
-    """The segments passed: the given ones, or fewer where the rule joins short ones."""
     schedule: Schedule
-    """When they are passed."""
 
 
 class Rule(Protocol):
@@ -54,8 +52,6 @@ class Rule(Protocol):
         """
         ...
 
-
-# Limits as limits of a segment's progress, and joint derivatives by progress in blocks (Chain, limits -> arrays).
 
 NODES = chebyshev_nodes(9)
 """Progress at which joint derivatives are taken; the paper differentiates forward between samples instead."""

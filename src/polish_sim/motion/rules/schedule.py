@@ -18,7 +18,7 @@ from polish_sim.motion.rules.chain import Chain
 class Schedule(NamedTuple):
     """Progress of every segment over time: 0 before its first piece, 1 after its last, cubic in each.
 
-    Segments overlap at corners: while segment k comes to its end, k + 1 already begins. The tip is the first way
+    Segments overlap at corners: while segment k ends, k + 1 already begins. The tip is the first way
     point plus the sum of ``progress * length * direction``; the tool's rotation is composed in the same order,
     ``... exp(b n_2) exp(a n_1) R_0``, later segments on the left, rolls added up.
     """
@@ -35,19 +35,8 @@ class Schedule(NamedTuple):
     """When the last segment has arrived [s]: the cycle time."""
 
 
-# The same way in more time (Schedule -> Schedule).
-
-
 def stretched(schedule: Schedule, factor: float) -> Schedule:
-    """Pass a schedule uniformly slower: speeds fall by the factor, accelerations by its square, jerks by its cube.
-
-    Args:
-        schedule: The schedule.
-        factor: At least 1.
-
-    Returns:
-        The schedule that takes ``factor`` times as long.
-    """
+    """Pass a schedule slower by a factor: speeds fall by it, accelerations by its square, jerks by its cube."""
     powers = factor ** -np.arange(4.0)
     return schedule._replace(
         starts=schedule.starts * factor,
@@ -55,9 +44,6 @@ def stretched(schedule: Schedule, factor: float) -> Schedule:
         coefficients=schedule.coefficients * powers,
         end=schedule.end * factor,
     )
-
-
-# Where the tool is at a time, and how it moves: three derivatives, exact (Chain, Schedule, time -> pose and rates).
 
 
 class Samples(NamedTuple):
@@ -85,7 +71,7 @@ class ScheduleIndex(NamedTuple):
 
 
 def index_schedule(chain: Chain, schedule: Schedule) -> ScheduleIndex:
-    """Find each segment's pieces; a segment without any is at its start for ever."""
+    """Find each segment's pieces; a segment without any stays at its start."""
     first = np.searchsorted(schedule.segments, np.arange(len(chain.lengths) + 1))
     begins, ends = np.full(len(chain.lengths), np.inf), np.full(len(chain.lengths), np.inf)
     filled = np.flatnonzero(np.diff(first))
@@ -114,18 +100,14 @@ def sample_schedule(chain: Chain, schedule: Schedule, times: Array) -> Samples:
     times = np.ascontiguousarray(times, dtype=float)
     n = len(times)
     samples = Samples(np.empty((n, 4, 3)), np.empty((n, 4, 3)), np.empty((n, 3, 3)), np.empty((n, 3, 3)))
-    _sample_all(chain, schedule, index_schedule(chain, schedule), times, samples, np.empty(4))
+    _sample_all(chain, schedule, index_schedule(chain, schedule), times, samples, np.empty((2, 4)))
     return samples
 
 
 def turning(axes: Array) -> Array:
-    """Angular velocity of the tool axis without spin, o x o', and its first two derivatives.
+    """Angular velocity of the tool axis without spin, o x o', and its first two derivatives [rad/s^k], shape (n, 3, 3).
 
-    Args:
-        axes: Axis and three derivatives, shape (n, 4, 3).
-
-    Returns:
-        [rad/s^k], shape (n, 3, 3).
+    ``axes`` are the axis and three derivatives, shape (n, 4, 3).
     """
     o, o1, o2, o3 = (axes[:, k] for k in range(4))
     return np.stack([np.cross(o, o1), np.cross(o, o2), np.cross(o1, o2) + np.cross(o, o3)], axis=1)
@@ -133,50 +115,31 @@ def turning(axes: Array) -> Array:
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _sample_all(
-    chain: Chain, schedule: Schedule, index: ScheduleIndex, times: Array, out: Samples, rates: Array
+    chain: Chain, schedule: Schedule, index: ScheduleIndex, times: Array, out: Samples, room: Array
 ) -> None:
-    for i in range(times.shape[0]):
-        sample_at(chain, schedule, index, times[i], out.tips[i], out.axes[i], out.rotations[i], out.spins[i], rates)
-
-
-@njit(cache=True, error_model="numpy")
-def sample_at(
-    chain: Chain,
-    schedule: Schedule,
-    index: ScheduleIndex,
-    time: float,
-    tip: Array,
-    axis: Array,
-    R: Array,
-    spin: Array,
-    rates: Array,
-) -> None:
-    """Write pose and rates at one time [s] into ``tip`` (4, 3), ``axis`` (4, 3), ``R`` (3, 3), ``spin`` (3, 3).
-
-    ``rates`` (4,) is room for the progress of one segment.
-    """
-    first = np.searchsorted(index.all_ended, time, side="right")
-    stop = max(first, np.searchsorted(index.none_begun, time, side="right"))
-    roll = roll_1 = roll_2 = roll_3 = 0.0
-    for i in range(3):
-        tip[0, i] = chain.tips[first, i]
-        for d in range(1, 4):
-            tip[d, i] = 0.0
-        for j in range(3):
-            R[i, j] = chain.rotations[first, i, j]
-            spin[i, j] = 0.0
-    for k in range(first, stop):
-        progress_at(schedule, index, k, time, rates)
-        for d in range(4):
-            for i in range(3):
-                tip[d, i] += rates[d] * chain.lengths[k] * chain.directions[k, i]
-        roll += rates[0] * chain.rolls[k]
-        roll_1 += rates[1] * chain.rolls[k]
-        roll_2 += rates[2] * chain.rolls[k]
-        roll_3 += rates[3] * chain.rolls[k]
-        if chain.angles[k] != 0.0:
-            turn_on(chain.turn_axes[k], chain.angles[k], rates, R, spin)
-    roll_on((roll, roll_1, roll_2, roll_3), R, spin, axis)
+    """Write pose and rates at every time; ``room`` (2, 4) is room for the progress of one segment and the roll."""
+    rates, roll = room[0], room[1]
+    for n in range(times.shape[0]):
+        tip, R, spin = out.tips[n], out.rotations[n], out.spins[n]
+        first = np.searchsorted(index.all_ended, times[n], side="right")
+        stop = max(first, np.searchsorted(index.none_begun, times[n], side="right"))
+        roll[:] = 0.0
+        for i in range(3):
+            tip[0, i] = chain.tips[first, i]
+            for d in range(1, 4):
+                tip[d, i] = 0.0
+            for j in range(3):
+                R[i, j] = chain.rotations[first, i, j]
+                spin[i, j] = 0.0
+        for k in range(first, stop):
+            progress_at(schedule, index, k, times[n], rates)
+            for d in range(4):
+                for i in range(3):
+                    tip[d, i] += rates[d] * chain.lengths[k] * chain.directions[k, i]
+                roll[d] += rates[d] * chain.rolls[k]
+            if chain.angles[k] != 0.0:
+                turn_on(chain.turn_axes[k], chain.angles[k], rates, R, spin)
+        roll_on((roll[0], roll[1], roll[2], roll[3]), R, spin, out.axes[n])
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,1 +1,1 @@
-"""Smooth curves through way points and the fastest law of time along them (layer 6)."""
+"""Smooth curves through way points and the fastest law of time along them."""
