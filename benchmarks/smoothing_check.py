@@ -25,7 +25,7 @@ from polish_sim.errors import PolishSimError
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
-from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import Samples, Schedule, sample_schedule, turning
 from polish_sim.motion.segment_rates import joint_motion
 

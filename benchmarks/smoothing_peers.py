@@ -18,7 +18,7 @@ from benchmarks.table import Row, print_rows
 from polish_sim.motion.certified.connector import Ends, LineLimits, connector_time, least_distance
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import stop_times
-from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import sample_schedule
 from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE

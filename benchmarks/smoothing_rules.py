@@ -22,7 +22,7 @@ from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
 from polish_sim.motion.rules.paper_rules import block_triples, filter_times
-from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.trial import DOME, TOP, TRIAL_LIMITS, trial_arm, trial_path

@@ -19,7 +19,7 @@ from polish_sim.exchange import Unknown, WayPoints, read_way_points, refuse_unkn
 from polish_sim.experiments.report import save_plots
 from polish_sim.experiments.stroke_motion import STROKE_RULES
 from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml, load_limits
-from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.rule import RULES
 from polish_sim.planning import PlanObserver
 from polish_sim.smoothing.figures import Measured, measure_smoothing, sample_in_blocks, smoothing_figures
 from polish_sim.smoothing.place import (

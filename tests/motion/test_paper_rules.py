@@ -20,8 +20,7 @@ from polish_sim.motion.rules.paper_rules import (
     signed_second_time,
     third_time,
 )
-from polish_sim.motion.rules.registry import RULES
-from polish_sim.motion.rules.rule import Smoothed
+from polish_sim.motion.rules.rule import RULES, Smoothed
 from polish_sim.motion.rules.schedule import sample_schedule
 from polish_sim.motion.segment_rates import JointRates, joint_motion
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE

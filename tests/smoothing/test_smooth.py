@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
-from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.rule import RULES
 from polish_sim.smoothing.experiment import CLAIMS
 from polish_sim.smoothing.trial import LENGTH
 

@@ -17,7 +17,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import SmoothingError, unknown_name
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, six
-from polish_sim.motion.rules.registry import RULES
+from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule
 from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline

@@ -23,8 +23,7 @@ from polish_sim.experiments.placement import (
 from polish_sim.motion import track
 from polish_sim.motion.rules.chain import Chain, build_chain, chain_from_axes
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
-from polish_sim.motion.rules.registry import RULES
-from polish_sim.motion.rules.rule import Smoothed, part_of
+from polish_sim.motion.rules.rule import RULES, Smoothed, part_of
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
 from polish_sim.spatial import apply, transform
 

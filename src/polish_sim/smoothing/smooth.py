@@ -22,8 +22,7 @@ from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with
 from polish_sim.motion import forward, inverse_near, track
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm, load_limits
-from polish_sim.motion.rules.registry import RULES
-from polish_sim.motion.rules.rule import Smoothed
+from polish_sim.motion.rules.rule import RULES, Smoothed
 from polish_sim.motion.rules.schedule import sample_schedule, stretched
 from polish_sim.motion.segment_rates import JointRates, joint_motion
 from polish_sim.motion.timed_path import marks_on, places_at

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from polish_sim.arrays import Array
+from polish_sim.lazy import FunctionOnUse
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.rules.schedule import Schedule
@@ -52,6 +53,13 @@ class Rule(Protocol):
         """
         ...
 
+
+RULES: Mapping[str, Rule] = {
+    "certified": FunctionOnUse("polish_sim.motion.rules.certified_rule", "plan_certified"),
+    "joint-jerk": FunctionOnUse("polish_sim.motion.rules.paper_rules", "plan_joint_jerk"),
+    "joint-acceleration": FunctionOnUse("polish_sim.motion.rules.paper_rules", "plan_joint_acceleration"),
+}
+"""Name -> plan function."""
 
 NODES = chebyshev_nodes(9)
 """Progress at which joint derivatives are taken; the paper differentiates forward between samples instead."""
