@@ -131,8 +131,8 @@ def test_a_run_believes_the_file_it_is_given(calibrated: PayloadCalibration, tmp
         ('kind = "tcp"\n', "kind = 'tcp'"),
         ('kind = "payload"\nmass_kg = -2\ncenter_m = [0, 0, 0.1]\n', "mass_kg is -2"),
         ('kind = "payload"\nmass_kg = "2"\ncenter_m = [0, 0, 0.1]\n', "mass_kg is '2'"),
-        ('kind = "payload"\nmass_kg = 2\ncenter_m = [0, 0]\n', "wanted three numbers"),
-        ('kind = "payload"\nmass_kg = 2\ncenter_m = [0, 0, nan]\n', "wanted three numbers"),
+        ('kind = "payload"\nmass_kg = 2\ncenter_m = [0, 0]\n', "wanted 3 finite numbers"),
+        ('kind = "payload"\nmass_kg = 2\ncenter_m = [0, 0, nan]\n', "wanted 3 finite numbers"),
         ("kind = \n", "not valid TOML"),
     ],
 )

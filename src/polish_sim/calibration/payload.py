@@ -19,6 +19,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Bools
 from polish_sim.calibration.fit import Noise, Problem, agreeing, fit
+from polish_sim.calibration.tables import ROTATION_TOLERANCE
 from polish_sim.errors import CalibrationError
 
 GRAVITY = 9.81  # [m/s^2], the model's
@@ -28,8 +29,6 @@ LEAST_SPREAD = 0.02
 """Least spread of the up directions along two axes [-]; 1/sqrt(3) is that of a full sphere."""
 LARGEST_CONDITION = 1e5
 """Of the whole regressor; beyond it the drift cannot be separated from the rest."""
-ROTATION_TOLERANCE = 1e-3
-"""How far R^T R may be from one: the rounding of printed digits."""
 LARGEST_REST = 0.3
 """Of the weight, what the forces may leave unexplained, rms."""
 FARTHEST = 1.0

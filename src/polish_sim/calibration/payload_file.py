@@ -1,9 +1,7 @@
-"""calibration.toml: a payload estimate on disk, and the tool a run takes from it."""
+"""A payload's files: readings as CSV in and out, calibration.toml out, and the tool a run takes from it."""
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -12,15 +10,20 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, PayloadReadings
-from polish_sim.calibration.tables import QUATERNION, is_number, read_columns, read_table, write_table
+from polish_sim.calibration.tables import QUATERNION, Kind, Measured, read_table, write_table
 from polish_sim.errors import InputError
+from polish_sim.tables import csv_text
 
-KIND = "payload"
-_HEAD = """\
-# The tool behind the wrist sensor and the sensor's bias, with standard deviations (_std), from readings at rest.
-# Sensor axes; torques about the sensor's origin. A reading of the idle tool: f = m g u + b, t = c x (m g u) + b_t,
-# u against gravity. Covariance in the order of: mass, first moment xyz [kg m], force bias xyz, torque bias xyz.
-"""
+PAYLOAD: Final = Kind(
+    "payload",
+    "a payload",
+    "The tool behind the wrist sensor and the sensor's bias, with standard deviations (_std), from readings at rest. "
+    "Sensor axes; torques about the sensor's origin. A reading of the idle tool: f = m g u + b, t = c x (m g u) + b_t, "
+    "u against gravity. Covariance in the order of: mass, first moment xyz [kg m], force bias xyz, torque bias xyz.",
+)
+TIME: Final = "time_s"
+WRENCH: Final = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
+JOINTS: Final = tuple(f"q{joint}_rad" for joint in range(1, 7))
 
 
 class CalibratedTool(NamedTuple):
@@ -65,9 +68,8 @@ def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
 
 def write_calibration(file: Path, estimate: PayloadEstimate) -> None:
     """Write calibration.toml."""
-    figures = {"kind": KIND} | estimate_figures(estimate)
-    figures |= {"gravity_m_s2": GRAVITY, "covariance": estimate.covariance.tolist()}
-    write_table(file, _HEAD, figures)
+    figures = estimate_figures(estimate) | {"gravity_m_s2": GRAVITY, "covariance": estimate.covariance.tolist()}
+    write_table(file, PAYLOAD, figures)
 
 
 def read_calibrated_tool(file: Path) -> CalibratedTool:
@@ -76,20 +78,11 @@ def read_calibrated_tool(file: Path) -> CalibratedTool:
     Raises:
         InputError: No such file, no TOML, not the calibration of a payload, or a value that cannot be.
     """
-    table = read_table(file, KIND, "a payload")
-    mass, center = table.get("mass_kg"), table.get("center_m")
-    if not is_number(mass) or not 0.0 < float(mass) < 1e3:  # type: ignore[arg-type]
+    table = read_table(file, PAYLOAD)
+    mass = float(table.numbers("mass_kg", ()))
+    if not 0.0 < mass < 1e3:
         raise InputError(f"'{file}': mass_kg is {mass!r}, wanted a number above 0 [kg].")
-    if not isinstance(center, list) or len(center) != 3 or not all(map(is_number, center)):
-        raise InputError(f"'{file}': center_m is {center!r}, wanted three numbers [m].")
-    return CalibratedTool(float(mass), np.array(center, dtype=np.float64))  # type: ignore[arg-type]
-
-
-# Readings of a robot's own poses as CSV: in from a user's file, out as residuals.csv, which reads back.
-
-TIME: Final = "time_s"
-WRENCH: Final = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
-JOINTS: Final = tuple(f"q{joint}_rad" for joint in range(1, 7))
+    return CalibratedTool(mass, table.numbers("center_m", (3,)))
 
 
 def read_readings(file: Path) -> PayloadReadings:
@@ -102,7 +95,7 @@ def read_readings(file: Path) -> PayloadReadings:
     Raises:
         InputError: No such file, a column missing, a value that is none, an orientation that is none; names the line.
     """
-    columns = read_columns(file, "reading", "poses and readings")
+    columns = Measured.read(file, "reading", "poses and readings")
     columns.need(WRENCH, "the reading in sensor axes, [N] and [N m]")
     R_base_sensor = columns.rotations("the sensor")
     time = columns.numbers([TIME])[:, 0] if TIME in columns.texts else np.zeros(len(columns))
@@ -119,12 +112,9 @@ def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Arra
     """
     turns = Rotation.from_matrix(readings.R_base_sensor).as_quat(canonical=True, scalar_first=True)
     names = ["reading", TIME, *QUATERNION, *WRENCH, *(f"residual_{name}" for name in WRENCH), "used"]
-    names += [] if q is None else JOINTS
-    out = io.StringIO()
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow(names)
+    rows = []
     for k in range(len(readings)):
         numbers = [readings.time[k], *turns[k], *readings.wrenches[k], *estimate.residuals[k]]
-        row: list[Any] = [k + 1, *(f"{value:.9g}" for value in numbers), int(estimate.used[k])]
-        table.writerow(row + ([] if q is None else [f"{value:.9g}" for value in q[k]]))
-    return out.getvalue()
+        joints = [] if q is None else [f"{value:.9g}" for value in q[k]]
+        rows.append([k + 1, *(f"{value:.9g}" for value in numbers), int(estimate.used[k]), *joints])
+    return csv_text(names + ([] if q is None else [*JOINTS]), rows)

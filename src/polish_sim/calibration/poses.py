@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Indices
-from polish_sim.calibration.payload import ROTATION_TOLERANCE, condition_of, payload_regressor
+from polish_sim.calibration.payload import condition_of, payload_regressor
+from polish_sim.calibration.tables import ROTATION_TOLERANCE
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward
 

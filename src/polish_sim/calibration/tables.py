@@ -1,24 +1,25 @@
-"""A user's CSV of measurements as named columns: numbers, lengths with their unit, orientations."""
+"""Files of calibrations: a user's CSV of lengths and orientations, and calibration.toml of every kind."""
 
 from __future__ import annotations
 
-import json
 import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from textwrap import wrap
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools
-from polish_sim.calibration.payload import ROTATION_TOLERANCE
-from polish_sim.errors import InputError
-from polish_sim.exchange.columns import read_named_columns
-from polish_sim.exchange.way_points import finite_column
+from polish_sim.arrays import Array
+from polish_sim.errors import CalibrationError, InputError
+from polish_sim.spatial import transform
+from polish_sim.tables import Columns
 
+ROTATION_TOLERANCE: Final = 1e-3
+"""How far R^T R may be from one: the rounding of printed digits."""
 QUATERNION: Final = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR: Final = ("rx_rad", "ry_rad", "rz_rad")
 MATRIX: Final = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
@@ -30,38 +31,8 @@ REACH: Final = (0.02, 5.0)
 """How far from its base a robot's flange or tip is, in the middle of all lines, whatever the robot [m]."""
 
 
-@dataclass(frozen=True)
-class Columns:
-    """Columns of text by name, in the order of a file."""
-
-    file: Path
-    texts: Mapping[str, Sequence[str]]
-    lines: Sequence[int]
-    """The line each row stands on."""
-
-    def __len__(self) -> int:
-        return len(self.lines)
-
-    def place(self, row: int) -> str:
-        """Where a row stands."""
-        return f"line {self.lines[row]}"
-
-    def numbers(self, names: Sequence[str]) -> Array:
-        """Columns of numbers, shape (n, len(names))."""
-        return np.stack([finite_column(self.file, name, self.texts[name], self.place) for name in names], axis=1)
-
-    def need(self, names: Sequence[str], what: str) -> None:
-        """Refuse a file that lacks columns.
-
-        Raises:
-            InputError: Naming those it lacks, what they are and those it has.
-        """
-        missing = [name for name in names if name not in self.texts]
-        if missing:
-            raise InputError(
-                f"'{self.file}' lacks the column{'s' if len(missing) > 1 else ''} {', '.join(missing)}: {what}. "
-                f"It has: {', '.join(self.texts)}."
-            )
+class Measured(Columns):
+    """Columns of measurements: lengths with their unit, orientations in three forms."""
 
     def points(self, prefix: str, what: str) -> Array:
         """Points from columns ``<prefix>x_mm`` to ``<prefix>z_mm``, or the same in metres (``_m``) [m], shape (n, 3).
@@ -142,32 +113,6 @@ class Columns:
             raise InputError(f"'{self.file}', {place}: {given[0]} to {given[-1]} are not {said}.")
         return np.asarray(R)
 
-    def rows(self, mask: Bools) -> Columns:
-        """Some of the rows."""
-        keep = np.flatnonzero(mask).tolist()
-        texts = {name: [column[k] for k in keep] for name, column in self.texts.items()}
-        return Columns(self.file, texts, [self.lines[k] for k in keep])
-
-
-def read_columns(file: Path, kind: str, content: str) -> Columns:
-    """Read a CSV with a header; blank lines and lines that begin with # are left out.
-
-    Args:
-        file: The file.
-        kind: What a line of it is, e.g. ``"reading"``.
-        content: What it should hold, e.g. ``"poses and readings"``.
-
-    Raises:
-        InputError: No such file, no text, no CSV, or no lines.
-    """
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"cannot read the {kind}s '{file}': {error.strerror}.") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"'{file}' is not a text file ({error.reason}). Give a CSV of {content}.") from error
-    return Columns(file, *read_named_columns(file, text, kind))
-
 
 def _from_quaternions(values: Array) -> Array:
     """Rotations of quaternions wxyz; one that is not of unit length gives no rotation."""
@@ -177,25 +122,43 @@ def _from_quaternions(values: Array) -> Array:
     return np.asarray(Rotation.from_quat(safe, scalar_first=True).as_matrix() * scale[:, None, None])
 
 
-# calibration.toml as text and back: one flat table, its kind named.
+class Kind(NamedTuple):
+    """A kind of calibration.toml."""
+
+    name: str
+    """The command that makes it, ``calibrate NAME``."""
+    what: str
+    """For messages, e.g. ``"a payload"``."""
+    head: str
+    """Comment at the top of the file: quantities, units, axes."""
 
 
-def write_table(file: Path, head: str, figures: Mapping[str, Any]) -> None:
-    """Write a table under a comment that says what it is."""
-    lines = [f"{name} = {_literal(value)}" for name, value in figures.items()]
-    file.write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
+def write_table(file: Path, kind: Kind, figures: Mapping[str, Any]) -> None:
+    """Write a calibration as one flat table under its comment."""
+    # Lazy: only this needs it.
+    import tomlkit
+
+    document = tomlkit.document()
+    for line in wrap(kind.head, 116):
+        document.add(tomlkit.comment(line))
+    for name, value in ({"kind": kind.name} | dict(figures)).items():
+        document.add(name, tomlkit.item(value.item() if isinstance(value, np.generic) else value))
+    file.write_text(tomlkit.dumps(document), encoding="utf-8")
 
 
-def _literal(value: Any) -> str:
-    if isinstance(value, (str, bool)):
-        # JSON and TOML write these alike.
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, list):
-        return "[" + ", ".join(_literal(entry) for entry in value) + "]"
-    if isinstance(value, np.generic):
-        return repr(value.item())
-    # TOML wants a digit on both sides of the point and reads 1e-05 as well as Python does.
-    return repr(value)
+def read_table(file: Path, kind: Kind) -> Calibration:
+    """Read a calibration of one kind.
+
+    Raises:
+        InputError: No such file, no TOML, or the calibration of something else.
+    """
+    values = _read(file)
+    if values.get("kind") != kind.name:
+        raise InputError(
+            f"'{file}' is not the calibration of {kind.what} (kind = {values.get('kind')!r}). "
+            f"Give a calibration.toml made by 'calibrate {kind.name}'."
+        )
+    return Calibration(file, values)
 
 
 def calibration_kind(file: Path, wanted: tuple[str, ...]) -> str:
@@ -213,26 +176,6 @@ def calibration_kind(file: Path, wanted: tuple[str, ...]) -> str:
     return str(kind)
 
 
-def read_table(file: Path, kind: str, what: str) -> Mapping[str, Any]:
-    """Read a calibration of one kind.
-
-    Args:
-        file: The file.
-        kind: Its kind, e.g. ``"payload"``: that of the command that makes it.
-        what: What it calibrates, e.g. ``"a payload"``.
-
-    Raises:
-        InputError: No such file, no TOML, or the calibration of something else.
-    """
-    table = _read(file)
-    if table.get("kind") != kind:
-        raise InputError(
-            f"'{file}' is not the calibration of {what} (kind = {table.get('kind')!r}). "
-            f"Give a calibration.toml made by 'calibrate {kind}'."
-        )
-    return table
-
-
 def _read(file: Path) -> Mapping[str, Any]:
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
@@ -242,22 +185,50 @@ def _read(file: Path) -> Mapping[str, Any]:
         raise InputError(f"the calibration '{file}' is not valid TOML: {error}.") from error
 
 
-def numbers_of(file: Path, table: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Array:
-    """Numbers of a table.
+@dataclass(frozen=True)
+class Calibration:
+    """Values of a calibration.toml, checked when they are asked for."""
 
-    Raises:
-        InputError: They are not there, not finite, or of another shape.
-    """
-    try:
-        values = np.array(table.get(name), dtype=np.float64)
-    except (TypeError, ValueError):
-        values = np.array(math.nan)
-    if values.shape != shape or not np.isfinite(values).all():
-        wanted = " x ".join(map(str, shape))
-        raise InputError(f"'{file}': {name} is {table.get(name)!r}, wanted {wanted} finite numbers.")
-    return values
+    file: Path
+    values: Mapping[str, Any]
 
+    def numbers(self, name: str, shape: tuple[int, ...]) -> Array:
+        """Finite numbers of a shape.
 
-def is_number(value: Any) -> bool:
-    """Whether a value of TOML is a finite number."""
-    return not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value)
+        Raises:
+            InputError: They are not there, not finite, or of another shape.
+        """
+        try:
+            given = np.array(self.values.get(name))
+            numbers = given.astype(np.float64) if given.dtype.kind in "iuf" else np.array(math.nan)
+        except ValueError:
+            numbers = np.array(math.nan)
+        if numbers.shape != shape or not np.isfinite(numbers).all():
+            wanted = " x ".join(map(str, shape)) or "one"
+            raise InputError(
+                f"'{self.file}': {name} is {self.values.get(name)!r}, wanted {wanted} finite number{'s' * bool(shape)}."
+            )
+        return numbers
+
+    def pose(self, name: str) -> Array:
+        """A pose, shape (4, 4).
+
+        Raises:
+            InputError: It is not there, or is none.
+        """
+        T = self.numbers(name, (4, 4))
+        if np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max() > 1e-6 or np.linalg.det(T[:3, :3]) < 0.0:
+            raise InputError(f"'{self.file}': {name} is not a right-handed rotation and a displacement.")
+        return transform(T[:3, :3], T[:3, 3])
+
+    def refuse_other_pair(self, pair: str) -> None:
+        """Refuse what was calibrated on other robots.
+
+        Raises:
+            CalibrationError: It names another pair.
+        """
+        if self.values.get("pair") != pair:
+            raise CalibrationError(
+                f"'{self.file}' is the calibration of another pair of robots: {self.values.get('pair')!r}, not "
+                f"'{pair}'. Calibrate this pair, or name it as the file does."
+            )

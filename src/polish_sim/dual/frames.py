@@ -328,7 +328,7 @@ def _check_bases(config: DualConfig, T: Array, T_master_follower: Array) -> None
 
 def _tool_of(config: DualConfig, T_flange_tool: Array) -> Array:
     """The tool on the follower's flange, from a file."""
-    T = read_tool_calibration(Path(config.tool_file)).T_flange_tool
+    T = read_tool_calibration(Path(config.tool_file))
     cure = "the one of `calibrate tcp --cell-tool`, or none: the run then finds its own"
     _check_near(f"'{config.tool_file}' puts the tool", "the cell's tool", T, T_flange_tool, cure)
     return T

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from polish_sim.arrays import Array
-from polish_sim.calibration.tables import Columns, read_columns
+from polish_sim.calibration.tables import Measured
 from polish_sim.config import DualConfig, Scenario
 from polish_sim.dual.chain import ClosedChain
 from polish_sim.errors import ConfigError, InputError
@@ -112,7 +112,7 @@ class MasterPath(NamedTuple):
     """Shape (n, 4, 4)."""
     of_flange: bool
     """Whether they are those of the flange; else of the part."""
-    columns: Columns
+    columns: Measured
     """Says where a row stands."""
 
     def part_poses(self, chain: ClosedChain) -> Array:
@@ -135,7 +135,7 @@ def read_master_path(file: Path) -> MasterPath:
         InputError: No such file, a column missing, places of both part and flange, fewer than two lines, time that
             does not increase, a jump, a value that is none; names the line.
     """
-    columns = read_columns(file, "pose", "poses over time")
+    columns = Measured.read(file, "pose", "poses over time")
     columns.need((TIME,), "the time of each pose [s]")
     of_flange = any(name.startswith(FLANGE) for name in columns.texts)
     both = [name for name in ("x_mm", "x_m") if of_flange and name in columns.texts]
@@ -160,7 +160,7 @@ def read_master_path(file: Path) -> MasterPath:
     return MasterPath(times - times[0], poses, of_flange, columns)
 
 
-def _refuse_jumps(columns: Columns, what: str, times: Array, poses: Array) -> None:
+def _refuse_jumps(columns: Measured, what: str, times: Array, poses: Array) -> None:
     steps = np.diff(times)
     way = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     turn = Rotation.from_matrix(np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3]).magnitude()

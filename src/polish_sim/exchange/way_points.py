@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -13,36 +12,15 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
 from polish_sim.planning.toolpath import PROCESS, RETRACT, ToolPath, arc_length
+from polish_sim.tables import Place
 
 # What every path read from a file must satisfy: numbers, unit axes, sane lengths (columns -> checked arrays).
 
-
-Place = Callable[[int], str]
-"""Says where in the file a row stands, e.g. "line 4, point 3"."""
 
 UNIT_TOLERANCE = 1e-3
 """A tool axis may differ from length 1 by the rounding of printed digits."""
 LARGEST_M = 100.0
 """A coordinate beyond this [m] is a wrong unit, not a path a robot could follow."""
-
-
-def finite_column(file: Path, name: str, texts: Sequence[str], place: Place) -> Array:
-    """Numbers of a column of text, shape (n,).
-
-    Raises:
-        InputError: A value is no finite number.
-    """
-    try:
-        values = np.array(texts, dtype=np.float64)
-    except ValueError:
-        values = np.array([_number(text) for text in texts])
-    wrong = np.flatnonzero(~np.isfinite(values))
-    if len(wrong):
-        row = int(wrong[0])
-        raise InputError(
-            f"'{file}', {place(row)}: {name} is '{texts[row]}', not a number. Correct or leave out the line."
-        )
-    return values
 
 
 def positive_column(file: Path, name: str, values: Array, place: Place) -> Array:
@@ -124,13 +102,6 @@ def refuse_unsorted(file: Path, name: str, values: Array, place: Place) -> None:
 
 def _count(points: int) -> str:
     return "one point" if points == 1 else f"{points} points"
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 Unknown = Callable[[InputError], None]

@@ -6,7 +6,7 @@ left out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -15,11 +15,10 @@ from scipy.interpolate import make_lsq_spline
 
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError
-from polish_sim.exchange.columns import read_named_columns
-from polish_sim.exchange.way_points import finite_column
 from polish_sim.identification.fourier import fit_fourier
 from polish_sim.identification.regressor import States
 from polish_sim.motion.serial_chain import HINGE
+from polish_sim.tables import Columns
 
 HARMONICS_FITTED = 20
 """Of the measured positions: four times what is commanded, for what the servos add."""
@@ -97,9 +96,11 @@ def read_robot_log(
             period does not fit, angles look like degrees, a torque is saturated; names the place.
     """
     q_names, torque_names = log_columns(kinds)
-    columns, lines = _read(file)
-    _check_joints(file, columns, kinds, joints)
-    values = _numbers(file, columns, lines, ["time_s", *q_names, *torque_names])
+    columns = Columns.read(file, "sample", "joint positions and torques over time")
+    lines, names = columns.lines, ["time_s", *q_names, *torque_names]
+    _check_joints(file, columns.texts, kinds, joints)
+    columns.need(names)
+    values = columns.numbers(names)
     log = RobotLog(values[:, 0], values[:, 1 : 1 + len(kinds)], values[:, 1 + len(kinds) :])
     if len(log.time) < _LEAST_SAMPLES:
         raise InputError(
@@ -116,42 +117,7 @@ def read_robot_log(
     return log
 
 
-def read_columns(file: Path, names: Sequence[str]) -> tuple[Array, list[int]]:
-    """Columns of numbers of a CSV, shape (m, names), and the line every row stands on.
-
-    Raises:
-        InputError: A column is missing or a value is no number; names it.
-    """
-    columns, lines = _read(file)
-    return _numbers(file, columns, lines, names), lines
-
-
-def _numbers(file: Path, columns: dict[str, list[str]], lines: list[int], names: Sequence[str]) -> Array:
-    missing = [name for name in names if name not in columns]
-    if missing:
-        raise InputError(
-            f"'{file}' lacks the column{'s' if len(missing) > 1 else ''} {', '.join(missing)}. "
-            f"It has: {', '.join(columns)}."
-        )
-
-    def place(row: int) -> str:
-        return f"line {lines[row]}"
-
-    return np.stack([finite_column(file, name, columns[name], place) for name in names], axis=1)
-
-
-def _read(file: Path) -> tuple[dict[str, list[str]], list[int]]:
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"cannot read the log '{file}': {error.strerror}.") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"'{file}' is not a text file ({error.reason}). Give a CSV.") from error
-    columns, lines = read_named_columns(file, text, "sample")
-    return dict(columns), list(lines)
-
-
-def _check_joints(file: Path, columns: dict[str, list[str]], kinds: Sequence[int], joints: Sequence[str]) -> None:
+def _check_joints(file: Path, columns: Collection[str], kinds: Sequence[int], joints: Sequence[str]) -> None:
     """Refuse a model that goes on after the log's last joint, and name the joints to take."""
     pairs = zip(*log_columns(kinds), strict=True)
     logged = [q in columns and torque in columns for q, torque in pairs]
@@ -163,7 +129,7 @@ def _check_joints(file: Path, columns: dict[str, list[str]], kinds: Sequence[int
         )
 
 
-def _check_order(file: Path, time: Array, lines: list[int]) -> None:
+def _check_order(file: Path, time: Array, lines: Sequence[int]) -> None:
     step = np.diff(time)
     if np.any(step <= 0.0):
         row = int(np.argmax(step <= 0.0)) + 1
@@ -173,7 +139,7 @@ def _check_order(file: Path, time: Array, lines: list[int]) -> None:
         )
 
 
-def _check_steps(file: Path, time: Array, lines: list[int]) -> None:
+def _check_steps(file: Path, time: Array, lines: Sequence[int]) -> None:
     """Samples close enough, and none missing, for splines."""
     step = np.diff(time)
     usual = float(np.median(step))

@@ -13,10 +13,11 @@ from polish_sim.config import ProcessConfig
 from polish_sim.errors import InputError
 from polish_sim.exchange.reader import read_way_points
 from polish_sim.experiments.placement import default_placements
-from polish_sim.identification.log_file import RobotLog, log_columns, read_columns, spline_states
+from polish_sim.identification.log_file import RobotLog, log_columns, spline_states
 from polish_sim.identification.regressor import States
 from polish_sim.motion.serial_chain import HINGE
 from polish_sim.smoothing.place import distinct_rows, follow_path
+from polish_sim.tables import Columns
 
 JOINTS: Final = 6
 LOGS: Final = ("log.npz", "trajectory.npz")
@@ -78,7 +79,9 @@ def _joints_over_time(source: Path) -> tuple[Array, Array, Array]:
     if source.is_file() and source.suffix == ".csv":
         names = log_columns((HINGE,) * JOINTS)[0]
         if any(name in source.read_text(encoding="utf-8", errors="replace").lower() for name in names):
-            columns, _lines = read_columns(source, ["time_s", *names])
+            read = Columns.read(source, "sample", "joint positions over time")
+            read.need(["time_s", *names])
+            columns = read.numbers(["time_s", *names])
             return columns[:, 0], columns[:, 1:], np.zeros(len(columns))
     time, q = _along_path(source)
     return time, q, np.zeros(len(time))

@@ -1,31 +1,35 @@
-"""calibration.toml of two arms' tables: written by `calibrate arm`, loaded by runs with two robots."""
+"""Files of two arms' tables: tracked poses as CSV in and out, and calibration.toml."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.calibration.tables import numbers_of, read_columns, read_table, write_table
+from polish_sim.calibration.tables import Calibration, Kind, Measured, read_table, write_table
 from polish_sim.dual.calibration.arm import PairTables, TrackedArm
-from polish_sim.dual.calibration.base_file import pose_of, refuse_other_pair, robots_of
+from polish_sim.dual.calibration.base_file import robots_of
 from polish_sim.dual.calibration.measurements import ROBOTS
 from polish_sim.errors import CalibrationError, InputError
 from polish_sim.motion.kinematics import NOMINAL
+from polish_sim.tables import csv_text
 
-KIND = "arm"
+ARM: Final = Kind(
+    "arm",
+    "two arms",
+    "Two arms' Denavit-Hartenberg tables as found: joint offsets [rad], d [m], a [m], alpha [rad], six each, and "
+    "transform, the follower's base in the master's, which goes with them. `pair` names the two robots it is true for. "
+    "true_...: of simulated robots only.",
+)
 FAR_M, FAR_RAD = 0.01, 0.02
 """No built UR5e is farther off its table than this [m], [rad]."""
-_HEAD = """\
-# Two arms' Denavit-Hartenberg tables as found: joint offsets [rad], d [m], a [m], alpha [rad], six each, and
-# transform, the follower's base in the master's, which goes with them. `pair` names the two robots it is true for.
-# true_...: of simulated robots only.
-"""
+JOINTS_RAD = tuple(f"q{k}_rad" for k in range(1, 7))
+JOINTS_DEG = tuple(f"q{k}_deg" for k in range(1, 7))
+TURNS = 2.0
+"""No joint of a UR5e turns farther, so that a larger angle is in degrees [full turns]."""
 
 
 class CalibratedArms(NamedTuple):
@@ -44,13 +48,13 @@ class CalibratedArms(NamedTuple):
 
 
 def write_arm_calibration(file: Path, found: PairTables, pair: str, true: PairTables | None = None) -> None:
-    """Write calibration.toml; ``pair`` names the two robots, ``true`` says what simulated ones really are."""
-    values: dict[str, Any] = {"kind": KIND, "pair": pair}
+    """Write calibration.toml; ``pair`` names the two robots, ``true`` are the tables of simulated ones."""
+    values: dict[str, Any] = {"pair": pair}
     for prefix, arms in (("", found), ("true_", true)):
         if arms is not None:
             values[f"{prefix}transform"] = arms.T_master_follower.tolist()
             values |= {f"{prefix}{robot}_table": arms.tables[robot].tolist() for robot in ROBOTS}
-    write_table(file, _HEAD, values | {"covariance": found.bases[1].tolist()})
+    write_table(file, ARM, values | {"covariance": found.bases[1].tolist()})
 
 
 def read_arm_calibration(file: Path, pair: str) -> CalibratedArms:
@@ -64,36 +68,29 @@ def read_arm_calibration(file: Path, pair: str) -> CalibratedArms:
         InputError: No such file, not the calibration of arms, or a value that cannot be.
         CalibrationError: The calibration of another pair of robots, or of arms that are no UR5e.
     """
-    values = read_table(file, KIND, "two arms")
-    refuse_other_pair(file, values, pair)
-    simulated = "true_transform" in values
+    table = read_table(file, ARM)
+    table.refuse_other_pair(pair)
+    simulated = "true_transform" in table.values
     return CalibratedArms(
-        _tables(file, values, ""),
-        pose_of(file, values, "transform"),
-        numbers_of(file, values, "covariance", (6, 6)),
-        _tables(file, values, "true_") if simulated else None,
-        pose_of(file, values, "true_transform") if simulated else None,
+        _tables(table, ""),
+        table.pose("transform"),
+        table.numbers("covariance", (6, 6)),
+        _tables(table, "true_") if simulated else None,
+        table.pose("true_transform") if simulated else None,
     )
 
 
-def _tables(file: Path, values: Mapping[str, Any], prefix: str) -> dict[str, Array]:
-    tables = {robot: numbers_of(file, values, f"{prefix}{robot}_table", (4, 6)) for robot in ROBOTS}
+def _tables(read: Calibration, prefix: str) -> dict[str, Array]:
+    tables = {robot: read.numbers(f"{prefix}{robot}_table", (4, 6)) for robot in ROBOTS}
     limits = np.array([FAR_RAD, FAR_M, FAR_M, FAR_RAD])[:, None]
     for robot, table in tables.items():
         if (np.abs(table - NOMINAL) > limits).any():
             raise CalibrationError(
-                f"'{file}': {prefix}{robot}_table is more than {1e3 * FAR_M:g} mm or {np.degrees(FAR_RAD):.1f} deg off "
-                "the UR5e's: it is another robot's, or its rows or units are mixed (offsets, d, a, alpha; rad and m)."
+                f"'{read.file}': {prefix}{robot}_table is more than {1e3 * FAR_M:g} mm or {np.degrees(FAR_RAD):.1f} "
+                "deg off the UR5e's: it is another robot's, or its rows or units are mixed (offsets, d, a, alpha; rad "
+                "and m)."
             )
     return tables
-
-
-# Tracked poses of two arms as CSV (file -> poses -> file).
-
-JOINTS_RAD = tuple(f"q{k}_rad" for k in range(1, 7))
-JOINTS_DEG = tuple(f"q{k}_deg" for k in range(1, 7))
-TURNS = 2.0
-"""No joint of a UR5e turns farther, so that a larger angle is in degrees [full turns]."""
 
 
 def read_tracked(file: Path) -> Mapping[str, TrackedArm]:
@@ -105,7 +102,7 @@ def read_tracked(file: Path) -> Mapping[str, TrackedArm]:
     Raises:
         InputError: No such file, a column or a robot missing, units mixed, a value that is none.
     """
-    columns = read_columns(file, "measurement", "tracked poses of two arms")
+    columns = Measured.read(file, "measurement", "tracked poses of two arms")
     robots = robots_of(columns)
     given = JOINTS_DEG if JOINTS_DEG[0] in columns.texts else JOINTS_RAD
     columns.need(given, "joint angles as the robot reads them, all in rad or all in deg")
@@ -124,11 +121,9 @@ def read_tracked(file: Path) -> Mapping[str, TrackedArm]:
 def tracked_table(tracked: Mapping[str, TrackedArm], found: PairTables) -> str:
     """The poses with what is left of each after the fit, as CSV that `read_tracked` reads."""
     names = ["robot", *JOINTS_RAD, "x_mm", "y_mm", "z_mm", "residual_x_mm", "residual_y_mm", "residual_z_mm"]
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(names)
+    rows = []
     for robot, one in tracked.items():
         for q, seen, left in zip(one.q, one.seen, found.arms[robot].residuals, strict=True):
             numbers = [f"{value:.12g}" for value in q] + [f"{1e3 * value:.9g}" for value in (*seen, *left)]
-            writer.writerow([robot, *numbers])
-    return out.getvalue()
+            rows.append([robot, *numbers])
+    return csv_text(names, rows)

@@ -1,9 +1,7 @@
-"""calibration.toml of two bases: written by `calibrate base`, loaded by runs with two robots."""
+"""Files of two bases: measurements as CSV in and out, one form for each way to measure, and calibration.toml."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -13,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.calibration.tables import Columns, numbers_of, read_columns, read_table, write_table
+from polish_sim.calibration.tables import Kind, Measured, read_table, write_table
 from polish_sim.dual.calibration.measurements import (
     LEAST_POSES,
     ROBOTS,
@@ -24,14 +22,17 @@ from polish_sim.dual.calibration.measurements import (
     TrackedPoses,
 )
 from polish_sim.errors import CalibrationError, InputError, unknown_name
-from polish_sim.spatial import transform
+from polish_sim.tables import csv_text
 
-KIND = "base"
-_HEAD = """\
-# The follower robot's base in the master's, T_master_follower, and its covariance: displacement of the origin xyz [m]
-# and small rotation xyz [rad], master axes. `pair` names the two robots it is true for.
-# true_transform: of simulated robots only.
-"""
+BASE: Final = Kind(
+    "base",
+    "two bases",
+    "The follower robot's base in the master's, T_master_follower, and its covariance: displacement of the origin xyz "
+    "[m] and small rotation xyz [rad], master axes. `pair` names the two robots it is true for. "
+    "true_transform: of simulated robots only.",
+)
+_NAMES: Final[Mapping[str, str]] = {"1": "master", "2": "follower", "master": "master", "follower": "follower"}
+_XYZ: Final = ("x_mm", "y_mm", "z_mm")
 
 
 class CalibratedBases(NamedTuple):
@@ -66,11 +67,9 @@ def base_figures(found: BaseCalibration) -> dict[str, Any]:
 
 
 def write_base_calibration(file: Path, found: BaseCalibration, pair: str, T_true: Array | None = None) -> None:
-    """Write calibration.toml; ``pair`` names the two robots, ``T_true`` says where simulated ones really stand."""
-    figures = {"kind": KIND, "pair": pair} | base_figures(found)
-    if T_true is not None:
-        figures["true_transform"] = np.asarray(T_true).tolist()
-    write_table(file, _HEAD, figures | {"covariance": found.covariance.tolist()})
+    """Write calibration.toml; ``pair`` names the two robots, ``T_true`` is the true frame of simulated ones."""
+    true = {} if T_true is None else {"true_transform": np.asarray(T_true).tolist()}
+    write_table(file, BASE, {"pair": pair} | base_figures(found) | true | {"covariance": found.covariance.tolist()})
 
 
 def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
@@ -84,48 +83,16 @@ def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
         InputError: No such file, not the calibration of bases, or a value that cannot be.
         CalibrationError: The calibration of another pair of robots.
     """
-    table = read_table(file, KIND, "two bases")
-    refuse_other_pair(file, table, pair)
-    covariance = numbers_of(file, table, "covariance", (6, 6))
-    T_true = pose_of(file, table, "true_transform") if "true_transform" in table else None
-    return CalibratedBases(pose_of(file, table, "transform"), covariance, T_true)
-
-
-def refuse_other_pair(file: Path, table: Mapping[str, Any], pair: str) -> None:
-    """Refuse what was calibrated on other robots.
-
-    Raises:
-        CalibrationError: It names another pair.
-    """
-    if table.get("pair") != pair:
-        raise CalibrationError(
-            f"'{file}' is the calibration of another pair of robots: {table.get('pair')!r}, not '{pair}'. "
-            "Calibrate this pair, or name it as the file does."
-        )
-
-
-def pose_of(file: Path, table: Mapping[str, Any], name: str) -> Array:
-    """A pose of a table, shape (4, 4).
-
-    Raises:
-        InputError: It is not there, or is none.
-    """
-    T = numbers_of(file, table, name, (4, 4))
-    if np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max() > 1e-6 or np.linalg.det(T[:3, :3]) < 0.0:
-        raise InputError(f"'{file}': {name} is not a right-handed rotation and a displacement.")
-    return transform(T[:3, :3], T[:3, 3])
-
-
-# Measurements of two bases as CSV, one form for each way to measure (file -> measurements -> file).
-
-_NAMES: Final[Mapping[str, str]] = {"1": "master", "2": "follower", "master": "master", "follower": "follower"}
-_XYZ: Final = ("x_mm", "y_mm", "z_mm")
+    table = read_table(file, BASE)
+    table.refuse_other_pair(pair)
+    T_true = table.pose("true_transform") if "true_transform" in table.values else None
+    return CalibratedBases(table.pose("transform"), table.numbers("covariance", (6, 6)), T_true)
 
 
 class Method(NamedTuple):
     """A way to measure bases: how its file is read and written."""
 
-    read: Callable[[Columns], BaseMeasurements]
+    read: Callable[[Measured], BaseMeasurements]
     table: Callable[[BaseMeasurements, BaseCalibration], str]
     text: str
 
@@ -141,7 +108,7 @@ def read_base_measurements(file: Path, method: str) -> BaseMeasurements:
         InputError: No such file or method, a column or a robot missing, units mixed, a value that is none.
         CalibrationError: Fewer poses than are asked.
     """
-    return method_named(method).read(read_columns(file, "measurement", "measurements of the bases"))
+    return method_named(method).read(Measured.read(file, "measurement", "measurements of the bases"))
 
 
 def method_named(name: str) -> Method:
@@ -155,7 +122,7 @@ def method_named(name: str) -> Method:
     return METHODS[name]
 
 
-def robots_of(columns: Columns) -> NDArray[np.str_]:
+def robots_of(columns: Measured) -> NDArray[np.str_]:
     """Whose measurement each line is, master or follower, shape (n,).
 
     Raises:
@@ -175,7 +142,7 @@ def robots_of(columns: Columns) -> NDArray[np.str_]:
     return robots
 
 
-def _read_arcs(columns: Columns) -> AxisArcs:
+def _read_arcs(columns: Measured) -> AxisArcs:
     robots = robots_of(columns)
     columns.need(["axis"], "which joint turned: 1 or 2")
     axes = columns.numbers(["axis"])[:, 0]
@@ -190,7 +157,7 @@ def _read_arcs(columns: Columns) -> AxisArcs:
     return AxisArcs({r: (points[(robots == r) & (axes == 1.0)], points[(robots == r) & (axes == 2.0)]) for r in ROBOTS})
 
 
-def _read_poses(columns: Columns) -> TrackedPoses:
+def _read_poses(columns: Measured) -> TrackedPoses:
     robots = robots_of(columns)
     own = columns.reached_points("", "the target's position in the robot's base")
     seen = columns.points("tracker_", "the target's position seen by the tracker")
@@ -203,7 +170,7 @@ def _read_poses(columns: Columns) -> TrackedPoses:
     return TrackedPoses({robot: (seen[robots == robot], own[robots == robot]) for robot in ROBOTS})
 
 
-def _read_handshake(columns: Columns) -> Handshake:
+def _read_handshake(columns: Measured) -> Handshake:
     for robot in ROBOTS:
         if not any(name.startswith(f"{robot}_x") for name in columns.texts):
             raise InputError(
@@ -220,7 +187,7 @@ def _arc_table(measured: BaseMeasurements, found: BaseCalibration) -> str:
         for axis, (points, circle) in enumerate(zip(measured.arcs[robot], found.circles[robot], strict=True), 1):
             for point, e, used in zip(points, circle.residuals, circle.used, strict=True):
                 rows.append([robot, axis, *_mm(point), *_mm(e), int(used)])
-    return _csv(["robot", "axis", *_XYZ, "residual_radial_mm", "residual_axial_mm", "used"], rows)
+    return csv_text(["robot", "axis", *_XYZ, "residual_radial_mm", "residual_axial_mm", "used"], rows)
 
 
 def _pose_table(measured: BaseMeasurements, found: BaseCalibration) -> str:
@@ -230,7 +197,7 @@ def _pose_table(measured: BaseMeasurements, found: BaseCalibration) -> str:
         seen, own = measured.points[robot]
         for k in range(len(own)):
             rows.append([robot, *_mm(own[k]), *_mm(seen[k]), *_mm(group.residuals[k : k + 1]), int(group.used[k])])
-    return _csv(["robot", *_XYZ, *(f"tracker_{n}" for n in _XYZ), "residual_mm", "used"], rows)
+    return csv_text(["robot", *_XYZ, *(f"tracker_{n}" for n in _XYZ), "residual_mm", "used"], rows)
 
 
 def _handshake_table(measured: BaseMeasurements, found: BaseCalibration) -> str:
@@ -240,17 +207,11 @@ def _handshake_table(measured: BaseMeasurements, found: BaseCalibration) -> str:
         [*_mm(a), *_mm(b), *_mm(group.residuals[k : k + 1]), int(group.used[k])]
         for k, (a, b) in enumerate(zip(measured.points_master, measured.points_follower, strict=True))
     ]
-    return _csv([f"{robot}_{n}" for robot in ROBOTS for n in _XYZ] + ["residual_mm", "used"], rows)
+    return csv_text([f"{robot}_{n}" for robot in ROBOTS for n in _XYZ] + ["residual_mm", "used"], rows)
 
 
 def _mm(values: Array) -> list[str]:
     return [f"{1e3 * value:.9g}" for value in values]
-
-
-def _csv(names: list[str], rows: list[list[object]]) -> str:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows([names, *rows])
-    return out.getvalue()
 
 
 METHODS: Final[Mapping[str, Method]] = MappingProxyType(

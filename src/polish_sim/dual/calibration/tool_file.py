@@ -1,44 +1,39 @@
-"""calibration.toml of a tool frame: written by `calibrate tcp`, loaded by runs."""
+"""A tool frame's files: touches and moves as CSV in and out, calibration.toml out, and the tool a run takes from it."""
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.calibration.tables import QUATERNION, Columns, numbers_of, read_columns, read_table, write_table
+from polish_sim.calibration.tables import QUATERNION, Kind, Measured, read_table, write_table
 from polish_sim.dual.calibration.tool import ToolFrameEstimate, ToolMeasurements
 from polish_sim.dual.calibration.tool_checks import ToolTouches, point_error_bound
 from polish_sim.errors import InputError
 from polish_sim.spatial import transform
+from polish_sim.tables import csv_text
 
-KIND = "tcp"
-_HEAD = """\
-# The tool on the flange: its tip [m] and axes (unit quaternion wxyz), with standard deviations (_std), covariance of
-# the tip [m^2, flange axes]. rotation_rad_std: small rotations about the tool's x, y, z.
-"""
-
-
-class CalibratedToolFrame(NamedTuple):
-    """Where the tool is on the flange."""
-
-    T_flange_tool: Array
-    """Shape (4, 4)."""
-    position_covariance: Array
-    """Of the tip [m^2], flange axes, shape (3, 3)."""
+TCP: Final = Kind(
+    "tcp",
+    "a tool frame",
+    "The tool on the flange: its tip [m] and axes (unit quaternion wxyz), with standard deviations (_std), covariance "
+    "of the tip [m^2, flange axes]. rotation_rad_std: small rotations about the tool's x, y, z.",
+)
+KIND_COLUMN, TOUCH, START, ALONG_X, IN_XZ, MOVE = "kind", "touch", "start", "along_x", "in_xz", "move"
+KINDS: Final = (TOUCH, START, ALONG_X, IN_XZ, MOVE)
+POSITION: Final = ("x_mm", "y_mm", "z_mm")
+MOVED: Final = ("move_x_mm", "move_y_mm", "move_z_mm")
 
 
 def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: float | None = None) -> dict[str, Any]:
     """An estimate under the names of calibration.toml and metrics.json.
 
     Args:
-        measured: What it rests on.
+        measured: Touches and moves.
         found: The estimate.
         noise: True standard deviation of one coordinate [m], if known: for the Cramér-Rao bound.
     """
@@ -66,31 +61,21 @@ def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: fl
 
 def write_tool_calibration(file: Path, figures: dict[str, Any], found: ToolFrameEstimate) -> None:
     """Write calibration.toml."""
-    covariance = found.tip.covariance[:3, :3].tolist()
-    write_table(file, _HEAD, {"kind": KIND} | figures | {"position_covariance": covariance})
+    write_table(file, TCP, figures | {"position_covariance": found.tip.covariance[:3, :3].tolist()})
 
 
-def read_tool_calibration(file: Path) -> CalibratedToolFrame:
-    """Read where the tool is on the flange.
+def read_tool_calibration(file: Path) -> Array:
+    """Read the tool on the flange, T_flange_tool, shape (4, 4).
 
     Raises:
         InputError: No such file, not the calibration of a tool frame, or a value that cannot be.
     """
-    table = read_table(file, KIND, "a tool frame")
-    quaternion = numbers_of(file, table, "quaternion_wxyz", (4,))
+    table = read_table(file, TCP)
+    quaternion = table.numbers("quaternion_wxyz", (4,))
     if abs(np.linalg.norm(quaternion) - 1.0) > 1e-6:
         raise InputError(f"'{file}': quaternion_wxyz has length {np.linalg.norm(quaternion):.4g}, wanted 1.")
     R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    T = transform(R, numbers_of(file, table, "position_m", (3,)))
-    return CalibratedToolFrame(T, numbers_of(file, table, "position_covariance", (3, 3)))
-
-
-# Touches and moves of a tool as CSV: in from a user's file, out as residuals.csv, which reads back.
-
-TOUCHES_FILE_KIND, TOUCH, START, ALONG_X, IN_XZ, MOVE = "kind", "touch", "start", "along_x", "in_xz", "move"
-KINDS: Final = (TOUCH, START, ALONG_X, IN_XZ, MOVE)
-POSITION: Final = ("x_mm", "y_mm", "z_mm")
-MOVED: Final = ("move_x_mm", "move_y_mm", "move_z_mm")
+    return transform(R, table.numbers("position_m", (3,)))
 
 
 def read_tool_measurements(file: Path) -> ToolMeasurements:
@@ -104,7 +89,7 @@ def read_tool_measurements(file: Path) -> ToolMeasurements:
         InputError: No such file, a column missing, units mixed, a value that is none; names the line.
         CalibrationError: A pose that is none.
     """
-    columns = read_columns(file, "flange pose", "flange poses")
+    columns = Measured.read(file, "flange pose", "flange poses")
     T = transform(columns.rotations("the flange"), columns.reached_points("", "the position of the flange"))
     kinds = _kinds(columns)
     touches = ToolTouches(T[kinds == TOUCH])
@@ -120,10 +105,10 @@ def read_tool_measurements(file: Path) -> ToolMeasurements:
     return ToolMeasurements(touches, T[[*order, *rows]], np.concatenate([np.zeros((1, 3)), moves]))
 
 
-def _kinds(columns: Columns) -> NDArray[np.str_]:
-    if TOUCHES_FILE_KIND not in columns.texts:
+def _kinds(columns: Measured) -> NDArray[np.str_]:
+    if KIND_COLUMN not in columns.texts:
         return np.full(len(columns), TOUCH)
-    kinds = [text.lower() or TOUCH for text in columns.texts[TOUCHES_FILE_KIND]]
+    kinds = [text.lower() or TOUCH for text in columns.texts[KIND_COLUMN]]
     for row, kind in enumerate(kinds):
         if kind not in KINDS:
             raise InputError(
@@ -132,7 +117,7 @@ def _kinds(columns: Columns) -> NDArray[np.str_]:
     return np.array(kinds)
 
 
-def _the_one(columns: Columns, kinds: NDArray[np.str_], kind: str) -> int:
+def _the_one(columns: Measured, kinds: NDArray[np.str_], kind: str) -> int:
     rows = np.flatnonzero(kinds == kind)
     if len(rows) != 1:
         raise InputError(
@@ -144,19 +129,18 @@ def _the_one(columns: Columns, kinds: NDArray[np.str_], kind: str) -> int:
 
 def tool_table(measured: ToolMeasurements, found: ToolFrameEstimate) -> str:
     """Touches and moves, how far each touch is from the fit, and whether it was used, as CSV that reads back."""
-    out = io.StringIO()
-    table = csv.writer(out, lineterminator="\n")
-    names = ["touch", TOUCHES_FILE_KIND, *POSITION, *QUATERNION, *(f"residual_{axis}_mm" for axis in "xyz"), "used"]
-    table.writerow(names + (list(MOVED) if measured.moves_tool is not None else []))
+    names = ["touch", KIND_COLUMN, *POSITION, *QUATERNION, *(f"residual_{axis}_mm" for axis in "xyz"), "used"]
+    names += list(MOVED) if measured.moves_tool is not None else []
     moves = np.zeros((0, 3)) if measured.moves_tool is None else measured.moves_tool
+    rows = []
     for k, T in enumerate(measured.touches.T_base_flange):
         residual = [f"{1e3 * value:.6g}" for value in found.tip.residuals[k]]
-        table.writerow([*_pose(k, TOUCH, T), *residual, int(found.tip.used[k]), *([0, 0, 0] if len(moves) else [])])
+        rows.append([*_pose(k, TOUCH, T), *residual, int(found.tip.used[k]), *([0, 0, 0] if len(moves) else [])])
     kinds = (START, ALONG_X, IN_XZ) if measured.moves_tool is None else (START, *[MOVE] * len(moves))
     for k, (kind, T) in enumerate(zip(kinds, measured.T_base_flange_moves, strict=False)):
         moved = [f"{1e3 * value:.9g}" for value in moves[k]] if len(moves) else []
-        table.writerow([*_pose(k, kind, T), 0, 0, 0, 1, *moved])
-    return out.getvalue()
+        rows.append([*_pose(k, kind, T), 0, 0, 0, 1, *moved])
+    return csv_text(names, rows)
 
 
 def _pose(k: int, kind: str, T: Array) -> list[Any]:

@@ -1,0 +1,166 @@
+"""The one reader of CSV files: named columns of text, and numbers from them; errors name file, line and column."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Self
+
+import numpy as np
+
+from polish_sim.arrays import Array, Bools
+from polish_sim.errors import InputError
+
+OTHER_SEPARATORS: Final = {";": "semicolons", "\t": "tabs", "|": "bars"}
+
+Place = Callable[[int], str]
+"""Says where in a file a row stands, e.g. "line 4, point 3"."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of text by name in small letters, in the order of a file."""
+
+    file: Path
+    texts: Mapping[str, Sequence[str]]
+    lines: Sequence[int]
+    """The line each row stands on."""
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def place(self, row: int) -> str:
+        """Where a row stands."""
+        return f"line {self.lines[row]}"
+
+    def numbers(self, names: Sequence[str]) -> Array:
+        """Columns of finite numbers, shape (n, len(names)).
+
+        Raises:
+            InputError: A value is no finite number.
+        """
+        return np.stack([finite_column(self.file, name, self.texts[name], self.place) for name in names], axis=1)
+
+    def need(self, names: Sequence[str], meaning: str = "") -> None:
+        """Refuse a file that lacks columns.
+
+        Raises:
+            InputError: Names the missing columns, their meaning and the columns there are.
+        """
+        missing = [name for name in names if name not in self.texts]
+        if missing:
+            raise InputError(
+                f"'{self.file}' lacks the column{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
+                f"{f': {meaning}' if meaning else ''}. It has: {', '.join(self.texts)}."
+            )
+
+    def rows(self, mask: Bools) -> Self:
+        """Some of the rows."""
+        keep = np.flatnonzero(mask).tolist()
+        texts = {name: [column[k] for k in keep] for name, column in self.texts.items()}
+        return type(self)(self.file, texts, [self.lines[k] for k in keep])
+
+    @classmethod
+    def read(cls, file: Path, kind: str, content: str) -> Self:
+        """Read a CSV with a header; blank lines and lines that begin with # are left out.
+
+        Args:
+            file: The file.
+            kind: What a line of it is, e.g. ``"reading"``.
+            content: What it should hold, e.g. ``"poses and readings"``.
+
+        Raises:
+            InputError: No such file, no text, no CSV, or no lines.
+        """
+        try:
+            text = file.read_text(encoding="utf-8-sig")
+        except OSError as error:
+            raise InputError(f"cannot read the {kind}s '{file}': {error.strerror}.") from error
+        except UnicodeDecodeError as error:
+            raise InputError(f"'{file}' is not a text file ({error.reason}). Give a CSV of {content}.") from error
+        return cls.parse(file, text, kind)
+
+    @classmethod
+    def parse(cls, file: Path, text: str, kind: str) -> Self:
+        """Take the text of a CSV apart, without spaces around its values.
+
+        Args:
+            file: Where the text is from, for messages.
+            text: The file's text.
+            kind: What a line of it is, e.g. ``"point"``.
+
+        Raises:
+            InputError: Not CSV, separators that are no commas, no rows, a row of another length, a name that stands
+                twice; names the line.
+        """
+        rows, lines = _rows(file, text)
+        if len(rows) < 2:
+            raise InputError(f"'{file}' holds no {kind}s. Wanted: a header line, then one {kind} per line.")
+        names = [name.lower() for name in rows[0]]
+        # Spreadsheets of many countries write semicolons: then all names stand in one.
+        others = [word for sign, word in OTHER_SEPARATORS.items() if sign in names[0]]
+        if len(names) == 1 and others:
+            raise InputError(
+                f"'{file}', line {lines[0]}: the columns are separated by {others[0]}. Separate them by commas, with a "
+                "point in decimal numbers."
+            )
+        twice = sorted({name for name in names if name and names.count(name) > 1})
+        if twice:
+            raise InputError(
+                f"'{file}', line {lines[0]}: the header names {', '.join(twice)} more than once. Leave one column of "
+                "each."
+            )
+        for row, line in zip(rows[1:], lines[1:], strict=True):
+            if len(row) != len(names):
+                raise InputError(f"'{file}', line {line}: {len(row)} values, the header names {len(names)}.")
+        return cls(file, dict(zip(names, map(list, zip(*rows[1:], strict=True)), strict=True)), lines[1:])
+
+
+def _rows(file: Path, text: str) -> tuple[list[list[str]], list[int]]:
+    source = csv.reader(io.StringIO(text), skipinitialspace=True)
+    rows, lines = [], []
+    try:
+        for row in source:
+            if any(value.strip() for value in row) and not row[0].startswith("#"):
+                rows.append([value.strip() for value in row])
+                lines.append(source.line_num)
+    except csv.Error as error:
+        raise InputError(f"'{file}', line {source.line_num}: not CSV ({error}). Export it again.") from None
+    return rows, lines
+
+
+def finite_column(file: Path, name: str, texts: Sequence[str], place: Place) -> Array:
+    """Numbers of a column of text, shape (n,).
+
+    Raises:
+        InputError: A value is no finite number.
+    """
+    try:
+        values = np.array(texts, dtype=np.float64)
+    except ValueError:
+        values = np.array([_number(text) for text in texts])
+    wrong = np.flatnonzero(~np.isfinite(values))
+    if len(wrong):
+        row = int(wrong[0])
+        raise InputError(
+            f"'{file}', {place(row)}: {name} is '{texts[row]}', not a number. Correct or leave out the line."
+        )
+    return values
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def csv_text(names: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A CSV of a header and rows."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows([names, *rows])
+    return out.getvalue()
