@@ -1,36 +1,140 @@
-"""Says when kernels are being compiled: at the first start of each kind of run, and only then."""
+"""Progress of compiling kernels, and a second process that compiles the simulation's kernels while a path is planned.
+
+A first start compiles about a hundred kernels. Where there are two processors, another process runs a short simulation
+as soon as the command begins: what it compiles is in the cache when the command comes to simulate. Neither compiles
+what the other is compiling (kernel_cache.py), and what a killed process leaves undone the other one does.
+"""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, Final
 
 from numba.core import event
 
-FIRST_START: Final = (
-    "compiling kernels: once for each kind of run, a minute to three of one processor, longer where others use it"
-)
+from polish_sim.config import Scenario
+from polish_sim.kernel_cache import is_warm, kernels_under
+
+FIRST_START: Final = "compiling kernels: at the first start only, they are kept"
+QUIET_S: Final = 10.0
+"""Least time between two lines where no bar can be shown [s]."""
 
 
-class _Told(event.Listener):  # type: ignore[misc]
-    """Hears of functions that are not in the cache."""
+class CompileProgress(event.Listener):  # type: ignore[misc]
+    """Counts the kernels that this process and the one ahead of it compile.
 
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._say, self._said = say, False
+    Args:
+        show: Called with "12/57", kernels compiled and known to be needed, whenever either changes.
+    """
 
-    def on_start(self, _: Any) -> None:
-        """Tell of the first."""
-        if not self._said:
-            self._say(FIRST_START)
-        self._said = True
+    def __init__(self, show: Callable[[str], None]) -> None:
+        self._show = show
+        self._depth = 0
+        self._needed: dict[Any, None] = {}
+        self._ahead = (0, 0)
+
+    def on_start(self, event: Any) -> None:
+        """A kernel that is not in the cache: it and all it calls are needed."""
+        if self._depth == 0:
+            self._needed |= dict.fromkeys(kernels_under(event.data["dispatcher"]))
+        self._depth += 1
+        self._update()
 
     def on_end(self, _: Any) -> None:
-        """Ignore."""
+        """It is compiled."""
+        self._depth -= 1
+        self._update()
+
+    def count(self) -> tuple[int, int]:
+        """Kernels compiled and kernels needed, here and ahead."""
+        done = sum(bool(kernel.overloads) for kernel in self._needed)
+        return done + self._ahead[0], len(self._needed) + self._ahead[1]
+
+    def _update(self) -> None:
+        done, needed = self.count()
+        self._show(f"{done}/{needed}")
+
+    @contextmanager
+    def ahead(self, scenario: Scenario) -> Iterator[None]:
+        """Compile the simulation's kernels in another process while the block runs, if there is need and room.
+
+        Args:
+            scenario: What is going to be simulated.
+        """
+        if is_warm() or _processors() < 2:
+            yield
+            return
+        command = [sys.executable, "-m", __name__, scenario.controller.name]
+        pipe = subprocess.PIPE
+        with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True) as process:
+            reader = threading.Thread(target=self._listen, args=(process.stdout,), daemon=True)
+            reader.start()
+            try:
+                yield
+            finally:
+                process.kill()
+
+    def _listen(self, lines: Any) -> None:
+        for line in lines:
+            with suppress(ValueError):
+                done, needed = map(int, line.split("/"))
+                self._ahead = done, needed
+                self._update()
 
 
 @contextmanager
-def compiling_told(say: Callable[[str], None]) -> Iterator[None]:
-    """Say one line when the block compiles a kernel; nothing when all come from the cache."""
-    with event.install_listener("numba:compile", _Told(say)):
-        yield
+def compiling_shown(show: Callable[[str], None]) -> Iterator[CompileProgress]:
+    """Show how far compiling is while the block runs; nothing when all kernels come from the cache."""
+    progress = CompileProgress(show)
+    with event.install_listener("numba:compile", progress):
+        yield progress
+
+
+def now_and_then(say: Callable[[str], None]) -> Callable[[str], None]:
+    """A line for the first kernel, then one in a while."""
+    latest = -QUIET_S
+
+    def show(count: str) -> None:
+        nonlocal latest
+        if time.monotonic() - latest >= QUIET_S:
+            say(FIRST_START if latest < 0.0 else f"compiling kernels {count}")
+            latest = time.monotonic()
+
+    return show
+
+
+def _processors() -> int:
+    affinity = getattr(os, "sched_getaffinity", None)  # not on macOS
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def _rehearse(controller: str) -> None:
+    """Begin a run in free space, for its kernels; ends when the process that began it does."""
+    from polish_sim.cell import Silent
+    from polish_sim.control import CONTROLLERS
+    from polish_sim.experiments.registry import default_scenario, run_experiment
+    from polish_sim.scenario_file import merge
+
+    class Begun(Silent):
+        def progress(self, done: float, total: float) -> None:
+            os._exit(0)  # it simulates, so its kernels are compiled
+
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with compiling_shown(lambda count: print(count, flush=True)):
+        chosen = {"controller": {"name": controller}} if controller in CONTROLLERS else {}  # a user's own stays here
+        run_experiment(merge(default_scenario("arc"), chosen, ""), None, Begun())
+
+
+def _end_with_parent() -> None:
+    sys.stdin.read()
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    _rehearse(sys.argv[1])

@@ -11,7 +11,7 @@ from typing import Any, Final
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from polish_sim.cli.compiling import compiling_told
+from polish_sim.cli.compiling import CompileProgress, compiling_shown, now_and_then
 from polish_sim.cli.frames import FrameSink
 
 QUIET_S: Final = 20.0
@@ -31,6 +31,7 @@ class ProgressObserver:
         self._sinks = sinks
         self.frame_every_s = min([IDLE_FRAME_S, *(sink.every_s for sink in sinks)])
         self._task = bar.add_task("starting", total=None)
+        self.compiling: CompileProgress
 
     @classmethod
     @contextmanager
@@ -47,8 +48,9 @@ class ProgressObserver:
         terminal = sys.stderr.isatty()
         with Progress(*columns, console=console, transient=True, disable=not terminal) as bar:
             told = bar.console.print if terminal else say
-            with compiling_told(told):
-                yield cls(bar, told, sinks, None if terminal else QUIET_S)
+            observer = cls(bar, told, sinks, None if terminal else QUIET_S)
+            with compiling_shown(observer.compiled if terminal else now_and_then(say)) as observer.compiling:
+                yield observer
 
     def stage(self, text: str) -> None:
         """Begin a stage: its bar starts anew."""
@@ -56,12 +58,16 @@ class ProgressObserver:
         self._stage, self._told_at = text, time.monotonic()
         self._bar.reset(self._task, total=None, description=text)
 
+    def compiled(self, count: str) -> None:
+        """Say how many kernels are compiled, in the stage's line."""
+        self._bar.update(self._task, description=f"{self._stage}: compiling kernels {count}")
+
     def progress(self, done: float, total: float) -> None:
         """Say how far the stage is, in any unit; where no bar can be shown, in a line now and then."""
         if self._quiet_s is not None and time.monotonic() - self._told_at >= self._quiet_s and total > 0.0:
             self._told_at = time.monotonic()
             self._say(f"{self._stage}: {done / total:.0%}")
-        self._bar.update(self._task, completed=done, total=total)
+        self._bar.update(self._task, description=self._stage, completed=done, total=total)
 
     def frame(self, model: Any, data: Any) -> None:
         """Hand a moment of the simulation on to those who want to see it."""

@@ -46,6 +46,7 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
             observer = stack.enter_context(console.progress(sinks))
             for sink in sinks:
                 stack.enter_context(sink)
+            stack.enter_context(observer.compiling.ahead(scenario))
             way = plan_to_run(scenario, plan, observer, draft)
             record, result = simulate(scenario, way, draft, observer)
             observer.stage("draw")

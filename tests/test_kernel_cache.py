@@ -76,6 +76,15 @@ def test_only_dependents_of_an_edited_file_compile_again_and_older_kernels_stay(
     assert _run(package)[0] == [20.0, -2.0, 0]
 
 
+def test_kernels_that_one_needs_are_known_before_they_are_compiled(package: Path) -> None:
+    script = """
+from polish_sim.kernel_cache import kernels_under
+from polish_sim.stiffness import force
+print(len(kernels_under(force)), len(kernels_under(force) & {force}))
+"""
+    assert _run(package, script)[0] == [2, 1]
+
+
 def test_kernels_of_other_packages_stay_where_numba_keeps_them(package: Path) -> None:
     own = package.parent / "own.py"
     kernel = KERNEL.format(imports="from polish_sim.gains import gain", name="mine", value="gain(x)")

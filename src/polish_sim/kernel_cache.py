@@ -85,6 +85,19 @@ def is_warm() -> bool:
     return any(any((home / folder).glob("loop.advance*.nbc")) for home in homes)
 
 
+def kernels_under(kernel: Any) -> set[Any]:
+    """A kernel and all kernels it calls, directly or not, that are compiled on their own."""
+    found, waiting = {kernel}, [kernel]
+    while waiting:
+        function = waiting.pop().py_func
+        named = (function.__globals__.get(name) for name in function.__code__.co_names)
+        enclosed = (cell.cell_contents for cell in function.__closure__ or ())
+        called = {value for value in (*named, *enclosed) if isinstance(value, _Kernel)}
+        waiting += called - found
+        found |= called
+    return {kernel for kernel in found if kernel.targetoptions.get("inline") != "always"}
+
+
 class _Locator:
     """Tells numba where the kernels of a module are."""
 

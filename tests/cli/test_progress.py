@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 from numba import njit
 
 from polish_sim.cli import progress
-from polish_sim.cli.compiling import FIRST_START, compiling_told
+from polish_sim.cli.compiling import FIRST_START, CompileProgress, compiling_shown, now_and_then
 from polish_sim.cli.progress import ProgressObserver
 
 
@@ -29,10 +32,27 @@ def test_compiling_is_told_once_and_only_when_it_happens() -> None:
         return 2 * x
 
     said: list[str] = []
-    with compiling_told(said.append):
+    with compiling_shown(now_and_then(said.append)):
         assert double(3) == 6
         assert double(3.0) == 6.0
     assert said == [FIRST_START]
-    with compiling_told(said.append):
+    with compiling_shown(now_and_then(said.append)):
         assert double(4) == 8
     assert said == [FIRST_START]
+
+
+def test_kernels_compiled_ahead_are_counted_too() -> None:
+    shown: list[str] = []
+    progress = CompileProgress(shown.append)
+    progress._listen(["1/57\n", "a line of something else\n", "2/57\n"])
+    assert shown == ["1/57", "2/57"]
+
+
+def test_the_process_that_compiles_ahead_ends_when_its_kernels_are_there_or_its_parent_is_gone() -> None:
+    command = [sys.executable, "-m", "polish_sim.cli.compiling", "hybrid-pi"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.wait() == 0
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        process.stdin.close()
+        assert process.wait() == 1
