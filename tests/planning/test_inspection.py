@@ -206,4 +206,4 @@ def test_a_channel_wider_than_the_pad_is_within_reach(tmp_path):
 
 
 def test_a_convex_part_is_within_reach():
-    assert shipped_plan("sphere_50").figures["unreachable_area_m2"] == 0.0
+    assert shipped_plan("sphere_100").figures["unreachable_area_m2"] == 0.0

@@ -58,7 +58,7 @@ def basis(u: float, v: float, w: float) -> Any:
 
 @njit(cache=True)
 def blend(control, facets, barycentric):  # type: ignore[no-untyped-def]
-    """Evaluate quadratic triangles: positions, normals or whatever the control values mean.
+    """Evaluate quadratic triangles: positions, normals or other values.
 
     Args:
         control: Control values, shape (m, 6, d).

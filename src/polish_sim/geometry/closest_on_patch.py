@@ -158,7 +158,7 @@ def _closest_on_edge(patch, edge, x, y, z):  # type: ignore[no-untyped-def]
         else:
             low = t
         step = t - slope / bend if bend > 0.0 else -1.0
-        # A bound that is the minimum itself must not be left again, whatever the rounding.
+        # A bound that is the minimum itself must not be left again by rounding.
         inside = low - _STEP_DONE < step < high + _STEP_DONE
         moved = min(max(step, low), high) if inside else 0.5 * (low + high)
         if step <= low and low == 0.0 and slope > 0.0:

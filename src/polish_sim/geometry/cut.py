@@ -16,7 +16,7 @@ from polish_sim.geometry.surface import Surface, build_surface
 from polish_sim.geometry.topology import find_adjacency
 
 _EDGE_PAIRS = np.array([[0, 1], [1, 2], [2, 0]])
-_EQUAL = 1.0 + 1e-6  # of two diagonals or edges of one length the first is taken, whatever the rounding
+_EQUAL = 1.0 + 1e-6  # of two diagonals or edges of one length the first is taken: rounding
 
 
 class Clipped(NamedTuple):
@@ -148,8 +148,8 @@ def build_cut(surface: Surface, cut: Cut, count: int) -> Surface:
     """Cut control nets to the pieces' corners and number the vertices, ``count`` at most, anew."""
     control, normal_control = surface.control[cut.parents], surface.normal_control[cut.parents]
     smaller = np.flatnonzero((cut.barycentric != np.eye(3)).any(axis=(1, 2)))
-    control[smaller] = sub_patches(control[smaller], cut.barycentric[smaller])
-    normal_control[smaller] = sub_patches(normal_control[smaller], cut.barycentric[smaller])
+    control[smaller] = _sub_patches(control[smaller], cut.barycentric[smaller])
+    normal_control[smaller] = _sub_patches(normal_control[smaller], cut.barycentric[smaller])
     vertices = np.empty((count, 3))
     vertices[cut.faces] = control[:, :3]
     used, compact = np.unique(cut.faces, return_inverse=True)
@@ -166,7 +166,7 @@ def build_cut(surface: Surface, cut: Cut, count: int) -> Surface:
     )
 
 
-def sub_patches(control: Array, barycentric: Array) -> Array:
+def _sub_patches(control: Array, barycentric: Array) -> Array:
     """Control values, shape (k, 6, d), of the triangles with these corners in their parents, shape (k, 3, 3).
 
     The control value of two corners a, b is the parent's blossom, sum of P_ij a_i b_j.

@@ -40,7 +40,7 @@ class Skin(NamedTuple):
     tree: BoxTree
 
 
-def build_skin(surface: Surface) -> Skin:
+def _build_skin(surface: Surface) -> Skin:
     """Gather a surface's arrays, with the pseudo-normals of its vertices."""
     return Skin(
         surface.control,
@@ -62,7 +62,9 @@ def signed_distances(surface: Surface, points: Array) -> Array:
     Returns:
         Distances [m], shape (n,).
     """
-    return np.asarray(_signed_distances(build_skin(surface), np.ascontiguousarray(points, dtype=np.float64), np.inf)[0])
+    return np.asarray(
+        _signed_distances(_build_skin(surface), np.ascontiguousarray(points, dtype=np.float64), np.inf)[0]
+    )
 
 
 @njit(cache=True)
@@ -176,7 +178,7 @@ def build_distance_field(
     origin = low - margin
     side = CELLS * spacing
     shape = np.maximum(np.ceil((high + margin - origin) / side), 1).astype(np.int64)
-    skin = build_skin(surface)
+    skin = _build_skin(surface)
     near, hints = _find_near_bricks(skin, origin, side, shape, band)
     if len(near) * NODES**3 > _MOST_NODES:
         raise ConfigError(

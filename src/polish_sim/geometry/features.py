@@ -183,8 +183,6 @@ def _bent_faces(vertices: Array, faces: Ints, labels: Ints, normals: Array, tole
     return high - low > tolerance
 
 
-# Directions along creases and borders, the same seen from both sides (sharp edges -> tangents at their ends).
-
 CORNER_ANGLE = np.radians(40.0)
 """A crease that turns by more than this at a vertex has a corner there [rad]."""
 

@@ -20,8 +20,6 @@ from polish_sim.geometry.repair.scan_noise import smooth_noise
 from polish_sim.geometry.repair.shells import describe_crossing_facets, describe_shells, turn_outward, wind_alike
 from polish_sim.geometry.repair.skin import Skin, merge_vertices
 
-# Length units of STL files, which say none themselves, and the check that the chosen one is plausible.
-
 METRES_PER_UNIT = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254}
 """Length of one file unit [m]."""
 
@@ -42,17 +40,8 @@ def metres_per_unit(unit: str) -> float:
     return METRES_PER_UNIT[unit]
 
 
-def check_size(extent: float, unit: str, path: Path) -> None:
-    """Refuse a part that is implausibly small or large in the chosen unit.
-
-    Args:
-        extent: Largest side of the part's bounding box, in the file's own unit.
-        unit: The chosen unit.
-        path: The file, for the message.
-
-    Raises:
-        MeshError: The part is not between 5 mm and 2 m; names the units that would fit.
-    """
+def _check_size(extent: float, unit: str, path: Path) -> None:
+    """Refuse a part whose longest side [file units] is implausible; the message names the units that would fit."""
     size = extent * metres_per_unit(unit)
     if _plausible(size):
         return
@@ -157,7 +146,7 @@ def part_from_arrays(
 
 def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up: str) -> PartMesh:
     scale = metres_per_unit(unit)
-    check_size(float(np.ptp(triangles.corners.reshape(-1, 3), axis=0).max()), unit, path)
+    _check_size(float(np.ptp(triangles.corners.reshape(-1, 3), axis=0).max()), unit, path)
     skin = mend(triangles.corners * scale, path)
     direction, up_note = choose_up(skin.vertices, skin.faces, up)
     vertices, faces = _compact(skin.vertices, skin.faces)
@@ -178,7 +167,7 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
 
 
 def mend(triangles: Array, path: Path) -> Skin:
-    """Repair what can be repaired without guessing; say what was done and what was left.
+    """Repair what can be repaired without guessing; note what was done and what was left.
 
     Args:
         triangles: Corners [m], shape (m, 3, 3).
@@ -189,7 +178,7 @@ def mend(triangles: Array, path: Path) -> Skin:
         that pass through each other are left and noted.
 
     Raises:
-        MeshError: Inside and outside cannot be told; names the place.
+        MeshError: Inside and outside are not defined; names the place.
     """
     vertices, faces, notes = merge_vertices(triangles)
     skin = Skin(vertices, faces, np.arange(len(faces), dtype=np.int32), notes)

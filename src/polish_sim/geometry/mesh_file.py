@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import re
 import warnings
 from collections.abc import Callable, Mapping
@@ -142,13 +143,14 @@ def _parse_text_stl(content: bytes, path: Path) -> Array:
     if b"vertex" not in words and b"endsolid" not in words:
         raise MeshError(f"{path}: begins with 'solid' but is not an STL file. Export the part as STL.")
     rows = _VERTEX.findall(text)
-    if len(rows) % 3 or words.rfind(b"endsolid") < words.rfind(b"vertex"):
+    if words.rfind(b"endsolid") < words.rfind(b"vertex"):
         raise MeshError(
             f"{path}: the ASCII STL is cut short after {len(rows) // 3} whole facets "
             "(no 'endsolid' at its end). Export or copy it again."
         )
     if any(len(row.split()) != 3 for row in rows):
         raise _bad_vertex(rows, path)
+    logging.getLogger("trimesh").setLevel(logging.ERROR)  # it warns of normals, which are not used
     from trimesh.exchange.stl import load_stl_ascii  # slow to import
 
     with warnings.catch_warnings():
@@ -170,7 +172,10 @@ def _bad_vertex(rows: list[bytes], path: Path) -> MeshError:
         if len(words) != 3 or not all(map(_is_number, words)):
             shown = "".join(letter if letter.isprintable() else "?" for letter in row.decode("latin-1").strip()[:73])
             return MeshError(f"{path}: 'vertex {shown}' is not a vertex (three numbers wanted). Export it again.")
-    return MeshError(f"{path}: facets of the ASCII STL stand outside of 'solid' and 'endsolid'. Export it again.")
+    return MeshError(
+        f"{path}: the ASCII STL is no list of triangles between 'solid' and 'endsolid' ({len(rows)} vertices). "
+        "Export it again."
+    )
 
 
 def _is_number(word: bytes) -> bool:

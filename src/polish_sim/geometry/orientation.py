@@ -11,7 +11,7 @@ from polish_sim.errors import InputError, unknown_name
 from polish_sim.geometry.features import facet_normals, flat_faces, smooth_edges
 from polish_sim.geometry.topology import Adjacency, facet_links, find_adjacency, label_pieces
 
-# The largest smooth face of a part and where it looks, whatever way the part is turned (mesh -> direction).
+# The largest smooth face of a part and where it looks.
 #
 # Candidates are the mesh's own normals, ties go to the face with more facets and then to the later one in the file
 # (most programs write the bottom first). From a dome with a hole in it many directions see as much: the one the whole
@@ -66,7 +66,7 @@ class Face(NamedTuple):
     """Its facets, shape (k,)."""
 
 
-def facet_graph(vertices: Array, faces: Ints) -> FacetGraph:
+def _facet_graph(vertices: Array, faces: Ints) -> FacetGraph:
     """Prepare a mesh, vertices (n, 3) [m] and faces (m, 3)."""
     normals, areas = facet_normals(vertices, faces)
     adjacency = find_adjacency(faces)
@@ -74,16 +74,8 @@ def facet_graph(vertices: Array, faces: Ints) -> FacetGraph:
     return FacetGraph(normals, areas, adjacency, links[links[:, 0] < links[:, 1]])
 
 
-def largest_face(graph: FacetGraph, cone: float) -> Face:
-    """Find the largest set of smoothly joined facets that look within a cone about their mean normal.
-
-    Args:
-        graph: The mesh.
-        cone: Half angle of the cone [rad].
-
-    Returns:
-        The face.
-    """
+def _largest_face(graph: FacetGraph, cone: float) -> Face:
+    """The largest set of smoothly joined facets that look within a cone [rad] about their mean normal."""
     candidates, bounds = _candidates(graph, cone)
     order = np.argsort(-np.floor(np.log(bounds / bounds.max()) / np.log(_BUCKET) + 1e-9), kind="stable")
     found: list[tuple[int, Face]] = []
@@ -101,30 +93,20 @@ def largest_face(graph: FacetGraph, cone: float) -> Face:
     whole = _whole_direction(graph, face)
     if whole is None:
         return face
-    straight = seen_from(graph, whole, cone)
+    straight = _seen_from(graph, whole, cone)
     doubt = max(_SAME * face.area, face.doubt, straight.doubt)
     return straight if straight.area >= face.area - doubt else face
 
 
-def looks_same(graph: FacetGraph, face: Face, direction: Array, cone: float) -> bool:
-    """Whether a face looks the same from another direction.
-
-    Args:
-        graph: The mesh.
-        face: The face seen from its own direction, its mean normal.
-        direction: The other direction, unit vector, shape (3,).
-        cone: Half angle of the cone [rad].
-
-    Returns:
-        Whether its area as it is projected along the direction, and the area that is seen, are the same.
-    """
+def _looks_same(graph: FacetGraph, face: Face, direction: Array, cone: float) -> bool:
+    """Whether a face has the same area from another direction (3,), both projected along it and seen from it."""
     # A face's area projected along a direction falls off with the cosine of the angle to its mean normal.
     if face.direction @ direction < 1.0 - _SAME:
         return False
-    return seen_from(graph, direction, cone).area >= (1.0 - _SAME) * face.area
+    return _seen_from(graph, direction, cone).area >= (1.0 - _SAME) * face.area
 
 
-def seen_from(graph: FacetGraph, direction: Array, cone: float) -> Face:
+def _seen_from(graph: FacetGraph, direction: Array, cone: float) -> Face:
     """The largest face seen from a direction, which is left as it is."""
     looks = graph.normals @ direction > np.cos(cone)
     if not looks.any():
@@ -161,7 +143,7 @@ def _settle(graph: FacetGraph, direction: Array, cone: float, rounds: int) -> Fa
     """Turn a direction to the mean normal of the largest face seen from it."""
     face = Face(direction, 0.0, 0.0, np.empty(0, dtype=np.int64))
     for _ in range(rounds):
-        face = seen_from(graph, face.direction, cone)
+        face = _seen_from(graph, face.direction, cone)
         mean = _mean(graph.normals[face.facets], graph.areas[face.facets], face.direction)
         face = face._replace(direction=mean)
     return face
@@ -200,7 +182,7 @@ SIDES = {
 """Unit vectors of the six sides."""
 
 UP_CONE = np.radians(46.0)
-"""A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does, whatever its rounding."""
+"""A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does."""
 
 REST_ANGLE = np.radians(20.0)
 """A part rests on a flat face when that turns its largest smooth face away from straight up by no more [rad]."""
@@ -214,7 +196,7 @@ _AXIS_NOISE = 1e-6
 
 
 def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:
-    """Turn the user's words into a direction.
+    """Find the direction a user's choice means.
 
     Args:
         vertices: Vertices [m], shape (n, 3).
@@ -233,13 +215,13 @@ def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:
     named = check_up(up)
     if named is not None:
         return named, f"up is {describe(named)} (as asked)"
-    graph = facet_graph(vertices, faces)
-    direction = _snap(stand_straight(vertices, faces, graph, UP_CONE))
+    graph = _facet_graph(vertices, faces)
+    direction = _snap(_stand_straight(vertices, faces, graph, UP_CONE))
     return direction, f"up is {describe(direction)} (assumed: the side with the largest smooth face; --up sets it)"
 
 
 def check_up(up: str) -> Array | None:
-    """The direction the user's words name, unit vector, shape (3,); None for "auto".
+    """The direction a choice names, unit vector, shape (3,); None for "auto".
 
     Raises:
         InputError: They name none; lists what is valid.
@@ -253,25 +235,15 @@ def check_up(up: str) -> Array | None:
     return None
 
 
-def stand_straight(vertices: Array, faces: Ints, graph: FacetGraph, cone: float) -> Array:
-    """Direction in which the largest smooth face looks, with the part put straight on a flat face if it has one.
-
-    Args:
-        vertices: Vertices [m], shape (n, 3).
-        faces: Vertex indices, shape (m, 3).
-        graph: The same mesh, made ready.
-        cone: Facets of one face look within this angle of the direction [rad].
-
-    Returns:
-        Unit vector, shape (3,).
-    """
-    found = largest_face(graph, cone)
+def _stand_straight(vertices: Array, faces: Ints, graph: FacetGraph, cone: float) -> Array:
+    """Direction (3,) in which the largest smooth face looks, the part put straight on a flat face if it has one."""
+    found = _largest_face(graph, cone)
     _, areas, normals = flat_faces(vertices, faces, graph.adjacency)
     sides = np.concatenate([normals, -normals])
     sizes = np.concatenate([areas, areas])
     fits = (sides @ found.direction > np.cos(REST_ANGLE)) & (sizes > REST_SHARE * found.area)
     if not fits.any():
-        level = (side for side in map(np.array, SIDES.values()) if looks_same(graph, found, side, cone))
+        level = (side for side in map(np.array, SIDES.values()) if _looks_same(graph, found, side, cone))
         return next(level, found.direction)
     best = int(np.flatnonzero(fits & (sizes >= (1.0 - _SAME) * sizes[fits].max()))[0])
     return np.asarray(sides[best])

@@ -186,7 +186,7 @@ def _as_numbers(values: NDArray[Any]) -> Array:
 
 
 def _text_numbers(body: bytes, path: Path) -> bytes:
-    """All numbers of a text, whatever its lines, as doubles."""
+    """All numbers of a text as doubles, lines ignored."""
     if b"\0" in body:
         _broken(path, "the text of the PLY file holds zero bytes")
     if not body.strip():

@@ -1,4 +1,4 @@
-"""What every mesh reader returns: the corners of triangles, whatever the file's facets were (reader -> load_part)."""
+"""Split the polygons of a mesh file into triangles that do not overlap (polygons -> FileTriangles)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import numpy as np
 from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import MeshError
 from polish_sim.kernel_cache import njit
-
-# Split polygons, plane or nearly so, into triangles that do not overlap (corners -> triangles).
 
 MOST_CORNERS = 1000
 """Hollow polygons with more corners than this are not split."""

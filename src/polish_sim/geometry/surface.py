@@ -206,8 +206,6 @@ def _frozen(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-# Border of a surface as ordered closed lines, the outer one first (Surface -> polylines).
-
 CHORD_ERROR = 1e-5
 """Curved border edges are divided until the polyline is this close to them [m]."""
 

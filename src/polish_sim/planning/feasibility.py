@@ -27,7 +27,7 @@ with a note where the pad hangs over."""
 START_REACH = 0.1
 """A start asked for may be off the part by this share of the part's size, as a region's point may."""
 FAR_START = 2.0
-"""A path that begins further from there than so many step-overs is told of."""
+"""A path that begins further from there than so many step-overs is noted."""
 
 AS_ASKED = 0.05
 """A mean step-over this close to the one asked for, relative, is not remarked upon."""
@@ -150,7 +150,7 @@ def stepover_notes(mean: float, plan: PlanConfig) -> list[str]:
 
 
 def overlap_notes(coverage: float, plan: PlanConfig, pad: PadConfig) -> list[str]:
-    """What turns that hardly overlap leave, if they leave anything.
+    """What turns that hardly overlap leave uncovered.
 
     Args:
         coverage: Share of the region the pad touches at its force.
@@ -203,24 +203,19 @@ def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:
 def _depth_below(ground: Ground, limit: float) -> float | None:
     """How far the region's middle is from its borders if that is less than a limit [m]; None if it is not."""
     borders, points = CurveSet(border_curves(ground.mesh)), ground.mesh.vertices
-    # A few places mostly do to tell that there is room.
+    # A few places are mostly enough to see that there is room.
     if borders.at_least(points[::FEW]).max() >= limit:
         return None
     depth = float(borders.nearest(points).nearest.distances.max())
     return depth if depth < limit else None
 
 
-# Whether a plan's words and lengths can be met by any part (PartConfig, PlanConfig, PadConfig -> errors, at once).
-
-
-# What keeps the pad out of the walls beside a region (where it runs into them -> a note that says what to set).
-
 SPREAD = 0.1
 """Share of a step-over by which the outermost turn may come nearer to the border with another margin."""
 
 
 def wall_notes(ground: Ground, quality: Quality, plan: PlanConfig, pad: PadConfig) -> list[str]:
-    """Tell where the pad runs into the part along the path, and what would cure it.
+    """Where the pad runs into the part along the path, and what to set against it.
 
     Args:
         ground: The region.

@@ -35,13 +35,13 @@ OFF_PART_M = 1e-3
 
 
 class PlanObserver(Protocol):
-    """Who is told how far planning is."""
+    """Receives the progress of planning."""
 
     def stage(self, text: str) -> None:
-        """A new stage begins."""
+        """Begin a new stage."""
 
     def progress(self, done: float, total: float) -> None:
-        """How far the present stage is."""
+        """Progress of the present stage."""
 
 
 class _Silent:
@@ -81,7 +81,7 @@ def plan_part(
         plan: Region, pattern, step-over.
         process: Force and feed.
         pad: The pad.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         The plan and its figures.
@@ -120,10 +120,10 @@ def plan_mesh(
     observer.stage("measure the path")
     quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface)
     figures = {**part_figures(mesh, surface, region), **quality.figures, **planned.figures, "plan_time_s": planned_s}
-    told = (*wall_notes(ground, quality, plan, pad), *planned.notes, *start_notes(path, plan))
-    told += tuple(stepover_notes(quality.figures["stepover_mean_m"], plan))
-    told += tuple(overlap_notes(quality.figures["coverage"], plan, pad))
-    notes = (*mesh.notes, *region.notes, *told, *pad_notes(ground, locate(ground, path), pad))
+    remarks = (*wall_notes(ground, quality, plan, pad), *planned.notes, *start_notes(path, plan))
+    remarks += tuple(stepover_notes(quality.figures["stepover_mean_m"], plan))
+    remarks += tuple(overlap_notes(quality.figures["coverage"], plan, pad))
+    notes = (*mesh.notes, *region.notes, *remarks, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
 
 
@@ -143,7 +143,7 @@ def measure_given_path(
         plan: Region and step-over to measure it by.
         process: Force and feed.
         pad: The pad.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         The plan and its figures, without a planning time.
@@ -165,9 +165,9 @@ def measure_given_path(
             f"the path lies up to {1e3 * off:.2f} mm off the region of this part, more than {1e3 * OFF_PART_M:g} mm. "
             "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
         )
-    told = wall_notes(ground, quality, plan, pad)
+    remarks = wall_notes(ground, quality, plan, pad)
     path = with_way_down(path, plan.clearance_m)
-    notes = (*mesh.notes, *region.notes, *told, *pad_notes(ground, locate(ground, path), pad))
+    notes = (*mesh.notes, *region.notes, *remarks, *pad_notes(ground, locate(ground, path), pad))
     return PlanResult(mesh, surface, region, path, figures, plan, notes)
 
 

@@ -25,7 +25,7 @@ CUT_HERE: Final = "the path would cross itself, one of the two strands is cut an
 
 
 class Planned(NamedTuple):
-    """A path and what there is to say about it."""
+    """A path and notes about it."""
 
     path: ToolPath
     axis_deviation_max_rad: float
@@ -172,15 +172,15 @@ def assemble(
     pad_radius: float,
     remarks: Sequence[Remark] = (),
 ) -> Planned:
-    """Give runs their tool axes and leads and put them in a row; a run the tool cannot come to is left out.
+    """Give runs their tool axes and leads and put them in a row; a run the tool cannot reach is left out.
 
     Raises:
-        PlanError: The tool can come to none of them.
+        PlanError: The tool can reach none of them.
     """
     air = Air(part, pad_radius, plan.clearance_m, up)
     moves: list[Move] = []
     curvature: list[Array] = []
-    told, lost = list(remarks), []
+    all_remarks, lost = list(remarks), []
     passes, deviation = 0, 0.0
     for item in runs:
         whole = give_axes(item.run, item.surface, plan, passes)
@@ -191,15 +191,15 @@ def assemble(
         stroke = placed.stroke
         passes = int(stroke.process.pass_index.max()) + 1
         deviation = max(deviation, stroke.axis_deviation_rad)
-        told += placed.remarks
+        all_remarks += placed.remarks
         before = sum(len(move.positions) for move in placed.moves[:-3])
         after = sum(len(move.positions) for move in placed.moves[-2:])
         curvature.append(np.pad(stroke.curvature, (before, after), mode="edge"))
         moves += placed.moves
-    told += _out_of_reach(lost, plan.stepover_m, nothing_left=not moves)
+    all_remarks += _out_of_reach(lost, plan.stepover_m, nothing_left=not moves)
     positions, axes, segment, pass_index = concatenate(moves)
     path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
-    return Planned(path, deviation, notes_of(told))
+    return Planned(path, deviation, notes_of(all_remarks))
 
 
 def _place(whole: Stroke, previous: Move | None, plan: PlanConfig, air: Air) -> Placed | None:
@@ -219,13 +219,13 @@ def _place(whole: Stroke, previous: Move | None, plan: PlanConfig, air: Air) -> 
 
 
 def _out_of_reach(lost: Sequence[Array], stepover: float, nothing_left: bool) -> list[Remark]:
-    """What to say about strokes (n, 3) that were left out."""
+    """Remarks on strokes (n, 3) that were left out."""
     if not lost:
         return []
     area = sum(float(arc_length(positions)[-1]) for positions in lost) * stepover
     if nothing_left:
         raise PlanError(
-            f"the tool can come to no stroke of the path without running into the part, the first is at "
+            f"the tool can reach no stroke of the path without running into the part, the first is at "
             f"{place_in_mm(lost[0][0])}. Choose a region that is open to the outside (--region), or a lower "
             "approach (--set plan.clearance_m=...)."
         )
@@ -237,4 +237,4 @@ def _out_of_reach(lost: Sequence[Array], stepover: float, nothing_left: bool) ->
 
 
 def _silent(share: float) -> None:
-    """Progress nobody asked for."""
+    """Ignore progress."""

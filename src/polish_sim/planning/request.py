@@ -1,4 +1,4 @@
-"""What is asked of a plan, checked before anything is loaded: known words, and a step-over that fits the pad."""
+"""Checks of a plan request before anything is loaded: known names, and a step-over that fits the pad."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def check_asked(part: PartConfig, plan: PlanConfig, pad: PadConfig) -> None:
         pad: The pad.
 
     Raises:
-        InputError: A word nobody understands.
+        InputError: An unknown name.
         PlanError: A step-over wider than the pad.
     """
     check_part_words(part, plan)
@@ -35,7 +35,7 @@ def check_asked(part: PartConfig, plan: PlanConfig, pad: PadConfig) -> None:
 
 
 def check_part_words(part: PartConfig, plan: PlanConfig) -> None:
-    """Refuse words about the part nobody understands, before it is loaded.
+    """Refuse unknown names of part, unit, side and region before the part is loaded.
 
     Args:
         part: File, unit, side turned up.
@@ -51,7 +51,7 @@ def check_part_words(part: PartConfig, plan: PlanConfig) -> None:
 
 
 def check_plan_words(plan: PlanConfig) -> None:
-    """Refuse names of the plan nobody knows.
+    """Refuse unknown names of the plan.
 
     Raises:
         InputError: Unknown pattern, lead-in, order or direction.

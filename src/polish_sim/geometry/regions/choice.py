@@ -1,4 +1,4 @@
-"""Choices by where the part looks: the largest smooth face, everything above, all of it, the face at a point."""
+"""Choices of a region: by where the part looks, at a point, by facet numbers, within a box or a polygon."""
 
 from __future__ import annotations
 
@@ -12,11 +12,8 @@ from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import Clipped, clip, split, then
 from polish_sim.geometry.orientation import UP_CONE
-from polish_sim.geometry.regions.patches import connected, coverable, lies_open, middle_normals, restricted
+from polish_sim.geometry.regions.patches import connected, coverable, lies_open, middle_points, restricted
 from polish_sim.geometry.surface import Surface, connected_facets
-
-# The words a user may say for a region, and reading their numbers (text -> metres, facet numbers).
-
 
 CHOICES = (
     "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE, faces:FILE "
@@ -24,12 +21,8 @@ CHOICES = (
 )
 
 
-def parse_numbers(argument: str, count: int, form: str) -> list[float]:
-    """Read numbers separated by commas.
-
-    Raises:
-        InputError: They are not as many as asked for, or not numbers.
-    """
+def _parse_numbers(argument: str, count: int, form: str) -> list[float]:
+    """Numbers separated by commas, as many as asked for."""
     try:
         numbers = [float(word) for word in argument.split(",")]
     except ValueError:
@@ -42,7 +35,7 @@ def parse_numbers(argument: str, count: int, form: str) -> list[float]:
 
 def parse_point(argument: str) -> Array:
     """Read a point [m], shape (3,)."""
-    return np.array(parse_numbers(argument, 3, "point:X,Y,Z")) * 1e-3
+    return np.array(_parse_numbers(argument, 3, "point:X,Y,Z")) * 1e-3
 
 
 def parse_box(argument: str) -> Array:
@@ -51,7 +44,7 @@ def parse_box(argument: str) -> Array:
     Raises:
         InputError: Not six numbers, or a box without volume.
     """
-    corners = np.sort(np.reshape(parse_numbers(argument, 6, "box:X0,Y0,Z0,X1,Y1,Z1"), (2, 3)), axis=0)
+    corners = np.sort(np.reshape(_parse_numbers(argument, 6, "box:X0,Y0,Z0,X1,Y1,Z1"), (2, 3)), axis=0)
     if (corners[0] == corners[1]).any():
         raise InputError(f"region 'box:{argument}' has no volume. Give two opposite corners in mm.")
     return corners * 1e-3
@@ -197,7 +190,7 @@ def looking(kept: Clipped, direction: Array) -> Clipped:
 def _largest(kept: Clipped, up: Array, passable: Bools | None) -> Clipped:
     """Keep the piece that is largest seen from above; of equals the first."""
     labels = connected_facets(kept.surface, passable)
-    height = middle_normals(kept.surface) @ up
+    height = middle_points(kept.surface).normals @ up
     area = np.bincount(labels, weights=kept.surface.facet_areas * np.maximum(height, 0.0))
     best = int(np.flatnonzero(area >= (1.0 - 1e-9) * area.max())[0])
     return restricted(kept, np.flatnonzero(labels == best).astype(np.int32))
@@ -208,8 +201,6 @@ def _flood(kept: Clipped, start: int) -> Clipped:
     labels = connected_facets(kept.surface, kept.surface.smooth)
     return restricted(kept, np.flatnonzero(labels == labels[start]).astype(np.int32))
 
-
-# Choices by an outline: a box, or a polygon seen from above (outline -> what looks up within it).
 
 _ON_OUTLINE = 1e-7
 """Vertices this close to an outline lie on it [m]."""
@@ -223,7 +214,8 @@ def pick_box(whole: Whole, argument: str) -> list[Clipped]:
     kept = _between(whole.kept, np.eye(3), low, high)
     if len(kept.parents) == 0:
         raise _nothing_in(f"box:{argument}", whole.surface)
-    return _faces_above(kept, whole.up)
+    seen = looking(kept, whole.up)
+    return connected(seen, seen.surface.smooth)
 
 
 def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
@@ -243,16 +235,11 @@ def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
             across = np.array([-side[1], side[0]]) / length
             values = kept.surface.control @ (across @ frame) - float(across @ start)
             kept = then(kept, split(kept.surface, values, on=_ON_OUTLINE))
-    inside = _inside(_middles(kept.surface) @ frame.T, flat)
+    inside = _inside(middle_points(kept.surface).positions @ frame.T, flat)
     if not inside.any():
         raise _nothing_in(f"polygon:{argument}", whole.surface)
     kept = restricted(kept, np.flatnonzero(inside).astype(np.int32))
     return connected(kept, kept.surface.smooth)
-
-
-def _faces_above(kept: Clipped, up: Array) -> list[Clipped]:
-    seen = looking(kept, up)
-    return connected(seen, seen.surface.smooth)
 
 
 def _between(kept: Clipped, frame: Array, low: Array, high: Array) -> Clipped:
@@ -326,11 +313,6 @@ def _inside(points: Array, polygon: Array) -> Bools:
         across = (end[0] - start[0]) * (points[:, 1] - start[1]) - (points[:, 0] - start[0]) * rise
         odd ^= spans & ((across > 0.0) == (rise > 0.0))
     return odd
-
-
-def _middles(surface: Surface) -> Array:
-    count = len(surface.faces)
-    return surface.evaluate(np.arange(count, dtype=np.int32), np.full((count, 3), 1.0 / 3.0)).positions
 
 
 def _nothing_in(choice: str, surface: Surface) -> PlanError:

@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import PlanError
 from polish_sim.geometry.cut import (
     Clipped,
     Cut,
-    Edges,
     build_cut,
     clip,
     find_edges,
@@ -23,9 +22,6 @@ from polish_sim.geometry.cut import (
 )
 from polish_sim.geometry.regions.patches import connected
 from polish_sim.geometry.surface import Surface
-
-# How far a point of a surface is from its border, measured along the surface (Surface -> distances).
-
 
 _SAMPLES_PER_REACH = 16.0
 """The border is sampled this densely, in shares of the distance of interest."""
@@ -98,16 +94,8 @@ class BorderDistance(NamedTuple):
         return np.asarray(feet[np.arange(len(points)), best])
 
 
-def border_distance(surface: Surface, reach: float) -> BorderDistance:
-    """Make the border of a surface ready.
-
-    Args:
-        surface: An open surface.
-        reach: Distance of interest [m].
-
-    Returns:
-        What answers how far points are from the border.
-    """
+def _border_distance(surface: Surface, reach: float) -> BorderDistance:
+    """The border of an open surface, ready for distances of about ``reach`` [m]."""
     facets, edges = np.nonzero(surface.neighbours < 0)
     a, b = surface.control[facets, edges], surface.control[facets, (edges + 1) % 3]
     c = surface.control[facets, 3 + edges]
@@ -197,7 +185,7 @@ def trim(patches: Sequence[Clipped], margin: float) -> list[Clipped]:
         if not patch.surface.is_open:
             left.append(patch)
             continue
-        distance = border_distance(patch.surface, margin)
+        distance = _border_distance(patch.surface, margin)
         fine = then(patch, _refined(patch.surface, distance, margin))
         values = _beyond_margin(fine.surface, distance, margin)
         widest = max(widest, margin + float(values[:, :3].max()))
@@ -233,20 +221,15 @@ def _refined(surface: Surface, distance: BorderDistance, margin: float) -> Clipp
         marked = np.zeros(len(lengths), dtype=bool)
         marked[edges.of_facet[near]] = True
         marked = spread_to_longest(edges, lengths, marked & (lengths > longest))
-        cut, middles, places = _halved(surface, cut, places, edges, marked)
+        finer, found = halve_edges(cut, places, edges, marked)
+        facet, edge = found[:, 0], found[:, 1]
+        barycentric = 0.5 * (cut.barycentric[facet, edge] + cut.barycentric[facet, (edge + 1) % 3])
+        middles = surface.evaluate(cut.parents[facet], barycentric).positions
+        cut, places = finer, np.concatenate([places, middles])
         values = np.concatenate([values, distance.straight(middles)])
     if len(cut.parents) == count:
         return Clipped(surface, cut.parents)
     return Clipped(build_cut(surface, cut, len(places)), cut.parents)
-
-
-def _halved(surface: Surface, cut: Cut, places: Array, edges: Edges, marked: Bools) -> tuple[Cut, Array, Array]:
-    """Triangles after halving edges, the new vertices and all vertices."""
-    finer, found = halve_edges(cut, places, edges, marked)
-    facet, edge = found[:, 0], found[:, 1]
-    barycentric = 0.5 * (cut.barycentric[facet, edge] + cut.barycentric[facet, (edge + 1) % 3])
-    middles = surface.evaluate(cut.parents[facet], barycentric).positions
-    return finer, middles, np.concatenate([places, middles])
 
 
 def _bends(surface: Surface, cut: Cut, values: Array, facets: Indices, distance: BorderDistance) -> Array:

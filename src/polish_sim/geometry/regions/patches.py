@@ -9,7 +9,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Bools, Ints
 from polish_sim.geometry.cut import Clipped, clip, then
-from polish_sim.geometry.surface import Surface, build_surface, connected_facets
+from polish_sim.geometry.surface import Surface, SurfacePoints, build_surface, connected_facets
 from polish_sim.geometry.topology import Adjacency, label_pieces
 
 OPEN_ANGLE = np.radians(80.0)
@@ -25,13 +25,13 @@ SHARP_ANGLE = np.radians(60.0)
 def facing(surface: Surface) -> Array:
     """Mean normal times the share of the area it stands for, shape (3,): length 1 for a plane, 0 for a ball."""
     areas = surface.facet_areas
-    return np.asarray(areas @ middle_normals(surface) / max(float(areas.sum()), 1e-300))
+    return np.asarray(areas @ middle_points(surface).normals / max(float(areas.sum()), 1e-300))
 
 
-def middle_normals(surface: Surface) -> Array:
-    """Unit normals in the middle of the patches, shape (m, 3)."""
+def middle_points(surface: Surface) -> SurfacePoints:
+    """The middle of each patch, with its normal, shapes (m, 3)."""
     count = len(surface.faces)
-    return surface.evaluate(np.arange(count, dtype=np.int32), np.full((count, 3), 1.0 / 3.0)).normals
+    return surface.evaluate(np.arange(count, dtype=np.int32), np.full((count, 3), 1.0 / 3.0))
 
 
 def lies_open(surface: Surface) -> bool:
@@ -40,7 +40,7 @@ def lies_open(surface: Surface) -> bool:
     length = float(np.linalg.norm(mean))
     if length < 1e-6:
         return False
-    seen = middle_normals(surface) @ (mean / length) > np.cos(OPEN_ANGLE)
+    seen = middle_points(surface).normals @ (mean / length) > np.cos(OPEN_ANGLE)
     areas = surface.facet_areas
     return float(areas[seen].sum()) >= _OPEN_SHARE * float(areas.sum())
 
@@ -56,7 +56,7 @@ def connected(kept: Clipped, passable: Bools | None = None) -> list[Clipped]:
 
 
 def restricted(kept: Clipped, facets: Ints) -> Clipped:
-    """Some facets of what was kept."""
+    """Some of the facets kept."""
     return Clipped(kept.surface.restrict(facets), kept.parents[facets])
 
 
@@ -149,14 +149,14 @@ def _charts(kept: Clipped, up: Array) -> list[Clipped]:
                 chart = then(chart, clip(chart.surface, chart.surface.normal_control @ (axis - other), on=1e-9))
         if len(chart.parents):
             # What is left looks along the axis or against it.
-            ahead = np.flatnonzero(middle_normals(chart.surface) @ axis > 0.0).astype(np.int32)
+            ahead = np.flatnonzero(middle_points(chart.surface).normals @ axis > 0.0).astype(np.int32)
             patches += connected(restricted(chart, ahead)) if len(ahead) else []
     return patches
 
 
 def _six_directions(surface: Surface, up: Array) -> Array:
     """Up, down and the four sides most of the surface looks to, turning with the part, shape (6, 3)."""
-    normals, areas = middle_normals(surface), surface.facet_areas
+    normals, areas = middle_points(surface).normals, surface.facet_areas
     level = normals - (normals @ up)[:, None] * up
     length = np.linalg.norm(level, axis=1)
     first = int((length > 0.5).argmax())

@@ -50,7 +50,7 @@ READERS: Mapping[str, Callable[[str], object]] = {
     "polygon": parse_corners,
     "faces": read_facet_numbers,
 }
-"""How the argument of a choice is read, whatever the part."""
+"""How the argument of a choice is read."""
 
 SLIVER_SHARE = 1e-3
 """Patches smaller than this share of the largest one are left out."""
@@ -83,7 +83,7 @@ class Region:
         pieces = connected(Clipped(self.surface, self.facets))
         if len(pieces) == 1:
             return (self,)
-        return tuple(build_region(piece.surface, piece.parents, self.up) for piece in pieces)
+        return tuple(_build_region(piece.surface, piece.parents, self.up) for piece in pieces)
 
 
 def select_region(
@@ -124,11 +124,11 @@ def select_region(
         patches, further = _without_slivers(trim(patches, edge_margin))
         notes += further
     kept = join(patches)
-    return build_region(kept.surface, kept.parents, mesh.up, notes)
+    return _build_region(kept.surface, kept.parents, mesh.up, notes)
 
 
 def check_choice(choice: str) -> None:
-    """Refuse words for a region that say nothing, whatever the part.
+    """Refuse an invalid choice of a region before the part is loaded.
 
     Args:
         choice: As in `select_region`; a file it names is read.
@@ -143,18 +143,8 @@ def check_choice(choice: str) -> None:
         READERS[name](argument)
 
 
-def build_region(surface: Surface, facets: Ints, up: Array, notes: tuple[str, ...] = ()) -> Region:
-    """Make a region of a surface: part its pinched vertices, trace its border.
-
-    Args:
-        surface: The surface, in one or several pieces.
-        facets: Facet of the whole part each of its facets belongs to, shape (k,).
-        up: Unit vector away from the table, shape (3,).
-        notes: What the user should know.
-
-    Returns:
-        The region.
-    """
+def _build_region(surface: Surface, facets: Ints, up: Array, notes: tuple[str, ...] = ()) -> Region:
+    """Make a region of a surface and the facets of the whole part (k,) it was cut from; pinched vertices are parted."""
     surface = unpinch(surface)
     return Region(
         surface=surface,
@@ -178,7 +168,7 @@ def merge_regions(components: Sequence[Region], up: Array, notes: tuple[str, ...
         The region; they are its components.
     """
     kept = join([Clipped(component.surface, component.facets) for component in components])
-    return build_region(kept.surface, kept.parents, up, notes)
+    return _build_region(kept.surface, kept.parents, up, notes)
 
 
 def _seen_from(surface: Surface, up: Array) -> Array:
@@ -215,7 +205,7 @@ def _cut_off(whole: Whole, patches: Sequence[Clipped]) -> tuple[str, ...]:
 
 
 def _without_slivers(patches: list[Clipped]) -> tuple[list[Clipped], tuple[str, ...]]:
-    """Leave out patches that are tiny beside the whole, and say so."""
+    """Leave out patches that are tiny beside the whole, with a note."""
     areas = np.array([patch.surface.facet_areas.sum() for patch in patches])
     large = areas >= SLIVER_SHARE * areas.max()
     if large.all():

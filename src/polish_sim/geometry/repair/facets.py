@@ -44,7 +44,7 @@ def drop_bad_facets(skin: Skin, path: Path) -> Skin:
     Raises:
         MeshError: No facet has an area.
     """
-    if (facet_heights(skin.vertices, skin.faces) <= SLIVER * skin.size).all():
+    if (_facet_heights(skin.vertices, skin.faces) <= SLIVER * skin.size).all():
         raise MeshError(
             f"{path}: all {len(skin.faces)} facets have zero area (all points on a line or in one place). "
             "Export the part again."
@@ -87,7 +87,7 @@ def flip_slivers(skin: Skin) -> Skin:
     vertices, limit = skin.vertices, SLIVER * skin.size
     faces, flips = skin.faces.copy(), 0
     for _ in range(_ROUNDS):
-        heights = facet_heights(vertices, faces)
+        heights = _facet_heights(vertices, faces)
         slivers = np.flatnonzero(heights <= limit)
         adjacency = find_adjacency(faces) if len(slivers) else None
         done: set[int] = set()
@@ -100,7 +100,7 @@ def flip_slivers(skin: Skin) -> Skin:
             a, c, b = np.roll(faces[facet], -edge)
             d = faces[other, (adjacency.edges[facet, edge] + 2) % 3]
             pair = np.array([[b, a, d], [c, b, d]], dtype=np.int32)
-            if b == d or facet_heights(vertices, pair).min() <= heights[facet]:
+            if b == d or _facet_heights(vertices, pair).min() <= heights[facet]:
                 continue
             faces[facet], faces[other] = pair
             done |= {int(facet), other}
@@ -111,7 +111,7 @@ def flip_slivers(skin: Skin) -> Skin:
     return Skin(vertices, faces, skin.source, notes)
 
 
-def facet_heights(vertices: Array, faces: Ints) -> Array:
+def _facet_heights(vertices: Array, faces: Ints) -> Array:
     """Smallest height of each facet [m], shape (m,)."""
     longest = _edge_lengths(vertices, faces).max(axis=-1)
     return np.linalg.norm(_area_vectors(vertices, faces), axis=1) / np.maximum(longest, 1e-300)

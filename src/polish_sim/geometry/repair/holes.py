@@ -45,7 +45,7 @@ class Hole(NamedTuple):
 
 
 def close_holes(skin: Skin) -> Skin:
-    """Close small holes with plane-like patches; leave the larger ones open and say so.
+    """Close small holes with plane-like patches; leave the larger ones open, with a note.
 
     The longest border of each open piece is its rim, not a hole, unless the piece is closed but for small holes.
 
@@ -140,8 +140,6 @@ def _describe(holes: list[Hole]) -> str:
     shown = "; ".join(f"{1e3 * hole.width:.3g} mm wide at {place(hole.middle)}" for hole in holes[:_SHOWN])
     return shown + (f"; and {len(holes) - _SHOWN} more" if len(holes) > _SHOWN else "")
 
-
-# Edges that more than two facets share: told apart where the solid is clear, else refused (Skin -> Skin).
 
 SMALL_FIN = 0.01
 """Loose fins up to this share of the part's area are dropped."""

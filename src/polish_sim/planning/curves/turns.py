@@ -31,11 +31,11 @@ Waiting = dict[int, list[Indices]]
 """Vertices by the number of the turn at which they are to be looked at."""
 
 
-class Looked(NamedTuple):
+class Measured(NamedTuple):
     """The vertices near the turns so far."""
 
     rows: Indices
-    """Those looked at, shape (k,)."""
+    """Their numbers, shape (k,)."""
     distances: Array
     """How far they are; lower bounds beyond the next turn [m], shape (k,)."""
 
@@ -47,7 +47,7 @@ class Front:
         count = len(mesh.vertices)
         self.mesh, self.first, self.stepover = mesh, first, stepover
         self.values = np.full(count, FAR * stepover)
-        """Distances to the last turns [m]; 0 where covered, no less than FAR where nobody looked yet, (n,)."""
+        """Distances to the last turns [m]; 0 where covered, at least FAR where not measured yet, (n,)."""
         self.which = np.full(count, -1)
         """The nearest of the last turns around, -1 where unknown, (n,)."""
         self._bounds = np.zeros(count)
@@ -58,7 +58,7 @@ class Front:
         """Distance from turn to turn; of the first from the border [m]."""
         return self.stepover if number else self.first
 
-    def look(self, rows: Indices, curves: CurveSet, number: int) -> Looked:
+    def look(self, rows: Indices, curves: CurveSet, number: int) -> Measured:
         """Bring the distances of vertices to the turns of a number up to date."""
         cap, reach = FAR * self.stepover, self.step(number) + BEYOND * self.stepover
         points = self.mesh.vertices[rows]
@@ -72,7 +72,7 @@ class Front:
         self.which[rows[near]] = np.where(exact & same_side, which, -1)
         self.values[rows] = np.minimum(distances, cap)
         self._bounds[rows] = distances + self._level(number)
-        return Looked(rows, distances)
+        return Measured(rows, distances)
 
     def _at_least(self, rows: Indices, curves: CurveSet) -> Array:
         """Lower bounds of the distances of vertices to turns: those of their scouts less the ways to them [m]."""
@@ -103,7 +103,7 @@ class Front:
 
 
 def _scouts(points: Array, size: float) -> Indices:
-    """The first vertex in each cell of a grid, told to all in the cell, shape (n,)."""
+    """For each vertex the first one in its cell of a grid, shape (n,)."""
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     counts = cells.max(axis=0) + 1
     keys = (cells[:, 0] * counts[1] + cells[:, 1]) * counts[2] + cells[:, 2]
@@ -111,7 +111,7 @@ def _scouts(points: Array, size: float) -> Indices:
     return np.asarray(first[which])
 
 
-def all_rows(waiting: Waiting) -> Indices:
+def _all_rows(waiting: Waiting) -> Indices:
     """All vertices that wait, shape (n,)."""
     parts = [part for parts in waiting.values() for part in parts]
     return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
@@ -125,7 +125,7 @@ def _grouped(keys: Indices, rows: Indices) -> Iterator[tuple[int, Indices]]:
         yield int(value), rows[order[start:end]]
 
 
-def select_rows(waiting: Waiting, chosen: Bools) -> Waiting:
+def _select_rows(waiting: Waiting, chosen: Bools) -> Waiting:
     """Those that wait among the chosen vertices, a mask of shape (n,)."""
     picked = {turn: [part[chosen[part]] for part in parts] for turn, parts in waiting.items()}
     return {turn: parts for turn, parts in picked.items() if any(len(part) for part in parts)}
@@ -299,7 +299,7 @@ def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> t
     front.put_off(near.rows[~reached], number, waiting)
     pieces = []
     for own, rest in _parts(front, piece, lines, waiting):
-        rows = all_rows(rest) if all(turn <= number + 1 for turn in rest) else None
+        rows = _all_rows(rest) if all(turn <= number + 1 for turn in rest) else None
         if rows is not None and front.at_least(rows, number).max(initial=0.0) <= THIN * step * (1.0 + ROUNDING):
             continue
         turns = tuple(_new_turn(surface, front, piece, curves, line, step) for line in own if line.closed)
@@ -307,7 +307,7 @@ def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> t
             pieces.append(Piece(turns, rest))
     for turn in piece.turns:
         if not turn.children:
-            turn.inside = all_rows(piece.waiting)
+            turn.inside = _all_rows(piece.waiting)
     return pieces, covered
 
 
@@ -319,12 +319,12 @@ def _parts(
         yield lines, waiting
         return
     inner = np.zeros(len(front.values), dtype=bool)
-    inner[all_rows(waiting)] = True
+    inner[_all_rows(waiting)] = True
     count, labels = front.mesh.components(inner)
     for label in range(count):
         own = [line for line in lines if labels[line.vertices[0]] == label]
         if own:
-            yield own, select_rows(waiting, labels == label)
+            yield own, _select_rows(waiting, labels == label)
 
 
 def _follow_one_by_one(front: Front, piece: Piece, lines: Sequence[LevelLine]) -> bool:

@@ -1,1 +1,1 @@
-"""How the tool comes to the part, leaves it and travels between runs."""
+"""Moves in the air: approach, lead-in, lead-out, retract, travel."""

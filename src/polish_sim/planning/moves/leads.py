@@ -1,4 +1,4 @@
-"""How the tool comes to the part and leaves it: lead-in, lead-out, approach and retract (paper 1, 1.4, fig. 14)."""
+"""How the tool approaches the part and leaves it: lead-in, lead-out, approach and retract (paper 1, 1.4, fig. 14)."""
 
 from __future__ import annotations
 
@@ -232,13 +232,13 @@ def _choose(process: Move, at_start: bool, name: str, air: Air, ball: Ball, step
         (point_only, straight, [last], f"even straight along the tool axis the pad runs into the part on the {word}"),
         (point_only, straight, rows, f"a stroke is shortened to where its {word} is clear of the part"),
     ]
-    for around, shapes, where, told in tries:
+    for around, shapes, where, remark in tries:
         for row in where:
             for shape, clearance in shapes:
                 cut = _from(process, at_start, row)
                 if _is_clear(cut, at_start, shape, clearance, around, ball):
                     place = process.positions[last]
-                    return Landing(shape, clearance, row, Remark(told, place) if told else None)
+                    return Landing(shape, clearance, row, Remark(remark, place) if remark else None)
     return None
 
 

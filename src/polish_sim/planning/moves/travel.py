@@ -53,7 +53,7 @@ def travel(first: Move, second: Move, up: Array, clearance: float, part: Surface
 def _ways(
     ends: tuple[Array, Array], axes: tuple[Array, Array], up: Array, clearance: float, part: Surface, kept: float
 ) -> Iterator[Sequence[Array]]:
-    """Corners of the ways to try: at rising heights, then round the part, last above everything whatever it hits."""
+    """Corners of the ways to try: at rising heights, then round the part, last above everything, unchecked."""
     start, end = ends
     top = float((part.vertices @ up).max()) + clearance
     low = max(float(start @ up), float(end @ up))

@@ -92,7 +92,7 @@ def _walk(curves: Sequence[Curve], links: Sequence[Link], begin: End, end: End) 
     for here in (*partner, begin, end):
         ends.setdefault(here.turn, []).append(here)
     parts, here = [], begin
-    # No end is passed twice, so that the way comes to an end whatever the links are.
+    # No end is passed twice, so that the walk ends for any links.
     passed: set[End] = set()
     while here not in passed:
         there, points = _along(curves[here.turn], here, ends[here.turn])

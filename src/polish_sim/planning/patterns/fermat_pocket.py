@@ -156,7 +156,7 @@ class Layout:
     curves: Sequence[Curve]
     stepover: float
     start: Array
-    """Where the path had better begin [m], shape (3,), or (0,)."""
+    """Where the path should begin [m], shape (3,), or (0,)."""
     taken: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     """Middle and half length of the stretches of each turn seams have used [m]."""
 
@@ -296,7 +296,7 @@ def _width(layout: Layout, turn: int, steps: float) -> float:
 
 
 def _misfit(layout: Layout, turn: int, other: int, s: Array, steps: float) -> Array:
-    """How far two turns miss their distance within a seam's length, in units of what is well tolerable."""
+    """How far two turns miss their distance within a seam's length, in units of what is tolerable."""
     curve = layout.curves[turn]
     count = max(int(curve.length * SAMPLES / layout.stepover), 16)
     even = np.linspace(0.0, curve.length, count, endpoint=False)

@@ -33,7 +33,7 @@ OFF = 0.4
 DEEP = 0.8
 """A line through the middle of a place ends where the nearest turn comes this much closer."""
 DEEPEST = 2.5
-"""Distances to turns are told apart up to this many step-overs."""
+"""Distances to turns are measured up to this many step-overs."""
 PAYS = 0.1
 """A run goes on into a place that is at least this many step-overs wide on the average of the way it takes."""
 MOST_LINES = 64

@@ -35,7 +35,7 @@ SLIVER = 0.1
 SHORTEST = 1.0
 """A loop is no shorter than this many step-overs."""
 FURTHEST = 3.0
-"""Distances are told apart up to this many step-overs."""
+"""Distances are measured up to this many step-overs."""
 
 
 class Nested(NamedTuple):

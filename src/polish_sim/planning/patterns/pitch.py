@@ -103,7 +103,7 @@ def _from_seam(curve: Curve, s: Array, seam: float) -> Array:
 SPREAD = 0.08
 """Share of the way inwards that moves from the band to the whole turn, per turn; spacing changes by half of it."""
 FLATTEST = 1e-3
-"""Smallest curvature of a turn told from none, times the step-over."""
+"""Smaller curvatures of a turn count as this one, times the step-over."""
 SAMPLES = 16
 """Samples of the share per step-over along a turn."""
 

@@ -39,18 +39,8 @@ AS_NARROW = 1e-6
 """Ways across a region that differ by less than this share of its size are equally narrow."""
 
 
-def parallel_lines(request: PatternRequest) -> list[list[Curve]]:
-    """Lines from one side of the region to the other, each the pieces between borders.
-
-    Args:
-        request: What to cover; its plan may say which way the lines run.
-
-    Returns:
-        The lines in order.
-
-    Raises:
-        PlanError: No line runs across the region, or their direction is square to it.
-    """
+def _parallel_lines(request: PatternRequest) -> list[list[Curve]]:
+    """Lines from one side of the region to the other in order, each the pieces between borders."""
     region, mesh, stepover, report = request.region, request.mesh, request.stepover, request.report
     heights = (mesh.vertices - mesh.vertices.mean(axis=0)) @ _across(region, request.plan.raster_direction)
     lines, above, below = _both_sides(region, mesh, heights, 0.0, stepover, lambda share: report(0.5 * share))
@@ -181,7 +171,7 @@ def raster_runs(request: PatternRequest) -> list[SurfaceRun]:
     """Cover a region with a zig-zag and a turn along its border, in one stroke where the region allows.
 
     Args:
-        request: What to cover and how; its plan may say which way the lines run and where to start.
+        request: What to cover and how; its plan may set the direction of the lines and the start.
 
     Returns:
         The strokes, on the surface.
@@ -192,7 +182,7 @@ def raster_runs(request: PatternRequest) -> list[SurfaceRun]:
     mesh, stepover = request.mesh, request.stepover
     borders = border_curves(mesh)
     turns, ends = (_inside(request, borders, distance * stepover) for distance in (BORDER_TURN, ENDS))
-    lines = parallel_lines(request)
+    lines = _parallel_lines(request)
     pieces = [
         p for number, row in enumerate(lines) for line in row for p in _cut(number, line, borders, ends, stepover)
     ]
@@ -215,7 +205,7 @@ def _cut(number: int, line: Curve, borders: Sequence[Curve], ends: Sequence[Curv
     s = np.linspace(0.0, line.length, max(int(line.length / (0.05 * stepover) + 1e-6), 8) + 1)
     points = line.at(s)[0]
     depth = nearest_of(borders, points).nearest.distances / stepover - ENDS
-    # Where it comes only a little too near to the border it gives way.
+    # Where it comes only a little too near to the border it bends aside.
     for i, j in _stretches(depth <= 0.0):
         if i > 0 and j + 1 < len(s) and depth[i : j + 1].min() > -GIVES_WAY and ends:
             points[i : j + 1] = nearest_of(ends, points[i : j + 1]).nearest.positions

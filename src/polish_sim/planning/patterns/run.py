@@ -23,7 +23,7 @@ SHARPENING = 2.0
 FINE = 1.0 / 40.0
 """Spacing of the points that are smoothed, as a share of the step-over."""
 WHOLE = 1e-6
-"""Numbers of intervals this little above a whole one are that one, whatever the rounding of the coordinates."""
+"""Numbers of intervals this little above a whole one count as that one: rounding."""
 CHORD_ERROR_M = 5e-7
 CLOSEST_M, FURTHEST_M = 2.5e-4, 1e-3
 """Spacing of the finished path's points: equal chord error between these limits [m]."""
@@ -145,7 +145,7 @@ class PatternRequest(NamedTuple):
     mesh: Triangulation
     """Its fine triangulation."""
     plan: PlanConfig
-    """Step-over, order, direction, start and whatever else a pattern listens to."""
+    """Step-over, order, direction, start and other options of the pattern."""
     report: Report
     """Called with the share done."""
 

@@ -168,17 +168,8 @@ JOINING_SAME = 1e-5
 """Shares this little below nothing are nothing."""
 
 
-def first_break(curves: Sequence[Curve], seams: Seams, stepover: float) -> int:
-    """Number of turns that can be joined: up to the first whose step inwards would leave the next turn's side.
-
-    Args:
-        curves: Turns, outermost first.
-        seams: Where they begin.
-        stepover: Distance between them [m].
-
-    Returns:
-        How many; all of them if the line can go on to the last.
-    """
+def _first_break(curves: Sequence[Curve], seams: Seams, stepover: float) -> int:
+    """Number of turns that can be joined: up to the first whose step inwards would leave the next turn's side."""
     reach = 0.5 * seams.band + JOINING_ROOM * stepover
     for i, match in enumerate(_matches(curves, seams, stepover)):
         on_step = np.zeros(len(match.beside), dtype=bool)
@@ -189,18 +180,8 @@ def first_break(curves: Sequence[Curve], seams: Seams, stepover: float) -> int:
     return len(curves)
 
 
-def join_turns(curves: Sequence[Curve], seams: Seams, to_border: bool, stepover: float) -> Run:
-    """Wind from the outermost turn to the innermost.
-
-    Args:
-        curves: Closed turns one step-over apart, outermost first, inside on their left.
-        seams: Where the turns begin.
-        to_border: Whether the last turn follows a border too.
-        stepover: That distance [m].
-
-    Returns:
-        The line; each round has its number.
-    """
+def _join_turns(curves: Sequence[Curve], seams: Seams, to_border: bool, stepover: float) -> Run:
+    """Wind from the outermost of closed turns to the innermost; to_border: whether that one follows a border."""
     matches = _matches(curves, seams, stepover)
     if not matches:
         return _number([curves[0].between(seams.s[0], seams.s[0] + curves[0].length - GAP * stepover)[0]])
@@ -289,11 +270,11 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
         # The path begins on the first line, or outwards at the end of the last.
         outer, inner = nowhere if outward or lines else start, start if outward and not waiting else nowhere
         seams = place_seams(curves, pitch, ends, outer, inner)
-        count = first_break(curves, seams, pitch)
+        count = _first_break(curves, seams, pitch)
         if count < len(chain):
             waiting[:0] = [chain[:count], chain[count:]]
         else:
-            lines.append(join_turns(curves, seams, to_border, pitch))
+            lines.append(_join_turns(curves, seams, to_border, pitch))
     runs = _finished(request, lines, finish_middle(mesh, lines, stepover))
     return [run.backwards() for run in runs[::-1]] if outward else runs
 
@@ -325,7 +306,7 @@ def chains(roots: Sequence[Turn], stepover: float) -> list[list[Turn]]:
     """Split nested turns into chains that can be walked without a lift, the longest way inwards first."""
 
     def shortness(turn: Turn) -> float:
-        """Rounded, so that turns of one length stay in order whatever the rounding of the coordinates."""
+        """Rounded, so that turns of one length keep their order."""
         return -round(turn.curve.length / stepover, 4)
 
     waiting = sorted(roots, key=shortness)

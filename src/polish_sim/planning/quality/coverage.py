@@ -313,11 +313,11 @@ def _share_under(point, normal, a, b, axis, depth, radius):  # type: ignore[no-u
 APART = 0.04
 """Places at which the time is summed up lie this many pad radii apart, or as far as the vertices do."""
 OVER, UNDER = 2.0, 0.5
-"""Over- and under-polished is what was under the pad longer (shorter) than this many medians of what it came to."""
+"""Over- and under-polished: longer (shorter) under the pad than this many medians."""
 
 
 class ExposureMap(NamedTuple):
-    """Time under the pad, and what it comes to over the region's area, holes left out."""
+    """Time under the pad, and its distribution over the region's area without holes."""
 
     times: Array
     """At every vertex of the region [s], shape (v,)."""

@@ -20,7 +20,7 @@ from polish_sim.planning.quality.located import SAME_PLACE_M, Segments, segments
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import perpendicular, unit
 
-# Places where paths meet within a micron: do they cross there, or only touch? (pairs of segments -> crossings).
+# Contacts, places where paths meet within a micron, cross or only touch.
 #
 # Rare, so plain Python: a chain of touching segment pairs is one place. The second path crosses the first one there if
 # it comes from one side and leaves to the other; if either path begins or ends there, it only touches.
@@ -31,7 +31,7 @@ END_PAIRS = 60
 
 
 class Contacts(NamedTuple):
-    """What the contacts come to."""
+    """Crossings, contacts judged."""
 
     alone: Indices
     """Pairs that cross properly, away from contacts."""
@@ -39,7 +39,7 @@ class Contacts(NamedTuple):
     """Where paths cross through contacts [m], shape (k, 3)."""
 
 
-def crossings_through_contacts(
+def _crossings_through_contacts(
     chords: Segments, i: Indices, j: Indices, proper: Bools, contact: Bools, places: Array
 ) -> Contacts:
     """Judge every chain of contacts.
@@ -51,9 +51,6 @@ def crossings_through_contacts(
         proper: Pairs that cross each other's inside, shape (n,).
         contact: Pairs that meet in any other way, shape (n,).
         places: Where [m], shape (n, 3).
-
-    Returns:
-        Proper crossings apart from contacts, and crossings through contacts.
     """
     rows = np.flatnonzero(proper | contact)
     label = _chains(chords, i[rows], j[rows])
@@ -104,7 +101,7 @@ def _crosses(chords: Segments, i: Indices, j: Indices) -> bool:
 
 
 def _sides(chords: Segments, i: Indices, j: Indices, normal: Array) -> tuple[int, int]:
-    """On which side of the first path the second one comes to its first meeting, and leaves its last one."""
+    """Sides of the first path from which the second one arrives at their first meeting and leaves their last one."""
     first = perpendicular(normal)
     frame = np.stack([first, np.cross(normal, first)])
     middle = chords.start[i].mean(axis=0)
@@ -225,8 +222,8 @@ def find_crossings(runs: Sequence[Curve]) -> Crossings:
     contact = near & ~proper
     if not contact.any():
         return Crossings(places[proper])
-    # A crossing beside a contact is part of what happens there.
-    alone, through = crossings_through_contacts(chords, i, j, proper, contact, places)
+    # A crossing beside a contact belongs to it.
+    alone, through = _crossings_through_contacts(chords, i, j, proper, contact, places)
     return Crossings(np.concatenate([places[alone], through]))
 
 

@@ -47,15 +47,8 @@ class AxisRate(NamedTuple):
     peak: Peak
 
 
-def sharpest_corner(runs: Sequence[Curve]) -> Peak:
-    """Largest change of direction within the surface, at the scale of 1 mm.
-
-    Args:
-        runs: Each run in contact, an open curve.
-
-    Returns:
-        Angle [rad] and place; zero for paths shorter than 2 mm.
-    """
+def _sharpest_corner(runs: Sequence[Curve]) -> Peak:
+    """Largest change of direction [rad] within the surface over 1 mm, and its place; 0 for paths shorter than 2 mm."""
     best = Peak(0.0, runs[0].positions[0])
     for curve in runs:
         inside = (curve.knots >= CORNER_M) & (curve.knots <= curve.length - CORNER_M)
@@ -71,15 +64,8 @@ def sharpest_corner(runs: Sequence[Curve]) -> Peak:
     return best
 
 
-def measure_axis_rate(on: PathOnSurface) -> AxisRate:
-    """Turn of the tool axis over each millimetre of the path in contact.
-
-    Args:
-        on: The path.
-
-    Returns:
-        The rate along the path, and its peak.
-    """
+def _measure_axis_rate(on: PathOnSurface) -> AxisRate:
+    """Turn of the tool axis over each millimetre of the path in contact."""
     along, rates, places = [], [], []
     begin = 0.0
     for rows in on.stretches:
@@ -147,7 +133,7 @@ def measure_quality(
         reach=measure_pad_reach(ground.region.surface, ground.part_facets, pad.radius_m),
         pad_in_part=find_pad_in_part(on, ground.region.surface if part is None else part, pad),
         spacing=measure_stepover(on.runs, stepover),
-        axis_rate=measure_axis_rate(on),
+        axis_rate=_measure_axis_rate(on),
         crossings=find_crossings(on.runs).places,
         runs=on.runs,
     )
@@ -225,7 +211,7 @@ def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
 
 
 def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
-    corner, rate = sharpest_corner(on.runs), quality.axis_rate.peak
+    corner, rate = _sharpest_corner(on.runs), quality.axis_rate.peak
     lean = np.arctan2(np.linalg.norm(np.cross(on.axes, on.normals), axis=1), (on.axes * on.normals).sum(axis=1))
     return {
         "self_crossings": len(quality.crossings),

@@ -88,7 +88,7 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, height: float,
 
 
 def _other_unit(mesh: PartMesh, path: ToolPath) -> str:
-    """What to say if the path would lie where the part is, and be about as large, in another unit; else nothing."""
+    """Advice if the path would fit the part in place and size in another unit; else empty."""
     box = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
     points = path.positions_work[path.process]
     own = np.stack([points.min(axis=0), points.max(axis=0)])

@@ -1,4 +1,4 @@
-"""Where the pad runs into the part beside what it polishes, as into a pocket's wall (path, whole part -> places)."""
+"""Places too hollow for the pad, and where it runs into the part beside the region, as into a pocket's wall."""
 
 from __future__ import annotations
 
@@ -19,9 +19,6 @@ from polish_sim.planning.quality.located import PathOnSurface
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import perpendicular
 
-# Places too hollow for the pad: curvature of the region against the pad's radius (Surface -> area, places).
-
-
 QUARTERS = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0], [2.0, 2.0, 2.0]]) / 6.0
 """Middles of the four quarters of a facet, barycentric."""
 
@@ -37,7 +34,7 @@ class HollowPlace(NamedTuple):
 
 
 class PadReach(NamedTuple):
-    """What of a region a pad of a radius cannot touch."""
+    """The parts of a region a pad cannot touch."""
 
     area_m2: float
     hollow: Array
@@ -100,11 +97,6 @@ def _pieces(surface: Surface, hollow: Bools) -> tuple[Indices, int]:
     return label, count
 
 
-# What of a part stands above the face of a disc put on it (part, discs -> how far it reaches into their outline).
-#
-# Only the flat triangles between the patches' corners are looked at: a wall is found however thin it is.
-
-
 class Discs(NamedTuple):
     """Discs and the layer above each in which nothing of the part may be."""
 
@@ -131,6 +123,8 @@ class Intrusion(NamedTuple):
 
 def standing_above(part: Surface, discs: Discs) -> Intrusion:
     """Find the faces of a part that stand in the layers above discs.
+
+    Only the flat triangles between the patches' corners are tested: a wall is found however thin it is.
 
     Args:
         part: The whole part.
@@ -198,7 +192,7 @@ def _seen_from(patch, middle, frame, corner):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _distance_in_layer(corner, low, high, layer, cut):  # type: ignore[no-untyped-def]
-    """Distance from the axis of what of a triangle lies between two heights [m]; inf if nothing does."""
+    """Distance from the axis to the part of a triangle between two heights [m]; inf if there is none."""
     if max(corner[0, 2], corner[1, 2], corner[2, 2]) <= low or min(corner[0, 2], corner[1, 2], corner[2, 2]) >= high:
         return np.inf
     count = _cut_off(corner, 3, 1.0, low, layer)
@@ -299,7 +293,7 @@ def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig) -> PadInP
     The pad yields as far as the force presses it, F / k, and over a hollow place or tilted as far as that place's
     curvatures and the tilt make it: what stands no higher than both together is polished, not run into, nor is what
     the pad is in no deeper than it yields. A place more hollow than the pad counts with the pad's radius;
-    `measure_pad_reach` tells of it.
+    `measure_pad_reach` reports it.
 
     Args:
         on: The path on its region.

@@ -22,7 +22,7 @@ SAMPLES = 8
 OWN_STRETCH = 2.0
 """Points closer than this many step-overs along the path belong to the same turn."""
 FURTHEST = 2.0
-"""A neighbour further away than this many step-overs is no neighbour; coverage tells of such gaps."""
+"""A neighbour further away than this many step-overs is no neighbour; the coverage shows such gaps."""
 SHARP = np.radians(60.0)
 """Change of direction of a corner of 120 deg [rad]."""
 
