@@ -259,34 +259,26 @@ def _sample_bricks(skin, corners, hints, spacing, band):  # type: ignore[no-unty
     """
     out = np.empty((len(corners), NODES, NODES, NODES))
     for b in range(len(corners)):
-        hint = hints[b]
+        hint = np.int64(hints[b])
         for block in range(27):
             i, j, k = 3 * (block // 9), 3 * (block // 3 % 3), 3 * (block % 3)
             x, y, z = corners[b, 0] + spacing * i, corners[b, 1] + spacing * j, corners[b, 2] + spacing * k
             limit = band + 1.7321 * spacing if block > 0 else np.inf
-            distance, facet = signed_distance(skin, x + spacing, y + spacing, z + spacing, hint, limit)
-            if facet >= 0:
+            middle, facet = signed_distance(skin, x + spacing, y + spacing, z + spacing, hint, limit)
+            near = facet >= 0
+            if near:
                 hint = facet
-                hint = _sample_block(
-                    skin, out[b, i : i + 3, j : j + 3, k : k + 3], x, y, z, hint, spacing, band, distance
-                )
             else:
                 # On the same side as the block before: a change of side takes more than twice the band.
-                before = out[b, i, j, k - 1] if k > 0 else (out[b, i, j - 1, 0] if j > 0 else out[b, i - 1, 0, 0])
-                out[b, i : i + 3, j : j + 3, k : k + 3] = -band if before < 0.0 else band
+                middle = out[b, i, j, k - 1] if k > 0 else (out[b, i, j - 1, 0] if j > 0 else out[b, i - 1, 0, 0])
+            for node in range(27):
+                di, dj, dk = node // 9, node // 3 % 3, node % 3
+                distance = -band if middle < 0.0 else band
+                if near:
+                    exact, facet = signed_distance(
+                        skin, x + spacing * di, y + spacing * dj, z + spacing * dk, hint, band
+                    )
+                    if facet >= 0:
+                        distance, hint = exact, facet
+                out[b, i + di, j + dj, k + dk] = distance
     return out
-
-
-@njit(cache=True)
-def _sample_block(skin, out, x, y, z, hint, spacing, band, middle):  # type: ignore[no-untyped-def]
-    """Fill a block of 3 x 3 x 3 nodes from its lowest corner; return a facet near its end."""
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                distance, facet = signed_distance(skin, x + spacing * i, y + spacing * j, z + spacing * k, hint, band)
-                if facet >= 0:
-                    hint = facet
-                else:
-                    distance = -band if middle < 0.0 else band
-                out[i, j, k] = distance
-    return hint

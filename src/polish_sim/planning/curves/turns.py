@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices
-from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve, SurfaceQuery
 from polish_sim.planning.curves.offset_curve import ROUNDING, CurveSet, LevelLine, level_lines, nearest_of, offset_curve
 from polish_sim.planning.ground.triangulation import Triangulation
@@ -52,7 +51,6 @@ class Front:
         """The nearest of the last turns around, -1 where unknown, (n,)."""
         self._bounds = np.zeros(count)
         self._scouts = _scouts(mesh.vertices, SCOUTS * stepover)
-        self._marks, self._mark = np.zeros(len(mesh.triangles), dtype=np.int64), 0
 
     def step(self, number: int) -> float:
         """Distance from turn to turn; of the first from the border [m]."""
@@ -83,9 +81,12 @@ class Front:
 
     def triangles_around(self, rows: Indices) -> Indices:
         """Triangles with a corner among vertices, each once."""
-        self._mark += 1
-        # In their own order, on which it depends where closed lines begin.
-        return np.sort(_around(*self.mesh.around, rows, self._marks, self._mark))
+        starts, members = self.mesh.around
+        counts = starts[rows + 1] - starts[rows]
+        place = np.arange(counts.sum()) + np.repeat(starts[rows] - np.cumsum(counts) + counts, counts)
+        found = np.zeros(len(self.mesh.triangles), dtype=bool)
+        found[members[place]] = True
+        return np.flatnonzero(found)  # in their own order, on which it depends where closed lines begin
 
     def put_off(self, rows: Indices, number: int, waiting: Waiting) -> None:
         """Let vertices wait until a turn later than this one comes near them."""
@@ -129,23 +130,6 @@ def _select_rows(waiting: Waiting, chosen: Bools) -> Waiting:
     """Those that wait among the chosen vertices, a mask of shape (n,)."""
     picked = {turn: [part[chosen[part]] for part in parts] for turn, parts in waiting.items()}
     return {turn: parts for turn, parts in picked.items() if any(len(part) for part in parts)}
-
-
-@njit(cache=True, error_model="numpy")
-def _around(starts, members, rows, marks, mark):  # type: ignore[no-untyped-def]
-    """Triangles around vertices in order of the vertices; those found carry the mark."""
-    most = 0
-    for v in rows:
-        most += starts[v + 1] - starts[v]
-    found, count = np.empty(most, np.int64), 0
-    for v in rows:
-        for j in range(starts[v], starts[v + 1]):
-            t = members[j]
-            if marks[t] != mark:
-                marks[t] = mark
-                found[count] = t
-                count += 1
-    return found[:count]
 
 
 THIN = 1.1

@@ -125,8 +125,6 @@ class Tour(NamedTuple):
     """Which block comes k-th, shape (n,)."""
     backwards: Bools
     """Whether the k-th block is walked from its end, shape (n,)."""
-    air_m: float
-    """Length of the straight ways from block to block [m]."""
 
 
 def order_blocks(ends: Array, free: bool, start: Array | None = None) -> Tour:
@@ -144,8 +142,9 @@ def order_blocks(ends: Array, free: bool, start: Array | None = None) -> Tour:
         The tour.
     """
     order, flips = _nearest_neighbours(ends, free, start)
-    _improve(np.ascontiguousarray(ends), order, flips, free, WINDOW, MOST_SWEEPS)
-    return Tour(order, flips.astype(bool), float(_way(ends, order, flips, 0, len(order) - 1)))
+    if len(order) > 2:
+        _improve(np.ascontiguousarray(ends), order, flips, free, WINDOW, MOST_SWEEPS)
+    return Tour(order, flips.astype(bool))
 
 
 def _nearest_neighbours(ends: Array, free: bool, start: Array | None) -> tuple[Indices, Indices]:
