@@ -316,14 +316,9 @@ def estimate_widened(
 
 
 def inefficiency(residuals: Array, counts: Bools) -> Array:
-    """Number of samples worth one independent sample, joint by joint.
+    """Number of samples worth one independent sample, joint by joint, at least 1, shape (n,).
 
-    Args:
-        residuals: What is left of the torques, in the order of time, shape (m, n).
-        counts: Which of them count, shape (m, n).
-
-    Returns:
-        At least 1, shape (n,).
+    ``residuals`` (m, n) are in the order of time; ``counts`` (m, n) says which of them count.
     """
     most = max(int(LONGEST * len(residuals)), 2)
     return np.array([_of_joint(residuals[:, j], counts[:, j], most) for j in range(residuals.shape[1])])

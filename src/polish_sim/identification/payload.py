@@ -172,15 +172,7 @@ def guessed_load(mass: float, origin: Array) -> Array:
 def weigh_block(
     empty: JointSums, base: BaseParameters, motion: FourierMotion, settings: IdentifySettings, rng: np.random.Generator
 ) -> Weighed:
-    """Play the motion again with a block on the simulated arm, and find the block.
-
-    Args:
-        empty: Normal equations of the run without it, in the base.
-        base: The arm's base.
-        motion: The motion of both runs.
-        settings: The block's mass, noise, periods.
-        rng: Draws the block and the noise.
-    """
+    """Play the motion again with a block on the simulated arm, and find the block; ``empty`` is the run without it."""
     load = random_block(settings.payload, rng)
     arm, sigma = build_arm(settings.terms, SCENARIO, load), np.array(settings.sigma)
     log = play_motion(arm, motion, settings.periods, settings.rate)

@@ -48,17 +48,7 @@ def rigid_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Ar
 
 
 def regressor_derivatives(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Array:
-    """Exact derivatives of the regressor by a complex step.
-
-    Args:
-        chain: The chain of n joints.
-        q: Positions, shape (m, n).
-        qd: Speeds, shape (m, n).
-        qdd: Accelerations, shape (m, n).
-
-    Returns:
-        dY / d(q, qd, qdd), shape (m, 3 n, n, 10 n).
-    """
+    """Exact derivatives dY / d(q, qd, qdd) of the regressor by a complex step, shape (m, 3 n, n, 10 n)."""
     m, n = q.shape
     state = np.concatenate([q, qd, qdd], axis=1).astype(np.complex128)
     out = np.empty((m, 3 * n, n, 10 * n))

@@ -112,15 +112,8 @@ def fit_rest(
 ) -> Step:
     """First step: masses, first moments and Coulomb friction from poses at rest, approached from both sides.
 
-    Args:
-        model: The torque model.
-        states: Poses with the slow speed of their approach, shape (m, n) each.
-        torque: Held there [N m], shape (m, n).
-        sigma: The torques' noise [N m] where it is known, shape (n,).
-        counts: Which torques count; all if None, shape (m, n).
-
-    Returns:
-        The parameters of this step with their covariance.
+    States (m, n) have the slow speed of the approach; ``torque`` (m, n) [N m] was held there, ``sigma`` (n,) is its
+    noise where known, ``counts`` (m, n) which torques count; all if None.
     """
     used = np.ones(torque.shape, dtype=bool) if counts is None else counts
     some = _some(len(torque))
@@ -129,16 +122,9 @@ def fit_rest(
 
 
 def fit_axes(model: TorqueModel, states: States, torque: Array, sigma: Array | None = None) -> Step:
-    """First step: some axes move while the others hold; only the torques of moving axes have a friction of known size.
+    """First step: some axes move while the others hold, exactly at rest in the states.
 
-    Args:
-        model: The torque model.
-        states: The motion, of holding joints exactly at rest, shape (m, n) each.
-        torque: [N m], shape (m, n).
-        sigma: The torques' noise [N m] where it is known, shape (n,).
-
-    Returns:
-        The parameters of this step with their covariance; what holds is a load of the last moving link.
+    Only the torques of moving axes count, as only their friction has a known size; what holds loads the last of them.
     """
     some, counts = _some(len(torque)), informative(states)
     base = base_of_rows(model.regressor(states.rows(some))[counts[some]])
@@ -157,16 +143,9 @@ def carried(step: Step, base: BaseParameters) -> Earlier:
 
 
 def fit_motion_after(step: Step, base: BaseParameters, sums: JointSums, sigma: Array | None = None) -> Estimate:
-    """Second step: motion, with what the first step knows and how well it knows it.
+    """Second step: motion, with what the first step knows; the same as if both steps' samples had been fitted at once.
 
-    Args:
-        step: What the first step found.
-        base: The whole base.
-        sums: Normal equations of the motion, in the whole base.
-        sigma: The torques' noise [N m] where it is known, shape (n,).
-
-    Returns:
-        All base parameters; the same as if both steps' samples had been fitted at once.
+    ``sums`` are of the motion, in the whole base; ``sigma`` (n,) [N m] is the torques' noise where known.
     """
     return estimate(sums, carried(step, base), sigma)
 

@@ -49,15 +49,7 @@ def new_arm_state(table: Array = NOMINAL) -> ArmState:
 
 @njit(cache=True, error_model="numpy")
 def place_arm(state: ArmState, T_flange_tool: Array) -> bool:
-    """Fill axes, links, Jacobian and its inverse for the angles in ``state.q``.
-
-    Args:
-        state: Work space; all but rates and twists are written.
-        T_flange_tool: The tool on the flange, shape (4, 4).
-
-    Returns:
-        Whether the Jacobian could be inverted.
-    """
+    """Fill all but rates and twists for the angles in ``state.q``; whether the Jacobian could be inverted."""
     _fill_links(state, T_flange_tool)
     _fill_jacobian(state)
     return invert(state.jacobian, state.inverse, state.scratch)
@@ -96,12 +88,7 @@ def _fill_jacobian(state: ArmState) -> None:
 
 @njit(cache=True, error_model="numpy")
 def solve_rates(state: ArmState, orders: int) -> None:
-    """Joint rates that give the tool its wanted motion.
-
-    Args:
-        state: With the arm placed and the first ``orders`` rows of ``twists`` filled; as many of ``rates`` are written.
-        orders: 1 (q'), 2 (q' and q'') or 3.
-    """
+    """Write the first ``orders`` (1 to 3) derivatives of q that give the tool the motion in ``twists``."""
     _solve(state, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if orders > 1:
         solve_second(state)

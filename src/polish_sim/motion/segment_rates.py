@@ -112,16 +112,9 @@ def within_range(q: Array) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def reach_pose(state: ArmState, T_base_tool: Array, arm: Arm, q_near: Array) -> int:
-    """Bring the tool to a pose: joint angles on the branch of ``q_near``, the arm placed.
+    """Bring the tool to a pose (4, 4) in the base on the branch of ``q_near`` (6,) [rad], and place the arm.
 
-    Args:
-        state: Work space; written.
-        T_base_tool: Wanted pose, shape (4, 4).
-        arm: Tool and robot.
-        q_near: Says which branch [rad], shape (6,).
-
-    Returns:
-        REACHED, UNREACHABLE or SINGULAR.
+    Returns REACHED, UNREACHABLE or SINGULAR.
     """
     flange, T = state.scratch, arm.T_tool_flange
     for i in range(3):
@@ -136,18 +129,9 @@ def reach_pose(state: ArmState, T_base_tool: Array, arm: Arm, q_near: Array) -> 
 
 @njit(cache=True, error_model="numpy")
 def rates_at(state: ArmState, segment: Segment, u: float, arm: Arm, q_near: Array, T: Array) -> int:
-    """q and its three derivatives by progress at u of a segment, into ``state``.
+    """Write q and its three derivatives by progress at u of a segment (base frame) into ``state``.
 
-    Args:
-        state: Work space; q, rates and the arm's place are written.
-        segment: In the base frame.
-        u: Progress [-].
-        arm: Tool and robot.
-        q_near: Says which branch [rad], shape (6,); may be ``state.q``.
-        T: Work space, shape (4, 4).
-
-    Returns:
-        REACHED, UNREACHABLE or SINGULAR.
+    ``q_near`` (6,) [rad] says which branch, may be ``state.q``; ``T`` (4, 4) is a work array. Returns as `reach_pose`.
     """
     tool_pose(segment, u, T)
     status = reach_pose(state, T, arm, q_near)

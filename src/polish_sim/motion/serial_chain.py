@@ -98,11 +98,7 @@ class ChainModel(NamedTuple):
 
 
 def chain_model(chain: SerialChain, scale: float = 1.0) -> ChainModel:
-    """Set a chain up for the recursion.
-
-    Args:
-        chain: Hinges only.
-        scale: Factor on masses, inertias and rotors.
+    """Set a chain of hinges up for the recursion, masses, inertias and rotors times ``scale``.
 
     Raises:
         InputError: A joint is no hinge; names it.
@@ -119,15 +115,9 @@ def chain_model(chain: SerialChain, scale: float = 1.0) -> ChainModel:
 
 @njit(cache=True, error_model="numpy")
 def chain_torque(model: ChainModel, q: Array, qd: Array, qdd: Array, gravity: float, out: Array) -> None:
-    """Torques that move the chain.
+    """Write the torques [N m] that move the chain at q, qd, qdd, shape (n,) each, into ``out``.
 
-    Args:
-        model: The chain.
-        q: Joint angles [rad], shape (n,).
-        qd: Speeds [rad/s], shape (n,).
-        qdd: Accelerations [rad/s^2], shape (n,).
-        gravity: Share of gravity: 1, or 0 for the torques of inertia alone.
-        out: Torques [N m], shape (n,).
+    ``gravity`` is its share: 1, or 0 for the torques of inertia alone.
     """
     n = q.shape[0]
     for x in range(3):

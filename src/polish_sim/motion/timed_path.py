@@ -209,17 +209,7 @@ def time_schedule(chain: Chain, schedule: Schedule, marks: Array) -> TimedPath:
 
 
 def places_at(chain: Chain, schedule: Schedule, marks: Array, times: Array) -> Array:
-    """Arc length a schedule has reached, never falling.
-
-    Args:
-        chain: The segments.
-        schedule: When they are passed.
-        marks: Arc length at the way points [m], rising, shape (segments + 1,).
-        times: Rising [s], shape (n,).
-
-    Returns:
-        [m], shape (n,).
-    """
+    """Arc length a schedule has reached at rising times (n,) [s], never falling [m], (n,); see `time_schedule`."""
     places, speeds = np.empty(len(times)), np.empty(len(times))
     _mark(schedule, index_schedule(chain, schedule), times, marks, places, speeds)
     return np.maximum.accumulate(places)

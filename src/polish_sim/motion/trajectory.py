@@ -147,16 +147,9 @@ def _turning(quaternions: Array, step: float) -> Array:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def blend_cubic(points: Array, slopes: Array, row: int, u: float, h: float, point: Array, slope: Array) -> None:
-    """Cubic Hermite interpolation between two rows of a table, with its derivative.
+    """Cubic Hermite interpolation a share ``u`` of the way from a row to the next, ``h`` apart, with its derivative.
 
-    Args:
-        points: Values, shape (n, 3).
-        slopes: Their derivatives by what the table goes by, shape (n, 3).
-        row: The row before.
-        u: Share of the way to the next row [-].
-        h: Spacing of the rows.
-        point: Written: value, shape (3,).
-        slope: Written: derivative, shape (3,).
+    ``points`` and their derivatives ``slopes`` are (n, 3), ``point`` and ``slope`` (3,) are written.
     """
     h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
     h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)

@@ -132,11 +132,6 @@ def _nodes(begins: Array, widths: Array, counts: Indices) -> Array:
 def find_peaks(chain: Chain, schedule: Schedule, arm: Arm | None) -> MotionPeaks:
     """Peaks of a motion, looked for at both ends of every stretch of constant tip jerk and between them.
 
-    Args:
-        chain: The segments, work frame.
-        schedule: When they are passed.
-        arm: The robot; None for the tool alone.
-
     Raises:
         ReachError: The arm cannot be there.
     """
@@ -171,16 +166,7 @@ class Measured(NamedTuple):
 def measure_smoothing(
     rule: str, chain: Chain, schedule: Schedule, raw: Chain, arm: Arm | None, limits: SmoothingLimits, plan_s: float
 ) -> Measured:
-    """Measure a motion against its path.
-
-    Args:
-        rule: The rule that planned it.
-        chain: The segments the schedule passes.
-        schedule: When they are passed.
-        raw: The path as given.
-        arm: The robot, if any.
-        limits: Of the motion.
-        plan_s: Time the rule took [s].
+    """Measure a motion, planned by a rule in ``plan_s`` [s], against its path ``raw`` and limits.
 
     Raises:
         ReachError: The arm cannot follow.

@@ -207,15 +207,9 @@ def path_turns(raw: Chain) -> Array:
 
 
 def chosen_corners(turns: Array, way: Way, deviation: Deviation) -> list[tuple[int, str]]:
-    """Way points to be shown with what is special about them: the worst ones, and typical ones by their turn.
+    """Up to six way points to be shown with what is special about them: the worst, then typical ones by their turn.
 
-    Args:
-        turns: Of the path [rad], shape (n + 1,).
-        way: The motion.
-        deviation: Its largest deviations.
-
-    Returns:
-        Up to six, the worst first.
+    ``turns`` are those of the path (n + 1,) [rad].
     """
     corners = np.flatnonzero(turns > LEAST_TURN)
     if not len(corners):
@@ -233,15 +227,10 @@ def chosen_corners(turns: Array, way: Way, deviation: Deviation) -> list[tuple[i
 def view_corner(
     raw: Chain, rows: Indices, ways: Sequence[Way], corner: tuple[int, str], turn: float, tolerance: float
 ) -> CornerView:
-    """See a corner from near, in the plane of its two segments.
+    """See a corner (way point and what is special about it) from near, in the plane of its two segments.
 
-    Args:
-        raw: The path.
-        rows: Row of the file's path of each way point, for the name.
-        ways: The motions, one a rule.
-        corner: The way point and what is special about it.
-        turn: Angle the path turns by there [rad].
-        tolerance: [m].
+    ``rows`` are the file's rows of the way points, for the name; ``turn`` is the path's [rad], ``tolerance`` the
+    tip's [m].
     """
     k, name = corner
     frame, first = _flat_frame(raw.tips, k), ways[0]

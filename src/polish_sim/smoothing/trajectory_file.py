@@ -20,15 +20,7 @@ BLOCK: Final = 100_000
 
 
 def even_times(end: float, rate: float) -> Iterator[Array]:
-    """Times of a motion at a rate, blocks of rising times; the last is the motion's end, however near.
-
-    Args:
-        end: How long the motion takes [s].
-        rate: Samples per second [Hz].
-
-    Yields:
-        Times [s], shape (k,).
-    """
+    """Times of a motion of duration ``end`` [s] at a rate [Hz], blocks (k,) of rising times; the last is its end."""
     # The end is its own sample; one that rounding puts beside it is left out.
     count = int(np.ceil(end * rate - 1e-6))
     for begin in range(0, count + 1, BLOCK):

@@ -117,14 +117,7 @@ def repeated_points(tips: Array, rotations: Array) -> Bools:
 
 
 def rows_among(points: Array, raw: Array) -> Indices:
-    """Row of each of some points among the raw ones they were chosen from, in the same order.
-
-    Args:
-        points: Rows of numbers, shape (n, d).
-        raw: Shape (m, d).
-
-    Returns:
-        Shape (n,).
+    """Row of each of some points (n, d) among the raw ones (m, d) they were chosen from, in the same order, shape (n,).
 
     Raises:
         SmoothingError: A point is not among the raw ones behind the row of the one before.

@@ -155,11 +155,7 @@ def _vertex_distances(motion: _Motion) -> VertexDistances:
 def _scan_spans(motion: _Motion, knots: Array, worst: Array, room: Array) -> None:
     """Find where the tip strays furthest from the raw polyline, and the axis from its arcs.
 
-    Args:
-        motion: The motion.
-        knots: Ends of all pieces, rising [s].
-        worst: Written: rows TIP, AXIS; columns value, time, shape (2, 2).
-        room: Work array, shape (3, 16).
+    Written are rows TIP and AXIS of ``worst`` (2, 2): value, time [s]. ``knots`` are the ends of all pieces [s].
     """
     values = room[2]
     for span in range(knots.shape[0] - 1):

@@ -24,12 +24,8 @@ PIECES = 7
 def fir_schedule(starts: Array, triples: Array) -> Schedule:
     """Pieces of a chain whose segments are filtered boxes.
 
-    Args:
-        starts: When each segment begins, not falling [s], shape (n,).
-        triples: T1, T2, T3 of each [s], in any order, not negative, at least one positive, shape (n, 3).
-
-    Returns:
-        The schedule.
+    They begin at ``starts`` (n,) [s], not falling; their filter times ``triples`` (n, 3) [s] are in any order, not
+    negative, at least one positive.
     """
     n = len(starts)
     segments, counts = np.repeat(np.arange(n), PIECES), np.zeros(n, dtype=np.int64)
@@ -65,15 +61,8 @@ def sorted_times(t1: float, t2: float, t3: float) -> tuple[float, float, float]:
 def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: Array) -> int:
     """Write the pieces of a box of length 1 filtered with three times [s] in any order, those of no duration left out.
 
-    Args:
-        t1: A filter time.
-        t2: Another.
-        t3: The third.
-        durations: Written [s], shape (7,).
-        coefficients: Written: progress from each piece's start, shape (7, 4).
-
-    Returns:
-        Number of pieces.
+    Written are ``durations`` (7,) [s] and ``coefficients`` (7, 4), progress from each piece's start. Returns the number
+    of pieces.
     """
     a, b, c = sorted_times(t1, t2, t3)
     plateau = 1.0 / (a * b) if b > 0.0 else 0.0
@@ -198,16 +187,7 @@ def rise_time(b: float, c: float, way: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def corner_speed(speed_1: float, speed_2: float, cosine: float) -> float:
-    """Size of the change of velocity |v2 d2 - v1 d1| (paper 4, eq. 12), any unit per second.
-
-    Args:
-        speed_1: L / a of the segment before.
-        speed_2: Of the segment after.
-        cosine: Of the turn between them: 1 straight on, -1 back.
-
-    Returns:
-        The size, exact for straight corners too.
-    """
+    """Size of the change of velocity |v2 d2 - v1 d1| (paper 4, eq. 12), for the cosine of the turn between them."""
     return math.sqrt((speed_1 - speed_2) ** 2 + 2.0 * speed_1 * speed_2 * max(1.0 - cosine, 0.0))
 
 
@@ -215,16 +195,9 @@ def corner_speed(speed_1: float, speed_2: float, cosine: float) -> float:
 def corner_overlap(tolerance: float, change: float, b1: float, c1: float, b2: float, c2: float) -> float:
     """Longest overlap whose vertex error is within a tolerance (paper 4, eq. 13, for unlike filters too) [s].
 
-    Args:
-        tolerance: Of the tip [m] or the axis [rad].
-        change: `corner_speed` [m/s] or [rad/s].
-        b1: Longer filter time before the corner [s].
-        c1: Shorter filter time before it [s].
-        b2: Longer filter time after it [s].
-        c2: Shorter filter time after it [s].
-
-    Returns:
-        At most the shorter of b1 + c1 and b2 + c2, beyond which speeds would add up on a straight path.
+    ``tolerance`` is of the tip [m] or the axis [rad], ``change`` the `corner_speed` [m/s, rad/s], b and c the longer
+    and shorter filter time before (1) and after (2) the corner [s]. At most the shorter of b1 + c1 and b2 + c2, beyond
+    which speeds would add up on a straight path.
     """
     whole = min(b1 + c1, b2 + c2)
     if change <= 0.0:

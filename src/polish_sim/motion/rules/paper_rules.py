@@ -33,17 +33,7 @@ _GAINING = np.where(NODES < 0.5, 1.0, -1.0)[:, None]
 def filter_times(
     chain: Chain, limits: SmoothingLimits, arm: Arm | None, feeds: Array | None, block_triples: BlockTriples
 ) -> Array:
-    """T1, T2, T3 of every segment.
-
-    Args:
-        chain: The segments.
-        limits: Of tool and joints.
-        arm: None leaves the joints out.
-        feeds: Speed limits of the tip per segment [m/s], shape (n,), or None.
-        block_triples: The rule for the joints.
-
-    Returns:
-        [s], shape (n, 3).
+    """T1, T2, T3 of every segment by a rule for the joints' share [s], shape (n, 3); arguments as of `Rule`.
 
     Raises:
         ReachError: A place out of reach or singular.
@@ -61,17 +51,11 @@ def filter_times(
 
 
 def fastest_triples(speed: Array, triples_at: TriplesAt) -> Array:
-    """Filter times of every segment at full speed, or at the lower speed that takes least time.
+    """Filter times of every segment at full speed, or at the lower speed that takes least time [s], shape (n, 3).
 
-    Full speed is kept where it is reached (the paper's case). Where the segment is too short for it, or a denominator
-    of eq. 24, 25, 30 is not positive at it (the paper's absolute value hides that), slower ones are searched.
-
-    Args:
-        speed: Largest rate of progress [1/s], shape (n,).
-        triples_at: Filter times at a speed.
-
-    Returns:
-        T1 >= T2 + T3 [s], shape (n, 3).
+    Full speed (n,) [1/s] is kept where it is reached (the paper's case). Where the segment is too short for it, or a
+    denominator of eq. 24, 25, 30 is not positive at it (the paper's absolute value hides that), slower ones are
+    searched.
 
     Raises:
         SmoothingError: No speed keeps the limits.
@@ -114,18 +98,10 @@ def stop_triples(speed: Array, acceleration: Array, jerk: Array) -> Array:
 
 
 def overlapped(chain: Chain, triples: Array, tolerance: float, axis_tolerance: float) -> Schedule:
-    """Let each segment begin before the last one has ended.
+    """Let each segment begin before the last one has ended, as far as the tolerances of tip and axis allow.
 
-    No more than two are under way at once: a corner takes at most half of each neighbour's time.
-
-    Args:
-        chain: The segments.
-        triples: Filter times of each [s], shape (n, 3).
-        tolerance: Of the tip at its vertices [m]; 0 stops at each.
-        axis_tolerance: Of the tool axis [rad]; 0 stops at each.
-
-    Returns:
-        The schedule.
+    No more than two are under way at once: a corner takes at most half of each neighbour's time. A tolerance of 0 stops
+    at each way point.
     """
     overlaps = np.zeros(max(len(triples) - 1, 0))
     _fill_overlaps(chain, triples, tolerance, axis_tolerance, overlaps)
@@ -170,16 +146,10 @@ def fir_rule(block_triples: BlockTriples) -> Rule:
 
 
 def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits, jerk: bool = False) -> Array:
-    """Filter times of a block of segments by one of the paper's rules.
+    """Filter times of a block of k segments by one of the paper's rules [s], shape (k, 3).
 
-    Args:
-        tool: Limits of progress that tool and feed allow, k segments.
-        rates: Joint derivatives by progress, shape (k, nodes, 6).
-        limits: Of the joints.
-        jerk: Whether the joints' jerk is limited too (eq. 24 and 30), or not (eq. 25).
-
-    Returns:
-        [s], shape (k, 3).
+    ``rates`` are joint derivatives (k, nodes, 6); with ``jerk`` the joints' jerk is limited too (eq. 24 and 30),
+    without it is not (eq. 25).
     """
 
     def triples_at(speed: Array, rows: Indices) -> Array:
