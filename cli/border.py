@@ -13,19 +13,18 @@ import numpy as np
 from polish_sim.analysis.run_record import package_versions
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
-from polish_sim.cli.score_folder import put
-from polish_sim.cli.scoring import png_of
+from polish_sim.cli.score import png_of, put
 from polish_sim.experiments import default_scenario
 from polish_sim.scoring import Entry
 from polish_sim.scoring.border import measure_border, plot_border
 from polish_sim.scoring.force_bench import Border
 
 
-def border_and_tell(entries: Sequence[Entry], folder: Path) -> int:
-    """Search the border of stability in the cell and in the linear model, draw and tell it.
+def search_border(entries: Sequence[Entry], folder: Path) -> int:
+    """Search the border of stability in the cell and in the linear model, draw and show it.
 
     Args:
-        entries: The controllers; settings of their own are not known here.
+        entries: The controllers; as they ship.
         folder: Existing folder to write into, locked.
 
     Returns:
@@ -96,6 +95,6 @@ def _rows(found: dict[str, Any], border: Border) -> list[list[str]]:
         border.scales, found["latency_stable_s"], found["latency_stable_model_s"], strict=True
     ):
         all_of_it = cell is not None and cell == border.latencies[-1]
-        told = "none" if cell is None else f"{'>= ' if all_of_it else ''}{1e3 * cell:.0f}"
-        rows.append([f"{scale:g} x", told, "-" if model is None else f"{1e3 * model:.0f}"])
+        shown = "none" if cell is None else f"{'>= ' if all_of_it else ''}{1e3 * cell:.0f}"
+        rows.append([f"{scale:g} x", shown, "-" if model is None else f"{1e3 * model:.0f}"])
     return rows

@@ -1,43 +1,36 @@
-"""`polish-sim calibrate ...`: what a robot must know about itself before it polishes; one command each."""
+"""`polish-sim calibrate ...`: one command each; here the payload of the wrist sensor."""
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
 from polish_sim.cli import console
-from polish_sim.cli import option_types as o
-from polish_sim.cli.calibrate_arm import arm
 from polish_sim.cli.calibrate_budget import budget
-from polish_sim.cli.calibrate_frames import base, tcp
+from polish_sim.cli.calibrate_pair import arm, base, refuse_beside_data, tcp
+from polish_sim.cli.help import PanelledCommand
+from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
 from polish_sim.cli.output_folder import claimed
-from polish_sim.cli.panels import PanelledCommand
-from polish_sim.cli.scenario_options import build_scenario, given_options
-from polish_sim.errors import InputError
+from polish_sim.config import Scenario
+from polish_sim.config.key import SENSOR
+from polish_sim.errors import count_text
+from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS, PAYLOAD_SCENARIO
 
-MODEL = "Sensor and poses"
-Data = Annotated[
-    Path | None,
-    typer.Option(
-        "--data",
-        metavar="FILE.csv",
-        help="Poses and readings of a real robot instead of a simulated one; columns: docs/calibration.md.",
-        rich_help_panel=MODEL,
-    ),
-]
-Noise = Annotated[
-    float | None,
-    typer.Option("--noise", metavar="N", help="Force noise per sample, rms (N); default 0.5.", rich_help_panel=MODEL),
-]
-Poses = Annotated[
-    int | None,
-    typer.Option("--poses", metavar="N", help="Poses to visit, 4 or more; default 12.", rich_help_panel=MODEL),
-]
-Drift = Annotated[
-    bool, typer.Option("--drift", help="Also estimate a linear drift of the bias.", rich_help_panel=MODEL)
-]
+if TYPE_CHECKING:
+    from polish_sim.cli.outcome import Outcome
+    from polish_sim.experiments import PayloadCalibration
+
+UNFINISHED: Final = ".seed"
+OWN_OPTIONS: Final = (
+    Own("--data", SENSOR, "FILE.csv", "Poses and readings of a real robot instead of a simulated one; columns: "
+        "docs/calibration.md.", Path),
+    Own("--drift", SENSOR, "", "Also estimate a linear drift of the bias.", bool),
+)  # fmt: skip
 
 calibrate = typer.Typer(
     name="calibrate", help="Calibrate the cell: payload, tcp, base, arm, budget.", rich_markup_mode=None
@@ -46,48 +39,144 @@ calibrate = typer.Typer(
 
 @calibrate.callback()
 def _every_calibration() -> None:
-    """Calibrate the cell: a calibration.toml that runs load; budget: what the errors of two robots come to."""
+    """Calibrate the cell: a calibration.toml that runs load; budget: the resulting error of two robots."""
 
 
-@calibrate.command("payload", cls=PanelledCommand, short_help="Tool mass, its centre, sensor bias.")
-def payload(
-    data: Data = None,
-    noise: Noise = None,
-    poses: Poses = None,
-    drift: Drift = False,
-    seed: o.Seed = None,
-    seeds: o.Seeds = None,
-    check: o.Check = False,
-    config: o.Config = None,
-    set_: o.Set = None,
-    out: o.Out = None,
-    overwrite: o.Overwrite = False,
-) -> int:
+@takes(
+    *(*OWN_OPTIONS, "--noise", "--poses", "--seed", "--seeds", "--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS),
+    defaults=PAYLOAD_SCENARIO,
+)
+def payload(given: Given) -> int:
     """Estimate mass and centre of the tool and the bias of the wrist sensor from readings at rest in many poses."""
-    given = given_options(locals())
-    if data is not None:
-        idle = [name for name, value in given.items() if value is not None]
-        idle += [name for name, value in (("--seeds", seeds), ("--config", config), ("--set", set_)) if value]
-        if idle:
-            raise InputError(f"{', '.join(idle)} would change nothing with --data: leave it out.")
-    # Lazy: the simulator takes a second to load, --help must not wait for it.
-    from polish_sim.cli.calibration import from_data, many_seeds, one_seed
-    from polish_sim.experiments.rows import PAYLOAD_SCENARIO
-
-    scenario = build_scenario(PAYLOAD_SCENARIO, given, config, set_ or [])
-    with claimed(out, "calibrate-payload", overwrite) as folder:
+    data, drift, seeds = given["--data"], bool(given["--drift"]), given["--seeds"]
+    refuse_beside_data(given, "--noise", "--poses", "--seed", "--seeds", "--config", "--set")
+    scenario = build_scenario(PAYLOAD_SCENARIO, given)
+    with claimed(given["--out"], "calibrate-payload", given["--overwrite"]) as folder:
         if data is not None:
             outcome = from_data(data, drift, folder.draft)
         elif seeds is None:
             outcome = one_seed(scenario, drift, folder.draft)
         else:
             outcome = many_seeds(scenario, drift, range(scenario.seed, scenario.seed + seeds), folder.draft)
-    outcome.show()
-    console.say(f"folder: {folder.final}")
-    return outcome.exit_code(check)
+    return outcome.finish(folder.final, check=bool(given["--check"]))
 
 
+calibrate.command("payload", cls=PanelledCommand, short_help="Tool mass, its centre, sensor bias.")(payload)
 calibrate.command("tcp", cls=PanelledCommand, short_help="Tool tip and axes on the flange.")(tcp)
 calibrate.command("base", cls=PanelledCommand, short_help="Where a second robot's base stands.")(base)
 calibrate.command("arm", cls=PanelledCommand, short_help="Tables of two arms off the nominal one.")(arm)
 calibrate.command("budget", cls=PanelledCommand, short_help="Where the error of two robots comes from.")(budget)
+
+
+def one_seed(scenario: Scenario, drift: bool, draft: Path) -> Outcome:
+    """Calibrate one simulated robot and write its folder."""
+    from polish_sim.cli.outcome import Outcome
+    from polish_sim.experiments import run_payload_calibration
+
+    with console.progress() as observer:
+        found = run_payload_calibration(scenario, drift, observer)
+        observer.stage("draw")
+        _write(draft, found)
+    _show_estimate(found)
+    return Outcome(PAYLOAD_CLAIMS, f"payload, seed {scenario.seed}", {"this calibration": found.figures})
+
+
+def many_seeds(scenario: Scenario, drift: bool, seeds: Sequence[int], draft: Path) -> Outcome:
+    """Calibrate with each seed, a folder each; what is checked is the worst seed of each figure."""
+    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+    from polish_sim.cli.outcome import Outcome
+    from polish_sim.cli.seeds import aggregate
+    from polish_sim.experiments import run_payload_calibration
+
+    runs: dict[int, Mapping[str, Any]] = {}
+    interrupted = False
+    with console.progress() as observer:
+        observer.stage(f"calibrate {count_text(len(seeds), 'seed')}")
+        try:
+            for seed in seeds:
+                found = run_payload_calibration(replace(scenario, seed=seed), drift)
+                # Renamed when whole, so that breaking off leaves no folder with half of its files.
+                unfinished = draft / UNFINISHED
+                unfinished.mkdir()
+                _write(unfinished, found)
+                unfinished.rename(draft / f"seed-{seed:04d}")
+                runs[seed] = found.figures
+                observer.progress(len(runs), len(seeds))
+        except KeyboardInterrupt:
+            if not runs:
+                raise
+            interrupted = True
+            shutil.rmtree(draft / UNFINISHED, ignore_errors=True)
+    mean, worst = aggregate(PAYLOAD_CLAIMS, list(runs.values()))
+    table = {"experiment": "calibrate-payload", "seeds": list(runs), "mean": mean, "worst": worst}
+    write_json(draft / METRICS, table | {"runs": runs, "versions": package_versions()})
+    columns = {"mean": mean, "worst seed": worst}
+    return Outcome(PAYLOAD_CLAIMS, f"payload, {count_text(len(runs), 'seed')}", columns, interrupted=interrupted)
+
+
+def from_data(file: Path, drift: bool, draft: Path) -> Outcome:
+    """Calibrate from a file of a real robot's poses and readings and write its folder."""
+    from polish_sim.calibration import read_readings
+    from polish_sim.cli.outcome import Outcome
+    from polish_sim.experiments import calibrate_from
+
+    found = calibrate_from(read_readings(file), drift)
+    _write(draft, found)
+    _show_estimate(found)
+    return Outcome(PAYLOAD_DATA_CLAIMS, f"payload from {file.name}", {"this calibration": found.figures})
+
+
+def _write(folder: Path, found: PayloadCalibration) -> None:
+    from polish_sim.analysis.payload_plot import DriftData, ResidualData, plot_drift, plot_residuals
+    from polish_sim.analysis.run_record import CONFIG, METRICS, package_versions, write_json
+    from polish_sim.calibration import residual_table, write_calibration
+    from polish_sim.experiments.report import save_plots
+    from polish_sim.scenario_file import to_toml
+
+    estimate, readings = found.estimate, found.readings
+    write_calibration(folder / "calibration.toml", estimate)
+    (folder / "residuals.csv").write_text(residual_table(readings, estimate, found.q), encoding="utf-8")
+    write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
+    if found.scenario is not None:
+        (folder / CONFIG).write_text(to_toml(found.scenario), encoding="utf-8")
+    data = ResidualData(
+        readings.time, estimate.residuals, estimate.noise, estimate.used, returned=found.scenario is not None
+    )
+    plots = {"residuals.png": plot_residuals(data, "Calibration of the payload", _facts(found))}
+    if found.long_run is not None:
+        plots["drift.png"] = plot_drift(DriftData(*found.long_run))
+    save_plots(folder, plots)
+
+
+def _facts(found: PayloadCalibration) -> list[str]:
+    estimate = found.estimate
+    x, y, z = 1e3 * estimate.center
+    std = 1e3 * float(estimate.center_std.max())
+    return [
+        f"mass {estimate.mass:.4f} ± {estimate.mass_std:.4f} kg",
+        f"centre ({x:.2f}, {y:.2f}, {z:.2f}) ± {std:.2f} mm",
+        f"noise {estimate.noise[0]:.2g} N, {1e3 * estimate.noise[3]:.2g} mN m",
+    ]
+
+
+def _show_estimate(found: PayloadCalibration) -> None:
+    """Print what was found, each number with its standard deviation, and which readings were left out."""
+    estimate = found.estimate
+    for number in (k for k, used in enumerate(estimate.used, 1) if not used):
+        console.note(f"note: reading {number} does not fit the others and was left out. Did something touch the tool?")
+    rows = [["mass", "kg", f"{estimate.mass:.5f}", f"{estimate.mass_std:.2g}"]]
+    groups: list[tuple[str, str, float, Any, Any]] = [
+        ("centre", "mm", 1e3, estimate.center, estimate.center_std),
+        ("force bias", "N", 1.0, estimate.bias[:3], estimate.bias_std[:3]),
+        ("torque bias", "mN m", 1e3, estimate.bias[3:], estimate.bias_std[3:]),
+    ]
+    if len(estimate.theta) > 10:
+        groups.append(("force drift", "mN/s", 1e3, estimate.drift[:3], estimate.drift_std[:3]))
+        groups.append(("torque drift", "mN m/s", 1e3, estimate.drift[3:], estimate.drift_std[3:]))
+    if "drift_return_n" in found.figures:
+        std = [found.figures["drift_return_n_std"]] * 3
+        groups.append(("force back in the first pose", "N", 1.0, found.figures["drift_return_n"], std))
+    for name, unit, scale, values, deviations in groups:
+        for axis, value, deviation in zip("xyz", values, deviations, strict=True):
+            rows.append([f"{name} {axis}", unit, f"{scale * value:.4f}", f"{scale * deviation:.2g}"])
+    console.table("tool and sensor, sensor axes", ["estimate", "unit", "value", "std"], rows)

@@ -2,93 +2,145 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 from polish_sim.cli import console
-from polish_sim.cli import option_types as o
-from polish_sim.cli.calibrate_frames import LARGEST_NOISE_MM, PANEL, within
+from polish_sim.cli.calibrate_pair import PANEL, noise_option
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed
+from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError
 
-LEAST_DRAWS, MOST_DRAWS = 30, 100_000
-LEAST_MARKS, MOST_MARKS = 3, 100
-MOST_CLOSING = 1000
+if TYPE_CHECKING:
+    from polish_sim.cli.outcome import Outcome
+    from polish_sim.dual.budget import PairBudgetTrial, Share
+    from polish_sim.dual.plots import Total
 
-Draws = Annotated[
-    int | None,
-    typer.Option("--draws", metavar="N", help="Calibrations to draw, 30 or more; default 300.", rich_help_panel=PANEL),
-]
-TrackerNoise = Annotated[
-    float | None,
-    typer.Option(
-        "--tracker-noise",
-        metavar="MM",
-        help="Noise of the tracker per coordinate, rms (mm); default 0.03.",
-        rich_help_panel=PANEL,
-    ),
-]
-TouchNoise = Annotated[
-    float | None,
-    typer.Option(
-        "--touch-noise",
-        metavar="MM",
-        help="Noise of a touch per coordinate, rms (mm); default 0.05.",
-        rich_help_panel=PANEL,
-    ),
-]
-Marks = Annotated[
-    int | None,
-    typer.Option(
-        "--marks",
-        metavar="N",
-        help="Marks on the part, touched to find it, 3 to 100; default 3.",
-        rich_help_panel=PANEL,
-    ),
-]
-Closing = Annotated[
-    int | None,
-    typer.Option(
-        "--closing",
-        metavar="N",
-        help="Touches of the marks with the tool, to which all is adjusted; default 12, 0 = none.",
-        rich_help_panel=PANEL,
-    ),
-]
+LEAST_DRAWS: Final = 30
+CURVE: Final = 300
+"""Steps of the predicted density."""
+_INSTRUMENTS: Final = {"bases": "tracker", "tool": "touches", "part": "touches", "closing": "touches"}
 
 
-def budget(
-    draws: Draws = None,
-    tracker_noise: TrackerNoise = None,
-    touch_noise: TouchNoise = None,
-    marks: Marks = None,
-    closing: Closing = None,
-    seed: o.Seed = None,
-    check: o.Check = False,
-    out: o.Out = None,
-    overwrite: o.Overwrite = False,
-) -> int:
+@takes(
+    Own("--draws", PANEL, "N", "Calibrations to draw, 30 or more; default 300.", int, LEAST_DRAWS, 100_000),
+    noise_option("--tracker-noise", "the tracker", "0.03"),
+    noise_option("--touch-noise", "a touch", "0.05"),
+    Own("--marks", PANEL, "N", "Marks on the part, touched to find it, 3 to 100; default 3.", int, 3, 100),
+    Own("--closing", PANEL, "N", "Touches of the marks with the tool, to which all is adjusted; default 12, 0 = none.",
+        int, 0, 1000),
+    *("--seed", "--check", *OUTPUT_OPTIONS),
+)  # fmt: skip
+def budget(given: Given) -> int:
     """Calibrate bases, tool and part again and again: where the error of the tool on the part comes from."""
-    within("--draws", draws, LEAST_DRAWS, MOST_DRAWS, "")
-    within("--tracker-noise", tracker_noise, 0.0, LARGEST_NOISE_MM, "mm")
-    within("--touch-noise", touch_noise, 0.0, LARGEST_NOISE_MM, "mm")
-    within("--marks", marks, LEAST_MARKS, MOST_MARKS, "")
-    within("--closing", closing, 0, MOST_CLOSING, "")
-    within("--seed", seed, 0, 2**63 - 1, "")
-    if tracker_noise == 0.0 and touch_noise == 0.0:
+    if given["--tracker-noise"] == 0.0 and given["--touch-noise"] == 0.0:
         raise InputError("--tracker-noise 0 with --touch-noise 0 leaves no error to share out: give one of them.")
     # Lazy: --help must not wait for the libraries.
-    from polish_sim.cli.budget import budget_once, chosen_trial
+    from polish_sim.dual.budget import PairBudgetTrial
 
-    trial = chosen_trial(
-        draws,
-        {"tracker_noise_m": tracker_noise, "touch_noise_m": touch_noise},
-        {"marks": marks, "closing_touches": closing},
-        seed,
-    )
-    with claimed(out, "calibrate-budget", overwrite) as folder:
+    settings = {
+        "tracker_noise_m": given["--tracker-noise"],
+        "touch_noise_m": given["--touch-noise"],
+        "marks": given["--marks"],
+        "closing_touches": given["--closing"],
+    }
+    trial = PairBudgetTrial()
+    chosen = {name: value for name, value in settings.items() if value is not None}
+    own = {name: given[f"--{name}"] for name in ("draws", "seed") if given[f"--{name}"] is not None}
+    trial = replace(trial, dual=replace(trial.dual, **chosen), **own)
+    with claimed(given["--out"], "calibrate-budget", given["--overwrite"]) as folder:
         outcome = budget_once(trial, LEAST_DRAWS, folder.draft)
-    outcome.show()
-    console.say(f"folder: {folder.final}")
-    return outcome.exit_code(check)
+    return outcome.finish(folder.final, check=bool(given["--check"]))
+
+
+def budget_once(trial: PairBudgetTrial, least: int, draft: Path) -> Outcome:
+    """Predict, draw, compare and write; broken off, what was drawn is kept if it is ``least`` draws or more."""
+    import numpy as np
+
+    from polish_sim.cli.outcome import Outcome
+    from polish_sim.dual.budget import TOGETHER, budget_figures, compare_shares, draw_errors, predict
+
+    with console.progress() as observer:
+        observer.stage("predict by covariances")
+        prediction = predict(trial)
+        observer.stage(f"draw {trial.draws} calibrations")
+        drawn: list[dict[str, Any]] = []
+        interrupted = False
+        try:
+            for errors in draw_errors(trial):
+                drawn.append(errors)
+                observer.progress(len(drawn), trial.draws)
+        except KeyboardInterrupt:
+            if len(drawn) < least:
+                raise
+            interrupted = True
+    covariances = prediction.covariances
+    errors = {name: np.stack([one[name] for one in drawn]) for name in covariances}
+    shares = compare_shares(trial, covariances, errors)
+    total = _total(errors[TOGETHER], covariances[TOGETHER])
+    predicted, figures = budget_figures(trial, prediction, shares, errors[TOGETHER], total.rms_asked)
+    _write(draft, trial, shares, figures, total)
+    _show_shares(shares)
+    columns = {"analysis": predicted, "drawn": figures}
+    return Outcome(
+        CALIBRATIONS["budget"], f"tool on the part, {len(drawn)} calibrations", columns, interrupted=interrupted
+    )
+
+
+def _write(
+    draft: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Mapping[str, Any], total: Total
+) -> None:
+    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+    from polish_sim.dual.plots import Bar, plot_budget
+    from polish_sim.experiments.report import save_plots
+
+    sources = {name: share._asdict() for name, share in shares.items()}
+    settings = {
+        name: getattr(trial.dual, name) for name in ("tracker_noise_m", "touch_noise_m", "marks", "closing_touches")
+    }
+    settings |= {name: value for name, value in asdict(trial).items() if name != "dual"}
+    record = {"experiment": "calibrate-budget", "settings": settings, **figures, "sources": sources}
+    write_json(draft / METRICS, record | {"versions": package_versions()})
+    bars = {
+        f"{name}\n({_INSTRUMENTS.get(name, 'all')})": Bar(
+            s.predicted_rms_m, s.predicted_across_rms_m, s.drawn_rms_m, s.drawn_across_rms_m, s.drawn_rms_std_m
+        )
+        for name, s in shares.items()
+    }
+    facts = [
+        f"tracker {1e3 * trial.dual.tracker_noise_m:g} mm, touches {1e3 * trial.dual.touch_noise_m:g} mm",
+        f"{trial.dual.marks} marks, {trial.dual.closing_touches} closing touches, {figures['draws']} calibrations",
+    ]
+    save_plots(draft, {"budget.png": plot_budget(bars, total, "Error budget of the tool on the part", facts)})
+
+
+def _show_shares(shares: Mapping[str, Share]) -> None:
+    """Print the errors by source, predicted and drawn."""
+    headings = ["source", "by", "rms, analysis", "rms, drawn", "±", "95%, analysis", "95%, drawn", "along tool axis"]
+    rows = [
+        [
+            name,
+            _INSTRUMENTS.get(name, "all"),
+            *(f"{1e3 * value:.4f}" for value in share[:5]),
+            f"{100.0 * share.drawn_axial_share:.0f}%",
+        ]
+        for name, share in shares.items()
+    ]
+    console.table("error of the tool on the part by source [mm], 3D", headings, rows, left=2)
+
+
+def _total(errors: Any, covariances: Any) -> Total:
+    """The whole error beside the asked one; the curve ends where the draws do."""
+    import numpy as np
+
+    from polish_sim.dual.calibration.error_length import length_probability
+    from polish_sim.dual.plots import Total
+
+    asked = {claim.figure: claim.high for claim in CALIBRATIONS["budget"]}
+    rms, p95 = asked["relative_error_rms_m"], asked["relative_error_p95_m"]
+    lengths = np.linalg.norm(errors, axis=2).ravel()
+    edges = np.linspace(0.0, max(float(lengths.max()), p95), CURVE + 1)
+    return Total(lengths, edges, length_probability(covariances, edges), rms, p95)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from polish_sim.cli.frames import FrameSink
+    from polish_sim.cli.pictures import FrameSink
     from polish_sim.cli.progress import ProgressObserver
 
 PLAIN_WIDTH = 160
@@ -53,8 +53,8 @@ def close_broken_pipe() -> int:
     return 1
 
 
-def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> None:
-    """Print a table on stdout; the first ``left`` columns are left-aligned, the others right."""
+def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, caption: str = "") -> None:
+    """Print a table on stdout, with a line below it if wanted; the first ``left`` columns are left-aligned."""
     from rich import box
     from rich.table import Table
 
@@ -64,6 +64,8 @@ def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], le
     for row in rows:
         grid.add_row(*row)
     _console().print(grid)
+    if caption:
+        say(caption)
 
 
 def number_or_dash(value: float, scale: float, form: str) -> str:

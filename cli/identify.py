@@ -2,202 +2,344 @@
 
 from __future__ import annotations
 
+import csv
+import io
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from polish_sim.cli import console
-from polish_sim.cli import option_types as o
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed
-from polish_sim.cli.rendering import prepare_headless
-from polish_sim.errors import InputError
+from polish_sim.cli.pictures import prepare_headless
+from polish_sim.errors import InputError, count_text, leave_out
 
-IDENTIFICATION = "Identification"
-Method = Annotated[
-    str | None,
-    typer.Option(
-        "--method",
-        metavar="NAME",
-        help="joint (default), stepwise (poses at rest first) or stepwise-axes (axes 1 to 3 first).",
-        rich_help_panel=IDENTIFICATION,
-    ),
-]
-Objective = Annotated[
-    str | None,
-    typer.Option(
-        "--objective",
-        metavar="NAME",
-        help="What the exciting motion makes small: i-optimal (default), d-optimal or condition.",
-        rich_help_panel=IDENTIFICATION,
-    ),
-]
-Periods = Annotated[
-    int | None,
-    typer.Option("--periods", metavar="N", help="Periods of 10 s to log; default 5.", rich_help_panel=IDENTIFICATION),
-]
-Starts = Annotated[
-    int | None,
-    typer.Option(
-        "--starts",
-        metavar="N",
-        help="Random motions the search begins from; default 1.",
-        min=1,
-        rich_help_panel=IDENTIFICATION,
-    ),
-]
-Data = Annotated[
-    Path | None,
-    typer.Option(
-        "--data",
-        metavar="FILE.csv",
-        help="A robot's own log instead of a simulated one; columns: docs/identification.md.",
-        rich_help_panel=IDENTIFICATION,
-    ),
-]
-Period = Annotated[
-    float | None,
-    typer.Option(
-        "--period",
-        metavar="S",
-        help="The motion of --data repeats after this time (s).",
-        rich_help_panel=IDENTIFICATION,
-    ),
-]
-Model = Annotated[
-    Path | None,
-    typer.Option(
-        "--model",
-        metavar="FILE.xml",
-        help="MJCF of the robot of --data; without it the cell's UR5e.",
-        rich_help_panel=IDENTIFICATION,
-    ),
-]
-Joints = Annotated[
-    str | None,
-    typer.Option(
-        "--joints",
-        metavar="NAMES",
-        help="Joints of --model that make the chain, with commas; default: all.",
-        rich_help_panel=IDENTIFICATION,
-    ),
-]
-Payload = Annotated[
-    float | None,
-    typer.Option(
-        "--payload",
-        metavar="KG",
-        help="Then carry a block of this mass and find its mass, centre and inertia (kg).",
-        rich_help_panel=IDENTIFICATION,
-    ),
-]
-PayloadData = Annotated[
-    Path | None,
-    typer.Option(
-        "--payload-data",
-        metavar="FILE.csv",
-        help="Log of the robot carrying a payload; without --data the robot's model is believed as it is.",
-        rich_help_panel=IDENTIFICATION,
-    ),
-]
-Task = Annotated[
-    Path | None,
-    typer.Option(
-        "--task",
-        metavar="PLAN",
-        help="What the model is for: a plan or path, a run's folder, or joint positions over time (csv, npz).",
-        rich_help_panel=IDENTIFICATION,
-    ),
-]
-Report = Annotated[
-    bool,
-    typer.Option(
-        "--report", help="Only say which numbers torques can tell at all.", rich_help_panel=IDENTIFICATION
-    ),
-]  # fmt: skip
-
-
-def identify(
-    method: Method = None,
-    objective: Objective = None,
-    periods: Periods = None,
-    starts: Starts = None,
-    data: Data = None,
-    period: Period = None,
-    model: Model = None,
-    joints: Joints = None,
-    task: Task = None,
-    payload: Payload = None,
-    payload_data: PayloadData = None,
-    report: Report = False,
-    seed: o.Seed = None,
-    check: o.Check = False,
-    out: o.Out = None,
-    overwrite: o.Overwrite = False,
-) -> int:
-    """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a model."""
-    given = {
-        "method": method,
-        "objective": objective,
-        "periods": periods,
-        "starts": starts,
-        "seed": seed,
-        "payload": payload,
-    }
-    given = {name: value for name, value in given.items() if value is not None}
-    measured = data if data is not None else payload_data
-    asked = given if task is None else {**given, "task": task}
-    if report:
-        files = {"data": data, "payload-data": payload_data, "period": period, "out": out}
-        _refuse_beside_report({**asked, **files, "overwrite": overwrite or None, "check": check or None})
-    _refuse_idle(asked, data=measured, period=period, model=model, joints=joints, report=report)
-    if method is not None and data is None and payload_data is not None:
-        raise InputError("--method would change nothing with --payload-data alone: leave it out, or add --data.")
-    prepare_headless()
-    # Lazy: the simulator takes a second to load, --help must not wait for it.
-    from polish_sim.cli.identification import Logs, from_log, identifiable_numbers, robot_for, simulated
-    from polish_sim.cli.weighing import weigh_alone
+if TYPE_CHECKING:
+    from polish_sim.cli.outcome import Outcome
+    from polish_sim.identification.arm import LoggedRobot
+    from polish_sim.identification.identify import Identification
+    from polish_sim.identification.log_file import RobotLog
+    from polish_sim.identification.model_file import IdentifiedJoints
+    from polish_sim.identification.payload import Weighed
+    from polish_sim.identification.plot import TorqueData
+    from polish_sim.identification.regressor import States
     from polish_sim.identification.settings import IdentifySettings
 
-    settings = IdentifySettings(**given)  # type: ignore[arg-type]
-    if report:
-        identifiable_numbers(robot_for(model, joints))
+PANEL: Final = "Identification"
+PAYLOAD_FILE: Final = "payload.csv"
+PAYLOAD_COLUMNS: Final = ("name", "value", "unit", "std", "low_95", "high_95", "nearest_body", "true_value")
+FULL_PERIODS: Final = 5
+LITTLE_EXPLAINED: Final = 0.5
+"""A joint is noted if the model explains less than this share of its torque's variance."""
+SETTINGS: Final = ("method", "objective", "periods", "starts", "seed", "payload")
+"""Options of a simulated identification, by the names of its settings."""
+
+
+@takes(
+    Own("--method", PANEL, "NAME", "joint (default), stepwise (poses at rest first) or stepwise-axes (axes 1 to 3 "
+        "first)."),
+    Own("--objective", PANEL, "NAME", "What the exciting motion minimises: i-optimal (default), d-optimal or "
+        "condition."),
+    Own("--periods", PANEL, "N", "Periods of 10 s to log; default 5.", int),
+    Own("--starts", PANEL, "N", "Random motions the search begins from; default 1.", int, low=1),
+    Own("--data", PANEL, "FILE.csv", "A robot's own log instead of a simulated one; columns: "
+        "docs/identification.md.", Path),
+    Own("--period", PANEL, "S", "The motion of --data repeats after this time (s).", float),
+    Own("--model", PANEL, "FILE.xml", "MJCF of the robot of --data; without it the cell's UR5e.", Path),
+    Own("--joints", PANEL, "NAMES", "Joints of --model that make the chain, with commas; default: all."),
+    Own("--task", PANEL, "PLAN", "What the model is for: a plan or path, a run's folder, or joint positions over time "
+        "(csv, npz).", Path),
+    Own("--payload", PANEL, "KG", "Then carry a block of this mass and find its mass, centre and inertia (kg).",
+        float),
+    Own("--payload-data", PANEL, "FILE.csv", "Log of the robot carrying a payload; without --data the robot's model "
+        "is taken as it is.", Path),
+    Own("--report", PANEL, "", "Only list the parameters that torques can identify.", bool),
+    *("--seed", "--check", *OUTPUT_OPTIONS),
+)  # fmt: skip
+def identify(given: Given) -> int:
+    """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a model."""
+    data, loaded, period = given["--data"], given["--payload-data"], given["--period"]
+    _refuse_idle(given)
+    prepare_headless()
+    # Lazy: the simulator takes a second to load, --help must not wait for it.
+    from polish_sim.identification.settings import IdentifySettings
+
+    settings = IdentifySettings(**{name: given[f"--{name}"] for name in SETTINGS if given[f"--{name}"] is not None})
+    if given["--report"]:
+        show_identifiable(_robot(given))
         return 0
-    with claimed(out, "identify", overwrite) as folder:
+    with claimed(given["--out"], "identify", given["--overwrite"]) as folder:
         if data is not None:
-            logs = Logs(data, payload_data, period)
-            outcome = from_log(robot_for(model, joints), logs, settings.method, folder.draft)
-        elif payload_data is not None:
-            outcome = weigh_alone(robot_for(model, joints), payload_data, period, folder.draft)
+            outcome = from_log(_robot(given), Logs(data, loaded, period), settings.method, folder.draft)
+        elif loaded is not None:
+            outcome = weigh_alone(_robot(given), loaded, period, folder.draft)
         else:
-            outcome = simulated(settings, folder.draft, task)
-    outcome.show()
-    console.say(f"folder: {folder.final}")
-    return outcome.exit_code(check)
+            outcome = simulated(settings, folder.draft, given["--task"])
+    return outcome.finish(folder.final, check=bool(given["--check"]))
 
 
-def _refuse_beside_report(given: dict[str, Any]) -> None:
-    """Refuse what a report of the model alone does not look at."""
-    idle = [f"--{name}" for name, value in given.items() if value is not None]
-    if idle:
-        raise InputError(f"{', '.join(idle)} would change nothing with --report: leave it out.")
-
-
-def _refuse_idle(
-    given: dict[str, Any], *, data: Path | None, period: float | None, model: Path | None, joints: str | None,
-    report: bool,
-) -> None:  # fmt: skip
+def _refuse_idle(given: Given) -> None:
     """Refuse options that would change nothing, and a period that is none."""
-    idle = [f"--{name}" for name in given if name != "method"]
-    if data is not None and idle:
-        raise InputError(f"{', '.join(idle)} would change nothing with --data: leave it out.")
-    if data is None and period is not None:
+    asked = [f"--{name}" for name in (*SETTINGS, "task") if given[f"--{name}"] is not None]
+    data, loaded, period, model = (given[name] for name in ("--data", "--payload-data", "--period", "--model"))
+    files = ("--data", "--payload-data", "--period", "--out", "--overwrite", "--check")
+    beside = asked + [name for name in files if given[name] is not None]
+    if given["--report"] and beside:
+        raise InputError(leave_out(beside, "would change nothing with --report"))
+    idle = [name for name in asked if name != "--method"]
+    if (data or loaded) is not None and idle:
+        raise InputError(leave_out(idle, "would change nothing with --data"))
+    if (data or loaded) is None and period is not None:
         raise InputError("--period belongs to --data: a simulated motion repeats after 10 s.")
     if period is not None and period <= 0.0:
         raise InputError(f"--period {period:g}: the time after which a motion repeats is more than 0 s.")
-    if period is not None and given.get("method", "joint") != "joint":
-        raise InputError(f"--method {given['method']} takes a log with a part before the motion: leave --period out.")
-    if model is not None and data is None and not report:
+    if period is not None and (given["--method"] or "joint") != "joint":
+        raise InputError(f"--method {given['--method']} takes a log with a part before the motion: leave --period out.")
+    if model is not None and (data or loaded) is None and not given["--report"]:
         raise InputError("--model belongs to --data or --report: what is simulated is the cell's UR5e.")
-    if joints is not None and model is None:
+    if given["--joints"] is not None and model is None:
         raise InputError("--joints belongs to --model: the cell's UR5e has its six.")
+    if given["--method"] is not None and data is None and loaded is not None:
+        raise InputError("--method would change nothing with --payload-data alone: leave it out, or add --data.")
+
+
+def _robot(given: Given) -> LoggedRobot:
+    """The robot of ``--model`` and ``--joints``, or the cell's arm."""
+    from polish_sim.identification.arm import cell_arm, robot_of_file
+
+    if given["--model"] is None:
+        return cell_arm()
+    joints = given["--joints"]
+    return robot_of_file(given["--model"], None if joints is None else [name.strip() for name in joints.split(",")])
+
+
+class Logs(NamedTuple):
+    """A user's logs."""
+
+    empty: Path
+    loaded: Path | None = None
+    """The same robot carrying a payload."""
+    period: float | None = None
+    """After which the motion of both repeats [s]; None if it does not."""
+
+
+def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None) -> Outcome:
+    """Identify the simulated arm, for a task if one is given, and write its folder."""
+    from polish_sim.cli.outcome import Outcome
+    from polish_sim.identification.identify import run_identification
+    from polish_sim.identification.settings import IDENTIFY
+    from polish_sim.identification.use_motion import use_states
+
+    use = None if task is None else use_states(task)
+    with console.progress() as observer:
+        found = run_identification(settings, observer, use)
+        observer.stage("draw")
+        _write(draft, found)
+    _show_parameters(found)
+    if found.weighed is not None:
+        write_payload(draft, found.weighed)
+        show_payload(found.weighed)
+    periods = count_text(settings.periods, "period")
+    title = f"identification, {settings.method}, {settings.objective}, {periods}, seed {settings.seed}"
+    kind = "task" if task is not None else asked_of(settings)
+    return Outcome(IDENTIFY[kind], title, {"this arm": found.figures})
+
+
+def asked_of(settings: IdentifySettings) -> str:
+    """The name in ``IDENTIFY`` of what is asked of a simulated identification without a task."""
+    usual = type(settings)
+    kind = "full" if settings.periods >= FULL_PERIODS else "short"
+    kind = kind if settings.method == usual.method else "stepwise"
+    return kind if settings.objective == usual.objective else f"{kind}-other"
+
+
+def from_log(robot: LoggedRobot, logs: Logs, method: str, draft: Path) -> Outcome:
+    """Identify a robot, and what it carries in a second log, from its own logs, and write its folder."""
+    from polish_sim.cli.outcome import Outcome
+    from polish_sim.identification.identify import identify_from_log
+    from polish_sim.identification.payload import weigh_from_logs
+    from polish_sim.identification.settings import IDENTIFY
+
+    file = logs.empty
+    with console.progress() as observer:
+        observer.stage("read the log")
+        run = read_run(file, robot, logs.period)
+        observer.stage("fit the model")
+        found = identify_from_log(robot, *run, method)
+        if logs.loaded is not None:
+            weighed = weigh_from_logs(robot, run, read_run(logs.loaded, robot, logs.period))
+            found = replace(found, weighed=weighed, figures=found.figures | weighed.figures)
+            write_payload(draft, weighed)
+        observer.stage("draw")
+        _write(draft, found, robot.file)
+    _show_parameters(found)
+    if found.weighed is not None:
+        show_payload(found.weighed)
+    kind = "data" if method == "joint" else "data-stepwise"
+    title = f"identification from {file.name}, {method}"
+    return Outcome(IDENTIFY[kind], title, {"this robot": found.figures}, notes=doubts(found))
+
+
+def doubts(found: Identification) -> tuple[str, ...]:
+    """Signs that a user's log is wrong though it could be fitted."""
+    shares = zip(found.model.chain.joints, found.figures["r_squared"], strict=True)
+    low = [f"{joint} ({100 * max(share, 0.0):.0f}%)" for joint, share in shares if share < LITTLE_EXPLAINED]
+    if not low:
+        return ()
+    return (
+        f"the model explains little of the torque of {', '.join(low)}. Are the columns in the joints' order, "
+        "signs and units right, and the torques those of the same samples?",
+    )
+
+
+def show_identifiable(robot: LoggedRobot) -> None:
+    """Print which parameters torques identify alone, which only in combination, which not at all."""
+    from polish_sim.identification.estimate import base_names, base_of, identifiable
+
+    model = robot.model
+    base = base_of(model)
+    rows = [list(row) for row in zip(model.names, model.units, identifiable(base), strict=True)]
+    console.table("which parameters torques identify", ["parameter", "unit", "identified"], rows)
+    combinations = [[str(k + 1), name] for k, name in enumerate(base_names(base, model.names))]
+    console.table(f"the {base.rank} base parameters", ["number", "combination"], combinations, left=2)
+
+
+def _write(folder: Path, found: Identification, source: Path | None = None) -> None:
+    import numpy as np
+
+    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+    from polish_sim.experiments.report import save_plots
+    from polish_sim.identification.model_file import write_identified
+    from polish_sim.identification.physical import parameter_rows, parameters_csv
+    from polish_sim.identification.plot import MotionData, plot_motion, plot_torques
+
+    truth = None if found.truth is None else found.model.truth()
+    rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
+    (folder / "parameters.csv").write_text(parameters_csv(rows), encoding="utf-8")
+    write_identified(folder, found.model.chain.joints, _joints(found), source)
+    write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
+    plots = {"torques.png": plot_torques(_torques(found), "Torques of a motion that was not fitted", _facts(found))}
+    if found.motion is not None:
+        t = np.linspace(0.0, found.motion.period, 1001)
+        states = found.motion(t)
+        facts = [
+            f"predicts other motions to {found.figures['predicted_error_sigma']:.4f} of the noise after one period",
+            f"condition {found.figures['condition_motion']:.0f}",
+        ]
+        plots["motion.png"] = plot_motion(MotionData(t, states.q, states.qd), "The exciting motion", facts)
+    save_plots(folder, plots)
+
+
+def _joints(found: Identification) -> IdentifiedJoints:
+    from polish_sim.identification.model_file import IdentifiedJoints
+
+    n = found.model.joints
+    friction = dict(zip(found.model.terms, found.full[10 * n :].reshape(-1, n), strict=True))
+    own = found.full[: 10 * n].reshape(n, 10) - found.drawing.carried
+    return IdentifiedJoints(own, friction.get("viscous"), friction.get("coulomb"), friction.get("armature"))
+
+
+def _torques(found: Identification) -> TorqueData:
+    import numpy as np
+
+    from polish_sim.identification.plot import TorqueData
+
+    held = found.held_out
+    Y = found.model.regressor(held.states)
+    predicted = Y[:, :, found.base.columns] @ found.found.theta
+    error = np.array(found.figures["nrms_heldout"])
+    return TorqueData(held.time, held.measured, predicted, Y @ found.drawing.parameters, error)
+
+
+def _facts(found: Identification) -> list[str]:
+    figures = found.figures
+    return [
+        f"error {100 * figures['nrms_heldout_mean']:.3f}% of the range (mean of the joints)",
+        f"drawing {100 * figures['nrms_heldout_drawing_mean']:.1f}%",
+        f"{figures['base_parameters']} parameters from {figures['samples']} samples",
+    ]
+
+
+def _show_parameters(found: Identification) -> None:
+    """Print friction, rotors and offsets, and how well the rest is known."""
+    from polish_sim.identification.physical import parameter_rows
+
+    truth = None if found.truth is None else found.model.truth()
+    rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
+    alone = [row for row in rows if row.identifiable == "alone"]
+    table = [
+        [
+            row.name,
+            row.unit,
+            f"{row.value:.5g}",
+            f"{row.std:.2g}",
+            _or_dash(row.true_value),
+        ]
+        for row in alone
+    ]
+    console.table("parameters identified alone", ["parameter", "unit", "value", "std", "true"], table)
+    console.say(f"all {len(rows)} numbers, base parameters with 95% intervals: parameters.csv")
+
+
+def _or_dash(value: float) -> str:
+    return "-" if value != value else f"{value:.5g}"
+
+
+def read_run(file: Path, robot: LoggedRobot, period: float | None) -> tuple[RobotLog, States]:
+    """A robot's log and its states."""
+    from polish_sim.identification.log_file import periodic_states, read_robot_log, spline_states
+
+    chain = robot.model.chain
+    log = read_robot_log(file, chain.geometry.kind.tolist(), period, () if robot.file is None else chain.joints)
+    return log, spline_states(log) if period is None else periodic_states(log, period)
+
+
+def weigh_alone(robot: LoggedRobot, file: Path, period: float | None, draft: Path) -> Outcome:
+    """Find a payload from one log, the robot's model believed as it is, and write the folder."""
+    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+    from polish_sim.cli.outcome import Outcome
+    from polish_sim.identification.payload import weigh_from_logs
+    from polish_sim.identification.settings import IDENTIFY
+
+    with console.progress() as observer:
+        observer.stage("read the log")
+        run = read_run(file, robot, period)
+        observer.stage("fit the payload")
+        weighed = weigh_from_logs(robot, None, run)
+    write_payload(draft, weighed)
+    write_json(draft / METRICS, {**weighed.figures, "versions": package_versions()})
+    show_payload(weighed)
+    note = "the arm is taken as in its model: intervals count noise only. --data adds a run without payload."
+    return Outcome(IDENTIFY["payload-data"], f"payload from {file.name}", {"payload": weighed.figures}, notes=(note,))
+
+
+def write_payload(folder: Path, weighed: Weighed) -> None:
+    """Write ``payload.csv``: mass, centre and inertia about it in the last link's frame, with intervals."""
+    from polish_sim.identification.estimate import INTERVAL_95
+    from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, body_of
+
+    out = io.StringIO()
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow(PAYLOAD_COLUMNS)
+    payload = weighed.payload
+    values, std = payload.body()
+    nearest = body_of(payload.nearest_body(), payload.origin)
+    for k, (name, unit) in enumerate(zip(BODY_NAMES, BODY_UNITS, strict=True)):
+        half = INTERVAL_95 * std[k]
+        numbers = [f"{x:.9g}" for x in (values[k] - half, values[k] + half, nearest[k])]
+        true = "" if weighed.truth is None else f"{body_of(weighed.truth, payload.origin)[k]:.9g}"
+        table.writerow([name, f"{values[k]:.9g}", unit, f"{std[k]:.4g}", *numbers, true])
+    (folder / PAYLOAD_FILE).write_text(out.getvalue(), encoding="utf-8")
+
+
+def show_payload(weighed: Weighed) -> None:
+    """Print the payload."""
+    from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, body_of
+
+    values, std = weighed.payload.body()
+    true = [float("nan")] * 10 if weighed.truth is None else body_of(weighed.truth, weighed.payload.origin)
+    rows = [
+        [name, unit, f"{value:.5g}", f"{deviation:.2g}", _or_dash(truth)]
+        for name, unit, value, deviation, truth in zip(BODY_NAMES, BODY_UNITS, values, std, true, strict=True)
+    ]
+    console.table("payload, in the last link's frame", ["number", "unit", "value", "std", "true"], rows)

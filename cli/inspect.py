@@ -11,13 +11,12 @@ from typing import Annotated, Any
 import typer
 
 from polish_sim.cli import console
-from polish_sim.cli import option_types as o
-from polish_sim.cli.option_groups import ConfigOptions, OutputOptions, RegionOptions, ToolOptions, takes_groups
+from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.rendering import prepare_headless
-from polish_sim.cli.scenario_options import build_scenario, given_options
+from polish_sim.cli.pictures import prepare_headless
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
+from polish_sim.experiments.registry import REGION_OPTIONS
 from polish_sim.scenario_file import merge
 
 PathFile = Annotated[
@@ -28,46 +27,23 @@ PathFile = Annotated[
         show_default=False,
     ),
 ]
-Part = Annotated[
-    str | None,
-    typer.Option(
-        "--part",
-        metavar="PART",
-        help="STL, PLY or OBJ file, or the name of a shipped part; default: the shipped part the plan was made on.",
-        rich_help_panel=o.PART,
-    ),
-]
-Stepover = Annotated[
-    float | None,
-    typer.Option(
-        "--stepover",
-        metavar="MM",
-        help="Distance between neighbouring turns to measure by (mm); default: the plan's, or found from the path.",
-        rich_help_panel=o.PATH,
-    ),
-]
 
 
-@takes_groups
-def inspect(
-    path: PathFile,
-    *,
-    part: Part = None,
-    region: RegionOptions,
-    stepover: Stepover = None,
-    overlap: o.Overlap = None,
-    tool: ToolOptions,
-    settings: ConfigOptions,
-    output: OutputOptions,
-) -> None:
-    """Measure a tool path on a part: metrics.json, coverage.ply and two pictures."""
-    given = given_options({"part": part, "stepover": stepover, "overlap": overlap}, region, tool)
-    refuse_taken(output.out, output.overwrite)
+@takes(
+    *("--part", "--units", "--up", *REGION_OPTIONS, "--stepover", "--overlap"),
+    *("--pad-diameter", "--contact-force", "--feed", *CONFIG_OPTIONS, *OUTPUT_OPTIONS),
+)
+def inspect(path: PathFile, given: Given) -> None:
+    """Measure a tool path on a part: metrics.json, coverage.ply and two pictures.
+
+    Without --part the shipped part is taken that the plan was made on; without --stepover the plan's, or the path's.
+    """
+    refuse_taken(given["--out"], given["--overwrite"])
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
     from polish_sim.analysis.run_record import write_json
-    from polish_sim.cli.given_plan import check_part, plan_facts
+    from polish_sim.cli.run import check_part, plan_facts
     from polish_sim.exchange import read_path
     from polish_sim.experiments.report import save_plots
     from polish_sim.planning import guessed_stepover, inspect_path
@@ -77,15 +53,16 @@ def inspect(
     base = Scenario()
     if facts:
         base = merge(base, {"plan": facts["plan"], "part": {"unit": facts["part"]["unit"]}}, "")
-    if part is None:
-        given["--part"] = _shipped_part(path, facts)
-    scenario = build_scenario(base, given, settings.config, settings.set_ or [])
+    if given["--part"] is None:
+        given = {**given, "--part": _shipped_part(path, facts)}
+    scenario = build_scenario(base, given)
     if facts:
         check_part(path, scenario.part.file, facts["part"])
     plan, notes = scenario.plan, list[str]()
-    if not facts and stepover is None and overlap is None and plan.stepover_m == Scenario().plan.stepover_m:
+    chosen = given["--stepover"] is not None or given["--overlap"] is not None
+    if not facts and not chosen and plan.stepover_m == Scenario().plan.stepover_m:
         plan = replace(plan, stepover_m=guessed_stepover(tool_path, scenario.pad, notes))
-    with claimed(output.out, "inspect", output.overwrite) as folder, console.progress() as observer:
+    with claimed(given["--out"], "inspect", given["--overwrite"]) as folder, console.progress() as observer:
         found = inspect_path(tool_path, scenario.part, plan, scenario.process, scenario.pad, observer)
         observer.stage("draw")
         notes += found.notes

@@ -1,4 +1,4 @@
-"""The `polish-sim` command: one Typer app, its commands gathered from one small file each.
+"""The `polish-sim` command: one Typer app, its commands gathered from one file each.
 
 Heavy libraries are imported inside the commands that need them, so that `--help` answers at once.
 """
@@ -14,15 +14,13 @@ from polish_sim import __version__
 from polish_sim.cli import console
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.calibrate import calibrate
-from polish_sim.cli.config import config
-from polish_sim.cli.demo import demo
+from polish_sim.cli.catalogue import config, list_names
+from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.identify import identify
 from polish_sim.cli.inspect import inspect
-from polish_sim.cli.listing import list_names
-from polish_sim.cli.panels import PanelledCommand
 from polish_sim.cli.plan import plan
 from polish_sim.cli.report import report
-from polish_sim.cli.run import run
+from polish_sim.cli.run import RunGroup, demo
 from polish_sim.cli.score import score
 from polish_sim.cli.smooth import smooth
 
@@ -53,11 +51,19 @@ def _every_command(
     """Take the options that stand before the command; the boundary reads --debug itself."""
 
 
+runs = typer.Typer(cls=RunGroup, rich_markup_mode=None)
+
+
+@runs.callback()
+def _every_run() -> None:
+    """Simulate an experiment of the papers; 'polish-sim run EXPERIMENT --help' shows its options."""
+
+
 commands.command("demo", cls=PanelledCommand, short_help="The whole main job on a shipped part.")(demo)
 commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part.")(plan)
 commands.command("inspect", cls=PanelledCommand, short_help="The quality of any tool path on a part.")(inspect)
 commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion along any tool path.")(smooth)
-commands.command("run", cls=PanelledCommand, short_help="Simulate arc, force, surface, smooth, teach or dual.")(run)
+commands.add_typer(runs, name="run", short_help="Simulate arc, force, surface, smooth, teach or dual.")
 commands.command("score", cls=PanelledCommand, short_help="Score a controller by a fixed battery of cases.")(score)
 commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, arm, budget.")
 commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(identify)

@@ -1,19 +1,31 @@
-"""How a run ended: its figures beside the paper's, and the exit code of the contract."""
+"""How a command ended: its figures beside the paper's and what is asked, and the exit code of the contract."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, Final
 
 from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
+from polish_sim.config import Scenario
+from polish_sim.errors import number_text
+
+CONDITIONS: Final = ("sensor", "robot", "head", "pad", "simulation", "safety", "faults", "process", "spindle", "part")
+"""Sections whose values hold for every figure that is asked."""
+FREE: Final = (
+    *("pad.radius_m", "simulation.log_rate_hz", "spindle.speed_rpm", "safety.force_limit_n"),
+    *("part.file", "part.unit", "part.up", "part.pose"),
+    *("process.contact_force_n", "process.feed_m_s", "process.preston_1_pa"),
+)
+"""Of these the part, the task and what is recorded, which the user chooses."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One run, or several seeds of one: the figures that count."""
+    """One run or calibration, or several seeds of one: the figures that count."""
 
     claims: Sequence[Claim]
     """The figures to show and what is asked of them."""
@@ -24,9 +36,28 @@ class Outcome:
     """Protective stops, each with its reason."""
     interrupted: bool = False
     undrawn: str = ""
-    """What draws the pictures that are missing because it was broken off after all was measured."""
+    """How to draw the pictures that are missing because of an interrupt after all was measured."""
     notes: tuple[str, ...] = ()
-    """What else there is to say."""
+    """Lines to print above the table."""
+    conditions: tuple[str, ...] = ()
+    """Conditions that differ from those the figures are asked for; nothing is called met or not met then."""
+
+    def finish(self, folder: Path, check: bool, more: str = "") -> int:
+        """Show the outcome and its folder.
+
+        Args:
+            folder: Where the files are.
+            check: Whether falling short counts.
+            more: A line before the folder.
+
+        Returns:
+            The exit code.
+        """
+        self.show()
+        if more:
+            console.say(more)
+        console.say(f"folder: {folder}")
+        return self.exit_code(check)
 
     def show(self) -> None:
         """Print why the run ended early, if it did, and the table of figures."""
@@ -42,7 +73,11 @@ class Outcome:
             console.note(f"error: protective stop: {reason}{end} The log is kept, stop included.")
         for text in self.notes:
             console.note(text)
-        show_figures(self.claims, self.title, self.columns, self._checked)
+        caption = ""
+        if self.conditions:
+            caption = f"'met' is left out: figures are asked for other conditions, here {', '.join(self.conditions)}."
+        checked = None if self.conditions else self._checked
+        show_figures(self.claims, self.title, self.columns, checked, caption=caption)
 
     def exit_code(self, check: bool) -> int:
         """The code to end with; falling short counts only when it was asked to ``check``."""
@@ -57,12 +92,38 @@ class Outcome:
         return list(self.columns.values())[-1]
 
 
+def other_conditions(scenario: Scenario) -> tuple[str, ...]:
+    """Sensor, springs, latency and other conditions of a run that are not its experiment's own, each as a text."""
+    from polish_sim.experiments.registry import default_scenario
+
+    usual = dict(_values(default_scenario(scenario.experiment), ""))
+    return tuple(
+        f"{name} = {_text(value)} ({_text(usual[name])})"
+        for name, value in _values(scenario, "")
+        if name.partition(".")[0] in CONDITIONS and name not in FREE and value != usual[name]
+    )
+
+
+def _values(section: Any, place: str) -> Iterator[tuple[str, Any]]:
+    for f in fields(section):
+        value = getattr(section, f.name)
+        if is_dataclass(value):
+            yield from _values(value, f"{place}{f.name}.")
+        else:
+            yield f"{place}{f.name}", value
+
+
+def _text(value: Any) -> str:
+    return number_text(value) if isinstance(value, (int, float)) else str(value) or "none"
+
+
 def show_figures(
     claims: Sequence[Claim],
     title: str,
     columns: Mapping[str, Mapping[str, Any]],
     checked: Mapping[str, Any] | None = None,
     settings: Sequence[Sequence[str]] = (),
+    caption: str = "",
 ) -> None:
     """Print figures beside the paper's and what is asked of them.
 
@@ -70,18 +131,20 @@ def show_figures(
         claims: The figures to show.
         title: Of the table.
         columns: Figures by heading.
-        checked: Whose verdict stands at the end.
+        checked: Whose verdict stands at the end; none where None.
         settings: Rows above the figures: label, unit, a value for each column.
+        caption: A line below the table.
     """
     headings = ["figure", "unit", *columns, "paper", "asked"] + (["met"] if checked is not None else [])
     above = [[*row, *[""] * (len(headings) - len(row))] for row in settings]
     rows = [_row(claim, list(columns.values()), checked) for claim in claims]
-    console.table(title, headings, above + rows)
+    console.table(title, headings, above + rows, caption=caption)
 
 
 def _row(claim: Claim, columns: Sequence[Mapping[str, Any]], checked: Mapping[str, Any] | None) -> list[str]:
     values = [value_text(claim, metrics.get(claim.figure)) for metrics in columns]
-    row = [claim.label, claim.unit, *values, claim.paper, bound_text(claim)]
+    asked = bound_text(claim) if claim.bounded else "not asked"
+    row = [claim.label, claim.unit, *values, claim.paper, asked]
     if checked is None:
         return row
     verdict = "yes" if claim.met_by(checked.get(claim.figure)) else "NO"

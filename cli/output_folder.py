@@ -51,7 +51,7 @@ def claimed(out: Path | None, kind: str, overwrite: bool = False) -> Iterator[Ou
     Raises:
         InputError: At once, if the folder exists (without ``overwrite``) or cannot be written.
     """
-    final = _unused(RESULTS / kind / datetime.now().strftime("%Y%m%d-%H%M%S")) if out is None else out
+    final = unused(RESULTS / kind) if out is None else out
     refuse_taken(final, overwrite)
     created = _create_parents(final)
     draft = final.parent / f".{final.name}.part"
@@ -84,8 +84,9 @@ def _publish(draft: Path, final: Path) -> None:
     draft.rmdir()
 
 
-def _unused(folder: Path) -> Path:
-    """The folder itself, or with -2, -3, ... when runs started in the same second took the name."""
+def unused(kind: Path) -> Path:
+    """A new folder named by the time, or with -2, -3, ... when others of the same second took the name."""
+    folder = kind / datetime.now().strftime("%Y%m%d-%H%M%S")
     candidate, count = folder, 1
     while candidate.exists() or (candidate.parent / f".{candidate.name}.part").exists():
         count += 1

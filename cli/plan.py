@@ -3,65 +3,58 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
 
 from polish_sim.cli import console
-from polish_sim.cli import option_types as o
-from polish_sim.cli.idle_options import refuse_idle_in, refuse_idle_on_path, refuse_one_robot
-from polish_sim.cli.option_groups import (
-    ConfigOptions,
-    MasterOptions,
-    OutputOptions,
-    PatternOptions,
-    RegionOptions,
-    ToolOptions,
-    takes_groups,
-)
+from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.rendering import prepare_headless
-from polish_sim.cli.scenario_options import build_scenario, given_options
+from polish_sim.cli.pictures import prepare_headless
 from polish_sim.config import Scenario
+from polish_sim.errors import InputError
+from polish_sim.experiments.registry import PATH_OPTIONS, experiment, refuse_idle_options
+
+if TYPE_CHECKING:
+    from polish_sim.cell import Observer
+    from polish_sim.planning import PlanResult
+
+PAIR_OPTIONS: Final = ("--master-speed", "--master-turn", "--master-path")
+"""What only a plan for two robots takes."""
+PartFile = Annotated[
+    str, typer.Argument(metavar="PART", help="STL, PLY or OBJ file, or the name of a shipped part.", show_default=False)
+]
 
 
-@takes_groups
-def plan(
-    part: o.PartFile,
-    *,
-    region: RegionOptions,
-    pattern: PatternOptions,
-    tool: ToolOptions,
-    dual: o.Dual = False,
-    master: MasterOptions,
-    settings: ConfigOptions,
-    export: o.Export = None,
-    output: OutputOptions,
-) -> None:
+@takes(
+    *("--units", "--up", *PATH_OPTIONS, "--pad-diameter", "--contact-force", "--feed", "--dual", *PAIR_OPTIONS),
+    *(*CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
+)
+def plan(part: PartFile, given: Given) -> None:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png."""
-    given = given_options({"part": part}, region, pattern, tool, master)
-    refuse_taken(output.out, output.overwrite)
+    out, overwrite, dual = given["--out"], given["--overwrite"], bool(given["--dual"])
+    given = {**given, "--part": part}
+    refuse_taken(out, overwrite)
+    named = [name for name in (*PATH_OPTIONS, *PAIR_OPTIONS) if given[name] is not None]
     if dual:
-        refuse_idle_in("dual", given)
-    else:
-        refuse_one_robot(given)
-    base = Scenario(experiment="dual" if dual else "surface")
-    scenario = build_scenario(base, given, settings.config, settings.set_ or [])
+        refuse_idle_options(experiment("dual"), named)
+    elif idle := [name for name in named if name in PAIR_OPTIONS]:
+        raise InputError(f"{', '.join(idle)}: for two robots only. Give --dual as well, or leave it out.")
+    scenario = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
-    import numpy as np
-
     from polish_sim.analysis.path_plot import plot_plan
-    from polish_sim.cli.planning import plan_for_two
-    from polish_sim.dual.gripper import seat_text
     from polish_sim.exchange import ExportSetup, check_formats, export_plan, write_plan
     from polish_sim.experiments import time_law
     from polish_sim.experiments.report import save_plots
     from polish_sim.planning import PATTERNS, plan_part
 
-    refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
-    formats = check_formats(export or [])
+    refuse_idle_on_path(scenario, {name: known.listens for name, known in PATTERNS.items()}, given)
+    formats = check_formats(given["--export"] or [])
     setup = ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
-    with claimed(output.out, "plan", output.overwrite) as folder, console.progress() as observer:
+    with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
         asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
         result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
         observer.stage("time the motion")
@@ -73,9 +66,49 @@ def plan(
     for note in result.notes:
         console.note(f"note: {note}")
     if dual:
-        console.note(f"part: {seat_text(np.array(result.figures['T_gripper_work']))}")
+        from polish_sim.dual.gripper import seat_notes
+
+        console.note(seat_notes(result.figures)[0])
     console.table(f"plan of {result.mesh.name}", ["figure", "unit", "value"], _rows(result.figures))
     console.say(f"folder: {folder.final}")
+
+
+def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
+    """Plan once around a part's rim for two robots, and check that both arms can do it.
+
+    Args:
+        scenario: Part, robots and process.
+        observer: Hears of the progress.
+
+    Returns:
+        The plan; its figures say where the part is held and how both arms start.
+
+    Raises:
+        PolishSimError: If the part cannot be used or planned, or an arm cannot follow.
+    """
+    import numpy as np
+
+    from polish_sim.dual.task import prepare_dual
+    from polish_sim.planning import measure_given_path
+
+    begin = time.perf_counter()
+    task = prepare_dual(scenario, None, observer)
+    path, planned_s = task.place.path, time.perf_counter() - begin
+    result = measure_given_path(path, scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+    result.figures.update(
+        plan_time_s=planned_s,
+        air_length_m=path.length_m - float(np.ptp(path.s[path.process])),
+        axis_deviation_max_rad=0.0,
+        placement_value=task.reach.value,
+        chain_residual_m=task.residual,
+        T_gripper_work=task.seat.T_gripper_work.tolist(),
+        T_master_work=task.reach.T_master_work.tolist(),
+        T_follower_work=task.place.reach.T_base_work.tolist(),
+        q_master_rad=task.reach.q_master.tolist(),
+        q_follower_rad=task.reach.q_follower.tolist(),
+        tool_spin_rad=task.reach.spin,
+    )
+    return result
 
 
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:

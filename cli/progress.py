@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from polish_sim.cli.compiling import CompileProgress, compiling_shown, now_and_then
-from polish_sim.cli.frames import FrameSink
+from polish_sim.cli.pictures import FrameSink
 
 QUIET_S: Final = 20.0
 """How long a stage may be quiet where no bar can be shown [s]."""

@@ -1,146 +1,352 @@
-"""`polish-sim run`: simulate an experiment, once or over many seeds, and show its figures beside the paper's."""
+"""`polish-sim run` and `demo`: simulate an experiment, once or over many seeds, beside the paper's figures."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
+
+import typer
+from typer.core import TyperGroup
 
 from polish_sim.cli import console
-from polish_sim.cli import option_types as o
 from polish_sim.cli.boundary import DONE
-from polish_sim.cli.idle_options import refuse_idle_in, refuse_idle_on_path
-from polish_sim.cli.option_groups import (
-    ConfigOptions,
-    MasterOptions,
-    OutputOptions,
-    PatternOptions,
-    RegionOptions,
-    ToolOptions,
-    takes_groups,
-)
+from polish_sim.cli.help import PanelledCommand
+from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.rendering import prepare_headless
-from polish_sim.cli.scenario_options import build_scenario, given_options
-from polish_sim.cli.sinks import open_sinks
+from polish_sim.cli.pictures import CELL_PICTURE, open_sinks, prepare_headless
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
+from polish_sim.experiments.registry import (
+    PATH_OPTIONS,
+    ROWS,
+    Experiment,
+    check_experiment,
+    claims_shown,
+    default_scenario,
+    experiment,
+    experiments,
+    load,
+    refuse_idle_options,
+    run_experiment,
+)
+from polish_sim.scenario_file import merge
 
 if TYPE_CHECKING:
-    from polish_sim.planning import ToolPath
+    from polish_sim.analysis.run_record import RunRecord
+    from polish_sim.cell import Observer
+    from polish_sim.cli.outcome import Outcome
+    from polish_sim.cli.pictures import FrameSink
+    from polish_sim.planning import PlanObserver, PlanResult, ToolPath
+
+# Feed and step-over such that the whole spiral is fed in less than 60 s.
+DEMO: Final = {"part": {"file": "freeform"}, "plan": {"stepover_m": 0.02}, "process": {"feed_m_s": 0.03}}
+COMMON_OPTIONS: Final = ("--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS)
+PICTURES_MISSING: Final = "pictures_missing"
+"""Key in metrics.json of a run that was broken off while its pictures were drawn."""
 
 
-@dataclass(frozen=True)
-class WorkpieceOptions:
-    """The part in the cell."""
+class RunGroup(TyperGroup):
+    """The experiments as commands, each with the options it takes; a row loads when its command is asked for."""
 
-    part: o.Part = None
-    real_part: o.RealPart = None
-    part_pose: o.PartPose = None
+    def list_commands(self, ctx: Any) -> list[str]:
+        """The experiments in the order of the registry."""
+        return list(ROWS)
 
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of one experiment.
 
-@dataclass(frozen=True)
-class PathOptions(PatternOptions):
-    """How a path is planned; the hand of ``teach`` has a direction, too."""
+        Raises:
+            InputError: There is no such experiment.
+        """
+        row = experiment(cmd_name)
+        app = typer.Typer(add_completion=False, rich_markup_mode=None)
+        app.command(cmd_name, cls=ExperimentCommand, short_help=row.text)(_command_of(row))
+        return typer.main.get_command(app)
 
-    direction: o.DirectionInRun = None
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Write what stands behind `run`."""
+        return ["EXPERIMENT", "[OPTIONS]"]
 
-
-@dataclass(frozen=True)
-class JobOptions:
-    """What one experiment or another has beside the path: spindle, stand-off, guiding hand."""
-
-    spindle_rpm: o.SpindleSpeed = None
-    standoff: o.Standoff = None
-    mode: o.Mode = None
-    duration: o.Duration = None
-    follow: o.Follow = None
-
-
-@dataclass(frozen=True)
-class TrialOptions:
-    """Who controls, what is drawn at random or goes wrong, and what is done with the run."""
-
-    controller: o.Controller = None
-    calibration: o.Calibration = None
-    seed: o.Seed = None
-    seeds: o.Seeds = None
-    fault: o.Faults = None
-    dry_run: o.DryRun = False
-    check: o.Check = False
-    view: o.View = False
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take the experiment also where options stand before it."""
+        named = next((word for word in args if word in ROWS), None)
+        if named is not None and not {"-h", "--help"} & set(args[: args.index(named)]):
+            args.remove(named)
+            args = [named, *args]
+        elif not args:
+            raise InputError(f"Missing EXPERIMENT: {', '.join(ROWS)}. See 'polish-sim run --help'.")
+        return super().parse_args(ctx, args)
 
 
-@dataclass(frozen=True)
-class RecordOptions:
-    """What is kept of the run."""
+class ExperimentCommand(PanelledCommand):
+    """A run's command: options that change nothing in the experiment are refused by name."""
 
-    video: o.Video = False
-    log_rate: o.LogRate = None
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Refuse what the experiment takes no notice of, then parse the rest."""
+        row = experiment(str(self.name))
+        named = {word.partition("=")[0] for word in args if word.startswith("--")} - set(COMMON_OPTIONS)
+        elsewhere = {option for other in experiments().values() for option in other.options} if named else set()
+        refuse_idle_options(row, named & elsewhere)
+        return super().parse_args(ctx, args)
 
 
-@takes_groups
-def run(
-    experiment: o.Experiment,
-    *,
-    workpiece: WorkpieceOptions,
-    region: RegionOptions,
-    path: o.PathFile = None,
-    pattern: PathOptions,
-    tool: ToolOptions,
-    master: MasterOptions,
-    job: JobOptions,
-    trial: TrialOptions,
-    settings: ConfigOptions,
-    record: RecordOptions,
-    output: OutputOptions,
-) -> int:
-    """Simulate an experiment of the papers: arc, force, surface, smooth, teach or dual."""
-    given = given_options(workpiece, region, pattern, tool, master, job, trial, record)
-    view, video, seeds = trial.view, record.video, trial.seeds
-    switches = {"--view": view or None, "--video": video or None, "--dry-run": trial.dry_run or None}
-    refuse_idle_in(experiment, given | {"--seeds": seeds, "--path": path} | switches)
+def _command_of(row: Experiment) -> Callable[..., int]:
+    """The function behind `run` of one experiment."""
+
+    def command(given: Given) -> int:
+        return run(row, given)
+
+    command.__doc__ = f"{row.text[:1].upper()}{row.text[1:]}."
+    return takes(*row.options, *COMMON_OPTIONS, defaults=row.defaults)(command)
+
+
+def run(row: Experiment, given: Given) -> int:
+    """Simulate an experiment with the options given."""
+    view, video, seeds = given.get("--view"), given.get("--video"), given.get("--seeds")
     if seeds is not None and (view or video):
         raise InputError("--view and --video show one run: leave --seeds out.")
-    refuse_taken(output.out, output.overwrite)
+    refuse_taken(given["--out"], given["--overwrite"])
     prepare_headless()
-    # Lazy: the simulator takes a second to load, --help must not wait for it.
-    from polish_sim.cli.seeds import run_seeds
-    from polish_sim.cli.simulation import check_reach, run_once
-    from polish_sim.experiments.registry import default_scenario
-
-    scenario = build_scenario(default_scenario(experiment), given, settings.config, settings.set_ or [])
-    plan, scenario = _checked(scenario, given, path)
-    if trial.dry_run:
+    scenario = build_scenario(row.defaults, given)
+    plan, scenario = _checked(scenario, given)
+    if given.get("--dry-run"):
         check_reach(scenario, plan)
         return DONE
-    with claimed(output.out, f"run-{experiment}", output.overwrite) as folder:
+    with claimed(given["--out"], f"run-{row.name}", given["--overwrite"]) as folder:
         if seeds is None:
-            outcome = run_once(scenario, plan, folder.draft, open_sinks(folder.draft, view, video))
+            outcome = run_once(scenario, plan, folder.draft, open_sinks(folder.draft, bool(view), bool(video)))
         else:
+            from polish_sim.cli.seeds import run_seeds
+
             outcome = run_seeds(scenario, plan, range(scenario.seed, scenario.seed + seeds), folder.draft)
-    outcome.show()
-    console.say(f"folder: {folder.final}")
-    return outcome.exit_code(trial.check)
+    return outcome.finish(folder.final, check=bool(given["--check"]))
 
 
-def _checked(scenario: Scenario, given: Mapping[str, Any], path: Path | None) -> tuple[ToolPath | None, Scenario]:
+@takes(*OUTPUT_OPTIONS)
+def demo(given: Given) -> int:
+    """Plan a path on a shipped part and polish it under force control, with a short report."""
+    prepare_headless()
+    scenario = merge(default_scenario("surface"), DEMO, "")
+    console.note(f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N")
+    with claimed(given["--out"], "demo", given["--overwrite"]) as folder:
+        outcome = run_once(scenario, None, folder.draft, open_sinks(folder.draft, view=False, video=False))
+    more = "pictures and figures are in the folder; for more: polish-sim run --help"
+    return outcome.finish(folder.final, check=False, more=more)
+
+
+def _checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenario]:
     """Refuse what cannot be run before anything is planned, and take the plan of a given path."""
-    from polish_sim.cli.given_plan import name_path, take_plan
     from polish_sim.experiments.assembly import check_force, check_settings
-    from polish_sim.experiments.registry import experiment as row_of
     from polish_sim.planning import PATTERNS
 
-    source = path or (Path(scenario.plan.file) if scenario.plan.file else None)
-    row = row_of(scenario.experiment)
+    row = experiment(scenario.experiment)
+    source = Path(scenario.plan.file) if scenario.plan.file else None
     check_settings(scenario, plans=row.plans and source is None)
-    given_path = None
-    if scenario.experiment == "smooth":
-        scenario = scenario if source is None else name_path(source, scenario)
+    path = None
+    if row.along_plan and source is not None:
+        path, scenario = take_plan(source, scenario, given)
+    elif source is not None and "--path" not in row.options:
+        raise InputError(
+            f"plan.file is for 'run {', '.join(n for n, r in experiments().items() if '--path' in r.options)}': "
+            f"'{row.name}' runs along no plan."
+        )
     elif source is not None:
-        given_path, scenario = take_plan(source, scenario, given)
+        scenario = merge(scenario, {"plan": {"file": str(source.resolve())}}, "")
     elif row.plans:
-        refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
-    check_force(scenario, given_path)
-    return given_path, scenario
+        refuse_idle_on_path(scenario, {name: known.listens for name, known in PATTERNS.items()}, given)
+    check_force(scenario, path)
+    return path, scenario
+
+
+def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequence[FrameSink] = ()) -> Outcome:
+    """Run a scenario and write its run folder.
+
+    Args:
+        scenario: What to run.
+        plan: The path to run, or None to plan one.
+        draft: Existing folder to fill.
+        sinks: Who gets the frames: viewer, video, picture.
+
+    Returns:
+        How it ended.
+    """
+    from polish_sim.analysis.run_record import METRICS, write_json
+    from polish_sim.cli.outcome import Outcome, other_conditions
+    from polish_sim.experiments.report import save_plots
+
+    row, record, undrawn = experiment(scenario.experiment), None, ""
+    try:
+        with ExitStack() as stack:
+            observer = stack.enter_context(console.progress(sinks))
+            for sink in sinks:
+                stack.enter_context(sink)
+            stack.enter_context(observer.compiling.ahead(scenario))
+            record = simulate(scenario, plan_to_run(scenario, plan, observer, draft), draft, observer)
+            observer.stage("draw")
+            draw_run(record, draft)
+        if not (draft / CELL_PICTURE).exists() and len(record.log):
+            from polish_sim.analysis.path_plot import plot_cell
+
+            save_plots(draft, {CELL_PICTURE: plot_cell(record)})
+    except KeyboardInterrupt:
+        if record is None:
+            raise
+        # The run itself is on disk by now and stays; only pictures are missing.
+        undrawn = "'polish-sim report' with the folder of the run draws them."
+        write_json(draft / METRICS, {**record.metrics, PICTURES_MISSING: True})
+    figures = record.metrics
+    missed = [
+        f"the fault {event} did not happen: the run was over after {figures['simulated_s']:.1f} s."
+        for event in figures["faults_missed"]
+    ]
+    return Outcome(
+        claims_shown([scenario]),
+        row.title(scenario),
+        {"this run": figures},
+        (figures["protective_stop"],) if figures["protective_stop"] else (),
+        bool(figures["interrupted"]),
+        undrawn,
+        (*(load(row.notes)(figures) if row.notes else ()), *missed),
+        other_conditions(scenario),
+    )
+
+
+def simulate(scenario: Scenario, plan: PlanResult | None, folder: Path, observer: Observer | None = None) -> RunRecord:
+    """Run a scenario along its path and write config, figures, log and path into a folder."""
+    from polish_sim.analysis.run_record import RunRecord, package_versions, write_record
+
+    result = run_experiment(scenario, plan, observer)
+    figures = {**result.figures, "versions": package_versions()}
+    record = RunRecord(scenario.experiment, result.scenario, figures, result.log, result.path, result.removal)
+    write_record(folder, record)
+    for name, text in result.files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return record
+
+
+def draw_run(record: RunRecord, folder: Path) -> None:
+    """Draw and save the pictures of a run, and its removal as a mesh."""
+    from polish_sim.analysis.removal_plot import REMOVAL_MESH, write_removal_mesh
+    from polish_sim.experiments.report import draw_plots, save_plots
+
+    save_plots(folder, draw_plots(record))
+    if record.removal is not None:
+        write_removal_mesh(folder / REMOVAL_MESH, record.removal)
+
+
+def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
+    """Plan and check the reach of a run, and say where the part stands; nothing is simulated or written.
+
+    Raises:
+        PolishSimError: If the part cannot be used, planned or reached.
+    """
+    with console.progress() as observer:
+        path, reach, held = check_experiment(scenario, plan_to_run(scenario, plan, observer, None), observer)
+    console.say(f"path: {path.length_m:.3f} m, {len(path.s)} points, all within reach")
+    if scenario.experiment != "arc":
+        x, y, z = reach.T_base_work[:3, 3] * 1e3
+        console.say(f"part: its origin stands at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the robot base")
+    if held:
+        console.say(f"part: {held}")
+    console.say(f"smallest singular value on the way: {reach.smallest_singular_value:.3f}")
+
+
+def plan_to_run(
+    scenario: Scenario, given: ToolPath | None, observer: PlanObserver, folder: Path | None
+) -> PlanResult | None:
+    """Plan the path of a run, or measure the one that is given; two robots plan their own.
+
+    Args:
+        scenario: What is to be run.
+        given: A path made before.
+        observer: Hears of the progress.
+        folder: Where the plan's files and picture go; None to write nothing.
+
+    Returns:
+        The plan; None for an experiment without one.
+
+    Raises:
+        PolishSimError: If the part cannot be used or planned.
+    """
+    row = experiment(scenario.experiment)
+    if not (row.plans or (row.along_plan and given is not None)):
+        return None
+    from polish_sim.analysis.path_plot import plot_plan
+    from polish_sim.exchange import write_plan
+    from polish_sim.experiments.report import save_plots
+    from polish_sim.experiments.stroke_motion import check_stroke_rule
+    from polish_sim.planning import measure_given_path, plan_part
+
+    if row.plans:
+        check_stroke_rule(scenario)
+    asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+    plan = plan_part(*asked) if given is None else measure_given_path(given, *asked)
+    for text in plan.notes:
+        console.note(f"note: {text}")
+    if folder is not None:
+        write_plan(folder, plan)
+        save_plots(folder, {"path.png": plot_plan(plan)})
+    return plan
+
+
+def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath, Scenario]:
+    """Read a plan and make the scenario say what was planned, and on which part.
+
+    Args:
+        source: Plan folder, path.json, CSV or APT file.
+        scenario: What is to be run.
+        given: Options by name.
+
+    Returns:
+        The path and the scenario it belongs to.
+
+    Raises:
+        InputError: If the plan cannot be read, belongs to another part, or is asked to be planned differently.
+    """
+    from polish_sim.exchange import read_path
+    from polish_sim.models import workpiece_names
+
+    asked = [option for option in PATH_OPTIONS if given.get(option) is not None]
+    if asked:
+        raise InputError(f"plan.file is a finished plan: leave {', '.join(asked)} out.")
+    path = read_path(source)
+    facts = plan_facts(source)
+    named = {"plan": {"file": str(source.resolve())}}
+    if not facts:
+        return path, merge(scenario, named, "")
+    part = facts["part"]
+    chosen = given.get("--part") is not None or given.get("--path") is None
+    if not chosen and part["name"] in workpiece_names():
+        scenario = merge(scenario, {"part": {"file": part["name"]}}, "")
+    elif not chosen:
+        raise InputError(f"the plan '{source}' was made on '{part['file']}': say where it is with --part.")
+    check_part(source, scenario.part.file, part)
+    scenario = merge(scenario, {"plan": facts["plan"], "part": {"unit": part["unit"]}}, "")
+    return path, merge(scenario, named, "")
+
+
+def plan_facts(source: Path) -> dict[str, Any]:
+    """What a path.json says beside its path; empty for other files."""
+    file = source / "path.json" if source.is_dir() else source
+    if file.suffix.lower() != ".json":
+        return {}
+    document = json.loads(file.read_text(encoding="utf-8"))
+    if not {"part", "plan"} <= set(document):
+        raise InputError(f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV.")
+    return {"part": document["part"], "plan": document["plan"], "up": document.get("up")}
+
+
+def check_part(source: Path, name: str, part: Mapping[str, str]) -> None:
+    """Refuse a part that is another file than a plan was made on."""
+    from polish_sim.experiments.part_setup import part_file
+
+    file = part_file(name)
+    if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() != part["sha256"]:
+        raise InputError(
+            f"the plan '{source}' was made on another file than '{name}' (it was '{part['file']}', "
+            "and its content differs). Plan again on this part."
+        )

@@ -2,95 +2,311 @@
 
 from __future__ import annotations
 
+import io
+import json
+import math
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import typer
+from typing import TYPE_CHECKING, Any, Final
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE
-from polish_sim.cli.rendering import prepare_headless
-from polish_sim.errors import InputError
+from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
+from polish_sim.cli.options import OWN, Given, Own, takes
+from polish_sim.cli.output_folder import RESULTS, unused
+from polish_sim.cli.pictures import prepare_headless
+from polish_sim.config.key import CONFIG, OUTPUT, RUN
+from polish_sim.errors import InputError, count_text
 
-SEEDS, SEEDS_OF_REACH = 5, 20
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-Controller = Annotated[
-    str, typer.Option("--controller", metavar="NAME", help="A shipped controller (see 'list') or FILE.py:CLASS.")
-]
-Against = Annotated[
-    str | None, typer.Option("--against", metavar="NAME", help="A second controller, to put beside it.")
-]
-Seeds = Annotated[
-    int | None,
-    typer.Option("--seeds", metavar="N", min=1, help="Seeds per case, counting up from 0; default 5, with --reach 20."),
-]
-Cases = Annotated[
-    list[str] | None,
-    typer.Option("--case", metavar="NAME", help="Only this case, or pattern such as 'latency-*'; may be repeated."),
-]
-Reach = Annotated[bool, typer.Option("--reach", help="The cases behind the figures asked, instead of the battery.")]
-Ablate = Annotated[bool, typer.Option("--ablate", help="Leave out one law of the controller after the other.")]
-Border = Annotated[
-    bool, typer.Option("--border", help="Search springs and latencies up to which it stays stable, instead of scoring.")
-]
-List = Annotated[bool, typer.Option("--list", help="List the cases and what is run in each.")]
-Check = Annotated[bool, typer.Option("--check", help="Exit with 1 when a figure falls short of what is asked of it.")]
-Set = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="KEY=VALUE of the config for --controller; may be repeated."),
-]
-Workers = Annotated[
-    int | None, typer.Option("--workers", metavar="N", min=1, help="Processes to share the runs out to; default: all.")
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        "--out", metavar="DIR", help="Folder; the same score begun there is continued. Default results/score/..."
-    ),
-]
-Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Replace another score in --out; runs that both have are kept.")
-]
+    from polish_sim.scoring import Case, Entry, Score, Verdict
+
+SEEDS: Final = 5
+SEEDS_OF_REACH: Final = 20
+ASKED: Final = "asked.json"
+"""What the score in the folder is of."""
+ROWS: Final = "rows.jsonl"
 
 
-def score(
-    controller: Controller = "hybrid-pi",
-    against: Against = None,
-    seeds: Seeds = None,
-    case: Cases = None,
-    reach: Reach = False,
-    ablate: Ablate = False,
-    border: Border = False,
-    list_: List = False,
-    check: Check = False,
-    set_: Set = None,
-    workers: Workers = None,
-    out: Out = None,
-    overwrite: Overwrite = False,
-) -> int:
-    """Score a controller by a fixed battery of cases under honest disturbances; Ctrl-C keeps what is done."""
+@takes(
+    Own("--controller", RUN, "NAME", "A shipped controller (see 'list') or FILE.py:CLASS; default hybrid-pi."),
+    Own("--against", RUN, "NAME", "A second controller, to put beside it."),
+    Own("--seeds", RUN, "N", "Seeds per case, counting up from 0; default 5, with --reach 20.", int, 1, 1e6),
+    Own("--case", RUN, "NAME", "Only this case, or pattern such as 'latency-*'; may be repeated.", list),
+    Own("--reach", RUN, "", "The cases behind the figures asked, instead of the battery.", bool),
+    Own("--ablate", RUN, "", "Leave out one law of the controller after the other.", bool),
+    Own("--border", RUN, "", "Search springs and latencies up to which it stays stable, instead of scoring.", bool),
+    Own("--list", RUN, "", "List the cases and what is run in each.", bool),
+    OWN["--check"],
+    Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config for --controller; may be repeated.", list),
+    Own("--workers", RUN, "N", "Processes to share the runs out to; default: all.", int, 1, 1e4),
+    Own("--out", OUTPUT, "DIR", "Folder; the same score begun there is continued. Default results/score/...", Path),
+    Own("--overwrite", OUTPUT, "", "Replace another score in --out; runs that both have are kept.", bool),
+)
+def score(given: Given) -> int:
+    """Score a controller by a fixed battery of cases under realistic disturbances; Ctrl-C keeps what is done."""
+    against, ablate, settings = given["--against"], bool(given["--ablate"]), given["--set"] or []
     if ablate and against is not None:
         raise InputError("--ablate compares a controller with itself: leave --against out.")
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.cli.score_folder import open_folder
-    from polish_sim.cli.scoring import Wish, score_and_tell
     from polish_sim.scoring import BATTERY, REACH_CASES, ablations, asked_for, check_entries, choose_cases, user_entry
 
-    cases = choose_cases(REACH_CASES if reach else BATTERY, case or [])
-    if list_:
+    reach, out, overwrite = bool(given["--reach"]), given["--out"], bool(given["--overwrite"])
+    cases = choose_cases(REACH_CASES if reach else BATTERY, given["--case"] or [])
+    if given["--list"]:
         console.table("cases of the score", ["case", "what is run"], [[c.name, c.text] for c in cases], left=2)
         return DONE
-    own = user_entry(controller, set_ or [], "with --set" if set_ else "")
+    own = user_entry(given["--controller"] or "hybrid-pi", settings, "with --set" if settings else "")
     entries = [own, *ablations(own)] if ablate else [own, *([user_entry(against)] if against is not None else [])]
     check_entries(cases, entries)
-    if border:
-        from polish_sim.cli.border import border_and_tell
+    if given["--border"]:
+        from polish_sim.cli.border import search_border
 
-        if set_ or ablate:
-            raise InputError("--border knows controllers as they ship: leave --set and --ablate out.")
+        if settings or ablate:
+            raise InputError("--border takes controllers as they ship: leave --set and --ablate out.")
         with open_folder(out, {"of": "border", "controllers": [entry.label for entry in entries]}, overwrite) as folder:
-            return border_and_tell(entries, folder)
-    wish = Wish(cases, tuple(entries), seeds or (SEEDS_OF_REACH if reach else SEEDS), reach, ablate, workers)
-    with open_folder(out, asked_for(cases, entries, wish.seeds), overwrite) as folder:
-        return score_and_tell(wish, folder, check)
+            return search_border(entries, folder)
+    seeds = given["--seeds"] or (SEEDS_OF_REACH if reach else SEEDS)
+    request = Request(cases, tuple(entries), seeds, reach, ablate, given["--workers"])
+    with open_folder(out, asked_for(cases, entries, seeds), overwrite) as folder:
+        return run_and_show(request, folder, bool(given["--check"]))
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be scored."""
+
+    cases: tuple[Case, ...]
+    entries: tuple[Entry, ...]
+    seeds: int
+    reach: bool
+    ablate: bool
+    workers: int | None
+
+
+def run_and_show(request: Request, folder: Path, check: bool) -> int:
+    """Score, write the folder, which is locked, and print the tables.
+
+    Returns:
+        The exit code: 1 only with ``check``; 130 when it was interrupted.
+    """
+    from polish_sim.scoring import BATTERY_ASKED, REACH, judge
+
+    console.note(f"folder: {folder} (the same command with --out {folder} continues a score that was broken off)")
+    score = _run(request, folder)
+    verdicts = [
+        (entry, judge(REACH if request.reach else BATTERY_ASKED, score.rows_of(entry))) for entry in request.entries
+    ]
+    _write(folder, request, score, verdicts)
+    _show(request, score, verdicts)
+    console.say(f"folder: {folder}")
+    if score.interrupted:
+        console.note("interrupted: the rows above are kept; the same command with --out continues.")
+        return INTERRUPTED
+    short = any(not verdict.met for verdict in verdicts[0][1]) or not score.complete
+    return SHORT if check and short else DONE
+
+
+def _run(request: Request, folder: Path) -> Score:
+    from polish_sim.cli.compiling import FIRST_START
+    from polish_sim.cli.progress import QUIET_S
+    from polish_sim.kernel_cache import is_warm
+    from polish_sim.scoring import run_score
+
+    if not is_warm():
+        console.note(FIRST_START)
+    with console.progress() as observer:
+        observer.stage(f"score {', '.join(e.label for e in request.entries)}: {count_text(len(request.cases), 'case')}")
+        bar, told_at = sys.stderr.isatty(), -math.inf
+
+        def heard(done: int, total: int, trouble: str | None) -> None:
+            nonlocal told_at
+            if trouble is not None:
+                console.note(f"warning: {trouble}.")
+            if bar:
+                observer.progress(done, total)
+            elif done == total or time.monotonic() - told_at >= QUIET_S:
+                console.note(f"{done} of {total} runs")
+                told_at = time.monotonic()
+
+        return run_score(request.cases, request.entries, request.seeds, folder, heard, request.workers)
+
+
+def _write(folder: Path, request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) -> None:
+    from polish_sim.analysis.run_record import package_versions
+    from polish_sim.scoring import BATTERY_ASKED, REACH, ablation_ratios, markdown
+    from polish_sim.scoring.figures import DEFINITIONS
+    from polish_sim.scoring.plot import Limit, plot_ablation, plot_score
+
+    facts = _facts(score)
+    asked = {
+        entry.label: [
+            {"figure": v.asked.label, "asked": v.asked.most, "worst": v.worst, "mean": v.mean, "met": v.met}
+            for v in own
+        ]
+        for entry, own in verdicts
+    }
+    cases = {
+        case.name: {
+            "text": case.text,
+            "experiment": case.experiment,
+            "settings": list(case.settings),
+            "drawn": [draw._asdict() for draw in case.draws],
+        }
+        for case in score.cases
+    }
+    whole: dict[str, Any] = {
+        **facts, "cases": cases, "asked": asked, "rows": list(score.rows), "versions": package_versions(),
+        "definitions": dict(DEFINITIONS),
+    }  # fmt: skip
+    put(folder, "score.json", json.dumps(whole, indent=1, allow_nan=False) + "\n")
+    put(folder, "metrics.json", json.dumps(facts | {"asked": asked}, indent=2, allow_nan=False) + "\n")
+    page = markdown(score, verdicts)
+    if request.ablate:
+        page += _ablation_page(request, score)
+    put(folder, "score.md", page)
+    if score.rows and request.ablate:
+        put(folder, "score.png", png_of(plot_ablation(ablation_ratios(score))))
+    elif score.rows:
+        moving = {case.name: case.moving for case in score.cases}
+        limits = [
+            Limit(case.name, asked.figure, asked.most)
+            for asked in (REACH if request.reach else BATTERY_ASKED)
+            for case in score.cases
+            if asked.applies(case.name)
+        ]
+        put(folder, "score.png", png_of(plot_score(score.rows, moving, limits)))
+
+
+def _facts(score: Score) -> dict[str, Any]:
+    from polish_sim.scoring import breaking, summarize, worst_case
+
+    summaries = summarize(score.cases, score.entries, score.rows)
+    return {
+        "controllers": [entry.label for entry in score.entries],
+        "cases": [case.name for case in score.cases],
+        "seeds": score.seeds,
+        "worst_case": {entry.label: worst_case(summaries, entry) for entry in score.entries},
+        "breaks": {entry.label: breaking(summaries, entry) for entry in score.entries},
+        "runs": len(score.rows),
+        "runs_missing": score.wanted - len(score.rows),
+    }
+
+
+def _show(request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) -> None:
+    from polish_sim.scoring import ablation_table, breaking, overview, summarize, verdict_table, worst_line
+
+    summaries = summarize(score.cases, score.entries, score.rows)
+    if not score.rows:
+        return
+    left = 2 if len(score.entries) > 1 else 1
+    seeds = f"worst of {score.seeds} seeds (means in score.md)" if score.seeds > 1 else "one seed"
+    console.table(f"score [s, N], {seeds}", *overview(summaries, means=False), left=left)
+    if request.ablate:
+        console.table("without each law: mean change and largest [s, N]", *ablation_table(score, places=False))
+    for entry, own in verdicts if not request.ablate else verdicts[:1]:
+        if own:
+            console.table(f"what is asked: {entry.label}", *verdict_table(own))
+    for entry in score.entries:
+        console.say(f"worst case of {worst_line(score, entry)}")
+        for line in breaking(summaries, entry):
+            console.say(f"  breaks in {line}")
+
+
+def _ablation_page(request: Request, score: Score) -> str:
+    from polish_sim.scoring import ablation_table
+
+    headings, rows = ablation_table(score)
+    lines = [headings, ["---"] * len(headings), *rows]
+    grid = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return f"\n## What each law of `{request.entries[0].label}` is worth\n\n{grid}\n"
+
+
+def png_of(figure: Figure) -> bytes:
+    """A figure as the bytes of a PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+@contextmanager
+def open_folder(out: Path | None, asked: Mapping[str, Any], overwrite: bool = False) -> Iterator[Path]:
+    """Make the folder of a score, or take up one that the same score has begun, and keep others out while it is filled.
+
+    Args:
+        out: The folder asked for; None means a new ``results/score/<yyyymmdd-hhmmss>``.
+        asked: What the score is of, by name: only the same one is continued.
+        overwrite: Whether another score may be replaced.
+
+    Yields:
+        The folder, existing and locked.
+
+    Raises:
+        InputError: If it holds something else, another score is at work there, or it cannot be written.
+    """
+    from polish_sim.scoring import locked
+
+    folder = out if out is not None else unused(RESULTS / "score")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"'{folder}' exists and is not a folder. Choose another with --out.")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / ROWS).exists():
+        raise InputError(f"'{folder}' holds something that is not a score. Choose another folder with --out.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / ROWS).touch()
+    except OSError as error:
+        raise InputError(f"cannot write in '{folder}': {error.strerror}. Choose another folder with --out.") from error
+    with locked(folder):
+        if not overwrite:
+            _refuse_another(folder, asked)
+        put(folder, ASKED, json.dumps(asked, indent=1) + "\n")
+        yield folder
+
+
+def put(folder: Path, name: str, content: str | bytes) -> None:
+    """Write a file of the score; it appears when it is whole."""
+    draft = folder / f".{name}.part"
+    draft.write_bytes(content.encode() if isinstance(content, str) else content)
+    draft.replace(folder / name)
+
+
+def _refuse_another(folder: Path, asked: Mapping[str, Any]) -> None:
+    """Refuse a folder in which another score was begun."""
+    begun = _begun(folder)
+    if begun is None or begun == asked:
+        return
+    raise InputError(
+        f"'{folder}' holds another score: {_difference(begun, asked)}. Choose another folder with --out, or add "
+        "--overwrite to replace it; runs that both have are kept."
+    )
+
+
+def _begun(folder: Path) -> Mapping[str, Any] | None:
+    """What the score in a folder is of; None if there is none yet, nothing known if it cannot be read."""
+    if not (folder / ROWS).stat().st_size and not (folder / ASKED).exists():
+        return None
+    try:
+        begun = json.loads((folder / ASKED).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return begun if isinstance(begun, dict) else {}
+
+
+def _difference(begun: Mapping[str, Any], asked: Mapping[str, Any]) -> str:
+    """The first thing in which two scores differ, in words."""
+    if begun.get("of") != asked["of"]:
+        return f"a {begun['of']}, not a {asked['of']}" if "of" in begun else "what it is of is not known"
+    for name in ("controllers", "cases", "seeds"):
+        if begun.get(name) != asked.get(name):
+            return f"its {name} are {_listed(begun.get(name))}, not {_listed(asked.get(name))}"
+    return "a controller's file or settings, or this program, have changed since it was begun"
+
+
+def _listed(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

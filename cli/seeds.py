@@ -1,31 +1,23 @@
-"""Many seeds of one scenario, on all cores, each with its own run folder; imported only inside commands."""
+"""Many seeds of one scenario, on all cores, each with its own run folder."""
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import signal
+import shutil
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from polish_sim.analysis.run_record import METRICS, package_versions, read_record, write_json
+from polish_sim.analysis.claim import Claim
 from polish_sim.cli import console
-from polish_sim.cli.compiling import FIRST_START
-from polish_sim.cli.outcome import Outcome
-from polish_sim.cli.planning import plan_to_run
-from polish_sim.cli.simulation import PICTURES_MISSING, simulate
-from polish_sim.experiments.registry import claims_shown
-from polish_sim.experiments.report import draw_seeds, save_plots
-from polish_sim.kernel_cache import is_warm
+from polish_sim.config import Scenario
+from polish_sim.errors import count_text
 
 if TYPE_CHECKING:
-    from polish_sim.analysis.claim import Claim
-    from polish_sim.config import Scenario
+    from polish_sim.cli.outcome import Outcome
     from polish_sim.planning import PlanResult, ToolPath
 
 Figures = Mapping[str, Any]
@@ -43,6 +35,12 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
     Returns:
         How it ended; what is checked is the worst seed of each figure.
     """
+    from polish_sim.analysis.run_record import METRICS, package_versions, read_record, write_json
+    from polish_sim.cli.outcome import Outcome, other_conditions
+    from polish_sim.cli.run import PICTURES_MISSING
+    from polish_sim.experiments.registry import claims_shown
+    from polish_sim.experiments.report import draw_seeds, save_plots
+
     runs, interrupted = _run_all(scenario, plan, seeds, draft)
     claims = claims_shown([scenario])
     mean, worst = aggregate(claims, list(runs.values()))
@@ -56,23 +54,21 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
     except KeyboardInterrupt:
         undrawn = "'polish-sim report' with the folders of the seeds puts them side by side."
         write_json(draft / METRICS, facts | {PICTURES_MISSING: True})
-    stops = [
-        f"seed {seed}: {figures['protective_stop']}" for seed, figures in runs.items() if figures["protective_stop"]
-    ]
+    stops = [f"seed {seed}: {stop}" for seed, figures in runs.items() if (stop := figures["protective_stop"])]
     missed = [
         f"seed {seed}: the fault {event} did not happen, the run was over before."
         for seed, figures in runs.items()
         for event in figures["faults_missed"]
     ]
-    title = f"{scenario.experiment}, {scenario.controller.label}, {len(runs)} seeds"
     return Outcome(
         claims,
-        title,
+        f"{scenario.experiment}, {scenario.controller.label}, {count_text(len(runs), 'seed')}",
         {"mean": mean, "worst seed": worst},
         tuple(stops),
         interrupted,
         undrawn,
         tuple(missed),
+        other_conditions(scenario),
     )
 
 
@@ -82,7 +78,7 @@ def aggregate(claims: Sequence[Claim], runs: Sequence[Figures]) -> tuple[dict[st
     for claim in claims:
         values = [run.get(claim.figure) for run in runs]
         known = [float(value) for value in values if value is not None]
-        mean[claim.figure] = float(np.mean(known)) if known else float("nan")
+        mean[claim.figure] = sum(known) / len(known) if known else float("nan")
         worst[claim.figure] = claim.worst_of(values)
     return mean, worst
 
@@ -91,37 +87,42 @@ def _run_all(
     scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], draft: Path
 ) -> tuple[dict[int, Figures], bool]:
     """Figures by seed of all runs that ended, in the order of the seeds, and whether the user broke off."""
+    from polish_sim.cli.compiling import FIRST_START
+    from polish_sim.cli.run import plan_to_run
+    from polish_sim.crew import work_off
+    from polish_sim.kernel_cache import is_warm
+
     workers = min(len(seeds), os.cpu_count() or 1)
+    runs: dict[int, Figures] = {}
     interrupted = False
-    with console.progress() as observer, _pool(workers) as pool:
+    with console.progress() as observer:
         way = plan_to_run(scenario, plan, observer, draft)
-        observer.stage(f"simulate {len(seeds)} seeds on {workers} cores")
+        observer.stage(f"simulate {count_text(len(seeds), 'seed')} on {count_text(workers, 'core')}")
         if not is_warm():
             console.note(FIRST_START)
-        jobs = {seed: pool.submit(_run_one, replace(scenario, seed=seed), way, draft / _name(seed)) for seed in seeds}
         try:
-            for count, job in enumerate(as_completed(jobs.values()), 1):
-                job.result()
-                observer.progress(count, len(seeds))
+            with closing(work_off(seeds, partial(_run_one, scenario, way, draft), lambda _: 0, workers)) as results:
+                for seed, figures, trouble in results:
+                    if trouble is not None:
+                        console.note(f"warning: {trouble} (seed {seed}).")
+                    else:
+                        runs[seed] = figures
+                    observer.progress(len(runs), len(seeds))
         except KeyboardInterrupt:
             interrupted = True
-            console.note("interrupted: the runs under way are finished first, the waiting ones dropped.")
-        finally:
-            pool.shutdown(cancel_futures=True)
-    return {seed: job.result() for seed, job in jobs.items() if not job.cancelled()}, interrupted
+            console.note("interrupted: the seeds that are done are kept.")
+    for seed in set(seeds) - set(runs):
+        shutil.rmtree(draft / _name(seed), ignore_errors=True)
+    return {seed: runs[seed] for seed in seeds if seed in runs}, interrupted
 
 
-def _pool(workers: int) -> ProcessPoolExecutor:
-    # The parent alone hears Ctrl-C; it lets the runs under way end and drops the waiting ones.
-    return ProcessPoolExecutor(
-        workers, multiprocessing.get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
-    )
+def _run_one(scenario: Scenario, way: PlanResult | None, draft: Path, seed: int) -> Figures:
+    from polish_sim.cli.run import simulate
 
-
-def _run_one(scenario: Scenario, way: PlanResult | None, folder: Path) -> Figures:
+    folder = draft / _name(seed)
+    shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    record, _ = simulate(scenario, way, folder)
-    return record.metrics
+    return simulate(replace(scenario, seed=seed), way, folder).metrics
 
 
 def _name(seed: int) -> str:

@@ -3,21 +3,38 @@
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import typer
 
 from polish_sim.cli import console
-from polish_sim.cli import option_types as o
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.rendering import prepare_headless
-from polish_sim.cli.scenario_options import parse_pose
-from polish_sim.errors import InputError
+from polish_sim.cli.pictures import prepare_headless
+from polish_sim.config.key import DEG, MM, MM_S, OUTPUT, PATH, Unit
+from polish_sim.errors import InputError, PolishSimError, count_text, unknown_name
 
-MOTION = "Motion"
-LARGEST_TOLERANCE_MM, LARGEST_TOLERANCE_DEG = 10.0, 10.0
-LARGEST_RATE_HZ = 10_000.0
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from polish_sim.exchange import Unknown, WayPoints
+    from polish_sim.motion.rules.chain import Chain
+    from polish_sim.motion.rules.limits import Arm, SmoothingLimits
+    from polish_sim.planning import PlanObserver
+    from polish_sim.smoothing.figures import Measured
+    from polish_sim.smoothing.place import SmoothingTask
+    from polish_sim.smoothing.plots import Curves
+
+LIMITS: Final = "limits.toml"
+MANY: Final = 20_000
+"""A path of more segments is smoothed by the rules asked for only."""
+DRAWN: Final = 20_000
+"""Samples of a curve; motions of more than that many milliseconds are drawn with fewer."""
+MOTION: Final = "Motion"
 
 PathFile = Annotated[
     Path,
@@ -28,122 +45,290 @@ PathFile = Annotated[
         show_default=False,
     ),
 ]
-Rule = Annotated[
-    str,
-    typer.Option("--rule", metavar="NAME", help="certified, joint-jerk or joint-acceleration.", rich_help_panel=MOTION),
-]
-Against = Annotated[
-    str | None,
-    typer.Option("--against", metavar="NAME", help="A rule to measure and draw beside it.", rich_help_panel=MOTION),
-]
-Tolerance = Annotated[
-    float,
-    typer.Option(
-        "--tolerance",
-        metavar="MM",
-        help="How far the tip may be from the path (certified) or a corner from the tip's way (the others) (mm); "
-        "0 stops at every corner.",
-        rich_help_panel=MOTION,
-    ),
-]
-AxisTolerance = Annotated[
-    float,
-    typer.Option(
-        "--axis-tolerance",
-        metavar="DEG",
-        help="Largest angle of the tool axis to its path (deg).",
-        rich_help_panel=MOTION,
-    ),
-]
-Limits = Annotated[
-    Path | None,
-    typer.Option(
-        "--limits",
-        metavar="FILE.toml",
-        help="Limits of tip, axis and joints; 'polish-sim config limits' prints the default.",
-        rich_help_panel=MOTION,
-    ),
-]
-Feed = Annotated[
-    float | None,
-    typer.Option(
-        "--feed",
-        metavar="MM/S",
-        help="Largest speed of the tip (mm/s), instead of the limits' and the path's own feeds.",
-        rich_help_panel=MOTION,
-    ),
-]
-PathPose = Annotated[
-    str | None,
-    typer.Option(
-        "--part-pose",
-        metavar="POSE",
-        help="X,Y,Z,RX,RY,RZ of the path's frame in the robot base (mm, deg); default: chosen.",
-        rich_help_panel=MOTION,
-    ),
-]
-NoJoints = Annotated[
-    bool, typer.Option("--no-joints", help="Smooth the tool's motion alone, without a robot.", rich_help_panel=MOTION)
-]
-Lenient = Annotated[
-    bool,
-    typer.Option(
-        "--lenient",
-        help="Leave out unknown words of G-code or APT, and say so; what moves the tool stays refused.",
-        rich_help_panel=o.PATH,
-    ),
-]
-Rate = Annotated[
-    float, typer.Option("--rate", metavar="HZ", help="Samples of the trajectory per second.", rich_help_panel=o.OUTPUT)
-]
+OPTIONS: Final = (
+    Own("--rule", MOTION, "NAME", "certified (default), joint-jerk or joint-acceleration."),
+    Own("--against", MOTION, "NAME", "A rule to measure and draw beside it."),
+    Own("--tolerance", MOTION, "MM", "Largest distance of the tip from the path (certified) or of a corner from the "
+        "tip's motion (the others) (mm); 0 stops at every corner; default 0.02.", float, 0.0, 10.0, MM),
+    Own("--axis-tolerance", MOTION, "DEG", "Largest angle of the tool axis to its path (deg); default 0.02.", float,
+        0.0, 10.0, DEG),
+    Own("--limits", MOTION, "FILE.toml", "Limits of tip, axis and joints; 'polish-sim config limits' prints the "
+        "default.", Path),
+    Own("--feed", MOTION, "MM/S", "Largest speed of the tip (mm/s), instead of the limits' and the path's own feeds.",
+        float, 0.001, 5000.0, MM_S),
+    Own("--no-joints", MOTION, "", "Smooth the tool's motion alone, without a robot.", bool),
+    Own("--lenient", PATH, "", "Leave out unknown words of G-code or APT, and say so; what moves the tool stays "
+        "refused.", bool),
+    Own("--rate", OUTPUT, "HZ", "Samples of the trajectory per second; default 500.", float, 1.0, 10_000.0,
+        Unit("Hz", 1.0)),
+)  # fmt: skip
 
 
-def smooth(
-    path: PathFile,
-    rule: Rule = "certified",
-    against: Against = None,
-    tolerance: Tolerance = 0.02,
-    axis_tolerance: AxisTolerance = 0.02,
-    limits: Limits = None,
-    feed: Feed = None,
-    part_pose: PathPose = None,
-    no_joints: NoJoints = False,
-    lenient: Lenient = False,
-    rate: Rate = 500.0,
-    out: o.Out = None,
-    overwrite: o.Overwrite = False,
-) -> None:
+class SmoothRequest(NamedTuple):
+    """What was asked for, in SI."""
+
+    path: Path
+    rules: tuple[str, ...]
+    """The rule, and one to be put beside it if wanted."""
+    tolerance: float
+    """[m]."""
+    axis_tolerance: float
+    """[rad]."""
+    limits: Path | None
+    feed: float | None
+    """[m/s]."""
+    pose: tuple[float, ...] | None
+    """Pose of the path's frame in the robot's base [m, rad]; empty: to be chosen; None: no robot."""
+    lenient: bool
+    rate: float
+    """[Hz]."""
+
+
+def _or(value: Any, default: Any) -> Any:
+    return default if value is None else value
+
+
+@takes(*OPTIONS, "--part-pose", *OUTPUT_OPTIONS)
+def smooth(path: PathFile, given: Given) -> None:
     """Smooth a tool path: trajectory.npz, trajectory.csv, metrics.json, limits.toml and pictures."""
-    _check_range("--tolerance", tolerance, 0.0, LARGEST_TOLERANCE_MM, "mm")
-    _check_range("--axis-tolerance", axis_tolerance, 0.0, LARGEST_TOLERANCE_DEG, "deg")
-    _check_range("--rate", rate, 1.0, LARGEST_RATE_HZ, "Hz")
-    if feed is not None:
-        _check_range("--feed", feed, 0.001, 5000.0, "mm/s")
-    if no_joints and part_pose is not None:
+    pose = given["--part-pose"]
+    if given["--no-joints"] and pose is not None:
         raise InputError("--part-pose would change nothing with --no-joints: leave it out.")
-    refuse_taken(out, overwrite)
-    pose = tuple(parse_pose(part_pose)) if part_pose is not None else ()
+    refuse_taken(given["--out"], given["--overwrite"])
     prepare_headless()
-    # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.cli.smoothing import SmoothRequest, smooth_file
-
+    rule, against = given["--rule"] or "certified", given["--against"]
     request = SmoothRequest(
         path,
         (rule,) if against is None else (rule, against),
-        1e-3 * tolerance,
-        math.radians(axis_tolerance),
-        limits,
-        None if feed is None else 1e-3 * feed,
-        None if no_joints else pose,
-        lenient,
-        rate,
+        _or(given["--tolerance"], 2e-5),
+        _or(given["--axis-tolerance"], math.radians(0.02)),
+        given["--limits"],
+        given["--feed"],
+        None if given["--no-joints"] else tuple(pose or ()),
+        bool(given["--lenient"]),
+        given["--rate"] or 500.0,
     )
-    with claimed(out, "smooth", overwrite) as folder, console.progress() as observer:
-        outcome = smooth_file(request, folder.draft, observer)
-    outcome.show()
+    with claimed(given["--out"], "smooth", given["--overwrite"]) as folder, console.progress() as observer:
+        figures, notes = smooth_file(request, folder.draft, observer)
+    for text in notes:
+        console.note(f"note: {text}")
+    _show(path.name, figures)
     console.say(f"folder: {folder.final}")
 
 
-def _check_range(option: str, value: float, low: float, high: float, unit: str) -> None:
-    if not low <= value <= high:
-        raise InputError(f"{option} {value:g} is outside {low:g} to {high:g} {unit}.")
+def smooth_file(request: SmoothRequest, folder: Path, observer: PlanObserver) -> tuple[dict[str, Any], list[str]]:
+    """Read a path, smooth it, measure the motion and write all files into a folder.
+
+    Args:
+        request: What was asked for.
+        folder: An existing folder.
+        observer: Hears of the progress.
+
+    Returns:
+        The figures and the notes.
+
+    Raises:
+        PolishSimError: The path or the limits cannot be used, or no motion keeps to them; says where.
+    """
+    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+    from polish_sim.exchange import read_way_points
+    from polish_sim.experiments.report import save_plots
+    from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml, load_limits
+    from polish_sim.smoothing.figures import sample_in_blocks, smoothing_figures
+    from polish_sim.smoothing.trajectory_file import even_times, write_trajectory
+
+    _check_rules(request.rules)
+    notes: list[str] = []
+    limits = load_limits(request.limits) if request.limits is not None else SmoothingLimits()
+    observer.stage("read the path")
+    points = read_way_points(request.path, _unknown(request, notes))
+    if points.assumed:
+        notes.append(points.assumed)
+    task = _prepare(request, points, limits, observer, notes)
+    motions = [_smooth(task, rule, observer) for rule in request.rules]
+    figures = smoothing_figures(motions[0], task.placed.chain, points, task.placed.rows)
+    figures |= {"tolerance_m": request.tolerance, "axis_tolerance_rad": request.axis_tolerance}
+    figures["cycle_time_by_rule_s"] = _times_by_rule(task, motions, observer, notes)
+    figures["T_base_work"] = None if task.placed.arm is None else task.placed.arm.T_base_work
+    for other in motions[1:]:
+        figures["against"] = smoothing_figures(other, task.placed.chain, points, task.placed.rows)
+    observer.stage("write")
+    first = motions[0]
+    times = even_times(first.schedule.end, request.rate)
+    write_trajectory(folder, sample_in_blocks(first.chain, first.schedule, times, task.placed.arm))
+    (folder / LIMITS).write_text(limits_toml(task.limits), encoding="utf-8")
+    write_json(folder / METRICS, figures | {"notes": notes, "versions": package_versions()})
+    observer.stage("draw")
+    save_plots(folder, draw_smoothing(task, motions, request.path.name))
+    return figures, notes
+
+
+def _check_rules(rules: Sequence[str]) -> None:
+    """Refuse rules that do not exist, and one that would be compared with itself."""
+    from polish_sim.experiments.stroke_motion import STROKE_RULES
+    from polish_sim.motion.rules.rule import RULES
+
+    for rule in rules:
+        if rule in STROKE_RULES and rule not in RULES:
+            raise InputError(
+                f"rule '{rule}' is for strokes on a part only ('run surface --set smoothing.rule={rule}'): it needs "
+                f"their arc length and feed. For any path: {', '.join(sorted(RULES))}."
+            )
+        if rule not in RULES:
+            raise unknown_name("rule", rule, RULES)
+    if len(set(rules)) < len(rules):
+        raise InputError(f"--against {rules[1]} is the rule itself: there would be nothing to compare. Name another.")
+
+
+def _unknown(request: SmoothRequest, notes: list[str]) -> Unknown:
+    """How unknown words are treated: refused, or left out with a note."""
+    from polish_sim.exchange import refuse_unknown
+
+    return (lambda error: notes.append(f"left out: {error}")) if request.lenient else refuse_unknown
+
+
+def _prepare(
+    request: SmoothRequest, points: WayPoints, limits: SmoothingLimits, observer: PlanObserver, notes: list[str]
+) -> SmoothingTask:
+    """Place the path and collect what it is to be smoothed by."""
+    import numpy as np
+
+    from polish_sim.cli.run import plan_facts
+    from polish_sim.smoothing.place import SmoothingTask, feeds_on_way, path_without_robot, place_path
+
+    if request.pose is None:
+        placed = path_without_robot(points)
+    else:
+        observer.stage("place it before the robot")
+        up = plan_facts(request.path).get("up")
+        placed = place_path(points, None if up is None else np.array(up, dtype=float), request.pose)
+    repeated = len(points.path.s) - len(placed.rows)
+    if repeated:
+        notes.append(f"{count_text(repeated, 'repeated point')} left out")
+    if request.feed is not None:
+        limits, feeds = replace(limits, tip_speed=request.feed), None
+    else:
+        feeds = feeds_on_way(points.path, placed.rows)
+    return SmoothingTask(placed, limits, request.tolerance, request.axis_tolerance, feeds)
+
+
+def _smooth(task: SmoothingTask, rule: str, observer: PlanObserver) -> Measured:
+    """Smooth by a rule, compiled before its time is taken, and measure the motion."""
+    from polish_sim.smoothing.figures import measure_smoothing
+    from polish_sim.smoothing.place import prepare_rule, smooth_path
+
+    observer.stage(f"smooth by {rule}")
+    prepare_rule(task, rule)
+    begin = time.perf_counter()
+    smoothed = smooth_path(task, rule)
+    took = time.perf_counter() - begin
+    observer.stage("measure")
+    placed = task.placed
+    return measure_smoothing(rule, smoothed.chain, smoothed.schedule, placed.chain, placed.arm, task.limits, took)
+
+
+def _times_by_rule(
+    task: SmoothingTask, motions: Sequence[Measured], observer: PlanObserver, notes: list[str]
+) -> dict[str, float | None]:
+    """Cycle time of every rule [s]; none where a rule finds no motion, with a note why."""
+    from polish_sim.motion.rules.rule import RULES
+    from polish_sim.smoothing.place import smooth_path
+
+    times: dict[str, float | None] = {motion.rule: motion.schedule.end for motion in motions}
+    few = len(task.placed.chain.lengths) <= MANY
+    for rule in RULES:
+        if rule in times or not few:
+            continue
+        observer.stage(f"smooth by {rule}")
+        try:
+            times[rule] = smooth_path(task, rule).schedule.end
+        except PolishSimError as error:
+            times[rule] = None
+            notes.append(f"{rule} finds no motion: {error}")
+    return {rule: times[rule] for rule in RULES if rule in times}
+
+
+def _show(name: str, figures: Mapping[str, Any]) -> None:
+    """Print the table of figures."""
+    columns = [figures] + ([figures["against"]] if "against" in figures else [])
+    rows = [[label, unit, *(text(m) for m in columns)] for label, unit, text in _rows()]
+    for rule, seconds in figures["cycle_time_by_rule_s"].items():
+        shown = "-" if seconds is None else f"{seconds:.3f}"
+        rows.append([f"cycle time by {rule}", "s", shown, *[""] * (len(columns) - 1)])
+    console.table(f"{name}, smoothed", ["figure", "unit", *(m["rule"] for m in columns)], rows)
+
+
+def _rows() -> list[tuple[str, str, Any]]:
+    from polish_sim.smoothing.figures import ORDERS
+
+    def ratio(name: str) -> Any:
+        return lambda m: "-" if m[name] is None else f"{m[name]:.4f}"
+
+    shares = [
+        (f"{part} {order}, peak / limit", "", ratio(f"{part}_{order}_ratio_max"))
+        for part in ("tool", "axis", "joint")
+        for order in ORDERS
+    ]
+    return [
+        ("segments", "", lambda m: str(m["segments"])),
+        ("  after short ones are joined", "", lambda m: str(m["segments_planned"])),
+        ("path length", "mm", lambda m: f"{1e3 * m['path_length_m']:.1f}"),
+        ("cycle time", "s", lambda m: f"{m['cycle_time_s']:.3f}"),
+        ("tip off the path, at most", "µm", lambda m: f"{1e6 * m['tip_deviation_contour_max_m']:.2f}"),
+        ("corner off the tip's way, at most", "µm", lambda m: f"{1e6 * m['tip_deviation_vertex_max_m']:.2f}"),
+        ("tool axis off its path, at most", "deg", lambda m: f"{math.degrees(m['axis_deviation_max_rad']):.4f}"),
+        *shares,
+        ("planned, segments per second", "1/s", lambda m: f"{m['segments_per_s']:.0f}"),
+    ]
+
+
+def draw_smoothing(task: SmoothingTask, motions: Sequence[Measured], name: str) -> dict[str, Figure]:
+    """Draw tool, joints, deviation and corners of a smoothed path, by file name; one curve a rule."""
+    import numpy as np
+
+    from polish_sim.smoothing.figures import axis_limits, tip_limits
+    from polish_sim.smoothing.plots import LimitRows, plot_deviation, plot_joints, plot_tool
+
+    raw, limits, arm = task.placed.chain, task.limits.values(), task.placed.arm
+    curves = [_curves(motion, raw, arm) for motion in motions]
+    rows = LimitRows(np.array(tip_limits(limits)), np.array(axis_limits(limits)), limits.joint)
+    times = ", ".join(f"{motion.rule} {motion.schedule.end:.4g} s" for motion in motions)
+    facts = [f"{len(raw.lengths)} segments, {1e3 * raw.lengths.sum():.4g} mm", times]
+    tolerances = f"tolerance {1e3 * task.tolerance:g} mm, {math.degrees(task.axis_tolerance):.3g}°"
+    allowed = (task.tolerance, task.axis_tolerance)
+    plots = {
+        "tool.png": plot_tool(curves, rows, f"Tool along {name}", [*facts, tolerances]),
+        "deviation.png": plot_deviation(curves, allowed, f"Deviation from {name}", [*facts, tolerances]),
+    }
+    if arm is not None:
+        plots["joints.png"] = plot_joints(curves, rows, f"Joints along {name}", [*facts, tolerances])
+    return plots | _corners(task, motions, name, [*facts, tolerances])
+
+
+def _curves(motion: Measured, raw: Chain, arm: Arm | None) -> Curves:
+    import numpy as np
+
+    from polish_sim.motion.rules.deviation import deviation_curve
+    from polish_sim.smoothing.figures import sample_motion
+    from polish_sim.smoothing.plots import Curves
+
+    end = motion.schedule.end
+    times = np.linspace(0.0, end, int(min(DRAWN, max(1e3 * end, 500.0))) + 1)
+    seen = sample_motion(motion.chain, motion.schedule, times, arm)
+    strays = deviation_curve(motion.chain, motion.schedule, raw, times)
+    return Curves(motion.rule, times, seen.tip_rates, seen.axis_rates, seen.q[1:], strays)
+
+
+def _corners(task: SmoothingTask, motions: Sequence[Measured], name: str, facts: list[str]) -> dict[str, Figure]:
+    from polish_sim.smoothing.plots import chosen_corners, path_turns, plot_corners, view_corner, way_past
+
+    raw = task.placed.chain
+    turns = path_turns(raw)
+    ways = [way_past(raw, motion.chain, motion.schedule) for motion in motions]
+    chosen = chosen_corners(turns, ways[0], motions[0].deviation)
+    if not chosen:
+        return {}
+    views = [
+        view_corner(raw, task.placed.rows, ways, corner, float(turns[corner[0]]), task.tolerance) for corner in chosen
+    ]
+    return {"corners.png": plot_corners(views, [motion.rule for motion in motions], f"Corners of {name}", facts)}

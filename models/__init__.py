@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from polish_sim.errors import InputError, unknown_name
+from polish_sim.errors import InputError, did_you_mean, unknown_name
 
 _FOLDER = Path(__file__).resolve().parent
 
@@ -73,8 +72,7 @@ def part_path(name: str) -> Path:
     path = Path(name)
     if path.suffix or path.name != name or path.exists():
         return path
-    close = difflib.get_close_matches(name, workpiece_names(), 1)
-    meant = f" Did you mean '{close[0]}'?" if close else ""
+    meant = did_you_mean(name, workpiece_names())
     raise InputError(f"'{name}' is neither a file nor a shipped part.{meant} Shipped: {', '.join(workpiece_names())}.")
 
 

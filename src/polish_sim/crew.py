@@ -1,40 +1,39 @@
-"""Work shared out to processes that may die, each task's result as it comes (layer 0).
+"""Tasks shared out to processes that may die; each task's result as it comes.
 
-A pool of the standard library breaks as a whole when one of its processes is killed; here the one that died is named,
-another takes its place, and its task is tried once more.
+One loky executor a worker: where a process is killed, its task alone is lost, and it is tried once more in another.
 """
 
 from __future__ import annotations
 
-import multiprocessing
 import os
+import re
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from polish_sim.errors import PolishSimError
 
 TRIES: Final = 2
-"""A task that has cost this many processes their lives is given up."""
+"""A task at which this many processes died is left out."""
 MOST_DEATHS: Final = 4
-"""Deaths in a row, without a result between them, after which the crew gives up."""
+"""Deaths in a row, without a result between them, after which all is given up."""
 
 
 class Result(NamedTuple):
-    """What became of a task."""
+    """The end of a task, or of a process at work on it."""
 
     task: Any
     value: Any
-    """What the work returned; None where there is only trouble to tell."""
+    """What the work returned; None where a process died."""
     trouble: str | None
-    """What went wrong on the way, in one line."""
+    """What went wrong, in one line."""
 
 
 class CrewError(PolishSimError):
@@ -43,34 +42,26 @@ class CrewError(PolishSimError):
 
 @dataclass
 class _Worker:
-    process: BaseProcess
-    pipe: Connection
-    task: Any = None
+    """One process, started with its first task."""
+
+    executor: Any = None
     group: Hashable = None
+    task: Any = None
+    future: Future[Any] | None = None
 
+    def start(self, work: Callable[[Any], Any], group: Hashable, task: Any) -> None:
+        from joblib.externals.loky import ProcessPoolExecutor
 
-@dataclass
-class _Queue:
-    """Tasks by group: who has set a group up goes on with it."""
+        self.group, self.task = group, task
+        with _interrupts_blocked():
+            if self.executor is None:
+                self.executor = ProcessPoolExecutor(1, timeout=None, initializer=_prepare, initargs=(os.getpid(),))
+            self.future = self.executor.submit(work, task)
 
-    groups: dict[Hashable, list[Any]] = field(default_factory=dict)
-    taken: set[Hashable] = field(default_factory=set)
-
-    def put(self, group: Hashable, task: Any) -> None:
-        self.groups.setdefault(group, []).append(task)
-
-    def next_for(self, group: Hashable) -> tuple[Hashable, Any] | None:
-        """A task of the worker's own group, else of one nobody has begun, else of the longest."""
-        if not self.groups:
-            return None
-        fresh = [name for name in self.groups if name not in self.taken]
-        if group not in self.groups:
-            group = fresh[0] if fresh else max(self.groups, key=lambda name: len(self.groups[name]))
-        self.taken.add(group)
-        task = self.groups[group].pop(0)
-        if not self.groups[group]:
-            del self.groups[group]
-        return group, task
+    def stop(self) -> None:
+        if self.executor is not None:
+            self.executor.shutdown(wait=True, kill_workers=True)
+        self.executor = None
 
 
 def work_off(
@@ -79,8 +70,8 @@ def work_off(
     """Do tasks in processes; results come in the order they are done.
 
     Args:
-        tasks: What is to be done; hashable, and sent to another process.
-        work: A function of a module, called with one task.
+        tasks: Hashable, and sent to another process.
+        work: Called with one task.
         group_of: Tasks of the same group are done by the same process where that costs no waiting.
         workers: Number of processes.
 
@@ -91,43 +82,73 @@ def work_off(
         CrewError: If processes die one after the other.
         RuntimeError: If the work itself raised, with its traceback.
     """
-    queue, tries, deaths = _Queue(), dict.fromkeys(tasks, 0), 0
+    waiting: dict[Hashable, list[Any]] = {}
     for task in tasks:
-        queue.put(group_of(task), task)
-    crew: list[_Worker] = []
+        waiting.setdefault(group_of(task), []).append(task)
+    begun: set[Hashable] = set()
+    tries, deaths = dict.fromkeys(tasks, 0), 0
+    crew = [_Worker() for _ in range(min(workers, len(tasks)))]
     try:
-        while queue.groups or any(worker.task is not None for worker in crew):
-            wanted = min(workers, sum(len(group) for group in queue.groups.values()) + len(crew))
-            crew += [_hire(work) for _ in range(wanted - len(crew))]
+        while waiting or any(worker.future for worker in crew):
             for worker in crew:
-                _hand_out(queue, worker)
-            ready = wait([worker.pipe for worker in crew])
-            for worker in [worker for worker in crew if worker.pipe in ready]:
-                result = _collect(worker)
-                if result is None:
-                    crew.remove(worker)
-                    deaths += 1
-                    yield _bury(worker, queue, tries, deaths)
-                else:
+                if waiting and worker.future is None:
+                    worker.start(work, *_next_task(waiting, begun, worker.group))
+            done, _ = wait([worker.future for worker in crew if worker.future], return_when=FIRST_COMPLETED)
+            for worker in crew:
+                future, task = worker.future, worker.task
+                if future is None or future not in done:
+                    continue
+                worker.future, error = None, future.exception()
+                if error is None:
                     deaths = 0
-                    yield result
+                    yield Result(task, future.result(), None)
+                elif isinstance(error, BrokenExecutor):
+                    worker.stop()
+                    deaths, tries[task] = deaths + 1, tries[task] + 1
+                    again = tries[task] < TRIES
+                    if again:
+                        waiting.setdefault(worker.group, []).append(task)
+                    yield Result(task, None, _death(error, deaths, again))
+                else:
+                    raise RuntimeError(f"in {task}: {''.join(traceback.format_exception(error))}")
     finally:
-        _dismiss(crew)
+        for worker in crew:
+            worker.stop()
 
 
-def _hire(work: Callable[[Any], Any]) -> _Worker:
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs, work), daemon=True)
-    with _deaf_children():
-        process.start()
-    theirs.close()
-    return _Worker(process, ours)
+def _next_task(waiting: dict[Hashable, list[Any]], begun: set[Hashable], group: Hashable) -> tuple[Hashable, Any]:
+    """A task of the worker's own group, else of one no other has begun, else of the longest."""
+    if group not in waiting:
+        fresh = [name for name in waiting if name not in begun]
+        group = fresh[0] if fresh else max(waiting, key=lambda name: len(waiting[name]))
+    begun.add(group)
+    task = waiting[group].pop(0)
+    if not waiting[group]:
+        del waiting[group]
+    return group, task
+
+
+def _death(error: BaseException, deaths: int, again: bool) -> str:
+    """A line on a process that died.
+
+    Raises:
+        CrewError: Too many have in a row.
+    """
+    code = re.search(r"(?:SIG\w+|EXIT)\((-?\d+)\)", str(error))  # as loky writes exit codes
+    number = int(code[1]) if code else 0
+    cause = f"was killed (signal {-number})" if number < 0 else f"ended with code {number}"
+    if deaths >= MOST_DEATHS:
+        raise CrewError(
+            f"{deaths} worker processes in a row died, the last one {cause}. Is there enough memory? Try --workers 1."
+        )
+    if again:
+        return f"a worker process {cause}; its task is tried again"
+    return f"a worker process {cause} for the second time at the same task; it is left out"
 
 
 @contextmanager
-def _deaf_children() -> Iterator[None]:
-    """Processes begun in the block never hear Ctrl-C, not even while they start up; this one hears it afterwards."""
+def _interrupts_blocked() -> Iterator[None]:
+    """Processes started in the block never hear Ctrl-C; this one hears it afterwards and decides for all."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -138,72 +159,14 @@ def _deaf_children() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _hand_out(queue: _Queue, worker: _Worker) -> None:
-    if worker.task is not None:
-        return
-    following = queue.next_for(worker.group)
-    if following is not None:
-        worker.group, worker.task = following
-        with suppress(OSError):  # a dead one is noticed when it is listened to
-            worker.pipe.send(worker.task)
-
-
-def _collect(worker: _Worker) -> Result | None:
-    """The result a worker has sent, or None if it is dead."""
-    try:
-        value, error = worker.pipe.recv()
-    except (EOFError, OSError):
-        return None
-    if error is not None:
-        raise RuntimeError(f"in {worker.task}: {error}")
-    task, worker.task = worker.task, None
-    return Result(task, value, None)
-
-
-def _bury(worker: _Worker, queue: _Queue, tries: dict[Any, int], deaths: int) -> Result:
-    worker.process.join()
-    code = worker.process.exitcode or 0
-    cause = f"was killed (signal {-code})" if code < 0 else f"ended with code {code}"
-    if deaths >= MOST_DEATHS:
-        raise CrewError(
-            f"{deaths} worker processes in a row died, the last one {cause}. Is there enough memory? Try --workers 1."
-        )
-    task = worker.task
-    if task is None:
-        return Result(None, None, f"a worker process {cause}; another takes its place")
-    tries[task] += 1
-    if tries[task] < TRIES:
-        queue.put(worker.group, task)
-        return Result(task, None, f"a worker process {cause}; its task is tried again")
-    return Result(task, None, f"a worker process {cause} for the second time at the same task; it is left out")
-
-
-def _dismiss(crew: list[_Worker]) -> None:
-    for worker in crew:
-        worker.process.terminate()
-    for worker in crew:
-        worker.process.join()
-        worker.pipe.close()
-
-
-def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
-    """Life of a worker: it ends when nobody listens any more. The parent alone hears Ctrl-C."""
+def _prepare(parent: int) -> None:
+    """Set a process up: what a user's controller prints goes to stderr, and it ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_leave_with_parent, daemon=True).start()
-    sys.stdout = sys.stderr  # what a user's controller prints is not part of the tables
-    with suppress(EOFError, OSError):
-        while True:
-            task = pipe.recv()
-            try:
-                value, error = work(task), None
-            except Exception as raised:
-                value, error = None, "".join(traceback.format_exception(raised))
-            pipe.send((value, error))
+    sys.stdout = sys.stderr
+    threading.Thread(target=_leave_with_parent, args=(parent,), daemon=True).start()
 
 
-def _leave_with_parent() -> None:
-    """End this process as soon as the one that hired it is gone, killed in the middle of a task or not."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)
+def _leave_with_parent(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)

@@ -1,8 +1,11 @@
-"""Every error a user can cause or meet, each saying what is wrong, where, and what to do (layer 0)."""
+"""Every error a user can cause or meet, each saying what is wrong, where, and what to do."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
+from math import isfinite
+from pathlib import Path
 from typing import SupportsFloat
 
 
@@ -33,15 +36,15 @@ class ReachError(PolishSimError):
 
 
 class SmoothingError(PolishSimError):
-    """Way points or limits no smooth motion can be made of; names the place."""
+    """No smooth motion satisfies these way points and limits; names the place."""
 
 
 class CalibrationError(PolishSimError):
-    """Poses or readings that cannot tell what is to be calibrated; says what is missing."""
+    """Poses or readings from which the unknowns cannot be found; says what is missing."""
 
 
 class IdentificationError(PolishSimError):
-    """A motion or a log that cannot tell a robot's dynamics; names what stays unknown."""
+    """A motion or a log from which a robot's dynamics cannot be found; names what stays unknown."""
 
 
 class ProtectiveStop(PolishSimError):
@@ -50,18 +53,64 @@ class ProtectiveStop(PolishSimError):
     exit_code = 3
 
 
-def unknown_name(kind: str, name: str, known: Iterable[str]) -> InputError:
+def unknown_name(kind: str, name: str, known: Iterable[str], others: Mapping[str, str] | None = None) -> InputError:
     """Build the error for a name that is not in a list of known ones.
 
     Args:
         kind: What the name stands for, e.g. ``"controller"``.
         name: What was given.
         known: The valid names.
+        others: Other words for some of them, e.g. ``{"metre": "m"}``.
 
     Returns:
-        The error, listing the valid names.
+        The error, with the nearest valid name and the list of all.
     """
-    return InputError(f"unknown {kind} '{name}'. Known: {', '.join(sorted(known))}.")
+    names = sorted(known)
+    meant = (others or {}).get(name.lower(), "")
+    guess = f" Did you mean '{meant}'?" if meant else did_you_mean(name, names)
+    return InputError(f"unknown {kind} '{name}'.{guess} Known: {', '.join(names)}.")
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The known name that is most like another one, whatever their capitals; empty if none is near."""
+    from difflib import get_close_matches
+
+    by_lower = {word.lower(): word for word in reversed(list(known))}
+    near = get_close_matches(name.lower(), by_lower, 1, 0.6)
+    return by_lower[near[0]] if near else ""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Ask whether the nearest of the known names was meant, beginning with a space; empty if none is near."""
+    near = nearest(name, known)
+    return f" Did you mean '{near}'?" if near else ""
+
+
+def near_file(path: Path) -> str:
+    """Ask whether a file of nearly that name was meant, beginning with a space; empty if there is none."""
+    try:
+        names = [entry.name for entry in path.parent.iterdir() if not entry.name.startswith(".")]
+    except OSError:
+        return ""
+    return did_you_mean(path.name, names)
+
+
+def number_text(value: float, digits: int = 6) -> str:
+    """Write a number as people do, 60000 or 0.0002; with an exponent only where it is below 0.0001."""
+    if isinstance(value, float) and (not isfinite(value) or 0.0 < abs(value) < 1e-4):
+        return f"{value:.{digits}g}"
+    text = format(Decimal(str(value)) if isinstance(value, int) else Decimal(f"{value:.{digits}g}"), "f")
+    return text if len(text) <= 24 else f"{text[:6]}... ({len(text)} digits)"
+
+
+def count_text(count: int, noun: str) -> str:
+    """A count with its noun: ``1 run``, ``2 runs``."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def leave_out(names: Sequence[str], why: str = "would change nothing") -> str:
+    """Name options that have no effect and say to leave them out, singular or plural."""
+    return f"{', '.join(names)} {why}: leave {'it' if len(names) == 1 else 'them'} out."
 
 
 def place_in_mm(point: Iterable[SupportsFloat]) -> str:

@@ -1,15 +1,17 @@
-"""Scenario dataclasses to TOML and back, strict on unknown keys, types and ranges (layer 1)."""
+"""Scenario dataclasses to TOML and back, strict on unknown keys, types and ranges."""
 
 from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Iterable, Iterator
 from dataclasses import Field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from polish_sim.config import Scenario
-from polish_sim.errors import ConfigError
+from polish_sim.errors import ConfigError, near_file, nearest, number_text
+from polish_sim.toml_text import toml_text
 
 T = TypeVar("T")
 N = TypeVar("N", int, float)
@@ -33,8 +35,8 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ConfigError(f"cannot read the config file '{path}': {error.strerror}.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot read the config file '{path}': {error.strerror}.{near_file(path)}") from error
+    except ValueError as error:
         raise ConfigError(f"'{path}' is not valid TOML: {error}.") from error
     return merge(base, table, "")
 
@@ -64,7 +66,9 @@ def merge(base: T, table: dict[str, Any], place: str) -> T:
     for name, value in table.items():
         where = f"{place}{name}"
         if name not in known:
-            raise ConfigError(f"unknown key '{where}'. Known here: {', '.join(sorted(known))}.")
+            raise ConfigError(
+                f"unknown key '{where}'.{_nearest_key(name, place, known)} Known here: {', '.join(sorted(known))}."
+            )
         current = getattr(base, name)
         if is_dataclass(current):
             if not isinstance(value, dict):
@@ -75,39 +79,50 @@ def merge(base: T, table: dict[str, Any], place: str) -> T:
     return replace(base, **changes)  # type: ignore[type-var]
 
 
+def _nearest_key(name: str, place: str, known: Iterable[str]) -> str:
+    """Ask whether the nearest key of the same section was meant, or of any where no section is named."""
+    here = nearest(name, known) or next((key for key in known if name in key), "")
+    if here:
+        return f" Did you mean '{place}{here}'?"
+    everywhere = {} if place else dict(_leaf_names(Scenario(), ""))
+    near = nearest(name, everywhere)
+    return f" Did you mean '{everywhere[near]}'?" if near else ""
+
+
+def _leaf_names(section: Any, place: str) -> Iterator[tuple[str, str]]:
+    """The own name of every key, with its dotted name."""
+    for f in fields(section):
+        value = getattr(section, f.name)
+        if is_dataclass(value):
+            yield from _leaf_names(value, f"{place}{f.name}.")
+        else:
+            yield f.name, f"{place}{f.name}"
+
+
 def to_toml(scenario: Scenario) -> str:
     """Write the whole scenario as TOML, each key with its meaning and unit as a comment."""
-    lines: list[str] = []
-    _write_table(scenario, "", lines)
-    return "\n".join(lines) + "\n"
+    comments: dict[str, str] = {}
+    return toml_text(_table_of(scenario, "", comments), comments)
 
 
-def _write_table(table: Any, place: str, lines: list[str]) -> None:
-    sections = [f for f in fields(table) if is_dataclass(getattr(table, f.name))]
-    for f in fields(table):
-        if f not in sections:
-            lines.append(f"{f.name} = {_literal(getattr(table, f.name))}  # {f.metadata['text']}")
-    for f in sections:
-        section = getattr(table, f.name)
-        lines += ["", f"# {(type(section).__doc__ or '').strip().splitlines()[0]}", f"[{place}{f.name}]"]
-        _write_table(section, f"{place}{f.name}.", lines)
-
-
-def _literal(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return f'"{escaped}"'
-    if isinstance(value, tuple):
-        return "[" + ", ".join(_literal(v) for v in value) + "]"
-    return repr(value)
+def _table_of(section: Any, place: str, comments: dict[str, str]) -> dict[str, Any]:
+    """A section as a nested table; the meaning of each key goes into ``comments``."""
+    table: dict[str, Any] = {}
+    for f in fields(section):
+        value, name = getattr(section, f.name), f"{place}{f.name}"
+        if is_dataclass(value):
+            comments[name] = (type(value).__doc__ or "").strip().splitlines()[0]
+            table[f.name] = _table_of(value, f"{name}.", comments)
+        else:
+            comments[name] = f.metadata["text"]
+            table[f.name] = value
+    return table
 
 
 def _parse_value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except ValueError:  # no TOML, or a whole number of thousands of digits
         return text
 
 
@@ -119,27 +134,41 @@ def _checked(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
         lengths, or_empty = ((0, length), " (or empty)") if spec.default == () else ((length,), "")
         listed = isinstance(value, (list, tuple)) and len(value) in lengths
         if not listed or not all(_is_number(v) for v in value):
-            raise ConfigError(f"'{where}' must be a list of {_COUNTS[length]} numbers{or_empty}, got {value!r}.")
+            raise ConfigError(f"'{where}' must be a list of {_COUNTS[length]} numbers{or_empty}, got {_shown(value)}.")
         return tuple(_within(where, float(v), spec) for v in value)
     if isinstance(current, str):
         if not isinstance(value, str):
-            raise ConfigError(f"'{where}' must be text, got {value!r}.")
+            raise ConfigError(f"'{where}' must be text, got {_shown(value)}.")
         return value
     if isinstance(current, int):
         if isinstance(value, bool) or not isinstance(value, int):
-            raise ConfigError(f"'{where}' must be a whole number, got {value!r}.")
+            raise ConfigError(f"'{where}' must be a whole number, got {_shown(value)}.")
         return _within(where, value, spec)
     if not _is_number(value):
-        raise ConfigError(f"'{where}' must be a number, got {value!r}.")
+        raise ConfigError(f"'{where}' must be a number, got {_shown(value)}.")
     return _within(where, float(value), spec)
 
 
 def _within(where: str, number: N, spec: Field[Any]) -> N:
     low, high = spec.metadata["low"], spec.metadata["high"]
     if not low <= number <= high:
-        raise ConfigError(f"'{where}' = {number!r} is outside {low:g} to {high:g}: {spec.metadata['text']}.")
+        raise ConfigError(
+            f"'{where}' = {_shown(number)} is outside {number_text(low)} to {number_text(high)}: "
+            f"{spec.metadata['text']}."
+        )
     return number
 
 
+def _shown(value: Any) -> str:
+    """A value as a message gives it: one of very many digits is cut."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:12]}... ({len(text)} characters)"
+
+
 def _is_number(value: Any) -> bool:
-    return not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond every float
+        return False

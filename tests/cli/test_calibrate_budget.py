@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.cli import budget as work
+from polish_sim.cli import calibrate_budget as work
 from polish_sim.dual.budget import PairBudgetTrial, draw_errors
 
 Tool = Callable[..., Any]

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from polish_sim.cell.read_chain import read_chain
-from polish_sim.cli.identification import asked_of, simulated
+from polish_sim.cli.identify import asked_of, simulated
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import MotionLimits
 from polish_sim.identification.regressor import TorqueModel

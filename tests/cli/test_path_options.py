@@ -16,9 +16,9 @@ SMALL = ("sphere_50", "--stepover", "20")
 PANELS = ("Part and region:", "Path:", "Landing and tool axis:", "Tool and process:", "Config:", "Output:")
 
 
-@pytest.mark.parametrize("command", ["plan", "run"])
-def test_help_groups_every_option_of_a_path_in_panels(polish_sim: Polish, command: str) -> None:
-    _, out, _ = polish_sim(command, "--help")
+@pytest.mark.parametrize("command", [("plan",), ("run", "surface")])
+def test_help_groups_every_option_of_a_path_in_panels(polish_sim: Polish, command: tuple[str, ...]) -> None:
+    _, out, _ = polish_sim(*command, "--help")
     assert all(f"\n{panel}\n" in out for panel in PANELS)
     assert all(f"  {option} " in out for option in PATH_OPTIONS)
     assert out.index("Path:") < out.index("--stepover") < out.index("Landing and tool axis:") < out.index("--lead-in")

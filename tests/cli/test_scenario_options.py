@@ -9,10 +9,24 @@ from typing import Any
 
 import pytest
 
-from polish_sim.cli.idle_options import PATTERN_KEYS, refuse_idle_in, refuse_idle_on_path
-from polish_sim.cli.scenario_options import OPTIONS, build_scenario, parse_log_rate, parse_pose
+from polish_sim.cli.options import OWN, build_scenario, config_keys, refuse_idle_on_path
 from polish_sim.config import PlanConfig, Scenario
+from polish_sim.config.key import Unit
 from polish_sim.errors import ConfigError, InputError, PolishSimError
+from polish_sim.experiments.registry import experiment, refuse_idle_options
+
+KEYS = config_keys(Scenario())
+PATTERN_KEYS = {"--order": "order", "--direction": "direction", "--start": "start",
+                "--raster-direction": "raster_direction"}  # fmt: skip
+
+
+def built(words: dict[str, Any], base: Scenario | None = None, **more: Any) -> Scenario:
+    """The scenario of options as a user writes them."""
+    given = {
+        name: value if isinstance(value, list) else {**KEYS, **OWN}[name].read(str(value))
+        for name, value in words.items()
+    }
+    return build_scenario(base or Scenario(), given | more)
 
 
 def test_every_option_lands_in_its_key_in_si() -> None:
@@ -35,7 +49,7 @@ def test_every_option_lands_in_its_key_in_si() -> None:
         "--seed": 4,
         "--log-rate": "full",
     }
-    scenario = build_scenario(Scenario(), given, None, [])
+    scenario = built(given)
     assert scenario.part.file == "plate"
     assert scenario.part.pose == pytest.approx((-0.1, -0.5, 0.05, 0.0, 0.0, math.pi / 2))
     assert scenario.process.contact_force_n == 15.0
@@ -55,15 +69,14 @@ def test_every_option_lands_in_its_key_in_si() -> None:
 
 
 def test_options_that_were_not_given_change_nothing() -> None:
-    assert build_scenario(Scenario(), {"--feed": None, "--part": None}, None, []) == Scenario()
+    assert build_scenario(Scenario(), {"--feed": None, "--part": None}) == Scenario()
 
 
 def test_set_beats_options_and_options_beat_the_file(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text("[process]\nfeed_m_s = 0.002\ncontact_force_n = 5.0\n[pad]\npoints = 50\n")
-    scenario = build_scenario(
-        Scenario(), {"--feed": 3.0, "--contact-force": 6.0}, file, ["process.contact_force_n=7.0"]
-    )
+    more = {"--config": file, "--set": ["process.contact_force_n=7.0"]}
+    scenario = built({"--feed": 3.0, "--contact-force": 6.0}, **more)
     assert scenario.pad.points == 50
     assert scenario.process.feed_m_s == pytest.approx(0.003)
     assert scenario.process.contact_force_n == 7.0
@@ -76,8 +89,8 @@ def test_set_beats_options_and_options_beat_the_file(tmp_path: Path) -> None:
         ("--stepover", 1200.0, r"--stepover 1200 is outside 0\.2 to 1000 mm"),
         ("--feed", math.nan, r"--feed nan is outside 0\.1 to 500 mm/s: speed along the path"),
         ("--contact-force", -20.0, r"--contact-force -20 is outside 0\.5 to 200 N"),
-        ("--pad-diameter", 500.0, r"--pad-diameter 500 is outside 2 to 400 mm: pad diameter\.$"),
-        ("--spindle-rpm", -1.0, r"--spindle-rpm -1 is outside 0 to 6e\+04 1/min"),
+        ("--pad-diameter", 500.0, r"--pad-diameter 500 is outside 2 to 400 mm: diameter of the pad\.$"),
+        ("--spindle-rpm", -1.0, r"--spindle-rpm -1 is outside 0 to 60000 1/min"),
         ("--lead-angle", 60.0, r"--lead-angle 60 is outside -40 to 40 deg"),
         ("--edge-margin", -1.0, r"--edge-margin -1 is outside 0 to 500 mm"),
         ("--axis-smoothing", 2000.0, r"--axis-smoothing 2000 is outside 0 to 1000 mm"),
@@ -89,29 +102,36 @@ def test_set_beats_options_and_options_beat_the_file(tmp_path: Path) -> None:
         ("--part-pose", "1,2,3", r"six numbers in mm and deg"),
         ("--part-pose", "a,b,c,d,e,f", r"six numbers"),
         ("--part-pose", "1,2,3,4,5,nan", r"six numbers"),
-        ("--log-rate", "fast", r"'fast' is neither"),
-        ("--log-rate", "-1", r"'-1' is neither"),
+        ("--log-rate", "fast", r"--log-rate 'fast' is not a number \(Hz or full\)"),
+        ("--log-rate", "-1", r"--log-rate -1 is outside 0 to 100000 Hz"),
+        ("--stepover", "8mm", r"--stepover '8mm' is not a number: write 8; the unit is mm\.$"),
+        ("--stepover", "0.8 cm", r"write 8; the unit is mm"),
+        ("--contact-force", "20N", r"write 20; the unit is N"),
+        ("--stepover", "0.008", r"--stepover 0\.008 is outside .* For 0\.008 m write 8\.$"),
+        ("--feed", "0.01", r"For 0\.01 m/s write 10\.$"),
+        ("--seed", "1" * 400, r"--seed 111111\.\.\. \(400 digits\) is outside 0 to 9223372036854775807"),
+        ("--seed", "1.5", r"--seed '1\.5' is not a whole number"),
     ],
 )
 def test_a_bad_value_is_named_with_its_option(option: str, value: Any, said: str) -> None:
     with pytest.raises(PolishSimError, match=said):
-        build_scenario(Scenario(), {option: value}, None, [])
+        built({option: value})
 
 
-@pytest.mark.parametrize("option", OPTIONS)
+@pytest.mark.parametrize("option", [name for name, key in KEYS.items() if isinstance(key.option.unit, Unit)])
 def test_a_number_out_of_range_is_answered_without_the_key_s_name_or_unit(option: str) -> None:
-    target = OPTIONS[option]
-    if target.unit is None:
+    key = KEYS[option]
+    if key.spec["length"]:
         return
     with pytest.raises(ConfigError) as raised:
-        build_scenario(Scenario(), {option: 1e9}, None, [])
-    assert f" {target.unit.name}: " in str(raised.value)
-    assert target.key not in str(raised.value)
+        built({option: 1e9})
+    assert f" {key.option.unit.name}: " in str(raised.value)
+    assert key.name not in str(raised.value)
     assert "[" not in str(raised.value)
 
 
 def test_overlap_counts_on_the_pad_set_says() -> None:
-    scenario = build_scenario(Scenario(), {"--overlap": 70.0}, None, ["pad.radius_m=0.02"])
+    scenario = built({"--overlap": 70.0}, **{"--set": ["pad.radius_m=0.02"]})
     assert scenario.plan.stepover_m == pytest.approx(0.012)
 
 
@@ -128,7 +148,7 @@ LISTENS = {"spiral": ("order", "direction", "start"), "raster": ("start", "raste
 )
 def test_options_a_pattern_takes_no_notice_of_are_refused(pattern: str, option: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        refuse_idle_on_path(PlanConfig(pattern=pattern), LISTENS, {option: "x"})
+        refuse_idle_on_path(Scenario(plan=PlanConfig(pattern=pattern)), LISTENS, {option: "x"})
 
 
 @pytest.mark.parametrize("pattern", LISTENS)
@@ -136,33 +156,36 @@ def test_options_a_pattern_takes_no_notice_of_are_refused(pattern: str, option: 
 def test_of_the_options_of_patterns_those_a_pattern_obeys_pass_and_no_others(pattern: str, option: str) -> None:
     obeyed = PATTERN_KEYS[option] in LISTENS[pattern]
     with nullcontext() if obeyed else pytest.raises(InputError, match=f"^{option} would change nothing"):
-        refuse_idle_on_path(PlanConfig(pattern=pattern), LISTENS, {**dict.fromkeys(PATTERN_KEYS), option: "x"})
+        refuse_idle_on_path(
+            Scenario(plan=PlanConfig(pattern=pattern)), LISTENS, {**dict.fromkeys(PATTERN_KEYS), option: "x"}
+        )
 
 
 @pytest.mark.parametrize("smoothing_m", [0.0, 0.01])
 def test_the_deviation_of_axes_counts_with_their_smoothing_only(smoothing_m: float) -> None:
     with nullcontext() if smoothing_m > 0.0 else pytest.raises(InputError, match="give --axis-smoothing MM as well"):
-        refuse_idle_on_path(PlanConfig(axis_smoothing_m=smoothing_m), LISTENS, {"--axis-deviation": 3.0})
+        refuse_idle_on_path(Scenario(plan=PlanConfig(axis_smoothing_m=smoothing_m)), LISTENS, {"--axis-deviation": 3.0})
 
 
-@pytest.mark.parametrize("experiment", ["arc", "force"])
+@pytest.mark.parametrize("name", ["arc", "force"])
 @pytest.mark.parametrize("option", ["--stepover", "--overlap", "--order", "--lead-in", "--axis-smoothing", "--start"])
-def test_options_of_a_path_are_refused_where_there_is_none(experiment: str, option: str) -> None:
-    with pytest.raises(InputError, match=f"{option} would change nothing in 'run {experiment}'"):
-        refuse_idle_in(experiment, {option: 1.0})
-    refuse_idle_in("surface", {option: 1.0})
+def test_options_of_a_path_are_refused_where_there_is_none(name: str, option: str) -> None:
+    with pytest.raises(InputError, match=f"{option} would change nothing in 'run {name}'"):
+        refuse_idle_options(experiment(name), [option])
+    refuse_idle_options(experiment("surface"), [option])
 
 
 def test_a_file_for_another_experiment_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "arc.toml"
     file.write_text('experiment = "arc"\n')
     with pytest.raises(ConfigError, match=r"'arc', not 'surface'"):
-        build_scenario(Scenario(), {}, file, [])
+        built({}, **{"--config": file})
 
 
 def test_poses_and_rates_are_read_as_written() -> None:
-    assert parse_pose("0,0,1000,180,0,0") == pytest.approx([0.0, 0.0, 1.0, math.pi, 0.0, 0.0])
-    assert parse_log_rate("500") == 500.0
+    scenario = built({"--part-pose": "0,0,1000,180,0,0", "--log-rate": "500"})
+    assert scenario.part.pose == pytest.approx([0.0, 0.0, 1.0, math.pi, 0.0, 0.0])
+    assert scenario.simulation.log_rate_hz == 500.0
 
 
 def test_a_controller_s_own_file_is_written_from_the_root_and_shown_by_its_name(
@@ -170,10 +193,10 @@ def test_a_controller_s_own_file_is_written_from_the_root_and_shown_by_its_name(
 ) -> None:
     (tmp_path / "mine.py").touch()
     monkeypatch.chdir(tmp_path)
-    controller = build_scenario(Scenario(), {"--controller": "mine.py:Down"}, None, []).controller
+    controller = built({"--controller": "mine.py:Down"}).controller
     assert controller.name == f"{tmp_path.resolve() / 'mine.py'}:Down"
     assert controller.label == "mine.py:Down"
     # Another folder, as a run's own config would be used from.
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    assert build_scenario(Scenario(), {}, None, [f"controller.name={controller.name}"]).controller == controller
+    assert built({}, **{"--set": [f"controller.name={controller.name}"]}).controller == controller

@@ -12,7 +12,7 @@ import pytest
 
 from polish_sim import __version__
 from polish_sim.cell import FAULTS
-from polish_sim.cli.listing import KINDS
+from polish_sim.cli.catalogue import KINDS
 from polish_sim.cli.main import commands
 
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]

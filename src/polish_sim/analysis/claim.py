@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from polish_sim.errors import number_text
+
 DEGREES: Final = 180.0 / math.pi
 """Scale of an angle shown in degrees."""
 
@@ -50,17 +52,17 @@ PATH_DONE: Final = Claim("path_done", "path done", "%", 100.0, "100", low=1.0, m
 def bound_text(claim: Claim) -> str:
     """The range asked of a figure, as it is shown, e.g. ``<= 0.1``."""
     if math.isfinite(claim.low) and math.isfinite(claim.high):
-        return f"{claim.low * claim.scale:g} to {claim.high * claim.scale:g}"
+        return f"{number_text(claim.low * claim.scale)} to {number_text(claim.high * claim.scale)}"
     if math.isfinite(claim.low):
-        return f">= {claim.low * claim.scale:g}"
-    return f"<= {claim.high * claim.scale:g}" if claim.bounded else "-"
+        return f">= {number_text(claim.low * claim.scale)}"
+    return f"<= {number_text(claim.high * claim.scale)}" if claim.bounded else "-"
 
 
 def value_text(claim: Claim, value: float | None) -> str:
     """A figure in its shown unit with three or four significant digits; an undefined one is a dash."""
     if value is None or math.isnan(value):
         return "-"
-    return f"{value * claim.scale:.4g}"
+    return number_text(float(value * claim.scale), 4)
 
 
 def shortfalls(claims: Iterable[Claim], figures: Mapping[str, Any]) -> list[Claim]:

@@ -1,30 +1,24 @@
-"""The scenario: everything a run depends on, as plain data, a file per section (layer 1).
+"""The scenario: everything a run depends on, as plain data.
 
-Lengths in m, angles in rad, forces in N. Each field carries its meaning and its allowed range: the TOML file, its
-checks and its comments come from here.
+Lengths in m, angles in rad, forces in N. Each field carries its meaning, its allowed range and, where it has one, its
+option on the command line: the TOML file, its checks and comments, the options and their help all come from here.
 """
 
-from polish_sim.config.adaptive import AdaptiveConfig
-from polish_sim.config.baselines import BaselinesConfig
-from polish_sim.config.controller import ControllerConfig
-from polish_sim.config.drag import DragConfig
-from polish_sim.config.dual import DualConfig
-from polish_sim.config.faults import FaultsConfig
-from polish_sim.config.guide import GuideConfig
-from polish_sim.config.hand import HandConfig
-from polish_sim.config.head import HeadConfig
-from polish_sim.config.pad import PadConfig
-from polish_sim.config.part import PartConfig
-from polish_sim.config.payload import PayloadConfig
-from polish_sim.config.plan import PlanConfig
-from polish_sim.config.process import ProcessConfig
-from polish_sim.config.robot import RobotConfig
-from polish_sim.config.safety import SafetyConfig
+from polish_sim.config.branches import DragConfig, DualConfig, GuideConfig, HandConfig
+from polish_sim.config.cell import (
+    FaultsConfig,
+    HeadConfig,
+    PadConfig,
+    PayloadConfig,
+    RobotConfig,
+    SafetyConfig,
+    SensorConfig,
+    SimulationConfig,
+    SpindleConfig,
+)
+from polish_sim.config.control import AdaptiveConfig, BaselinesConfig, ControllerConfig
 from polish_sim.config.scenario import Scenario
-from polish_sim.config.sensor import SensorConfig
-from polish_sim.config.simulation import SimulationConfig
-from polish_sim.config.smoothing import SmoothingConfig
-from polish_sim.config.spindle import SpindleConfig
+from polish_sim.config.work import PartConfig, PlanConfig, ProcessConfig, SmoothingConfig
 
 __all__ = [
     "AdaptiveConfig",

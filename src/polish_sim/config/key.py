@@ -1,12 +1,83 @@
-"""How a key of the scenario is declared: its default, meaning and allowed range (layer 1)."""
+"""How a key of the scenario is declared: default, meaning, unit and range, and its option on the command line."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import field
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 
-def key(default: Any, text: str, low: float = -math.inf, high: float = math.inf, length: int = 0) -> Any:
-    """Declare a field with its meaning (unit in brackets) and allowed range, both ends included; a list's length."""
-    return field(default=default, metadata={"text": text, "low": low, "high": high, "length": length})
+class Unit(NamedTuple):
+    """A unit of the command line."""
+
+    name: str
+    si: float
+    """What one of it is in SI, or in the unit of the key."""
+    words: Mapping[str, float] = {}
+    """Words that stand for a value [SI]."""
+
+
+MM: Final = Unit("mm", 1e-3)
+DEG: Final = Unit("deg", math.pi / 180.0)
+MM_S: Final = Unit("mm/s", 1e-3)
+DEG_S: Final = Unit("deg/s", math.pi / 180.0)
+SECOND: Final = Unit("s", 1.0)
+NEWTON: Final = Unit("N", 1.0)
+PER_MINUTE: Final = Unit("1/min", 1.0)
+HERTZ_OR_FULL: Final = Unit("Hz", 1.0, {"full": 0.0})
+DIAMETER: Final = Unit("mm", 0.5e-3)
+"""A diameter in mm, where the key is a radius."""
+DIRECTION: Final = Unit("", 1.0)
+POSE: Final = (MM, MM, MM, DEG, DEG, DEG)
+
+PANELS: Final = (
+    "Part and region",
+    "Path",
+    "Landing and tool axis",
+    "Tool and process",
+    "Hand guiding",
+    "Two robots",
+    "Sensor and poses",
+    "Run",
+    "Config",
+    "Output",
+)
+"""Panels of the help, in their order."""
+PART, PATH, AXIS, TOOL, HAND, PAIR, SENSOR, RUN, CONFIG, OUTPUT = PANELS
+
+
+class Option(NamedTuple):
+    """An option of the command line."""
+
+    name: str
+    panel: str
+    metavar: str
+    unit: Unit | tuple[Unit, ...] | None = None
+    """What the user writes numbers in, one for each number of a list; None for text and counts."""
+    help: str = ""
+    """Where the meaning of the key does not say enough."""
+    repeat: bool = False
+    """Whether it may be given several times; a text then."""
+
+
+def key(
+    default: Any,
+    text: str,
+    low: float = -math.inf,
+    high: float = math.inf,
+    length: int = 0,
+    option: Option | None = None,
+) -> Any:
+    """Declare a field.
+
+    Args:
+        default: Its value where a file does not name it.
+        text: Its meaning, with the unit in brackets.
+        low: Least allowed value.
+        high: Largest allowed value.
+        length: How many numbers a list has.
+        option: Its option on the command line.
+    """
+    metadata = {"text": text, "low": low, "high": high, "length": length, "option": option}
+    return field(default=default, metadata=metadata)

@@ -1,28 +1,24 @@
-"""The scenario: everything a run depends on, section by section (layer 1)."""
+"""The scenario: everything a run depends on, section by section."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from polish_sim.config.controller import ControllerConfig
-from polish_sim.config.drag import DragConfig
-from polish_sim.config.dual import DualConfig
-from polish_sim.config.faults import FaultsConfig
-from polish_sim.config.guide import GuideConfig
-from polish_sim.config.hand import HandConfig
-from polish_sim.config.head import HeadConfig
-from polish_sim.config.key import key
-from polish_sim.config.pad import PadConfig
-from polish_sim.config.part import PartConfig
-from polish_sim.config.payload import PayloadConfig
-from polish_sim.config.plan import PlanConfig
-from polish_sim.config.process import ProcessConfig
-from polish_sim.config.robot import RobotConfig
-from polish_sim.config.safety import SafetyConfig
-from polish_sim.config.sensor import SensorConfig
-from polish_sim.config.simulation import SimulationConfig
-from polish_sim.config.smoothing import SmoothingConfig
-from polish_sim.config.spindle import SpindleConfig
+from polish_sim.config.branches import DragConfig, DualConfig, GuideConfig, HandConfig
+from polish_sim.config.cell import (
+    FaultsConfig,
+    HeadConfig,
+    PadConfig,
+    PayloadConfig,
+    RobotConfig,
+    SafetyConfig,
+    SensorConfig,
+    SimulationConfig,
+    SpindleConfig,
+)
+from polish_sim.config.control import ControllerConfig
+from polish_sim.config.key import RUN, Option, key
+from polish_sim.config.work import PartConfig, PlanConfig, ProcessConfig, SmoothingConfig
 
 
 @dataclass(frozen=True)
@@ -30,7 +26,7 @@ class Scenario:
     """One run, complete."""
 
     experiment: str = key("surface", "arc, force, surface, smooth, teach, dual or calibrate-payload")
-    seed: int = key(0, "seed of everything random in the run", 0, 2**63 - 1)
+    seed: int = key(0, "seed of everything random in the run", 0, 2**63 - 1, option=Option("--seed", RUN, "N"))
     part: PartConfig = field(default_factory=PartConfig)
     plan: PlanConfig = field(default_factory=PlanConfig)
     process: ProcessConfig = field(default_factory=ProcessConfig)

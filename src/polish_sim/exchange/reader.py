@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, near_file
 from polish_sim.exchange.apt import read_apt
 from polish_sim.exchange.columns import read_csv, read_json
 from polish_sim.exchange.gcode import read_gcode
@@ -68,7 +68,9 @@ def read_way_points(source: str | Path, unknown: Unknown = refuse_unknown) -> Wa
     try:
         content = file.read_bytes()
     except OSError as error:
-        raise InputError(f"cannot read the path '{file}': {error.strerror}. Check the name and the folder.") from error
+        raise InputError(
+            f"cannot read the path '{file}': {error.strerror}.{near_file(file) or ' Check the name and the folder.'}"
+        ) from error
     reader = READERS.get(file.suffix.lower())
     if reader is None:
         raise InputError(

@@ -26,6 +26,13 @@ METRES_PER_UNIT = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254}
 SMALLEST_PART = 5e-3
 """Largest extent of the smallest part one could polish [m]."""
 
+UNIT_WORDS = {
+    **dict.fromkeys(("millimetre", "millimeter", "millimetres", "millimeters"), "mm"),
+    **dict.fromkeys(("centimetre", "centimeter", "centimetres", "centimeters"), "cm"),
+    **dict.fromkeys(("metre", "meter", "metres", "meters"), "m"),
+    **dict.fromkeys(("in", "inches", '"'), "inch"),
+}
+"""Other words for the units, asked back."""
 LARGEST_PART = 2.0
 """Largest extent of the largest part [m]."""
 
@@ -36,7 +43,7 @@ _ROUNDING = 1e-6
 def metres_per_unit(unit: str) -> float:
     """Return the length of one file unit [m]; unknown names are an error that lists the known ones."""
     if unit not in METRES_PER_UNIT:
-        raise unknown_name("unit", unit, METRES_PER_UNIT)
+        raise unknown_name("unit", unit, METRES_PER_UNIT, UNIT_WORDS)
     return METRES_PER_UNIT[unit]
 
 

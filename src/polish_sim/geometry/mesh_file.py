@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import MeshError
+from polish_sim.errors import MeshError, near_file
 from polish_sim.geometry.obj_file import is_obj, parse_obj
 from polish_sim.geometry.ply_file import is_ply, parse_ply
 from polish_sim.geometry.polygon import FileTriangles
@@ -59,7 +59,7 @@ def _read_bytes(path: Path) -> bytes:
     if path.is_dir():
         raise MeshError(f"{path} is a folder, not a mesh file. Name the file itself.")
     if not path.exists():
-        raise MeshError(f"{path}: no such file. Check the name and the folder.")
+        raise MeshError(f"{path}: no such file.{near_file(path) or ' Check the name and the folder.'}")
     try:
         size = path.stat().st_size
         if size > LARGEST_FILE:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import ConfigError
+from polish_sim.errors import ConfigError, near_file
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.spatial import apply, inverse
@@ -122,7 +122,7 @@ def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLim
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ConfigError(f"cannot read the limits file '{path}': {error.strerror}.") from error
+        raise ConfigError(f"cannot read the limits file '{path}': {error.strerror}.{near_file(path)}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"'{path}' is not valid TOML: {error}.") from error
     return replace(base or SmoothingLimits(), **_changes(table, str(path)))

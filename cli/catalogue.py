@@ -1,21 +1,52 @@
-"""`polish-sim list`: what ships with the package."""
+"""`polish-sim list` and `polish-sim config`: what ships with the package, and the default config of an experiment."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from polish_sim.cli import console
 from polish_sim.errors import unknown_name
 
-KINDS = ("parts", "controllers", "experiments", "patterns", "faults")
+KINDS: Final = ("parts", "controllers", "experiments", "patterns", "faults")
+LIMITS: Final = "limits"
+"""Not an experiment, but a file of defaults as well."""
 
 Kind = Annotated[
     str | None,
     typer.Argument(metavar="KIND", help=f"{', '.join(KINDS)}: one a line, with what it is.", show_default=False),
 ]
+Name = Annotated[
+    str,
+    typer.Argument(
+        metavar="EXPERIMENT",
+        help="arc, force, surface, smooth, teach, dual, calibrate-payload, or limits.",
+        show_default=False,
+    ),
+]
+
+
+def config(experiment: Name) -> None:
+    """Print the full default config of an experiment as TOML; `plan` and `inspect` take the keys of surface.
+
+    `limits` prints the default limits of tool and joints, for the command `smooth`.
+    """
+    # Lazy: --help must not wait for the numerical libraries.
+    from polish_sim.experiments.registry import ROWS, default_scenario
+    from polish_sim.experiments.rows import PAYLOAD_SCENARIO
+    from polish_sim.scenario_file import to_toml
+
+    if experiment == LIMITS:
+        from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml
+
+        console.say(limits_toml(SmoothingLimits()).rstrip())
+        return
+    calibrates = experiment == PAYLOAD_SCENARIO.experiment
+    if not calibrates and experiment not in ROWS:
+        raise unknown_name("experiment", experiment, (*ROWS, PAYLOAD_SCENARIO.experiment, LIMITS))
+    console.say(to_toml(PAYLOAD_SCENARIO if calibrates else default_scenario(experiment)).rstrip())
 
 
 def list_names(kind: Kind = None) -> None:
@@ -43,14 +74,14 @@ def _known() -> Mapping[str, Mapping[str, str]]:
 
     return {
         "parts": WORKPIECES,
-        "controllers": {**_told(CONTROLLERS), "FILE.py:CLASS": "your own, see docs/controllers.md"},
+        "controllers": {**_first_lines(CONTROLLERS), "FILE.py:CLASS": "your own, see docs/controllers.md"},
         "experiments": {name: row.text for name, row in experiments().items()},
-        "patterns": _told({name: pattern.plan for name, pattern in PATTERNS.items()}),
+        "patterns": _first_lines({name: pattern.plan for name, pattern in PATTERNS.items()}),
         "faults": {name: fault.text for name, fault in FAULTS.items()},
     }
 
 
-def _told(functions: Mapping[str, object]) -> dict[str, str]:
+def _first_lines(functions: Mapping[str, object]) -> dict[str, str]:
     """The first line of each function's docstring, as a phrase."""
     lines = {name: (function.__doc__ or "").strip().partition("\n")[0] for name, function in functions.items()}
     return {name: line[:1].lower() + line[1:].rstrip(".") for name, line in lines.items()}

@@ -1,0 +1,437 @@
+"""The options of the commands: those of the config's keys, generated, and those without a key.
+
+A user writes mm, deg, N and mm/s; what a command is given is in SI. Each option is declared once: in the config, where
+it sets a key, else here or beside its command.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any, Final, NamedTuple
+
+import typer
+
+from polish_sim.config import Scenario
+from polish_sim.config.key import CONFIG, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, Option, Unit
+from polish_sim.errors import ConfigError, InputError, number_text
+from polish_sim.scenario_file import load_scenario, merge, override
+
+Given = Mapping[str, Any]
+"""Options by name, e.g. ``--feed``, in SI; None where not given."""
+
+PURE: Final = Unit("", 1.0)
+_LENGTHS: Final = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254, "in": 0.0254}
+_COUNTS: Final = {3: "three", 6: "six"}
+_IN_RUNS: Final[Mapping[str, tuple[str, str]]] = {
+    "payload": ("payload", "file"),
+    "base": ("dual", "bases_file"),
+    "tcp": ("dual", "tool_file"),
+    "arm": ("dual", "arms_file"),
+}
+"""The key of each kind of calibration file."""
+_FILES: Final = (
+    *(("part", "file"), ("part", "real_file"), ("dual", "master_path"), ("drag", "follow")),
+    *_IN_RUNS.values(),
+)
+_FILE_REGIONS: Final = ("polygon", "faces")
+
+
+class Own(NamedTuple):
+    """An option that sets no key of the config."""
+
+    name: str
+    panel: str
+    metavar: str
+    """What stands for its value; empty for a switch."""
+    text: str
+    kind: type = str
+    """Of its value: str, int, float, Path, bool, or list for one that may be repeated."""
+    low: float = -math.inf
+    """Least value [unit]."""
+    high: float = math.inf
+    """Largest value [unit]."""
+    unit: Unit = PURE
+    default: Any = None
+
+    def read(self, text: str) -> Any:
+        """Read its value, a number into SI.
+
+        Raises:
+            InputError: It is not a number or out of range.
+        """
+        if self.kind is int:
+            return read_count(self.name, text, self.low, self.high)
+        if self.kind is float:
+            low, high = self.low * self.unit.si, self.high * self.unit.si
+            return read_number(self.name, text, self.unit, low, high)
+        return Path(text) if self.kind is Path else text
+
+
+OWN: Final = {
+    own.name: own
+    for own in (
+        Own("--overlap", PATH, "PERCENT", "Set the step-over by the overlap of neighbouring turns, in percent of the "
+            "pad's diameter.", float),
+        Own("--calibration", RUN, "FILE", "calibration.toml of 'calibrate payload': the tool whose weight is "
+            "compensated; in dual also of 'calibrate arm', 'base' and 'tcp', one of each; default: calibrated before "
+            "the run.", list),
+        Own("--seeds", RUN, "N", "Run this many seeds, counting up from --seed.", int, low=1, high=1e6),
+        Own("--dry-run", RUN, "", "Plan and check the reach, do not simulate.", bool),
+        Own("--check", RUN, "", "Exit with 1 when a figure falls short of what is asked of it.", bool),
+        Own("--view", RUN, "", "Watch the run in the MuJoCo viewer.", bool),
+        Own("--dual", PAIR, "", "For two robots: once around the rim; reach, limits and collisions of both arms are "
+            "checked.", bool),
+        Own("--config", CONFIG, "FILE.toml", "TOML file; see 'polish-sim config'.", Path),
+        Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config; may be repeated.", list),
+        Own("--video", OUTPUT, "", "Write a video of the run (mp4, or GIF without ffmpeg).", bool),
+        Own("--export", OUTPUT, "NAME", "Also write the plan as apt, urscript, ros, ply, glb, html, or all of them; "
+            "may be repeated.", list),
+        Own("--out", OUTPUT, "DIR", "Output folder; default results/<command>[-<experiment>]/<date-time>.", Path),
+        Own("--overwrite", OUTPUT, "", "Replace files in an existing output folder.", bool),
+    )
+}  # fmt: skip
+CONFIG_OPTIONS: Final = ("--config", "--set")
+OUTPUT_OPTIONS: Final = ("--out", "--overwrite")
+
+
+class Key(NamedTuple):
+    """A key of the config that has an option."""
+
+    section: str
+    """Empty for a key of the scenario itself."""
+    name: str
+    default: Any
+    spec: Mapping[str, Any]
+    """Meaning and range."""
+    option: Option
+
+    @property
+    def meaning(self) -> str:
+        """What it is, without a unit."""
+        text = self.option.help or str(self.spec["text"])
+        return text.rpartition(" [")[0] if text.endswith("]") else text
+
+    def read(self, text: str) -> Any:
+        """Read the option's value into the key's unit.
+
+        Raises:
+            InputError: It cannot be understood.
+            ConfigError: It is out of range; in the option's unit.
+        """
+        unit, low, high = self.option.unit, self.spec["low"], self.spec["high"]
+        if isinstance(self.default, tuple):
+            return _read_list(self, text)
+        if isinstance(unit, Unit):
+            return read_number(self.option.name, text, unit, low, high, self.meaning)
+        if isinstance(self.default, int):
+            return read_count(self.option.name, text, low, high)
+        return text
+
+    def table(self, value: Any) -> dict[str, Any]:
+        """The key and a value as a table of the scenario."""
+        leaf = {self.name: ", ".join(value) if self.option.repeat else value}
+        return {self.section: leaf} if self.section else leaf
+
+
+def config_keys(defaults: Scenario) -> dict[str, Key]:
+    """The keys with an option, by the option's name; ``teach`` has a ``--direction`` of its own."""
+    keys: dict[str, Key] = {}
+    for key in _keys(defaults, ""):
+        if key.option.name not in keys or defaults.experiment == "teach":
+            keys[key.option.name] = key
+    return keys
+
+
+def _keys(table: Any, section: str) -> Iterator[Key]:
+    for f in fields(table):
+        value = getattr(table, f.name)
+        if is_dataclass(value) and not section:
+            yield from _keys(value, f.name)
+        elif f.metadata.get("option") is not None:
+            yield Key(section, f.name, value, f.metadata, f.metadata["option"])
+
+
+def takes(*options: str | Own, defaults: Scenario | None = None) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Let a command take options: its argument ``given`` becomes one parameter an option, as Typer reads them.
+
+    Args:
+        options: Names of options of the config, of ``OWN``, or options of the command's own.
+        defaults: The scenario whose values the help names.
+    """
+    keys = config_keys(defaults or Scenario())
+    chosen = [option if isinstance(option, Own) else OWN.get(option) or keys[option] for option in options]
+    chosen.sort(key=lambda option: PANELS.index(_panel(option)) if _panel(option) in PANELS else -1)
+    names = {_parameter(option): _name(option) for option in chosen}
+
+    def decorated(command: Callable[..., Any]) -> Callable[..., Any]:
+        hints = inspect.get_annotations(command, eval_str=True)
+        own = [p for p in inspect.signature(command).parameters.values() if p.name != "given"]
+        flat = [p.replace(annotation=hints[p.name]) for p in own] + [_declared(option) for option in chosen]
+
+        @wraps(command)
+        def flattened(**values: Any) -> Any:
+            given = {name: values.pop(parameter) for parameter, name in names.items()}
+            # An empty list and a switch that is off are not given.
+            return command(given={k: v if v not in ([], False) else None for k, v in given.items()}, **values)
+
+        flattened.__signature__ = inspect.Signature([p.replace(kind=p.KEYWORD_ONLY) for p in flat])  # type: ignore[attr-defined]
+        flattened.__annotations__ = {p.name: p.annotation for p in flat}
+        return flattened
+
+    return decorated
+
+
+def _name(option: Own | Key) -> str:
+    return option.name if isinstance(option, Own) else option.option.name
+
+
+def _panel(option: Own | Key) -> str:
+    return option.panel if isinstance(option, Own) else option.option.panel
+
+
+def _parameter(option: Own | Key) -> str:
+    return "o_" + _name(option).strip("-").replace("-", "_")
+
+
+def _declared(option: Own | Key) -> inspect.Parameter:
+    """An option as a parameter Typer understands."""
+    name, switch, many, default = _name(option), False, False, None
+    if isinstance(option, Own):
+        switch, many, default = option.kind is bool, option.kind is list, option.default
+        metavar, text = option.metavar, option.text
+    else:
+        many, metavar, text = option.option.repeat, option.option.metavar, _help(option)
+    kind: Any = bool if switch else list[str] | None if many else str | None
+    parser = None if switch else option.read
+    declared = typer.Option(name, metavar=metavar or None, help=text, rich_help_panel=_panel(option), parser=parser,
+                            show_default=False)  # fmt: skip
+    return inspect.Parameter(
+        _parameter(option), inspect.Parameter.KEYWORD_ONLY, default=False if switch else default,
+        annotation=Annotated[kind, declared],
+    )  # fmt: skip
+
+
+def _help(key: Key) -> str:
+    """Meaning, unit and default of an option."""
+    text, unit = key.meaning, key.option.unit
+    if isinstance(unit, Unit) and unit.name and not isinstance(key.default, tuple) and f"({unit.name})" not in text:
+        text += f" ({unit.name})"
+    if "default" not in text and key.default not in ("", ()):
+        scaled = isinstance(unit, Unit) and isinstance(key.default, float)
+        shown = number_text(key.default / unit.si, 4) if scaled else str(key.default)  # type: ignore[union-attr]
+        text += f"; default {shown}"
+    listed = text.partition(" ")[0][-1:] in ",:"
+    return (text if listed else text[:1].upper() + text[1:]) + "."
+
+
+def read_number(name: str, text: str, unit: Unit, low: float, high: float, meaning: str = "") -> float:
+    """Read a number of a unit into SI.
+
+    Args:
+        name: The option.
+        text: What the user wrote.
+        unit: The option's unit.
+        low: Least value [SI].
+        high: Largest value [SI].
+        meaning: What the number is, for the message.
+
+    Raises:
+        InputError: It is not a number; says how to write it.
+        ConfigError: It is out of range.
+    """
+    word = str(text).strip()
+    if word in unit.words:
+        return unit.words[word]
+    try:
+        number = float(word)
+    except ValueError:
+        raise InputError(f"{name} '{text}' is not a number{_how_to_write(word, unit)}.") from None
+    if not low <= number * unit.si <= high:
+        bounds = f"{number_text(low / unit.si, 4)} to {number_text(high / unit.si, 4)} {unit.name}".rstrip()
+        message = f"{name} {number_text(number)} is outside {bounds}{': ' if meaning else ''}{meaning}."
+        if unit.name.startswith("mm") and low <= number <= high:
+            metres = unit.name.replace("mm", "m", 1)
+            message += f" For {number_text(number)} {metres} write {number_text(number / unit.si)}."
+        raise ConfigError(message)
+    return number * unit.si
+
+
+def _how_to_write(word: str, unit: Unit) -> str:
+    """How a number with a unit behind it is written without."""
+    found = re.fullmatch(r"([-+]?[\d.]+(?:e[-+]?\d+)?)\s*(\D+)", word)
+    plain = f" ({' or '.join([unit.name, *unit.words])})" if unit.name else ""
+    if not found:
+        return plain
+    try:
+        number, suffix = float(found[1]), found[2].strip().lower()
+    except ValueError:
+        return plain
+    if suffix == unit.name.lower():
+        return f": write {number_text(number)}; the unit is {unit.name}"
+    if unit.name == "mm" and suffix in _LENGTHS:
+        return f": write {number_text(number * _LENGTHS[suffix] / 1e-3)}; the unit is mm"
+    return plain
+
+
+def read_count(name: str, text: str, low: float, high: float) -> int:
+    """Read a whole number.
+
+    Raises:
+        InputError: It is none.
+        ConfigError: It is out of range.
+    """
+    try:
+        number = int(str(text).strip())
+    except ValueError:
+        raise InputError(f"{name} '{text[:40]}' is not a whole number.") from None
+    if not low <= number <= high:
+        shown = [number_text(int(bound) if math.isfinite(bound) else bound) for bound in (low, high)]
+        raise ConfigError(f"{name} {number_text(number)} is outside {shown[0]} to {shown[1]}.")
+    return number
+
+
+def _read_list(key: Key, text: str) -> list[float]:
+    """Read X,Y,Z or X,Y,Z,RX,RY,RZ (rotation vector, as the robot shows it) into SI."""
+    count, unit = key.spec["length"], key.option.unit
+    units: Sequence[Unit] = unit if isinstance(unit, tuple) and not isinstance(unit, Unit) else [unit or PURE] * count
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    direction = not units[0].name
+    whole = len(numbers) == count and all(math.isfinite(number) for number in numbers)
+    if not whole or (direction and not any(numbers)):
+        if direction:
+            said = "a direction, not all zero, e.g. 1,0,0"
+        elif unit == POSE:
+            said = "six numbers in mm and deg, e.g. -100,-500,50,0,0,90"
+        else:
+            said = f"{_COUNTS[count]} numbers in {units[0].name}"
+        form = "X,Y,Z,RX,RY,RZ" if count == 6 else "X,Y,Z"
+        raise InputError(f"{key.option.name} '{text}' is not {form}: {said}.")
+    return [number * unit.si for number, unit in zip(numbers, units, strict=True)]
+
+
+def build_scenario(base: Scenario, given: Given) -> Scenario:
+    """Put a scenario together: defaults, then the config file, then the options, then --set.
+
+    Args:
+        base: The experiment's defaults.
+        given: Options by name.
+
+    Returns:
+        The scenario.
+
+    Raises:
+        ConfigError: If a key or value is wrong; the message names the file, option or key.
+        InputError: If an option cannot be understood.
+    """
+    config = given.get("--config")
+    scenario = base if config is None else load_scenario(config, base)
+    if scenario.experiment != base.experiment:
+        raise ConfigError(f"'{config}' is for the experiment '{scenario.experiment}', not '{base.experiment}'.")
+    keys = config_keys(base)
+    for option, value in given.items():
+        if value is not None and option in keys:
+            scenario = merge(scenario, keys[option].table(value), "")
+    if given.get("--calibration") is not None:
+        scenario = merge(scenario, _calibrations(given["--calibration"], base.experiment), "")
+    scenario = override(scenario, given.get("--set") or [])
+    # The overlap is a share of the pad, whoever set that.
+    if given.get("--overlap") is not None:
+        scenario = _overlapping(scenario, given, keys["--stepover"])
+    return _placed(scenario)
+
+
+def _overlapping(scenario: Scenario, given: Given, stepover: Key) -> Scenario:
+    """Set the step-over that leaves neighbouring turns the overlap asked for."""
+    overlap = given["--overlap"]
+    if given.get("--stepover") is not None:
+        raise InputError("--overlap and --stepover both set the distance between turns: give one of them.")
+    if not 0.0 <= overlap < 100.0:
+        raise InputError(f"--overlap {number_text(overlap)} is not a percentage from 0 to below 100.")
+    distance = 2.0 * scenario.pad.radius_m * (1.0 - 0.01 * overlap)
+    least = stepover.spec["low"]
+    if distance < least:
+        raise InputError(
+            f"--overlap {number_text(overlap)} of a pad of {number_text(scenario.pad.radius_m * 2e3)} mm leaves a "
+            f"step-over of {number_text(distance * 1e3, 3)} mm, less than the smallest possible, "
+            f"{number_text(least * 1e3)} mm. Give a smaller overlap."
+        )
+    return merge(scenario, {"plan": {"stepover_m": distance}}, "")
+
+
+def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
+    """Each file under the key of its kind of calibration.
+
+    Raises:
+        InputError: Two of one kind, or not a calibration.
+    """
+    if experiment != "dual":
+        if len(files) > 1:
+            raise InputError("--calibration is given more than once: a run of one robot takes one, of 'payload'.")
+        section, name = _IN_RUNS["payload"]
+        return {section: {name: files[0]}}
+    # Lazy: only a run of two robots reads a calibration to see its kind.
+    from polish_sim.calibration import calibration_kind
+
+    taken: dict[str, str] = {}
+    for file in files:
+        kind = calibration_kind(Path(file), tuple(_IN_RUNS))
+        if kind in taken:
+            raise InputError(
+                f"'{taken[kind]}' and '{file}' are both calibrations of the kind '{kind}': give one of each."
+            )
+        taken[kind] = file
+    table: dict[str, Any] = {}
+    for kind, file in taken.items():
+        section, name = _IN_RUNS[kind]
+        table.setdefault(section, {})[name] = file
+    return table
+
+
+def _placed(scenario: Scenario) -> Scenario:
+    """Name every file a scenario names from the root, so that the written config runs from any folder."""
+    for section, name in _FILES:
+        file = Path(getattr(getattr(scenario, section), name))
+        if file.is_file():
+            scenario = merge(scenario, {section: {name: str(file.resolve())}}, "")
+    choice, _, words = scenario.plan.region.partition(":")
+    if choice in _FILE_REGIONS and Path(words).is_file():
+        scenario = merge(scenario, {"plan": {"region": f"{choice}:{Path(words).resolve()}"}}, "")
+    file_name, _, class_name = scenario.controller.name.rpartition(":")
+    if Path(file_name).is_file():
+        scenario = merge(scenario, {"controller": {"name": f"{Path(file_name).resolve()}:{class_name}"}}, "")
+    return scenario
+
+
+def refuse_idle_on_path(scenario: Scenario, listens: Mapping[str, Sequence[str]], given: Given) -> None:
+    """Refuse options the chosen pattern, or axis smoothing that is off, takes no notice of.
+
+    Args:
+        scenario: Has what is to be planned.
+        listens: The keys every pattern obeys, by the pattern's name.
+        given: Options by name.
+
+    Raises:
+        InputError: Naming the first one and where it counts.
+    """
+    plan, keys = scenario.plan, config_keys(Scenario())
+    some = {name for names in listens.values() for name in names}
+    for option, key in keys.items():
+        if given.get(option) is None or key.section != "plan" or key.name not in some or plan.pattern not in listens:
+            continue
+        if key.name not in listens[plan.pattern]:
+            where = ", ".join(sorted(name for name, names in listens.items() if key.name in names))
+            raise InputError(
+                f"{option} would change nothing with the pattern '{plan.pattern}': leave it out. "
+                f"It counts for: {where}."
+            )
+    if given.get("--axis-deviation") is not None and plan.axis_smoothing_m == 0.0:
+        raise InputError("--axis-deviation bounds --axis-smoothing, which is off: give --axis-smoothing MM as well.")

@@ -1,0 +1,162 @@
+"""The cell: robot, sensor, tool and safety, faults, and how it is simulated."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from polish_sim.config.key import DIAMETER, HERTZ_OR_FULL, NEWTON, OUTPUT, PER_MINUTE, RUN, SENSOR, TOOL, Option, key
+
+
+@dataclass(frozen=True)
+class RobotConfig:
+    """The velocity interface of the robot and its start."""
+
+    command_latency_s: float = key(0.006, "from command to motion [s]", 0.0, 0.1)
+    linear_acceleration_m_s2: float = key(1.2, "speedl tool acceleration [m/s^2]", 0.05, 20.0)
+    angular_acceleration_rad_s2: float = key(6.0, "speedl tool angular acceleration [rad/s^2]", 0.05, 100.0)
+    command_timeout_s: float = key(0.1, "a speedl command holds for this long, then the robot stops [s]", 0.002, 10.0)
+    joint_speed_limit_rad_s: float = key(math.pi, "limit of every joint's speed [rad/s]", 0.01, 2 * math.pi)
+    payload_error: float = key(0.0, "relative error of the payload mass the robot was told [-]", -0.9, 5.0)
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """The six-axis wrist sensor and what the host does with its reading."""
+
+    force_noise_n: float = key(
+        0.5, "white noise per sample, rms [N]", 0.0, 20.0, option=Option("--noise", SENSOR, "N", NEWTON)
+    )
+    torque_noise_nm: float = key(0.02, "white noise per sample, rms [N m]", 0.0, 2.0)
+    force_bias_n: float = key(3.0, "size of the seeded constant bias per axis [N]", 0.0, 100.0)
+    torque_bias_nm: float = key(0.1, "size of the seeded constant bias per axis [N m]", 0.0, 10.0)
+    force_drift_n_s: float = key(0.002, "drift per axis, rms after one second of its random walk [N/sqrt(s)]", 0.0, 1.0)
+    torque_drift_nm_s: float = key(0.0001, "drift per axis [N m/sqrt(s)]", 0.0, 0.1)
+    bandwidth_hz: float = key(80.0, "corner of the first-order low-pass, 0 = none [Hz]", 0.0, 490.0)
+    rate_hz: float = key(1000.0, "sampling rate [Hz]", 10.0, 10000.0)
+    latency_s: float = key(0.002, "from sample to reading [s]", 0.0, 0.1)
+    force_quantum_n: float = key(0.02, "smallest step of the reading, 0 = none [N]", 0.0, 5.0)
+    torque_quantum_nm: float = key(0.0005, "smallest step of the reading, 0 = none [N m]", 0.0, 0.5)
+    force_range_n: float = key(200.0, "the reading saturates here, per axis [N]", 1.0, 1e5)
+    torque_range_nm: float = key(8.0, "the reading saturates here, per axis [N m]", 0.1, 1e4)
+    payload_mass_error: float = key(
+        0.0, "relative error of the compensated tool mass, on top of the calibration's [-]", -1.0, 5.0
+    )
+
+
+@dataclass(frozen=True)
+class PayloadConfig:
+    """How the host learns mass and centre of the tool whose weight it compensates."""
+
+    file: str = key(
+        "",
+        "calibration.toml of `calibrate payload`; empty = the tool is calibrated before the run from this sensor's "
+        "readings at rest in the standard poses, the arm's way between them not simulated",
+    )
+    poses: int = key(12, "poses of the calibration", 4, 500, option=Option("--poses", SENSOR, "N"))
+    settle_s: float = key(0.5, "the arm stands still this long before it reads [s]", 0.05, 60.0)
+    average_s: float = key(0.5, "readings are averaged over this time in each pose [s]", 0.005, 600.0)
+
+
+@dataclass(frozen=True)
+class HeadConfig:
+    """The compliant head: a slide joint along the tool axis that carries the pad."""
+
+    stiffness_n_m: float = key(20000.0 / 3.0, "spring [N/m]; in series with the pad 5000 N/m", 100.0, 1e6)
+    damping_n_s_m: float = key(60.0, "damper [N s/m]", 0.0, 1e4)
+    mass_kg: float = key(0.3, "sliding mass [kg]", 0.01, 10.0)
+    travel_m: float = key(0.03, "travel to the end stop [m]", 0.001, 0.2)
+    spring_scale: float = key(
+        1.0, "real springs of head and pad by what plan and controller take them for [-]", 0.05, 20.0
+    )
+
+
+@dataclass(frozen=True)
+class PadConfig:
+    """The elastic pad (elastic foundation) and its friction."""
+
+    radius_m: float = key(
+        0.025,
+        "pad radius [m]",
+        0.001,
+        0.2,
+        option=Option("--pad-diameter", TOOL, "MM", DIAMETER, help="diameter of the pad"),
+    )
+    stiffness_n_m: float = key(20000.0, "stiffness of the whole disc pressed flat [N/m]", 100.0, 1e7)
+    points: int = key(100, "sample points of the disc, equal area each; rounded up to fours", 7, 2000)
+    damping_s_m: float = key(3.0, "Hunt-Crossley factor a of f = k d (1 + a d_dot) [s/m]", 0.0, 100.0)
+    friction: float = key(0.3, "Coulomb friction coefficient [-]", 0.0, 2.0)
+    friction_smoothing_m_s: float = key(0.005, "sliding speed at which friction is developed to 71% [m/s]", 1e-5, 1.0)
+
+
+@dataclass(frozen=True)
+class SpindleConfig:
+    """The spindle that turns the pad."""
+
+    speed_rpm: float = key(
+        6000.0,
+        "speed, 0 = off [1/min]",
+        0.0,
+        60000.0,
+        option=Option("--spindle-rpm", TOOL, "RPM", PER_MINUTE, help="speed of the spindle, 0 = off"),
+    )
+    imbalance_m_s: float = key(0.0063, "balance grade e omega of what turns, G6.3 = 0.0063, 0 = none [m/s]", 0.0, 1.0)
+    rotating_mass_kg: float = key(0.3, "what turns [kg]", 0.0, 10.0)
+
+
+@dataclass(frozen=True)
+class SafetyConfig:
+    """When the simulated robot stops itself."""
+
+    force_limit_n: float = key(50.0, "measured force at which the robot stops [N]", 1.0, 1e4)
+    torque_limit_nm: float = key(10.0, "measured torque at which the robot stops [N m]", 0.1, 1e3)
+    singular_value_limit: float = key(
+        0.02, "smallest singular value of the Jacobian at which the robot stops [-]", 0.0, 1.0
+    )
+    contact_lost_s: float = key(2.0, "longest time without contact during the process [s]", 0.01, 1e6)
+    sensor_timeout_s: float = key(0.02, "longest time an unchanged sensor reading is believed [s]", 0.002, 10.0)
+    master_timeout_s: float = key(
+        0.02, "two robots: longest time the host goes on without hearing where the master is [s]", 0.002, 10.0
+    )
+    jump_limit_n: float = key(9.0, "largest jump of the sensor's reading within 5 ms, 0 = any [N]", 0.0, 1e4)
+    offset_limit_m: float = key(0.005, "how far the surface may be from where it was planned [m]", 1e-4, 0.2)
+    stop_latency_s: float = key(0.004, "from a protective stop to the brakes [s]", 0.0, 0.1)
+    stop_deceleration_m_s2: float = key(4.0, "deceleration of a protective stop [m/s^2]", 0.1, 50.0)
+    retract_speed_m_s: float = key(
+        0.05, "speed at which the tool is taken off the part after a stop [m/s]", 0.001, 0.25
+    )
+
+
+@dataclass(frozen=True)
+class FaultsConfig:
+    """What goes wrong in the run, on purpose."""
+
+    events: str = key(
+        "",
+        "NAME@TIME, ...: seconds from the start, or contact+TIME; 'polish-sim list faults' names them; empty = none",
+        option=Option(
+            "--fault",
+            RUN,
+            "NAME@TIME",
+            repeat=True,
+            help="inject a fault so many seconds from the start, or NAME@contact+TIME from first contact; may be "
+            "repeated. 'polish-sim list faults' names them",
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class SimulationConfig:
+    """How the cell is stepped and recorded."""
+
+    timestep_s: float = key(0.001, "physics step [s]", 1e-5, 0.01)
+    control_every: int = key(1, "host controller runs every n-th step", 1, 50)
+    log_rate_hz: float = key(
+        250.0,
+        "rows recorded per second, 0 = every step [Hz]",
+        0.0,
+        1e5,
+        option=Option(
+            "--log-rate", OUTPUT, "HZ|full", HERTZ_OR_FULL, help="rows of the log per second (Hz), or full: every step"
+        ),
+    )

@@ -1,0 +1,190 @@
+"""What is done to which part: part, plan, process and smoothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from polish_sim.config.key import AXIS, DEG, DIRECTION, MM, MM_S, NEWTON, PART, PATH, POSE, TOOL, Option, key
+
+MOST_LEAN_RAD = math.radians(40.0)
+"""Further over the pad touches with its edge only."""
+
+
+@dataclass(frozen=True)
+class PartConfig:
+    """Which part is in the cell, where, and how it differs from its drawing."""
+
+    file: str = key(
+        "freeform", "STL, PLY or OBJ file, or the name of a shipped part", option=Option("--part", PART, "PART")
+    )
+    real_file: str = key(
+        "",
+        "mesh of the part as it really is (file or shipped part, unit and frame of the nominal one): path from `file`, "
+        "contact with this; empty = as drawn",
+        option=Option(
+            "--real-part",
+            PART,
+            "PART",
+            help="part as it really is, where it differs from --part: path from --part, contact with this",
+        ),
+    )
+    unit: str = key("mm", "unit of the part's file: mm, cm, m or inch", option=Option("--units", PART, "UNIT"))
+    up: str = key(
+        "auto", "side turned up: auto, x, y, z, -x, -y, -z, or a direction X,Y,Z", option=Option("--up", PART, "SIDE")
+    )
+    pose: tuple[float, ...] = key(
+        (),
+        "pose of the work frame in the base frame: x, y, z [m], rotation vector [rad]; empty = chosen",
+        length=6,
+        option=Option(
+            "--part-pose",
+            PART,
+            "POSE",
+            POSE,
+            help="X,Y,Z,RX,RY,RZ of the part in the robot base (mm, deg); default: chosen",
+        ),
+    )
+    displacement_m: float = key(0.001, "how far the real part sits from its nominal place [m]", 0.0, 0.02)
+    rotation_rad: float = key(math.radians(0.5), "how far the real part is turned [rad]", 0.0, 0.2)
+    form_error_m: float = key(0.0003, "form error of the real part, peak to peak [m]", 0.0, 0.005)
+    motion_m: float = key(0.0, "the part moves along its mean normal by a sine of this amplitude [m]", 0.0, 0.02)
+    motion_hz: float = key(1.0, "frequency of that motion [Hz]", 0.0, 50.0)
+
+
+@dataclass(frozen=True)
+class PlanConfig:
+    """How the tool path covers the region."""
+
+    file: str = key(
+        "",
+        "a finished path to run: plan folder, path.json, CSV or APT file; empty = plan anew",
+        option=Option(
+            "--path",
+            PATH,
+            "PLAN",
+            help="path to run instead of planning one: a plan folder, path.json, CSV or APT file",
+        ),
+    )
+    pattern: str = key("spiral", "spiral, raster, contour or fermat", option=Option("--pattern", PATH, "NAME"))
+    region: str = key(
+        "auto",
+        "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE or faces:FILE (mm)",
+        option=Option("--region", PART, "REGION"),
+    )
+    feature_angle_rad: float = key(
+        math.radians(30.0),
+        "edges that bend by more than this bound a smooth face [rad]",
+        math.radians(1.0),
+        math.radians(175.0),
+        option=Option("--feature-angle", PART, "DEG", DEG),
+    )
+    edge_margin_m: float = key(
+        0.0,
+        "how far the region keeps from its edges, along the surface [m]",
+        0.0,
+        0.5,
+        option=Option("--edge-margin", PART, "MM", MM),
+    )
+    stepover_m: float = key(
+        0.008, "distance between neighbouring turns [m]", 0.0002, 1.0, option=Option("--stepover", PATH, "MM", MM)
+    )
+    bridge_m: float = key(0.02, "holes up to this diameter are run over by the pad [m]", 0.0, 0.5)
+    order: str = key("inward", "spiral, contour: inward or outward", option=Option("--order", PATH, "NAME"))
+    direction: str = key(
+        "conventional",
+        "spiral, contour: conventional (what is not done yet on the left) or climb",
+        option=Option("--direction", PATH, "NAME"),
+    )
+    start: tuple[float, ...] = key(
+        (),
+        "the path begins as near this point as pattern and order allow: x, y, z in the work frame [m]; empty = chosen",
+        length=3,
+        option=Option(
+            "--start",
+            PATH,
+            "X,Y,Z",
+            MM,
+            help="begin the path as near this point of the part (mm) as its pattern and order allow; default: chosen",
+        ),
+    )
+    raster_direction: tuple[float, ...] = key(
+        (),
+        "direction of the raster's lines: x, y, z in the work frame; empty = along the region's long axis",
+        length=3,
+        option=Option(
+            "--raster-direction",
+            PATH,
+            "X,Y,Z",
+            DIRECTION,
+            help="raster: direction of the lines; default: along the region's long axis",
+        ),
+    )
+    clearance_m: float = key(0.03, "height of the first and last point above the part [m]", 0.001, 0.5)
+    lead_in: str = key("normal", "how the tool lands: normal, tangent or arc", option=Option("--lead-in", AXIS, "NAME"))
+    lead_angle_rad: float = key(
+        0.0,
+        "the tool leans this far forward, along the feed [rad]",
+        -MOST_LEAN_RAD,
+        MOST_LEAN_RAD,
+        option=Option("--lead-angle", AXIS, "DEG", DEG),
+    )
+    tilt_angle_rad: float = key(
+        0.0,
+        "the tool leans this far to the left of the feed [rad]",
+        -MOST_LEAN_RAD,
+        MOST_LEAN_RAD,
+        option=Option("--tilt-angle", AXIS, "DEG", DEG),
+    )
+    axis_smoothing_m: float = key(
+        0.0,
+        "the tool axis is averaged over this length of the path, 0 = not [m]",
+        0.0,
+        1.0,
+        option=Option("--axis-smoothing", AXIS, "MM", MM),
+    )
+    axis_deviation_rad: float = key(
+        math.radians(5.0),
+        "averaging turns the tool axis by no more than this [rad]",
+        0.0,
+        MOST_LEAN_RAD,
+        option=Option("--axis-deviation", AXIS, "DEG", DEG, help="largest turn --axis-smoothing may give a tool axis"),
+    )
+
+
+@dataclass(frozen=True)
+class ProcessConfig:
+    """What the tool is asked to do on the part."""
+
+    contact_force_n: float = key(
+        20.0, "force to hold along the tool axis [N]", 0.5, 200.0, option=Option("--contact-force", TOOL, "N", NEWTON)
+    )
+    feed_m_s: float = key(0.01, "speed along the path [m/s]", 1e-4, 0.5, option=Option("--feed", TOOL, "MM/S", MM_S))
+    approach_speed_m_s: float = key(0.005, "speed of the approach [m/s]", 1e-4, 0.1)
+    hold_s: float = key(4.0, "how long `force` holds after first contact [s]", 1.0, 600.0)
+    contact_threshold_n: float = key(
+        2.0, "measured force that counts as contact; if the sensor is noisier, 5 sigma of its noise do [N]", 0.1, 50.0
+    )
+    tare: str = key("start", "when the sensor is zeroed in free space: start (of the run) or strokes (before each one)")
+    search_depth_m: float = key(0.01, "how far past the nominal surface contact is sought [m]", 0.0, 0.1)
+    preston_1_pa: float = key(
+        0.0, "wear coefficient of Preston's law, removal = this x pressure x way; 0 = unknown, removal relative [1/Pa]",
+        0.0, 1.0,
+    )  # fmt: skip
+    max_feed_s: float = key(0.0, "stop the feed after this long, 0 = the whole path [s]", 0.0, 1e6)
+
+
+@dataclass(frozen=True)
+class SmoothingConfig:
+    """How way points become a motion."""
+
+    rule: str = key(
+        "spline",
+        "surface: spline, certified, joint-jerk, joint-acceleration, or none: at the feed whatever it takes; "
+        "smooth plays the three in the middle",
+    )
+    tolerance_m: float = key(1e-4, "how far the tool may be from the path, 0 = exact (not with spline) [m]", 0.0, 0.01)
+    axis_tolerance_rad: float = key(
+        math.radians(0.2), "how far the tool axis may be from its way, 0 = exact (not with spline) [rad]", 0.0, 0.2
+    )
+    limits_file: str = key("", "TOML file of limits, see 'smooth --limits'; empty = the experiment's own")

@@ -1,0 +1,49 @@
+"""TOML as text, each key with its comment: the one writer of configs and calibrations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+
+def toml_text(values: Mapping[str, Any], comments: Mapping[str, str] | None = None) -> str:
+    """Write a nested table as TOML.
+
+    Args:
+        values: Text, numbers, booleans, lists and numpy arrays of them by name; a mapping becomes a section.
+        comments: By dotted name; each stands behind its key or section.
+
+    Returns:
+        The text, keys before sections, in the order given.
+    """
+    import tomlkit
+
+    document = tomlkit.document()
+    _fill(document, values, comments or {}, "")
+    return tomlkit.dumps(document)
+
+
+def _fill(table: Any, values: Mapping[str, Any], comments: Mapping[str, str], place: str) -> None:
+    import tomlkit
+
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            continue
+        item = tomlkit.item(_plain(value))
+        if f"{place}{name}" in comments:
+            item.comment(comments[f"{place}{name}"])
+        table.add(name, item)
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            section = tomlkit.table()
+            if f"{place}{name}" in comments:
+                section.comment(comments[f"{place}{name}"])
+            _fill(section, value, comments, f"{place}{name}.")
+            table.add(name, section)
+
+
+def _plain(value: Any) -> Any:
+    """Lists for tuples and arrays, Python's numbers for numpy's."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    return [_plain(entry) for entry in value] if isinstance(value, (list, tuple)) else value
