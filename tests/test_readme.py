@@ -20,8 +20,8 @@ PYTHON = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 def test_every_command_line_names_existing_commands_and_options(line: str) -> None:
     name, *words = line.split()
     command = typer.main.get_command(commands).commands[name]  # type: ignore[attr-defined]
-    if hasattr(command, "commands"):  # a group: the next word names the command
-        command = command.commands[words[0]]
+    if hasattr(command, "get_command"):  # a group: the next word names the command
+        command = command.get_command(None, words[0])
     options = {option for parameter in command.params for option in parameter.opts}
     assert {word for word in words if word.startswith("--")} <= options | {"--help"}
 

@@ -13,7 +13,7 @@ from typing import Final, Self
 import numpy as np
 
 from polish_sim.arrays import Array, Bools
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, near_file
 
 OTHER_SEPARATORS: Final = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
@@ -79,7 +79,7 @@ class Columns:
         try:
             text = file.read_text(encoding="utf-8-sig")
         except OSError as error:
-            raise InputError(f"cannot read the {kind}s '{file}': {error.strerror}.") from error
+            raise InputError(f"cannot read the {kind}s '{file}': {error.strerror}.{near_file(file)}") from error
         except UnicodeDecodeError as error:
             raise InputError(f"'{file}' is not a text file ({error.reason}). Give a CSV of {content}.") from error
         return cls.parse(file, text, kind)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.errors import CalibrationError, InputError
+from polish_sim.errors import CalibrationError, InputError, near_file
 from polish_sim.spatial import transform
 from polish_sim.tables import Columns
 
@@ -180,7 +180,7 @@ def _read(file: Path) -> Mapping[str, Any]:
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"cannot read the calibration '{file}': {error.strerror}.") from error
+        raise InputError(f"cannot read the calibration '{file}': {error.strerror}.{near_file(file)}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"the calibration '{file}' is not valid TOML: {error}.") from error
 
