@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -13,7 +14,6 @@ from polish_sim.analysis.run_record import RunRecord
 from polish_sim.cell.carrier import FIRST_JOINT
 from polish_sim.config import Scenario
 from polish_sim.dual import task
-from polish_sim.dual.dual import build_dual_cell
 from polish_sim.dual.experiment import FREE_CLAIMS, PRESSING_CLAIMS
 from polish_sim.dual.frames import true_chain
 from polish_sim.dual.plots import plot_dual
@@ -32,6 +32,7 @@ from polish_sim.spatial import inverse
 FREE = ("dual.standoff_m=0.005", "process.feed_m_s=0.05", "dual.master_speed_m_s=0.02", "process.max_feed_s=2")
 EXACT = ("dual.tracker_noise_m=0", "dual.touch_noise_m=0")
 MILLIMETRE = 0.001
+PRESSED_S = 2.5
 
 
 def dual(*changes: str) -> Scenario:
@@ -59,7 +60,7 @@ def free() -> RunResult:
 
 @pytest.fixture(scope="module")
 def pressed() -> RunResult:
-    return run_experiment(dual("process.max_feed_s=4"))
+    return run_experiment(dual(f"process.max_feed_s={PRESSED_S}"))
 
 
 def test_the_run_has_the_figures_that_are_asked_of_it(free: RunResult, pressed: RunResult) -> None:
@@ -137,7 +138,7 @@ def test_arms_off_their_tables_are_brought_back_by_their_calibration(free: RunRe
 
 
 def test_a_part_that_slips_in_the_gripper_shows_in_the_error_of_the_tool_on_it() -> None:
-    run = run_experiment(dual("process.max_feed_s=2", "faults.events=part-shift@contact+0.8"))
+    run = run_experiment(dual("process.max_feed_s=1.2", "faults.events=part-shift@contact+0.8"))
     assert run.figures["relative_error_max_m"] == pytest.approx(0.01, rel=0.05)
     assert run.figures["tracking_error_worst_m"] < 1e-4
 
@@ -188,13 +189,13 @@ def test_the_force_is_held_on_the_moving_rim(pressed: RunResult) -> None:
     assert figures["force_mean_n"] == pytest.approx(20.0, abs=0.2)
     assert figures["tracking_error_worst_m"] <= 1e-4
     assert figures["relative_error_rms_m"] <= 6e-5
-    assert figures["master_way_m"] == pytest.approx(0.005 * (4.0 - 0.25), abs=0.001)
+    assert figures["master_way_m"] == pytest.approx(0.005 * (PRESSED_S - 0.25), abs=0.001)
 
 
 def test_the_moving_part_loses_what_one_at_rest_would_to_a_single_robot(pressed: RunResult) -> None:
     dual_run = pressed.scenario
     plan = measure_given_path(pressed.path, dual_run.part, dual_run.plan, dual_run.process, dual_run.pad)
-    alone = override(default_scenario("surface"), ["part.file=wheel_hub_rim", "process.max_feed_s=4"])
+    alone = override(default_scenario("surface"), ["part.file=wheel_hub_rim", f"process.max_feed_s={PRESSED_S}"])
     still = run_experiment(alone, plan)
     # How it is spread differs a little: the pad levels itself about its own y axis, which the robots hold differently.
     assert pressed.figures["exposure_nm"] == pytest.approx(still.figures["exposure_nm"], rel=0.005)
@@ -203,10 +204,10 @@ def test_the_moving_part_loses_what_one_at_rest_would_to_a_single_robot(pressed:
     assert pressed.log["exposure_nm"][-1] == pytest.approx(taken, rel=1e-9)
 
 
-def test_the_same_seed_gives_the_same_log(pressed: RunResult) -> None:
-    again = run_experiment(pressed.scenario)
+def test_the_same_seed_gives_the_same_log(free: RunResult) -> None:
+    again = run_experiment(free.scenario)
     for name in again.log.names:
-        np.testing.assert_array_equal(again.log[name], pressed.log[name])
+        np.testing.assert_array_equal(again.log[name], free.log[name])
 
 
 def test_the_path_runs_around_the_middle_of_the_rim_on_its_surface() -> None:
@@ -218,6 +219,7 @@ def test_the_path_runs_around_the_middle_of_the_rim_on_its_surface() -> None:
     assert place.path.axes_work[:, 2].min() > 0.9999
 
 
+@cache
 def two_stretches() -> PlanResult:
     """The rim's path, a piece of it lifted off the part."""
     scenario = dual()
@@ -233,7 +235,7 @@ def two_stretches() -> PlanResult:
 def test_a_path_of_two_stretches_is_pressed_in_two_strokes() -> None:
     plan = two_stretches()
     scenario = dual("process.feed_m_s=0.05")
-    assert len(build_dual_cell(scenario, prepare_dual(scenario, plan))[1]) == 2
+    assert len(prepare_dual(scenario, plan).strokes) == 2
 
 
 def test_the_reach_is_checked_beforehand() -> None:
@@ -251,7 +253,6 @@ def test_the_reach_is_checked_beforehand() -> None:
             "the follower .* --set dual.follower_pose=.-1.1,0,0,0,0,3.14",
         ),
         (["part.pose=[0,2,0.3,0,0,0]"], ReachError, "the master does not reach the first pose.*leave --part-pose"),
-        (["dual.follower_pose=[-0.35,0,0,0,0,3]"], ReachError, "cannot do this"),
         (
             ["dual.master_speed_m_s=0.25"],
             ReachError,

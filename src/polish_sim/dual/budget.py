@@ -1,7 +1,7 @@
 """Error budget of the tool on the part, two arms calibrated as `run dual` calibrates them.
 
-Noise of the instruments goes through the calibration of bases, tool and part, and through their adjustment to closing
-touches, to the tool's place on the rim: once to first order, by covariances, and once drawn, the noise of each source
+Noise of the instruments propagates through the calibration of bases, tool and part, and through their adjustment to
+closing touches, to the tool's place on the rim: to first order, by covariances, and drawn, the noise of each source
 alone and of all together. To first order the error is, in the part's axes,
 R_work_flange (t + psi x r_mark) - R_work_master (d + phi x r_base) - R_work_tool R_tool_flange p:
 d, phi of the follower's base in the master's, t, psi of the part on its flange, p of the tip on its own.
@@ -17,12 +17,8 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.config import DualConfig
-from polish_sim.dual.calibrate_bases import BaseTrial, planted_bases, simulate_arcs
-from polish_sim.dual.calibrate_tcp import TcpTrial, planted_tool, simulate_touches
-from polish_sim.dual.calibration.circle import base_from_meeting_axes, fit_circle
 from polish_sim.dual.calibration.error_length import length_quantile, quadratic_tail
-from polish_sim.dual.calibration.matched_points import point_covariance, point_slopes, relative_frame
-from polish_sim.dual.calibration.measurements import ROBOTS
+from polish_sim.dual.calibration.matched_points import point_slopes
 from polish_sim.dual.calibration.pair import (
     BASES,
     LEAST_NOISE,
@@ -33,12 +29,11 @@ from polish_sim.dual.calibration.pair import (
     PairParts,
     adjust_pair,
 )
-from polish_sim.dual.calibration.tool import fit_tool_point
 from polish_sim.dual.calibration.tool_checks import TOOL_DOWN
 from polish_sim.dual.chain import ClosedChain
 from polish_sim.dual.frames import PairFrames, Site, believed_chain, find_parts, tool_errors, touch_marks, true_chain
 from polish_sim.dual.placement import default_poses
-from polish_sim.spatial import apply, inverse, transform
+from polish_sim.spatial import apply, transform
 
 TOGETHER: Final = "together"
 DESIGNS: Final = 10
@@ -82,33 +77,33 @@ class PairBudgetTrial:
 
 
 class Share(NamedTuple):
-    """What one source, or all, does to the tool on the part."""
+    """The error of the tool on the part from one source, or all."""
 
     predicted_rms_m: float
     """To first order, by covariances."""
     drawn_rms_m: float
     drawn_rms_std_m: float
-    """How well the draws tell their rms."""
+    """Standard error of the drawn rms."""
     predicted_p95_m: float
     """95% of the errors, over calibrations and places, are no larger."""
     drawn_p95_m: float
     predicted_axial_share: float
-    """Of the mean square, what lies along the tool axis: pressed on the part, the force loop takes it."""
+    """Of the mean square, the share along the tool axis: in contact, the force loop removes it."""
     drawn_axial_share: float
     predicted_across_rms_m: float
-    """What is left for the force loop not to take."""
+    """What the force loop does not remove."""
     drawn_across_rms_m: float
 
     @property
     def deviation_sigma(self) -> float:
-        """Drawn minus predicted, over how well the draws tell it; nothing where there is no noise but rounding."""
+        """Drawn minus predicted, over its standard error; 0 where there is no noise but rounding."""
         if max(self.drawn_rms_m, self.predicted_rms_m) < LEAST_NOISE:
             return 0.0
         return (self.drawn_rms_m - self.predicted_rms_m) / self.drawn_rms_std_m if self.drawn_rms_std_m else 0.0
 
 
 class Prediction(NamedTuple):
-    """What covariances say of the tool on the part, to first order."""
+    """Covariances of the tool on the part, to first order."""
 
     slopes: Array
     """How the tool's place on the part moves with the 15 unknowns, work frame, shape (points, 3, 15)."""
@@ -175,7 +170,7 @@ def compare_shares(
     """Predicted beside drawn, source by source.
 
     Args:
-        trial: What was predicted and drawn.
+        trial: The trial.
         covariances: By source [m^2], each (points, 3, 3).
         errors: By source [m], each (draws, points, 3); two draws or more.
     """
@@ -189,7 +184,7 @@ def budget_figures(
     """The figures of the whole, as analysis and as the draws have them.
 
     Args:
-        trial: What was predicted and drawn.
+        trial: The trial.
         prediction: Of it.
         shares: By source and together.
         errors: Together, draw by draw, work frame [m], shape (draws, points, 3).
@@ -271,96 +266,3 @@ def _slopes(trial: PairBudgetTrial, true: ClosedChain) -> Array:
     J[..., TIP] = -trial.T_work_tool[:, :3, :3] @ true.T_flange_tool[:3, :3].T
     J[..., PART] = R_work_flange @ point_slopes(T_flange_work, apply(T_flange_work, points))
     return J
-
-
-# Error budget of two calibrated arms: from an instrument's noise to the tool on the part.
-#
-# The follower's tip relative to the master's, both arms exactly as their tables say: what is left is calibration. To
-# first order the error is R2 dp2 - R1 dp1 + (d + phi x r): dp are the tips' errors on their flanges, d and phi those
-# of the follower's base in the master's, r runs from that base to the tip.
-
-R_MASTER, R_FOLLOWER = np.diag([-1.0, 1.0, -1.0]), TOOL_DOWN
-"""How the flanges stand in their own bases while they work."""
-MEETING_POINT = np.array([-0.5, -0.1, 0.45])
-"""Where the tools meet, master base [m]: half way between the bases."""
-
-
-@dataclass(frozen=True)
-class BudgetTrial:
-    """Calibrations of two tools and two bases, again and again."""
-
-    tool: TcpTrial = field(default_factory=TcpTrial)
-    base: BaseTrial = field(default_factory=BaseTrial)
-    draws: int = 200
-    seed: int = 0
-
-
-class ErrorBudgetShare(NamedTuple):
-    """What one calibration does to the relative tool position, 3D rms."""
-
-    drawn: float
-    """Over the draws [m]."""
-    stated: float
-    """By the calibrations' own covariances [m]."""
-
-
-class ErrorBudget(NamedTuple):
-    """Where the error of the tool on the part comes from."""
-
-    shares: dict[str, ErrorBudgetShare]
-    """master tool, follower tool, bases, all."""
-    errors: Array
-    """Relative tool position, found minus true, master base, draw by draw [m], shape (n, 3)."""
-
-    @property
-    def p95(self) -> float:
-        """Size of the error that 95% stay below [m]."""
-        return float(np.percentile(np.linalg.norm(self.errors, axis=1), 95.0))
-
-
-def run_error_budget(trial: BudgetTrial) -> ErrorBudget:
-    """Draw calibrations and compare the errors at the tool with what their covariances say.
-
-    Args:
-        trial: Noise and poses of tools and bases, number of draws.
-
-    Returns:
-        Shares and errors.
-    """
-    rng = np.random.default_rng([trial.seed, 14])
-    drawn, stated = [], []
-    for _ in range(trial.draws):
-        tips = [_tip(trial.tool, rng) for _ in ROBOTS]
-        base = _base(trial.base, rng)
-        parts = [-R_MASTER @ tips[0][0], base[2] @ R_FOLLOWER @ tips[1][0], base[0]]
-        drawn.append(parts)
-        stated.append([np.trace(tips[0][1]), np.trace(tips[1][1]), np.trace(base[1])])
-    errors, variances = np.array(drawn), np.mean(stated, axis=0)
-    names = ("master tool", "follower tool", "bases")
-    shares = {name: ErrorBudgetShare(_rms(errors[:, k]), float(np.sqrt(variances[k]))) for k, name in enumerate(names)}
-    total = errors.sum(axis=1)
-    shares["all"] = ErrorBudgetShare(_rms(total), float(np.sqrt(variances.sum())))
-    return ErrorBudget(shares, total)
-
-
-def _tip(trial: TcpTrial, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Error of a tip on its flange and its covariance."""
-    T_flange_tool = planted_tool(rng)
-    found = fit_tool_point(simulate_touches(trial, T_flange_tool, rng).touches, trial.noise)
-    return found.point - T_flange_tool[:3, 3], found.covariance[:3, :3]
-
-
-def _base(trial: BaseTrial, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Error at the meeting point through the follower's base, its covariance, and how that base stands."""
-    truth = planted_bases(rng)
-    arcs = simulate_arcs(truth, trial.points or 200, trial.noise, rng).arcs
-    bases = {r: base_from_meeting_axes(*(fit_circle(points, trial.noise) for points in arcs[r])) for r in ROBOTS}
-    first, second = (bases[robot] for robot in ROBOTS)
-    T, covariance = relative_frame(first.T, first.covariance, second.T, second.covariance)
-    point_follower = apply(inverse(truth.T_master_follower), MEETING_POINT[None])
-    error = apply(T, point_follower)[0] - MEETING_POINT
-    return error, point_covariance(covariance, MEETING_POINT - T[:3, 3]), truth.T_master_follower[:3, :3]
-
-
-def _rms(errors: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
