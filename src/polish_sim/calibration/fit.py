@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import permutations, product
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -226,6 +227,13 @@ def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
     floor = max(kind.floor / float(scale[kind.columns][0]) for kind in problem.noises)
     noise = np.maximum(others, floor**2)
     return x, np.asarray(distance / noise / k <= _fisher(k, np.maximum(freedom - own * k, 1.0)))
+
+
+def column_orders(values: Array, prefix: str = "") -> Iterator[tuple[Array, str]]:
+    """Three columns (n, 3) in every order and with every sign, and how x, y, z are then read."""
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        names = [("-" if s < 0.0 else "") + prefix + "xyz"[axis] for axis, s in zip(order, signs, strict=True)]
+        yield values[:, order] * signs, ", ".join(names)
 
 
 def _fisher(k: int, freedom: Array | float) -> Any:

@@ -13,13 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import permutations, product
 
 import numpy as np
 
 from polish_sim.arrays import Array, Bools
-from polish_sim.calibration.fit import Noise, Problem, agreeing, fit
-from polish_sim.calibration.tables import ROTATION_TOLERANCE
+from polish_sim.calibration.fit import Noise, Problem, agreeing, column_orders, fit
+from polish_sim.calibration.tables import no_rotations
 from polish_sim.errors import CalibrationError
 
 GRAVITY = 9.81  # [m/s^2], the model's
@@ -39,7 +38,7 @@ _BETTER, _GOOD = 0.2, 0.05
 
 
 def check_identifiable(up_sensor: Array) -> None:
-    """Refuse poses from which mass, centre and bias cannot be told apart.
+    """Refuse poses from which mass, centre and bias cannot be separated.
 
     A weight shows only by how its direction changes in the sensor: readings differ by m g times the difference of
     two up directions and by its moment. Differences along one line leave the centre along that line unseen.
@@ -48,7 +47,7 @@ def check_identifiable(up_sensor: Array) -> None:
         up_sensor: Unit vectors against gravity in the sensor frame, shape (n, 3).
 
     Raises:
-        CalibrationError: Saying what cannot be told and which pose is missing.
+        CalibrationError: Saying what is unknown and which pose is missing.
     """
     count = len(up_sensor)
     if count < LEAST_READINGS:
@@ -61,14 +60,14 @@ def check_identifiable(up_sensor: Array) -> None:
     if spread[0] < LEAST_SPREAD:
         raise CalibrationError(
             f"gravity pulls in nearly the same direction of the sensor in all {count} poses (they differ by "
-            f"{np.degrees(spread[0]):.2g} deg rms): neither mass nor centre can be told from the bias. Turn the tool: "
-            "sideways, over head, about its own axis."
+            f"{np.degrees(spread[0]):.2g} deg rms): neither mass nor centre can be separated from the bias. "
+            "Turn the tool: sideways, over head, about its own axis."
         )
     if spread[1] < LEAST_SPREAD:
         x, y, z = axes[0]
         raise CalibrationError(
             f"gravity changes along one line of the sensor only, ({x:.2f}, {y:.2f}, {z:.2f}): the centre of mass along "
-            "it cannot be told from the torque bias. Add a pose that turns the tool about another axis."
+            "it cannot be separated from the torque bias. Add a pose that turns the tool about another axis."
         )
 
 
@@ -103,9 +102,7 @@ class PayloadReadings:
             raise CalibrationError(f"readings need times (n,), rotations (n, 3, 3), wrenches (n, 6); got {shapes}.")
         if not all(np.isfinite(a).all() for a in (self.time, self.R_base_sensor, self.wrenches)):
             raise CalibrationError("a reading holds a value that is not finite: leave it out.")
-        turned = np.swapaxes(self.R_base_sensor, 1, 2) @ self.R_base_sensor
-        wrong = np.abs(turned - np.eye(3)).max(axis=(1, 2), initial=0.0) > ROTATION_TOLERANCE
-        wrong |= np.linalg.det(self.R_base_sensor) < 0.0
+        wrong = no_rotations(self.R_base_sensor)
         if wrong.any():
             raise CalibrationError(f"the orientation of reading {int(np.argmax(wrong)) + 1} is not a rotation matrix.")
         for array in (self.time, self.R_base_sensor, self.wrenches):
@@ -286,8 +283,7 @@ def refuse_swapped_columns(readings: PayloadReadings) -> None:
     """Refuse forces or torques that follow a weight far better in another order or with other signs.
 
     Raises:
-        CalibrationError: Naming what fits, or the poses do not suffice. Forces of the opposite sign all three are
-            left to the fit, which says so.
+        CalibrationError: Naming what fits, or the poses do not suffice.
     """
     check_identifiable(readings.up_sensor)
     X = payload_regressor(readings.up_sensor)
@@ -322,14 +318,10 @@ def _refuse_swapped(X: Array, y: Array, letter: str, possible: Callable[[Array],
     left = _left(X, y)[0]
     if left < _GOOD * float(np.std(y - y.mean(axis=0))):
         return
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        if order == (0, 1, 2) and max(signs) < 0.0:
-            continue
-        rest, theta = _left(X, y[:, order] * signs)
-        if rest < _BETTER * left and possible(theta):
-            named = ", ".join(
-                ("-" if s < 0.0 else "") + letter + "xyz"[axis] for axis, s in zip(order, signs, strict=True)
-            )
+    for read, named in column_orders(y, letter):
+        rest, theta = _left(X, read)
+        # The opposite sign of all three is left to the fit.
+        if rest < _BETTER * left and possible(theta) and not np.array_equal(read, -y):
             raise CalibrationError(
                 f"{letter}x, {letter}y, {letter}z follow the tool's weight far better if they are read as {named}: "
                 "columns are swapped, a sign is lost, or the sensor stands otherwise than its orientations say."

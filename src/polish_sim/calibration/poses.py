@@ -10,7 +10,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.calibration.payload import condition_of, payload_regressor
-from polish_sim.calibration.tables import ROTATION_TOLERANCE
+from polish_sim.calibration.tables import no_rotations
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward
 
@@ -102,9 +102,6 @@ def _short_way(places: Array) -> Indices:
     return np.array(order)
 
 
-# What every pose a calibration is given must satisfy.
-
-
 def check_poses(T: Array, kind: str) -> None:
     """Refuse what is no stack of rigid transforms.
 
@@ -120,9 +117,7 @@ def check_poses(T: Array, kind: str) -> None:
     bad = ~np.isfinite(T).all(axis=(1, 2))
     if bad.any():
         raise CalibrationError(f"{kind} {int(np.argmax(bad)) + 1} holds a value that is not finite: leave it out.")
-    R = T[:, :3, :3]
-    wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0) > ROTATION_TOLERANCE
-    wrong |= np.linalg.det(R) < 0.0
+    wrong = no_rotations(T[:, :3, :3])
     if wrong.any():
         raise CalibrationError(
             f"the orientation of {kind} {int(np.argmax(wrong)) + 1} is not a right-handed rotation: "

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Bools
 from polish_sim.errors import CalibrationError, InputError, near_file
 from polish_sim.spatial import transform
 from polish_sim.tables import Columns
@@ -29,6 +29,12 @@ FULL_TURN: Final = 2.0 * np.pi + 0.01
 _LARGEST_RATIO = 100.0
 REACH: Final = (0.02, 5.0)
 """How far from its base a robot's flange or tip is, in the middle of all lines, whatever the robot [m]."""
+
+
+def no_rotations(R: Array) -> Bools:
+    """Which of some matrices (n, 3, 3) are no right-handed rotations, shape (n,)."""
+    wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0) > ROTATION_TOLERANCE
+    return np.asarray(wrong | (np.linalg.det(R) < 0.0))
 
 
 class Measured(Columns):
@@ -105,8 +111,7 @@ class Measured(Columns):
                 f"'{self.file}', {self.place(row)}: rx_rad to rz_rad turn by more than once round. Are they degrees?"
             )
         R = forms[given](values)
-        wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2)) > ROTATION_TOLERANCE
-        wrong |= np.linalg.det(R) < 0.0
+        wrong = no_rotations(R)
         if wrong.any():
             said = "a unit quaternion" if given == QUATERNION else "a rotation matrix (orthonormal, right-handed)"
             place = self.place(int(np.argmax(wrong)))

@@ -1,13 +1,12 @@
-"""Experiment ``calibrate base``: where the follower robot's base stands in the master's.
+"""``calibrate base`` and ``calibrate arm``: where the follower's base stands in the master's, and both arms' tables.
 
-Kinematics and a tracker's noise only; the bases are planted anew by the seed, about a metre apart.
+Kinematics and a tracker's noise only; bases, about a metre apart, and arms are drawn by the seed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
@@ -38,13 +37,13 @@ from polish_sim.motion import forward
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import apply, from_pose, inverse, rotation_angle
 
-Flanges = Callable[[Array], Array]
-"""Poses of a flange in its base, (n, 4, 4), from joint angles (n, 6)."""
-
 TARGET: Final = np.array([-0.03, 0.02, 0.05])
 """The tracker's target on the flange [m]: outwards, which makes the circles larger."""
 ARCS: Final = ((-60.0, 60.0), (-120.0, 0.0))
 """Joint angles of the arcs of axis 1 and axis 2 [deg]: the arm stays above its base."""
+LOW, HIGH = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
+"""Joint angles of tracked poses, drawn evenly between [rad]."""
+CHECKS: Final = 400  # poses in which calibrated arms are compared with the true ones
 AWAY: Final = 1.0
 """Where a frame's error at a distance is given [m]."""
 
@@ -75,7 +74,7 @@ class TrueBases(NamedTuple):
 
 @dataclass(frozen=True)
 class BasesFound:
-    """What a calibration leaves behind."""
+    """Measurements, calibration and figures."""
 
     measured: BaseMeasurements
     found: BaseCalibration
@@ -87,7 +86,7 @@ def calibrate_base_from(measured: BaseMeasurements) -> BasesFound:
     """Calibrate from measurements of real robots; there is no truth to compare with.
 
     Raises:
-        CalibrationError: If they do not tell the bases.
+        CalibrationError: If they do not determine the bases.
     """
     found = measured.fit()
     return BasesFound(measured, found, base_figures(found) | _stated(found))
@@ -104,7 +103,7 @@ def run_base_calibration(trial: BaseTrial) -> BasesFound:
 
     Raises:
         InputError: Unknown method.
-        CalibrationError: If the measurements do not tell the bases.
+        CalibrationError: If the measurements do not determine the bases.
     """
     if trial.method not in SIMULATED:
         raise unknown_name("method", trial.method, SIMULATED)
@@ -128,21 +127,16 @@ def planted_bases(rng: np.random.Generator) -> TrueBases:
 def simulate_arcs(
     truth: TrueBases, count: int, noise: float, rng: np.random.Generator, tables: Mapping[str, Array] | None = None
 ) -> AxisArcs:
-    """Axis 1, then axis 2 of each robot turns, at joint angles nobody reads; ``tables``: of arms as they are built."""
-    flanges = {r: partial(forward, table=tables[r] if tables else NOMINAL) for r in ROBOTS}
-    return AxisArcs(
-        {r: (_arc(T, flanges[r], 0, count, noise, rng), _arc(T, flanges[r], 1, count, noise, rng))
-         for r, T in truth.T_tracker.items()}
-    )  # fmt: skip
+    """Axis 1, then axis 2 of each robot turns, at unrecorded joint angles; ``tables``: of arms as they are built."""
 
+    def arc(robot: str, joint: int) -> Array:
+        q = np.zeros((count, 6))
+        first, last = np.radians(ARCS[joint])
+        q[:, joint] = np.sort(np.r_[first, last, rng.uniform(first, last, max(count - 2, 0))])[:count]
+        own = _target(forward(q, NOMINAL if tables is None else tables[robot]))
+        return apply(truth.T_tracker[robot], own) + noise * rng.standard_normal((count, 3))
 
-def _arc(
-    T_tracker_base: Array, flanges: Flanges, joint: int, count: int, noise: float, rng: np.random.Generator
-) -> Array:
-    q = np.zeros((count, 6))
-    first, last = np.radians(ARCS[joint])
-    q[:, joint] = np.sort(np.r_[first, last, rng.uniform(first, last, max(count - 2, 0))])[:count]
-    return apply(T_tracker_base, _target(flanges(q))) + noise * rng.standard_normal((count, 3))
+    return AxisArcs({robot: (arc(robot, 0), arc(robot, 1)) for robot in truth.T_tracker})
 
 
 def _target(T: Array) -> Array:
@@ -152,10 +146,9 @@ def _target(T: Array) -> Array:
 
 def simulate_poses(truth: TrueBases, count: int, noise: float, rng: np.random.Generator) -> BaseMeasurements:
     """Each robot holds the target still in poses all over its workspace; where it is, its joints say."""
-    low, high = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
     points = {}
     for robot, T in truth.T_tracker.items():
-        own = _target(forward(rng.uniform(low, high, (count, 6))))
+        own = _target(forward(rng.uniform(LOW, HIGH, (count, 6))))
         points[robot] = (apply(T, own) + noise * rng.standard_normal(own.shape), own)
     return TrackedPoses(points)
 
@@ -175,25 +168,20 @@ SIMULATED: Final[Mapping[str, tuple[Callable[..., BaseMeasurements], int]]] = Ma
 
 
 def _stated(found: BaseCalibration) -> dict[str, Any]:
-    """Standard deviations the calibration itself states, of the worse base, and of what lies a metre away."""
+    """Stated standard deviations: of the worse base and its z axis, and of a point a metre away from it, rms over both
+    ways along its axes."""
     figures: dict[str, Any] = {"relative_origin_std_m": float(np.sqrt(np.trace(found.covariance[:3, :3])))}
-    if found.bases:
-        each = [(np.sqrt(np.trace(C[:3, :3])), axis_deviation(T, C)) for T, C in found.bases.values()]
-        figures |= {"origin_std_m": float(max(e[0] for e in each)), "axis_std_rad": float(max(e[1] for e in each))}
-        figures["point_std_1m_m"] = max(_std_away(T, C) for T, C in found.bases.values())
-    return figures
-
-
-def _std_away(T: Array, covariance: Array) -> float:
-    """3D standard deviation of what a base carries a metre away [m], rms over both ways along its three axes."""
-    offsets = AWAY * np.concatenate([T[:3, :3].T, -T[:3, :3].T])
-    return float(np.sqrt(np.mean([np.trace(point_covariance(covariance, offset)) for offset in offsets])))
-
-
-def axis_deviation(T: Array, covariance: Array) -> float:
-    """Rms tilt of a base's z axis [rad], from the covariance of its rotation."""
-    across = np.eye(3) - np.outer(T[:3, 2], T[:3, 2])
-    return float(np.sqrt(np.trace(across @ covariance[3:, 3:] @ across)))
+    if not found.bases:
+        return figures
+    origins, tilts, ends = [], [], []
+    for T, C in found.bases.values():
+        across = np.eye(3) - np.outer(T[:3, 2], T[:3, 2])
+        offsets = AWAY * np.concatenate([T[:3, :3].T, -T[:3, :3].T])
+        origins.append(np.sqrt(np.trace(C[:3, :3])))
+        tilts.append(np.sqrt(np.trace(across @ C[3:, 3:] @ across)))
+        ends.append(np.sqrt(np.mean([np.trace(point_covariance(C, offset)) for offset in offsets])))
+    names = ("origin_std_m", "axis_std_rad", "point_std_1m_m")
+    return figures | {name: float(max(values)) for name, values in zip(names, (origins, tilts, ends), strict=True)}
 
 
 def _errors(found: BaseCalibration, truth: TrueBases) -> dict[str, Any]:
@@ -219,15 +207,6 @@ def _frame_error(prefix: str, T: Array, wanted: Array) -> dict[str, float]:
     }
 
 
-# Experiment ``calibrate arm``: two arms that are not as their tables say, and what puts that right.
-#
-# Kinematics and a tracker's noise only; arms and bases are planted anew by the seed.
-
-LOW, HIGH = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
-"""Joint angles of the poses, drawn evenly between [rad]."""
-CHECKS: Final = 400
-
-
 @dataclass(frozen=True)
 class ArmTrial:
     """Two arms with errors in their tables, measured by a tracker."""
@@ -243,7 +222,7 @@ class ArmTrial:
 
 @dataclass(frozen=True)
 class ArmsFound:
-    """What a calibration leaves behind."""
+    """Measurements, calibration and figures."""
 
     tracked: Mapping[str, TrackedArm]
     found: PairTables
@@ -257,7 +236,7 @@ def calibrate_arm_from(tracked: Mapping[str, TrackedArm]) -> ArmsFound:
     """Calibrate from poses of real arms; there is no truth to compare with.
 
     Raises:
-        CalibrationError: If they do not tell the arms.
+        CalibrationError: If they do not determine the arms.
     """
     found = fit_pair(tracked, None, Tolerance())
     return ArmsFound(tracked, found, pair_figures(tracked, found, Tolerance()))

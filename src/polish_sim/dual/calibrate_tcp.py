@@ -1,6 +1,6 @@
-"""Experiment ``calibrate tcp``: where the tool's tip is on the flange and how the tool stands.
+"""``calibrate tcp``: where the tool's tip is on the flange and how the tool stands.
 
-Kinematics only: what counts is how well a tip meets a point, and that is the stated noise.
+Kinematics only: the accuracy is that with which a tip meets a point, the stated noise.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class TcpTrial:
 
 @dataclass(frozen=True)
 class TcpCalibration:
-    """What a calibration leaves behind."""
+    """Measurements, calibration and figures."""
 
     measured: ToolMeasurements
     found: ToolFrameEstimate
@@ -59,7 +59,7 @@ def calibrate_tcp_from(measured: ToolMeasurements) -> TcpCalibration:
     """Calibrate from touches of a real robot; there is no truth to compare with.
 
     Raises:
-        CalibrationError: If they do not tell the tool.
+        CalibrationError: If they do not determine the tool.
     """
     found = fit_tool_frame(measured)
     return TcpCalibration(measured, found, tool_figures(measured, found))

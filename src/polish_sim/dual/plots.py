@@ -1,4 +1,4 @@
-"""Two robots at work: what both arms do, how well the tool keeps to its place on the part, and the force."""
+"""Figures of two robots: their run, the calibrations of tool, bases and arms, and the error budget."""
 
 from __future__ import annotations
 
@@ -19,6 +19,9 @@ BAND_N = 1.5
 WRIST_3 = 5
 LEGEND_SHARE = 0.3
 """Of the errors' range, kept free for their legend."""
+DARK = "#222222"
+_FRAME_COLOURS = (ORANGE, GREEN, BLUE)
+_MANY, _BINS = 100, 50
 
 
 @styled
@@ -126,15 +129,8 @@ def _mm(metrics: Mapping[str, Any], name: str) -> str:
     return "-" if value is None else f"{1e3 * value:.3f}"
 
 
-# Calibrations of tool and bases as pictures: points, fitted circles, axes, and what is left of each.
-
-_FRAME_COLOURS = (ORANGE, GREEN, BLUE)
-DARK = "#222222"
-_MANY = 100
-
-
 class Residuals(NamedTuple):
-    """What is left of one group of measurements."""
+    """Residuals of one group of measurements."""
 
     name: str
     distances: Array
@@ -158,7 +154,7 @@ class ToolScene(NamedTuple):
 
 
 class BaseScene(NamedTuple):
-    """Measured points and what was found from them, all in one frame."""
+    """Measured points and fitted circles, axes and bases, all in one frame."""
 
     points: Sequence[tuple[str, Array]]
     """Groups of points [m], each (n, 3)."""
@@ -268,11 +264,6 @@ def _residual_bars(axes: Axes, groups: Sequence[Residuals]) -> None:
             line.set_linewidth(1.4)
 
 
-# An error budget as a picture: each source as analysis and draws have it, and how large the whole is.
-
-_BINS = 50
-
-
 class Bar(NamedTuple):
     """Root mean squares of one source [m]."""
 
@@ -282,7 +273,7 @@ class Bar(NamedTuple):
     drawn: float
     drawn_across: float
     drawn_std: float
-    """How well the draws tell ``drawn``."""
+    """Standard error of ``drawn``."""
 
 
 class Total(NamedTuple):

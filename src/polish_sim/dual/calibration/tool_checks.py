@@ -1,18 +1,34 @@
-"""What a tool point is found from: flange poses with which the tool's tip touched one fixed point."""
+"""Touches of one fixed point with the tool's tip: which orientations to take, and what is refused.
+
+A touch says R_i p + t_i = c. Subtracting the mean of all leaves (R_i - mean R) p: the common part of the orientations
+gives no information. With M = I - mean(R)^T mean(R) the covariance of p is sigma^2 M^-1 / n (paper 2): the best is a
+mean rotation of zero, with 3D rms errors of sqrt(3 / n) sigma.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import permutations, product
+from itertools import permutations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
+from polish_sim.calibration.fit import column_orders
 from polish_sim.calibration.poses import check_poses
 from polish_sim.errors import CalibrationError
+
+TOOL_DOWN = np.diag([1.0, -1.0, -1.0])
+LEAST_TOUCHES = 4
+LEAST_SPREAD = 0.05
+"""Least square root of an eigenvalue of M [-]: poses that differ by about 3 deg rms about some direction."""
+SUSPECT = 2e-3
+"""Touches with smaller residuals are not suspected [m]."""
+LARGEST_LEFT = 5e-3
+"""No touches by hand miss by more than this [m]."""
+_BETTER = 0.1
 
 
 @dataclass(frozen=True)
@@ -38,17 +54,6 @@ class ToolTouches:
     def origins(self) -> Array:
         """Origins of the flange in the base frame [m], shape (n, 3)."""
         return self.T_base_flange[:, :3, 3]
-
-
-# Whether orientations of the flange tell where the tool's tip is.
-#
-# A touch says R_i p + t_i = c. Subtracting the mean of all leaves (R_i - mean R) p: what the orientations share says
-# nothing. With M = I - mean(R)^T mean(R) the covariance of p is sigma^2 M^-1 / n (paper 2): nothing is better than a
-# mean rotation of zero, and 3D rms errors of sqrt(3 / n) sigma.
-
-LEAST_TOUCHES = 4
-LEAST_SPREAD = 0.05
-"""Least square root of an eigenvalue of M [-]: poses that differ by about 3 deg rms about some direction."""
 
 
 def orientation_spread(R_base_flange: Array) -> tuple[Array, Array]:
@@ -87,18 +92,9 @@ def check_touches(R_base_flange: Array) -> None:
         x, y, z = directions[:, 0] * (1.0 if directions[np.argmax(np.abs(directions[:, 0])), 0] > 0.0 else -1.0)
         raise CalibrationError(
             f"the direction ({x:.2f}, {y:.2f}, {z:.2f}) of the flange points the same way in all {count} touches: the "
-            "tool point along it cannot be told. Poses that only spin, or a cone without a spin of its own, do that; "
+            "tool point along it is unknown. Poses that only spin, or a cone without a spin of its own, do that; "
             "'calibrate tcp' without --data writes poses that do not."
         )
-
-
-# Touches that fit only after columns are swapped or turned round: told from touches that are merely bad.
-
-SUSPECT = 2e-3
-"""Touches that leave less than this are not suspected [m]."""
-LARGEST_LEFT = 5e-3
-"""No touches by hand miss by more than this [m]."""
-_BETTER = 0.1
 
 
 def refuse_swapped(touches: ToolTouches) -> None:
@@ -110,9 +106,8 @@ def refuse_swapped(touches: ToolTouches) -> None:
     left = _median_left(touches.R, touches.origins)
     if left < SUSPECT:
         return
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        if _median_left(touches.R, touches.origins[:, order] * signs) < _BETTER * left:
-            named = ", ".join(("-" if s < 0.0 else "") + "xyz"[axis] for axis, s in zip(order, signs, strict=True))
+    for origins, named in column_orders(touches.origins):
+        if _median_left(touches.R, origins) < _BETTER * left:
             raise CalibrationError(
                 f"the touches fit to {1e3 * left:.2g} mm only, but well if x, y, z are read as {named}: columns are "
                 "swapped or a sign is lost."
@@ -126,7 +121,7 @@ def refuse_far_off(residuals: Array) -> None:
     """Refuse touches that no tip and no point explain.
 
     Args:
-        residuals: What their fit leaves [m], shape (n, 3).
+        residuals: Of their fit [m], shape (n, 3).
 
     Raises:
         CalibrationError: More than any touch by hand misses by.
@@ -141,7 +136,7 @@ def refuse_far_off(residuals: Array) -> None:
 
 
 def _orientations_otherwise(R: Array) -> Iterator[tuple[Array, str]]:
-    """The orientations as other files mean the same numbers."""
+    """The orientations if the same numbers are meant in another way."""
     yield np.swapaxes(R, 1, 2), "every orientation is turned round: it is that of the base in the flange"
     wxyz = Rotation.from_matrix(R).as_quat(scalar_first=True)
     for order in permutations(range(4)):
@@ -158,17 +153,12 @@ def _median_left(R: Array, origins: Array) -> float:
     return float(np.median(np.linalg.norm(A @ theta + origins, axis=1)))
 
 
-# Orientations in which touches tell the most about a tool's tip.
-#
-# With the tool tilted by theta towards n azimuths 2 pi k / n and turned about itself by twice the azimuth, the mean
-# rotation is cos(theta) e_z e_z^T exactly, for every n >= 4: the best a cone of theta allows. The 3D rms error is then
-# sigma sqrt((2 + 1 / sin(theta)^2) / n), within 5% of the best possible sqrt(3 / n) sigma from 62 deg on.
-
-TOOL_DOWN = np.diag([1.0, -1.0, -1.0])
-
-
 def plan_touch_orientations(count: int, cone: float) -> Array:
     """Orientations of the flange for touches of one point.
+
+    With the tool tilted by theta towards n azimuths 2 pi k / n and turned about itself by twice the azimuth, the mean
+    rotation is cos(theta) e_z e_z^T exactly, for every n >= 4: the best a cone of theta allows. The 3D rms error is
+    then sigma sqrt((2 + 1 / sin(theta)^2) / n), within 5% of the best possible from 62 deg on.
 
     Args:
         count: Number of touches, four or more.
@@ -184,8 +174,8 @@ def plan_touch_orientations(count: int, cone: float) -> Array:
         raise CalibrationError(f"{count} touches are too few for a tool point: give {LEAST_TOUCHES} or more.")
     if not math.radians(3.0) <= cone <= math.radians(90.0):
         raise CalibrationError(
-            f"a cone of {math.degrees(cone):g} deg: give 3 to 90 deg. Without a tilt no touch tells "
-            "how long the tool is."
+            f"a cone of {math.degrees(cone):g} deg: give 3 to 90 deg. Without a tilt the length "
+            "of the tool stays unknown."
         )
     azimuth = 2.0 * np.pi * np.arange(count) / count
     # Spin within half a turn either way, as a wrist has it.
