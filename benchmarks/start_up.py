@@ -1,8 +1,9 @@
-"""How long commands take before they do anything."""
+"""What a start costs, in units of importing the scientific stack, and how many kernels a first start compiles."""
 
 from __future__ import annotations
 
-import json
+import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -12,25 +13,35 @@ from pathlib import Path
 
 from benchmarks.table import Row
 
+STACK = "import numpy, scipy.optimize, scipy.spatial, mujoco, numba, matplotlib.pyplot"
+POLISH = str(Path(sys.executable).with_name("polish-sim"))
+
 
 def measure() -> Iterator[Row]:
-    """Best of three starts, after first use."""
-    command = [str(Path(sys.executable).with_name("polish-sim"))]
-    yield Row("polish-sim --help", f"{_best([*command, '--help']):.2f} s", "0.5 s")
+    """Processor time of warm starts, best of three, and of first starts with an empty cache of kernels."""
+    begin = time.perf_counter()
+    subprocess.run([POLISH, "--help"], capture_output=True, check=True)
+    yield Row("polish-sim --help", f"{time.perf_counter() - begin:.2f} s", "0.5 s")
+    floor = min(_processor_time([sys.executable, "-c", STACK]) for _ in range(3))
+    yield Row("importing numpy, scipy, mujoco, numba, matplotlib", f"{floor:.2f} s", "-")
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "run"
-        arguments = [*command, "run", "force", "--out", str(out), "--overwrite"]
-        total = _best(arguments)
-        simulated = json.loads((out / "metrics.json").read_text())["wall_s"]
-    before = _best([*command, "run", "force", "--dry-run"])
-    yield Row("polish-sim run force, up to the first step", f"{before:.2f} s", "2 s")
-    yield Row("the same, with pictures and files, all but the stepping", f"{total - simulated:.2f} s", "-")
+        for words, limit in (("run force", 2.2), ("plan freeform", 2.5)):
+            command = [POLISH, *words.split(), "--out", f"{folder}/out", "--overwrite"]
+            _processor_time(command)
+            warm = min(_processor_time(command) for _ in range(3))
+            yield Row(f"polish-sim {words}, with pictures, against that", f"{warm / floor:.2f}", f"{limit}")
+        for words, limit in (("run force", 120), ("demo", 180)):
+            cache = Path(folder, "cache", words)
+            command = [POLISH, *words.split(), "--out", f"{folder}/out", "--overwrite"]
+            cold = _processor_time(command, XDG_CACHE_HOME=str(cache))
+            kernels = len(list(cache.rglob("*.nbc")))
+            yield Row(f"polish-sim {words}, first start: kernels kept", f"{kernels}", f"{limit}")
+            yield Row(f"polish-sim {words}, first start, against the import", f"{cold / floor:.1f}", "-")
 
 
-def _best(arguments: list[str]) -> float:
-    times = []
-    for _ in range(3):
-        begin = time.perf_counter()
-        subprocess.run(arguments, capture_output=True, check=True)
-        times.append(time.perf_counter() - begin)
-    return min(times)
+def _processor_time(command: list[str], **environment: str) -> float:
+    """Processor time of a command and of the processes it begins [s]."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, env=os.environ | environment, capture_output=True, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
