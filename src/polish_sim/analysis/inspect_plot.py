@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 
 HOLLOW = (204, 121, 167)
-"""Colour of what the pad cannot touch."""
+"""Colour of places the pad cannot touch."""
 BARE = (213, 94, 0)
-"""Colour of what it never comes to."""
+"""Colour of places it never reaches."""
 
 COMMENT = (
     "lengths in mm; exposure_s: seconds under the pad; strict: within 0.55 step-overs of the path; "

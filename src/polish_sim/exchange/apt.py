@@ -117,7 +117,7 @@ def refusal(file: Path, statement: Statement) -> InputError:
 
 
 def unknown_word(file: Path, statement: Statement) -> InputError:
-    """Say that nobody knows a word."""
+    """The error for an unknown word."""
     known = ", ".join(KNOWN)
     return InputError(
         f"'{file}', line {statement.line}: unknown word '{statement.word[:40]}'. Read are {known}, points by GOTO."

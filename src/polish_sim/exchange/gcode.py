@@ -85,7 +85,7 @@ def blocks(file: Path, text: str, unknown: Unknown) -> Iterator[Block]:
     Args:
         file: Where the text is from.
         text: The program; ( ) and ; enclose comments, % lines are marks of the file.
-        unknown: Told of characters that begin no word.
+        unknown: Called with characters that begin no word.
 
     Yields:
         The lines in order.
@@ -123,7 +123,7 @@ def _words(file: Path, line: int, code: str, unknown: Unknown) -> Iterator[Word]
         letter, number, stray = found.groups()
         if letter:
             yield Word(letter.upper(), float(number), found.start() + 1)
-        # Of a row of such characters the first is told.
+        # Of consecutive such characters the first is reported.
         if stray and found.start() != end:
             rest = code[found.start() :].split(maxsplit=1)[0]
             unknown(
@@ -144,7 +144,7 @@ def refusal(file: Path, line: int, word: Word) -> InputError:
 
 
 def unknown_word(file: Path, line: int, word: Word) -> InputError:
-    """Say that nobody knows a word."""
+    """The error for an unknown word."""
     return InputError(f"'{file}', line {line}, column {word.column}: unknown word '{word.name}'. Read are {KNOWN}.")
 
 
@@ -257,7 +257,7 @@ def _move(machine: _Machine, block: Block, axes: Mapping[str, Word]) -> None:
         machine.at[letter] = start + word.value * scale
     _turn(machine, block, axes)
     x, y, z = (machine.at[letter] for letter in LINES)
-    # Where the machine stands at the start nobody knows: the path begins where all three coordinates are said.
+    # The machine's start position is unknown: the path begins where all three coordinates are given.
     if not math.isnan(x + y + z):
         machine.rows.append((x, y, z, *_axis(machine), machine.feed))
         machine.segments.append(APPROACH if machine.rapid else PROCESS)

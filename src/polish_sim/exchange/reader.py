@@ -35,7 +35,7 @@ def read_path(source: str | Path, unknown: Unknown = refuse_unknown) -> ToolPath
 
     Args:
         source: Folder or file.
-        unknown: Told of words that could be left out.
+        unknown: Called with words that could be skipped.
 
     Returns:
         The path in the work frame, not pressed in.
@@ -53,7 +53,7 @@ def read_way_points(source: str | Path, unknown: Unknown = refuse_unknown) -> Wa
 
     Args:
         source: Folder or file, as in `read_path`.
-        unknown: Told of words that could be left out.
+        unknown: Called with words that could be skipped.
 
     Returns:
         The points and where in the file each stands.

@@ -14,7 +14,7 @@ from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, ToolPath
 
 @dataclass(frozen=True)
 class RobotTool:
-    """The tool as a robot's controller wants it told; the defaults are the shipped cell's (models/README.md)."""
+    """The tool as a robot controller needs it; the defaults are the shipped cell's (models/README.md)."""
 
     tcp_pose: tuple[float, ...] = (0.0, 0.0, 0.22, 0.0, 0.0, 0.0)
     """Middle of the pad's face in the flange: x, y, z [m], rotation vector [rad]; z points into the part."""

@@ -1,4 +1,4 @@
-"""A path as its file has it, and what to do about words nobody knows (readers -> commands)."""
+"""A path as read from a file, with the checks every path passes, and the handling of unknown words."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _count(points: int) -> str:
 
 
 Unknown = Callable[[InputError], None]
-"""Told of what a reader does not know and could leave out; raises it, or notes it and lets the reader go on."""
+"""Called with an unknown word a reader could skip; raises the error, or notes it and lets the reader go on."""
 
 
 class WayPoints(NamedTuple):

@@ -60,7 +60,7 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
 
     Args:
         scenario: The scenario; part, plan, pad and spindle play no role.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         Log, trace and figures.

@@ -108,7 +108,7 @@ def course_for(controller: Controller, scenario: Scenario, place: Workplace, str
     return build_course(scenario, strokes, place.drawn(scenario).near, place.reach.T_base_work)
 
 
-# What of a scenario is wrong whatever the part: told before anything is loaded, planned or simulated.
+# Settings that are wrong for any part are refused before anything is loaded, planned or simulated.
 
 CONTROLLED: Final = ("arc", "force", "surface", "dual")
 """Experiments in which a controller drives the cell."""

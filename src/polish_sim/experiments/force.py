@@ -53,7 +53,7 @@ def place_force(scenario: Scenario, observer: Observer | None = None) -> Workpla
 
     Args:
         scenario: The scenario.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         The workplace; its path is one point with the way down to it.
@@ -78,7 +78,7 @@ def prepare_force(scenario: Scenario, observer: Observer | None = None) -> Force
 
     Args:
         scenario: The scenario.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         The cell, not yet run.
@@ -108,7 +108,7 @@ def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult
 
     Args:
         scenario: The scenario; the path's pattern and feed play no role. The default leaves the spindle off.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         Log, trace and figures.

@@ -85,7 +85,7 @@ def run_payload_calibration(
     Args:
         scenario: Sensor, robot and ``payload`` section; part, plan, process and spindle play no role.
         drift: Whether to fit a linear drift of the bias.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         Readings, estimate and figures, the latter against the truth.

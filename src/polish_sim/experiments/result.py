@@ -65,7 +65,7 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
     }
 
 
-# Progress of one of several like pieces of work, told as progress of the whole.
+# Progress of one of several equal tasks, as progress of the whole.
 
 
 class PartOf:

@@ -112,7 +112,7 @@ def prepare_surface(
     Args:
         scenario: The scenario.
         plan: A plan made before, see ``plan_part`` and ``measure_given_path``.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         The task.
@@ -147,7 +147,7 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     Args:
         scenario: The scenario.
         plan: A plan made before, see ``plan_part`` and ``measure_given_path``.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         Log, trace, path and figures.

@@ -108,19 +108,19 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> Any:
 
 
 def believe(scenario: Scenario) -> Belief:
-    """What the arm's controller is told: the model without the payload, or a file's, times the scenario's errors.
+    """The model the arm's controller uses: the arm without the payload, or a file's, scaled by the scenario's errors.
 
     Raises:
         InputError: ``guide.model_file`` is no model of this arm.
     """
     guide = scenario.guide
-    # The payload nobody was told of is not in the believed chain.
-    told = torque_arm(replace(scenario, guide=replace(guide, payload_kg=0.0)))
-    chain = chain_of_file(Path(guide.model_file), ARM_JOINTS) if guide.model_file else read_chain(told, ARM_JOINTS)
+    # The controller does not know the payload.
+    unloaded = torque_arm(replace(scenario, guide=replace(guide, payload_kg=0.0)))
+    chain = chain_of_file(Path(guide.model_file), ARM_JOINTS) if guide.model_file else read_chain(unloaded, ARM_JOINTS)
     return Belief(
         chain_model(chain, guide.mass_scale), guide.friction_scale * np.array(guide.coulomb_nm),
         guide.friction_scale * np.array(guide.viscous_nm_s_rad), np.array(guide.creep_rad_s),
-        np.array(told.actuator_forcerange[:, 1]),
+        np.array(unloaded.actuator_forcerange[:, 1]),
     )  # fmt: skip
 
 

@@ -150,7 +150,7 @@ def run_guided(
         q_start: Joint angles at the start [rad], shape (6,).
         motion: Where the hand wants the tool.
         servos: Share of the holding servos, one a step; while they hold, what the model lacks is tared.
-        observer: Told of progress and frames.
+        observer: Receives progress and frames.
 
     Returns:
         What was recorded, up to the end, a protective stop or an interrupt.

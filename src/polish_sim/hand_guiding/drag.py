@@ -145,7 +145,7 @@ class DragTask(NamedTuple):
 
 
 def prepare_drag(scenario: Scenario) -> DragTask:
-    """Take the part and what is to be shown on it, and check that the arm can be dragged along it.
+    """Load the part and the path to teach, and check that the arm can follow it.
 
     Raises:
         PolishSimError: The part or path cannot be used or reached.
@@ -199,7 +199,7 @@ def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
 
     Args:
         scenario: Part, ``drag``, ``guide`` and ``hand``. The part is not touched: contact is not simulated.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         Log, figures and the taught path; without a path if the arm stopped itself or was interrupted.
@@ -230,8 +230,8 @@ def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     meant = play._replace(table=dragged.table._replace(motion=dragged.meant))
     path: ToolPath | None = None
     if run.stop_reason is None and not run.interrupted:
-        taught, told = _teach(scenario, task, dragged, run.rows[:, Q : Q + 6])
-        path, figures = taught.path, figures | told
+        taught, more = _teach(scenario, task, dragged, run.rows[:, Q : Q + 6])
+        path, figures = taught.path, figures | more
     files = {} if path is None else {TAUGHT: path_csv(path)}
     return RunResult(
         scenario, log_of_moves([meant], scenario), trace_of_move(meant), figures, run.stop_reason, run.interrupted,

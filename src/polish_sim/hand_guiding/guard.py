@@ -57,7 +57,7 @@ def fade_out(limits: GuidingLimits, qd: Array, tool_speed: float) -> float:
 def watch_guiding(
     limits: GuidingLimits, belief: Belief, gains: GuidingGains, memory: GuidingMemory, tool_speed: float, dt: float
 ) -> int:
-    """Count the energy lent in a step; the code of what forbids to go on, or 0.
+    """Add the energy lent in a step; returns the code of the guard that stops the arm, or 0.
 
     Args:
         limits: What must not be exceeded; ``lent`` is written.

@@ -36,13 +36,13 @@ class Belief(NamedTuple):
     viscous: Array
     """Viscous friction [N m s/rad], shape (n,)."""
     creep: Array
-    """Speed of a joint that gives way to its full Coulomb friction without breaking away [rad/s], shape (n,)."""
+    """Speed at which a joint creeps under its full Coulomb friction before it breaks away [rad/s], shape (n,)."""
     torque_limit: Array
     """Of the motors [N m], shape (n,)."""
 
 
 class GuidingGains(NamedTuple):
-    """Shares of what is compensated, and the law's filters."""
+    """Compensated shares, and the law's filters."""
 
     gravity: float
     tare: float
@@ -89,7 +89,7 @@ class GuidingMemory(NamedTuple):
     weight: Array
     """Gravity torque of the model [N m]."""
     torque: Array
-    """What the motors are told [N m]."""
+    """Torque command of the motors [N m]."""
     part: Array
     """Room for one torque [N m]."""
     still: Array
@@ -152,7 +152,7 @@ def _observe(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: flo
     """Momentum observer of the hand's torque, from the torque given in the last step.
 
     r = K (M qd - int (tau - g - tare - friction + r) dt). Friction of a joint that creeps is taken as steep viscous
-    friction: what it gives way to before it breaks away is how the hand is felt at standstill.
+    friction: its pre-sliding motion is how the observer detects the hand at standstill.
     """
     chain_torque(belief.chain, memory.q, memory.still, memory.qd, 0.0, memory.part)
     for j in range(memory.q.shape[0]):
@@ -186,7 +186,7 @@ def _feel(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float)
     return memory.grip[0]
 
 
-# The modes of hand guiding as shares of what is compensated: data, one row a mode.
+# The modes of hand guiding: shares of compensation, one row a mode.
 
 
 class Mode(NamedTuple):

@@ -257,7 +257,7 @@ def run_teach(scenario: Scenario, observer: Observer | None = None) -> RunResult
 
     Args:
         scenario: ``guide`` and ``hand``; part, plan and controller play no role.
-        observer: Told of the progress.
+        observer: Receives the progress.
 
     Returns:
         One log of all moves, their figures, and the modes beside each other.

@@ -48,7 +48,7 @@ class Taught(NamedTuple):
 def teach_path(
     record: Recording, surface: Surface | None, filter_hz: float, tolerance: float, spacing: float
 ) -> Taught:
-    """Make a path of what a hand showed.
+    """Make a path from a recording.
 
     Args:
         record: The recording.

@@ -1,4 +1,4 @@
-"""The scorecard: a fixed battery of cases, run over the cores, told as tables and one figure."""
+"""The scorecard: a fixed battery of cases, run on all cores, as tables and one figure."""
 
 from typing import TYPE_CHECKING
 

@@ -87,7 +87,7 @@ def choose_cases(cases: Sequence[Case], wanted: Iterable[str]) -> tuple[Case, ..
 
 _FLAT = ("part.file=plate", "plan.pattern=raster", "plan.raster_direction=[1.0, 0.0, 0.0]", "plan.stepover_m=0.025")
 _FREEFORM = ("part.file=freeform", "plan.stepover_m=0.016")
-_FAR_OFF = "safety.offset_limit_m=0.01"  # what is to be followed is no reason to stop
+_FAR_OFF = "safety.offset_limit_m=0.01"  # an offset the controller has to follow must not stop the run
 APPROACH_20 = "process.approach_speed_m_s=0.02"
 
 
@@ -105,7 +105,7 @@ def _freeform(name: str, text: str, feed_mm_s: float, *settings: str) -> Case:
 
 
 def spring_settings(scale: float) -> tuple[str, str]:
-    """Springs of head and pad by what the controller takes them for; soft ones give way further than a part may lie."""
+    """Springs of head and pad by what the controller takes them for; soft ones deflect further than the part may be displaced."""
     return f"head.spring_scale={scale}", f"safety.offset_limit_m={0.03 if scale < 1.0 else 0.005}"
 
 

@@ -71,7 +71,7 @@ def analytic_margins(scenario: Scenario) -> Margins:
 
 
 def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) -> SimulatedMargins:
-    """Margins found in the cell, by making the loop louder or later until it no longer comes to rest.
+    """Margins found in the cell: raise the loop's gain or delay until it no longer settles.
 
     Args:
         scenario: An experiment ``force``.
@@ -98,7 +98,7 @@ def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) 
 
 
 def _seek(run: Callable[[float], Rest], accuracy: float) -> tuple[float, Rest]:
-    """Largest factor from 1 to ``MOST_GAIN`` at which a run comes to rest, by halving, and the rest just beyond."""
+    """Largest factor from 1 to ``MOST_GAIN`` at which a run settles, by bisection, and the rest just beyond."""
     low, high = 1.0, MOST_GAIN
     beyond = run(high)
     if beyond.resting:
@@ -125,7 +125,7 @@ def measure_border(
     Args:
         scenario: An experiment ``force``; its springs and latencies play no role.
         controllers: Names, or FILE.py:CLASS.
-        observer: Told of the progress.
+        observer: Receives the progress.
         scales: Springs of head and pad by what plan and controller take them for, for the cell [-].
         latencies: Totals, for the cell [s].
 

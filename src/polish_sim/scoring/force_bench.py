@@ -1,4 +1,4 @@
-"""A quiet bench for the force loop: the tool pressed on a plane, no noise, to see whether the loop comes to rest."""
+"""A noise-free test bench for the force loop: press the tool on a plane and see whether the loop settles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from polish_sim.experiments.part_setup import reach_path
 from polish_sim.scenario_file import override
 from polish_sim.scoring.figures import LARGEST_OSCILLATION, LEAST_ALLOWED_N
 
-# Whether a force loop has come to rest, and the map of where it does.
+# Whether a force loop has settled, and the map of where it does.
 
 
 AT_REST_N = 0.05
@@ -60,7 +60,7 @@ class Border(NamedTuple):
 
 
 def judge_rest(force: Array, wanted: float, dt: float) -> Rest:
-    """Whether a force held constant has come to rest, from its last two windows.
+    """Whether a constant force has settled, from its last two windows.
 
     Args:
         force: Exact force of the hold at every step [N], shape (n,); too short a hold is not at rest.
@@ -146,7 +146,7 @@ class LouderLaw:
 
 
 def press(bench: Bench, scenario: Scenario, gain: float = 1.0, friction: bool = True) -> Rest:
-    """Press on the part, hold, and see whether the force comes to rest.
+    """Press on the part, hold, and see whether the force settles.
 
     Args:
         bench: Part and path, see ``build_bench``.

@@ -19,7 +19,7 @@ from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.journal import Journal, Row, Task, measure_row, row_key, setup_key
 
 Heard = Callable[[int, int, str | None], None]
-"""Told of the rows there are, of all rows wanted, and of trouble."""
+"""Called with the rows there are, the number of rows wanted, and a problem, if any."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
         try:
             controller.reset(cycle)
         except Exception as error:
-            told = tell_error(error, file_of(controller))
-            raise InputError(f"the reset() of '{entry.label}' failed: {told}.") from error
+            reason = tell_error(error, file_of(controller))
+            raise InputError(f"the reset() of '{entry.label}' failed: {reason}.") from error
 
 
 def run_score(
@@ -109,7 +109,7 @@ def run_score(
         entries: The controllers.
         seeds: Seeds per case, counting up from 0.
         folder: Existing folder; its rows of the same scenarios are taken over.
-        heard: Told how far it is.
+        heard: Receives the progress.
         workers: Number of processes; default one per core.
 
     Returns:

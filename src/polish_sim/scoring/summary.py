@@ -193,8 +193,8 @@ def markdown(score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) 
     parts.append(f"## All cases, mean / worst seed\n\n{_grid(*overview(summaries))}")
     for entry in score.entries:
         lines = breaking(summaries, entry)
-        told = "\n".join(f"- {line}" for line in lines) if lines else "Nowhere in these cases."
-        parts.append(f"## Where `{entry.label}` breaks\n\n{told}")
+        text = "\n".join(f"- {line}" for line in lines) if lines else "Nowhere in these cases."
+        parts.append(f"## Where `{entry.label}` breaks\n\n{text}")
     parts.append("## Case by case")
     parts += [_case_part(score, summaries, index) for index in range(len(score.cases))]
     definitions = "\n".join(f"- **{name}**: {text}" for name, text in DEFINITIONS.items())
@@ -204,10 +204,10 @@ def markdown(score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) 
 
 def _intro(score: Score) -> str:
     missing = score.wanted - len(score.rows)
-    told = f" **{missing} of {score.wanted} rows are missing.**" if missing else ""
+    note = f" **{missing} of {score.wanted} rows are missing.**" if missing else ""
     seeds = _count(score.seeds, "seed")
     return (
-        f"{_count(len(score.rows), 'run')}, {seeds} per case; mean / worst over the seeds, exact contact force.{told}"
+        f"{_count(len(score.rows), 'run')}, {seeds} per case; mean / worst over the seeds, exact contact force.{note}"
     )
 
 
