@@ -81,7 +81,7 @@ def compare_modes(moves: Mapping[str, Figures]) -> Figures:
 
     Returns:
         fast_peak_ratio_x, ... : force with inertia compensation by that of the classical law, fast move (``assist_``
-        before it: with the start-up assist); slow_peak_n: largest of the assist's slow moves. Only where both moves exist;
+        before it: with the start-up assist); slow_peak_n: largest of the assist's slow moves. Only if both moves exist,
         undefined where a move was cut short.
     """
     figures: Figures = {}

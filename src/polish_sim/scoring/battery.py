@@ -105,7 +105,7 @@ def _freeform(name: str, text: str, feed_mm_s: float, *settings: str) -> Case:
 
 
 def spring_settings(scale: float) -> tuple[str, str]:
-    """Springs of head and pad by what the controller takes them for; soft ones deflect further than the part may be displaced."""
+    """Springs of head and pad, as a multiple of the planned ones; soft ones deflect beyond the allowed part offset."""
     return f"head.spring_scale={scale}", f"safety.offset_limit_m={0.03 if scale < 1.0 else 0.005}"
 
 
