@@ -12,9 +12,13 @@ from numba import njit
 
 from benchmarks.table import Row
 from polish_sim.cell import Cell
-from polish_sim.cell.kernel import ARRIVED, STOP, mj_step
+from polish_sim.cell.engine import mj_step
+from polish_sim.cell.guards import NO_STOP
+from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import build_recorder
+from polish_sim.cell.stroke import PROCESS
+from polish_sim.dual.cell import advance_pair
 from polish_sim.dual.dual import build_dual_cell
 from polish_sim.dual.task import prepare_dual
 from polish_sim.experiments import default_scenario
@@ -53,20 +57,28 @@ def measure_pair() -> Iterator[Row]:
     """A step of two robots, one moving the part, beside a step of one; CPU time, interleaved."""
     single = _pressing_cell("hybrid-pi")
     one = single.kernel._replace(job=single.strokes[0]._replace(hold=np.inf))
-    one.status[STOP] = one.status[ARRIVED] = 0.0
-    one.sequence.stage[0] = 5.0
+    _go_on(one)
     scenario = default_scenario("dual")
     pair = build_dual_cell(scenario, prepare_dual(scenario)).cell
-    recorder, spent = build_recorder(CHUNK, 4), []
+    lone, both_of = build_recorder(CHUNK, 4), build_recorder(CHUNK, 4, pair.more_columns)
+
+    def step_one() -> None:
+        advance(one, lone, single.law, single.rng.standard_normal((CHUNK, 12)), CHUNK)
+
+    def step_both() -> None:
+        draws = pair.rng.standard_normal((CHUNK, 12))
+        advance_pair(pair.kernel, pair.master, pair.host_arm, both_of, pair.law, draws, CHUNK)
+
     for _ in range(PAIR_START // CHUNK):
-        advance(pair.kernel, recorder, pair.law, pair.rng.standard_normal((CHUNK, 12)), CHUNK)
+        step_both()
+    spent = []
     for _ in range(ROUNDS):
-        for kernel, cell in ((one, single), (pair.kernel, pair)):
+        for step in (step_one, step_both):
             begin = time.process_time()
             for _ in range(PAIR_STEPS // CHUNK):
-                advance(kernel, recorder, cell.law, cell.rng.standard_normal((CHUNK, 12)), CHUNK)
+                step()
             spent.append(time.process_time() - begin)
-    if pair.kernel.status[STOP] or not pair.kernel.wrench[2] > 1.0:
+    if pair.state.status.stop or not pair.state.wrench[2] > 1.0:
         raise RuntimeError("the benchmark's two robots lost contact: the figure would mean nothing")
     alone, both = float(np.median(spent[::2])), float(np.median(spent[1::2]))
     yield Row("two robots: closed loop", f"{1e6 * both / PAIR_STEPS:.2f} us", "")
@@ -103,11 +115,16 @@ class _Wrapped:
         return self._step(measurement, target)
 
 
+def _go_on(kernel: CellKernel) -> None:
+    """Back into the process after the stroke's end."""
+    status = kernel.state.status
+    status.stop, status.arrived, kernel.state.sequence.stage = NO_STOP, False, PROCESS
+
+
 def _interleaved(cell: Cell) -> tuple[float, float]:
     """Median cost of a bare and of a closed-loop step [us]."""
     kernel = cell.kernel._replace(job=cell.strokes[0]._replace(hold=np.inf))
-    kernel.status[STOP] = kernel.status[ARRIVED] = 0.0
-    kernel.sequence.stage[0] = 5.0
+    _go_on(kernel)
     recorder = build_recorder(CHUNK, 4)
     bare_data = mujoco.MjData(cell.model)
     bare_data.qpos[:], bare_data.ctrl[:] = cell.data.qpos, cell.data.ctrl
@@ -121,6 +138,6 @@ def _interleaved(cell: Cell) -> tuple[float, float]:
         for _ in range(STEPS // CHUNK):
             advance(kernel, recorder, cell.law, cell.rng.standard_normal((CHUNK, 12)), CHUNK)
         loop.append(time.perf_counter() - begin)
-    if kernel.status[STOP] or not kernel.wrench[2] > 1.0:
+    if kernel.state.status.stop or not kernel.state.wrench[2] > 1.0:
         raise RuntimeError("the benchmark's cell lost contact: the figure would mean nothing")
     return 1e6 * float(np.median(bare)) / STEPS, 1e6 * float(np.median(loop)) / STEPS

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from benchmarks.loop_errors import form_rms, noise_rms
 from benchmarks.table import Row, print_rows
 from polish_sim.analysis.force_bounds import SPAN_BY_SIGMA, drift_bound, step_bound, tracking_bound
 from polish_sim.cell.real_part import WAVELENGTHS
 from polish_sim.config import Scenario
-from polish_sim.control.loop_errors import form_rms, noise_rms
-from polish_sim.control.loop_model import setup_of
 from polish_sim.experiments import default_scenario
 from polish_sim.scoring.border import linear_law_of
+from polish_sim.scoring.loop_model import setup_of
 
 CONTROLLERS = ("hybrid-pi", "hybrid-adaptive")
 

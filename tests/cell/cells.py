@@ -74,7 +74,7 @@ def free_job(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Job:
     start, path = path_through(poses[0]), path_through(*poses)
     return Job(
         travel=way_through(poses[0]), lead_in=start, process=path,
-        motion=time_path(path, feed_pace(feed)), depth=0.0, force=0.0, contact=0.0,
+        motion=time_path(path, feed_pace(feed)), depth=0.0, force=np.zeros(len(path.positions)), contact=False,
         approach_speed=0.005, feed=feed, threshold=math.inf, search_depth=0.0, hold=hold, feed_time=math.inf,
         lift=0.0, start_s=0.0,
     )  # fmt: skip
@@ -87,9 +87,10 @@ def pressing_job(
     depth = 0.004
     pressed = along_tool(T_base_touch, z=depth)
     path = path_through(pressed, along_tool(pressed, x=slide))
+    force = np.full(len(path.positions), 20.0)
     return Job(
         travel=way_through(T_base_touch), lead_in=path_through(along_tool(T_base_touch, z=-height), T_base_touch),
-        process=path, motion=time_path(path, feed_pace(0.01)), depth=depth, force=20.0, contact=1.0,
+        process=path, motion=time_path(path, feed_pace(0.01)), depth=depth, force=force, contact=True,
         approach_speed=0.005, feed=0.01, threshold=2.0, search_depth=0.01, hold=hold, feed_time=math.inf,
         lift=lift, start_s=0.0,
     )  # fmt: skip

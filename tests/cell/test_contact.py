@@ -38,7 +38,7 @@ def test_the_points_stand_for_the_disc_area_centroid_and_second_moments(points: 
     np.testing.assert_allclose([pad.x.mean(), pad.y.mean()], 0.0, atol=1e-9)
     spread = np.cov(pad.x, pad.y, bias=True)
     np.testing.assert_allclose(spread, np.eye(2) * PAD.radius_m**2 / 4.0, rtol=1e-9, atol=1e-15)
-    assert pad.stiffness * points == pytest.approx(PAD.stiffness_n_m)
+    assert pad.material.stiffness * points == pytest.approx(PAD.stiffness_n_m)
 
 
 @pytest.mark.parametrize("depth", [0.0, 1e-5, 0.001, 0.003, 0.006])
@@ -154,7 +154,7 @@ def test_without_friction_and_damping_the_force_is_minus_the_slope_of_the_stored
 
     def energy(center: Array) -> float:
         points = center + pad.x[:, None] * DOWN[:, 0] + pad.y[:, None] * DOWN[:, 1]
-        return 0.5 * pad.stiffness * float(np.sum(np.maximum(depth_and_normal(points)[0], 0.0) ** 2))
+        return 0.5 * pad.material.stiffness * float(np.sum(np.maximum(depth_and_normal(points)[0], 0.0) ** 2))
 
     center, h = np.array([0.006, 0.002, -0.0025]), 1e-6
     slope = [(energy(center + h * e) - energy(center - h * e)) / (2.0 * h) for e in np.eye(3)]

@@ -38,7 +38,9 @@ def pressed_with(force: float, T_base_touch: Array = TOUCH, slide: float = 0.01)
     """A job whose poses are pressed in by D = F / k, as the plan's are."""
     pressed = along_tool(T_base_touch, z=force / 5000.0)
     table = path_through(pressed, along_tool(pressed, x=slide)) if slide else path_through(pressed)
-    return pressing_job(T_base_touch)._replace(process=table, force=force, depth=force / 5000.0)
+    return pressing_job(T_base_touch)._replace(
+        process=table, force=np.full(len(table.positions), force), depth=force / 5000.0
+    )
 
 
 def test_on_a_plane_springs_and_pad_in_series_say_the_depth_and_nothing_changes_along_the_path() -> None:
@@ -101,8 +103,8 @@ def test_a_leaning_tool_feels_its_moment_as_the_tilt_stiffness_says() -> None:
 
 def test_a_force_that_changes_along_the_path_is_followed() -> None:
     table = path_through(along_tool(TOUCH, z=PRESSED), along_tool(TOUCH, x=0.01, z=0.5 * PRESSED))
-    shares = np.linspace(1.0, 0.5, len(table.force_share))
-    course = course_on(plane(), pressing_job()._replace(process=table._replace(force_share=shares)))
+    forces = np.linspace(20.0, 10.0, len(table.positions))
+    course = course_on(plane(), pressing_job()._replace(process=table, force=forces))
     assert course.depth[0] == pytest.approx(PRESSED, rel=1e-3)
     assert course.depth[10] == pytest.approx((1.0 - 0.5 * 0.005 / table.length) * PRESSED, rel=1e-3)
     np.testing.assert_allclose(course.surplus, 0.0, atol=1e-6)

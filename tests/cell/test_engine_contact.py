@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell.kernel import STOP
+from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import build_recorder
 from polish_sim.models import robot_model_path
@@ -62,11 +62,11 @@ def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(
     job = free_job(along_tool(T_base_touch, z=-0.005), along_tool(T_base_touch, z=depth), feed=0.01, hold=2.5)
     cell = cell_for(ideal("force", "controller.name=position"), job, model=model)
     steps = 3000
-    advance(cell.kernel, build_recorder(steps, 4), cell.controller.compiled_law(), np.zeros((steps, 12)), steps)
+    advance(cell.kernel, build_recorder(steps, 4), cell.law, np.zeros((steps, 12)), steps)
     mujoco.mj_forward(model, cell.data)
-    assert cell.kernel.status[STOP] == 0.0
+    assert cell.state.status.stop == NO_STOP
     pushed = T_base_touch[:3, :3].T @ contact_on_part(model, cell.data)
     assert pushed[2] == pytest.approx(STIFFNESS * depth, rel=0.02)
     assert np.linalg.norm(pushed[:2]) < 0.02 * pushed[2]
-    measured = cell.kernel.measurement[18:24]
+    measured = cell.state.measurement.wrench
     np.testing.assert_allclose(measured[:3], pushed, atol=0.05)

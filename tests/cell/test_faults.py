@@ -167,7 +167,7 @@ def test_noise_five_times_stronger_raises_the_threshold_of_contact_and_the_robot
     """2.5 N a sample, 1.24 N after the 80 Hz low-pass: five of that are 6.2 N, three times the threshold."""
     cell = faulty("", "sensor.force_noise_n=2.5", hold=1.0)
     run = cell.run()
-    floor = cell.kernel.sequence.floor[0]
+    floor = cell.state.sequence.floor
     blend = 1.0 - math.exp(-2.0 * math.pi * 80.0 * 0.001)
     assert floor == pytest.approx(5.0 * 2.5 * math.sqrt(blend / (2.0 - blend)), rel=0.2)
     assert run.stop_reason is None

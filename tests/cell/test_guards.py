@@ -90,8 +90,8 @@ def test_a_sensor_that_no_longer_changes_is_a_fault(flat: RealPart) -> None:
         frame_every_s = 0.001
 
         def frame(self, model: object, data: object) -> None:
-            if cell.kernel.status[0] == 700:
-                cell.kernel.sensor_state.clock[1] = math.inf
+            if cell.state.status.steps == 700:
+                cell.state.sensor.next = math.inf
 
     cell = cell_for(ideal("force", *NOISY), pressing_job(), part=flat)
     run = cell.run(Unplug())

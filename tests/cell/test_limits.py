@@ -17,7 +17,8 @@ TANGENTIAL_MASS = 4.0  # [kg]
 
 def accepted(*changes: str) -> None:
     scenario = ideal("force", *changes)
-    check_step_limits(scenario, TANGENTIAL_MASS, modelled_depth(scenario))
+    force = scenario.process.contact_force_n
+    check_step_limits(scenario, force, TANGENTIAL_MASS, modelled_depth(scenario, force))
     check_rates(scenario)
 
 
@@ -122,5 +123,5 @@ def test_a_spindle_is_to_be_seen_five_times_a_turn() -> None:
 
 
 def test_the_part_is_modelled_as_deep_as_a_soft_pad_goes() -> None:
-    assert modelled_depth(ideal("force")) == 0.008
-    assert modelled_depth(ideal("force", "head.spring_scale=0.2")) == pytest.approx(0.010)  # 2 x 20 N / 4000 N/m
+    assert modelled_depth(ideal("force"), 20.0) == 0.008
+    assert modelled_depth(ideal("force", "head.spring_scale=0.2"), 20.0) == pytest.approx(0.010)  # 2 x 20 N / 4000 N/m

@@ -13,14 +13,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell import Cell, CellRun, no_part, tool_on_flange
-from polish_sim.cell.carrier import CLOCK, FIRST_JOINT, RAMP_PEAK, MasterRows, time_held, time_let_go
+from polish_sim.cell import CellRun, no_part, tool_on_flange
 from polish_sim.cell.faults import check_events, parse_events
-from polish_sim.cell.guards import CONTROLLER_NAN, MASTER_HALTED, MASTER_SILENT, REASONS
-from polish_sim.cell.host_arm import HostArm, build_host_arm
+from polish_sim.cell.guards import CONTROLLER_NAN
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
+from polish_sim.dual.carrier import FIRST_JOINT, RAMP_PEAK, MasterRows, time_held, time_let_go
+from polish_sim.dual.cell import MASTER_HALTED, MASTER_SILENT, PairCell
 from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_MASS, check_load, part_mass
+from polish_sim.dual.host_arm import HostArm, build_host_arm
 from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.errors import ConfigError, InputError, ReachError
 from polish_sim.geometry import PartMesh, load_part
@@ -74,15 +75,15 @@ def nominal_host() -> HostArm:
     return build_host_arm(NOMINAL, np.eye(4), tool_on_flange())
 
 
-def pair_cell(master: MasterRows, host_arm: HostArm | None = None) -> Cell:
+def pair_cell(master: MasterRows, host_arm: HostArm | None = None) -> PairCell:
     """The follower stands still where its target is carried along by the master."""
     part = no_part()
     T = master.T_base_work
     part = part._replace(rotation=np.ascontiguousarray(T[:3, :3]), position=T[:3, 3].copy())
     scenario = ideal("arc", EVERY_STEP)
-    return Cell(
+    return PairCell(
         scenario, scene(), part, [free_job(TOOL, hold=1.2)], joints_at(TOOL), build_controller(scenario.controller),
-        np.random.default_rng(0), master=master, host_arm=host_arm,
+        np.random.default_rng(0), None, master, host_arm,
     )  # fmt: skip
 
 
@@ -128,7 +129,7 @@ def test_a_part_that_encloses_nothing_is_not_called_too_heavy() -> None:
 def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believes() -> None:
     master = rows(turns=True)
     cell = pair_cell(master)
-    carrier, T_part = cell.kernel.carrier, inverse(forward(Q_MASTER)) @ inverse(T_FOLLOWER_MASTER) @ master.T_base_work
+    carrier, T_part = cell.master.state, inverse(forward(Q_MASTER)) @ inverse(T_FOLLOWER_MASTER) @ master.T_base_work
     seen: list[float] = []
 
     def look(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -141,9 +142,9 @@ def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believ
         believed = master.T_believed_true @ moved @ inverse(master.T_believed_true)
         np.testing.assert_allclose(carrier.R_moved, believed[:3, :3], atol=1e-9)
         np.testing.assert_allclose(carrier.p_moved, believed[:3, 3], atol=1e-9)
-        np.testing.assert_allclose(cell.kernel.target[:3], (believed @ TOOL)[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(cell.state.target.position, (believed @ TOOL)[:3, 3], atol=1e-9)
         on_part = inverse(T_flange @ T_part) @ np.append(data.site("follower_tool").xpos, 1.0)
-        np.testing.assert_allclose(carrier.tool_on_part, on_part[:3], atol=1e-9)
+        np.testing.assert_allclose(cell.state.tool_on_part, on_part[:3], atol=1e-9)
         seen.append(data.time)
 
     run = cell.run(EachStep(look))
@@ -162,9 +163,9 @@ def test_speeds_of_part_and_target_are_the_derivatives_of_their_places() -> None
     def look(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
         if data.time > 1.1:
             places.append(cell.kernel.part.position.copy())
-            speeds.append(cell.kernel.motion.velocity.copy())
-            targets.append(cell.kernel.target[:3].copy())
-            twists.append(cell.kernel.target[12:15].copy())
+            speeds.append(cell.state.motion.velocity.copy())
+            targets.append(cell.state.target.position.copy())
+            twists.append(cell.state.target.twist[:3].copy())
 
     cell.run(EachStep(look))
     for place, speed in ((places, speeds), (targets, twists)):
@@ -176,7 +177,7 @@ def test_speeds_of_part_and_target_are_the_derivatives_of_their_places() -> None
 def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest() -> None:
     cell = pair_cell(rows(turns=True)._replace(spacing=0.007))
     clock: list[float] = []
-    cell.run(EachStep(lambda _model, _data: clock.append(float(cell.kernel.carrier.clock[CLOCK]))))
+    cell.run(EachStep(lambda _model, _data: clock.append(float(cell.master.state.clock))))
     seen = np.array(clock)
     start = int(np.argmax(seen > 0.0))
     # It has 0.7 s of rows and brakes on the last half a ramp of them: let go for 0.7 s, then held until it stands.
@@ -204,9 +205,9 @@ def pressed_cell(
     )  # fmt: skip
     scenario = ideal("force", EVERY_STEP, "controller.name=position", "pad.friction=0", *changes)
     start = joints_at(along_tool(TOUCH, z=-0.005))
-    cell = Cell(
+    cell = PairCell(
         scenario, scene(), part, [pressing_job(hold=1.2, lift=lift)], start, build_controller(scenario.controller),
-        np.random.default_rng(0), master=master,
+        np.random.default_rng(0), None, master,
     )  # fmt: skip
     return cell.run(EachStep(look) if look else None)
 
@@ -255,7 +256,7 @@ def test_the_force_on_a_plane_that_moves_and_turns_is_that_on_one_at_rest() -> N
 )
 def test_whichever_arm_fails_both_stand_and_the_tool_is_off_the_part(fault: str, code: float, delay: float) -> None:
     run = pressed_cell(None, True, f"faults.events={fault}@contact+1", lift=0.01)
-    assert run.stop_reason == REASONS[code]
+    assert run.stop_reason == PairCell.reasons[code]
     assert run.safety.fault_to_stop_s == pytest.approx(delay, abs=0.002)
     assert run.safety.retracted is True
     assert np.ptp(run.log["master_q_rad"].astype(float)[-100:], axis=0).max() < 1e-5
@@ -276,9 +277,9 @@ def test_where_the_master_is_comes_late_and_is_carried_on_by_its_speed() -> None
         cell = pair_cell(rows(turns=True)._replace(delay=delay, period=period))
         told: list[np.ndarray] = []
 
-        def look(_model: mujoco.MjModel, data: mujoco.MjData, cell: Cell = cell, told: list = told) -> None:
+        def look(_model: mujoco.MjModel, data: mujoco.MjData, cell: PairCell = cell, told: list = told) -> None:
             if data.time > 0.9:
-                told.append(cell.kernel.carrier.told[0] - (data.qpos - 0.001 * data.qvel)[FIRST_JOINT:])
+                told.append(cell.master.state.q - (data.qpos - 0.001 * data.qvel)[FIRST_JOINT:])
 
         run = cell.run(EachStep(look))
         errors[delay] = np.abs(np.array(told)).max()
@@ -297,7 +298,7 @@ def test_the_host_foretells_a_master_that_gains_speed() -> None:
     cell = pair_cell(rows(turns=True)._replace(delay=0.003, period=0.002, lead=0.008))
 
     def look(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        read.append(cell.kernel.carrier.told.copy())
+        read.append(np.stack([cell.master.state.q, cell.master.state.qd]))
         true.append((data.qpos[FIRST_JOINT:] - 0.001 * data.qvel[FIRST_JOINT:], data.qvel[FIRST_JOINT:].copy()))
 
     cell.run(EachStep(look))
@@ -358,11 +359,11 @@ def test_a_host_computes_with_its_table_where_the_arms_have_another() -> None:
     master = rows(turns=True)
     part = no_part()._replace(rotation=np.ascontiguousarray(master.T_base_work[:3, :3]))
     scenario = ideal("arc", EVERY_STEP)
-    cell = Cell(
+    cell = PairCell(
         scenario, bent_scene(), part, [free_job(TOOL, hold=0.3)], joints_at(TOOL),
-        build_controller(scenario.controller), np.random.default_rng(0), master=master, host_arm=nominal_host(),
+        build_controller(scenario.controller), np.random.default_rng(0), None, master, nominal_host(),
     )  # fmt: skip
-    tool = cell.kernel.host_arm.T_flange_end
+    tool = cell.host_arm.T_flange_end
     seen: list[float] = []
 
     def look(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -371,12 +372,12 @@ def test_a_host_computes_with_its_table_where_the_arms_have_another() -> None:
         # What the host saw is of the step's beginning, where the engine's poses still are.
         q = data.qpos - 0.001 * data.qvel
         flange = forward(np.ascontiguousarray(q[:6])) @ tool
-        np.testing.assert_allclose(cell.kernel.measurement[:3], flange[:3, 3], atol=1e-7)
+        np.testing.assert_allclose(cell.state.measurement.position, flange[:3, 3], atol=1e-7)
         master_flange = T_FOLLOWER_MASTER @ forward(np.ascontiguousarray(q[FIRST_JOINT:]))
         moved = master_flange @ inverse(T_FOLLOWER_MASTER @ forward(Q_MASTER))
         believed = master.T_believed_true @ moved @ inverse(master.T_believed_true)
-        np.testing.assert_allclose(cell.kernel.carrier.p_moved, believed[:3, 3], atol=1e-7)
-        seen.append(float(np.linalg.norm(data.site("follower_tool").xpos - cell.kernel.measurement[:3])))
+        np.testing.assert_allclose(cell.master.state.p_moved, believed[:3, 3], atol=1e-7)
+        seen.append(float(np.linalg.norm(data.site("follower_tool").xpos - cell.state.measurement.position)))
 
     run = cell.run(EachStep(look))
     assert len(seen) > 3

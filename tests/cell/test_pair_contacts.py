@@ -11,10 +11,11 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from polish_sim.cell import Cell, no_part
-from polish_sim.cell.carrier import FIRST_JOINT, MasterRows
+from polish_sim.cell import no_part
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
+from polish_sim.dual.carrier import FIRST_JOINT, MasterRows
+from polish_sim.dual.cell import PairCell
 from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_RADIUS
 from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_scene
 from polish_sim.geometry import PartMesh, part_from_arrays
@@ -117,9 +118,9 @@ def test_the_run_stops_when_the_pad_is_driven_into_the_gripper() -> None:
     rest = MasterRows(0.02, np.tile(Q_MASTER, (101, 1)), np.zeros((101, 6)), T, np.eye(4))
     scenario = ideal("arc", EVERY_STEP)
     part = no_part()._replace(rotation=np.ascontiguousarray(T[:3, :3]), position=T[:3, 3].copy())
-    cell = Cell(
+    cell = PairCell(
         scenario, scene(T_follower_master, None), part, [free_job(TOOL, along_tool(TOOL, z=0.02), feed=0.02)],
-        joints_at(TOOL), build_controller(scenario.controller), np.random.default_rng(0), master=rest,
+        joints_at(TOOL), build_controller(scenario.controller), np.random.default_rng(0), None, rest,
     )  # fmt: skip
     run = cell.run()
     assert run.stop_reason is not None

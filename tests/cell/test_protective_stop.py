@@ -9,7 +9,6 @@ import pytest
 
 from polish_sim.cell import CellRun
 from polish_sim.cell.guards import REASONS, SILENT_HOST
-from polish_sim.control.signals import WHOLE_FEED
 from polish_sim.motion import JOINT_LIMITS
 from tests.cell.cells import (
     EVERY_STEP,
@@ -110,7 +109,7 @@ class Insane:
         self.asked.append(float(measurement.clock[0]))
         if len(self.asked) > 600:
             raise RuntimeError("broken")
-        return np.array([0.0, 0.0, -0.01, 0.0, 0.0, 0.0]) + WHOLE_FEED[:6]
+        return np.array([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
 
 
 def test_a_stopped_robot_does_not_ask_the_controller_any_more() -> None:
@@ -139,7 +138,7 @@ def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can() -> None:
     cell = cell_for(scenario, pressing_job(hold=2.0), part=part_under(plane()))
     pressed, lifted = joints_at(tool_pose(0.0, -0.5, 0.096)), joints_at(tool_pose(0.0, -0.5, 0.112))
     joint = int(np.argmax(np.abs(lifted - pressed)))
-    limits = cell.kernel.speedl.highest if lifted[joint] > pressed[joint] else cell.kernel.speedl.lowest
+    limits = cell.state.speedl.highest if lifted[joint] > pressed[joint] else cell.state.speedl.lowest
     limits[joint] = lifted[joint]
     run = cell.run()
     assert run.stop_reason == "wrist sensor reading missing"
@@ -154,12 +153,12 @@ def test_the_sensor_is_zeroed_again_before_a_stroke_if_it_is_to_be() -> None:
     first = pressing_job(hold=0.5, lift=0.01)
     second = first._replace(travel=way_through(above, way_down))
     part, drift, last = part_under(plane()), 0.2, {}
-    for retare in (0.0, 1.0):
+    for retare in (False, True):
         cell = cell_for(ideal("force", EVERY_STEP), first, second._replace(retare=retare), part=part)
-        cell.kernel.sensor.creep[2] = 0.001 * drift
+        cell.state.sensor.errors.creep[2] = 0.001 * drift
         run = cell.run()
         last[retare] = run.trace.normal_force_n[run.trace.phase == 2][-1]
         since_tare = run.trace.time_s[run.trace.phase == 2][-1] - 0.3
-        if retare == 0.0:
+        if not retare:
             assert last[retare] == pytest.approx(20.0 - drift * since_tare, abs=0.2)
-    assert last[1.0] - last[0.0] > drift * 2.5
+    assert last[True] - last[False] > drift * 2.5

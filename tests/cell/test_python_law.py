@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from polish_sim.cell import CellRun, RealPart
+from polish_sim.cell import CellRun, RealPart, Silent
 from polish_sim.log import RunLog
 from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_job
 from tests.cell.fields import plane
@@ -143,3 +145,36 @@ def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error(flat: RealPart)
     assert run.stop_reason is None
     assert run.steps == 502
     assert run.safety.protective_stop_time_s is None
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["once", "twice"])
+def test_a_controller_that_loops_for_ever_is_stopped_by_ctrl_c_and_the_run_is_kept(
+    flat: RealPart, monkeypatch: pytest.MonkeyPatch, again: bool
+) -> None:
+    monkeypatch.setattr("polish_sim.cell.observer.PATIENCE_S", 30.0 if again else 0.05)
+    said: list[str] = []
+
+    class Stuck:
+        def reset(self, cycle_s: float) -> None:
+            pass
+
+        def step(self, measurement, target):  # type: ignore[no-untyped-def]
+            if measurement.clock[0] > 0.1:
+                os.kill(os.getpid(), signal.SIGINT)
+                while True:
+                    if again and said:
+                        os.kill(os.getpid(), signal.SIGINT)
+            return np.zeros(6)
+
+    class Listening(Silent):
+        def stage(self, text: str) -> None:
+            said.append(text)
+
+    before = signal.getsignal(signal.SIGINT)
+    run = cell_for(ideal("force"), pressing_job(), part=flat, controller=Stuck()).run(Listening())
+    assert said == ["stopping at the next cycle; Ctrl-C again to abort"]
+    assert run.interrupted
+    assert run.stop_reason is None
+    assert run.steps == 102
+    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(signal.SIGALRM) is signal.SIG_DFL

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
 from polish_sim.cell.speedl import (
-    SpeedlModel,
-    SpeedlState,
+    Speedl,
+    build_request_line,
     build_speedl,
-    build_speedl_state,
     limit_acceleration,
     pass_request,
     resolve_joints,
@@ -23,21 +23,28 @@ from tests.cell.pressing import Array
 
 DT = 0.001
 TIP = np.array([0.0, 0.0, 0.22])
-DEFAULT = build_speedl(Scenario())
 ROBOT = RobotConfig()
 AT_WORK = joints_at(tool_pose(0.0, -0.5, 0.1))
+DEFAULT = build_speedl(Scenario(), AT_WORK)
 
 
-def commanded(
-    request: Callable[[int], Array], steps: int, model: SpeedlModel = DEFAULT, stops_at: int = 10**9
-) -> Array:
+def robot_with(q: Array = AT_WORK, **changes: Any) -> Speedl:
+    """The default interface at joint positions [rad], some of its limits changed."""
+    robot = build_speedl(Scenario(), q)
+    for name, value in changes.items():
+        robot[name] = value  # type: ignore[index]
+    return robot
+
+
+def commanded(request: Callable[[int], Array], steps: int, robot: Speedl | None = None, stops_at: int = 10**9) -> Array:
     """Twist the interface commands at every step, shape (steps, 6); from ``stops_at`` on the host is silent."""
-    state, found = build_speedl_state(model, AT_WORK), []
+    robot, found = robot or robot_with(), []
+    line = build_request_line(robot)
     for n in range(steps):
         heard = min(n, stops_at)
-        pass_request(model, state, request(heard), float(heard + 1), DT)
-        limit_acceleration(model, state, DT)
-        found.append(state.twist.copy())
+        pass_request(robot, line, request(heard), heard + 1, DT)
+        limit_acceleration(robot, DT)
+        found.append(robot.twist.copy())
     return np.array(found)
 
 
@@ -64,8 +71,7 @@ def test_it_goes_straight_to_the_request_in_the_least_time_and_stays() -> None:
 
 @pytest.mark.parametrize("latency_ms", [0, 1, 6, 25])
 def test_a_request_acts_after_the_latency_to_the_step(latency_ms: int) -> None:
-    model = DEFAULT._replace(latency=latency_ms)
-    found = commanded(lambda _n: np.array([1e-4, 0, 0, 0, 0, 0]), 60, model)
+    found = commanded(lambda _n: np.array([1e-4, 0, 0, 0, 0, 0]), 60, robot_with(latency=latency_ms))
     assert np.flatnonzero(found[:, 0])[0] == latency_ms
 
 
@@ -81,25 +87,25 @@ def test_a_silent_host_is_believed_for_the_timeout_then_the_robot_comes_to_rest_
 
 
 def test_after_the_timeout_a_new_request_moves_it_again() -> None:
-    state, speeds = build_speedl_state(DEFAULT, AT_WORK), []
+    robot, speeds = robot_with(), []
+    line = build_request_line(robot)
     for n in range(400):
-        pass_request(DEFAULT, state, np.array([0.01, 0, 0, 0, 0, 0]), 1.0 if n < 300 else 2.0, DT)
-        limit_acceleration(DEFAULT, state, DT)
-        speeds.append(state.twist[0])
+        pass_request(robot, line, np.array([0.01, 0, 0, 0, 0, 0]), 1 if n < 300 else 2, DT)
+        limit_acceleration(robot, DT)
+        speeds.append(robot.twist[0])
     assert speeds[299] == 0.0
     assert speeds[350] == pytest.approx(0.01)
 
 
-def resolved(q: Array, twist: Array, model: SpeedlModel = DEFAULT) -> tuple[SpeedlState, bool]:
+def resolved(q: Array, twist: Array, **changes: Any) -> tuple[Speedl, bool]:
     """Joint speeds for a twist at a configuration, the smallest singular value known."""
-    state = build_speedl_state(model, q)
-    J = jacobian(q, TIP)
+    state = robot_with(q, **changes)
+    line, J = build_request_line(state), jacobian(q, TIP)
     inside = True
     for _ in range(400):
-        pass_request(model, state, twist, 1.0, DT)
-        state.twist[:] = twist
-        state.joints[:] = q
-        inside = resolve_joints(model, state, J, DT)
+        pass_request(state, line, twist, 1, DT)
+        state.twist, state.joints = twist, q
+        inside = resolve_joints(state, J, DT)
     return state, inside
 
 
@@ -127,10 +133,10 @@ def test_too_fast_a_twist_is_slowed_down_not_bent() -> None:
 @pytest.mark.parametrize("joint", range(6))
 @pytest.mark.parametrize("way", [-1.0, 1.0])
 def test_a_joint_is_held_at_the_end_of_its_range_and_says_so(joint: int, way: float) -> None:
-    model = DEFAULT._replace(lowest=AT_WORK - 1e-4, highest=AT_WORK + 1e-4)
+    near = {"lowest": AT_WORK - 1e-4, "highest": AT_WORK + 1e-4}
     for speed, stays in ((0.05, True), (0.5, False)):  # 1e-4 rad are left, a step is 1 ms
         outward = way * speed * np.eye(6)[joint]
-        state, inside = resolved(AT_WORK, jacobian(AT_WORK, TIP) @ outward, model)
+        state, inside = resolved(AT_WORK, jacobian(AT_WORK, TIP) @ outward, **near)
         assert inside == stays
         assert state.speeds[joint] == pytest.approx(way * speed if stays else 0.0, abs=1e-6)
         assert state.joints[joint] == pytest.approx(AT_WORK[joint] + (way * speed * DT if stays else 0.0), abs=1e-9)
@@ -142,14 +148,15 @@ def test_the_ranges_are_the_robots() -> None:
 
 
 def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_most() -> None:
-    state, exact = build_speedl_state(DEFAULT, AT_WORK), []
+    state, exact = robot_with(), []
+    line = build_request_line(state)
     for n in range(4000):
         J = jacobian(AT_WORK + np.array([0.2, 0.3, -0.4, 0.3, 1.5, 0.5]) * n / 4000, TIP)
-        pass_request(DEFAULT, state, np.zeros(6), 1.0, DT)
-        resolve_joints(DEFAULT, state, J, DT)
+        pass_request(state, line, np.zeros(6), 1, DT)
+        resolve_joints(state, J, DT)
         exact.append(np.linalg.svd(J, compute_uv=False)[-1])
         if n > 200:
-            assert 0.99 * min(exact[-9:]) < state.clock[2] < 1.01 * max(exact[-9:])
+            assert 0.99 * min(exact[-9:]) < state.weakest < 1.01 * max(exact[-9:])
     assert min(exact) < 0.2 * max(exact)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell.wrist_sensor import GRAVITY, Payload, build_sensor, sample_sensor, tool_wrench
+from polish_sim.cell.wrist_sensor import GRAVITY, Payload, build_sample_line, build_sensor, sample_sensor, tool_wrench
 from polish_sim.config import SensorConfig
 from tests.cell.pressing import Array
 
@@ -25,11 +25,12 @@ LOAD = np.array([3.0, -4.0, 25.0, 0.1, -0.2, 0.03])
 def readings(config: SensorConfig, exact: Callable[[float], Array], seconds: float, seed: int = 0) -> Array:
     """What the host reads at every physics step, shape (n, 6)."""
     rng = np.random.default_rng(seed)
-    model, state = build_sensor(config, rng)
+    sensor = build_sensor(config, rng)
+    line = build_sample_line(sensor)
     found = []
     for n in range(round(seconds / DT)):
-        sample_sensor(model, state, n * DT, exact(n * DT), rng.standard_normal(12))
-        found.append(state.reading.copy())
+        sample_sensor(sensor, line, n * DT, exact(n * DT), rng.standard_normal(12))
+        found.append(sensor.reading.copy())
     return np.array(found)
 
 
@@ -142,11 +143,10 @@ def reading_at_rest(R_base_tool: Array, force: Array, moment: Array) -> Array:
 
 
 def host_wrench(R_base_tool: Array, reading: Array, mass: float = MASS, tare: Array | None = None) -> Array:
-    _, state = build_sensor(PERFECT, np.random.default_rng(0))
-    state.reading[:] = reading
-    state.tare[:] = 0.0 if tare is None else tare
+    sensor = build_sensor(PERFECT, np.random.default_rng(0))
+    sensor.reading, sensor.tare = reading, np.zeros(6) if tare is None else tare
     out = np.zeros(6)
-    tool_wrench(Payload(mass, CENTER, LEVER), state, np.ascontiguousarray(R_base_tool), out)
+    tool_wrench(Payload(mass, CENTER, LEVER), sensor, np.ascontiguousarray(R_base_tool), out)
     return out
 
 

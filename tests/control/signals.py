@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, Measurement, Target, measurement_of, target_of
+from polish_sim.control.signals import Measurement, MeasurementRecord, Target, TargetRecord, measurement_of, target_of
 
 Array = NDArray[np.float64]
 
 
 def measurement_from(rng: np.random.Generator, dt: float = 0.001) -> Measurement:
     """A random measurement of a tool near some pose, moving and pressing."""
-    m = measurement_of(np.zeros(MEASUREMENT_SIZE))
+    m = measurement_of(MeasurementRecord())
     m.position[:] = rng.normal(size=3)
     m.rotation[:] = Rotation.random(random_state=rng).as_matrix()
     m.twist[:] = 0.1 * rng.normal(size=6)
@@ -24,7 +24,7 @@ def measurement_from(rng: np.random.Generator, dt: float = 0.001) -> Measurement
 
 def target_near(m: Measurement, rng: np.random.Generator, contact: float, force: float = 20.0) -> Target:
     """A target a few millimetres and degrees away from a measurement."""
-    t = target_of(np.zeros(TARGET_SIZE))
+    t = target_of(TargetRecord())
     t.position[:] = m.position + 0.003 * rng.normal(size=3)
     t.rotation[:] = Rotation.from_rotvec(0.02 * rng.normal(size=3)).as_matrix() @ m.rotation
     t.twist[:] = 0.05 * rng.normal(size=6)

@@ -10,7 +10,7 @@ import pytest
 
 from polish_sim.config import ControllerConfig, HeadConfig, PadConfig
 from polish_sim.control import CONTROLLERS, Controller
-from polish_sim.control.signals import MEASUREMENT_SIZE, TARGET_SIZE, Measurement, Target, measurement_of, target_of
+from polish_sim.control.signals import Measurement, MeasurementRecord, Target, TargetRecord, measurement_of, target_of
 from polish_sim.models import robot_model_path
 from tests.control.signals import Array, measurement_from, target_near
 
@@ -21,7 +21,7 @@ DT = 0.001
 
 def pressing(force: float = 0.0, speed: float = 0.0) -> tuple[Measurement, Target]:
     """A tool at rest on its target, z along base z, wanted to press with 20 N."""
-    m, t = measurement_of(np.zeros(MEASUREMENT_SIZE)), target_of(np.zeros(TARGET_SIZE))
+    m, t = measurement_of(MeasurementRecord()), target_of(TargetRecord())
     m.rotation[:] = t.rotation[:] = np.eye(3)
     m.wrench[2], m.twist[2], m.clock[1] = force, speed, DT
     t.force[0], t.contact[0] = 20.0, 1.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from polish_sim.control.loops import PiGains, force_pi
+from polish_sim.control.loops import PiGains, PiMemory, force_pi
 
 STIFFNESS = 5000.0  # of head and pad in series [N/m]
 FORCE = 20.0  # [N]
@@ -16,10 +16,10 @@ UNFILTERED = 1e9  # corner of the low-pass [Hz]
 
 
 def press(
-    gains: PiGains, dt: float, seconds: float, receding: float = 0.0, state: NDArray[np.float64] | None = None
+    gains: PiGains, dt: float, seconds: float, receding: float = 0.0, state: PiMemory | None = None
 ) -> NDArray[np.float64]:
     """Force [N] at every step of a spring pressed by a tool whose velocity is the law's rate."""
-    state = np.zeros(3) if state is None else state
+    state = PiMemory() if state is None else state
     force, forces = 0.0, []
     for _ in range(round(seconds / dt)):
         rate = force_pi(FORCE, force, gains, dt, state)
@@ -49,10 +49,10 @@ def test_a_step_of_force_follows_the_second_order_response(p: float, i: float) -
 
 
 def test_a_surface_that_recedes_steadily_leaves_no_error() -> None:
-    gains, state = PiGains(0.004, 0.012, 0.05, 10.0), np.zeros(3)
+    gains, state = PiGains(0.004, 0.012, 0.05, 10.0), PiMemory()
     force = press(gains, 0.001, 10.0, receding=0.002, state=state)[-1]
     assert force == pytest.approx(FORCE, abs=1e-4)
-    assert gains.i * state[0] == pytest.approx(0.002, rel=1e-4)
+    assert gains.i * state.integral == pytest.approx(0.002, rel=1e-4)
 
 
 def test_without_the_integral_the_error_is_the_speed_over_the_gain() -> None:
@@ -66,32 +66,32 @@ def test_the_default_gains_settle_within_three_newton_in_a_third_of_a_second_wit
 
 
 def test_the_rate_never_exceeds_its_limit() -> None:
-    rng, state = np.random.default_rng(1), np.zeros(3)
+    rng, state = np.random.default_rng(1), PiMemory()
     gains = PiGains(0.004, 0.05, 0.03, 50.0)
     rates = [force_pi(FORCE, force, gains, 0.001, state) for force in rng.normal(20.0, 60.0, 5000)]
     assert np.abs(rates).max() == gains.limit
 
 
 def test_ten_seconds_in_the_air_do_not_wind_the_integral_up() -> None:
-    gains, state = PiGains(0.004, 0.012, 0.05, UNFILTERED), np.zeros(3)
+    gains, state = PiGains(0.004, 0.012, 0.05, UNFILTERED), PiMemory()
     for _ in range(10_000):
         assert force_pi(FORCE, 0.0, gains, 0.001, state) == gains.limit
-    assert state[0] == 0.0
+    assert state.integral == 0.0
     after_waiting = press(gains, 0.001, 1.0, state=state)
     np.testing.assert_array_equal(after_waiting, press(gains, 0.001, 1.0))
 
 
 def test_a_loaded_integral_unwinds_while_the_rate_is_still_at_its_limit() -> None:
-    gains, state = PiGains(0.004, 0.012, 0.05, UNFILTERED), np.array([20.0, 0.0, 0.0])
+    gains, state = PiGains(0.004, 0.012, 0.05, UNFILTERED), PiMemory(20.0)
     rate = force_pi(FORCE, FORCE + 5.0, gains, 0.001, state)
     assert rate == gains.limit
-    assert state[0] == pytest.approx(20.0 - 5.0 * 0.001)
+    assert state.integral == pytest.approx(20.0 - 5.0 * 0.001)
 
 
 def test_the_low_pass_starts_at_the_first_reading_not_at_zero() -> None:
-    state = np.zeros(3)
+    state = PiMemory()
     assert force_pi(FORCE, 18.0, PiGains(0.004, 0.0, 1.0, 10.0), 0.001, state) == pytest.approx(0.004 * 2.0)
 
 
 def test_pressing_too_hard_moves_the_tool_back() -> None:
-    assert force_pi(FORCE, 30.0, PiGains(0.004, 0.012, 0.05, 10.0), 0.001, np.zeros(3)) < 0.0
+    assert force_pi(FORCE, 30.0, PiGains(0.004, 0.012, 0.05, 10.0), 0.001, PiMemory()) < 0.0

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import cmath
-import ctypes
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,15 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control import CONTROLLERS
-from polish_sim.control.signals import (
-    MEASUREMENT_SIZE,
-    TARGET_SIZE,
-    WHOLE_FEED,
-    CompiledController,
-    Measurement,
-    measurement_of,
-    target_of,
-)
+from polish_sim.control.signals import CompiledController, Measurement
 from tests.control.signals import Array, measurement_from, target_near
 
 CONFIG = ControllerConfig()
@@ -169,26 +159,3 @@ def test_an_angle_left_to_the_moment_loop_does_not_wind_the_orientation_loop_up(
     for _ in range(5000):
         made.step(m, t)
     np.testing.assert_allclose(made.step(m, free), fresh, atol=1e-6)
-
-
-@pytest.mark.parametrize("name", sorted(CONTROLLERS))
-def test_the_compiled_law_is_the_python_step_bit_for_bit(name: str) -> None:
-    rng, flat_m, flat_t, twist = (
-        np.random.default_rng(0),
-        np.zeros(MEASUREMENT_SIZE),
-        np.zeros(TARGET_SIZE),
-        WHOLE_FEED.copy(),
-    )
-    python, compiled = controller(name), controller(name)
-    law = compiled.compiled_law().ctypes
-    for _ in range(50):
-        m = measurement_from(rng)
-        t = target_near(m, rng, contact=float(rng.integers(2)))
-        for view, value in zip((*measurement_of(flat_m), *target_of(flat_t)), (*m, *t), strict=True):
-            view[:] = value
-        law(*(pointer(a) for a in (compiled.context, flat_m, flat_t, twist)))
-        np.testing.assert_array_equal(twist, python.step(m, t))
-
-
-def pointer(array: Array) -> Any:
-    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.control.loops import OrientationGains, add_axis_rotation, angular_pid, low_pass_step, rotation_error
+from polish_sim.control.loops import (
+    OrientationGains,
+    OrientationMemory,
+    add_axis_rotation,
+    angular_pid,
+    low_pass_step,
+    rotation_error,
+)
 
 
 def error_between(R_actual: np.ndarray, R_wanted: np.ndarray) -> np.ndarray:
@@ -86,7 +93,7 @@ def test_turning_by_the_error_brings_any_two_frames_together(R: np.ndarray) -> N
 
 def test_equation_7_adds_the_pid_of_the_turning_error() -> None:
     gains, dt = OrientationGains(0.1, 0.2, 0.5, 0.01), 0.001
-    state, out = np.zeros(10), np.zeros(3)
+    state, out = OrientationMemory(), np.zeros(3)
     wanted, first, second = np.random.default_rng(5).normal(size=(3, 3))
     angular_pid(wanted, first, gains, dt, state, out)
     one = wanted - first
@@ -99,7 +106,7 @@ def test_equation_7_adds_the_pid_of_the_turning_error() -> None:
 
 def test_the_integral_takes_a_constant_disturbance_out() -> None:
     gains, dt, disturbance = OrientationGains(0.1, 0.2, 5.0, 0.0), 0.001, np.array([0.02, -0.01, 0.03])
-    state, out, wanted = np.zeros(10), np.zeros(3), np.zeros(3)
+    state, out, wanted = OrientationMemory(), np.zeros(3), np.zeros(3)
     turning = np.zeros(3)
     for _ in range(5000):
         angular_pid(wanted, turning, gains, dt, state, out)

@@ -9,6 +9,7 @@ import pytest
 
 from polish_sim.control.loops import (
     PositionGains,
+    PositionMemory,
     PositionRateGains,
     low_pass_step,
     position_pd,
@@ -32,7 +33,7 @@ def test_the_wanted_velocity_is_feed_plus_error_over_the_look_ahead() -> None:
 
 def test_equation_6_adds_p_and_d_of_the_velocity_error() -> None:
     gains, dt = PositionGains(0.1, 0.3, 0.02), 0.001
-    state, out = np.zeros(7), np.zeros(3)
+    state, out = PositionMemory(), np.zeros(3)
     wanted, first, second = vectors(3)
     velocity_pd(wanted, first, gains, dt, state, out)
     np.testing.assert_allclose(out, wanted + 0.3 * (wanted - first), rtol=1e-14)
@@ -50,7 +51,7 @@ def test_equation_5_is_feed_plus_p_of_the_error_plus_d_of_its_derivative() -> No
 
 def follow_ramp(p: float, dt: float, seconds: float) -> np.ndarray:
     """Errors of an ideal robot under eq. 6 that starts 10 mm behind a target moving at 50 mm/s [m], shape (n, 3)."""
-    gains, state = PositionGains(0.1, p, 0.0), np.zeros(7)
+    gains, state = PositionGains(0.1, p, 0.0), PositionMemory()
     position, velocity, feed = np.zeros(3), np.zeros(3), np.array([0.05, 0.0, -0.02])
     wanted, out, errors = np.zeros(3), np.zeros(3), []
     for n in range(round(seconds / dt)):
@@ -79,7 +80,7 @@ def test_p_on_the_velocity_error_leaves_no_error_on_a_ramp() -> None:
 @pytest.mark.parametrize("delay", [1, 3, 8, 40])
 def test_p_below_one_is_safe_at_any_delay_and_above_one_it_is_not(delay: int) -> None:
     def response(p: float) -> float:
-        state, out, wanted = np.zeros(7), np.zeros(3), np.array([0.01, 0.0, 0.0])
+        state, out, wanted = PositionMemory(), np.zeros(3), np.array([0.01, 0.0, 0.0])
         line = [np.zeros(3)] * delay
         for _ in range(400 * delay):
             velocity_pd(wanted, line[0], PositionGains(0.1, p, 0.0), 0.001, state, out)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.cell.carrier import FIRST_JOINT
 from polish_sim.config import Scenario
 from polish_sim.dual import task
+from polish_sim.dual.carrier import FIRST_JOINT
 from polish_sim.dual.experiment import FREE_CLAIMS, PRESSING_CLAIMS
 from polish_sim.dual.frames import true_chain
 from polish_sim.dual.plots import plot_dual

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.cell.carrier import RAMP_PEAK
 from polish_sim.config import Scenario
+from polish_sim.dual.carrier import RAMP_PEAK
 from polish_sim.dual.checks import MotionCheck, check_master, check_motion
 from polish_sim.dual.master import MasterMotion
 from polish_sim.dual.placement import sampled

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.motion.timed_path import Pace, TimedPath, sample_motion, sample_rate, time_path
-from polish_sim.motion.trajectory import PathTable, build_path_table, with_set_points
+from polish_sim.motion.trajectory import PathTable, build_path_table, with_feed_share
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def test_velocity_and_spin_are_the_rates_of_position_and_orientation() -> None:
 
 def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time() -> None:
     s = np.array([0.0, 0.05, 0.06, 0.12])
-    table = with_set_points(circle(), s, None, np.array([2.0, 2.0, 0.5, 0.5]))
+    table = with_feed_share(circle(), s, np.array([2.0, 2.0, 0.5, 0.5]))
     motion = time_path(table, PACE)
     clock = np.arange(len(motion.places)) * motion.spacing
     fed = motion.rates * motion.speeds

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.motion.trajectory import PathTable, build_path_table, sample_path, sample_share, with_set_points
+from polish_sim.motion.trajectory import (
+    PathTable,
+    at_rows,
+    build_path_table,
+    sample_column,
+    sample_path,
+    with_feed_share,
+)
 
 RADIUS, PITCH = 0.1, 0.02  # of the helix [m], [m/rad]
 SPEED = float(np.hypot(RADIUS, PITCH))  # arc length per turn angle [m/rad]
@@ -131,24 +138,24 @@ def straight_table(length: float = 0.2) -> PathTable:
     return build_path_table(np.stack([x, 0.0 * x, 0.0 * x], axis=1), np.tile(np.eye(3), (41, 1, 1)))
 
 
-def test_force_and_feed_are_the_job_s_own_exactly_unless_the_path_names_them() -> None:
+def test_the_feed_is_the_stroke_s_own_exactly_unless_the_path_names_it() -> None:
     table = straight_table()
     for s in np.random.default_rng(1).uniform(-0.01, 0.21, 200):
-        assert sample_share(table, table.force_share, s) == 1.0
-        assert sample_share(table, table.feed_share, s) == 1.0
+        assert sample_column(table, table.feed_share, s) == 1.0
 
 
-def test_shares_are_linear_between_the_points_they_were_given_at() -> None:
+def test_values_are_linear_between_the_points_they_were_given_at() -> None:
     s = np.array([0.3, 0.35, 0.5])
-    table = with_set_points(straight_table(), s, np.array([1.0, 2.0, 0.5]), np.array([0.5, 0.5, 0.5]))
+    table = straight_table()
+    values = at_rows(table, s, np.array([1.0, 2.0, 0.5]))
     for place, share in ((0.0, 1.0), (0.025, 1.5), (0.05, 2.0), (0.125, 1.25), (0.2, 0.5), (0.4, 0.5)):
-        assert sample_share(table, table.force_share, place) == pytest.approx(share)
+        assert sample_column(table, values, place) == pytest.approx(share)
 
 
 def test_before_a_slow_place_the_feed_falls_in_time() -> None:
     """From feed 1 to 0.2 at 12 per metre: the square falls by 24 per metre, over 40 mm before the place."""
     s = np.linspace(0.0, 0.2, 401)
-    table = with_set_points(straight_table(), s, None, np.where(s < 0.1, 1.0, 0.2), braking=12.0)
+    table = with_feed_share(straight_table(), s, np.where(s < 0.1, 1.0, 0.2), braking=12.0)
     nodes = np.arange(len(table.positions)) * table.spacing
     assert np.diff(table.feed_share**2).min() >= -24.0 * table.spacing - 1e-12
     before = nodes < 0.1

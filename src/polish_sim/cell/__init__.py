@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from polish_sim.cell.real_part import Touch, build_real_part, no_part
     from polish_sim.cell.scene import build_scene, tool_on_flange
     from polish_sim.cell.stroke import Job
-    from polish_sim.cell.wrist_sensor import read_at_rest, weight_of
+    from polish_sim.cell.wrist_sensor import weight_of
 else:
     __getattr__ = names_on_use(__name__)
 
@@ -33,7 +33,6 @@ __all__ = [
     "no_part",
     "parse_events",
     "press_pad",
-    "read_at_rest",
     "tool_on_flange",
     "weight_of",
 ]

@@ -11,30 +11,35 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, SpindleConfig
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Record, kernel
 
-Array = NDArray[np.float64]
 
+class PadMaterial(Record):
+    """What the pad is made of."""
 
-class Pad(NamedTuple):
-    """The disc, sampled; the pad frame has its origin at the face's centre and z out of the tool."""
-
-    x: Array
-    """Sample points on the face, equal area each [m], shape (n,)."""
-    y: Array
-    """[m], shape (n,)"""
     stiffness: float
-    """Normal stiffness of one point [N/m]."""
+    """Normal stiffness of one sample point [N/m]."""
     damping: float
     """Hunt-Crossley factor [s/m]."""
     friction: float
     """Coulomb coefficient [-]."""
     smoothing: float
     """Sliding speed v_s of the smoothed Coulomb law v / sqrt(v^2 + v_s^2) [m/s]."""
+
+
+class Pad(NamedTuple):
+    """The disc, sampled; the pad frame has its origin at the face's centre and z out of the tool."""
+
+    material: PadMaterial
+    x: Array
+    """Sample points on the face, equal area each [m], shape (n,)."""
+    y: Array
+    """[m], shape (n,)"""
     depth: Array
     """Depth of each point below the part [m], negative above it, shape (n,)."""
     slope: Array
@@ -61,17 +66,12 @@ class RealPart(NamedTuple):
 def build_pad(config: PadConfig, spring_scale: float = 1.0) -> Pad:
     """Sample the disc with points of equal area; the real pad is ``spring_scale`` times as stiff as configured."""
     points = _spread_points(config.points) * config.radius_m
-    return Pad(
-        points[:, 0].copy(),
-        points[:, 1].copy(),
-        config.stiffness_n_m * spring_scale / len(points),
-        config.damping_s_m,
-        config.friction,
-        config.friction_smoothing_m_s,
-        np.zeros(len(points)),
-        np.zeros((3, len(points))),
-        np.zeros((7, 3)),
-    )
+    n, (x, y) = len(points), np.ascontiguousarray(points.T)
+    material = PadMaterial(
+        stiffness=config.stiffness_n_m * spring_scale / n, damping=config.damping_s_m, friction=config.friction,
+        smoothing=config.friction_smoothing_m_s,
+    )  # fmt: skip
+    return Pad(material, x, y, np.zeros(n), np.zeros((3, n)), np.zeros((7, 3)))
 
 
 def _spread_points(count: int) -> Array:
@@ -87,7 +87,7 @@ def _spread_points(count: int) -> Array:
     return np.repeat(radius, 4)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-@njit(cache=True, forceinline=True)
+@kernel
 def press_pad(
     pad: Pad,
     part: RealPart,
@@ -134,7 +134,7 @@ def press_pad(
         torque[i] = R[i, 0] * w[6, 0] + R[i, 1] * w[6, 1] + R[i, 2] * w[6, 2]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def _measure_depths(pad: Pad, field: DistanceField) -> float:
     """Depth and slope at every point; returns the largest depth [m]."""
     w = pad.motion
@@ -165,7 +165,8 @@ def _sum_pressure(pad: Pad, spin: float) -> None:
     # The spindle turns the points within the face; only the head's motion presses them in.
     sx, sy, sz = spin * (xy * yz - xz * yy), spin * (xz * yx - xx * yz), spin * (xx * yy - xy * yx)
     depths, slope_x, slope_y, slope_z = pad.depth, pad.slope[0], pad.slope[1], pad.slope[2]
-    k, hardening, friction, smoothing = pad.stiffness, pad.damping, pad.friction, pad.smoothing**2
+    material = pad.material
+    k, hardening, friction, smoothing = material.stiffness, material.damping, material.friction, material.smoothing**2
     fx = fy = fz = tx = ty = tz = 0.0
     for i in range(pad.x.shape[0]):
         a, b = pad.x[i], pad.y[i]
@@ -190,42 +191,42 @@ def _sum_pressure(pad: Pad, spin: float) -> None:
 # The spindle: its speed, and the pull of what is out of balance on it.
 #
 # A rotor of balance grade G has its centre of mass off the axis by e = G / omega; it pulls with m e omega^2, turning
-# with the spindle. The physics sees the pull once a step, the sensor at its own rate: what a slow sensor makes of it
-# (an alias) comes out by itself.
+# with the spindle. The physics sees the pull once a step, the sensor at its own rate, aliased if it is slow.
 
 RUN_DOWN_S = 0.5  # from full speed to rest when the drive fails
 
-ANGLE, SPIN, DRIVE = 0, 1, 2  # of the state
 
-
-class Spindle(NamedTuple):
-    """What turns and what pulls."""
+class Spindle(Record):
+    """The spindle and the imbalance that turns with it."""
 
     commanded: float
-    """Speed it is meant to have [rad/s]."""
+    """Set speed [rad/s]."""
     imbalance: float
     """Mass times eccentricity m e [kg m]."""
-    state: Array
-    """Angle [rad], speed [rad/s] and share of the commanded speed it runs towards [-], shape (3,)."""
+    angle: float
+    """[rad]"""
+    speed: float
+    """[rad/s]"""
+    failed: bool
+    """The drive has failed: it runs down."""
 
 
 def build_spindle(config: SpindleConfig) -> Spindle:
     """A spindle at its speed, its heavy side along the head's x axis."""
     speed = 2.0 * math.pi * config.speed_rpm / 60.0
     imbalance = config.rotating_mass_kg * config.imbalance_m_s / speed if speed else 0.0
-    return Spindle(speed, imbalance, np.array([0.0, speed, 1.0]))
+    return Spindle(commanded=speed, imbalance=imbalance, speed=speed)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def turn_spindle(spindle: Spindle, dt: float) -> None:
-    """Turn it on by one step; after a failure of its drive it runs down evenly."""
-    state = spindle.state
-    wanted = state[DRIVE] * spindle.commanded
-    state[SPIN] = max(wanted, state[SPIN] - spindle.commanded * dt / RUN_DOWN_S)
-    state[ANGLE] = (state[ANGLE] + state[SPIN] * dt) % (2.0 * math.pi)
+    """Advance it by one step; after a failure of its drive it runs down evenly."""
+    wanted = 0.0 if spindle.failed else spindle.commanded
+    spindle.speed = max(wanted, spindle.speed - spindle.commanded * dt / RUN_DOWN_S)
+    spindle.angle = (spindle.angle + spindle.speed * dt) % (2.0 * math.pi)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def pull_of_imbalance(spindle: Spindle, R_base_head: Array, force: Array) -> None:
     """Add the pull of the imbalance to a force on the head.
 
@@ -234,7 +235,7 @@ def pull_of_imbalance(spindle: Spindle, R_base_head: Array, force: Array) -> Non
         R_base_head: Orientation of the head, its z axis the spindle's, shape (9,).
         force: Changed: force on the head's centre of mass [N], base, shape (3,).
     """
-    pull = spindle.imbalance * spindle.state[SPIN] ** 2
-    x, y = pull * math.cos(spindle.state[ANGLE]), pull * math.sin(spindle.state[ANGLE])
+    pull = spindle.imbalance * spindle.speed**2
+    x, y = pull * math.cos(spindle.angle), pull * math.sin(spindle.angle)
     for i in range(3):
         force[i] += R_base_head[3 * i] * x + R_base_head[3 * i + 1] * y

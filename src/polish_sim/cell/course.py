@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array
 from polish_sim.cell.contact import build_pad
 from polish_sim.cell.stroke import Job
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Course
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.trajectory import PathTable, sample_path, sample_share
+from polish_sim.motion.trajectory import PathTable, sample_column, sample_path
 from polish_sim.spatial import rotation_from_quaternion
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SPACING = 0.0005  # of the rows [m]
@@ -88,7 +88,7 @@ def build_course(scenario: Scenario, strokes: Sequence[Job], drawn: DistanceFiel
     pad = build_pad(scenario.pad)
     statics = _Statics(
         *_solve(
-            drawn, pad.x, pad.y, pad.stiffness, scenario.head.stiffness_n_m, (poses.positions - p) @ R,
+            drawn, pad.x, pad.y, pad.material.stiffness, scenario.head.stiffness_n_m, (poses.positions - p) @ R,
             np.ascontiguousarray(R.T @ poses.rotations), poses.force,
         )
     )  # fmt: skip
@@ -160,17 +160,17 @@ def _poses(job: Job, s: Array) -> _Poses:
         np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3)), np.linalg.norm(tangents, axis=1)[rows],
         table.curvature[rows], np.empty(n), feed,
     )  # fmt: skip
-    _sample(table, s - job.start_s, poses.positions, poses.rotations, poses.turning, poses.force)
-    return poses._replace(force=job.force * poses.force)
+    _sample(table, job.force, s - job.start_s, poses)
+    return poses
 
 
 @njit(cache=True)
-def _sample(table: PathTable, places: Array, positions: Array, rotations: Array, turning: Array, force: Array) -> None:
+def _sample(table: PathTable, forces: Array, places: Array, poses: _Poses) -> None:
     tangent, quaternion = np.empty(3), np.empty(4)
     for i in range(len(places)):
-        sample_path(table, places[i], positions[i], tangent, quaternion, turning[i])
-        rotation_from_quaternion(quaternion, rotations[i])
-        force[i] = sample_share(table, table.force_share, places[i])
+        sample_path(table, places[i], poses.positions[i], tangent, quaternion, poses.turning[i])
+        rotation_from_quaternion(quaternion, poses.rotations[i])
+        poses.force[i] = sample_column(table, forces, places[i])
 
 
 @njit(cache=True, error_model="numpy")

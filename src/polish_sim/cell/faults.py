@@ -13,11 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.cell.carrier import HALTED, UNHEARD, WANTED_PACE
-from polish_sim.cell.contact import DRIVE
-from polish_sim.cell.kernel import CLOCK, CONTACT_TIME, MUTE, PAUSE, POISON, STOP, STOP_TIME, CellKernel
-from polish_sim.cell.protective_stop import BRAKED_AT, HEIGHT, SENT, SHORT, STAGE, STANDING
-from polish_sim.cell.wrist_sensor import NEXT
+from polish_sim.cell.guards import NO_STOP
+from polish_sim.cell.kernel import CellKernel
+from polish_sim.cell.protective_stop import SENT, SHORT, STANDING
 from polish_sim.errors import ConfigError, unknown_name
 
 JUMP_N = 20.0
@@ -29,7 +27,7 @@ SLOW = 0.5
 NOISE_TIMES, FRICTION_TIMES = 10.0, 2.0
 _AWAY_M = 10.0  # where a missing part goes: out of reach
 
-Inject = Callable[[CellKernel], CellKernel]
+Inject = Callable[[CellKernel], None]
 
 
 class Fault(NamedTuple):
@@ -45,101 +43,96 @@ class Fault(NamedTuple):
     """Whether it changes nothing without a second robot that carries the part."""
 
 
-def _sensor_dropout(cell: CellKernel) -> CellKernel:
-    return cell._replace(sensor=cell.sensor._replace(reach=math.nan))
+def _sensor_reach(reach: float) -> Inject:
+    def inject(cell: CellKernel) -> None:
+        cell.state.sensor.errors.reach = reach
+
+    return inject
 
 
-def _sensor_zeros(cell: CellKernel) -> CellKernel:
-    return cell._replace(sensor=cell.sensor._replace(reach=0.0))
-
-
-def _sensor_frozen(cell: CellKernel) -> CellKernel:
-    cell.sensor_state.clock[NEXT] = math.inf
-    return cell
+def _sensor_frozen(cell: CellKernel) -> None:
+    cell.state.sensor.next = math.inf
 
 
 def _bias(newton: float) -> Inject:
-    def inject(cell: CellKernel) -> CellKernel:
-        cell.sensor.bias[2] += newton
-        return cell
+    def inject(cell: CellKernel) -> None:
+        cell.state.sensor.errors.bias[2] += newton
 
     return inject
 
 
 def _creep(newton_per_second: float) -> Inject:
-    def inject(cell: CellKernel) -> CellKernel:
-        cell.sensor.creep[2] += newton_per_second * cell.sensor.period
-        return cell
+    def inject(cell: CellKernel) -> None:
+        cell.state.sensor.errors.creep[2] += newton_per_second * cell.state.sensor.period
 
     return inject
 
 
-def _sensor_noise(cell: CellKernel) -> CellKernel:
-    return cell._replace(sensor=cell.sensor._replace(noise=NOISE_TIMES * cell.sensor.noise))
+def _sensor_noise(cell: CellKernel) -> None:
+    cell.state.sensor.errors.noise *= NOISE_TIMES
 
 
-def _command_lost(cell: CellKernel) -> CellKernel:
-    cell.status[MUTE] = 1.0
-    return cell
+def _command_lost(cell: CellKernel) -> None:
+    cell.state.status.mute = True
 
 
-def _latency_jump(cell: CellKernel) -> CellKernel:
-    more = round(LATENCY_S / cell.engine.dt)
-    room = cell.speedl_state.line.shape[0] - 1
-    return cell._replace(speedl=cell.speedl._replace(latency=min(cell.speedl.latency + more, room)))
+def _latency_jump(cell: CellKernel) -> None:
+    robot, room = cell.state.speedl, len(cell.requests.numbers) - 1
+    robot.latency = min(robot.latency + round(LATENCY_S / cell.engine.dt), room)
 
 
-def _controller_nan(cell: CellKernel) -> CellKernel:
-    cell.status[POISON] = 1.0
-    return cell
+def _controller_nan(cell: CellKernel) -> None:
+    cell.state.status.poisoned = True
 
 
-def _part_missing(cell: CellKernel) -> CellKernel:
-    cell.motion.shift[:] = cell.motion.goal[:] = -_AWAY_M * cell.motion.axis
-    return cell
+def _part_missing(cell: CellKernel) -> None:
+    motion = cell.state.motion
+    motion.shift = motion.goal = -_AWAY_M * motion.axis
 
 
 def _part_along(metres: float) -> Inject:
-    def inject(cell: CellKernel) -> CellKernel:
-        cell.motion.goal[:] += metres * cell.motion.axis
-        return cell
+    def inject(cell: CellKernel) -> None:
+        cell.state.motion.goal += metres * cell.state.motion.axis
 
     return inject
 
 
-def _part_across(cell: CellKernel) -> CellKernel:
-    axis = cell.motion.axis
+def _part_across(cell: CellKernel) -> None:
+    axis = cell.state.motion.axis
     across = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
-    cell.motion.goal[:] += PART_M * across / np.linalg.norm(across)
-    return cell
+    cell.state.motion.goal += PART_M * across / np.linalg.norm(across)
 
 
-def _part_loose(cell: CellKernel) -> CellKernel:
-    cell.motion.swing[:] = SHAKE_M, 2.0 * math.pi * SHAKE_HZ, cell.status[CLOCK] * cell.engine.dt
-    return cell
+def _part_loose(cell: CellKernel) -> None:
+    motion = cell.state.motion
+    motion.amplitude, motion.frequency = SHAKE_M, 2.0 * math.pi * SHAKE_HZ
+    motion.start = cell.state.status.steps * cell.engine.dt
 
 
-def _spindle_stop(cell: CellKernel) -> CellKernel:
-    cell.spindle.state[DRIVE] = 0.0
-    return cell
+def _spindle_stop(cell: CellKernel) -> None:
+    cell.state.spindle.failed = True
 
 
-def _friction_jump(cell: CellKernel) -> CellKernel:
-    return cell._replace(pad=cell.pad._replace(friction=FRICTION_TIMES * cell.pad.friction))
+def _friction_jump(cell: CellKernel) -> None:
+    cell.pad.material.friction *= FRICTION_TIMES
 
 
-def _master(entry: int, value: float) -> Inject:
-    def inject(cell: CellKernel) -> CellKernel:
-        cell.carrier.clock[entry] = value
-        return cell
+def _master_stop(cell: CellKernel) -> None:
+    cell.state.master.halted = True
 
-    return inject
+
+def _master_silent(cell: CellKernel) -> None:
+    cell.state.master.unheard = True
+
+
+def _master_slow(cell: CellKernel) -> None:
+    cell.state.master.slow = 1.0 - SLOW
 
 
 FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
-        "sensor-dropout": Fault("the wrist sensor's reading is missing (not a number)", _sensor_dropout),
-        "sensor-zeros": Fault("the wrist sensor's reading is all zeros", _sensor_zeros),
+        "sensor-dropout": Fault("the wrist sensor's reading is missing (not a number)", _sensor_reach(math.nan)),
+        "sensor-zeros": Fault("the wrist sensor's reading is all zeros", _sensor_reach(0.0)),
         "sensor-frozen": Fault("the wrist sensor's reading no longer changes", _sensor_frozen),
         "sensor-jump": Fault(f"the reading along the tool axis jumps by +{JUMP_N:g} N", _bias(JUMP_N)),
         "sensor-drop": Fault(f"the reading along the tool axis jumps by -{JUMP_N:g} N", _bias(-JUMP_N)),
@@ -161,9 +154,9 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         ),
         "spindle-stop": Fault("the spindle's drive fails: it runs down in 0.5 s", _spindle_stop, on_part=True),
         "friction-jump": Fault(f"the pad's friction grows {FRICTION_TIMES:g} times", _friction_jump, on_part=True),
-        "master-stop": Fault("the master stops itself, as its own guards would", _master(HALTED, 1.0), on_master=True),
-        "master-silent": Fault("the host no longer hears where the master is", _master(UNHEARD, 1.0), on_master=True),
-        "master-slow": Fault(f"the master moves at {SLOW:g} of its speed", _master(WANTED_PACE, SLOW), on_master=True),
+        "master-stop": Fault("the master stops itself, as its own guards would", _master_stop, on_master=True),
+        "master-silent": Fault("the host no longer hears where the master is", _master_silent, on_master=True),
+        "master-slow": Fault(f"the master moves at {SLOW:g} of its speed", _master_slow, on_master=True),
     }
 )
 
@@ -237,41 +230,40 @@ class FaultClock:
         self.first_time: float | None = None
         """When the first fault happened [s]."""
 
-    def inject_due(self, cell: CellKernel) -> CellKernel:
-        """The cell with every fault that is due now."""
-        dt = cell.engine.dt
-        now = float(cell.status[CLOCK]) * dt
+    def inject_due(self, cell: CellKernel) -> None:
+        """Inject every fault that is due now."""
+        dt, status = cell.engine.dt, cell.state.status
+        now = float(status.steps) * dt
         for event in [e for e in self.waiting if self._time_of(e, cell) <= now + 0.5 * dt]:
             self.waiting.remove(event)
-            cell = FAULTS[event.name].inject(cell)
+            FAULTS[event.name].inject(cell)
             self.first_time = now if self.first_time is None else self.first_time
-        cell.status[PAUSE] = float(any(e.after_contact for e in self.waiting) and cell.status[CONTACT_TIME] == 0.0)
-        return cell
+        status.pause_at_contact = any(e.after_contact for e in self.waiting) and status.contact_time == 0.0
 
     def steps_to_next(self, cell: CellKernel, most: int) -> int:
         """Steps until the next fault whose time is known, at least one, no more than ``most``."""
         next_time = min((self._time_of(e, cell) for e in self.waiting), default=math.inf)
         if not math.isfinite(next_time):
             return most
-        return min(most, max(1, math.ceil(next_time / cell.engine.dt - 1e-6) - int(cell.status[CLOCK])))
+        return min(most, max(1, math.ceil(next_time / cell.engine.dt - 1e-6) - int(cell.state.status.steps)))
 
     @staticmethod
     def _time_of(event: FaultEvent, cell: CellKernel) -> float:
         """When it happens [s]; infinite while the contact it waits for has not come."""
-        contact = float(cell.status[CONTACT_TIME])
+        contact = float(cell.state.status.contact_time)
         if event.after_contact:
             return contact + event.time if contact > 0.0 else math.inf
         return event.time
 
 
-# What came of the faults and guards of a run, as figures.
+# Faults and guards of a run as figures.
 
 
 class SafetyRecord(NamedTuple):
     """Times and ends; None where there was no stop, no fault or no retract."""
 
     protective_stop_time_s: float | None
-    """When the guard spoke [s]."""
+    """When the guard tripped [s]."""
     stop_delay_s: float | None
     """From then to the brakes [s]."""
     fault_time_s: float | None
@@ -289,13 +281,14 @@ class SafetyRecord(NamedTuple):
 def record_safety(cell: CellKernel, faults: FaultClock) -> SafetyRecord:
     """Read the record off a cell after its run."""
     missed = tuple(str(event) for event in faults.waiting)
-    if cell.status[STOP] == 0.0:
+    status, stop = cell.state.status, cell.state.stop
+    if status.stop == NO_STOP:
         return SafetyRecord(None, None, faults.first_time, None, None, None, missed)
-    stopped, state = float(cell.status[STOP_TIME]), cell.stop.state
-    braked = float(state[BRAKED_AT]) - stopped if state[STAGE] != SENT else math.nan
+    stopped = float(status.stop_time)
+    braked = float(stop.braked_at) - stopped if stop.stage != SENT else math.nan
     since = None if faults.first_time is None or faults.first_time > stopped else stopped - faults.first_time
-    due = cell.stop.clearance > 0.0
-    back = state[STAGE] == STANDING and bool(state[HEIGHT] >= cell.stop.clearance - SHORT)
-    return SafetyRecord(
-        stopped, braked, faults.first_time, since, back if due else None, float(state[HEIGHT]) if due else None, missed
-    )
+    retracted = height = None
+    if stop.clearance > 0.0:
+        height = float(stop.height)
+        retracted = bool(stop.stage == STANDING and height >= stop.clearance - SHORT)
+    return SafetyRecord(stopped, braked, faults.first_time, since, retracted, height, missed)

@@ -1,4 +1,8 @@
-"""Protective stops: the conditions under which the simulated robot stops itself, and what each is called."""
+"""Protective stops: the conditions under which the simulated robot stops itself, checked at every step.
+
+The guards stand beside the controller, not in it: they go on when it fails. They use what a real cell has: the
+sensor's reading, the encoders, the plan, the age of the last command, the spindle's speed.
+"""
 
 from __future__ import annotations
 
@@ -6,24 +10,30 @@ import math
 from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
+from polish_sim.cell.contact import RealPart
+from polish_sim.cell.engine import EngineViews
+from polish_sim.cell.stroke import TARE, TOUCH_DOWN
 from polish_sim.config import Scenario
+from polish_sim.geometry.field_lookup import field_distance
+from polish_sim.kernels import Record, Vector3, kernel
 from polish_sim.models import robot_model_path
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from polish_sim.cell.kernel import CellKernel, CellState
 
-FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
-MISSING, CONTROLLER_NAN, JOINT_LIMIT, UNSTABLE, ENGINE_CONTACT, CONTROLLER_ERROR = 7.0, 8.0, 9.0, 10.0, 11.0, 12.0
-NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, LOW, RISEN, FALLEN = 13.0, 14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0
-MASTER_HALTED, MASTER_SILENT = 21.0, 22.0
+NO_STOP = 0
+FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH, MISSING, CONTROLLER_NAN, JOINT_LIMIT, UNSTABLE = range(1, 11)
+ENGINE_CONTACT, CONTROLLER_ERROR, NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, LOW, RISEN, FALLEN = range(11, 21)
 
-REASONS: Mapping[float, str] = MappingProxyType(
+REASONS: Mapping[int, str] = MappingProxyType(
     {
         FORCE: "measured force above safety.force_limit_n",
         TORQUE: "measured torque above safety.torque_limit_nm",
@@ -42,8 +52,6 @@ REASONS: Mapping[float, str] = MappingProxyType(
         CONTROLLER_NAN: "the controller returned a value that is not finite",
         CONTROLLER_ERROR: "the controller raised an error",
         SILENT_HOST: "no command from the host for longer than robot.command_timeout_s",
-        MASTER_HALTED: "the master stopped itself",
-        MASTER_SILENT: "no position of the master for longer than safety.master_timeout_s",
         JOINT_LIMIT: "a joint reached the end of its range",
         UNSTABLE: "the simulation became unstable",
         ENGINE_CONTACT: "links of the robot touched each other, the table or another robot",
@@ -52,13 +60,13 @@ REASONS: Mapping[float, str] = MappingProxyType(
 
 FOLLOW_S = 0.005  # the reading is compared with itself, smoothed over this time
 SPINDLE_SHARE = 0.8  # of the commanded speed, at least
-HELD_S = 0.1  # the force within a quarter of what is wanted for this long counts as held
+HELD_S = 0.1  # the force within a tenth of the wanted one for this long counts as held
+_CRASH_ROUNDS = 16  # the links' points are looked at in turn, all within this many steps
+_DEEPEST = 5.0  # the springs may be this much softer than planned before the force is first held [-]
 
-HELD, DEPTH, WAS_HELD = 0, 1, 2  # of ``Guards.held``
 
-
-class Guards(NamedTuple):
-    """Limits and what they watch."""
+class Guards(Record):
+    """Limits, and what is remembered to check them."""
 
     force: float
     """[N]"""
@@ -74,46 +82,138 @@ class Guards(NamedTuple):
     """[-]"""
     offset: float
     """Of the surface from where it was planned [m]."""
-    master_timeout: float
-    """[s]"""
+    lost: float
+    """Time without contact so far [s]."""
+    smooth: Vector3
+    """The reading's force, smoothed, sensor frame [N]."""
+    holding: float
+    """Time the force has been held [s]."""
+    depth: float
+    """The tool's depth at contact, from when the force is first held the depth then [m]."""
+    was_held: bool
+    """Whether the force has been held since contact."""
+
+
+class CrashPoints(NamedTuple):
+    """Points on shaft, spindle, sensor, wrist and forearm that must stay out of the part."""
+
     points: Array
-    """Sample points on the links, body frames [m], shape (k, 3)."""
+    """In their bodies' frames [m], shape (k, 3)."""
     bodies: NDArray[np.int64]
     """Body of each point, shape (k,)."""
-    lost: Array
-    """Time without contact so far [s], shape (1,)."""
-    smooth: Array
-    """The reading's force, smoothed, sensor frame [N], shape (3,)."""
-    held: Array
-    """Time the force has been held [s], tool's depth at contact, then when it first was [m], 1 once it was; (3,)."""
 
 
-def build_guards(scenario: Scenario, points: Array, bodies: NDArray[np.int64]) -> Guards:
-    """Limits of a scenario.
-
-    Args:
-        scenario: The scenario.
-        points: Sample points on the links, body frames [m], shape (k, 3).
-        bodies: Body of each point, shape (k,).
-    """
+def build_guards(scenario: Scenario) -> Guards:
+    """Guards with the limits of a scenario."""
     safety, sensor = scenario.safety, scenario.sensor
     # Without noise a robot at rest reads the same all the time, which is no fault.
     restless = min(sensor.force_noise_n - sensor.force_quantum_n, sensor.torque_noise_nm) > 0.0
     return Guards(
-        safety.force_limit_n,
-        safety.torque_limit_nm,
-        safety.contact_lost_s,
-        safety.sensor_timeout_s if restless else math.inf,
-        safety.jump_limit_n or math.inf,
-        safety.singular_value_limit,
-        safety.offset_limit_m,
-        safety.master_timeout_s,
-        points,
-        bodies,
-        np.zeros(1),
-        np.zeros(3),
-        np.zeros(3),
-    )
+        force=safety.force_limit_n, torque=safety.torque_limit_nm, contact_lost=safety.contact_lost_s,
+        sensor_timeout=safety.sensor_timeout_s if restless else math.inf, jump=safety.jump_limit_n or math.inf,
+        singular_value=safety.singular_value_limit, offset=safety.offset_limit_m,
+    )  # fmt: skip
+
+
+@kernel
+def check_reading(cell: CellKernel, t: float) -> int:
+    """Code of what is wrong with the sensor's reading, 0 if nothing; before the controller sees it."""
+    guards, sensor, sequence = cell.state.guards, cell.state.sensor, cell.state.sequence
+    reading, smooth = sensor.reading, guards.smooth
+    finite, size, jump = 0.0, 0.0, 0.0
+    for i in range(6):
+        finite += reading[i]
+        size += abs(reading[i])
+    if not math.isfinite(finite) or size == 0.0:
+        return NO_READING
+    if t - sensor.changed > guards.sensor_timeout and t > 2.0 * guards.sensor_timeout:
+        return FROZEN
+    share = cell.engine.dt / FOLLOW_S if t > 0.0 else 1.0
+    for i in range(3):
+        smooth[i] += share * (reading[i] - smooth[i])
+        jump += (reading[i] - smooth[i]) ** 2
+    limit = max(guards.jump, 2.0 * sequence.floor)
+    return JUMP if jump > limit * limit and sequence.stage != TARE else NO_STOP
+
+
+@kernel
+def check_guards(cell: CellKernel, count: int) -> int:
+    """Code of the first condition that is met, 0 if none; see ``REASONS``."""
+    state, dt = cell.state, cell.engine.dt
+    guards, robot, w, target = state.guards, state.speedl, state.measurement.wrench, state.target
+    if math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2) > guards.force:
+        return FORCE
+    if math.sqrt(w[3] ** 2 + w[4] ** 2 + w[5] ** 2) > guards.torque:
+        return TORQUE
+    if robot.weakest < guards.singular_value:
+        return SINGULAR
+    if robot.number > 0 and robot.age >= robot.timeout:
+        return SILENT_HOST
+    if cell.job.contact and state.spindle.speed < SPINDLE_SHARE * state.spindle.commanded:
+        return SPINDLE
+    moved = _check_surface(state, cell.job.depth, dt)
+    if moved != NO_STOP:
+        return moved
+    in_process = target.contact[0] > 0.0
+    guards.lost = guards.lost + dt if in_process and w[2] < 0.1 * target.force[0] else 0.0
+    if guards.lost > guards.contact_lost:
+        return LOST
+    if _crashed(cell.crash_points, cell.part, cell.engine, count % _CRASH_ROUNDS):
+        return CRASH
+    return NO_STOP
+
+
+@kernel
+def _check_surface(state: CellState, planned: float, dt: float) -> int:
+    """Whether the surface is where it was planned: when contact is found, and from then on.
+
+    How far the springs are pressed in is only known once the force is held in the process; from there on the tool's
+    offset from the plan is the surface's. Until then the tool may go as deep as springs five times softer than planned
+    need (planned: ``planned`` [m]), but not above where it found contact.
+    """
+    guards, sequence, m, target = state.guards, state.sequence, state.measurement, state.target
+    if target.contact[0] == 0.0:
+        guards.holding, guards.depth, guards.was_held = 0.0, 0.0, False
+        return NO_STOP
+    offset = 0.0
+    for i in range(3):
+        offset += target.rotation[i, 2] * (m.position[i] - target.position[i])
+    landing = sequence.stage == TOUCH_DOWN
+    # Depth of the tool below the planned surface, which the target is pressed in by the job's depth.
+    depth = offset + (sequence.depth if landing else planned)
+    if landing and sequence.time == 0.0:
+        guards.holding, guards.depth, guards.was_held = 0.0, depth, False
+        if abs(depth) > guards.offset:
+            return LOW if depth > 0.0 else HIGH
+    room = guards.offset
+    if not guards.was_held:
+        room += _DEEPEST * planned
+        holding = not landing and abs(m.wrench[2] - target.force[0]) < 0.1 * target.force[0]
+        guards.holding = guards.holding + dt if holding else 0.0
+        if guards.holding >= HELD_S:
+            guards.depth, guards.was_held = depth, True
+    if depth - guards.depth > room:
+        return FALLEN
+    return RISEN if depth - guards.depth < -guards.offset else NO_STOP
+
+
+@kernel
+def _crashed(crash: CrashPoints, part: RealPart, e: EngineViews, first: int) -> bool:
+    """Whether a sample point of the links is in the part; looks at every ``_CRASH_ROUNDS``-th one."""
+    near = 0.5 * part.coarse.spacing  # a sheet thinner than the grid is nowhere negative, but never further than this
+    P, p0 = part.rotation, part.position
+    for i in range(first, crash.points.shape[0], _CRASH_ROUNDS):
+        body, p = crash.bodies[i], crash.points[i]
+        R = e.xmat[body]
+        x = e.xpos[body, 0] + R[0] * p[0] + R[1] * p[1] + R[2] * p[2] - p0[0]
+        y = e.xpos[body, 1] + R[3] * p[0] + R[4] * p[1] + R[5] * p[2] - p0[1]
+        z = e.xpos[body, 2] + R[6] * p[0] + R[7] * p[1] + R[8] * p[2] - p0[2]
+        wx = P[0, 0] * x + P[1, 0] * y + P[2, 0] * z
+        wy = P[0, 1] * x + P[1, 1] * y + P[2, 1] * z
+        wz = P[0, 2] * x + P[1, 2] * y + P[2, 2] * z
+        if field_distance(part.coarse, wx, wy, wz) < near:
+            return True
+    return False
 
 
 # Sample points on shaft, spindle, sensor, wrist and forearm that must stay out of the part.
@@ -124,15 +224,12 @@ _SPACING = 0.03  # one point is kept in each cube of this side [m]
 _AROUND = 12  # points of a ring around the shaft
 
 
-def crash_points(model: mujoco.MjModel, arm: str = "") -> tuple[Array, NDArray[np.int64]]:
+def crash_points(model: mujoco.MjModel, arm: str = "") -> CrashPoints:
     """Points spread over the drawn meshes of the links behind the pad, and over the shaft it turns on.
 
     Args:
         model: The compiled scene.
-        arm: What the names of the arm with the tool begin with.
-
-    Returns:
-        Points in their bodies' frames [m], shape (k, 3), and the body of each, shape (k,).
+        arm: Prefix of the names of the arm with the tool.
     """
     on_shaft = _on_cylinder(model, model.geom(f"{arm}{_SHAFT}").id)
     points, bodies = [on_shaft], [np.full(len(on_shaft), model.body(f"{arm}head").id)]
@@ -143,7 +240,7 @@ def crash_points(model: mujoco.MjModel, arm: str = "") -> tuple[Array, NDArray[n
             spread = _thinned(R.apply(_vertices(model, int(model.geom_dataid[geom]))) + model.geom_pos[geom])
             points.append(spread)
             bodies.append(np.full(len(spread), body))
-    return np.concatenate(points), np.concatenate(bodies).astype(np.int64)
+    return CrashPoints(np.concatenate(points), np.concatenate(bodies).astype(np.int64))
 
 
 @cache

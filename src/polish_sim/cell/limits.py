@@ -13,19 +13,20 @@ TURNS_PER_STEP = 0.2  # of the spindle, at most: its imbalance must be seen five
 LEAST_ROOM = 1.2  # of the force at which the robot stops over the force it is to hold
 
 
-def check_step_limits(scenario: Scenario, tangential_mass: float, modelled: float) -> None:
+def check_step_limits(scenario: Scenario, force: float, tangential_mass: float, modelled: float) -> None:
     """Refuse a scenario whose contact would be unstable at its time step.
 
     Args:
         scenario: The scenario.
-        tangential_mass: What the arm and tool weigh against a push across the tool axis [kg].
+        force: Largest force to press with [N].
+        tangential_mass: Inertia of arm and tool against a push across the tool axis [kg].
         modelled: How deep below its surface the part is modelled [m].
 
     Raises:
         ConfigError: Naming the limit that is broken, by how much, and the keys that would mend it.
     """
-    check_contact_settings(scenario)
-    dt, pad, force = scenario.simulation.timestep_s, scenario.pad, scenario.process.contact_force_n
+    check_contact_settings(scenario, force)
+    dt, pad = scenario.simulation.timestep_s, scenario.pad
     drag = pad.friction * force * dt / (pad.friction_smoothing_m_s * tangential_mass)
     if drag >= 1.0:
         raise ConfigError(
@@ -33,14 +34,15 @@ def check_step_limits(scenario: Scenario, tangential_mass: float, modelled: floa
             f"mu F dt / (v_s m) = {drag:.2f}, must be below 1 (m = {tangential_mass:.1f} kg). "
             "Raise it, or lower pad.friction or simulation.timestep_s."
         )
-    _check_depth(scenario, modelled)
+    _check_depth(scenario, force, modelled)
 
 
-def check_contact_settings(scenario: Scenario) -> None:
-    """What `check_step_limits` can tell from the settings alone, before anything is planned.
+def check_contact_settings(scenario: Scenario, force: float) -> None:
+    """The part of `check_step_limits` that follows from the settings alone, before anything is planned.
 
     Args:
         scenario: The scenario.
+        force: Largest force to press with [N].
 
     Raises:
         ConfigError: As there.
@@ -59,18 +61,17 @@ def check_contact_settings(scenario: Scenario) -> None:
             "Lower pad.stiffness_n_m, head.stiffness_n_m, head.spring_scale or simulation.timestep_s, or raise "
             "head.mass_kg."
         )
-    force = scenario.process.contact_force_n
     if scenario.safety.force_limit_n < LEAST_ROOM * force:
         raise ConfigError(
             f"safety.force_limit_n = {scenario.safety.force_limit_n:g} leaves no room above the {force:g} N to be "
             f"held: the robot would stop at the first overshoot. Raise it to {LEAST_ROOM * force:g} or more, or lower "
             "process.contact_force_n (--contact-force)."
         )
-    _check_depth(scenario, depth_for(force, pad.stiffness_n_m * head.spring_scale))
+    _check_depth(scenario, force, depth_for(force, pad.stiffness_n_m * head.spring_scale))
 
 
-def _check_depth(scenario: Scenario, modelled: float) -> None:
-    pad, head, force = scenario.pad, scenario.head, scenario.process.contact_force_n
+def _check_depth(scenario: Scenario, force: float, modelled: float) -> None:
+    pad, head = scenario.pad, scenario.head
     depth = 2.0 * force / (pad.stiffness_n_m * head.spring_scale)
     if depth > modelled:
         raise ConfigError(

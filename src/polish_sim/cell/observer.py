@@ -14,11 +14,12 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
-from polish_sim.cell.kernel import ENDED, PYTHON_ERROR
-from polish_sim.control.signals import ANSWER_SIZE, LAW_SIGNATURE, WHOLE_FEED, Controller, measurement_of, target_of
+from polish_sim.arrays import Array
+from polish_sim.cell.kernel import CellState
+from polish_sim.control.signals import LAW_SIGNATURE, Controller, measurement_of, target_of
 from polish_sim.control.user_controller import file_of, tell_error
+from polish_sim.kernels import memory_of
 
 
 class Observer(Protocol):
@@ -54,6 +55,10 @@ class Silent:
 
 # Ctrl-C between two chunks of steps, not in the middle of one: what was recorded stays whole.
 
+STOPPING: Final = "stopping at the next cycle; Ctrl-C again to abort"
+PATIENCE_S: Final = 2.0
+"""After the first Ctrl-C a controller may go on for this long before it is aborted [s]."""
+
 
 @dataclass
 class Interrupt:
@@ -63,44 +68,53 @@ class Interrupt:
 
 
 @contextmanager
-def interrupts_noted() -> Iterator[Interrupt]:
-    """Note the first Ctrl-C instead of raising it; a second one raises as ever.
+def interrupts_noted(observer: Observer | None = None) -> Iterator[Interrupt]:
+    """Note the first Ctrl-C instead of raising it; a second one raises, and so does a controller that does not end.
 
-    Raised, it could land inside a callback from compiled code, where Python can only print and drop it. Outside the
-    main thread, or where somebody else handles or ignores the signal, everything stays as it is.
+    Raised, the first could land inside a callback from compiled code, where Python can only print and drop it. Outside
+    the main thread, or where somebody else handles or ignores the signal, everything stays as it is.
+
+    Args:
+        observer: Gets the sentence that the run is stopping.
     """
-    interrupt = Interrupt()
-    before = signal.getsignal(signal.SIGINT)
+    interrupt, before = Interrupt(), signal.getsignal(signal.SIGINT)
     ours = threading.current_thread() is threading.main_thread() and before is signal.default_int_handler
+    alarm = ours and hasattr(signal, "setitimer") and signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
 
     def note(_number: int, _frame: FrameType | None) -> None:
         interrupt.seen = True
         signal.signal(signal.SIGINT, before)
+        if alarm:
+            signal.signal(signal.SIGALRM, signal.default_int_handler)
+            signal.setitimer(signal.ITIMER_REAL, PATIENCE_S)
+        if observer is not None:
+            observer.stage(STOPPING)
 
     if ours:
         signal.signal(signal.SIGINT, note)
     try:
         yield interrupt
     finally:
+        if alarm:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
         if ours:
             signal.signal(signal.SIGINT, before)
 
 
 # A user's Python controller as a law the compiled loop can call.
 
-Array = NDArray[np.float64]
-
 EXPECTED: Final = "(6,), or (7,) with the feed's share"
 """Shape of an answer."""
 
-_CALLBACK = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)
+_CALLBACK = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)
 
 
-def _locked(flat: Array) -> Array:
-    """The same memory, not writable: a controller must not change what the sensor is recorded to have read."""
-    view = flat.view()
-    view.flags.writeable = False
-    return view
+def _locked(views: Any) -> Any:
+    """The same arrays, not writable: a controller must not change what the sensor is recorded to have read."""
+    for array in views:
+        array.flags.writeable = False
+    return views
 
 
 def _numbers(answer: Any) -> Array:
@@ -116,7 +130,7 @@ def _numbers(answer: Any) -> Array:
         numbers = None
     if answer is None or numbers is None:
         raise TypeError(f"step() returned {reprlib.repr(answer)}, expected {EXPECTED}")
-    if numbers.shape not in ((ANSWER_SIZE - 1,), (ANSWER_SIZE,)):
+    if numbers.shape not in ((6,), (7,)):
         raise ValueError(f"step() returned shape {numbers.shape}, expected {EXPECTED}")
     return numbers
 
@@ -124,10 +138,11 @@ def _numbers(answer: Any) -> Array:
 class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
     """Calls ``controller.step`` on the loop's own arrays; what it raises stops the run and is kept."""
 
-    def __init__(self, controller: Controller, measurement: Array, target: Array, twist: Array, status: Array) -> None:
+    def __init__(self, controller: Controller, state: CellState) -> None:
         self.error: BaseException | None = None
-        self._controller, self._twist, self._status = controller, twist, status
-        self._measurement, self._target = measurement_of(_locked(measurement)), target_of(_locked(target))
+        self._controller, self._status = controller, state.status
+        self._measurement, self._target = _locked(measurement_of(state.measurement)), _locked(target_of(state.target))
+        self._answer = memory_of(state.answer).view(np.float64)
         self._callback = _CALLBACK(self._call)
 
     def __wrapper_address__(self) -> int:
@@ -143,12 +158,14 @@ class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
         """Numba's signature of a law."""
         return LAW_SIGNATURE
 
-    def _call(self, _context: int, _measurement: int, _target: int, _twist: int) -> None:
+    def _call(self, *_pointers: int) -> None:
+        self._answer[:] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
         try:
             answer = _numbers(self._controller.step(self._measurement, self._target))
-            self._twist[:] = WHOLE_FEED
-            self._twist[: len(answer)] = answer
+            self._answer[: len(answer)] = answer
         except BaseException as error:
             self.error = error
-            self._twist[:] = WHOLE_FEED
-            self._status[ENDED if isinstance(error, KeyboardInterrupt) else PYTHON_ERROR] = 1.0
+            if isinstance(error, KeyboardInterrupt):
+                self._status.ended = True
+            else:
+                self._status.python_error = True

@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from polish_sim.cell.kernel import mj_step, register_engine
+from polish_sim.arrays import Array
+from polish_sim.cell.engine import mj_step, register_engine
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import Scenario
 from polish_sim.errors import ProtectiveStop, ReachError
@@ -17,7 +17,6 @@ from polish_sim.kernel_cache import njit
 
 # How far the robot is from itself and what stands around it, asked of MuJoCo pose by pose.
 
-Array = NDArray[np.float64]
 
 FAR: Final = 0.05
 """Distances are not told beyond this [m]."""

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.motion.serial_chain import HINGE, SLIDE, ChainGeometry, SerialChain, link_parameters
-
-Array = NDArray[np.float64]
 
 ARM_JOINTS = (
     "shoulder_pan_joint",

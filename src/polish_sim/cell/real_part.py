@@ -10,19 +10,17 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import PartConfig
 from polish_sim.geometry.distance_field import bend_field, build_distance_field
 from polish_sim.geometry.field_lookup import NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
-from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Record, Vector3, kernel
 from polish_sim.spatial import transform
-
-Array = NDArray[np.float64]
 
 WAVELENGTHS = (0.04, 0.15)  # of the form error [m]
 NORMAL_SHARE = 0.7  # least share of the displacement along the normal
@@ -187,48 +185,46 @@ def no_part() -> RealPart:
 
 # A part that does not lie still: a sine along its mean normal, and shifts a fault may give it.
 #
-# It moves without tilting, on top of what a robot does that carries it (``carrier``); its velocity enters the contact.
-# What the engine draws does not show it.
+# It moves without tilting, on top of what a robot does that carries it; its velocity enters the contact. The drawn
+# part stays at rest.
 
 SHIFT_SPEED = 0.02  # of a part that slips [m/s]
 
 
-class PartMotion(NamedTuple):
+class PartMotion(Record):
     """How the part moves; base frame."""
 
-    axis: Array
-    """Unit direction of the sine, out of the polished region, shape (3,)."""
-    rest: Array
-    """Origin of the work frame when the part is at rest [m], shape (3,)."""
-    place: Array
-    """The same while a robot carries the part [m], shape (3,)."""
-    swing: Array
-    """Amplitude [m], angular frequency [rad/s] and start [s] of the sine, shape (3,)."""
-    shift: Array
-    """Displacement beside the sine [m], shape (3,)."""
-    goal: Array
-    """What ``shift`` moves to at ``SHIFT_SPEED`` [m], shape (3,)."""
-    velocity: Array
-    """Of its origin now [m/s], shape (3,)."""
-    turning: Array
-    """Its angular velocity [rad/s], shape (3,)."""
+    axis: Vector3
+    """Unit direction of the sine, out of the polished region."""
+    rest: Vector3
+    """Origin of the work frame when the part is at rest [m]."""
+    place: Vector3
+    """The same while a robot carries the part [m]."""
+    amplitude: float
+    """Of the sine [m]."""
+    frequency: float
+    """Angular, of the sine [rad/s]."""
+    start: float
+    """Of the sine [s]."""
+    shift: Vector3
+    """Displacement beside the sine [m]."""
+    goal: Vector3
+    """Where ``shift`` moves to at ``SHIFT_SPEED`` [m]."""
+    velocity: Vector3
+    """Of its origin now [m/s]."""
+    turning: Vector3
+    """Its angular velocity [rad/s]."""
 
 
 def build_part_motion(config: PartConfig, part: RealPart) -> PartMotion:
     """The motion a scenario asks for, from the start of the run on."""
     return PartMotion(
-        np.array(part.normal),
-        part.position.copy(),
-        part.position.copy(),
-        np.array([config.motion_m, 2.0 * math.pi * config.motion_hz, 0.0]),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-    )
+        axis=part.normal, rest=part.position, place=part.position, amplitude=config.motion_m,
+        frequency=2.0 * math.pi * config.motion_hz,
+    )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def move_part(motion: PartMotion, t: float, dt: float, position: Array) -> None:
     """Place the part for this instant.
 
@@ -238,10 +234,9 @@ def move_part(motion: PartMotion, t: float, dt: float, position: Array) -> None:
         dt: Physics step [s].
         position: Written: origin of its work frame [m], shape (3,).
     """
-    amplitude, frequency, start = motion.swing[0], motion.swing[1], motion.swing[2]
-    phase = frequency * (t - start)
-    height = amplitude * math.sin(phase)
-    speed = amplitude * frequency * math.cos(phase)
+    phase = motion.frequency * (t - motion.start)
+    height = motion.amplitude * math.sin(phase)
+    speed = motion.amplitude * motion.frequency * math.cos(phase)
     left = 0.0
     for i in range(3):
         left += (motion.goal[i] - motion.shift[i]) ** 2

@@ -8,17 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.cell.carrier import FIRST_JOINT
+from polish_sim.arrays import Array
+from polish_sim.cell.kernel import CellKernel
 from polish_sim.control.signals import Measurement, Target
-from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Record, Vector2, Vector3, kernel
 from polish_sim.log import Trace, row_layout, row_width
 from polish_sim.spatial import quaternion_from_rotation, rotation_angle
 
-Array = NDArray[np.float64]
-
 ROW_WIDTH = row_width()
-TRACE_WIDTH = 22
-MASTER_Q = ROW_WIDTH  # behind the log's columns: joints of a second robot that carries the part
 
 _AT = {name: start for name, (start, _width) in row_layout().items()}
 # Constants, because a compiled kernel cannot read a dictionary.
@@ -31,145 +28,135 @@ _FORCE, _FORCE_MIN, _FORCE_MAX = _AT["normal_force_n"], _AT["normal_force_min_n"
 _TRAVEL, _PATH, _PASS, _PHASE = _AT["pad_travel_m"], _AT["path_s_m"], _AT["pass_index"], _AT["phase"]
 
 
+class TraceStep(Record):
+    """Exact quantities of one step, see `Trace`."""
+
+    time_s: float
+    phase: int
+    normal_force_n: float
+    position_error_m: float
+    tangential_error_m: float
+    orientation_error_rad: float
+    tcp_position_m: Vector3
+    tcp_speed_m_s: float
+    path_s_m: float
+    part_shift_m: Vector3
+    pad_travel_m: float
+    spindle_rad_s: float
+    target_error_m: Vector3
+    tool_on_part_m: Vector3
+
+
+class Filled(Record):
+    """How far the buffers of a chunk are filled."""
+
+    rows: int
+    steps: int
+    force_range: Vector2
+    """Least and largest force since the last row [N]."""
+
+
 class Recorder(NamedTuple):
     """Buffers of one chunk of steps."""
 
     rows: Array
-    """Packed log rows and the joints of a second robot behind each, shape (k, ROW_WIDTH + 6)."""
-    trace: Array
-    """Exact quantities, shape (steps, TRACE_WIDTH)."""
+    """Packed log rows and what a branch adds behind each, shape (k, ROW_WIDTH + extra)."""
+    trace: NDArray[np.void]
+    """``TraceStep`` of every step, shape (steps,)."""
     every: int
     """Steps per row."""
-    span: Array
-    """Least and largest force since the last row [N], shape (2,)."""
-    filled: NDArray[np.int64]
-    """Rows and trace rows filled in this chunk, shape (2,)."""
+    filled: Filled
 
 
-def build_recorder(steps: int, every: int) -> Recorder:
-    """Buffers for chunks of at most ``steps`` steps, a row recorded every ``every`` steps."""
-    return Recorder(
-        np.zeros((steps // every + 2, ROW_WIDTH + 6)),
-        np.zeros((steps, TRACE_WIDTH)),
-        every,
-        np.array([np.inf, -np.inf]),
-        np.zeros(2, np.int64),
-    )
+def build_recorder(steps: int, every: int, extra: int = 0) -> Recorder:
+    """Buffers for chunks of at most ``steps`` steps, a row recorded every ``every`` steps.
+
+    Args:
+        steps: Longest chunk.
+        every: Steps per row.
+        extra: Columns behind the log's own.
+    """
+    rows, trace = np.zeros((steps // every + 2, ROW_WIDTH + extra)), np.zeros(steps, TraceStep.dtype)
+    return Recorder(rows, trace, every, Filled(force_range=(np.inf, -np.inf)))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _put(row: Array, start: int, values: Array, count: int) -> None:
+@kernel
+def put(row: Array, start: int, values: Array, count: int) -> None:
     """Copy by hand: a slice assignment would compile a shape check with its message, seconds of it."""
     for i in range(count):
         row[start + i] = values[i]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def record_state(
-    recorder: Recorder, count: int, t: float, phase: float, q: Array, qd: Array, m: Measurement, target: Target,
-    true_wrench: Array, command: Array, travel: float, turn: int, part_rest: Array, part_position: Array,
-    spin: float, tool_on_part: Array, tool_position: Array, tool_rotation: Array,
-) -> None:  # fmt: skip
+@kernel
+def record_state(recorder: Recorder, cell: CellKernel, t: float, phase: int) -> None:
     """Record this instant, before the engine moves on; the sensor's raw reading follows in ``record_reading``.
 
     Args:
         recorder: Buffers.
-        count: Steps taken since the start.
+        cell: The cell.
         t: Time [s].
         phase: Phase as in ``log.PHASES``.
-        q: Joint positions [rad], shape (>= 6,).
-        qd: Joint speeds [rad/s], shape (>= 6,).
-        m: Measurement; what the errors are measured by.
-        target: Target.
-        true_wrench: Exact wrench of the tool on the part, tool axes, tool point, shape (6,).
-        command: Twist acting in the robot, shape (6,).
-        travel: Pad travel [m].
-        turn: Turn of the path.
-        part_rest: Origin of the part's frame at rest [m], shape (3,).
-        part_position: Origin of the part's frame now [m], shape (3,).
-        spin: Speed of the spindle [rad/s].
-        tool_on_part: Tool point on a part that is carried [m], shape (3,).
-        tool_position: Tool point as it is [m], shape (3,).
-        tool_rotation: Tool frame as it is, shape (3, 3).
     """
-    force = true_wrench[2]
-    recorder.span[0] = min(recorder.span[0], force)
-    recorder.span[1] = max(recorder.span[1], force)
+    e, state, filled = cell.engine, cell.state, recorder.filled
+    m, target, force = state.measurement, state.target, state.wrench[2]
+    filled.force_range[0] = min(filled.force_range[0], force)
+    filled.force_range[1] = max(filled.force_range[1], force)
     speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
-    trace = recorder.trace[recorder.filled[1]]
-    _trace_step(trace, t, phase, force, speed, m, target, travel)
+    position, travel = e.site_xpos[e.tool_site], e.qpos[6]
+    step = recorder.trace[filled.steps]
+    step.time_s, step.phase, step.normal_force_n = t, phase, force
+    step.tcp_speed_m_s, step.path_s_m, step.pad_travel_m = speed, target.path[0], travel
+    step.spindle_rad_s = state.spindle.speed
     for i in range(3):
-        trace[12 + i] = part_position[i] - part_rest[i]
-        trace[6 + i] = tool_position[i]
-    trace[15] = spin
-    _put(trace, 19, tool_on_part, 3)
-    recorder.filled[1] += 1
-    if count % recorder.every:
+        step.part_shift_m[i] = cell.part.position[i] - state.motion.rest[i]
+        step.tcp_position_m[i] = position[i]
+        step.tool_on_part_m[i] = state.tool_on_part[i]
+    _trace_errors(step, m, target)
+    filled.steps += 1
+    if state.status.steps % recorder.every:
         return
-    row = recorder.rows[recorder.filled[0]]
+    row = recorder.rows[filled.rows]
     row[_TIME] = t
-    _put(row, _Q, q, 6)
-    _put(row, _QD, qd, 6)
-    _put(row, _POSITION, tool_position, 3)
-    quaternion_from_rotation(tool_rotation, row[_QUATERNION : _QUATERNION + 4])
-    _put(row, _TARGET_POSITION, target.position, 3)
+    put(row, _Q, e.qpos, 6)
+    put(row, _QD, e.qvel, 6)
+    put(row, _POSITION, position, 3)
+    quaternion_from_rotation(e.site_xmat[e.tool_site].reshape((3, 3)), row[_QUATERNION : _QUATERNION + 4])
+    put(row, _TARGET_POSITION, target.position, 3)
     quaternion_from_rotation(target.rotation, row[_TARGET_QUATERNION : _TARGET_QUATERNION + 4])
     row[_SPEED] = speed
-    _put(row, _COMMAND, command, 6)
-    _put(row, _MEASURED, m.wrench, 6)
-    _put(row, _TRUE, true_wrench, 6)
-    row[_FORCE], row[_FORCE_MIN], row[_FORCE_MAX] = force, recorder.span[0], recorder.span[1]
-    row[_TRAVEL], row[_PATH], row[_PASS], row[_PHASE] = travel, target.path[0], turn, phase
-    if q.shape[0] > FIRST_JOINT:
-        _put(row, MASTER_Q, q[FIRST_JOINT:], 6)
-    recorder.span[0], recorder.span[1] = math.inf, -math.inf
-    recorder.filled[0] += 1
+    put(row, _COMMAND, state.speedl.twist, 6)
+    put(row, _MEASURED, m.wrench, 6)
+    put(row, _TRUE, state.wrench, 6)
+    row[_FORCE], row[_FORCE_MIN], row[_FORCE_MAX] = force, filled.force_range[0], filled.force_range[1]
+    row[_TRAVEL], row[_PATH], row[_PHASE] = travel, target.path[0], phase
+    row[_PASS] = cell.job.process.pass_index[state.sequence.row]
+    filled.force_range[0], filled.force_range[1] = math.inf, -math.inf
+    filled.rows += 1
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _trace_step(
-    trace: Array, t: float, phase: float, force: float, speed: float, m: Measurement, target: Target, travel: float
-) -> None:
-    ex, ey, ez = (
-        target.position[0] - m.position[0],
-        target.position[1] - m.position[1],
-        target.position[2] - m.position[2],
-    )
+@kernel
+def _trace_errors(step: TraceStep, m: Measurement, target: Target) -> None:
+    ex = target.position[0] - m.position[0]
+    ey = target.position[1] - m.position[1]
+    ez = target.position[2] - m.position[2]
     along = ex * target.rotation[0, 2] + ey * target.rotation[1, 2] + ez * target.rotation[2, 2]
     total = ex * ex + ey * ey + ez * ez
-    trace[0], trace[1], trace[2] = t, phase, force
-    trace[3] = math.sqrt(total)
-    trace[4] = math.sqrt(max(total - along * along, 0.0))
-    trace[5] = rotation_angle(m.rotation, target.rotation)
-    trace[9] = speed
-    trace[10], trace[11] = target.path[0], travel
-    trace[16], trace[17], trace[18] = ex, ey, ez
+    step.position_error_m = math.sqrt(total)
+    step.tangential_error_m = math.sqrt(max(total - along * along, 0.0))
+    step.orientation_error_rad = rotation_angle(m.rotation, target.rotation)
+    step.target_error_m[0], step.target_error_m[1], step.target_error_m[2] = ex, ey, ez
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def record_reading(recorder: Recorder, count: int, raw: Array, joint_torque: Array) -> None:
     """Add what the engine computes last to the row of this instant: exact sensor wrench and joint torques."""
     if count % recorder.every == 0:
-        row = recorder.rows[recorder.filled[0] - 1]
-        _put(row, _RAW, raw, 6)
-        _put(row, _TORQUE, joint_torque, 6)
+        row = recorder.rows[recorder.filled.rows - 1]
+        put(row, _RAW, raw, 6)
+        put(row, _TORQUE, joint_torque, 6)
 
 
-def trace_from(block: Array) -> Trace:
-    """Name the columns of a trace block, shape (n, TRACE_WIDTH)."""
-    return Trace(
-        block[:, 0],
-        block[:, 1].astype(np.int8),
-        block[:, 2],
-        block[:, 3],
-        block[:, 4],
-        block[:, 5],
-        block[:, 6:9],
-        block[:, 9],
-        block[:, 10],
-        block[:, 12:15],
-        block[:, 11],
-        block[:, 15],
-        block[:, 16:19],
-        block[:, 19:22],
-    )
+def trace_from(steps: NDArray[np.void]) -> Trace:
+    """The columns of recorded steps, shape (n,) of ``TraceStep``."""
+    trace = Trace(*(steps[name] for name in Trace._fields))
+    return trace._replace(phase=trace.phase.astype(np.int8))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
+from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.real_part import FACING, Touch
 from polish_sim.geometry import Region, Surface
@@ -31,7 +32,6 @@ from polish_sim.spatial import unit
 #
 # The force's impulse over each step is the sum over every physics step, so nothing of it depends on the log's rate.
 
-Array = NDArray[np.float64]
 
 STEP = 0.02  # way of the pad in one step, in pad radii
 LONGEST_S, SHORTEST_S = 0.05, 0.001  # of a step

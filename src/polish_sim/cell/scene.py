@@ -7,17 +7,15 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import Scenario
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.models import robot_model_path
 from polish_sim.motion.kinematics import link_poses
 from polish_sim.spatial import apply, inverse, transform
-
-Array = NDArray[np.float64]
 
 TABLE_TOP = 0.0  # z of the table in the base frame [m]
 

@@ -13,21 +13,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Matrix6, Record, Vector6, kernel
 from polish_sim.motion import JOINT_LIMITS
-
-Array = NDArray[np.float64]
 
 SPARE = 200  # steps the latency can grow by while running
 _PROBE_EVERY = 8  # steps between looks at how near a singularity is
 
-STEPS, AGE, WEAKEST = 0, 1, 2  # of the clock
-NUMBER = 6  # of a request, behind its twist
 
-
-class SpeedlModel(NamedTuple):
-    """Limits of the interface."""
+class Speedl(Record):
+    """Limits and memory of the interface."""
 
     latency: int
     """Steps from request to action."""
@@ -39,148 +35,147 @@ class SpeedlModel(NamedTuple):
     """A request holds this long [s]."""
     joint_speed: float
     """[rad/s]"""
-    lowest: Array
-    """Joint positions [rad], shape (6,)."""
-    highest: Array
-    """Joint positions [rad], shape (6,)."""
+    lowest: Vector6
+    """Joint positions [rad]."""
+    highest: Vector6
+    """Joint positions [rad]."""
     damping_onset: float
     """Smallest singular value below which the inverse is damped [-]."""
+    steps: int
+    """Steps taken."""
+    twist: Vector6
+    """Tool velocity commanded now."""
+    request: Vector6
+    """Twist of the request acting now."""
+    number: int
+    """Of that request; 0 before the first."""
+    age: float
+    """Of that request [s]."""
+    weakest: float
+    """Smallest singular value of the Jacobian [-]."""
+    joints: Vector6
+    """Commanded joint positions [rad]."""
+    speeds: Vector6
+    """Commanded joint speeds [rad/s]."""
+    probe: Vector6
+    """Running estimate of the weakest direction."""
+    gram: Matrix6
+    """Work array."""
+    solution: Vector6
+    """Work array."""
 
 
-class SpeedlState(NamedTuple):
-    """Memory of the interface."""
+class RequestLine(NamedTuple):
+    """Requests on their way to the robot, one a step."""
 
-    line: Array
-    """Requests under way: twist and its number, shape (latency + SPARE + 1, 7)."""
-    twist: Array
-    """Tool velocity commanded now, shape (6,)."""
-    request: Array
-    """Request acting now: twist and its number, shape (7,)."""
-    clock: Array
-    """Steps taken, age of the acting request [s], smallest singular value, shape (3,)."""
-    joints: Array
-    """Commanded joint positions [rad], shape (6,)."""
-    speeds: Array
-    """Commanded joint speeds [rad/s], shape (6,)."""
-    probe: Array
-    """Running estimate of the weakest direction, shape (6,)."""
-    work: Array
-    """Work arrays: a 6x6 matrix and two vectors, shape (8, 6)."""
+    twists: Array
+    """Shape (latency + SPARE + 1, 6)."""
+    numbers: NDArray[np.int64]
+    """Their numbers, shape (latency + SPARE + 1,)."""
 
 
-def build_speedl(scenario: Scenario) -> SpeedlModel:
-    """The robot's velocity interface as a scenario wants it."""
-    robot, dt = scenario.robot, scenario.simulation.timestep_s
-    return SpeedlModel(
-        round(robot.command_latency_s / dt),
-        robot.linear_acceleration_m_s2,
-        robot.angular_acceleration_rad_s2,
-        robot.command_timeout_s,
-        robot.joint_speed_limit_rad_s,
-        JOINT_LIMITS[:, 0].copy(),
-        JOINT_LIMITS[:, 1].copy(),
-        2.0 * scenario.safety.singular_value_limit,
-    )
+def build_speedl(scenario: Scenario, joints: Array) -> Speedl:
+    """The velocity interface of a robot at rest at ``joints`` [rad], shape (6,)."""
+    robot = scenario.robot
+    return Speedl(
+        latency=round(robot.command_latency_s / scenario.simulation.timestep_s),
+        acceleration=robot.linear_acceleration_m_s2, angular_acceleration=robot.angular_acceleration_rad_s2,
+        timeout=robot.command_timeout_s, joint_speed=robot.joint_speed_limit_rad_s,
+        lowest=JOINT_LIMITS[:, 0], highest=JOINT_LIMITS[:, 1],
+        damping_onset=2.0 * scenario.safety.singular_value_limit, weakest=1.0, joints=joints,
+        probe=np.full(6, 1.0 / math.sqrt(6.0)),
+    )  # fmt: skip
 
 
-def build_speedl_state(model: SpeedlModel, joints: Array) -> SpeedlState:
-    """Fresh memory of a robot at rest at ``joints`` [rad], shape (6,)."""
-    return SpeedlState(
-        np.zeros((model.latency + SPARE + 1, 7)),
-        np.zeros(6),
-        np.zeros(7),
-        np.array([0.0, 0.0, 1.0]),
-        joints.copy(),
-        np.zeros(6),
-        np.full(6, 1.0 / math.sqrt(6.0)),
-        np.zeros((8, 6)),
-    )
+def build_request_line(robot: Speedl) -> RequestLine:
+    """An empty line."""
+    length = int(robot.latency) + SPARE + 1
+    return RequestLine(np.zeros((length, 6)), np.zeros(length, np.int64))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def pass_request(model: SpeedlModel, state: SpeedlState, requested: Array, number: float, dt: float) -> None:
+@kernel
+def pass_request(robot: Speedl, line: RequestLine, requested: Array, number: int, dt: float) -> None:
     """Send the newest request down the line and let the one that arrives act.
 
     Args:
-        model: Limits.
-        state: Memory; ``request`` and its age are written.
-        requested: Twist the host asked for last, shape (6,).
+        robot: The interface; ``request``, its number and age are written.
+        line: Requests under way.
+        requested: Twist the host asked for last, shape (>= 6,).
         number: Counts the host's requests; an unchanged number ages.
         dt: Physics step [s].
     """
-    state.clock[STEPS] += 1.0
-    length = state.line.shape[0]
-    slot = int(state.clock[STEPS]) % length
+    robot.steps += 1
+    length = line.numbers.shape[0]
+    slot = robot.steps % length
     for i in range(6):
-        state.line[slot, i] = requested[i]
-    state.line[slot, NUMBER] = number
-    due = (slot - model.latency) % length
-    if state.line[due, NUMBER] > state.request[NUMBER]:
-        for i in range(7):
-            state.request[i] = state.line[due, i]
-        state.clock[AGE] = 0.0
+        line.twists[slot, i] = requested[i]
+    line.numbers[slot] = number
+    due = (slot - robot.latency) % length
+    if line.numbers[due] > robot.number:
+        for i in range(6):
+            robot.request[i] = line.twists[due, i]
+        robot.number, robot.age = line.numbers[due], 0.0
     else:
-        state.clock[AGE] += dt
+        robot.age += dt
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def limit_acceleration(model: SpeedlModel, state: SpeedlState, dt: float, firmness: float = 1.0) -> None:
+@kernel
+def limit_acceleration(robot: Speedl, dt: float, firmness: float = 1.0) -> None:
     """Move the commanded twist toward the acting request within ``firmness`` times the acceleration limits."""
-    alive = 1.0 if state.clock[AGE] < model.timeout else 0.0
-    for start, limit in ((0, firmness * model.acceleration), (3, firmness * model.angular_acceleration)):
-        x = alive * state.request[start] - state.twist[start]
-        y = alive * state.request[start + 1] - state.twist[start + 1]
-        z = alive * state.request[start + 2] - state.twist[start + 2]
+    alive = 1.0 if robot.age < robot.timeout else 0.0
+    for start, limit in ((0, firmness * robot.acceleration), (3, firmness * robot.angular_acceleration)):
+        x = alive * robot.request[start] - robot.twist[start]
+        y = alive * robot.request[start + 1] - robot.twist[start + 1]
+        z = alive * robot.request[start + 2] - robot.twist[start + 2]
         size = math.sqrt(x * x + y * y + z * z)
         share = 1.0 if size <= limit * dt else limit * dt / size
-        state.twist[start] += share * x
-        state.twist[start + 1] += share * y
-        state.twist[start + 2] += share * z
+        robot.twist[start] += share * x
+        robot.twist[start + 1] += share * y
+        robot.twist[start + 2] += share * z
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def resolve_joints(model: SpeedlModel, state: SpeedlState, jacobian: Array, dt: float) -> bool:
+@kernel
+def resolve_joints(robot: Speedl, jacobian: Array, dt: float) -> bool:
     """Joint speeds for the commanded twist, and the joint positions they lead to.
 
     Args:
-        model: Limits.
-        state: Memory; ``speeds``, ``joints`` and the smallest singular value are written.
+        robot: The interface; ``speeds``, ``joints`` and the smallest singular value are written.
         jacobian: Geometric Jacobian at the tool point, base frame, shape (6, 6).
         dt: Physics step [s].
 
     Returns:
         False if a joint would leave its range; it is held there.
     """
-    A, y = state.work[0:6], state.work[6]
-    if int(state.clock[STEPS]) % _PROBE_EVERY == 0:
+    A, y = robot.gram, robot.solution
+    if robot.steps % _PROBE_EVERY == 0:
         _gram(jacobian, 0.0, A)
-        state.clock[WEAKEST] = _weakest_direction(A, state.probe, y)
+        robot.weakest = _weakest_direction(A, robot.probe, y)
     # Damping grows from nothing at the onset, so that the inverse is exact away from singularities.
-    damping = 0.5 * max(model.damping_onset - state.clock[WEAKEST], 0.0)
+    damping = 0.5 * max(robot.damping_onset - robot.weakest, 0.0)
     _gram(jacobian, damping * damping, A)
     _cholesky(A)
-    _solve(A, state.twist, y)
+    _solve(A, robot.twist, y)
     fastest = 0.0
     for j in range(6):
         total = 0.0
         for i in range(6):
             total += jacobian[i, j] * y[i]
-        state.speeds[j] = total
+        robot.speeds[j] = total
         fastest = max(fastest, abs(total))
-    scale = 1.0 if fastest <= model.joint_speed else model.joint_speed / fastest
+    scale = 1.0 if fastest <= robot.joint_speed else robot.joint_speed / fastest
     inside = True
     for j in range(6):
-        state.speeds[j] *= scale
-        wanted = state.joints[j] + state.speeds[j] * dt
-        if wanted < model.lowest[j] or wanted > model.highest[j]:
+        robot.speeds[j] *= scale
+        wanted = robot.joints[j] + robot.speeds[j] * dt
+        if wanted < robot.lowest[j] or wanted > robot.highest[j]:
             inside = False
-            state.speeds[j] = 0.0
+            robot.speeds[j] = 0.0
         else:
-            state.joints[j] = wanted
+            robot.joints[j] = wanted
     return inside
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def _gram(jacobian: Array, damping: float, A: Array) -> None:
     for i in range(6):
         for j in range(i + 1):
@@ -192,7 +187,7 @@ def _gram(jacobian: Array, damping: float, A: Array) -> None:
         A[i, i] += damping + 1e-12
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def _cholesky(A: Array) -> None:
     """Factor in place; the lower triangle holds the factor."""
     for i in range(6):
@@ -203,7 +198,7 @@ def _cholesky(A: Array) -> None:
             A[i, j] = math.sqrt(max(total, 1e-18)) if i == j else total / A[j, j]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def _solve(L: Array, b: Array, x: Array) -> None:
     for i in range(6):
         total = b[i]
@@ -217,7 +212,7 @@ def _solve(L: Array, b: Array, x: Array) -> None:
         x[i] = total / L[i, i]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def _weakest_direction(A: Array, probe: Array, x: Array) -> float:
     """Smallest singular value of J from J J^T by one inverse iteration; ``probe`` remembers the direction.
 

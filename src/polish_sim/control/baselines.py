@@ -1,49 +1,33 @@
-"""What the baselines share: a virtual mass pushed by the force error, and the loops around it."""
+"""Baselines: a virtual mass or a robot's force mode along tool z, everything else as ``hybrid-pi`` does it."""
 
 from __future__ import annotations
 
-from functools import cache
-from typing import Any, NamedTuple
-
-import numpy as np
 from numba import carray
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import ControllerConfig
 from polish_sim.control.hybrid import (
-    GAINS_SIZE,
-    STATE_SIZE,
-    gains_of,
-    hybrid_state_of,
+    HybridGains,
+    HybridMemory,
+    hybrid_gains,
     position_by_velocity,
-    position_gains,
     replace_along_z,
     turn_and_level,
 )
 from polish_sim.control.signals import (
-    ANSWER_SIZE,
+    ANSWER,
     LAW_SIGNATURE,
-    MEASUREMENT_SIZE,
-    TARGET_SIZE,
+    MEASUREMENT,
+    TARGET,
     CompiledController,
     Measurement,
     Target,
-    measurement_of,
-    target_of,
 )
-from polish_sim.kernel_cache import cfunc, njit
-
-Array = NDArray[np.float64]
-
-OWN_GAINS, OWN_MEMORY = 8, 8
-MEMORY = STATE_SIZE + OWN_MEMORY
-BASELINE_SIZE = GAINS_SIZE + OWN_GAINS + MEMORY
-"""Length of a baseline's context: gains of the loops around it, its own, memory of the loops, its own."""
-
-VELOCITY, OFFSET, STARTED = 0, 1, 2
+from polish_sim.kernel_cache import cfunc
+from polish_sim.kernels import Record, kernel
 
 
-class VirtualMass(NamedTuple):
+class VirtualMass(Record):
     """M dv/dt + D v + K x = Fd - Fe: velocity v and offset x answer the force error."""
 
     mass: float
@@ -56,39 +40,55 @@ class VirtualMass(NamedTuple):
     """Largest speed [m/s]."""
 
 
-def baseline_gains(config: ControllerConfig, own: tuple[float, ...]) -> Array:
-    """Gains of the loops around the law and its own, shape (24,)."""
-    return np.concatenate([gains_of(config), own, np.zeros(OWN_GAINS - len(own))])
+class ForceMode(Record):
+    """Gains of the robot's force mode."""
+
+    mass: float
+    """Virtual mass M / scaling [kg]."""
+    damping: float
+    """Share of the speed lost per step [-]."""
+    limit: float
+    """Largest speed [m/s]."""
 
 
-@njit(cache=True)
-def own_gains(context: Array) -> Array:
-    """A law's own gains, shape (8,)."""
-    return context[GAINS_SIZE : GAINS_SIZE + OWN_GAINS]
+class BaselineGains(Record):
+    """Gains of the loops around a law and its own."""
+
+    hybrid: HybridGains
+    body: VirtualMass
+    mode: ForceMode
 
 
-@njit(cache=True)
-def virtual_mass(context: Array) -> VirtualMass:
-    """The virtual mass of a law whose own gains it is."""
-    own = own_gains(context)
-    return VirtualMass(own[0], own[1], own[2], own[3])
+class BaselineMemory(Record):
+    """All zero after a reset."""
+
+    hybrid: HybridMemory
+    velocity: float
+    """[m/s]"""
+    offset: float
+    """[m]"""
+    started: bool
+    """In contact."""
+    passed: float
+    """Time since the mode's last step [s]."""
+    sum: float
+    """Of the force errors since [N]."""
+    readings: int
+    """Since then."""
 
 
-@njit(cache=True)
-def own_memory(context: Array) -> Array:
-    """A law's own memory, all zero after a reset, shape (8,)."""
-    return context[GAINS_SIZE + OWN_GAINS + STATE_SIZE :]
+class BaselineContext(Record):
+    """What a law of this file reads and writes."""
+
+    gains: BaselineGains
+    memory: BaselineMemory
 
 
-@njit(cache=True)
-def speed_along_z(m: Measurement) -> float:
-    """The tool's measured speed along its axis [m/s]: a virtual mass starts with it."""
-    z = m.rotation[:, 2]
-    return float(z[0] * m.twist[0] + z[1] * m.twist[1] + z[2] * m.twist[2])
+_CONTEXT = BaselineContext.dtype
 
 
-@njit(cache=True)
-def push(body: VirtualMass, error: float, dt: float, memory: Array) -> float:
+@kernel
+def push(body: VirtualMass, error: float, dt: float, memory: BaselineMemory) -> float:
     """Push a virtual mass by the force error for one step.
 
     The damper is taken at the end of the step, so that no damping is too much for it.
@@ -97,26 +97,38 @@ def push(body: VirtualMass, error: float, dt: float, memory: Array) -> float:
         body: The mass.
         error: Fd - Fe [N].
         dt: Step [s].
-        memory: Its velocity [m/s] and offset [m] first.
+        memory: Its velocity and offset.
 
     Returns:
         Its velocity [m/s].
     """
-    speed = (body.mass * memory[VELOCITY] + (error - body.stiffness * memory[OFFSET]) * dt) / (
+    speed = (body.mass * memory.velocity + (error - body.stiffness * memory.offset) * dt) / (
         body.mass + body.damping * dt
     )
-    memory[VELOCITY] = min(max(speed, -body.limit), body.limit)
-    memory[OFFSET] += memory[VELOCITY] * dt
-    return float(memory[VELOCITY])
+    memory.velocity = min(max(speed, -body.limit), body.limit)
+    memory.offset += memory.velocity * dt
+    return memory.velocity
 
 
-@njit(cache=True)
-def move_around(context: Array, m: Measurement, t: Target, twist: Array) -> None:
-    """Everything but tool z as ``hybrid-pi`` does it: position by eq. 6, orientation by eq. 7, moment about tool y."""
-    state = hybrid_state_of(context[GAINS_SIZE + OWN_GAINS :])
-    dt = m.clock[1]
-    position_by_velocity(m, t, position_gains(context), dt, state, twist)
-    turn_and_level(context, dt, m, t, state, twist)
+@kernel
+def _begin(c: BaselineContext, m: Measurement, t: Target, out: Array) -> bool:
+    """Everything but tool z, by ``hybrid-pi``'s loops; until contact tool z by position, too.
+
+    Returns:
+        Whether the force is to be controlled; at contact the law starts with the tool's measured speed along its axis.
+    """
+    gains, memory, dt = c.gains.hybrid, c.memory, m.clock[1]
+    position_by_velocity(m, t, gains.position, dt, memory.hybrid, out)
+    turn_and_level(m, t, gains, dt, memory.hybrid, out)
+    if t.contact[0] == 0.0:
+        memory.started = False
+        return False
+    if not memory.started:
+        z = m.rotation[:, 2]
+        memory.velocity = z[0] * m.twist[0] + z[1] * m.twist[1] + z[2] * m.twist[2]
+        memory.offset = memory.passed = memory.sum = 0.0
+        memory.readings = 0
+    return True
 
 
 # Controller ``admittance``: a virtual mass and damper driven by the force error, M dv/dt + D v = Fd - Fe.
@@ -127,84 +139,54 @@ def move_around(context: Array, m: Measurement, t: Target, twist: Array) -> None
 # the error D u stays.
 
 
-@njit(cache=True)
-def step_admittance(context: Array, m: Measurement, t: Target, twist: Array) -> None:
-    """Controller ``admittance``; until contact the tool moves by position."""
-    move_around(context, m, t, twist)
-    memory = own_memory(context)
-    if t.contact[0] == 0.0:
-        memory[STARTED] = 0.0
-        return
-    if memory[STARTED] == 0.0:
-        memory[STARTED], memory[VELOCITY] = 1.0, speed_along_z(m)
-    rate = push(virtual_mass(context), t.force[0] - m.wrench[2], m.clock[1], memory)
-    replace_along_z(m, rate, twist)
-
-
-@cache
-def admittance_law() -> Any:
-    """Compiled entry of ``admittance``, made at first use."""
-
-    @cfunc(LAW_SIGNATURE)
-    def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
-        m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
-        t = target_of(carray(target, TARGET_SIZE))
-        step_admittance(carray(context, BASELINE_SIZE), m, t, carray(twist, ANSWER_SIZE))
-
-    return law
+@cfunc(LAW_SIGNATURE)
+def _admittance_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
+    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
+    m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
+    if _begin(c, m, t, out.twist):
+        c.memory.started = True
+        replace_along_z(m, push(c.gains.body, t.force[0] - m.wrench[2], m.clock[1], c.memory), out.twist)
 
 
 def admittance(config: ControllerConfig) -> CompiledController:
     """Admittance control along tool z."""
     body = VirtualMass(config.baselines.mass_kg, config.baselines.damping_n_s_m, 0.0, config.force_limit_m_s)
-    return CompiledController(baseline_gains(config, body), MEMORY, step_admittance, admittance_law)
+    gains = BaselineGains(hybrid=hybrid_gains(config), body=body)
+    return CompiledController(BaselineContext(gains), _admittance_law)
 
 
-# Controller ``impedance-position``: position control to the planned depth that gives way like a spring.
+# Controller ``impedance-position``: position control to the planned depth, compliant like a spring.
 #
 # The offset x from the planned place follows M d2x/dt2 + D dx/dt + K x = Fd - Fe, the position loop follows the plan
 # with that offset. M and D are those of ``admittance``; K is a fifth of the nominal springs k, so that of the force a
 # part in the wrong place would cause under position control K / (K + k), a sixth, stays for good.
 
 
-@njit(cache=True)
-def step_impedance_position(context: Array, m: Measurement, t: Target, twist: Array) -> None:
-    """Controller ``impedance-position``; until contact the tool moves by position."""
-    move_around(context, m, t, twist)
-    body, memory, z = virtual_mass(context), own_memory(context), m.rotation[:, 2]
-    if t.contact[0] == 0.0:
-        memory[STARTED] = 0.0
+@cfunc(LAW_SIGNATURE)
+def _impedance_position_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
+    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
+    m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
+    if not _begin(c, m, t, out.twist):
         return
+    body, memory, z = c.gains.body, c.memory, m.rotation[:, 2]
     planned = short = 0.0
     for i in range(3):
         planned += z[i] * t.twist[i]
         short += z[i] * (t.position[i] - m.position[i])
-    if memory[STARTED] == 0.0:
-        # Bumpless: where the tool is, as fast as it is.
-        memory[STARTED], memory[VELOCITY], memory[OFFSET] = 1.0, speed_along_z(m) - planned, -short
-    given_way = push(body, t.force[0] - m.wrench[2], m.clock[1], memory)
-    rate = planned + given_way + (short + memory[OFFSET]) / position_gains(context).look_ahead
-    replace_along_z(m, min(max(rate, -body.limit), body.limit), twist)
-
-
-@cache
-def impedance_position_law() -> Any:
-    """Compiled entry of ``impedance-position``, made at first use."""
-
-    @cfunc(LAW_SIGNATURE)
-    def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
-        m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
-        t = target_of(carray(target, TARGET_SIZE))
-        step_impedance_position(carray(context, BASELINE_SIZE), m, t, carray(twist, ANSWER_SIZE))
-
-    return law
+    if not memory.started:
+        # Bumpless: from the tool's own place and speed.
+        memory.started, memory.velocity, memory.offset = True, memory.velocity - planned, -short
+    compliance = push(body, t.force[0] - m.wrench[2], m.clock[1], memory)
+    rate = planned + compliance + (short + memory.offset) / c.gains.hybrid.position.look_ahead
+    replace_along_z(m, min(max(rate, -body.limit), body.limit), out.twist)
 
 
 def impedance_position(config: ControllerConfig) -> CompiledController:
     """Position-based impedance control along tool z."""
     own = config.baselines
     body = VirtualMass(own.mass_kg, own.damping_n_s_m, own.stiffness_n_m, config.force_limit_m_s)
-    return CompiledController(baseline_gains(config, body), MEMORY, step_impedance_position, impedance_position_law)
+    gains = BaselineGains(hybrid=hybrid_gains(config), body=body)
+    return CompiledController(BaselineContext(gains), _impedance_position_law)
 
 
 # Controller ``force-mode``: behaves like a UR robot's own force mode, as far as that is public.
@@ -223,74 +205,44 @@ def impedance_position(config: ControllerConfig) -> CompiledController:
 
 STEP_S = 0.002
 """The mode's own cycle [s]."""
-PASSED, SUM, READINGS = 3, 4, 5
 
 
-class ModeGains(NamedTuple):
-    """What the mode is told."""
-
-    mass: float
-    """Virtual mass M / scaling [kg]."""
-    damping: float
-    """Share of the speed lost per step [-]."""
-    limit: float
-    """Largest speed [m/s]."""
-
-
-@njit(cache=True)
-def mode_speed(error: float, dt: float, gains: ModeGains, memory: Array) -> float:
+@kernel
+def mode_speed(error: float, dt: float, gains: ForceMode, memory: BaselineMemory) -> float:
     """Speed of the mode, renewed every 2 ms and held in between.
 
     Args:
         error: Fd - Fe [N].
         dt: Control cycle [s].
         gains: The mode's gains.
-        memory: Speed, and what came in since the last step.
+        memory: Speed, and the readings since the last step.
 
     Returns:
         The speed [m/s].
     """
-    memory[PASSED] += dt
-    memory[SUM] += error
-    memory[READINGS] += 1.0
-    if memory[PASSED] >= STEP_S - 1e-9:
-        push = memory[SUM] / memory[READINGS] * memory[PASSED] / gains.mass
-        kept = (1.0 - gains.damping) ** (memory[PASSED] / STEP_S)
-        memory[VELOCITY] = min(max(kept * memory[VELOCITY] + push, -gains.limit), gains.limit)
-        memory[PASSED] = memory[SUM] = memory[READINGS] = 0.0
-    return float(memory[VELOCITY])
+    memory.passed += dt
+    memory.sum += error
+    memory.readings += 1
+    if memory.passed >= STEP_S - 1e-9:
+        gained = memory.sum / memory.readings * memory.passed / gains.mass
+        kept = (1.0 - gains.damping) ** (memory.passed / STEP_S)
+        memory.velocity = min(max(kept * memory.velocity + gained, -gains.limit), gains.limit)
+        memory.passed = memory.sum = 0.0
+        memory.readings = 0
+    return memory.velocity
 
 
-@njit(cache=True)
-def step_force_mode(context: Array, m: Measurement, t: Target, twist: Array) -> None:
-    """Controller ``force-mode``; until contact the tool moves by position."""
-    move_around(context, m, t, twist)
-    own, memory = own_gains(context), own_memory(context)
-    if t.contact[0] == 0.0:
-        memory[STARTED] = 0.0
-        return
-    if memory[STARTED] == 0.0:
-        memory[STARTED], memory[VELOCITY] = 1.0, speed_along_z(m)
-        memory[PASSED] = memory[SUM] = memory[READINGS] = 0.0
-    gains = ModeGains(own[0], own[1], own[2])
-    replace_along_z(m, mode_speed(t.force[0] - m.wrench[2], m.clock[1], gains, memory), twist)
-
-
-@cache
-def force_mode_law() -> Any:
-    """Compiled entry of ``force-mode``, made at first use."""
-
-    @cfunc(LAW_SIGNATURE)
-    def law(context, measurement, target, twist):  # type: ignore[no-untyped-def]
-        m = measurement_of(carray(measurement, MEASUREMENT_SIZE))
-        t = target_of(carray(target, TARGET_SIZE))
-        step_force_mode(carray(context, BASELINE_SIZE), m, t, carray(twist, ANSWER_SIZE))
-
-    return law
+@cfunc(LAW_SIGNATURE)
+def _force_mode_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
+    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
+    m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
+    if _begin(c, m, t, out.twist):
+        c.memory.started = True
+        replace_along_z(m, mode_speed(t.force[0] - m.wrench[2], m.clock[1], c.gains.mode, c.memory), out.twist)
 
 
 def force_mode(config: ControllerConfig) -> CompiledController:
     """A robot's own force mode along tool z."""
-    mode = config.baselines
-    gains = ModeGains(mode.mode_mass_kg / mode.mode_gain_scaling, mode.mode_damping, config.force_limit_m_s)
-    return CompiledController(baseline_gains(config, gains), MEMORY, step_force_mode, force_mode_law)
+    own = config.baselines
+    mode = ForceMode(own.mode_mass_kg / own.mode_gain_scaling, own.mode_damping, config.force_limit_m_s)
+    return CompiledController(BaselineContext(BaselineGains(hybrid=hybrid_gains(config), mode=mode)), _force_mode_law)

@@ -6,11 +6,9 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from polish_sim.config import ControllerConfig
-from polish_sim.control.hybrid import gains_of, hybrid_pi, hybrid_pi_position, position
-from polish_sim.control.signals import LAW_SIGNATURE, CompiledController, Controller
+from polish_sim.control.hybrid import hybrid_pi, hybrid_pi_position, position
+from polish_sim.control.signals import CompiledController
 from polish_sim.lazy import FunctionOnUse
-
-__all__ = ["CONTROLLERS", "LAW_SIGNATURE", "CompiledController", "Controller", "gains_of"]
 
 CONTROLLERS: Mapping[str, Callable[[ControllerConfig], CompiledController]] = MappingProxyType(
     {

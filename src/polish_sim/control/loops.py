@@ -1,28 +1,22 @@
-"""Position control by tool velocity (paper 1, eq. 5 and 6)."""
+"""Loops of paper 1 on one axis or three: position, orientation, force and moment by tool velocity (eq. 5 to 7)."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from polish_sim.kernel_cache import njit
+from polish_sim.arrays import Array
+from polish_sim.kernels import Record, Vector3, kernel
 
 # First-order low-pass, in the exact discrete form.
 
 
-@njit(cache=True)
+@kernel
 def low_pass_step(state: float, value: float, corner_hz: float, dt: float) -> float:
     """Next output of a first-order low-pass whose input is held over the step ``dt`` [s]."""
     return state + (1.0 - math.exp(-2.0 * math.pi * corner_hz * dt)) * (value - state)
 
 
-Array = NDArray[np.float64]
-
-
-class PositionGains(NamedTuple):
+class PositionGains(Record):
     """Gains of the velocity-error law, eq. 6; position enters through the look-ahead."""
 
     look_ahead: float
@@ -33,7 +27,7 @@ class PositionGains(NamedTuple):
     """kpd [s], on a low-passed acceleration."""
 
 
-class PositionRateGains(NamedTuple):
+class PositionRateGains(Record):
     """Gains of the position-error law, eq. 5."""
 
     p: float
@@ -42,15 +36,27 @@ class PositionRateGains(NamedTuple):
     """kpd [-]."""
 
 
-@njit(cache=True)
+class PositionMemory(Record):
+    """Of ``velocity_pd``."""
+
+    error: Vector3
+    """Last velocity error [m/s]."""
+    rate: Vector3
+    """Its low-passed derivative [m/s^2]."""
+    started: bool
+
+
+@kernel
 def velocity_toward(position: Array, target: Array, feed: Array, look_ahead: float, out: Array) -> None:
     """Desired velocity v01 = feed + (Xd - Xe) / T_a [m/s] (paper 1, eq. 6; the reading of ``v01`` is ours)."""
     for i in range(3):
         out[i] = feed[i] + (target[i] - position[i]) / look_ahead
 
 
-@njit(cache=True)
-def velocity_pd(wanted: Array, actual: Array, gains: PositionGains, dt: float, state: Array, out: Array) -> None:
+@kernel
+def velocity_pd(
+    wanted: Array, actual: Array, gains: PositionGains, dt: float, state: PositionMemory, out: Array
+) -> None:
     """Command v = v01 + kpp v_err + kpd d/dt v_err (paper 1, eq. 6).
 
     Args:
@@ -58,19 +64,19 @@ def velocity_pd(wanted: Array, actual: Array, gains: PositionGains, dt: float, s
         actual: Measured tool velocity [m/s], shape (3,).
         gains: The gains.
         dt: Control cycle [s].
-        state: Last velocity error, its low-passed derivative and a started flag, shape (7,).
+        state: Memory.
         out: The command [m/s], shape (3,).
     """
     for i in range(3):
         error = wanted[i] - actual[i]
-        rate = (error - state[i]) / dt if state[6] > 0.0 else 0.0
-        state[3 + i] = low_pass_step(state[3 + i], rate, 10.0, dt)
-        state[i] = error
-        out[i] = wanted[i] + gains.p * error + gains.d * state[3 + i]
-    state[6] = 1.0
+        rate = (error - state.error[i]) / dt if state.started else 0.0
+        state.rate[i] = low_pass_step(state.rate[i], rate, 10.0, dt)
+        state.error[i] = error
+        out[i] = wanted[i] + gains.p * error + gains.d * state.rate[i]
+    state.started = True
 
 
-@njit(cache=True)
+@kernel
 def position_pd(
     position: Array, target: Array, velocity: Array, feed: Array, gains: PositionRateGains, out: Array
 ) -> None:
@@ -83,7 +89,7 @@ def position_pd(
 # Orientation control by equivalent rotation vectors (paper 1, eq. 7, fig. 9).
 
 
-class OrientationGains(NamedTuple):
+class OrientationGains(Record):
     """PID gains on the angular velocity error, eq. 7."""
 
     look_ahead: float
@@ -96,7 +102,19 @@ class OrientationGains(NamedTuple):
     """[s]."""
 
 
-@njit(cache=True)
+class OrientationMemory(Record):
+    """Of ``angular_pid``."""
+
+    integral: Vector3
+    """Of the angular velocity's error [rad]."""
+    error: Vector3
+    """Last error [rad/s]."""
+    rate: Vector3
+    """Its low-passed derivative [rad/s^2]."""
+    started: bool
+
+
+@kernel
 def add_axis_rotation(n0: Array, n1: Array, spare: Array, out: Array) -> None:
     """Add the rotation vector that turns unit axis ``n0`` into ``n1`` the short way to ``out`` [rad].
 
@@ -118,7 +136,7 @@ def add_axis_rotation(n0: Array, n1: Array, spare: Array, out: Array) -> None:
             out[i] += math.pi * spare[i]
 
 
-@njit(cache=True)
+@kernel
 def rotation_error(R_actual: Array, R_wanted: Array, out: Array) -> None:
     """Rotation vector from one frame to another by the paper's sum over the three axes, halved [rad].
 
@@ -132,8 +150,10 @@ def rotation_error(R_actual: Array, R_wanted: Array, out: Array) -> None:
         out[i] *= 0.5
 
 
-@njit(cache=True)
-def angular_pid(wanted: Array, actual: Array, gains: OrientationGains, dt: float, state: Array, out: Array) -> None:
+@kernel
+def angular_pid(
+    wanted: Array, actual: Array, gains: OrientationGains, dt: float, state: OrientationMemory, out: Array
+) -> None:
     """Angular velocity command f = f01 + PID(f01 - f0) (paper 1, eq. 7).
 
     Args:
@@ -141,23 +161,23 @@ def angular_pid(wanted: Array, actual: Array, gains: OrientationGains, dt: float
         actual: Measured angular velocity [rad/s], shape (3,).
         gains: The gains.
         dt: Control cycle [s].
-        state: Integral, last error, low-passed derivative and a started flag, shape (10,).
+        state: Memory.
         out: The command [rad/s], shape (3,).
     """
     for i in range(3):
         error = wanted[i] - actual[i]
-        rate = (error - state[3 + i]) / dt if state[9] > 0.0 else 0.0
-        state[6 + i] = low_pass_step(state[6 + i], rate, 10.0, dt)
-        state[3 + i] = error
-        state[i] += error * dt
-        out[i] = wanted[i] + gains.p * error + gains.i * state[i] + gains.d * state[6 + i]
-    state[9] = 1.0
+        rate = (error - state.error[i]) / dt if state.started else 0.0
+        state.rate[i] = low_pass_step(state.rate[i], rate, 10.0, dt)
+        state.error[i] = error
+        state.integral[i] += error * dt
+        out[i] = wanted[i] + gains.p * error + gains.i * state.integral[i] + gains.d * state.rate[i]
+    state.started = True
 
 
 # Force and moment control by tool velocity (paper 1, eq. 5, lower half).
 
 
-class PiGains(NamedTuple):
+class PiGains(Record):
     """Gains of a PI law, the largest rate it may ask for and the low-pass before it."""
 
     p: float
@@ -174,8 +194,18 @@ class PiGains(NamedTuple):
     """
 
 
-@njit(cache=True)
-def force_pi(wanted: float, measured: float, gains: PiGains, dt: float, state: Array) -> float:
+class PiMemory(Record):
+    """Of ``force_pi``."""
+
+    integral: float
+    """Of the error [N s] or [N m s]."""
+    measured: float
+    """Low-passed [N] or [N m]."""
+    started: bool
+
+
+@kernel
+def force_pi(wanted: float, measured: float, gains: PiGains, dt: float, state: PiMemory) -> float:
     """Rate kfp (Fd - Fe) + kfi integral (Fd - Fe) dt, limited, without wind-up (paper 1, eq. 5).
 
     Args:
@@ -183,20 +213,19 @@ def force_pi(wanted: float, measured: float, gains: PiGains, dt: float, state: A
         measured: Fe [N] or [N m].
         gains: The gains.
         dt: Control cycle [s].
-        state: The integral, the filtered measurement and a started flag, shape (3,). The integral rests while the
-            rate is at its limit and would grow further.
+        state: Memory. The integral rests while the rate is at its limit and would grow further.
 
     Returns:
         The rate [m/s] or [rad/s].
     """
-    state[1] = low_pass_step(state[1], measured, gains.filter_hz, dt) if state[2] > 0.0 else measured
-    state[2] = 1.0
-    error = wanted - state[1]
-    grown = state[0] + error * dt
+    state.measured = low_pass_step(state.measured, measured, gains.filter_hz, dt) if state.started else measured
+    state.started = True
+    error = wanted - state.measured
+    grown = state.integral + error * dt
     rate = gains.p * error + gains.i * grown
     if -gains.limit <= rate <= gains.limit:
-        state[0] = grown
+        state.integral = grown
         return rate
     if rate * error < 0.0:
-        state[0] = grown
+        state.integral = grown
     return min(max(rate, -gains.limit), gains.limit)

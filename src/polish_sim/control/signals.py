@@ -1,29 +1,20 @@
 """What a controller sees and answers: measurement and target in, tool twist out.
 
-Both travel as one flat array each, so that a compiled law and a user's Python class read the same memory;
-``measurement_of`` and ``target_of`` give the named views.
+Both are one record each, so that a compiled law and a user's Python class read the same memory; Python gets the
+record's arrays as a named tuple.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+import ctypes
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from polish_sim.kernel_cache import njit
-
-Array = NDArray[np.float64]
-
-MEASUREMENT_SIZE = 26
-TARGET_SIZE = 24
-ANSWER_SIZE = 7
-"""Tool twist (6,) and the share of the planned feed the controller grants, 0 to 1."""
-WHOLE_FEED = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-"""The answer of a controller that asks for nothing: rest, and the feed as planned."""
-WHOLE_FEED.setflags(write=False)
+from polish_sim.arrays import Array
+from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, memory_of
 
 
 class Measurement(NamedTuple):
@@ -59,26 +50,59 @@ class Target(NamedTuple):
     """Place on the path [m], normal curvature there along the path [1/m] and speed of the place [m/s], shape (3,)."""
 
 
-@njit(cache=True)
-def measurement_of(flat: Array) -> Measurement:
-    """Named views of a flat measurement, shape (26,)."""
-    return Measurement(flat[0:3], flat[3:12].reshape((3, 3)), flat[12:18], flat[18:24], flat[24:26])
+class MeasurementRecord(Record):
+    """A `Measurement` as the compiled loop and laws have it."""
+
+    position: Vector3
+    rotation: Matrix3
+    twist: Vector6
+    wrench: Vector6
+    clock: Vector2
 
 
-@njit(cache=True)
-def target_of(flat: Array) -> Target:
-    """Named views of a flat target, shape (24,)."""
-    return Target(flat[0:3], flat[3:12].reshape((3, 3)), flat[12:18], flat[18:20], flat[20:21], flat[21:24])
+class TargetRecord(Record):
+    """A `Target` as the compiled loop and laws have it."""
+
+    position: Vector3
+    rotation: Matrix3
+    twist: Vector6
+    force: Vector2
+    contact: Annotated[Array, (1,)]
+    path: Vector3
 
 
-# How a control law is handed to the compiled loop: its signature, its gains and its memory in one array.
+class Answer(Record):
+    """What a controller answers."""
+
+    twist: Vector6
+    """Tool twist to command, base frame (linear [m/s]; angular [rad/s])."""
+    feed: float
+    """Share of the planned feed it grants, 0 to 1."""
+
+
+MEASUREMENT, TARGET, ANSWER = MeasurementRecord.dtype, TargetRecord.dtype, Answer.dtype
+
+
+def measurement_of(record: MeasurementRecord) -> Measurement:
+    """The record's arrays, the same memory."""
+    return Measurement(*(record[name] for name in Measurement._fields))  # type: ignore[index]
+
+
+def target_of(record: TargetRecord) -> Target:
+    """The record's arrays, the same memory."""
+    return Target(*(record[name] for name in Target._fields))  # type: ignore[index]
+
+
+# How a control law is handed to the compiled loop: a C function that takes pointers.
 #
 # A law is compiled in the file it is written in: numba keeps a compiled function on disk only where it finds every
 # function it calls by name.
 
-_POINTER = types.CPointer(types.float64)
-LAW_SIGNATURE = types.void(_POINTER, _POINTER, _POINTER, _POINTER)
-"""A compiled law takes pointers to context, measurement, target and the answer it writes (twist, feed share)."""
+LAW_SIGNATURE = types.void(*[types.voidptr] * 5)
+"""A compiled law takes pointers to its context, the course, measurement, target and the answer it writes."""
+
+
+_CALL = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)
 
 
 class Controller(Protocol):
@@ -97,32 +121,34 @@ class Controller(Protocol):
 
 
 class CompiledController:
-    """A shipped controller: its gains and memory in one array, its step compiled.
+    """A shipped controller: gains and memory in one record, its law compiled.
 
     Args:
-        gains: What the law reads first, shape (n,).
-        memory: Size of the memory behind the gains, zero after a reset.
-        step: The compiled step, for calls from Python.
-        law: Gives its entry for the loop, compiled at first use.
+        context: What the law reads and writes; its field ``memory`` is zero after a reset.
+        law: The compiled law.
+        course: What lies ahead on the path as the law has it, an array of records; None for a law that does not ask.
     """
 
-    def __init__(self, gains: Array, memory: int, step: Callable[..., None], law: Callable[[], Any]) -> None:
-        self.context = np.concatenate([gains, np.zeros(memory)])
-        self._gains, self._step, self._law = len(gains), step, law
+    def __init__(self, context: Any, law: Any, course: NDArray[Any] | None = None) -> None:
+        self.context, self.law = context, law
+        self.course = np.zeros(1) if course is None else course
+        measurement, wanted = MeasurementRecord(), TargetRecord()
+        self._views = (*measurement_of(measurement), *target_of(wanted))
+        self._memory = [memory_of(record) for record in (context, measurement, wanted, Answer())]
 
     def reset(self, cycle_s: float) -> None:
         """Forget everything."""
-        self.context[self._gains :] = 0.0
+        self.context.memory = np.zeros((), self.context.memory.dtype)
 
     def step(self, measurement: Measurement, target: Target) -> Array:
         """Return the tool twist to command and the share of the planned feed, shape (7,)."""
-        twist = WHOLE_FEED.copy()
-        self._step(self.context, measurement, target, twist)
-        return twist
-
-    def compiled_law(self) -> Any:
-        """First-class compiled function for the loop."""
-        return self._law()
+        for view, values in zip(self._views, (*measurement, *target), strict=True):
+            view[...] = values
+        context, *others = self._memory
+        answer = others[-1].view(np.float64)
+        answer[6] = 1.0
+        _CALL(self.law.address)(*(array.ctypes.data for array in (context, self.course, *others)))
+        return answer.copy()
 
 
 # What lies ahead on the path, as a controller may know it before the run.

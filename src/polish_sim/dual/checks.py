@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell.carrier import RAMP_PEAK, MasterRows
 from polish_sim.config import RobotConfig
+from polish_sim.dual.carrier import RAMP_PEAK, MasterRows
 from polish_sim.dual.master import MasterMotion
 from polish_sim.dual.placement import Collides, PairReach, Work, sampled
 from polish_sim.dual.strokes import ON_THE_WAY, Visits

@@ -10,13 +10,14 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from polish_sim.analysis.metrics import measure_removal, measure_surface
 from polish_sim.arrays import Array
-from polish_sim.cell import Cell, CellRun, Job, Observer, RealPart, Silent, build_real_part
-from polish_sim.cell.host_arm import build_host_arm
+from polish_sim.cell import CellRun, Job, Observer, RealPart, Silent, build_real_part
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
+from polish_sim.dual.cell import PairCell
 from polish_sim.dual.figures import WantedTool, measure_pair, pair_errors
 from polish_sim.dual.frames import settled_bases
 from polish_sim.dual.gripper import seat_text
+from polish_sim.dual.host_arm import build_host_arm
 from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.experiments.assembly import course_for
@@ -26,7 +27,6 @@ from polish_sim.experiments.part_setup import (
     SENSOR_STREAM,
     path_done,
     random_streams,
-    strongest,
 )
 from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.registry import CheckedPath
@@ -92,7 +92,7 @@ def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Obser
 class DualCell(NamedTuple):
     """Two robots about to start."""
 
-    cell: Cell
+    cell: PairCell
     """Not yet run."""
     strokes: list[Job]
     """As the host commands them, with the tool where the host believes it."""
@@ -117,8 +117,8 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
     q_start = np.ascontiguousarray(place.reach.q_start[None])
     q_start = task.arms.joints("follower", forward(q_start), q_start)[0]
     host_arm = build_host_arm(task.arms.believed["follower"], np.eye(4), task.frames.believed.T_flange_tool)
-    cell = Cell(
-        strongest(scenario, place.path), model, part, strokes, q_start, controller, streams[SENSOR_STREAM],
+    cell = PairCell(
+        scenario, model, part, strokes, q_start, controller, streams[SENSOR_STREAM],
         course_for(controller, scenario, place, strokes), task.master, host_arm,
     )  # fmt: skip
     believe_tool(cell, streams[PAYLOAD_STREAM])

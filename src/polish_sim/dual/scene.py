@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell.carrier import FIRST_JOINT, FOLLOWER, MASTER
 from polish_sim.cell.scene import add_drawn_part, bend_arm, robot_with_tool, set_options
 from polish_sim.config import Scenario
+from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER, MASTER
 from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_MASS, GRIPPER_RADIUS, check_load, volume_and_center
 from polish_sim.geometry import PartMesh
 from polish_sim.models import robot_model_path

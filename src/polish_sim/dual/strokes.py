@@ -12,15 +12,15 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.cell import Job
-from polish_sim.cell.carrier import RAMP_S, time_held, time_let_go
 from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
 from polish_sim.config import Scenario
+from polish_sim.dual.carrier import RAMP_S, time_held, time_let_go
 from polish_sim.errors import SmoothingError
 from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, stretches_in_contact, travel_to
 from polish_sim.experiments.stroke_motion import CELL_LIMITS, Stroke, stroke_motion
 from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.timed_path import TimedPath, time_path
-from polish_sim.motion.trajectory import build_path_table, with_set_points
+from polish_sim.motion.trajectory import build_path_table, with_feed_share
 from polish_sim.planning import ToolPath
 from polish_sim.spatial import apply
 
@@ -119,7 +119,7 @@ def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: f
         during, down = slice(first, last + 1), slice(first - points_before(path, first), first + 1)
         table = build_path_table(points[during], rotations[during], path.s[during])
         feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
-        table = with_set_points(table, path.s[during], None, feed / process.feed_m_s)
+        table = with_feed_share(table, path.s[during], feed / process.feed_m_s)
         stroke = Stroke(points[during], rotations[during], path.s[during] - path.s[first], feed, limits)
         motion = time_path(table, pace)
         if scenario.smoothing.limits_file or not is_gentle(motion, limits):
@@ -128,7 +128,7 @@ def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: f
         more = number + 1 < len(stretches) and left > motion.playing_time
         job = Job(
             travel=travel_to(jobs, points[down], rotations[down]) if jobs else time_path(start, pace),
-            lead_in=start, process=table, motion=motion, depth=0.0, force=0.0, contact=0.0,
+            lead_in=start, process=table, motion=motion, depth=0.0, force=np.zeros(len(table.positions)), contact=False,
             approach_speed=process.approach_speed_m_s, feed=process.feed_m_s, threshold=math.inf,
             search_depth=0.0, hold=hold, feed_time=left, lift=lift if more else 0.0, start_s=float(path.s[first]),
         )  # fmt: skip

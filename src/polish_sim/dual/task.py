@@ -12,12 +12,12 @@ from scipy.interpolate import CubicSpline
 
 from polish_sim.arrays import Array
 from polish_sim.cell import Job, Observer, Silent, tool_on_flange
-from polish_sim.cell.carrier import MasterRows
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.arms import PairArms, pair_arms
 from polish_sim.dual.calibration.measurements import ROBOTS
+from polish_sim.dual.carrier import MasterRows
 from polish_sim.dual.chain import ClosedChain, follow_joints
 from polish_sim.dual.checks import MotionCheck, check_length, check_motion
 from polish_sim.dual.frames import PairFrames, Site, calibrated_frames, marks_on, tracker_sees, true_chain

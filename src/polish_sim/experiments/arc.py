@@ -75,7 +75,7 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     pace = feed_pace(scenario.process.feed_m_s)
     job = Job(
         travel=time_path(start, pace), lead_in=start, process=table, motion=time_path(table, pace),
-        depth=0.0, force=0.0, contact=0.0,
+        depth=0.0, force=np.zeros(len(table.positions)), contact=False,
         approach_speed=scenario.process.approach_speed_m_s, feed=scenario.process.feed_m_s,
         threshold=math.inf, search_depth=0.0, hold=0.0,
         feed_time=scenario.process.max_feed_s or math.inf, lift=0.0, start_s=0.0,

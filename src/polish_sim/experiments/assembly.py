@@ -19,9 +19,9 @@ from polish_sim.experiments.part_setup import (
     PAYLOAD_STREAM,
     SENSOR_STREAM,
     RealShape,
+    largest_force,
     polishing_strokes,
     random_streams,
-    strongest,
     touched,
 )
 from polish_sim.experiments.payload import believe_tool
@@ -57,7 +57,7 @@ class Workplace:
         return self._fields(self.shape, scenario)
 
     def _fields(self, shape: RealShape, scenario: Scenario) -> PartFields:
-        depth = modelled_depth(strongest(scenario, self.path))
+        depth = modelled_depth(scenario, largest_force(scenario, self.path))
         key = (shape.given, scenario.pad.radius_m, depth)
         if key not in self._kept:
             self._kept[key] = build_part_fields(shape.surface, touched(shape, self.path, scenario.pad.radius_m, depth))
@@ -72,9 +72,9 @@ def build_part(scenario: Scenario, place: Workplace) -> RealPart:
     )  # fmt: skip
 
 
-def modelled_depth(scenario: Scenario) -> float:
-    """How deep the real part is modelled for a scenario's force and pad [m]."""
-    return depth_for(scenario.process.contact_force_n, scenario.pad.stiffness_n_m * scenario.head.spring_scale)
+def modelled_depth(scenario: Scenario, force: float) -> float:
+    """How deep the real part is modelled for a force [N] on a scenario's pad [m]."""
+    return depth_for(force, scenario.pad.stiffness_n_m * scenario.head.spring_scale)
 
 
 def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float, lift: float) -> Cell:
@@ -94,7 +94,7 @@ def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float
     strokes = polishing_strokes(scenario, place.path, place.reach, hold, lift)
     controller = build_controller(scenario.controller)
     cell = Cell(
-        strongest(scenario, place.path), build_scene(scenario, place.shape.mesh, part), part, strokes,
+        scenario, build_scene(scenario, place.shape.mesh, part), part, strokes,
         place.reach.q_start, controller, streams[SENSOR_STREAM], course_for(controller, scenario, place, strokes),
     )  # fmt: skip
     believe_tool(cell, streams[PAYLOAD_STREAM])
@@ -153,7 +153,8 @@ def check_force(scenario: Scenario, path: ToolPath | None) -> None:
         ConfigError: Naming the limit that is broken.
     """
     if scenario.experiment in CONTROLLED:
-        check_contact_settings(scenario if path is None else strongest(scenario, path))
+        force = scenario.process.contact_force_n if path is None else largest_force(scenario, path)
+        check_contact_settings(scenario, force)
 
 
 def _check_real_part(name: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,7 +28,7 @@ from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part
 from polish_sim.models import part_path
 from polish_sim.motion.rules.limits import Arm, build_arm
 from polish_sim.motion.timed_path import TimedPath, time_path
-from polish_sim.motion.trajectory import build_path_table, with_set_points
+from polish_sim.motion.trajectory import at_rows, build_path_table, with_feed_share
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed
 from polish_sim.spatial import apply
 
@@ -52,10 +52,9 @@ def pressing_depths(scenario: Scenario, path: ToolPath) -> Array:
     return path.force_at(path.s, scenario.process.contact_force_n) / stiffness
 
 
-def strongest(scenario: Scenario, path: ToolPath) -> Scenario:
-    """The scenario with the largest force its path asks for, which its limits must bear."""
-    force = float(path.force_at(path.s[path.process], scenario.process.contact_force_n).max())
-    return replace(scenario, process=replace(scenario.process, contact_force_n=force))
+def largest_force(scenario: Scenario, path: ToolPath) -> float:
+    """The largest force a path asks for, which limits and part must bear [N]."""
+    return float(path.force_at(path.s[path.process], scenario.process.contact_force_n).max())
 
 
 def check_set_points(path: ToolPath) -> None:
@@ -153,12 +152,9 @@ def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold:
         table = build_path_table(
             pressed_in[during], rotations[during], path.s[during], path.curvature[during], path.pass_index[during]
         )
-        table = with_set_points(
-            table,
-            path.s[during],
-            None if path.force is None else path.force[during] / process.contact_force_n,
-            None if path.feed is None else path.feed[during] / process.feed_m_s,
-        )
+        force = at_rows(table, path.s[during], path.force_at(path.s[during], process.contact_force_n))
+        if path.feed is not None:
+            table = with_feed_share(table, path.s[during], path.feed[during] / process.feed_m_s)
         feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
         stroke = Stroke(pressed_in[during], rotations[during], path.s[during] - path.s[first], feed)
         motion = stroke_motion(scenario, stroke, placed.arm)
@@ -171,8 +167,8 @@ def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold:
                 process=table,
                 motion=motion,
                 depth=float(depths[first]),
-                force=process.contact_force_n,
-                contact=1.0,
+                force=force,
+                contact=True,
                 approach_speed=process.approach_speed_m_s,
                 feed=process.feed_m_s,
                 threshold=process.contact_threshold_n,
@@ -181,7 +177,7 @@ def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold:
                 feed_time=left,
                 lift=_lift_off(lift, float(depths[first]), float(depths[last])),
                 start_s=float(path.s[first]),
-                retare=1.0 if jobs and process.tare == "strokes" else 0.0,
+                retare=bool(jobs) and process.tare == "strokes",
             )
         )
         left -= motion.playing_time

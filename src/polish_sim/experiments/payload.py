@@ -21,7 +21,7 @@ from polish_sim.calibration import (
     read_calibrated_tool,
 )
 from polish_sim.calibration.payload import refuse_doubtful, refuse_swapped_columns
-from polish_sim.cell import Cell, Observer, Silent, read_at_rest, weight_of
+from polish_sim.cell import Cell, Observer, Silent, weight_of
 from polish_sim.cell.stroke import TARE_TIME
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, SENSOR_STREAM, random_streams
@@ -166,7 +166,7 @@ def cell_gravity(cell: Cell) -> float:
 
 def _bias_error(cell: Cell, estimate: PayloadEstimate) -> Array:
     """Estimated force bias minus what bias and drift have become [N], shape (3,)."""
-    now = cell.sensor.bias + cell.kernel.sensor_state.drift
+    now = cell.sensor.bias + cell.state.sensor.drift
     return np.asarray((estimate.bias_at(float(cell.data.time)) - now)[:3])
 
 
@@ -184,10 +184,8 @@ def _return_figures(readings: PayloadReadings, estimate: PayloadEstimate) -> dic
 def _residual_figures(cell: Cell, estimate: PayloadEstimate, rng: np.random.Generator) -> dict[str, Any]:
     """The force left after compensation in random poses right after the calibration, with and without a tare."""
     R = Rotation.random(CHECK_POSES, random_state=rng).as_matrix()
-    read = read_at_rest(
-        cell.sensor, cell.kernel.sensor_state, weight_of(cell.carried, R), np.zeros(len(R)),
-        CHECK_SETTLE_S, CHECK_AVERAGE_S, rng,
-    )  # fmt: skip
+    load = weight_of(cell.carried, R)
+    read = cell.read_at_rest(load, np.zeros(len(R)), CHECK_SETTLE_S, CHECK_AVERAGE_S, rng, fresh=False)
     theta = np.concatenate([estimate.theta[:4], estimate.bias_at(float(cell.data.time))])
     left = (read - payload_regressor(R[:, 2, :], None, cell_gravity(cell)) @ theta)[:, :3]
     # The tare is taken in the first pose; tool axes turn with the sensor's.
@@ -211,7 +209,7 @@ def idle_force(cell: Cell, rng: np.random.Generator) -> LongRun:
     """
     count, a_value, a_tare = (round(span / TARE_TIME) for span in (LONG_RUN_S, VALUE_S, RETARE_S))
     load = np.tile(weight_of(cell.carried, np.diag([1.0, -1.0, -1.0])[None]), (count, 1))
-    read = read_at_rest(cell.sensor, cell.idle_sensor(), load, np.zeros(count), 0.0, TARE_TIME, rng)[:, :3]
+    read = cell.read_at_rest(load, np.zeros(count), 0.0, TARE_TIME, rng)[:, :3]
     latest = np.arange(count) // a_tare * a_tare
     once, again = ((read - tare).reshape(-1, a_value, 3).mean(axis=1) for tare in (read[0], read[latest]))
     time = np.asarray(VALUE_S * (np.arange(len(once)) + 0.5))
@@ -250,8 +248,6 @@ def readings_at_rest(cell: Cell, rng: np.random.Generator) -> PayloadReadings:
     config = cell.scenario.payload
     poses = plan_payload_poses(config.poses)
     loads = weight_of(cell.carried, poses.R_base_sensor)
-    wrenches = read_at_rest(
-        cell.sensor, cell.idle_sensor(), loads, poses.move_times, config.settle_s, config.average_s, rng
-    )
+    wrenches = cell.read_at_rest(loads, poses.move_times, config.settle_s, config.average_s, rng)
     time = np.cumsum(poses.move_times + config.settle_s + config.average_s) - 0.5 * config.average_s
     return PayloadReadings(time, poses.R_base_sensor.copy(), wrenches)

@@ -87,7 +87,7 @@ def visiting_cell(scenario: Scenario, visit: Visit, q_start: Array, rng: np.rand
     pace = feed_pace(CLOCK_FEED)
     job = Job(
         travel=time_path(start, pace), lead_in=start, process=visit.table,
-        motion=time_path(visit.table, pace), depth=0.0, force=0.0, contact=0.0,
+        motion=time_path(visit.table, pace), depth=0.0, force=np.zeros(len(visit.table.positions)), contact=False,
         approach_speed=CLOCK_FEED, feed=CLOCK_FEED, threshold=math.inf, search_depth=0.0, hold=0.0,
         feed_time=math.inf, lift=0.0, start_s=0.0,
     )  # fmt: skip

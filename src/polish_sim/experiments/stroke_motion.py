@@ -22,7 +22,7 @@ from polish_sim.motion.rules.schedule import Schedule, sample_schedule
 from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline
 from polish_sim.motion.timed_path import TimedPath, marks_on, row_times, time_path, time_schedule, with_feed
-from polish_sim.motion.trajectory import build_path_table, with_set_points
+from polish_sim.motion.trajectory import build_path_table, with_feed_share
 from polish_sim.spatial import rotation_to_axis
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def at_the_feed(scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | Non
     """Follow the way points' chords at the feed, whatever acceleration that takes: no time law, to compare with."""
     top = float(stroke.feed.max())
     table = build_path_table(stroke.tips, stroke.rotations, stroke.s)
-    return time_path(with_set_points(table, stroke.s, None, stroke.feed / top), feed_pace(top))
+    return time_path(with_feed_share(table, stroke.s, stroke.feed / top), feed_pace(top))
 
 
 StrokeRule = Callable[[Scenario, Stroke, Chain, Arm | None], TimedPath]

@@ -9,8 +9,15 @@ import mujoco
 import numpy as np
 
 from polish_sim.arrays import Array, Indices
-from polish_sim.cell.kernel import EngineViews, engine_views, mj_step1, mj_step2, register_engine
-from polish_sim.cell.loop import correct_reading, keep_speeds
+from polish_sim.cell.engine import (
+    EngineViews,
+    correct_reading,
+    engine_views,
+    keep_speeds,
+    mj_step1,
+    mj_step2,
+    register_engine,
+)
 from polish_sim.cell.observer import Observer, Silent, interrupts_noted
 from polish_sim.errors import ReachError
 from polish_sim.hand_guiding.guard import GUARDS, JOINT_END, TOUCH, UNSTABLE, GuidingLimits, fade_out, watch_guiding
@@ -168,7 +175,7 @@ def run_guided(
     steps = len(servos)
     rows, rotations = np.zeros((steps, WIDTH)), np.zeros((steps, 3, 3))
     chunk, touching = max(1, round(watcher.frame_every_s / kernel.engine.dt)), ""
-    with interrupts_noted() as interrupt:
+    with interrupts_noted(watcher) as interrupt:
         while kernel.status[STEP] < steps and not interrupt.seen:
             last = min(int(kernel.status[STEP]) + chunk, steps)
             _advance(kernel, rows, rotations, last)

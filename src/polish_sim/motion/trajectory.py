@@ -32,8 +32,6 @@ class PathTable(NamedTuple):
     """Normal curvature along the path [1/m], shape (n,)."""
     pass_index: Ints
     """Turn of the path, shape (n,)."""
-    force_share: Array
-    """Force to hold as a share of the job's [-], shape (n,); ones unless the path says otherwise."""
     feed_share: Array
     """Feed as a share of the job's [-], shape (n,); ones unless the path says otherwise."""
 
@@ -84,34 +82,35 @@ def build_path_table(
         np.interp(nodes, place, bend),
         turns[np.clip(np.searchsorted(place, nodes, side="right") - 1, 0, len(place) - 1)],
         np.ones(len(nodes)),
-        np.ones(len(nodes)),
     )
 
 
-def with_set_points(
-    table: PathTable, s: Array, force_share: Array | None, feed_share: Array | None, braking: float = math.inf
-) -> PathTable:
-    """Give a table force and feed that change along the path, linear between the points.
+def at_rows(table: PathTable, s: Array, values: Array) -> Array:
+    """Values given at the points a table was made of, at its rows, linear in between.
+
+    Args:
+        table: The path.
+        s: Arc length of the points [m], shape (n,).
+        values: Shape (n,).
+    """
+    return np.interp(np.arange(len(table.positions)) * table.spacing, s - s[0], values)
+
+
+def with_feed_share(table: PathTable, s: Array, feed_share: Array, braking: float = math.inf) -> PathTable:
+    """Give a table a feed that changes along the path, linear between the points.
 
     Args:
         table: The path.
         s: Arc length of the points the table was made of [m], shape (n,).
-        force_share: Force at the points as a share of the job's [-], shape (n,); None leaves ones.
-        feed_share: Feed likewise, positive; None leaves ones.
+        feed_share: Feed at the points as a share of the stroke's [-], positive, shape (n,).
         braking: Largest decrease of half the squared feed share per length [1/m]: before a slow place the feed
             falls early enough.
 
     Returns:
         The table.
     """
-    nodes = np.arange(len(table.positions)) * table.spacing
-    place = s - s[0]
-    if force_share is not None:
-        table = table._replace(force_share=np.interp(nodes, place, force_share))
-    if feed_share is not None:
-        feed = np.interp(nodes, place, feed_share)
-        table = table._replace(feed_share=slowed_before(feed, 2.0 * braking * table.spacing))
-    return table
+    feed = at_rows(table, s, feed_share)
+    return table._replace(feed_share=slowed_before(feed, 2.0 * braking * table.spacing))
 
 
 @njit(cache=True)
@@ -204,8 +203,8 @@ def sample_path(table: PathTable, s: float, position: Array, tangent: Array, qua
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def sample_share(table: PathTable, column: Array, s: float) -> float:
-    """Force or feed share at arc length ``s`` [m] (clamped to the path's ends); exactly 1 between ones."""
+def sample_column(table: PathTable, column: Array, s: float) -> float:
+    """A column of the rows at arc length ``s`` [m] (clamped to the path's ends); exact between equal values."""
     place = min(max(s, 0.0), table.length) / table.spacing
     row = min(int(place), column.shape[0] - 2)
     return float(column[row] + (place - row) * (column[row + 1] - column[row]))

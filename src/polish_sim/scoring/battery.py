@@ -11,10 +11,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from polish_sim.config import Scenario
-from polish_sim.control.margins import share_latency
 from polish_sim.errors import unknown_name
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
+from polish_sim.scoring.margins import share_latency
 
 # What a case of the scorecard is, and who is scored in it: plain data.
 

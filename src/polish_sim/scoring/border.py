@@ -18,8 +18,9 @@ from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.control.loop_model import setup_of
-from polish_sim.control.margins import (
+from polish_sim.scoring.force_bench import Bench, Border, Rest, build_bench, press
+from polish_sim.scoring.loop_model import setup_of
+from polish_sim.scoring.margins import (
     Margins,
     force_loop,
     longest_latency,
@@ -28,8 +29,7 @@ from polish_sim.control.margins import (
     share_latency,
     with_springs,
 )
-from polish_sim.control.measured_law import MeasuredLaw, measure_law
-from polish_sim.scoring.force_bench import Bench, Border, Rest, build_bench, press
+from polish_sim.scoring.measured_law import MeasuredLaw, measure_law
 
 SCALES = (0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 3.5, 5.0)
 """Of the springs, for the border in the cell [-]."""

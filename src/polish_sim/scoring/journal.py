@@ -76,7 +76,12 @@ def measure_row(task: Task) -> Row:
 
 def setup_key(scenario: Scenario) -> Hashable:
     """What place and real part of a scenario depend on: rows that share it share their set-up."""
-    return _place_key(scenario), scenario.part, modelled_depth(scenario), scenario.seed
+    return (
+        _place_key(scenario),
+        scenario.part,
+        modelled_depth(scenario, scenario.process.contact_force_n),
+        scenario.seed,
+    )
 
 
 def _measure(task: Task) -> Row:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.control.signals import (
-    MEASUREMENT_SIZE,
-    TARGET_SIZE,
     CompiledController,
     Measurement,
+    MeasurementRecord,
     Target,
+    TargetRecord,
     measurement_of,
     target_of,
 )
@@ -52,14 +52,14 @@ class Run(NamedTuple):
 
 
 def measurement_at_rest() -> Measurement:
-    m = measurement_of(np.zeros(MEASUREMENT_SIZE))
+    m = measurement_of(MeasurementRecord())
     m.rotation[:] = np.eye(3)
     m.clock[1] = DT
     return m
 
 
 def target_to_press(force: float = 20.0) -> Target:
-    t = target_of(np.zeros(TARGET_SIZE))
+    t = target_of(TargetRecord())
     t.rotation[:] = np.eye(3)
     t.force[0] = force
     return t

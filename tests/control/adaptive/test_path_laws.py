@@ -14,46 +14,48 @@ from polish_sim.config import ControllerConfig
 from polish_sim.control.adaptive.drawing import (
     Abilities,
     Ahead,
+    AheadRow,
     FeedForwardGains,
     FeedGains,
-    ahead_of,
     at,
+    averaged_error,
     followable_share,
-    forget,
     granted_feed,
     lead_turning,
-    no_ahead,
-    pack_ahead,
     planned_press_rate,
     planned_surplus,
+    rows_ahead,
 )
-from polish_sim.control.adaptive.gains import adaptive_gains
+from polish_sim.control.adaptive.gains import PathMemory, adaptive_gains
 from polish_sim.control.adaptive.landing import round_a_bend
 from polish_sim.control.adaptive.law import AdaptiveController, hybrid_adaptive
 from polish_sim.control.adaptive.surface import (
     LearningGains,
+    LearningMemory,
+    NeighbourMemory,
     NormalGains,
+    NormalMemory,
     learn,
     learned_rate,
     level_by_moment,
     tilted_target,
 )
-from polish_sim.control.signals import TARGET_SIZE, Measurement, Target, target_of
+from polish_sim.control.signals import Measurement, Target, TargetRecord, target_of
 from tests.control.adaptive.plant import measurement_at_rest
 from tests.control.adaptive.track import SPACING, SPRING, course_of, follow
 
 Array = NDArray[np.float64]
 
 CAN = Abilities(1.0, 40.0, 1.2, 6.0)
-ON = FeedForwardGains(0.01, 1.0)
-LEARN = LearningGains(0.005, 0.0, 0.1, 1.0, 1.0)
-NORMAL = NormalGains(3.0, 0.17, 0.3, 20000.0 / 3.0, 3.125, 1.0)
-FEED = FeedGains(1.0, 0.1, 0.1, 1.0)
+ON = FeedForwardGains(0.01, True)
+LEARN = LearningGains(0.005, 0.0, 0.1, 1.0, True)
+NORMAL = NormalGains(3.0, 0.17, 0.3, 20000.0 / 3.0, 3.125, True)
+FEED = FeedGains(1.0, 0.1, 0.1, True)
 
 
 def fed_at(s: float, speed: float = 0.06) -> Target:
     """A target in contact at a place of a straight path along x."""
-    t = target_of(np.zeros(TARGET_SIZE))
+    t = target_of(TargetRecord())
     t.rotation[:], t.contact[0], t.force[0] = np.eye(3), 1.0, 20.0
     t.path[0], t.path[2], t.twist[0] = s, speed, speed
     return t
@@ -63,7 +65,19 @@ def seen_with(**columns: Array) -> Ahead:
     """What lies ahead: flat but for these columns of the course."""
     n = len(next(iter(columns.values())))
     course = course_of(np.zeros(n))._replace(**columns)
-    return ahead_of(pack_ahead(course, np.ones(n)))
+    return Ahead(SPACING, rows_ahead(course, np.ones(n)))
+
+
+def nothing_ahead() -> Ahead:
+    """No course."""
+    return Ahead(1.0, np.zeros(0, AheadRow.dtype))
+
+
+def granted(ahead: Ahead, error: float, memory: PathMemory) -> float:
+    """Feed granted after one more cycle with a force error [N]."""
+    t = fed_at(0.1)
+    memory.feed_error = averaged_error(memory.feed_error, error, t, FEED, 0.001)
+    return float(granted_feed(ahead, t, memory.feed_error, FEED))
 
 
 def in_degrees(m: Measurement, *axis: float) -> Measurement:
@@ -74,28 +88,18 @@ def in_degrees(m: Measurement, *axis: float) -> Measurement:
 
 def test_columns_are_linear_between_rows_and_held_at_the_ends() -> None:
     ahead = seen_with(stiffness=np.array([4000.0, 5000.0, 3000.0]))
-    assert at(ahead.stiffness, SPACING, 0.25 * SPACING) == pytest.approx(4250.0)
-    assert at(ahead.stiffness, SPACING, 1.0) == pytest.approx(3000.0, rel=1e-3)
-    assert at(ahead.stiffness, SPACING, -1.0) == 4000.0
-    assert at(ahead.stiffness, SPACING, SPACING) == pytest.approx(5000.0)
+    assert at(ahead.rows["stiffness"], SPACING, 0.25 * SPACING) == pytest.approx(4250.0)
+    assert at(ahead.rows["stiffness"], SPACING, 1.0) == pytest.approx(3000.0, rel=1e-3)
+    assert at(ahead.rows["stiffness"], SPACING, -1.0) == 4000.0
+    assert at(ahead.rows["stiffness"], SPACING, SPACING) == pytest.approx(5000.0)
 
 
 def test_without_a_course_nothing_is_expected() -> None:
-    ahead, t, m = ahead_of(no_ahead()), fed_at(0.1), measurement_at_rest()
-    assert at(ahead.stiffness, ahead.spacing, 0.1) == 0.0
+    ahead, t, m = nothing_ahead(), fed_at(0.1), measurement_at_rest()
+    assert at(ahead.rows["stiffness"], ahead.spacing, 0.1) == 0.0
     assert planned_press_rate(ahead, m, t, np.eye(3), 0.0, 1.0, ON) == 0.0
-    assert learned_rate(ahead, t, 0.0, LEARN, 0.001, np.zeros(2)) == 0.0
-    assert granted_feed(ahead, t, 0.0, FEED, 0.001, np.zeros(1)) == 1.0
-
-
-def test_what_was_learned_is_forgotten_and_what_was_drawn_is_not() -> None:
-    flat = pack_ahead(course_of(np.linspace(0.0, 0.001, 50)), np.ones(50))
-    drawn = flat.copy()
-    ahead = ahead_of(flat)
-    ahead.learned[:], ahead.known[:] = 1.0, 1.0
-    assert (flat != drawn).any()
-    forget(flat)
-    np.testing.assert_array_equal(flat, drawn)
+    assert learned_rate(ahead, t, 0.0, LEARN, 0.001, NeighbourMemory()) == 0.0
+    assert granted(ahead, 0.0, PathMemory()) == 1.0
 
 
 def test_the_tool_is_sent_down_a_slope_at_slope_times_feed() -> None:
@@ -136,10 +140,10 @@ def test_turning_is_led_by_its_change_over_the_look_ahead() -> None:
     turning = np.zeros((400, 3))
     turning[200:, 1] = 10.0
     ahead, out = seen_with(turning=turning), np.zeros(7)
-    lead_turning(ahead, fed_at(0.0994), FeedForwardGains(0.02, 1.0), out)
+    lead_turning(ahead, fed_at(0.0994), FeedForwardGains(0.02, True), out)
     np.testing.assert_allclose(out[3:6], [0.0, 10.0 * 0.06, 0.0], atol=1e-9)
     out[:] = 0.0
-    lead_turning(ahead, fed_at(0.15), FeedForwardGains(0.01, 1.0), out)
+    lead_turning(ahead, fed_at(0.15), FeedForwardGains(0.01, True), out)
     np.testing.assert_allclose(out, 0.0, atol=1e-9)
 
 
@@ -178,37 +182,37 @@ def test_a_steep_slope_is_fed_so_slowly_that_its_unforeseen_part_stays_within_th
 
 
 def test_twice_the_budget_of_error_halves_the_feed_and_none_frees_it() -> None:
-    ahead, state = ahead_of(no_ahead()), np.zeros(1)
-    shares = [granted_feed(ahead, fed_at(0.1), 2.0, FEED, 0.001, state) for _ in range(1500)]
+    ahead, memory = nothing_ahead(), PathMemory()
+    shares = [granted(ahead, 2.0, memory) for _ in range(1500)]
     assert shares[0] == 1.0
     assert shares[-1] == pytest.approx(0.5, rel=1e-3)
     assert np.abs(np.diff(shares)).max() < 0.02
     for _ in range(1500):
-        share = granted_feed(ahead, fed_at(0.1), 0.0, FEED, 0.001, state)
+        share = granted(ahead, 0.0, memory)
     assert share == 1.0
 
 
 def test_however_wrong_the_force_some_feed_is_granted() -> None:
-    share = granted_feed(ahead_of(no_ahead()), fed_at(0.1), 0.0, FEED, 0.001, np.array([100.0]))
+    share = granted(nothing_ahead(), 0.0, PathMemory(feed_error=100.0))
     assert share == pytest.approx(FEED.least)
 
 
 def test_a_learned_ramp_is_stored_where_it_was_met() -> None:
     """The average lags its length behind a ramp; what is stored does not."""
-    ahead, state = seen_with(surplus=np.zeros(800)), np.zeros(3)
+    ahead, state = seen_with(surplus=np.zeros(800)), LearningMemory()
     for s in np.arange(0.0, 0.2, 0.06 * 0.001):
         learn(ahead, fed_at(float(s)), 0.01 * s, LEARN, 0.001, state)
     rows = np.arange(100, 300)
-    assert (ahead.known[rows] == 1.0).all()
-    np.testing.assert_allclose(ahead.learned[rows], 0.01 * SPACING * rows, atol=1.5e-5)
-    assert ahead.known[:10].sum() == 0.0
+    assert ahead.rows["known"][rows].all()
+    np.testing.assert_allclose(ahead.rows["learned"][rows], 0.01 * SPACING * rows, atol=1.5e-5)
+    assert not ahead.rows["known"][:10].any()
 
 
 def test_the_neighbours_slope_is_fed_forward_and_fades_out_where_the_neighbour_is_lost() -> None:
     neighbour = np.where(np.arange(800) < 600, np.arange(800) - 400, -1)
     ahead = seen_with(surplus=np.zeros(800), neighbour=neighbour)
-    ahead.learned[:], ahead.known[:] = 0.01 * SPACING * np.arange(800), 1.0
-    state = np.zeros(2)
+    ahead.rows["learned"], ahead.rows["known"] = 0.01 * SPACING * np.arange(800), True
+    state = NeighbourMemory()
     for _ in range(1000):
         rate = learned_rate(ahead, fed_at(0.25), 0.0, LEARN, 0.001, state)
     assert rate == pytest.approx(0.01 * 0.06, rel=1e-3)
@@ -220,7 +224,7 @@ def test_the_neighbours_slope_is_fed_forward_and_fades_out_where_the_neighbour_i
 
 def test_on_the_first_turn_nothing_is_fed_forward() -> None:
     ahead = seen_with(surplus=np.zeros(800), neighbour=np.arange(800) - 400)
-    assert learned_rate(ahead, fed_at(0.25), 0.0, LEARN, 0.001, np.zeros(2)) == 0.0
+    assert learned_rate(ahead, fed_at(0.25), 0.0, LEARN, 0.001, NeighbourMemory()) == 0.0
 
 
 def level(ahead: Ahead, true_tilt: Array, noise: float, friction: float = 0.0, seconds: float = 6.0) -> Array:
@@ -228,48 +232,46 @@ def level(ahead: Ahead, true_tilt: Array, noise: float, friction: float = 0.0, s
 
     The pad's moment is its tilt stiffness times what is left of the tilt, seen about the tool point behind a spring.
     """
-    rng, state, m = np.random.default_rng(1), np.zeros(4), measurement_at_rest()
+    rng, state, m = np.random.default_rng(1), NormalMemory(), measurement_at_rest()
     track = []
     for _ in range(round(1000 * seconds)):
-        moment = -3.125 * (true_tilt - state[:2])
+        moment = -3.125 * (true_tilt - [state.tilt_x, state.tilt_y])
         travel = 20.0 / NORMAL.head_stiffness
         m.wrench[:3] = friction, -0.5 * friction, 20.0
         m.wrench[3:5] = moment + travel * np.array([m.wrench[1], -m.wrench[0]]) + noise * rng.standard_normal(2)
         level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
-        track.append(state[:2].copy())
+        track.append([state.tilt_x, state.tilt_y])
     return np.array(track)
 
 
 def test_a_tilted_part_is_found_and_friction_does_not_matter() -> None:
-    found = level(ahead_of(no_ahead()), np.array([0.05, -0.08]), 0.0, friction=6.0)
+    found = level(nothing_ahead(), np.array([0.05, -0.08]), 0.0, friction=6.0)
     np.testing.assert_allclose(found[-1], [0.05, -0.08], atol=1e-4)
 
 
 def test_a_ramp_of_eight_degrees_is_within_its_reach_and_no_more_than_ten() -> None:
-    assert level(ahead_of(no_ahead()), np.array([0.0, math.radians(8.0)]), 0.0)[-1, 1] == pytest.approx(
-        0.1396, abs=1e-3
-    )
-    assert np.linalg.norm(level(ahead_of(no_ahead()), np.array([0.4, 0.4]), 0.0)[-1]) == pytest.approx(0.17)
+    assert level(nothing_ahead(), np.array([0.0, math.radians(8.0)]), 0.0)[-1, 1] == pytest.approx(0.1396, abs=1e-3)
+    assert np.linalg.norm(level(nothing_ahead(), np.array([0.4, 0.4]), 0.0)[-1]) == pytest.approx(0.17)
 
 
 def test_the_noise_of_the_sensor_turns_the_tool_by_less_than_two_milliradians() -> None:
-    found = level(ahead_of(no_ahead()), np.zeros(2), noise=0.02, seconds=20.0)
+    found = level(nothing_ahead(), np.zeros(2), noise=0.02, seconds=20.0)
     assert np.sqrt((found[2000:] ** 2).mean(axis=0)).max() < 0.002
 
 
 def test_the_moment_a_border_causes_on_the_drawing_does_not_turn_the_tool() -> None:
     ahead = seen_with(moment=np.tile([0.1, -0.2], (200, 1)))
-    m, state = measurement_at_rest(), np.zeros(4)
+    m, state = measurement_at_rest(), NormalMemory()
     m.wrench[2:5] = 20.0, 0.1, -0.2
     for _ in range(3000):
         level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
-    np.testing.assert_allclose(state[:2], 0.0, atol=1e-9)
+    np.testing.assert_allclose([state.tilt_x, state.tilt_y], 0.0, atol=1e-9)
 
 
 def test_the_planned_axis_is_turned_about_the_tools_own_axes() -> None:
     t, R = fed_at(0.0), np.empty((3, 3))
     t.rotation[:] = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
-    tilted_target(t, np.array([0.05, -0.1, 0.0, 0.0]), R)
+    tilted_target(t, NormalMemory(0.05, -0.1), R)
     expected = t.rotation @ Rotation.from_rotvec([0.05, -0.1, 0.0]).as_matrix()
     np.testing.assert_allclose(R, expected, atol=1e-12)
 
@@ -319,8 +321,10 @@ def test_a_wave_that_was_not_drawn_is_followed_better_on_the_next_turn() -> None
 def test_reset_forgets_the_run_and_keeps_the_course() -> None:
     law = controller("feed-forward feed learning normal")
     law.prepare(course_of(np.zeros(700)))
-    fresh = law.context.copy()
+    fresh, drawn = law.context.copy(), law.course.copy()
     follow(law, wave, 0.1)
-    assert (law.context != fresh).any()
+    assert law.context != fresh
+    assert (law.course != drawn).any()
     law.reset(0.001)
-    np.testing.assert_array_equal(law.context, fresh)
+    assert law.context == fresh
+    np.testing.assert_array_equal(law.course, drawn)

@@ -13,96 +13,72 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from polish_sim.arrays import Array
 from polish_sim.control.signals import Course, Measurement, Target
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Record, kernel
 
-# The course as a compiled law reads it: columns in one flat array behind the law's gains and memory.
-#
-# Kernels cannot hold a Python object; they get the tail of the context and see it through ``ahead_of``.
-
-Array = NDArray[np.float64]
-
-HEADER = 2  # spacing and number of rows
-COLUMNS = 15
-MEMORY_COLUMNS = 2  # the last ones
 SMOOTHING_M = 0.002  # of the planned depth before its slope is taken: the pad is far wider [m]
 
 
+class AheadRow(Record):
+    """One place of the path, and what was learned there."""
+
+    surplus: float
+    """Depth that presses with the wanted force, beyond the planned target's [m]."""
+    slope: float
+    """Change of the surplus per arc length [-]."""
+    stiffness: float
+    """Head spring and touching part of the pad in series [N/m]."""
+    turn_x: float
+    """Planned rotation per arc length about base x [rad/m]."""
+    turn_y: float
+    turn_z: float
+    moment_x: float
+    """Moment of the pad's pressure about tool x through the middle of its face [N m]."""
+    moment_y: float
+    tilt_x: float
+    """Stiffness against tilting about tool x [N m/rad]."""
+    tilt_y: float
+    share: float
+    """Share of the planned feed the loops can follow [-]."""
+    neighbour: int
+    """Row of the nearest place on an earlier turn, -1 for none."""
+    learned: float
+    """How much deeper than drawn the tool had to go here, memory of the run [m]."""
+    known: bool
+    """Whether that was learned in this run."""
+
+
 class Ahead(NamedTuple):
-    """What lies ahead, and what was learned on the way; columns of shape (n,), n = 0 without a course."""
+    """What lies ahead on the path, and what was learned on the way."""
 
     spacing: float
     """Arc length between rows [m]."""
-    depth: Array
-    """Depth that presses with the wanted force, from the unpressed surface [m]."""
-    surplus: Array
-    """That depth beyond the planned target's [m]."""
-    slope: Array
-    """Change of the surplus per arc length [-]."""
-    stiffness: Array
-    """Head spring and touching part of the pad in series [N/m]."""
-    turn_x: Array
-    """Planned rotation per arc length about base x [rad/m]."""
-    turn_y: Array
-    turn_z: Array
-    moment_x: Array
-    """Moment of the pad's pressure about tool x through the middle of its face [N m]."""
-    moment_y: Array
-    tilt_x: Array
-    """Stiffness against tilting about tool x [N m/rad]."""
-    tilt_y: Array
-    share: Array
-    """Share of the planned feed the loops can follow [-]."""
-    neighbour: Array
-    """Row of the nearest place on an earlier turn, -1 for none."""
-    learned: Array
-    """How much deeper than drawn the tool had to go here, memory of the run [m]."""
-    known: Array
-    """1 where that was learned in this run, else 0."""
+    rows: NDArray[np.void]
+    """``AheadRow`` at equal steps of arc length, shape (n,); none without a course."""
 
 
-def pack_ahead(course: Course, share: Array) -> Array:
-    """Flatten a course for the compiled laws, shape (2 + 15 n,).
+def rows_ahead(course: Course, share: Array) -> NDArray[np.void]:
+    """A course for the compiled laws, shape (n,) of ``AheadRow``.
 
     Args:
         course: The course.
-        share: Share of the planned feed that can be followed, see ``feed.followable_share``, shape (n,).
+        share: Share of the planned feed that can be followed, see ``followable_share``, shape (n,).
     """
-    n = len(course.depth)
+    rows = np.zeros(len(course.depth), AheadRow.dtype)
     smooth = gaussian_filter1d(course.surplus, SMOOTHING_M / course.spacing, mode="nearest")
-    slope = np.gradient(smooth, course.spacing) if n > 1 else np.zeros(n)
-    columns = [
-        course.depth, smooth, slope, course.stiffness, *course.turning.T, *course.moment.T, *course.tilt_stiffness.T,
-        share, course.neighbour, *np.zeros((MEMORY_COLUMNS, n)),
-    ]  # fmt: skip
-    return np.concatenate([[course.spacing, n], *columns]).astype(np.float64)
+    rows["surplus"], rows["stiffness"], rows["share"] = smooth, course.stiffness, share
+    if len(rows) > 1:
+        rows["slope"] = np.gradient(smooth, course.spacing)
+    rows["turn_x"], rows["turn_y"], rows["turn_z"] = course.turning.T
+    rows["moment_x"], rows["moment_y"] = course.moment.T
+    rows["tilt_x"], rows["tilt_y"] = course.tilt_stiffness.T
+    rows["neighbour"] = course.neighbour
+    return rows
 
 
-def no_ahead() -> Array:
-    """What the laws get when nothing is known of the path, shape (2,)."""
-    return np.array([1.0, 0.0])
-
-
-def forget(flat: Array) -> None:
-    """Forget what was learned; what was drawn stays."""
-    n = int(flat[1])
-    flat[HEADER + (COLUMNS - MEMORY_COLUMNS) * n :] = 0.0
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def ahead_of(flat: Array) -> Ahead:
-    """Named views of a flat course."""
-    n, table = int(flat[1]), flat[2:]
-    return Ahead(
-        flat[0],
-        table[0:n], table[n : 2 * n], table[2 * n : 3 * n], table[3 * n : 4 * n], table[4 * n : 5 * n],
-        table[5 * n : 6 * n], table[6 * n : 7 * n], table[7 * n : 8 * n], table[8 * n : 9 * n],
-        table[9 * n : 10 * n], table[10 * n : 11 * n], table[11 * n : 12 * n], table[12 * n : 13 * n],
-        table[13 * n : 14 * n], table[14 * n : 15 * n],
-    )  # fmt: skip
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def at(column: Array, spacing: float, s: float) -> float:
     """A column at an arc length [m], linear between rows and held at its ends; 0 without rows."""
     n = column.shape[0]
@@ -116,28 +92,30 @@ def at(column: Array, spacing: float, s: float) -> float:
 MOST_RATIO = 1.5  # softer springs than drawn change the depths less than their stiffness says
 
 
-class FeedForwardGains(NamedTuple):
+class FeedForwardGains(Record):
     """Gains of the feed-forward."""
 
     look_ahead: float
     """From a command to the tool's motion [s]."""
-    weight: float
-    """1, or 0 to leave the law out."""
+    on: bool
+    """False leaves the law out."""
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def planned_surplus(ahead: Ahead, t: Target, ratio: float, gains: FeedForwardGains) -> float:
     """How far beyond the target the feed-forward means the tool to be at this place [m]."""
-    return gains.weight * _scale(ratio) * at(ahead.surplus, ahead.spacing, t.path[0])
+    if not gains.on:
+        return 0.0
+    return _scale(ratio) * at(ahead.rows.surplus, ahead.spacing, t.path[0])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def _scale(ratio: float) -> float:
     """Factor of the drawn depths where springs are not as drawn; ``ratio`` is drawn by real stiffness [-]."""
     return min(max(ratio, 0.0), MOST_RATIO)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def planned_press_rate(
     ahead: Ahead, m: Measurement, t: Target, wanted: Array, look_ahead: float, ratio: float, gains: FeedForwardGains
 ) -> float:
@@ -156,26 +134,26 @@ def planned_press_rate(
         gains: The gains.
     """
     speed = t.path[2]
-    if speed <= 0.0 or t.contact[0] == 0.0:
+    if speed <= 0.0 or t.contact[0] == 0.0 or not gains.on:
         return 0.0
-    slope = at(ahead.slope, ahead.spacing, t.path[0] + speed * look_ahead)
+    slope = at(ahead.rows.slope, ahead.spacing, t.path[0] + speed * look_ahead)
     rate = slope * speed * _scale(ratio)
     for i in range(3):
         rate += t.twist[i] * (t.rotation[i, 2] + m.rotation[i, 2] - wanted[i, 2])
-    return gains.weight * rate
+    return rate
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def lead_turning(ahead: Ahead, t: Target, gains: FeedForwardGains, out: Array) -> None:
     """Turn as the plan will when the command acts: add the change of the planned turning rate to ``out[3:6]``."""
     speed = t.path[2]
-    if speed <= 0.0 or ahead.turn_x.shape[0] < 2:
+    if speed <= 0.0 or ahead.rows.shape[0] < 2 or not gains.on:
         return
     now, then = t.path[0], t.path[0] + speed * gains.look_ahead
-    factor = gains.weight * speed
-    out[3] += factor * (at(ahead.turn_x, ahead.spacing, then) - at(ahead.turn_x, ahead.spacing, now))
-    out[4] += factor * (at(ahead.turn_y, ahead.spacing, then) - at(ahead.turn_y, ahead.spacing, now))
-    out[5] += factor * (at(ahead.turn_z, ahead.spacing, then) - at(ahead.turn_z, ahead.spacing, now))
+    rows, spacing = ahead.rows, ahead.spacing
+    out[3] += speed * (at(rows.turn_x, spacing, then) - at(rows.turn_x, spacing, now))
+    out[4] += speed * (at(rows.turn_y, spacing, then) - at(rows.turn_y, spacing, now))
+    out[5] += speed * (at(rows.turn_z, spacing, then) - at(rows.turn_z, spacing, now))
 
 
 # Slow the feed where the loops could not follow: what the drawing says, and what the force says.
@@ -199,7 +177,7 @@ class Abilities(NamedTuple):
     """Of the tool's axis [rad/s^2]."""
 
 
-class FeedGains(NamedTuple):
+class FeedGains(Record):
     """Gains of the feed law."""
 
     error: float
@@ -208,8 +186,8 @@ class FeedGains(NamedTuple):
     """Time over which the force error is averaged, and in which the feed recovers [s]."""
     least: float
     """Share of the planned feed that is always granted [-]."""
-    weight: float
-    """1, or 0 to leave the law out."""
+    on: bool
+    """False leaves the law out."""
 
 
 def followable_share(course: Course, can: Abilities) -> Array:
@@ -250,32 +228,28 @@ def _eased(share: Array, gain: Array) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def granted_feed(ahead: Ahead, t: Target, force_error: float, gains: FeedGains, dt: float, state: Array) -> float:
-    """Share of the planned feed to grant now.
+@kernel
+def granted_feed(ahead: Ahead, t: Target, error: float, gains: FeedGains) -> float:
+    """Share of the planned feed to grant now, 0 to 1.
 
     The drawing's share, lowered while the averaged force error is beyond the budget: twice the budget halves it.
 
     Args:
         ahead: What lies ahead.
         t: Target.
-        force_error: Wanted less measured force [N].
+        error: Averaged force error, see ``averaged_error`` [N].
         gains: The gains.
-        dt: Control cycle [s].
-        state: Averaged error [N], shape (1,).
-
-    Returns:
-        0 to 1.
     """
-    if gains.weight == 0.0:
+    if not gains.on or t.contact[0] == 0.0:
         return 1.0
-    if t.contact[0] == 0.0:
-        state[0] = 0.0
-        return 1.0
-    state[0] += dt / gains.filter_s * (force_error - state[0])
-    known = ahead.share.shape[0] > 1
-    share = at(ahead.share, ahead.spacing, t.path[0]) if known else 1.0
-    beyond = abs(state[0]) / gains.error
+    share = at(ahead.rows.share, ahead.spacing, t.path[0]) if ahead.rows.shape[0] > 1 else 1.0
+    beyond = abs(error) / gains.error
     if beyond > 1.0:
         share /= beyond
     return max(share, gains.least)
+
+
+@kernel
+def averaged_error(average: float, error: float, t: Target, gains: FeedGains, dt: float) -> float:
+    """The average of wanted less measured force [N] with one more cycle."""
+    return average + dt / gains.filter_s * (error - average) if t.contact[0] > 0.0 else 0.0

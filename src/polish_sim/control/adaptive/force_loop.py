@@ -18,28 +18,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from polish_sim.control.adaptive.gains import (
-    AGE,
-    AT_NO_TRAVEL,
-    BEHIND,
-    DELAY,
-    LANDED,
-    LAST_COMMAND,
-    LINE,
-    RATE,
-    SENSED_AT,
-    SENSED_OWN,
-    SENSED_PATH,
-    SENT_AT,
-    SLOWED,
-    STIFFNESS,
-    TRAVEL,
-    AdaptiveGains,
-    PressMemory,
-)
+from polish_sim.control.adaptive.gains import LINE, AdaptiveGains, PressMemory
 from polish_sim.control.adaptive.landing import unknown_mass
 from polish_sim.control.loops import low_pass_step
-from polish_sim.kernel_cache import njit
+from polish_sim.kernels import kernel
 
 _MASS_SHARE = 0.5  # of its command the loop may feed back through unknown inertia
 _NOISE_POWER = 0.6  # the observer slows with noise to this power
@@ -56,7 +38,7 @@ class Pace(NamedTuple):
     """w_o [rad/s]."""
 
 
-@njit(cache=True)
+@kernel
 def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age: float) -> Pace:
     """Crossover and observer corner the loop can afford.
 
@@ -74,27 +56,27 @@ def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age:
     most = 0.5 * _MASS_SHARE * stiffness / unknown_mass(g)
     slower = math.sqrt(min(1.0, most / (crossover * observer)))
     crossover, observer = slower * crossover, slower * observer
-    if g.touch_down > 0.0:
+    if g.touch_down:
         observer += (slower * _FIRST_CORNER - observer) * math.exp(-age / _FIRST_TIME)
     return Pace(crossover, observer)
 
 
-@njit(cache=True)
+@kernel
 def begin_contact(memory: PressMemory, stiffness: float, path: float, force: float) -> None:
     """Start the observer at what is read: travel ``path`` [m] as sensed, ``force`` [N]."""
     state = memory.force
-    state[AT_NO_TRAVEL], state[STIFFNESS] = force - stiffness * path, stiffness
-    state[RATE] = state[LANDED] = state[AGE] = 0.0
+    state.at_no_travel, state.stiffness = force - stiffness * path, stiffness
+    state.rate = state.landed = state.age = 0.0
 
 
-@njit(cache=True)
+@kernel
 def change_stiffness(memory: PressMemory, stiffness: float, path: float) -> None:
     """Believe another stiffness [N/m] without a jump of what the sensor should show at travel ``path`` [m]."""
-    memory.force[AT_NO_TRAVEL] -= (stiffness - memory.force[STIFFNESS]) * path
-    memory.force[STIFFNESS] = stiffness
+    memory.force.at_no_travel -= (stiffness - memory.force.stiffness) * path
+    memory.force.stiffness = stiffness
 
 
-@njit(cache=True)
+@kernel
 def observe_force(memory: PressMemory, corner: float, path: float, reading: float, landed: float, dt: float) -> float:
     """Take in one reading and return the force pressed with now [N].
 
@@ -107,10 +89,10 @@ def observe_force(memory: PressMemory, corner: float, path: float, reading: floa
         dt: Control cycle [s].
     """
     state = memory.force
-    surprise = reading - (state[AT_NO_TRAVEL] + state[STIFFNESS] * path)
-    state[AT_NO_TRAVEL] += dt * (state[RATE] + 2.0 * corner * surprise)
-    state[RATE] += dt * landed * corner * corner * surprise
-    return float(state[AT_NO_TRAVEL] + state[STIFFNESS] * state[TRAVEL])
+    surprise = reading - (state.at_no_travel + state.stiffness * path)
+    state.at_no_travel += dt * (state.rate + 2.0 * corner * surprise)
+    state.rate += dt * landed * corner * corner * surprise
+    return float(state.at_no_travel + state.stiffness * state.travel)
 
 
 # The command's delay, measured on the way down, and the travel that is under way because of it.
@@ -124,44 +106,42 @@ _SLOWEST = 1e-3  # command from which the delay is measured [m/s]
 _STEADY = 0.1  # a command this near its low-passed self is steady [-]
 
 
-@njit(cache=True)
+@kernel
 def expect_delay(g: AdaptiveGains, memory: PressMemory) -> None:
     """Believe the configured delay until one has been measured."""
-    if memory.delay[DELAY] == 0.0:
-        memory.delay[DELAY] = g.command_delay
+    if memory.delay.delay == 0.0:
+        memory.delay.delay = g.command_delay
 
 
-@njit(cache=True)
+@kernel
 def measure_delay(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float) -> None:
     """Watch the tool follow its commands in free space; ``speed`` along tool z [m/s]."""
     delay = memory.delay
-    command = delay[LAST_COMMAND]
+    command = delay.last_command
     if abs(speed) < _REST and abs(command) < _REST:
-        delay[BEHIND], delay[SLOWED] = 0.0, command
+        delay.behind, delay.slowed = 0.0, command
         return
-    delay[BEHIND] += (command - speed) * dt
-    delay[SLOWED] += (command - delay[SLOWED]) * dt / 0.03
-    if abs(command) > _SLOWEST and abs(delay[SLOWED] - command) < _STEADY * abs(command):
-        seen = min(max(delay[BEHIND] / command, 0.3 * g.command_delay), 3.0 * g.command_delay)
-        delay[DELAY] += (seen - delay[DELAY]) * dt / 0.05
+    delay.behind += (command - speed) * dt
+    delay.slowed += (command - delay.slowed) * dt / 0.03
+    if abs(command) > _SLOWEST and abs(delay.slowed - command) < _STEADY * abs(command):
+        seen = min(max(delay.behind / command, 0.3 * g.command_delay), 3.0 * g.command_delay)
+        delay.delay += (seen - delay.delay) * dt / 0.05
 
 
-@njit(cache=True)
+@kernel
 def remember_command(memory: PressMemory, speed: float) -> None:
     """Note the speed commanded along tool z this cycle [m/s]."""
-    here = int(memory.line[SENT_AT])
-    memory.sent[here] = speed
-    memory.line[SENT_AT] = (here + 1) % LINE
-    memory.delay[LAST_COMMAND] = speed
+    delay = memory.delay
+    delay.sent[delay.at] = delay.last_command = speed
+    delay.at = (delay.at + 1) % LINE
 
 
-@njit(cache=True)
+@kernel
 def under_way(memory: PressMemory, dt: float) -> float:
     """Travel along tool z that is commanded and not yet done [m]."""
-    here = int(memory.line[SENT_AT])
-    total = 0.0
-    for back in range(1, min(math.floor(memory.delay[DELAY] / dt + 0.5), LINE - 1) + 1):
-        total += memory.sent[(here - back) % LINE]
+    delay, total = memory.delay, 0.0
+    for back in range(1, min(math.floor(delay.delay / dt + 0.5), LINE - 1) + 1):
+        total += delay.sent[(delay.at - back) % LINE]
     return total * dt
 
 
@@ -182,15 +162,14 @@ class Sensed(NamedTuple):
     """The tool's own forces [N]."""
 
 
-@njit(cache=True)
+@kernel
 def as_sensed(g: AdaptiveGains, memory: PressMemory, path: float, own: float, dt: float) -> Sensed:
     """Pass travel [m] and own forces [N] through the believed low-pass and latency of the sensor."""
-    line = memory.line
-    line[SENSED_PATH] = low_pass_step(line[SENSED_PATH], path, g.sensor_hz, dt)
-    line[SENSED_OWN] = low_pass_step(line[SENSED_OWN], own, g.sensor_hz, dt)
-    here = int(line[SENSED_AT])
-    memory.path_line[here], memory.own_line[here] = line[SENSED_PATH], line[SENSED_OWN]
+    sensed, here = memory.sensed, memory.sensed.at
+    sensed.path = low_pass_step(sensed.path, path, g.sensor_hz, dt)
+    sensed.force = low_pass_step(sensed.force, own, g.sensor_hz, dt)
+    sensed.paths[here], sensed.forces[here] = sensed.path, sensed.force
     late = min(math.floor(g.sensor_latency / dt + 0.5), LINE - 1)
     then = (here - late) % LINE
-    line[SENSED_AT] = (here + 1) % LINE
-    return Sensed(memory.path_line[then], memory.own_line[then])
+    sensed.at = (here + 1) % LINE
+    return Sensed(sensed.paths[then], sensed.forces[then])

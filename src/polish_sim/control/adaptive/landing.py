@@ -14,31 +14,10 @@ from __future__ import annotations
 
 import math
 
-from polish_sim.control.adaptive.gains import (
-    AGE,
-    AIR_MEAN,
-    AIR_VARIANCE,
-    APPROACH_SPEED,
-    CO_SPREAD,
-    DAMPER_SPEED,
-    FAST,
-    FAST_VARIANCE,
-    LANDED,
-    LAST_SPEED,
-    MEAN_FORCE,
-    MEAN_PATH,
-    MOVED,
-    SLOW,
-    SPREAD,
-    STIFFNESS,
-    WATCHED,
-    WEIGHT,
-    AdaptiveGains,
-    PressMemory,
-)
+from polish_sim.control.adaptive.gains import AdaptiveGains, PressMemory
 from polish_sim.control.loops import low_pass_step
 from polish_sim.control.signals import Measurement
-from polish_sim.kernel_cache import njit
+from polish_sim.kernels import kernel
 
 _FAST_HZ, _SLOW_HZ = 30.0, 5.0
 _FAST_SHARE, _SLOW_SHARE = 0.58, 0.25  # of a reading's deviation (80 Hz) that these low-passes let through
@@ -56,87 +35,87 @@ _LANDED = 0.01  # speed below which the landing ends [m/s]
 _LANDING_ENDS = 0.15  # time in which the observer's rate is faded in [s]
 
 
-@njit(cache=True)
+@kernel
 def smooth_reading(memory: PressMemory, reading: float, dt: float) -> None:
     """Keep the two low-passed readings up to date [N]."""
     air = memory.air
-    air[FAST] = low_pass_step(air[FAST], reading, _FAST_HZ, dt)
-    air[SLOW] = low_pass_step(air[SLOW], reading, _SLOW_HZ, dt)
+    air.fast = low_pass_step(air.fast, reading, _FAST_HZ, dt)
+    air.slow = low_pass_step(air.slow, reading, _SLOW_HZ, dt)
 
 
-@njit(cache=True)
+@kernel
 def watch_air(memory: PressMemory, reading: float, approaching: bool, dt: float) -> bool:
     """Learn what the reading [N] is like in the air; True once it is not like that any more."""
     air = memory.air
     if not approaching:
-        air[WATCHED] = 0.0
+        air.watched = 0.0
         return False
-    air[WATCHED] += dt
-    if air[WATCHED] <= 1.5 * dt:
-        air[AIR_MEAN], air[AIR_VARIANCE], air[FAST], air[SLOW], air[FAST_VARIANCE] = reading, 0.0, reading, reading, 0.0
+    air.watched += dt
+    if air.watched <= 1.5 * dt:
+        air.mean, air.variance, air.fast, air.slow, air.fast_variance = reading, 0.0, reading, reading, 0.0
         return False
     smooth_reading(memory, reading, dt)
     slow_rise = max(_SLOW_LEAST, _SLOW_SHARE / _FAST_SHARE * _SIGMAS * _deviation(memory))
-    if is_armed(memory) and (air[FAST] - air[AIR_MEAN] > fast_rise(memory) or air[SLOW] - air[AIR_MEAN] > slow_rise):
+    if is_armed(memory) and (air.fast - air.mean > fast_rise(memory) or air.slow - air.mean > slow_rise):
         return True
-    share, rough, off = dt / min(air[WATCHED], _AIR_MEMORY), reading - air[FAST], air[FAST] - air[AIR_MEAN]
-    counted = min(off * off, 4.0 * air[FAST_VARIANCE]) if is_armed(memory) else off * off
-    air[FAST_VARIANCE] += dt / min(air[WATCHED], _NOISE_MEMORY) * (counted - air[FAST_VARIANCE])
-    air[AIR_MEAN] += share * (reading - air[AIR_MEAN])
-    air[AIR_MEAN] = min(max(air[AIR_MEAN], -_LARGEST_OFFSET), _LARGEST_OFFSET)
-    air[AIR_VARIANCE] += share * (rough * rough / _ROUGH_SHARE - air[AIR_VARIANCE])
+    share, rough, off = dt / min(air.watched, _AIR_MEMORY), reading - air.fast, air.fast - air.mean
+    counted = min(off * off, 4.0 * air.fast_variance) if is_armed(memory) else off * off
+    air.fast_variance += dt / min(air.watched, _NOISE_MEMORY) * (counted - air.fast_variance)
+    air.mean += share * (reading - air.mean)
+    air.mean = min(max(air.mean, -_LARGEST_OFFSET), _LARGEST_OFFSET)
+    air.variance += share * (rough * rough / _ROUGH_SHARE - air.variance)
     return False
 
 
-@njit(cache=True)
+@kernel
 def fast_rise(memory: PressMemory) -> float:
     """Rise of the faster low-pass above the air that only contact explains [N]."""
     return max(_FAST_LEAST, _SIGMAS * _deviation(memory))
 
 
-@njit(cache=True)
+@kernel
 def _deviation(memory: PressMemory) -> float:
     """Of the faster low-passed reading in the air: what white noise would do, or what it did if that is more [N]."""
-    return math.sqrt(max(_FAST_SHARE * _FAST_SHARE * memory.air[AIR_VARIANCE], memory.air[FAST_VARIANCE]))
+    return math.sqrt(max(_FAST_SHARE * _FAST_SHARE * memory.air.variance, memory.air.fast_variance))
 
 
-@njit(cache=True)
+@kernel
 def is_armed(memory: PressMemory) -> bool:
     """Whether the air has been watched for long enough to tell contact from noise."""
-    return bool(memory.air[WATCHED] > _ARMED)
+    return bool(memory.air.watched > _ARMED)
 
 
-@njit(cache=True)
+@kernel
 def fell_back(memory: PressMemory) -> bool:
     """Whether the reading is again what it was in the air."""
-    return bool(memory.air[FAST] - memory.air[AIR_MEAN] < 0.25 * fast_rise(memory))
+    return bool(memory.air.fast - memory.air.mean < 0.25 * fast_rise(memory))
 
 
-@njit(cache=True)
+@kernel
 def seek_speed(memory: PressMemory) -> float:
     """Speed towards a part that should be there: as in the approach, quicker where contact was lost [m/s]."""
-    if memory.force[AGE] > _FOUND:
+    if memory.force.age > _FOUND:
         return _SEEK_FASTEST
-    return min(max(memory.air[APPROACH_SPEED], _SEEK_SLOWEST), _SEEK_FASTEST)
+    return min(max(memory.air.approach_speed, _SEEK_SLOWEST), _SEEK_FASTEST)
 
 
-@njit(cache=True)
+@kernel
 def speed_limit(g: AdaptiveGains, memory: PressMemory, stiffness: float) -> float:
     """Highest speed along tool z for the evidence of contact there is and a ``stiffness`` [N/m]; result [m/s]."""
-    if g.touch_down == 0.0:
+    if not g.touch_down:
         return g.speed
-    rise = memory.air[FAST] - memory.air[AIR_MEAN] - fast_rise(memory)
+    rise = memory.air.fast - memory.air.mean - fast_rise(memory)
     evidence = min(max(rise / _SURE, 0.0), 1.0)
     believed = min(seek_speed(memory) + evidence * g.speed, g.speed)
     return min(believed, max(g.force_rate / stiffness, _SEEK_SLOWEST))
 
 
-@njit(cache=True)
+@kernel
 def quickest_stop(g: AdaptiveGains, travel: float, crossover: float, limit: float) -> float:
     """Speed at which a travel still to go [m] is ended soonest without going too far [m/s]."""
     far = abs(travel)
     speed = crossover * far
-    if g.touch_down > 0.0:
+    if g.touch_down:
         a = _BRAKING * g.acceleration
         bend = a / (crossover * crossover)
         if far > bend:
@@ -145,13 +124,13 @@ def quickest_stop(g: AdaptiveGains, travel: float, crossover: float, limit: floa
     return speed if travel >= 0.0 else -speed
 
 
-@njit(cache=True)
+@kernel
 def note_landing(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float) -> None:
     """Keep how far the landing is over: it ends once the wanted speed [m/s] is small, and the rate is faded in."""
-    if g.touch_down == 0.0:
-        memory.force[LANDED] = 1.0
+    if not g.touch_down:
+        memory.force.landed = 1.0
     elif abs(speed) < _LANDED:
-        memory.force[LANDED] = min(1.0, memory.force[LANDED] + dt / _LANDING_ENDS)
+        memory.force.landed = min(1.0, memory.force.landed + dt / _LANDING_ENDS)
 
 
 # Law ``stiffness``: dF/dz from the tool's own motion while it lands, stiff until proven soft.
@@ -168,14 +147,14 @@ _CONFIDENCE = 2.0  # standard deviations
 _SOFTEST, _STIFFEST = 0.1, 10.0  # of the nominal stiffness
 
 
-@njit(cache=True)
+@kernel
 def restart_fit(memory: PressMemory, path: float, force: float) -> None:
     """Forget everything but where the tool touched: ``path`` [m], ``force`` [N], as sensed."""
     fit = memory.fit
-    fit[WEIGHT], fit[MEAN_PATH], fit[MEAN_FORCE], fit[SPREAD], fit[CO_SPREAD] = 0.0, path, force, 0.0, 0.0
+    fit.weight, fit.mean_path, fit.mean_force, fit.spread, fit.co_spread = 0.0, path, force, 0.0, 0.0
 
 
-@njit(cache=True)
+@kernel
 def refine_stiffness(
     g: AdaptiveGains, memory: PressMemory, nominal: float, path: float, force: float, pressing: float, dt: float
 ) -> float:
@@ -197,18 +176,18 @@ def refine_stiffness(
     fit = memory.fit
     if abs(pressing) > _EXCITED:
         kept = math.exp(-dt / _MEMORY)
-        weight = kept * fit[WEIGHT] + 1.0
+        weight = kept * fit.weight + 1.0
         share = (weight - 1.0) / weight
-        dz, df = path - fit[MEAN_PATH], force - fit[MEAN_FORCE]
-        fit[WEIGHT] = weight
-        fit[MEAN_PATH] += dz / weight
-        fit[MEAN_FORCE] += df / weight
-        fit[SPREAD] = kept * (fit[SPREAD] + share * dz * dz)
-        fit[CO_SPREAD] = kept * (fit[CO_SPREAD] + share * dz * df)
-    spread = fit[SPREAD] + 1e-16
+        dz, df = path - fit.mean_path, force - fit.mean_force
+        fit.weight = weight
+        fit.mean_path += dz / weight
+        fit.mean_force += df / weight
+        fit.spread = kept * (fit.spread + share * dz * dz)
+        fit.co_spread = kept * (fit.co_spread + share * dz * df)
+    spread = fit.spread + 1e-16
     # A low-passed reading is worth a quarter of a fresh one.
-    sigma = 2.0 * max(math.sqrt(memory.air[AIR_VARIANCE]), 0.2)
-    slope, doubt = fit[CO_SPREAD] / spread, _CONFIDENCE * sigma / math.sqrt(spread)
+    sigma = 2.0 * max(math.sqrt(memory.air.variance), 0.2)
+    slope, doubt = fit.co_spread / spread, _CONFIDENCE * sigma / math.sqrt(spread)
     upper = min(slope + doubt, max(g.stiff_first * nominal, slope))
     return min(max(upper, _SOFTEST * nominal), _STIFFEST * nominal)
 
@@ -226,7 +205,7 @@ def refine_stiffness(
 # and 20 rad/s each. The turning terms come to 0.7 N at 60 mm/s on a bend of 60 mm radius.
 
 
-@njit(cache=True)
+@kernel
 def own_force(g: AdaptiveGains, memory: PressMemory, m: Measurement, speed: float, pressing: float, dt: float) -> float:
     """Force along tool z that the sensor reads from the tool's motion alone [N].
 
@@ -239,15 +218,16 @@ def own_force(g: AdaptiveGains, memory: PressMemory, m: Measurement, speed: floa
         dt: Control cycle [s].
     """
     motion = memory.motion
-    acceleration = (speed - motion[LAST_SPEED]) / dt if motion[MOVED] > 0.0 else 0.0
-    motion[LAST_SPEED], motion[MOVED] = speed, 1.0
+    acceleration = (speed - motion.last_speed) / dt if motion.moved else 0.0
+    motion.last_speed, motion.moved = speed, True
     acceleration += round_a_bend(g, m)
-    stiffer = max(memory.force[STIFFNESS] / g.stiffness, 0.05)
-    motion[DAMPER_SPEED] += (1.0 - math.exp(-dt * stiffer / g.damping_lag)) * (pressing - motion[DAMPER_SPEED])
-    return g.inertia * g.mass * acceleration + g.damping * motion[DAMPER_SPEED]
+    stiffer = max(memory.force.stiffness / g.stiffness, 0.05)
+    motion.damper_speed += (1.0 - math.exp(-dt * stiffer / g.damping_lag)) * (pressing - motion.damper_speed)
+    inertia = g.mass * acceleration if g.inertia else 0.0
+    return inertia + g.damping * motion.damper_speed
 
 
-@njit(cache=True)
+@kernel
 def round_a_bend(g: AdaptiveGains, m: Measurement) -> float:
     """Acceleration of the carried mass along tool z by turning: -(w x z).v + l (w^2 - (w.z)^2) [m/s^2]."""
     v, w, R = m.twist[0:3], m.twist[3:6], m.rotation
@@ -258,7 +238,7 @@ def round_a_bend(g: AdaptiveGains, m: Measurement) -> float:
     return float(g.mass_height * across - sideways)
 
 
-@njit(cache=True)
+@kernel
 def unknown_mass(g: AdaptiveGains) -> float:
     """Mass whose force stays in the reading, at worst [kg]: all of it without the law."""
-    return g.mass * (g.mass_doubt if g.inertia > 0.0 else 1.0)
+    return g.mass * (g.mass_doubt if g.inertia else 1.0)

@@ -7,22 +7,14 @@ the neighbouring turn, a step-over away, meets nearly the same error, and the sl
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from polish_sim.arrays import Array
 from polish_sim.control.adaptive.drawing import Ahead, at
 from polish_sim.control.signals import Measurement, Target
-from polish_sim.kernel_cache import njit
-
-Array = NDArray[np.float64]
-
-AVERAGE, BEGAN, LAST_ROW = 0, 1, 2
-FADING, SLOPE = 0, 1
+from polish_sim.kernels import Record, kernel
 
 
-class LearningGains(NamedTuple):
+class LearningGains(Record):
     """Gains of the learning."""
 
     length: float
@@ -33,12 +25,32 @@ class LearningGains(NamedTuple):
     """Time in which the feed-forward fades in where a neighbour is known and out where it is lost [s]."""
     gain: float
     """Share of the neighbour's slope that is fed forward [-]."""
-    weight: float
-    """1, or 0 to leave the law out."""
+    on: bool
+    """False leaves the law out."""
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def learn(ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: float, state: Array) -> None:
+class LearningMemory(Record):
+    """Of ``learn``."""
+
+    average: float
+    """Averaged offset [m]."""
+    began: float
+    """Arc length where the average began [m]; 0: it does not run."""
+    last_row: int
+    """Last row written."""
+
+
+class NeighbourMemory(Record):
+    """Of ``learned_rate``."""
+
+    fading: float
+    """0 to 1 [-]."""
+    slope: float
+    """Of the neighbour turn, kept while it fades out [-]."""
+
+
+@kernel
+def learn(ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: float, state: LearningMemory) -> None:
     """Remember how much deeper than planned the real surface lies at the present place.
 
     The average lags its length behind, and the force is as old as the sensor's delay: it is stored where it belongs.
@@ -50,29 +62,30 @@ def learn(ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: floa
             planned, see ``planned_surplus`` [m].
         gains: The gains.
         dt: Control cycle [s].
-        state: Averaged offset [m], arc length where it began [m] (0: it does not run), last row written; shape (3,).
+        state: Memory.
     """
     speed = t.path[2]
-    if t.contact[0] == 0.0 or speed <= 0.0 or ahead.learned.shape[0] < 2:
-        state[BEGAN] = 0.0
+    if t.contact[0] == 0.0 or speed <= 0.0 or ahead.rows.shape[0] < 2:
+        state.began = 0.0
         return
     s = t.path[0]
     row = int((s - gains.length - speed * gains.sensor_delay) / ahead.spacing)
-    if state[BEGAN] == 0.0:
-        state[AVERAGE], state[BEGAN], state[LAST_ROW] = offset, s, row
-    state[AVERAGE] += min(speed * dt / gains.length, 1.0) * (offset - state[AVERAGE])
+    if state.began == 0.0:
+        state.average, state.began, state.last_row = offset, s, row
+    state.average += min(speed * dt / gains.length, 1.0) * (offset - state.average)
     # The first stretch after a landing only fills the average.
-    if s - state[BEGAN] < 2.0 * gains.length:
-        state[LAST_ROW] = row
+    if s - state.began < 2.0 * gains.length:
+        state.last_row = row
         return
-    for k in range(max(int(state[LAST_ROW]) + 1, 0), min(row + 1, ahead.learned.shape[0])):
-        ahead.learned[k] = state[AVERAGE]
-        ahead.known[k] = 1.0
-    state[LAST_ROW] = max(row, state[LAST_ROW])
+    for k in range(max(state.last_row + 1, 0), min(row + 1, ahead.rows.shape[0])):
+        ahead.rows[k].learned, ahead.rows[k].known = state.average, True
+    state.last_row = max(row, state.last_row)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def learned_rate(ahead: Ahead, t: Target, look_ahead: float, gains: LearningGains, dt: float, state: Array) -> float:
+@kernel
+def learned_rate(
+    ahead: Ahead, t: Target, look_ahead: float, gains: LearningGains, dt: float, state: NeighbourMemory
+) -> float:
     """Velocity along the tool axis that the neighbouring turn says will be needed [m/s].
 
     Args:
@@ -81,30 +94,30 @@ def learned_rate(ahead: Ahead, t: Target, look_ahead: float, gains: LearningGain
         look_ahead: How long from now the velocity is wanted [s].
         gains: The gains.
         dt: Control cycle [s]; 0 leaves the fading as it is.
-        state: Fading, 0 to 1, and the slope while it fades out, shape (2,).
+        state: Memory.
     """
-    speed, n = t.path[2], ahead.learned.shape[0]
-    if gains.weight == 0.0 or n < 2 or t.contact[0] == 0.0:
-        state[FADING] = 0.0
+    speed, n = t.path[2], ahead.rows.shape[0]
+    if not gains.on or n < 2 or t.contact[0] == 0.0:
+        state.fading = 0.0
         return 0.0
     s, h = t.path[0] + speed * look_ahead, gains.length
     before, after = _neighbour(ahead, s - h), _neighbour(ahead, s + h)
     span = abs(after - before) * ahead.spacing
     found = before >= 0 and after >= 0 and h < span < 4.0 * h
-    found = found and ahead.known[max(before, 0)] > 0.0 and ahead.known[max(after, 0)] > 0.0
+    found = found and ahead.rows[max(before, 0)].known and ahead.rows[max(after, 0)].known
     if found:
-        state[SLOPE] = (ahead.learned[after] - ahead.learned[before]) / (2.0 * h)
-    state[FADING] += min(dt / gains.fade_s, 1.0) * ((1.0 if found else 0.0) - state[FADING])
-    return gains.weight * gains.gain * state[FADING] * state[SLOPE] * speed
+        state.slope = (ahead.rows[after].learned - ahead.rows[before].learned) / (2.0 * h)
+    state.fading += min(dt / gains.fade_s, 1.0) * ((1.0 if found else 0.0) - state.fading)
+    return gains.gain * state.fading * state.slope * speed
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def _neighbour(ahead: Ahead, s: float) -> int:
     """Row of the neighbour of the place at ``s`` [m], -1 for none."""
     row = int(s / ahead.spacing + 0.5)
-    if row < 0 or row >= ahead.neighbour.shape[0]:
+    if row < 0 or row >= ahead.rows.shape[0]:
         return -1
-    return int(ahead.neighbour[row])
+    return ahead.rows[row].neighbour
 
 
 # The real surface's normal, from the moment of the pad's pressure.
@@ -114,10 +127,8 @@ def _neighbour(ahead: Ahead, s: float) -> int:
 # the measured moment is moved from the tool point to the face. What moment a border or a bend causes on the drawing is
 # taken off, so that the tool does not roll over an edge.
 
-TILT_X, TILT_Y, RATE_X, RATE_Y = 0, 1, 2, 3
 
-
-class NormalGains(NamedTuple):
+class NormalGains(Record):
     """Gains of the normal's correction."""
 
     rate: float
@@ -130,12 +141,25 @@ class NormalGains(NamedTuple):
     """Spring between tool point and pad [N/m]."""
     pad_tilt_stiffness: float
     """Of the whole disc on a flat part [N m/rad]."""
-    weight: float
-    """1, or 0 to leave the law out."""
+    on: bool
+    """False leaves the law out."""
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def level_by_moment(ahead: Ahead, m: Measurement, t: Target, gains: NormalGains, dt: float, state: Array) -> None:
+class NormalMemory(Record):
+    """Correction of the planned axis."""
+
+    tilt_x: float
+    """About tool x [rad]."""
+    tilt_y: float
+    rate_x: float
+    """Its rate [rad/s]."""
+    rate_y: float
+
+
+@kernel
+def level_by_moment(
+    ahead: Ahead, m: Measurement, t: Target, gains: NormalGains, dt: float, state: NormalMemory
+) -> None:
     """Move the correction of the planned axis on by one cycle.
 
     Args:
@@ -144,34 +168,34 @@ def level_by_moment(ahead: Ahead, m: Measurement, t: Target, gains: NormalGains,
         t: Target.
         gains: The gains.
         dt: Control cycle [s].
-        state: The correction about tool x and y [rad] and its rate [rad/s], shape (4,).
+        state: Memory.
     """
-    if gains.weight == 0.0 or t.contact[0] == 0.0 or m.wrench[2] < 0.25 * t.force[0]:
-        state[RATE_X] = state[RATE_Y] = 0.0
+    if not gains.on or t.contact[0] == 0.0 or m.wrench[2] < 0.25 * t.force[0]:
+        state.rate_x = state.rate_y = 0.0
         if t.contact[0] == 0.0:
-            state[TILT_X] = state[TILT_Y] = 0.0
+            state.tilt_x = state.tilt_y = 0.0
         return
     # From the tool point to the pad's face, which the head's spring has pushed back.
     travel = m.wrench[2] / gains.head_stiffness
     moment_x = m.wrench[3] - travel * m.wrench[1]
     moment_y = m.wrench[4] + travel * m.wrench[0]
     s, carried = t.path[0], m.wrench[2] / t.force[0]
-    moment_x -= carried * at(ahead.moment_x, ahead.spacing, s)
-    moment_y -= carried * at(ahead.moment_y, ahead.spacing, s)
-    stiff_x, stiff_y = at(ahead.tilt_x, ahead.spacing, s), at(ahead.tilt_y, ahead.spacing, s)
-    if ahead.tilt_x.shape[0] < 2:
+    moment_x -= carried * at(ahead.rows.moment_x, ahead.spacing, s)
+    moment_y -= carried * at(ahead.rows.moment_y, ahead.spacing, s)
+    stiff_x, stiff_y = at(ahead.rows.tilt_x, ahead.spacing, s), at(ahead.rows.tilt_y, ahead.spacing, s)
+    if ahead.rows.shape[0] < 2:
         stiff_x = stiff_y = gains.pad_tilt_stiffness
-    state[RATE_X] = _rate(moment_x, stiff_x, gains)
-    state[RATE_Y] = _rate(moment_y, stiff_y, gains)
-    state[TILT_X] += state[RATE_X] * dt
-    state[TILT_Y] += state[RATE_Y] * dt
-    size = math.sqrt(state[TILT_X] * state[TILT_X] + state[TILT_Y] * state[TILT_Y])
+    state.rate_x = _rate(moment_x, stiff_x, gains)
+    state.rate_y = _rate(moment_y, stiff_y, gains)
+    state.tilt_x += state.rate_x * dt
+    state.tilt_y += state.rate_y * dt
+    size = math.sqrt(state.tilt_x * state.tilt_x + state.tilt_y * state.tilt_y)
     if size > gains.limit:
-        state[TILT_X] *= gains.limit / size
-        state[TILT_Y] *= gains.limit / size
+        state.tilt_x *= gains.limit / size
+        state.tilt_y *= gains.limit / size
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def _rate(moment: float, stiffness: float, gains: NormalGains) -> float:
     """Rate of the correction [rad/s]; slower where only a part of the pad touches and the moment says less."""
     whole = max(stiffness / gains.pad_tilt_stiffness, 1e-3)
@@ -179,10 +203,10 @@ def _rate(moment: float, stiffness: float, gains: NormalGains) -> float:
     return min(max(rate, -gains.turning_limit), gains.turning_limit)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def tilted_target(t: Target, state: Array, R_out: Array) -> None:
+@kernel
+def tilted_target(t: Target, state: NormalMemory, R_out: Array) -> None:
     """The planned orientation with the correction: ``R_out`` = R_target turned by the state about its own x and y."""
-    a, b = state[TILT_X], state[TILT_Y]
+    a, b = state.tilt_x, state.tilt_y
     angle = math.sqrt(a * a + b * b)
     if angle < 1e-9:
         for i in range(3):

@@ -7,22 +7,24 @@ part should be from the master's encoders and from what calibration made it beli
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
-from polish_sim.cell.host_arm import HostArm, build_host_arm, no_host_arm, read_encoders
+from polish_sim.cell.engine import EngineViews
+from polish_sim.cell.kernel import MasterFaults
+from polish_sim.cell.protective_stop import brakes_of
 from polish_sim.cell.real_part import PartMotion
 from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
+from polish_sim.config import Scenario
 from polish_sim.control.signals import Target
-from polish_sim.kernel_cache import njit
+from polish_sim.dual.host_arm import HostArm, build_host_arm, read_encoders
+from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, kernel
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import inverse, transform
-
-Array = NDArray[np.float64]
 
 MASTER, FOLLOWER = "master_", "follower_"
 """What the names of the two robots in a scene begin with."""
@@ -32,12 +34,9 @@ RAMP_S = LONGEST_RAMP + BUILD_UP  # in which the master comes to its speed and b
 RAMP_PEAK = 1.0 / LONGEST_RAMP  # steepest rise of the rate at which its time passes [1/s]
 SPAN_S = 0.01  # over which the host takes the master's accelerations, at least from one reading to the next [s]
 
-CLOCK, RAMP, RATE, PACE, WANTED_PACE = 0, 1, 2, 3, 4  # of ``Carrier.clock``
-HALTED, UNHEARD, SILENCE, STEPS = 5, 6, 7, 8
-
 
 class MasterTime(NamedTuple):
-    """Time of the master's rows at n moments, see ``carrying.drive_carrier``."""
+    """Time of the master's rows at n moments, see ``drive_master``."""
 
     clock: Array
     """What has passed of it [s], shape (n,)."""
@@ -66,14 +65,14 @@ def _ramped(ramp: Array) -> Array:
     return np.array([ramp_time(float(t)) for t in ramp])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def ramp_rate(t: float) -> float:
     """Rate [-] after so much of the ramp [s]: its rise is built up and taken back within ``BUILD_UP``."""
     early, late = max(t - BUILD_UP, 0.0), max(t - LONGEST_RAMP, 0.0)
     return (t * t - early * early - late * late) / (2.0 * BUILD_UP * LONGEST_RAMP)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def ramp_time(t: float) -> float:
     """Integral of ``ramp_rate``: what has passed of the master's time by then [s]."""
     early, late = max(t - BUILD_UP, 0.0), max(t - LONGEST_RAMP, 0.0)
@@ -103,112 +102,114 @@ class MasterRows(NamedTuple):
     """From the host's request to the follower's motion, as far as the host knows [s]."""
 
 
-class Carrier(NamedTuple):
-    """The master in the loop; base frame of the follower. Arrays are (3, 3) rotations and (3,) points or vectors."""
+class Carrier(Record):
+    """The master in the loop; base frame of the follower."""
 
-    present: float
-    """1 if there is one."""
     spacing: float
     """Time between rows [s]."""
     duration: float
     """Of all rows [s]."""
-    q: Array
-    """Rows of joint positions [rad], shape (n, 6)."""
-    qd: Array
-    """Rows of joint speeds [rad/s], shape (n, 6)."""
-    clock: Array
-    """CLOCK time of the rows [s]; RAMP how much of the ramp of its rate is done [s], RATE that rate, PACE it
-    comes to and WANTED_PACE that it should [-]; STEPS taken; shape (9,).
-
-    Of faults: HALTED 1 when the master has stopped itself, UNHEARD 1 when the host no longer hears where it is, SILENCE
-    for how long [s].
-    """
-    brakes: Array
-    """Deceleration of a protective stop [m/s^2], [rad/s^2], shape (2,)."""
+    clock: float
+    """Time of the rows [s]."""
+    ramp: float
+    """How much of the ramp of its rate is done [s]."""
+    rate: float
+    """At which the time of the rows passes [-]."""
+    pace: float
+    """The rate the ramp ends at [-]."""
+    silence: float
+    """For how long the host has not heard where the master is [s]."""
+    timeout: float
+    """Longest silence before a protective stop [s]."""
+    steps: int
+    """Taken so far."""
+    brakes: Vector2
+    """Deceleration of a protective stop [m/s^2], [rad/s^2]."""
     flange_body: int
     part_body: int
-    R_rest: Array
-    p_rest: Array
+    R_rest: Matrix3
+    p_rest: Vector3
     """The flange at the first row, as the host computes it."""
-    R_part: Array
-    p_part: Array
+    R_part: Matrix3
+    p_part: Vector3
     """The real part on the flange."""
-    R_work: Array
-    p_work: Array
+    R_work: Matrix3
+    p_work: Vector3
     """The nominal work frame on the flange."""
-    R_belief: Array
-    p_belief: Array
-    """What the host believes: true poses, moved by this."""
+    R_belief: Matrix3
+    p_belief: Vector3
+    """The host's belief: true poses, moved by this."""
     host_arm: HostArm
     """The master up to its flange as the host computes it."""
-    velocity: Array
-    """Of the flange now [m/s], shape (3,)."""
-    turning: Array
-    """Of the flange now [rad/s], shape (3,)."""
-    line: Array
-    """Joint positions [rad] and speeds [rad/s] on their way to the host, step by step, shape (k, 12)."""
+    velocity: Vector3
+    """Of the flange now [m/s]."""
+    turning: Vector3
+    """Of the flange now [rad/s]."""
     delay: int
-    """How late they arrive, in steps."""
+    """How late readings of the joints arrive, in steps."""
     hold: int
     """Steps from one reading to the next."""
     span: int
     """Steps over which the host takes accelerations."""
     lead: float
-    """How far ahead the host foretells speeds [s]."""
-    told: Array
-    """Joint positions for now and speeds for when a request acts, as the host has them, shape (2, 6)."""
-    seen: Array
-    """Velocity and angular velocity of the flange as the host computes them from those, shape (2, 3)."""
-    R_moved: Array
-    p_moved: Array
+    """How far ahead the host predicts speeds [s]."""
+    q: Vector6
+    """Joint positions for now, as the host has them [rad]."""
+    qd: Vector6
+    """Joint speeds for when a request acts, as the host has them [rad/s]."""
+    seen_velocity: Vector3
+    """Of the flange as the host computes it from those [m/s]."""
+    seen_turning: Vector3
+    """Likewise [rad/s]."""
+    R_moved: Matrix3
+    p_moved: Vector3
     """How the part has moved since the first row, as the host believes."""
-    tool_on_part: Array
-    """The tool point in the nominal work frame as it is carried [m], exact, shape (3,)."""
-    believed: Array
-    """The flange as the host believes: its place [m], velocity [m/s] and angular velocity [rad/s], shape (3, 3)."""
-    work: Array
-    """Work array, shape (7, 3)."""
+    believed: Matrix3
+    """The flange as the host believes, a row each: its place [m], velocity [m/s] and angular velocity [rad/s]."""
+    work: Annotated[Array, (7, 3)]
+    """Work array."""
 
 
-def no_carrier() -> Carrier:
-    """No second robot: the part stays where it lies."""
-    rows, point, turn = np.zeros((2, 6)), np.zeros(3), np.eye(3)
-    return Carrier(
-        0.0, 1.0, 0.0, rows, rows, np.zeros(9), np.zeros(2), 0, 0,
-        turn, point, turn, point, turn, point, turn, point, no_host_arm(),
-        np.zeros(3), np.zeros(3), np.zeros((1, 12)), 0, 1, 1, 0.0, np.zeros((2, 6)), np.zeros((2, 3)),
-        np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
-    )  # fmt: skip
+class Master(NamedTuple):
+    """The master in the loop, and its tables."""
+
+    state: Carrier
+    q: Array
+    """Rows of joint positions [rad], shape (n, 6)."""
+    qd: Array
+    """Rows of joint speeds [rad/s], shape (n, 6)."""
+    line: Array
+    """Joint positions [rad] and speeds [rad/s] on their way to the host, step by step, shape (k, 12)."""
 
 
-def build_carrier(
-    model: mujoco.MjModel, data: mujoco.MjData, rows: MasterRows, part: RealPart, brakes: Array
-) -> Carrier:
+def build_master(
+    model: mujoco.MjModel, data: mujoco.MjData, rows: MasterRows, part: RealPart, scenario: Scenario
+) -> Master:
     """The master at the first of its rows, holding the part.
 
     Args:
         model: The scene of both robots.
         data: Both robots at their start, kinematics done.
-        rows: What the master does.
+        rows: Its motion.
         part: The part as it really lies at the start.
-        brakes: Deceleration of its protective stop [m/s^2], [rad/s^2], shape (2,).
+        scenario: Brakes and timeout of the protective stop.
     """
     flange = data.site(f"{MASTER}flange")
     T_flange_base = inverse(transform(flange.xmat.reshape(3, 3).copy(), flange.xpos.copy()))
     T_flange_part = T_flange_base @ transform(part.rotation, part.position)
-    T_flange_work = T_flange_base @ rows.T_base_work
     host_arm, T_rest = _host_arm(data, rows)
     delay, hold = round(rows.delay / model.opt.timestep), max(round(rows.period / model.opt.timestep), 1)
     span = max(round(SPAN_S / (hold * model.opt.timestep)), 1) * hold
-    return Carrier(
-        1.0, rows.spacing, rows.spacing * (len(rows.q) - 1), np.ascontiguousarray(rows.q),
-        np.ascontiguousarray(rows.qd), np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]), brakes,
-        model.body(f"{MASTER}link_6").id, model.body(f"{MASTER}part").id,
-        *_split(T_rest), *_split(T_flange_part), *_split(T_flange_work), *_split(rows.T_believed_true), host_arm,
-        np.zeros(3), np.zeros(3), np.zeros((delay + hold + span + 1, 12)), delay, hold, span, rows.lead,
-        np.zeros((2, 6)), np.zeros((2, 3)),
-        np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3)),
+    poses = {"rest": T_rest, "part": T_flange_part, "work": T_flange_base @ rows.T_base_work}
+    poses["belief"], poses["moved"] = rows.T_believed_true, np.eye(4)
+    state = Carrier(
+        **{f"R_{name}": T[:3, :3] for name, T in poses.items()}, **{f"p_{name}": T[:3, 3] for name, T in poses.items()},
+        spacing=rows.spacing, duration=rows.spacing * (len(rows.q) - 1), pace=1.0, brakes=brakes_of(scenario),
+        timeout=scenario.safety.master_timeout_s, flange_body=model.body(f"{MASTER}link_6").id,
+        part_body=model.body(f"{MASTER}part").id, host_arm=host_arm, delay=delay, hold=hold, span=span, lead=rows.lead,
     )  # fmt: skip
+    line = np.zeros((delay + hold + span + 1, 12))
+    return Master(state, np.ascontiguousarray(rows.q), np.ascontiguousarray(rows.qd), line)
 
 
 def _host_arm(data: mujoco.MjData, rows: MasterRows) -> tuple[HostArm, Array]:
@@ -219,44 +220,39 @@ def _host_arm(data: mujoco.MjData, rows: MasterRows) -> tuple[HostArm, Array]:
     return arm, transform(arm.turn.reshape(3, 3), arm.place)
 
 
-def _split(T: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and origin (3,) of a pose."""
-    return np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
-
-
 # The master at every step: its servos driven along their rows, the part carried, what the host makes of it.
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def drive_carrier(carrier: Carrier, going: bool, stopping: bool, dt: float, ctrl: Array) -> None:
-    """Let the master's rows pass while it is ``going``, from rest and back to rest, and tell its joint servos.
+@kernel
+def drive_master(master: Master, faults: MasterFaults, going: bool, stopping: bool, dt: float, ctrl: Array) -> None:
+    """Let the master's rows pass while it is ``going``, from rest and back to rest, and drive its joint servos.
 
     The rate at which their time passes rises and falls with limited jerk, as a feed does. When ``stopping`` it falls as
     a protective stop brakes: the master keeps to its rows then as well.
     """
-    clock, step = carrier.clock, dt / RAMP_S
-    clock[PACE] += min(max(clock[WANTED_PACE] - clock[PACE], -step), step)
-    if stopping or clock[HALTED] != 0.0:
-        clock[RATE] = max(clock[RATE] - max(step, dt * clock[RATE] * _firmness(carrier)), 0.0)
+    state, step = master.state, dt / RAMP_S
+    state.pace += min(max(1.0 - faults.slow - state.pace, -step), step)
+    if stopping or faults.halted:
+        state.rate = max(state.rate - max(step, dt * state.rate * _firmness(state)), 0.0)
     else:
-        left = carrier.duration - clock[CLOCK]
-        wanted = RAMP_S if going and left > clock[PACE] * ramp_time(clock[RAMP]) + dt else 0.0
-        clock[RAMP] += min(max(wanted - clock[RAMP], -dt), dt)
-        clock[RATE] = clock[PACE] * ramp_rate(clock[RAMP])
-    clock[CLOCK] = min(clock[CLOCK] + clock[RATE] * dt, carrier.duration)
-    h = carrier.spacing
-    row = min(int(clock[CLOCK] / h), carrier.q.shape[0] - 2)
-    u = clock[CLOCK] / h - row
+        left = state.duration - state.clock
+        wanted = RAMP_S if going and left > state.pace * ramp_time(state.ramp) + dt else 0.0
+        state.ramp += min(max(wanted - state.ramp, -dt), dt)
+        state.rate = state.pace * ramp_rate(state.ramp)
+    state.clock = min(state.clock + state.rate * dt, state.duration)
+    h = state.spacing
+    row = min(int(state.clock / h), master.q.shape[0] - 2)
+    u = state.clock / h - row
     for j in range(6):
-        a, b = carrier.q[row, j], carrier.q[row + 1, j]
-        va, vb = h * carrier.qd[row, j], h * carrier.qd[row + 1, j]
+        a, b = master.q[row, j], master.q[row + 1, j]
+        va, vb = h * master.qd[row, j], h * master.qd[row + 1, j]
         rise = b - a
         c, d = 3.0 * rise - 2.0 * va - vb, va + vb - 2.0 * rise
         ctrl[FIRST_CONTROL + 2 * j] = a + u * (va + u * (c + u * d))
-        ctrl[FIRST_CONTROL + 2 * j + 1] = clock[RATE] * (va + u * (2.0 * c + 3.0 * u * d)) / h
+        ctrl[FIRST_CONTROL + 2 * j + 1] = state.rate * (va + u * (2.0 * c + 3.0 * u * d)) / h
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def _firmness(carrier: Carrier) -> float:
     """Share of the flange's motion that the brakes take in a second [1/s]."""
     v, w, brakes = carrier.velocity, carrier.turning, carrier.brakes
@@ -265,52 +261,46 @@ def _firmness(carrier: Carrier) -> float:
     return 1.0 / max(moving, turning, 1e-9)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def carry_part(
-    carrier: Carrier, R_flange: Array, p_flange: Array, xanchor: Array, xaxis: Array, qpos: Array, qvel: Array,
-    part: RealPart, motion: PartMotion, dt: float,
-) -> None:  # fmt: skip
+@kernel
+def carry_part(master: Master, unheard: bool, e: EngineViews, part: RealPart, motion: PartMotion) -> None:
     """Place the part by the flange that carries it, and work out what the host believes of it.
 
     Args:
-        carrier: The master; everything it notes of this instant is written.
-        R_flange: Its flange now, shape (3, 3).
-        p_flange: [m], shape (3,).
-        xanchor: A point on the axis of every joint [m], shape (m, 3).
-        xaxis: Unit axes of all joints, shape (m, 3).
-        qpos: Joint positions [rad], shape (m,).
-        qvel: Joint speeds [rad/s], shape (m,).
+        master: The master; everything it notes of this instant is written.
+        unheard: The host does not hear where the master is.
+        e: The engine.
         part: The part; its rotation is written.
         motion: Its place and angular velocity are written.
-        dt: Physics step [s].
     """
-    v, w = carrier.velocity, carrier.turning
-    _add_joints(p_flange, xanchor, xaxis, FIRST_JOINT, qvel, FIRST_JOINT, v, w)
+    carrier, flange = master.state, master.state.flange_body
+    R_flange, p_flange = e.xmat[flange].reshape((3, 3)), e.xpos[flange]
+    w = carrier.turning
+    _add_joints(p_flange, e.xanchor, e.xaxis, FIRST_JOINT, e.qvel, FIRST_JOINT, carrier.velocity, w)
     multiply(R_flange, carrier.R_part, part.rotation)
     for i in range(3):
         x = R_flange[i, 0] * carrier.p_part[0] + R_flange[i, 1] * carrier.p_part[1] + R_flange[i, 2] * carrier.p_part[2]
         motion.place[i] = p_flange[i] + x
         motion.turning[i] = w[i]
     # A host that hears nothing goes on with what it last heard.
-    carrier.clock[SILENCE] = carrier.clock[SILENCE] + dt if carrier.clock[UNHEARD] != 0.0 else 0.0
-    if carrier.clock[UNHEARD] != 0.0:
+    carrier.silence = carrier.silence + e.dt if unheard else 0.0
+    if unheard:
         return
-    arm, seen, told = carrier.host_arm, carrier.seen, carrier.told
-    _hear(carrier, qpos, qvel, dt)
-    read_encoders(arm, told[0], 0)
-    _add_joints(arm.place, arm.anchors, arm.axes, 0, told[1], 0, seen[0], seen[1])
-    _believe(carrier, arm.turn.reshape((3, 3)), arm.place, seen[0], seen[1])
+    arm = carrier.host_arm
+    _hear(master, e.qpos, e.qvel, e.dt)
+    read_encoders(arm, carrier.q, 0)
+    _add_joints(arm.place, arm.anchors, arm.axes, 0, carrier.qd, 0, carrier.seen_velocity, carrier.seen_turning)
+    _believe(carrier, arm.turn.reshape((3, 3)), arm.place, carrier.seen_velocity, carrier.seen_turning)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _hear(carrier: Carrier, qpos: Array, qvel: Array, dt: float) -> None:
+@kernel
+def _hear(master: Master, qpos: Array, qvel: Array, dt: float) -> None:
     """The newest reading that has come: the master's positions carried on to now, its speeds to when a request acts.
 
     The host knows how late a reading is: it writes down when it was taken. Accelerations are the change of the speeds
     read lately, not the plan's: a master that slows down or halts by itself does not keep to its plan.
     """
-    line, told, step = carrier.line, carrier.told, int(carrier.clock[STEPS])
-    carrier.clock[STEPS] += 1.0
+    carrier, line, step = master.state, master.line, master.state.steps
+    carrier.steps += 1
     newest = max((step - carrier.delay) // carrier.hold * carrier.hold, 0)
     before = max(newest - carrier.span, 0)
     age, between = (step - newest) * dt, max(newest - before, 1) * dt
@@ -320,11 +310,11 @@ def _hear(carrier: Carrier, qpos: Array, qvel: Array, dt: float) -> None:
     for j in range(6):
         speed = line[come, 6 + j]
         acceleration = (speed - line[last, 6 + j]) / between
-        told[0, j] = line[come, j] + age * (speed + 0.5 * age * acceleration)
-        told[1, j] = speed + (age + carrier.lead) * acceleration
+        carrier.q[j] = line[come, j] + age * (speed + 0.5 * age * acceleration)
+        carrier.qd[j] = speed + (age + carrier.lead) * acceleration
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def _add_joints(
     point: Array, anchors: Array, axes: Array, first: int, speeds: Array, first_speed: int, v: Array, w: Array
 ) -> None:
@@ -352,7 +342,7 @@ def _add_joints(
         w[0], w[1], w[2] = w[0] + speed * ax, w[1] + speed * ay, w[2] + speed * az
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def add_carried_speed(carrier: Carrier, p_flange: Array, origin: Array, velocity: Array) -> None:
     """Add what the flange does to the velocity of the part's origin, both (3,)."""
     w = carrier.turning
@@ -362,7 +352,7 @@ def add_carried_speed(carrier: Carrier, p_flange: Array, origin: Array, velocity
     velocity[2] += carrier.velocity[2] + w[0] * ry - w[1] * rx
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def carry_target(carrier: Carrier, target: Target) -> None:
     """Close the chain: move a target given for the part at the first row to where the host believes the part is now.
 
@@ -387,30 +377,29 @@ def carry_target(carrier: Carrier, target: Target) -> None:
             frame[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def see_tool(carrier: Carrier, R_flange: Array, p_flange: Array, tool: Array, slip: Array) -> None:
+@kernel
+def see_tool_on_part(carrier: Carrier, e: EngineViews, part: RealPart, motion: PartMotion, out: Array) -> None:
     """Write the tool point in the nominal work frame as it is carried, and as far as the part has slipped with it.
 
     Args:
-        carrier: The master; ``tool_on_part`` is written.
-        R_flange: Its flange, shape (3, 3).
-        p_flange: [m], shape (3,).
-        tool: The tool point [m], shape (3,).
-        slip: How far the part has moved on the flange since the start, base [m], shape (3,).
+        carrier: The master.
+        e: The engine.
+        part: The part now.
+        motion: Where it is carried to.
+        out: The tool point [m], shape (3,).
     """
-    on_flange, out = carrier.work[0], carrier.tool_on_part
+    R_flange, p_flange = e.xmat[carrier.flange_body].reshape((3, 3)), e.xpos[carrier.flange_body]
+    on_flange, tool, R = carrier.work[0], e.site_xpos[e.tool_site], carrier.R_work
     for i in range(3):
         on_flange[i] = -carrier.p_work[i]
         for j in range(3):
-            on_flange[i] += R_flange[j, i] * (tool[j] - p_flange[j] - slip[j])
+            slip = part.position[j] - motion.place[j]
+            on_flange[i] += R_flange[j, i] * (tool[j] - p_flange[j] - slip)
     for i in range(3):
-        out[i] = (
-            carrier.R_work[0, i] * on_flange[0] + carrier.R_work[1, i] * on_flange[1]
-            + carrier.R_work[2, i] * on_flange[2]
-        )  # fmt: skip
+        out[i] = R[0, i] * on_flange[0] + R[1, i] * on_flange[1] + R[2, i] * on_flange[2]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def _believe(carrier: Carrier, R_flange: Array, p_flange: Array, v: Array, w: Array) -> None:
     """The part's displacement since the first row D = F F0^-1, and the flange's motion, as the host believes them.
 
@@ -435,7 +424,7 @@ def _believe(carrier: Carrier, R_flange: Array, p_flange: Array, v: Array, w: Ar
         seen[2, i] = B[i, 0] * w[0] + B[i, 1] * w[1] + B[i, 2] * w[2]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def multiply(A: Array, B: Array, out: Array) -> None:
     """``A @ B`` of two (3, 3) into a third."""
     for i in range(3):
@@ -443,7 +432,7 @@ def multiply(A: Array, B: Array, out: Array) -> None:
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def multiply_transposed(A: Array, B: Array, out: Array) -> None:
     """``A @ B.T`` of two (3, 3) into a third."""
     for i in range(3):

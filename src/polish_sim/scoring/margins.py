@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.control.loop_model import LinearLaw, PiLaw, Setup, build_plant, plant_response
+from polish_sim.arrays import Array
+from polish_sim.scoring.loop_model import LinearLaw, PiLaw, Setup, build_plant, plant_response
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 NYQUIST = 3141.0
 """Highest frequency a host at 1 kHz can act at [rad/s]."""

@@ -12,19 +12,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.control.loop_model import Plant, Setup, build_plant
+from polish_sim.arrays import Array
 from polish_sim.control.signals import (
-    MEASUREMENT_SIZE,
-    TARGET_SIZE,
     Controller,
     Course,
     Measurement,
+    MeasurementRecord,
     Target,
+    TargetRecord,
     measurement_of,
     target_of,
 )
+from polish_sim.scoring.loop_model import Plant, Setup, build_plant
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 START = -0.002  # of the pad below the surface [m]
@@ -133,9 +133,8 @@ class _Stand:
         self.samples, self.commands = np.zeros(setup.sensor_steps + 1), np.zeros(setup.command_steps + 1)
         self.depth, self.goal, self.speed = START, force / stiffness, APPROACH
         self.pressed, self.time = 0.0, 0.0
-        flat, wanted = np.zeros(MEASUREMENT_SIZE), np.zeros(TARGET_SIZE)
-        self.measurement: Measurement = measurement_of(flat)
-        self.target: Target = target_of(wanted)
+        self.measurement: Measurement = measurement_of(MeasurementRecord())
+        self.target: Target = target_of(TargetRecord())
         self.measurement.rotation[:] = self.target.rotation[:] = np.diag([1.0, -1.0, -1.0])
         self.measurement.clock[1], self.target.force[0] = setup.dt, force
         self.shown = np.zeros(3)

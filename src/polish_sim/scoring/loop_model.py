@@ -18,9 +18,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import ControllerConfig, Scenario
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
@@ -40,7 +40,7 @@ class Arm(NamedTuple):
     mount_mass: float = 1.7
     """What hangs on the sensor before the head's spring [kg]."""
     drag: float = 0.0
-    """Friction of the joints as a damper [N s/m], see ``friction_drag``."""
+    """Friction of the joints as a damper [N s/m]."""
 
     @property
     def stiffness(self) -> float:
@@ -51,15 +51,6 @@ class Arm(NamedTuple):
     def servo_damping(self) -> float:
         """Of the servos at the tool [N s/m]."""
         return 2.0 * self.damping * self.omega * self.mass
-
-
-FRICTION_LAG_M = 19.5e-6
-"""How far the joints' Coulomb friction holds the tool back from its command, in the pose of ``force`` [m]."""
-
-
-def friction_drag(arm: Arm, speed: float) -> float:
-    """Damper that takes as much per cycle as the joints' Coulomb friction at a speed amplitude [m/s]; in [N s/m]."""
-    return 4.0 * FRICTION_LAG_M * arm.stiffness / (math.pi * speed)
 
 
 class Setup(NamedTuple):
@@ -219,7 +210,7 @@ class PiLaw(NamedTuple):
 
 
 def pi_law(p: float, i: float, filter_hz: float, dt: float) -> PiLaw:
-    """The law of ``control.force.force_pi`` within its limits.
+    """The law of ``control.loops.force_pi`` within its limits.
 
     Args:
         p: [m/(s N)].

@@ -7,7 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from polish_sim.control.loop_model import (
+from polish_sim.control.loops import PiGains, PiMemory, force_pi
+from polish_sim.experiments import default_scenario
+from polish_sim.scenario_file import override
+from polish_sim.scoring.loop_model import (
     Arm,
     PiLaw,
     Setup,
@@ -17,10 +20,7 @@ from polish_sim.control.loop_model import (
     plant_response,
     setup_of,
 )
-from polish_sim.control.loops import PiGains, force_pi
-from polish_sim.control.margins import closed_loop_matrix, force_loop, growing_modes, growth, margins, response_of
-from polish_sim.experiments import default_scenario
-from polish_sim.scenario_file import override
+from polish_sim.scoring.margins import closed_loop_matrix, force_loop, growing_modes, growth, margins, response_of
 
 FORCE = default_scenario("force")
 
@@ -53,7 +53,7 @@ def test_servos_pass_slow_commands_whole_and_swing_over_at_25_hz() -> None:
 
 
 def test_filtered_pi_is_the_compiled_law() -> None:
-    law, gains, state = pi_law(0.004, 0.012, 10.0, 0.001), PiGains(0.004, 0.012, 1.0, 10.0), np.zeros(3)
+    law, gains, state = pi_law(0.004, 0.012, 10.0, 0.001), PiGains(0.004, 0.012, 1.0, 10.0), PiMemory()
     force_pi(0.0, 0.0, gains, 0.001, state)  # the law's filter begins at its first reading
     s, rng = np.zeros(2), np.random.default_rng(1)
     for reading in rng.normal(size=200):

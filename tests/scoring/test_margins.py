@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from polish_sim.control.margins import design_gains, margins, pi_on_spring
+from polish_sim.scoring.margins import design_gains, margins, pi_on_spring
 
 
 @pytest.mark.parametrize(("crossover", "delay"), [(5.0, 0.02), (20.0, 0.01), (60.0, 0.004)])

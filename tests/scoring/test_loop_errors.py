@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.control.loop_errors import noise_rms, surface_error
-from polish_sim.control.loop_model import build_plant, hybrid_pi_linear, setup_of
+from benchmarks.loop_errors import noise_rms, surface_error
 from polish_sim.experiments import default_scenario
+from polish_sim.scoring.loop_model import build_plant, hybrid_pi_linear, setup_of
 
 FORCE = default_scenario("force")
 

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from polish_sim.control import CONTROLLERS, Measurement, Target, build_controller
-from polish_sim.control.loop_model import hybrid_pi_linear, setup_of
-from polish_sim.control.margins import (
+from polish_sim.experiments import default_scenario
+from polish_sim.scenario_file import override
+from polish_sim.scoring.loop_model import hybrid_pi_linear, setup_of
+from polish_sim.scoring.margins import (
     SLOWEST,
     closed_loop_matrix,
     growth,
@@ -16,9 +18,7 @@ from polish_sim.control.margins import (
     with_latency,
     with_springs,
 )
-from polish_sim.control.measured_law import measure_law
-from polish_sim.experiments import default_scenario
-from polish_sim.scenario_file import override
+from polish_sim.scoring.measured_law import measure_law
 
 FORCE = default_scenario("force")
 Z = np.exp(1j * np.geomspace(0.5, 3000.0, 9) * 1e-3)

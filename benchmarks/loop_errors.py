@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.control.loop_model import LinearLaw, Setup, build_plant, plant_response
-from polish_sim.control.margins import force_loop
+from polish_sim.arrays import Array
+from polish_sim.scoring.loop_model import LinearLaw, Setup, build_plant, plant_response
+from polish_sim.scoring.margins import force_loop
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 

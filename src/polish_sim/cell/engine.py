@@ -1,0 +1,151 @@
+"""MuJoCo for compiled kernels: live views of its arrays, its step functions, and the corrected wrist reading."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import llvmlite.binding as llvm
+import mujoco
+from numba import types
+
+from polish_sim.arrays import Array
+from polish_sim.kernels import kernel
+
+ARM_JOINTS = 7  # six of the arm with the tool and the head's slide
+
+
+class EngineViews(NamedTuple):
+    """Addresses and live views of the engine's model and data, taken once."""
+
+    model: int
+    data: int
+    dt: float
+    """Physics step [s]."""
+    qpos: Array
+    qvel: Array
+    qacc: Array
+    speeds_before: Array
+    """Speeds of arm and head before the engine's last step, shape (7,)."""
+    ctrl: Array
+    xanchor: Array
+    xaxis: Array
+    xpos: Array
+    xmat: Array
+    xipos: Array
+    cvel: Array
+    cdof: Array
+    cinert: Array
+    subtree_com: Array
+    site_xpos: Array
+    site_xmat: Array
+    xfrc_applied: Array
+    cfrc_ext: Array
+    qfrc_actuator: Array
+    sensordata: Array
+    tool_site: int
+    pad_site: int
+    sensor_site: int
+    mount_body: int
+    head_body: int
+    root_body: int
+
+
+def engine_views(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> EngineViews:
+    """Take addresses and live views once; they stay valid as long as model and data live.
+
+    Args:
+        model: The scene; the arm with the tool comes first in it.
+        data: Its state.
+        arm: Prefix of that arm's names.
+    """
+    head = model.body(f"{arm}head").id
+    own = {
+        "model": model._address,
+        "data": data._address,
+        "dt": float(model.opt.timestep),
+        "speeds_before": data.qvel[:ARM_JOINTS].copy(),
+        "tool_site": model.site(f"{arm}tool").id,
+        "pad_site": model.site(f"{arm}pad").id,
+        "sensor_site": model.site(f"{arm}sensor").id,
+        "mount_body": model.body(f"{arm}tool_mount").id,
+        "head_body": head,
+        "root_body": int(model.body_rootid[head]),
+    }
+    return EngineViews(**own, **{name: getattr(data, name) for name in EngineViews._fields if name not in own})
+
+
+# The engine's step functions, callable from compiled code.
+#
+# One step through the Python binding costs little, but the loop around it would cost more than the step. Compiled
+# kernels therefore call ``mj_step1`` and ``mj_step2`` of the very library the binding has loaded, found by symbol name,
+# which numba can cache.
+
+_STEP = types.void(types.intp, types.intp)
+mj_step = types.ExternalFunction("mj_step", _STEP)
+mj_step1 = types.ExternalFunction("mj_step1", _STEP)
+mj_step2 = types.ExternalFunction("mj_step2", _STEP)
+
+
+@cache
+def register_engine() -> None:
+    """Make the engine's step functions known to the compiler; needed once per process before a kernel that steps.
+
+    Raises:
+        OSError: If the engine's library cannot be found beside the ``mujoco`` package.
+    """
+    folder = Path(mujoco.__file__).parent
+    candidates = [*folder.glob("libmujoco*"), *folder.glob("mujoco.dll")]
+    if not candidates:
+        raise OSError(f"no MuJoCo library in {folder}; reinstall the mujoco package.")
+    library = ctypes.CDLL(str(candidates[0]))
+    for name in ("mj_step", "mj_step1", "mj_step2"):
+        address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
+        llvm.add_symbol(name, address)
+
+
+# The inertia the wrist sensor feels is that of the motion that really happens.
+#
+# The engine's sensors are computed from its explicit acceleration; its implicit integrator then moves the robot by
+# another, smaller one, because the servos damp strongly. From the first the tool would feel 1.4 times too heavy.
+
+
+@kernel
+def keep_speeds(e: EngineViews) -> None:
+    """Remember the joint speeds before the engine moves on."""
+    for j in range(e.speeds_before.shape[0]):
+        e.speeds_before[j] = e.qvel[j]
+
+
+@kernel
+def correct_reading(e: EngineViews) -> None:
+    """Add m (a - a_engine) of what the sensor carries to its exact reading, right after the engine's step.
+
+    Spatial vectors are (angular; linear) about the tree's centre of mass, as the engine keeps them.
+    """
+    wx = wy = wz = vx = vy = vz = 0.0
+    fx = fy = fz = tx = ty = tz = 0.0
+    last = e.speeds_before.shape[0] - 1
+    for j in range(last + 1):
+        surplus = (e.qvel[j] - e.speeds_before[j]) / e.dt - e.qacc[j]
+        d = e.cdof[j]
+        wx, wy, wz = wx + surplus * d[0], wy + surplus * d[1], wz + surplus * d[2]
+        vx, vy, vz = vx + surplus * d[3], vy + surplus * d[4], vz + surplus * d[5]
+        if j < last - 1:
+            continue
+        # The last joint is the head's slide, the one before carries the housing.
+        c = e.cinert[e.mount_body if j == last - 1 else e.head_body]
+        tx += c[0] * wx + c[3] * wy + c[4] * wz + c[7] * vz - c[8] * vy
+        ty += c[3] * wx + c[1] * wy + c[5] * wz + c[8] * vx - c[6] * vz
+        tz += c[4] * wx + c[5] * wy + c[2] * wz + c[6] * vy - c[7] * vx
+        fx += c[8] * wy - c[7] * wz + c[9] * vx
+        fy += c[6] * wz - c[8] * wx + c[9] * vy
+        fz += c[7] * wx - c[6] * wy + c[9] * vz
+    R, p, com = e.site_xmat[e.sensor_site], e.site_xpos[e.sensor_site], e.subtree_com[e.root_body]
+    rx, ry, rz = com[0] - p[0], com[1] - p[1], com[2] - p[2]
+    tx, ty, tz = tx + ry * fz - rz * fy, ty + rz * fx - rx * fz, tz + rx * fy - ry * fx
+    for i in range(3):
+        e.sensordata[i] += R[i] * fx + R[3 + i] * fy + R[6 + i] * fz
+        e.sensordata[3 + i] += R[i] * tx + R[3 + i] * ty + R[6 + i] * tz

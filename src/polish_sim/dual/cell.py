@@ -1,0 +1,179 @@
+"""The cell of two robots: the loop of one with a master that carries the part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import mujoco
+import numpy as np
+
+from polish_sim.arrays import Array
+from polish_sim.cell.cell import Cell
+from polish_sim.cell.contact import RealPart
+from polish_sim.cell.engine import mj_step1
+from polish_sim.cell.guards import REASONS
+from polish_sim.cell.kernel import CellKernel
+from polish_sim.cell.loop import (
+    ask_law,
+    command,
+    finish_step,
+    host_is_due,
+    is_over,
+    moment_at,
+    move_target,
+    press_on_part,
+    read_sensor,
+    see_tool,
+    trip,
+)
+from polish_sim.cell.protective_stop import SENT
+from polish_sim.cell.real_part import move_part
+from polish_sim.cell.recorder import ROW_WIDTH, Recorder, put
+from polish_sim.cell.stroke import PROCESS, Job
+from polish_sim.config import Scenario
+from polish_sim.control.signals import Controller, Course
+from polish_sim.dual.carrier import (
+    FIRST_CONTROL,
+    FIRST_JOINT,
+    FOLLOWER,
+    Master,
+    MasterRows,
+    add_carried_speed,
+    build_master,
+    carry_part,
+    carry_target,
+    drive_master,
+    see_tool_on_part,
+)
+from polish_sim.dual.host_arm import HostArm, read_encoders
+from polish_sim.kernel_cache import njit
+from polish_sim.kernels import kernel
+from polish_sim.log import RunLog, with_column
+
+MASTER_HALTED, MASTER_SILENT = 21, 22
+
+
+class PairCell(Cell):
+    """A cell in which the robot with the tool, the follower, works on a part that the master carries.
+
+    Args:
+        scenario: Everything but the geometry.
+        model: The compiled scene of both robots.
+        part: What the pad touches.
+        strokes: The strokes, in order.
+        q_start: Joint positions of the follower at the start [rad], shape (6,).
+        controller: The control law.
+        rng: Draws the sensor's bias, drift and noise.
+        course: What lies ahead on the path, for controllers that prepare for it.
+        master: The master's motion.
+        host_arm: The follower as the host computes it; None: as it is.
+    """
+
+    arm = FOLLOWER
+    reasons: Mapping[int, str] = MappingProxyType(
+        {
+            **REASONS,
+            MASTER_HALTED: "the master stopped itself",
+            MASTER_SILENT: "no position of the master for longer than safety.master_timeout_s",
+        }
+    )
+    more_columns = 6
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        model: mujoco.MjModel,
+        part: RealPart,
+        strokes: Sequence[Job],
+        q_start: Array,
+        controller: Controller,
+        rng: np.random.Generator,
+        course: Course | None,
+        master: MasterRows,
+        host_arm: HostArm | None = None,
+    ) -> None:
+        self._rows = master
+        super().__init__(scenario, model, part, strokes, q_start, controller, rng, course)
+        self.master = build_master(model, self.data, master, part, scenario)
+        self.host_arm = host_arm
+
+    def _set_joints(self, q_start: Array) -> None:
+        super()._set_joints(q_start)
+        self.data.qpos[FIRST_JOINT:] = self.data.ctrl[FIRST_CONTROL::2] = self._rows.q[0]
+
+    def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
+        advance_pair(self.kernel, self.master, self.host_arm, recorder, self.law, draws, steps)
+
+    def _log(self, rows: Array) -> RunLog:
+        return with_column(super()._log(rows), "master_q_rad", rows[:, ROW_WIDTH:])
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def advance_pair(  # type: ignore[no-untyped-def]
+    cell: CellKernel, master: Master, host_arm: HostArm | None, recorder: Recorder, law, draws: Array, steps: int
+) -> None:
+    """Run two robots for at most ``steps`` physics steps, see ``cell.loop.advance``.
+
+    Args:
+        cell: The cell.
+        master: The robot that carries the part.
+        host_arm: The follower as the host computes it; None: as it is.
+        recorder: Buffers, at least ``steps`` long.
+        law: Compiled control law.
+        draws: Standard normal numbers, shape (steps, 12).
+        steps: Number of steps.
+    """
+    e, state = cell.engine, cell.state
+    recorder.filled.rows = recorder.filled.steps = 0
+    for k in range(steps):
+        t = state.status.steps * e.dt
+        mj_step1(e.model, e.data)
+        _place_part(cell, master, t)
+        if cell.job.contact:
+            press_on_part(cell)
+            _push_back(cell, master)
+        if host_arm is None:
+            see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
+        else:
+            read_encoders(host_arm, e.qpos, 0)
+            see_tool(state, host_arm.place, host_arm.turn, host_arm.anchors, host_arm.axes, e.qvel)
+        read_sensor(cell, t, draws[k])
+        if host_is_due(cell):
+            move_target(cell, t)
+            carry_target(master.state, state.target)
+            ask_law(cell, law, t)
+        command(cell, t)
+        # The stop reaches both robots at once, by its own line.
+        stopping = state.status.stop != 0 and state.stop.stage != SENT
+        drive_master(master, state.master, state.sequence.stage == PROCESS, stopping, e.dt, e.ctrl)
+        if state.status.steps % recorder.every == 0:
+            put(recorder.rows[recorder.filled.rows], ROW_WIDTH, e.qpos[FIRST_JOINT:], 6)
+        finish_step(cell, recorder, t)
+        if state.master.halted:
+            trip(state.status, MASTER_HALTED, t)
+        elif master.state.silence > master.state.timeout:
+            trip(state.status, MASTER_SILENT, t)
+        if is_over(cell, master.state.part_body, t):
+            return
+
+
+@kernel
+def _place_part(cell: CellKernel, master: Master, t: float) -> None:
+    """Place the part for this instant: where the flange that carries it is, and by its own motion."""
+    e, state, carrier = cell.engine, cell.state, master.state
+    carry_part(master, state.master.unheard, e, cell.part, state.motion)
+    move_part(state.motion, t, e.dt, cell.part.position)
+    add_carried_speed(carrier, e.xpos[carrier.flange_body], cell.part.position, state.motion.velocity)
+    see_tool_on_part(carrier, e, cell.part, state.motion, state.tool_on_part)
+
+
+@kernel
+def _push_back(cell: CellKernel, master: Master) -> None:
+    """The pad's force on the part, applied to the body that is carried."""
+    e, held, scratch = cell.engine, master.state.part_body, cell.state.scratch
+    force, torque, moment = scratch[1], scratch[2], scratch[3]
+    moment_at(force, torque, e.site_xpos[e.pad_site], e.xipos[held], moment)
+    for i in range(3):
+        e.xfrc_applied[held, i] = -force[i]
+        e.xfrc_applied[held, 3 + i] = -moment[i]
