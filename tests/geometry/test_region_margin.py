@@ -19,7 +19,7 @@ def trimmed(mesh: trimesh.Trimesh, margin: float, choice: str = "auto") -> Regio
     return select_region(fit_surface(part), part, choice, edge_margin=margin)
 
 
-@pytest.mark.parametrize("margin", [0.0005, 0.004, 0.02])
+@pytest.mark.parametrize("margin", [0.0005, 0.02])
 def test_a_rectangle_stays_a_rectangle(margin):
     region = trimmed(BLOCK, margin)
     (loop,) = region.boundary_loops
@@ -33,7 +33,7 @@ def test_a_rectangle_stays_a_rectangle(margin):
     assert abs(missing) < 1e-3 * margin * (0.1 + 0.06 - 4 * margin)
 
 
-@pytest.mark.parametrize("margin", [0.001, 0.005, 0.015])
+@pytest.mark.parametrize("margin", [0.001, 0.015])
 def test_on_a_ball_the_distance_is_that_along_the_great_circle(margin):
     region = trimmed(BALL, margin)
     (loop,) = region.boundary_loops

@@ -78,8 +78,15 @@ def test_before_a_slope_the_rim_is_as_deep_as_the_plane_says(tmp_path):
     assert found.reaches[0] == pytest.approx(0.004, abs=1e-9)
 
 
-def test_in_a_pocket_the_plan_tells_how_deep_the_pad_is_in_the_wall_and_the_margin_it_names_cures_it(tmp_path):
-    result = planned(pocket(), tmp_path / "pocket.stl")
+@pytest.fixture(scope="module")
+def in_pocket(tmp_path_factory):
+    """A plan up to the walls of the pocket, and the pocket's file."""
+    file = tmp_path_factory.mktemp("pocket") / "pocket.stl"
+    return planned(pocket(), file), file
+
+
+def test_in_a_pocket_the_plan_shows_how_deep_the_pad_is_in_the_wall_and_a_margin_against_it(in_pocket, tmp_path):
+    result, _ = in_pocket
     nearest = 0.060 - np.abs(result.path.positions_work[result.path.process, :2]).max()
     figures = result.figures
     assert figures["pad_in_part_max_m"] == pytest.approx(RADIUS - nearest, abs=1e-5)
@@ -101,15 +108,15 @@ def test_a_boss_in_the_middle_of_the_region_is_run_into_from_all_sides(tmp_path)
     assert result.figures["pad_in_part_max_m"] == pytest.approx(RADIUS - (away - 0.002), abs=2e-4)
 
 
-@pytest.mark.parametrize("name", ["sphere_50", "plate", "plate_two_holes", "saddle", "freeform", "cylinder"])
+@pytest.mark.parametrize("name", ["plate_two_holes", "saddle", "freeform"])
 def test_on_curved_places_and_over_edges_the_pad_is_not_in_the_part(name):
     figures = shipped_plan(name).figures
     assert (figures["pad_in_part_max_m"], figures["pad_in_part_length_m"]) == (0.0, 0.0)
 
 
-def test_inspect_finds_what_the_plan_finds_and_a_pad_that_yields_more_is_in_it_over_less(tmp_path):
-    result = planned(pocket(), tmp_path / "pocket.stl")
-    part = PartConfig(str(tmp_path / "pocket.stl"), up="z")
+def test_inspect_finds_what_the_plan_finds_and_a_pad_that_yields_more_is_in_it_over_less(in_pocket):
+    result, file = in_pocket
+    part = PartConfig(str(file), up="z")
     seen = inspect_path(result.path, part, result.plan, pad=PAD)
     for name in ("pad_in_part_max_m", "pad_in_part_length_m"):
         assert seen.figures[name] == pytest.approx(result.figures[name], rel=1e-9)
@@ -119,16 +126,15 @@ def test_inspect_finds_what_the_plan_finds_and_a_pad_that_yields_more_is_in_it_o
     assert soft.figures["pad_in_part_length_m"] == pytest.approx(4 * 0.116, rel=0.02)
 
 
-def test_the_robot_program_of_a_pad_in_a_wall_says_so_and_asks(tmp_path):
-    result = planned(pocket(), tmp_path / "pocket.stl")
-    text = urscript_text(result, ExportSetup())
+def test_the_robot_program_of_a_pad_in_a_wall_says_so_and_asks(in_pocket):
+    text = urscript_text(in_pocket[0], ExportSetup())
     assert re.search(r"^# - DO NOT RUN IT AS IT IS: the pad runs up to [78]\.\d+ mm into the part", text, re.M)
     assert 'popup("Go on? the pad runs up to' in text
     assert "DO NOT RUN" not in urscript_text(shipped_plan("plate"), ExportSetup())
 
 
 def test_a_wall_of_several_rows_of_facets_is_as_deep_as_one_of_a_single_row(tmp_path):
-    fine = pocket().subdivide_to_size(4.0)
+    fine = pocket().subdivide_to_size(10.0)
     result = planned(fine, tmp_path / "pocket.stl", pad=replace(PAD, radius_m=0.025), stepover_m=0.02)
     nearest = 0.060 - np.abs(result.path.positions_work[result.path.process, :2]).max()
     assert result.figures["pad_in_part_max_m"] == pytest.approx(0.025 - nearest, abs=1e-5)

@@ -95,7 +95,8 @@ def test_a_turned_part_gets_the_same_plan(tmp_path):
 
 
 def test_the_same_request_gives_the_same_bytes():
-    first, second = (plan_part(PartConfig("sphere_100"), PlanConfig(stepover_m=STEP)).path for _ in range(2))
+    first = shipped_plan("sphere_100").path
+    second = plan_part(PartConfig("sphere_100"), PlanConfig(stepover_m=STEP)).path
     assert first.positions_work.tobytes() == second.positions_work.tobytes()
 
 

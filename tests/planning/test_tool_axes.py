@@ -26,8 +26,7 @@ def leaned(part, **plan):
     return planned, foot.normals, feed / np.linalg.norm(feed, axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize("part", ["plate", "sphere_100"])
-@pytest.mark.parametrize("pattern", ["spiral", "raster"])
+@pytest.mark.parametrize(("part", "pattern"), [("plate", "raster"), ("sphere_100", "spiral")])
 def test_the_tool_leans_forward_by_the_lead_and_to_the_left_by_the_tilt(part, pattern):
     """Left of the feed, seen from outside, is normal x feed."""
     planned, normals, feed = leaned(part, pattern=pattern, lead_angle_rad=LEAD, tilt_angle_rad=TILT)
