@@ -221,3 +221,11 @@ def test_every_import_at_the_top_of_a_module_is_found() -> None:
                 named |= {alias.name for alias in node.names}
         ours = {name for name in named if name.split(".")[0] == "polish_sim"}
         assert {name for name in ours if source_stamp.source_file(name)} == source_stamp.imports_of(module), file
+
+
+def test_the_simulations_kernels_are_found_once_compiled() -> None:
+    """What the command asks before it compiles ahead; the loop's name is written there."""
+    from polish_sim.cell import loop
+
+    assert kernel_cache._kernel_folder(loop.__name__) == loop.advance._cache._impl.locator.folder
+    assert loop.advance._cache._impl.filename_base.startswith("loop.advance")

@@ -80,9 +80,9 @@ def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
 
 def is_warm() -> bool:
     """Whether the simulation's kernels, as the sources are now, have been compiled before."""
-    folder = _subfolder(f"{_PACKAGE}.cell.loop")
-    homes = [_home(), *([shipped.folder] if (shipped := _shipped()) else [])]
-    return any(any((home / folder).glob("loop.advance*.nbc")) for home in homes)
+    folder, shipped = _kernel_folder(f"{_PACKAGE}.cell.loop"), _shipped()
+    folders = [folder] if shipped is None else [folder, shipped.folder / folder.name]
+    return any(any(folder.glob("loop.advance*.nbc")) for folder in folders)
 
 
 def kernels_under(kernel: Any) -> set[Any]:
@@ -104,7 +104,7 @@ class _Locator:
     def __init__(self, function: Any, file: str) -> None:
         self._py_file = file  # numba's warnings name it
         self._line = function.__code__.co_firstlineno
-        self.folder = _home() / _subfolder(function.__module__)
+        self.folder = _kernel_folder(function.__module__)
 
     @classmethod
     def from_function(cls, function: Any, file: str) -> _Locator:
@@ -144,7 +144,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
-        folder = self._impl.locator.folder
+        folder = _kernel_folder(function.__module__)
         self._lock = folder / f"{self._impl.filename_base}.lock"
         self._claim: IO[bytes] | None = None
         self._carried = None
@@ -291,12 +291,12 @@ def _say(line: str) -> None:
 
 
 @cache
-def _subfolder(module: str) -> str:
-    """Name of the folder of a module's kernels as the sources are now; marked as used."""
-    folder = f"{module.removeprefix(f'{_PACKAGE}.')}-{source_stamp(module, compiler())}"
+def _kernel_folder(module: str) -> Path:
+    """Folder of a module's kernels as the sources are now; marked as used."""
+    folder = _home() / f"{module.removeprefix(f'{_PACKAGE}.')}-{source_stamp(module, compiler())}"
     with suppress(OSError):  # it does not exist yet, or is read-only
-        if time.time() - (_home() / folder).stat().st_mtime > _DAY:
-            os.utime(_home() / folder)
+        if time.time() - folder.stat().st_mtime > _DAY:
+            os.utime(folder)
     return folder
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +12,8 @@ from typing import Any
 
 from polish_sim.control import build_controller
 from polish_sim.control.user_controller import file_of, tell_error
-from polish_sim.crew import Result, work_off
+from polish_sim.crew import work_off
 from polish_sim.errors import InputError
-from polish_sim.kernel_cache import is_warm
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.journal import Journal, Row, Task, measure_row, row_key, setup_key
 
@@ -122,7 +121,7 @@ def run_score(
     interrupted = False
     heard(len(rows), len(tasks), None)
     try:
-        with closing(_measured(missing, workers or os.cpu_count() or 1)) as results:
+        with closing(work_off(missing, measure_row, _group_of, workers or os.cpu_count() or 1)) as results:
             for result in results:
                 if result.value is not None:
                     journal.add(result.task, result.value)
@@ -150,14 +149,6 @@ def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Ent
     if separator and Path(file).is_file():  # one that is missing is named as it was given
         name = f"{Path(file).resolve()}:{class_name}"
     return Entry(label, name, tuple(settings))
-
-
-def _measured(tasks: Sequence[Task], workers: int) -> Generator[Result]:
-    """Rows as they come; where the kernels have yet to be compiled, one process does so with the first row."""
-    cold = 0 if is_warm() else 1
-    for some, count in ((tasks[:cold], 1), (tasks[cold:], workers)):
-        with closing(work_off(some, measure_row, _group_of, count)) as results:
-            yield from results
 
 
 def _group_of(task: Task) -> object:
