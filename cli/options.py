@@ -18,7 +18,7 @@ from typing import Annotated, Any, Final, NamedTuple
 import typer
 
 from polish_sim.config import Scenario
-from polish_sim.config.key import CONFIG, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, Option, Unit
+from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, Option, Unit
 from polish_sim.errors import ConfigError, InputError, number_text
 from polish_sim.scenario_file import load_scenario, merge, override
 
@@ -114,8 +114,8 @@ class Key(NamedTuple):
     @property
     def meaning(self) -> str:
         """What it is, without a unit."""
-        text = self.option.help or str(self.spec["text"])
-        return text.rpartition(" [")[0] if text.endswith("]") else text
+        text = self.option.help or re.sub(r" \[[^]]*\]", "", str(self.spec["text"]))
+        return text.replace("radius", "diameter") if self.option.unit is DIAMETER else text
 
     def read(self, text: str) -> Any:
         """Read the option's value into the key's unit.
@@ -219,10 +219,15 @@ def _declared(option: Own | Key) -> inspect.Parameter:
 
 def _help(key: Key) -> str:
     """Meaning, unit and default of an option."""
-    text, unit = key.meaning, key.option.unit
-    if isinstance(unit, Unit) and unit.name and not isinstance(key.default, tuple) and f"({unit.name})" not in text:
+    meaning, unit = key.meaning, key.option.unit
+    text, _, empty = meaning.partition("; empty = ")
+    if isinstance(unit, Unit) and unit.name and f"({unit.name})" not in text:
         text += f" ({unit.name})"
-    if "default" not in text and key.default not in ("", ()):
+    if key.option.repeat:
+        text += "; may be repeated"
+    if empty and key.default in ("", ()):
+        text += f"; default: {empty}"
+    elif key.default not in ("", ()):
         scaled = isinstance(unit, Unit) and isinstance(key.default, float)
         shown = number_text(key.default / unit.si, 4) if scaled else str(key.default)  # type: ignore[union-attr]
         text += f"; default {shown}"

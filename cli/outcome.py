@@ -13,14 +13,15 @@ from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 from polish_sim.config import Scenario
 from polish_sim.errors import number_text
 
-CONDITIONS: Final = ("sensor", "robot", "head", "pad", "simulation", "safety", "faults", "process", "spindle", "part")
-"""Sections whose values hold for every figure that is asked."""
-FREE: Final = (
-    *("pad.radius_m", "simulation.log_rate_hz", "spindle.speed_rpm", "safety.force_limit_n"),
-    *("part.file", "part.unit", "part.up", "part.pose"),
-    *("process.contact_force_n", "process.feed_m_s", "process.preston_1_pa"),
+CONDITIONS: Final = (
+    *("sensor", "robot", "head", "pad", "simulation", "faults", "spindle"),
+    *("part.real_file", "part.displacement_m", "part.rotation_rad", "part.form_error_m", "part.motion_m"),
+    *("dual.master_delay_s", "dual.master_rate_hz", "dual.tracker_noise_m", "dual.touch_noise_m"),
+    *("dual.arm_length_error_m", "dual.arm_angle_error_rad"),
 )
-"""Of these the part, the task and what is recorded, which the user chooses."""
+"""Sections and keys whose default values hold for every figure that is asked."""
+CHOSEN: Final = ("pad.radius_m", "simulation.log_rate_hz", "spindle.speed_rpm")
+"""Of these what the user chooses with the task."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ def other_conditions(scenario: Scenario) -> tuple[str, ...]:
     return tuple(
         f"{name} = {_text(value)} ({_text(usual[name])})"
         for name, value in _values(scenario, "")
-        if name.partition(".")[0] in CONDITIONS and name not in FREE and value != usual[name]
+        if {name, name.partition(".")[0]} & set(CONDITIONS) and name not in CHOSEN and value != usual[name]
     )
 
 

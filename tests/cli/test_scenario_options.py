@@ -89,7 +89,7 @@ def test_set_beats_options_and_options_beat_the_file(tmp_path: Path) -> None:
         ("--stepover", 1200.0, r"--stepover 1200 is outside 0\.2 to 1000 mm"),
         ("--feed", math.nan, r"--feed nan is outside 0\.1 to 500 mm/s: speed along the path"),
         ("--contact-force", -20.0, r"--contact-force -20 is outside 0\.5 to 200 N"),
-        ("--pad-diameter", 500.0, r"--pad-diameter 500 is outside 2 to 400 mm: diameter of the pad\.$"),
+        ("--pad-diameter", 500.0, r"--pad-diameter 500 is outside 2 to 400 mm: pad diameter\.$"),
         ("--spindle-rpm", -1.0, r"--spindle-rpm -1 is outside 0 to 60000 1/min"),
         ("--lead-angle", 60.0, r"--lead-angle 60 is outside -40 to 40 deg"),
         ("--edge-margin", -1.0, r"--edge-margin -1 is outside 0 to 500 mm"),

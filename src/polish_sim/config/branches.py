@@ -14,25 +14,20 @@ class GuideConfig:
 
     mode: str = key(
         "",
-        "none, gravity, classical, inertia or assist; empty = each of them, side by side",
-        option=Option(
-            "--mode",
-            HAND,
-            "NAME",
-            help="none, gravity, classical, inertia or assist; default: all, side by side; with --follow: assist",
-        ),
+        "none, gravity, classical, inertia or assist; empty = all, side by side, or assist along a path",
+        option=Option("--mode", HAND, "NAME"),
     )
     direction: str = key(
         "",
         "direction of the hand's move in the base frame: x or y; empty = each",
-        option=Option("--direction", HAND, "NAME", help="direction of the hand's move: x or y; default: both"),
+        option=Option("--direction", HAND, "NAME"),
     )
     duration_s: float = key(
         0.0,
-        "duration of the hand's move; 0 = fast (0.6 s) and slow (1 s) [s]",
+        "duration of the hand's move, 0 = 0.6 and 1, fast and slow [s]",
         0.0,
         60.0,
-        option=Option("--duration", HAND, "S", SECOND, help="duration of the hand's move (s); default: 0.6 and 1"),
+        option=Option("--duration", HAND, "S", SECOND),
     )
     coulomb_nm: tuple[float, ...] = key(
         (7.0, 7.0, 5.0, 1.5, 1.5, 1.5), "Coulomb friction of the joints, assumed [N m]", 0.0, 100.0, length=6
@@ -43,7 +38,7 @@ class GuideConfig:
     creep_rad_s: tuple[float, ...] = key(
         (0.0017, 0.0021, 0.0044, 0.0083, 0.0086, 0.0117),
         "speed at which a joint creeps under its full Coulomb friction, believed half more than it is [rad/s]",
-        1e-6, 1.0, length=6,
+        1e-6, 1.0, length=6
     )  # fmt: skip
     encoder_rad: float = key(5e-7, "step of the joint encoders, 17 bits a turn before a gear of 100 [rad]", 0.0, 0.01)
     payload_kg: float = key(0.0, "mass at the tool point nobody was told of [kg]", 0.0, 20.0)
@@ -93,14 +88,9 @@ class DragConfig:
     follow: str = key(
         "",
         "rim: the border of the part's region, a pad's radius inside it; or a path's file; empty = paper 3's moves",
-        option=Option(
-            "--follow",
-            HAND,
-            "rim|PATH",
-            help="the hand drags the tool along the part's rim, or a path of it, and the recording becomes taught.csv",
-        ),
+        option=Option("--follow", HAND, "rim|PATH"),
     )
-    speed_m_s: float = key(0.05, "how fast the hand goes along it [m/s]", 0.001, 0.5)
+    speed_m_s: float = key(0.05, "speed of the hand along it [m/s]", 0.001, 0.5)
     wander_m: float = key(0.0005, "slow wander of the hand, per axis, rms [m]", 0.0, 0.01)
     wander_hz: float = key(0.5, "below this frequency [Hz]", 0.01, 5.0)
     tremor_m: float = key(0.0001, "tremor of the hand from 8 to 12 Hz, per axis, rms [m]", 0.0, 0.005)
@@ -123,8 +113,7 @@ class DualConfig:
     )
     pair: str = key("simulated", "the two robots, as their calibration names them")
     bases_file: str = key(
-        "",
-        "calibration.toml of `calibrate base`; empty = calibrated before the run with a simulated tracker",
+        "", "calibration.toml of `calibrate base`; empty = calibrated before the run with a simulated tracker"
     )
     tool_file: str = key(
         "", "calibration.toml of `calibrate tcp`; empty = calibrated before the run with simulated touches"
@@ -152,11 +141,11 @@ class DualConfig:
     )
     clearance_m: float = key(
         0.03, "arms and tool keep from the other arm and its gripper, and from the held part's hull, beforehand [m]",
-        0.0, 0.2,
+        0.0, 0.2
     )  # fmt: skip
     pad_clearance_m: float = key(
         0.005, "the pad keeps from the other arm and its gripper, its shaft from the part as well, beforehand [m]",
-        0.0, 0.015,
+        0.0, 0.015
     )  # fmt: skip
     marks: int = key(3, "marks on what is worked on, touched to find the part on the master's flange", 3, 100)
     closing_touches: int = key(
@@ -190,13 +179,8 @@ class DualConfig:
     )
     master_path: str = key(
         "",
-        "CSV of poses of the part, or of the master's flange, over time instead of all that; see docs/dual.md",
-        option=Option(
-            "--master-path",
-            PAIR,
-            "FILE",
-            help="CSV of the part's or the master's flange's poses over time, instead of speed and turn",
-        ),
+        "CSV of poses of the part, or of the master's flange, over time instead of speed and turn; see docs/dual.md",
+        option=Option("--master-path", PAIR, "FILE"),
     )
     master_delay_s: float = key(0.003, "how late the master's joint positions reach the host [s]", 0.0, 0.1)
     master_rate_hz: float = key(500.0, "how often they come, held in between [Hz]", 10.0, 1e5)

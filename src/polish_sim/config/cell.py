@@ -75,13 +75,7 @@ class HeadConfig:
 class PadConfig:
     """The elastic pad (elastic foundation) and its friction."""
 
-    radius_m: float = key(
-        0.025,
-        "pad radius [m]",
-        0.001,
-        0.2,
-        option=Option("--pad-diameter", TOOL, "MM", DIAMETER, help="diameter of the pad"),
-    )
+    radius_m: float = key(0.025, "pad radius [m]", 0.001, 0.2, option=Option("--pad-diameter", TOOL, "MM", DIAMETER))
     stiffness_n_m: float = key(20000.0, "stiffness of the whole disc pressed flat [N/m]", 100.0, 1e7)
     points: int = key(100, "sample points of the disc, equal area each; rounded up to fours", 7, 2000)
     damping_s_m: float = key(3.0, "Hunt-Crossley factor a of f = k d (1 + a d_dot) [s/m]", 0.0, 100.0)
@@ -95,10 +89,10 @@ class SpindleConfig:
 
     speed_rpm: float = key(
         6000.0,
-        "speed, 0 = off [1/min]",
+        "speed of the spindle, 0 = off [1/min]",
         0.0,
         60000.0,
-        option=Option("--spindle-rpm", TOOL, "RPM", PER_MINUTE, help="speed of the spindle, 0 = off"),
+        option=Option("--spindle-rpm", TOOL, "RPM", PER_MINUTE),
     )
     imbalance_m_s: float = key(0.0063, "balance grade e omega of what turns, G6.3 = 0.0063, 0 = none [m/s]", 0.0, 1.0)
     rotating_mass_kg: float = key(0.3, "what turns [kg]", 0.0, 10.0)
@@ -133,15 +127,9 @@ class FaultsConfig:
 
     events: str = key(
         "",
-        "NAME@TIME, ...: seconds from the start, or contact+TIME; 'polish-sim list faults' names them; empty = none",
-        option=Option(
-            "--fault",
-            RUN,
-            "NAME@TIME",
-            repeat=True,
-            help="inject a fault so many seconds from the start, or NAME@contact+TIME from first contact; may be "
-            "repeated. 'polish-sim list faults' names them",
-        ),
+        "faults as NAME@TIME, seconds from the start, or NAME@contact+TIME, with commas; 'polish-sim list faults' "
+        "names them; empty = none",
+        option=Option("--fault", RUN, "NAME@TIME", repeat=True),
     )
 
 
@@ -156,7 +144,5 @@ class SimulationConfig:
         "rows recorded per second, 0 = every step [Hz]",
         0.0,
         1e5,
-        option=Option(
-            "--log-rate", OUTPUT, "HZ|full", HERTZ_OR_FULL, help="rows of the log per second (Hz), or full: every step"
-        ),
+        option=Option("--log-rate", OUTPUT, "HZ|full", HERTZ_OR_FULL),
     )

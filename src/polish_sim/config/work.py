@@ -20,14 +20,9 @@ class PartConfig:
     )
     real_file: str = key(
         "",
-        "mesh of the part as it really is (file or shipped part, unit and frame of the nominal one): path from `file`, "
-        "contact with this; empty = as drawn",
-        option=Option(
-            "--real-part",
-            PART,
-            "PART",
-            help="part as it really is, where it differs from --part: path from --part, contact with this",
-        ),
+        "the part as it really is (file or shipped part, unit and frame of the nominal one): contact with this, path "
+        "from the nominal one; empty = as drawn",
+        option=Option("--real-part", PART, "PART"),
     )
     unit: str = key("mm", "unit of the part's file: mm, cm, m or inch", option=Option("--units", PART, "UNIT"))
     up: str = key(
@@ -59,12 +54,7 @@ class PlanConfig:
     file: str = key(
         "",
         "a finished path to run: plan folder, path.json, CSV or APT file; empty = plan anew",
-        option=Option(
-            "--path",
-            PATH,
-            "PLAN",
-            help="path to run instead of planning one: a plan folder, path.json, CSV or APT file",
-        ),
+        option=Option("--path", PATH, "PLAN"),
     )
     pattern: str = key("spiral", "spiral, raster, contour or fermat", option=Option("--pattern", PATH, "NAME"))
     region: str = key(
@@ -100,25 +90,13 @@ class PlanConfig:
         (),
         "the path begins as near this point as pattern and order allow: x, y, z in the work frame [m]; empty = chosen",
         length=3,
-        option=Option(
-            "--start",
-            PATH,
-            "X,Y,Z",
-            MM,
-            help="begin the path as near this point of the part (mm) as its pattern and order allow; default: chosen",
-        ),
+        option=Option("--start", PATH, "X,Y,Z", MM),
     )
     raster_direction: tuple[float, ...] = key(
         (),
         "direction of the raster's lines: x, y, z in the work frame; empty = along the region's long axis",
         length=3,
-        option=Option(
-            "--raster-direction",
-            PATH,
-            "X,Y,Z",
-            DIRECTION,
-            help="raster: direction of the lines; default: along the region's long axis",
-        ),
+        option=Option("--raster-direction", PATH, "X,Y,Z", DIRECTION),
     )
     clearance_m: float = key(0.03, "height of the first and last point above the part [m]", 0.001, 0.5)
     lead_in: str = key("normal", "how the tool lands: normal, tangent or arc", option=Option("--lead-in", AXIS, "NAME"))
@@ -148,7 +126,7 @@ class PlanConfig:
         "averaging turns the tool axis by no more than this [rad]",
         0.0,
         MOST_LEAN_RAD,
-        option=Option("--axis-deviation", AXIS, "DEG", DEG, help="largest turn --axis-smoothing may give a tool axis"),
+        option=Option("--axis-deviation", AXIS, "DEG", DEG),
     )
 
 
@@ -169,7 +147,7 @@ class ProcessConfig:
     search_depth_m: float = key(0.01, "how far past the nominal surface contact is sought [m]", 0.0, 0.1)
     preston_1_pa: float = key(
         0.0, "wear coefficient of Preston's law, removal = this x pressure x way; 0 = unknown, removal relative [1/Pa]",
-        0.0, 1.0,
+        0.0, 1.0
     )  # fmt: skip
     max_feed_s: float = key(0.0, "stop the feed after this long, 0 = the whole path [s]", 0.0, 1e6)
 
