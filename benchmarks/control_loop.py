@@ -56,7 +56,7 @@ def measure() -> Iterator[Row]:
 def measure_pair() -> Iterator[Row]:
     """A step of two robots, one moving the part, beside a step of one; CPU time, interleaved."""
     single = _pressing_cell("hybrid-pi")
-    one = single.kernel._replace(job=single.strokes[0]._replace(hold=np.inf))
+    one = single.kernel._replace(stroke=single.strokes[0]._replace(hold=np.inf))
     _go_on(one)
     scenario = default_scenario("dual")
     pair = build_dual_cell(scenario, prepare_dual(scenario)).cell
@@ -123,7 +123,7 @@ def _go_on(kernel: CellKernel) -> None:
 
 def _interleaved(cell: Cell) -> tuple[float, float]:
     """Median cost of a bare and of a closed-loop step [us]."""
-    kernel = cell.kernel._replace(job=cell.strokes[0]._replace(hold=np.inf))
+    kernel = cell.kernel._replace(stroke=cell.strokes[0]._replace(hold=np.inf))
     _go_on(kernel)
     recorder = build_recorder(CHUNK, 4)
     bare_data = mujoco.MjData(cell.model)

@@ -1,4 +1,4 @@
-"""Cells for tests: short jobs in free space or on parts with a formula, a sensor without errors unless asked for."""
+"""Cells for tests: short strokes in free space or on parts with a formula, a sensor without errors unless asked for."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell import Cell, Job, RealPart, Silent, build_scene, no_part, tool_on_flange
+from polish_sim.cell import Cell, RealPart, Silent, Stroke, build_scene, no_part, tool_on_flange
 from polish_sim.cell.stroke import TRAVEL_PACE, feed_pace
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -69,10 +69,10 @@ def way_through(*poses: Array) -> TimedPath:
     return time_path(path_through(*poses), TRAVEL_PACE)
 
 
-def free_job(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Job:
+def free_stroke(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Stroke:
     """Move through poses in free space and stay at the last."""
     start, path = path_through(poses[0]), path_through(*poses)
-    return Job(
+    return Stroke(
         travel=way_through(poses[0]), lead_in=start, process=path,
         motion=time_path(path, feed_pace(feed)), depth=0.0, force=np.zeros(len(path.positions)), contact=False,
         approach_speed=0.005, feed=feed, threshold=math.inf, search_depth=0.0, hold=hold, feed_time=math.inf,
@@ -80,15 +80,15 @@ def free_job(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Job:
     )  # fmt: skip
 
 
-def pressing_job(
+def pressing_stroke(
     T_base_touch: Array = TOUCH, height: float = 0.005, slide: float = 0.0, hold: float = 1.0, lift: float = 0.0
-) -> Job:
+) -> Stroke:
     """Down from ``height`` [m] onto a nominal surface, pressed in by 4 mm for 20 N, then ``slide`` [m] along tool x."""
     depth = 0.004
     pressed = along_tool(T_base_touch, z=depth)
     path = path_through(pressed, along_tool(pressed, x=slide))
     force = np.full(len(path.positions), 20.0)
-    return Job(
+    return Stroke(
         travel=way_through(T_base_touch), lead_in=path_through(along_tool(T_base_touch, z=-height), T_base_touch),
         process=path, motion=time_path(path, feed_pace(0.01)), depth=depth, force=force, contact=True,
         approach_speed=0.005, feed=0.01, threshold=2.0, search_depth=0.01, hold=hold, feed_time=math.inf,
@@ -104,16 +104,16 @@ def part_under(field: Any, T_base_touch: Array = TOUCH) -> RealPart:
 
 def cell_for(
     scenario: Scenario,
-    *jobs: Job,
+    *strokes: Stroke,
     part: RealPart | None = None,
     model: mujoco.MjModel | None = None,
     controller: Controller | None = None,
 ) -> Cell:
-    """A cell at the start of its first job, without table."""
-    first = jobs[0].lead_in if jobs[0].contact else jobs[0].process
+    """A cell at the start of its first stroke, without table."""
+    first = strokes[0].lead_in if strokes[0].contact else strokes[0].process
     T_start = transform(Rotation.from_quat(first.quaternions[0], scalar_first=True).as_matrix(), first.positions[0])
     return Cell(
-        scenario, model if model is not None else build_scene(scenario, None, None), part or no_part(), jobs,
+        scenario, model if model is not None else build_scene(scenario, None, None), part or no_part(), strokes,
         joints_at(T_start), controller or build_controller(scenario.controller), np.random.default_rng(scenario.seed),
     )  # fmt: skip
 

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell import Job, build_course
+from polish_sim.cell import Stroke, build_course
 from polish_sim.cell.course import nearest_earlier
 from polish_sim.config import Scenario
 from polish_sim.control import Course
 from polish_sim.experiments import default_scenario
-from tests.cell.cells import TOUCH, along_tool, path_through, pressing_job, tool_pose
+from tests.cell.cells import TOUCH, along_tool, path_through, pressing_stroke, tool_pose
 from tests.cell.fields import plane, sampled, sphere
 from tests.cell.pressing import DOWN, HEAD_STIFFNESS, PAD, PRESSED, below_sphere, foundation, working_depth
 
@@ -30,21 +30,21 @@ def scenario(*, stepover: float = 0.008) -> Scenario:
     return replace(usual, plan=replace(usual.plan, stepover_m=stepover))
 
 
-def course_on(field: object, *jobs: Job) -> Course:
-    return build_course(scenario(), jobs, field, UPRIGHT)  # type: ignore[arg-type]
+def course_on(field: object, *strokes: Stroke) -> Course:
+    return build_course(scenario(), strokes, field, UPRIGHT)  # type: ignore[arg-type]
 
 
-def pressed_with(force: float, T_base_touch: Array = TOUCH, slide: float = 0.01) -> Job:
-    """A job whose poses are pressed in by D = F / k, as the plan's are."""
+def pressed_with(force: float, T_base_touch: Array = TOUCH, slide: float = 0.01) -> Stroke:
+    """A stroke whose poses are pressed in by D = F / k, as the plan's are."""
     pressed = along_tool(T_base_touch, z=force / 5000.0)
     table = path_through(pressed, along_tool(pressed, x=slide)) if slide else path_through(pressed)
-    return pressing_job(T_base_touch)._replace(
+    return pressing_stroke(T_base_touch)._replace(
         process=table, force=np.full(len(table.positions), force), depth=force / 5000.0
     )
 
 
 def test_on_a_plane_springs_and_pad_in_series_say_the_depth_and_nothing_changes_along_the_path() -> None:
-    course = course_on(plane(), pressing_job(slide=0.02))
+    course = course_on(plane(), pressing_stroke(slide=0.02))
     assert len(course.depth) * course.spacing == pytest.approx(0.02, abs=0.0015)
     np.testing.assert_allclose(course.depth, PRESSED, atol=1e-7)
     np.testing.assert_allclose(course.surplus, 0.0, atol=1e-7)
@@ -55,7 +55,7 @@ def test_on_a_plane_springs_and_pad_in_series_say_the_depth_and_nothing_changes_
 
 @pytest.mark.parametrize("radius", [0.3, 0.1, 0.05])
 def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius: float) -> None:
-    course = course_on(sphere(radius), pressing_job())
+    course = course_on(sphere(radius), pressing_stroke())
 
     def pad_force(depth: float) -> float:
         return float(foundation(below_sphere(radius), np.array([0.0, 0.0, -depth]), DOWN).force[2])
@@ -83,7 +83,7 @@ def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_momen
     edge = sampled(
         lambda p: np.where(p[..., 0] < 0.0005, p[..., 2], 0.008), (-0.06, -0.06, -0.016), (0.06, 0.06, 0.016)
     )
-    course = course_on(edge, pressing_job())
+    course = course_on(edge, pressing_stroke())
     assert course.depth[0] == pytest.approx(20.0 / HEAD_STIFFNESS + 2.0 * 20.0 / PAD.stiffness_n_m, rel=0.03)
     R_tool = UPRIGHT[:3, :3].T @ TOUCH[:3, :3]
     lever = R_tool.T @ [-4.0 * PAD.radius_m / (3.0 * np.pi), 0.0, 0.0]
@@ -104,7 +104,7 @@ def test_a_leaning_tool_feels_its_moment_as_the_tilt_stiffness_says() -> None:
 def test_a_force_that_changes_along_the_path_is_followed() -> None:
     table = path_through(along_tool(TOUCH, z=PRESSED), along_tool(TOUCH, x=0.01, z=0.5 * PRESSED))
     forces = np.linspace(20.0, 10.0, len(table.positions))
-    course = course_on(plane(), pressing_job()._replace(process=table, force=forces))
+    course = course_on(plane(), pressing_stroke()._replace(process=table, force=forces))
     assert course.depth[0] == pytest.approx(PRESSED, rel=1e-3)
     assert course.depth[10] == pytest.approx((1.0 - 0.5 * 0.005 / table.length) * PRESSED, rel=1e-3)
     np.testing.assert_allclose(course.surplus, 0.0, atol=1e-6)
@@ -123,9 +123,9 @@ def test_rows_follow_the_arc_length_of_the_plan_over_several_strokes() -> None:
 
 def test_the_turning_of_the_tool_is_that_of_the_path() -> None:
     turned = along_tool(tool_pose(0.0, -0.5, 0.1, (0.1, 0.0, 0.0)), x=0.02)
-    job = pressing_job()._replace(process=path_through(TOUCH, turned))
-    course = course_on(plane(), job)
-    np.testing.assert_allclose(course.turning[10], [0.1 / job.process.length, 0.0, 0.0], atol=1e-3)
+    stroke = pressing_stroke()._replace(process=path_through(TOUCH, turned))
+    course = course_on(plane(), stroke)
+    np.testing.assert_allclose(course.turning[10], [0.1 / stroke.process.length, 0.0, 0.0], atol=1e-3)
 
 
 def spiral(turns: float, pitch: float, spacing: float) -> Array:
@@ -167,9 +167,9 @@ def test_rotation_of_the_whole_cell_changes_no_column_but_the_turning() -> None:
     """Part and path turned together: the same statics."""
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_rotvec([0.2, -0.3, 0.5]).as_matrix()
-    job = pressing_job(slide=0.01)
-    there = build_course(scenario(), [job], sphere(0.1), UPRIGHT)
-    moved = pressing_job(turn @ TOUCH, slide=0.01)
+    stroke = pressing_stroke(slide=0.01)
+    there = build_course(scenario(), [stroke], sphere(0.1), UPRIGHT)
+    moved = pressing_stroke(turn @ TOUCH, slide=0.01)
     here = build_course(scenario(), [moved], sphere(0.1), turn @ UPRIGHT)
     np.testing.assert_allclose(here.depth, there.depth, atol=1e-7)
     np.testing.assert_allclose(here.moment, there.moment, atol=1e-4)

@@ -14,7 +14,7 @@ from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import build_recorder
 from polish_sim.models import robot_model_path
-from tests.cell.cells import along_tool, cell_for, free_job, ideal, tool_pose
+from tests.cell.cells import along_tool, cell_for, free_stroke, ideal, tool_pose
 
 Array = NDArray[np.float64]
 
@@ -59,8 +59,8 @@ def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(
     T_base_touch: Array, shape: str, depth: float
 ) -> None:
     model = scene(T_base_touch, shape)
-    job = free_job(along_tool(T_base_touch, z=-0.005), along_tool(T_base_touch, z=depth), feed=0.01, hold=2.5)
-    cell = cell_for(ideal("force", "controller.name=position"), job, model=model)
+    stroke = free_stroke(along_tool(T_base_touch, z=-0.005), along_tool(T_base_touch, z=depth), feed=0.01, hold=2.5)
+    cell = cell_for(ideal("force", "controller.name=position"), stroke, model=model)
     steps = 3000
     advance(cell.kernel, build_recorder(steps, 4), cell.law, np.zeros((steps, 12)), steps)
     mujoco.mj_forward(model, cell.data)

@@ -27,7 +27,7 @@ from polish_sim.cell.real_part import SHIFT_SPEED
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from tests.cell.cells import EVERY_STEP, NOMINAL_PART, cell_for, free_job, part_under, pressing_job, tool_pose
+from tests.cell.cells import EVERY_STEP, NOMINAL_PART, cell_for, free_stroke, part_under, pressing_stroke, tool_pose
 from tests.cell.fields import plane
 
 MOST_N = 60.0  # exact force no fault may lead to
@@ -36,7 +36,7 @@ MOST_N = 60.0  # exact force no fault may lead to
 def faulty(events: str, *changes: str, hold: float = 2.0, slide: float = 0.0) -> Cell:
     """A cell with the default noise, pressing on a plane 5 mm below."""
     scenario = override(default_scenario("force"), [*NOMINAL_PART, EVERY_STEP, "faults.events=" + events, *changes])
-    return cell_for(scenario, pressing_job(hold=hold, slide=slide, lift=0.01), part=part_under(plane()))
+    return cell_for(scenario, pressing_stroke(hold=hold, slide=slide, lift=0.01), part=part_under(plane()))
 
 
 def assert_it_ends_well(run: CellRun) -> None:
@@ -105,8 +105,8 @@ def test_a_part_that_rises_by_10_mm_is_followed_for_5() -> None:
 
 @pytest.mark.parametrize(("name", "code"), [("part-high", HIGH), ("part-low", LOW), ("part-missing", MISSING)])
 def test_a_part_that_is_not_where_it_was_planned_is_noticed_when_it_is_touched(name: str, code: float) -> None:
-    job = pressing_job(height=0.02)._replace(search_depth=0.02 if name == "part-low" else 0.01)
-    run = cell_for(faulty(f"{name}@0").scenario, job, part=part_under(plane())).run()
+    stroke = pressing_stroke(height=0.02)._replace(search_depth=0.02 if name == "part-low" else 0.01)
+    run = cell_for(faulty(f"{name}@0").scenario, stroke, part=part_under(plane())).run()
     assert run.stop_reason == REASONS[code]
     assert run.trace.normal_force_n.max() < 10.0
     assert_it_ends_well(run)
@@ -186,4 +186,4 @@ def test_a_part_that_rises_while_the_tool_touches_down_is_noticed_too() -> None:
 def test_a_fault_that_needs_a_part_is_refused_where_there_is_none(event: str) -> None:
     scenario = override(default_scenario("arc"), [f"faults.events={event}"])
     with pytest.raises(ConfigError, match=r"would change nothing"):
-        cell_for(scenario, free_job(tool_pose(0.0, -0.5, 0.2)))
+        cell_for(scenario, free_stroke(tool_pose(0.0, -0.5, 0.2)))

@@ -19,11 +19,11 @@ from tests.cell.cells import (
     EachStep,
     along_tool,
     cell_for,
-    free_job,
+    free_stroke,
     housing_vertices,
     ideal,
     part_under,
-    pressing_job,
+    pressing_stroke,
     tool_pose,
 )
 from tests.cell.fields import plane, wall
@@ -54,7 +54,7 @@ def flat() -> RealPart:
 
 def test_a_missing_part_is_sought_to_the_search_depth_and_no_further(flat: RealPart) -> None:
     moved = flat._replace(position=flat.position - [0.0, 0.0, 0.03])
-    run = cell_for(ideal("force", EVERY_STEP), pressing_job(height=0.005), part=moved).run()
+    run = cell_for(ideal("force", EVERY_STEP), pressing_stroke(height=0.005), part=moved).run()
     assert run.stop_reason is not None
     assert "no contact" in run.stop_reason
     assert "process.search_depth_m" in run.stop_reason
@@ -66,7 +66,7 @@ def test_a_missing_part_is_sought_to_the_search_depth_and_no_further(flat: RealP
 
 def test_too_much_force_stops_at_the_measured_limit(flat: RealPart) -> None:
     scenario = ideal("force", EVERY_STEP, "safety.force_limit_n=12", "process.contact_force_n=10")
-    run = cell_for(scenario, pressing_job(), part=flat).run()
+    run = cell_for(scenario, pressing_stroke(), part=flat).run()
     assert run.stop_reason == "measured force above safety.force_limit_n"
     measured = np.linalg.norm(run.log["wrench_measured_tool"][:, :3], axis=1)
     assert measured[stopped_at(run)] > 12.0
@@ -78,7 +78,7 @@ def test_too_much_torque_stops_at_the_measured_limit(flat: RealPart) -> None:
     """A tool that leans by 2 deg feels k a^2 / 4 times the angle about its point."""
     leaning = part_under(plane(), tool_pose(0.0, -0.5, 0.1, (0.03, 0.0, 0.0)))
     scenario = ideal("force", EVERY_STEP, "safety.torque_limit_nm=0.1", "controller.name=position")
-    run = cell_for(scenario, pressing_job(), part=leaning).run()
+    run = cell_for(scenario, pressing_stroke(), part=leaning).run()
     assert run.stop_reason == "measured torque above safety.torque_limit_nm"
     measured = np.linalg.norm(run.log["wrench_measured_tool"][:, 3:], axis=1)
     assert measured[stopped_at(run)] > 0.1
@@ -93,7 +93,7 @@ def test_a_sensor_that_no_longer_changes_is_a_fault(flat: RealPart) -> None:
             if cell.state.status.steps == 700:
                 cell.state.sensor.next = math.inf
 
-    cell = cell_for(ideal("force", *NOISY), pressing_job(), part=flat)
+    cell = cell_for(ideal("force", *NOISY), pressing_stroke(), part=flat)
     run = cell.run(Unplug())
     assert run.stop_reason == "wrist sensor reading frozen"
     assert stopped_at(run) == pytest.approx(700 + 20, abs=3)
@@ -102,13 +102,13 @@ def test_a_sensor_that_no_longer_changes_is_a_fault(flat: RealPart) -> None:
 
 def test_a_noiseless_sensor_at_rest_is_no_fault() -> None:
     pose = tool_pose(0.0, -0.5, 0.2)
-    run = cell_for(ideal("arc"), free_job(pose, along_tool(pose, x=0.002), hold=1.0)).run()
+    run = cell_for(ideal("arc"), free_stroke(pose, along_tool(pose, x=0.002), hold=1.0)).run()
     assert run.stop_reason is None
 
 
 def test_contact_lost_over_an_edge_stops_after_its_time(flat: RealPart) -> None:
     scenario = ideal("force", EVERY_STEP, "safety.contact_lost_s=0.3", "controller.name=position")
-    run = cell_for(scenario, pressing_job(slide=0.12), part=flat).run()
+    run = cell_for(scenario, pressing_stroke(slide=0.12), part=flat).run()
     assert run.stop_reason == "contact lost for longer than safety.contact_lost_s"
     touching = np.flatnonzero(run.log["wrench_measured_tool"][: stopped_at(run), 2] >= 2.0)  # a tenth of 20 N
     assert stopped_at(run) - touching[-1] == pytest.approx(300, abs=2)
@@ -121,7 +121,7 @@ def test_a_shaft_driven_into_a_low_wall_stops_before_the_housing_is_over_it() ->
     low = wall(0.08, height=0.032)
     poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2)
     part = RealPart(low, low, np.eye(3), np.array([0.0, -0.5, 0.224]))
-    run = cell_for(ideal("arc", EVERY_STEP), free_job(*poses, feed=0.02), part=part).run()
+    run = cell_for(ideal("arc", EVERY_STEP), free_stroke(*poses, feed=0.02), part=part).run()
     assert run.stop_reason == REASONS[CRASH]
     assert run.log["tcp_position_m"][stopped_at(run), 0] == pytest.approx(0.08 - 0.009, abs=0.002)
 
@@ -130,7 +130,7 @@ def test_a_housing_driven_into_a_wall_stops_within_a_few_millimetres() -> None:
     """The wall begins at x = 80 mm; the tool moves toward it, lower than its top, touching nothing with the pad."""
     part = RealPart(wall(0.08), wall(0.08), np.eye(3), np.array([0.0, -0.5, 0.0]))
     poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2)
-    cell = cell_for(ideal("arc", EVERY_STEP), free_job(*poses, feed=0.02), part=part)
+    cell = cell_for(ideal("arc", EVERY_STEP), free_stroke(*poses, feed=0.02), part=part)
     run = cell.run()
     assert run.stop_reason == REASONS[CRASH]
     mujoco.mj_kinematics(cell.model, cell.data)
@@ -142,13 +142,13 @@ def test_a_housing_driven_into_a_wall_stops_within_a_few_millimetres() -> None:
 def test_beside_the_wall_it_passes() -> None:
     part = RealPart(wall(0.08), wall(0.08), np.eye(3), np.array([0.0, -0.2, 0.0]))
     poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2)
-    assert cell_for(ideal("arc"), free_job(*poses, feed=0.05), part=part).run().stop_reason is None
+    assert cell_for(ideal("arc"), free_stroke(*poses, feed=0.05), part=part).run().stop_reason is None
 
 
 def test_a_joint_at_the_end_of_its_range_stops_the_robot() -> None:
     """The tool turns about its axis, on the spot but for 1 mm per 7 deg, through more than the last joint has left."""
     turns = [tool_pose(0.001 * i, -0.5, 0.2, (0.0, 0.0, 0.127 * i)) for i in range(60)]
-    run = cell_for(ideal("arc", EVERY_STEP), free_job(*turns, feed=0.005)).run()
+    run = cell_for(ideal("arc", EVERY_STEP), free_stroke(*turns, feed=0.005)).run()
     assert run.stop_reason == "a joint reached the end of its range"
     assert run.log["q_rad"][-1, 5] == pytest.approx(JOINT_LIMITS[5, 0], abs=0.01)
     keeps_its_log(run)
@@ -156,7 +156,7 @@ def test_a_joint_at_the_end_of_its_range_stops_the_robot() -> None:
 
 def test_a_stretched_arm_stops_before_it_is_singular() -> None:
     scenario = ideal("arc", EVERY_STEP)
-    run = cell_for(scenario, free_job(tool_pose(0.0, -0.6, 0.3), tool_pose(0.0, -1.0, 0.3), feed=0.1)).run()
+    run = cell_for(scenario, free_stroke(tool_pose(0.0, -0.6, 0.3), tool_pose(0.0, -1.0, 0.3), feed=0.1)).run()
     assert run.stop_reason == "near a singularity of the arm"
     assert np.abs(run.log["qd_rad_s"]).max() < JOINT_SPEED_LIMIT
     keeps_its_log(run)
@@ -171,7 +171,7 @@ def onto_the_table(look_every_s: float) -> CellRun:
     mesh, scenario = load_part(part_file("plate")), ideal("arc", EVERY_STEP)
     model = build_scene(scenario, mesh, no_part()._replace(position=np.array([-0.3, -0.6, 0.1])))
     poses = tool_pose(0.2, -0.5, 0.05), tool_pose(0.2, -0.5, -0.2)
-    return cell_for(scenario, free_job(*poses, feed=0.05), model=model).run(Onlooker())
+    return cell_for(scenario, free_stroke(*poses, feed=0.05), model=model).run(Onlooker())
 
 
 def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named() -> None:
@@ -193,7 +193,7 @@ def test_a_simulation_that_blows_up_is_stopped_as_unstable() -> None:
         if data.time > 0.3:
             data.qvel[0] = math.inf
 
-    run = cell_for(ideal("arc", EVERY_STEP), free_job(tool_pose(0.0, -0.5, 0.2))).run(EachStep(poison))
+    run = cell_for(ideal("arc", EVERY_STEP), free_stroke(tool_pose(0.0, -0.5, 0.2))).run(EachStep(poison))
     assert run.stop_reason == "the simulation became unstable"
     assert run.steps < 310
 
@@ -204,7 +204,9 @@ def test_an_interrupt_keeps_what_was_recorded() -> None:
             if data.time > 0.5:
                 signal.raise_signal(signal.SIGINT)
 
-    run = cell_for(ideal("arc", EVERY_STEP), free_job(tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2))).run(Hand())
+    run = cell_for(ideal("arc", EVERY_STEP), free_stroke(tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2))).run(
+        Hand()
+    )
     assert run.interrupted
     assert run.stop_reason is None
     assert run.steps * 0.001 == pytest.approx(0.6, abs=0.001)  # the chunk of 0.2 s it fell into

@@ -10,7 +10,7 @@ from polish_sim.cell.limits import check_rates, check_step_limits
 from polish_sim.errors import ConfigError, InputError, ReachError
 from polish_sim.experiments import run_experiment
 from polish_sim.experiments.assembly import modelled_depth
-from tests.cell.cells import cell_for, free_job, ideal, tool_pose
+from tests.cell.cells import cell_for, free_stroke, ideal, tool_pose
 
 TANGENTIAL_MASS = 4.0  # [kg]
 
@@ -109,7 +109,7 @@ def test_a_controller_that_cannot_be_reset_is_named() -> None:
             return [0.0] * 6
 
     with pytest.raises(InputError, match=r"reset\(\).*no gains for 0.001 s"):
-        cell_for(ideal("arc"), free_job(tool_pose(0, -0.5, 0.2)), controller=Stubborn())  # type: ignore[arg-type]
+        cell_for(ideal("arc"), free_stroke(tool_pose(0, -0.5, 0.2)), controller=Stubborn())  # type: ignore[arg-type]
 
 
 def test_a_spindle_is_to_be_seen_five_times_a_turn() -> None:

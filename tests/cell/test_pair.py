@@ -35,11 +35,11 @@ from tests.cell.cells import (
     TOUCH,
     EachStep,
     along_tool,
-    free_job,
+    free_stroke,
     ideal,
     joints_at,
     part_under,
-    pressing_job,
+    pressing_stroke,
     tool_pose,
 )
 from tests.cell.fields import plane
@@ -82,7 +82,7 @@ def pair_cell(master: MasterRows, host_arm: HostArm | None = None) -> PairCell:
     part = part._replace(rotation=np.ascontiguousarray(T[:3, :3]), position=T[:3, 3].copy())
     scenario = ideal("arc", EVERY_STEP)
     return PairCell(
-        scenario, scene(), part, [free_job(TOOL, hold=1.2)], joints_at(TOOL), build_controller(scenario.controller),
+        scenario, scene(), part, [free_stroke(TOOL, hold=1.2)], joints_at(TOOL), build_controller(scenario.controller),
         np.random.default_rng(0), None, master, host_arm,
     )  # fmt: skip
 
@@ -206,7 +206,7 @@ def pressed_cell(
     scenario = ideal("force", EVERY_STEP, "controller.name=position", "pad.friction=0", *changes)
     start = joints_at(along_tool(TOUCH, z=-0.005))
     cell = PairCell(
-        scenario, scene(), part, [pressing_job(hold=1.2, lift=lift)], start, build_controller(scenario.controller),
+        scenario, scene(), part, [pressing_stroke(hold=1.2, lift=lift)], start, build_controller(scenario.controller),
         np.random.default_rng(0), None, master,
     )  # fmt: skip
     return cell.run(EachStep(look) if look else None)
@@ -360,7 +360,7 @@ def test_a_host_computes_with_its_table_where_the_arms_have_another() -> None:
     part = no_part()._replace(rotation=np.ascontiguousarray(master.T_base_work[:3, :3]))
     scenario = ideal("arc", EVERY_STEP)
     cell = PairCell(
-        scenario, bent_scene(), part, [free_job(TOOL, hold=0.3)], joints_at(TOOL),
+        scenario, bent_scene(), part, [free_stroke(TOOL, hold=0.3)], joints_at(TOOL),
         build_controller(scenario.controller), np.random.default_rng(0), None, master, nominal_host(),
     )  # fmt: skip
     tool = cell.host_arm.T_flange_end

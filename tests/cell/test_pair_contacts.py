@@ -21,7 +21,7 @@ from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_sce
 from polish_sim.geometry import PartMesh, part_from_arrays
 from polish_sim.motion import forward
 from polish_sim.spatial import from_pose, inverse, transform
-from tests.cell.cells import EVERY_STEP, along_tool, free_job, ideal, joints_at, tool_pose
+from tests.cell.cells import EVERY_STEP, along_tool, free_stroke, ideal, joints_at, tool_pose
 
 Array = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ def test_the_run_stops_when_the_pad_is_driven_into_the_gripper() -> None:
     scenario = ideal("arc", EVERY_STEP)
     part = no_part()._replace(rotation=np.ascontiguousarray(T[:3, :3]), position=T[:3, 3].copy())
     cell = PairCell(
-        scenario, scene(T_follower_master, None), part, [free_job(TOOL, along_tool(TOOL, z=0.02), feed=0.02)],
+        scenario, scene(T_follower_master, None), part, [free_stroke(TOOL, along_tool(TOOL, z=0.02), feed=0.02)],
         joints_at(TOOL), build_controller(scenario.controller), np.random.default_rng(0), None, rest,
     )  # fmt: skip
     run = cell.run()

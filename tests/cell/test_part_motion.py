@@ -11,7 +11,7 @@ import pytest
 from polish_sim.cell import CellRun
 from polish_sim.cell.real_part import SHIFT_SPEED, build_part_motion, move_part
 from polish_sim.config import PartConfig
-from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_job
+from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_stroke
 from tests.cell.fields import plane
 from tests.cell.pressing import Array
 
@@ -22,7 +22,7 @@ def swinging(amplitude: float, frequency: float, *changes: str) -> CellRun:
     """Hold 20 N on a plane that moves along its normal."""
     motion = [f"part.motion_m={amplitude}", f"part.motion_hz={frequency}"]
     scenario = ideal("force", EVERY_STEP, *motion, *changes)
-    return cell_for(scenario, pressing_job(hold=4.0), part=part_under(plane())).run()
+    return cell_for(scenario, pressing_stroke(hold=4.0), part=part_under(plane())).run()
 
 
 def phasor(run: CellRun, frequency: float, turns: int) -> complex:
@@ -62,7 +62,7 @@ def test_the_trace_says_where_the_part_was() -> None:
 
 def test_the_callers_part_stays_where_it_is() -> None:
     part = part_under(plane())
-    cell_for(ideal("force", "part.motion_m=0.001"), pressing_job(hold=1.0), part=part).run()
+    cell_for(ideal("force", "part.motion_m=0.001"), pressing_stroke(hold=1.0), part=part).run()
     np.testing.assert_allclose(part.position, part_under(plane()).position, atol=0.0)
 
 

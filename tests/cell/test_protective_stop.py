@@ -15,11 +15,11 @@ from tests.cell.cells import (
     TOUCH,
     along_tool,
     cell_for,
-    free_job,
+    free_stroke,
     ideal,
     joints_at,
     part_under,
-    pressing_job,
+    pressing_stroke,
     tool_pose,
     way_through,
 )
@@ -32,7 +32,7 @@ DT = 0.001
 def stopped_run(*changes: str) -> CellRun:
     """Press 20 N on a plane until the sensor's reading is lost, half a second after contact."""
     scenario = ideal("force", EVERY_STEP, "faults.events=sensor-dropout@contact+0.5", *changes)
-    return cell_for(scenario, pressing_job(hold=2.0), part=part_under(plane())).run()
+    return cell_for(scenario, pressing_stroke(hold=2.0), part=part_under(plane())).run()
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_the_braking_distance_is_v_squared_over_twice_the_deceleration(speed: fl
     scenario = ideal(
         "arc", EVERY_STEP, "faults.events=controller-nan@1.4", f"safety.stop_deceleration_m_s2={deceleration}"
     )
-    run = cell_for(scenario, free_job(*poses, feed=speed)).run()
+    run = cell_for(scenario, free_stroke(*poses, feed=speed)).run()
     way = run.trace.tcp_position_m[after(run)]
     gone = float(np.linalg.norm(way[-1] - way[0]))
     assert gone == pytest.approx(speed * 0.004 + speed**2 / (2.0 * deceleration), rel=0.1, abs=3e-4)
@@ -115,7 +115,7 @@ class Insane:
 def test_a_stopped_robot_does_not_ask_the_controller_any_more() -> None:
     law = Insane()
     run = cell_for(
-        ideal("force", EVERY_STEP), pressing_job(height=0.03), part=part_under(plane()), controller=law
+        ideal("force", EVERY_STEP), pressing_stroke(height=0.03), part=part_under(plane()), controller=law
     ).run()
     assert run.stop_reason is not None
     assert run.stop_reason.startswith(f"{REASONS[12.0]}: RuntimeError: broken (test_protective_stop.py, line ")
@@ -126,7 +126,7 @@ def test_a_stopped_robot_does_not_ask_the_controller_any_more() -> None:
 
 def test_a_host_that_falls_silent_is_noticed_by_the_robot_when_its_last_command_runs_out() -> None:
     scenario = ideal("force", EVERY_STEP, "faults.events=command-lost@contact+0.5")
-    run = cell_for(scenario, pressing_job(hold=2.0), part=part_under(plane())).run()
+    run = cell_for(scenario, pressing_stroke(hold=2.0), part=part_under(plane())).run()
     assert run.stop_reason == REASONS[SILENT_HOST]
     assert run.safety.fault_to_stop_s == pytest.approx(0.1 + 0.006, abs=0.003)
     assert run.safety.retracted is True
@@ -135,7 +135,7 @@ def test_a_host_that_falls_silent_is_noticed_by_the_robot_when_its_last_command_
 def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can() -> None:
     """The shoulder or elbow range is cut to what the retract of 30 mm would need half of."""
     scenario = ideal("force", EVERY_STEP, "faults.events=sensor-dropout@contact+0.5")
-    cell = cell_for(scenario, pressing_job(hold=2.0), part=part_under(plane()))
+    cell = cell_for(scenario, pressing_stroke(hold=2.0), part=part_under(plane()))
     pressed, lifted = joints_at(tool_pose(0.0, -0.5, 0.096)), joints_at(tool_pose(0.0, -0.5, 0.112))
     joint = int(np.argmax(np.abs(lifted - pressed)))
     limits = cell.state.speedl.highest if lifted[joint] > pressed[joint] else cell.state.speedl.lowest
@@ -150,7 +150,7 @@ def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can() -> None:
 
 def test_the_sensor_is_zeroed_again_before_a_stroke_if_it_is_to_be() -> None:
     above, way_down = along_tool(TOUCH, z=-0.01), along_tool(TOUCH, z=-0.005)
-    first = pressing_job(hold=0.5, lift=0.01)
+    first = pressing_stroke(hold=0.5, lift=0.01)
     second = first._replace(travel=way_through(above, way_down))
     part, drift, last = part_under(plane()), 0.2, {}
     for retare in (False, True):

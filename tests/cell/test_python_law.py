@@ -11,7 +11,7 @@ import pytest
 
 from polish_sim.cell import CellRun, RealPart, Silent
 from polish_sim.log import RunLog
-from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_job
+from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_stroke
 from tests.cell.fields import plane
 
 WRAPS = """
@@ -52,7 +52,7 @@ def run_with(flat: RealPart, folder: Path, source: str, *changes: str) -> CellRu
     path.write_text(source, encoding="utf-8")
     noisy = ["sensor.force_noise_n=0.5", "sensor.force_bias_n=2"]
     scenario = ideal("force", EVERY_STEP, *noisy, f"controller.name={path}:Mine", *changes)
-    return cell_for(scenario, pressing_job(slide=0.004, lift=0.005), part=flat).run()
+    return cell_for(scenario, pressing_stroke(slide=0.004, lift=0.005), part=flat).run()
 
 
 def same(one: RunLog, other: RunLog) -> bool:
@@ -69,7 +69,7 @@ def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(
     scenario = ideal(
         "force", EVERY_STEP, "sensor.force_noise_n=0.5", "sensor.force_bias_n=2", f"controller.name={name}", cycle
     )
-    shipped = cell_for(scenario, pressing_job(slide=0.004, lift=0.005), part=flat).run()
+    shipped = cell_for(scenario, pressing_stroke(slide=0.004, lift=0.005), part=flat).run()
     assert mine.stop_reason is None
     assert same(mine.log, shipped.log)
 
@@ -121,7 +121,7 @@ def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_t
             return np.zeros(6)
 
     watch = Watch()
-    cell = cell_for(ideal("force", "simulation.control_every=4"), pressing_job(), part=flat, controller=watch)
+    cell = cell_for(ideal("force", "simulation.control_every=4"), pressing_stroke(), part=flat, controller=watch)
     run = cell.run()
     times, cycles = np.array(calls).T
     assert watch.cycle_s == 0.004
@@ -140,7 +140,7 @@ def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error(flat: RealPart)
                 raise KeyboardInterrupt
             return np.zeros(6)
 
-    run = cell_for(ideal("force"), pressing_job(), part=flat, controller=Hand()).run()
+    run = cell_for(ideal("force"), pressing_stroke(), part=flat, controller=Hand()).run()
     assert run.interrupted
     assert run.stop_reason is None
     assert run.steps == 502
@@ -171,7 +171,7 @@ def test_a_controller_that_loops_for_ever_is_stopped_by_ctrl_c_and_the_run_is_ke
             said.append(text)
 
     before = signal.getsignal(signal.SIGINT)
-    run = cell_for(ideal("force"), pressing_job(), part=flat, controller=Stuck()).run(Listening())
+    run = cell_for(ideal("force"), pressing_stroke(), part=flat, controller=Stuck()).run(Listening())
     assert said == ["stopping at the next cycle; Ctrl-C again to abort"]
     assert run.interrupted
     assert run.stop_reason is None

@@ -15,7 +15,7 @@ from polish_sim.config import PartConfig
 from polish_sim.geometry import Surface, field_distance
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.spatial import apply, transform
-from tests.cell.cells import cell_for, free_job, housing_vertices, ideal, tool_pose
+from tests.cell.cells import cell_for, free_stroke, housing_vertices, ideal, tool_pose
 from tests.cell.pressing import DOWN, PAD, press
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -123,7 +123,7 @@ def test_the_whole_part_is_there_for_the_crash_check_not_just_where_the_pad_goes
 def test_a_housing_driven_into_a_thin_sheet_standing_beside_the_path_is_stopped(sheet: Surface) -> None:
     upright = Rotation.from_rotvec([0.0, np.pi / 2.0, 0.0]).as_matrix()
     part = real(sheet, TRUE)._replace(rotation=upright, position=np.array([0.1, -0.5, 0.3]))
-    cell = cell_for(ideal("arc"), free_job(tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)), part=part)
+    cell = cell_for(ideal("arc"), free_stroke(tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)), part=part)
     assert cell.run().stop_reason == REASONS[CRASH]
     mujoco.mj_kinematics(cell.model, cell.data)
     vertices = housing_vertices(cell.model, cell.data)

@@ -15,11 +15,11 @@ from tests.cell.cells import (
     EachStep,
     along_tool,
     cell_for,
-    free_job,
+    free_stroke,
     ideal,
     part_under,
     path_through,
-    pressing_job,
+    pressing_stroke,
     tool_pose,
 )
 from tests.cell.fields import plane, sphere
@@ -75,7 +75,7 @@ def watched(cell: Any) -> tuple[NewtonEuler, CellRun]:
 
 def test_moving_in_free_space_the_sensor_reads_m_a_minus_g_at_every_instant() -> None:
     poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.06, -0.45, 0.25, (0.3, -0.2, 0.4)), tool_pose(0.1, -0.5, 0.2)
-    look, run = watched(cell_for(ideal("arc", EVERY_STEP), free_job(*poses, feed=0.2)))
+    look, run = watched(cell_for(ideal("arc", EVERY_STEP), free_stroke(*poses, feed=0.2)))
     assert run.trace.tcp_speed_m_s.max() > 0.15
     assert np.max(look.worst) < 1e-9
 
@@ -93,8 +93,8 @@ class Chirp:
 
 def test_shaken_in_free_space_the_tool_weighs_2_kg() -> None:
     """m of reading = m (a - g), a from the tool's logged places: nothing of the engine's accelerations."""
-    job = free_job(tool_pose(0.0, -0.5, 0.2), hold=2.5)
-    run = cell_for(ideal("arc", EVERY_STEP, "robot.linear_acceleration_m_s2=20"), job, controller=Chirp()).run()
+    stroke = free_stroke(tool_pose(0.0, -0.5, 0.2), hold=2.5)
+    run = cell_for(ideal("arc", EVERY_STEP, "robot.linear_acceleration_m_s2=20"), stroke, controller=Chirp()).run()
     height = run.trace.tcp_position_m[:, 2]
     acceleration = np.diff(height, 2) / 1e-6
     felt = -run.log["wrench_raw_sensor"][1:-1, 2].astype(float) - 2.0 * 9.81  # tool z looks down
@@ -108,7 +108,7 @@ def test_shaken_in_free_space_the_tool_weighs_2_kg() -> None:
 @pytest.mark.parametrize("rpm", [0, 6000])
 def test_pressing_and_sliding_it_reads_that_minus_the_contact_at_every_instant(rpm: int) -> None:
     scenario = ideal("force", EVERY_STEP, f"spindle.speed_rpm={rpm}", "sensor.force_noise_n=0.5")
-    look, run = watched(cell_for(scenario, pressing_job(slide=0.005, lift=0.01), part=part_under(sphere(0.1))))
+    look, run = watched(cell_for(scenario, pressing_stroke(slide=0.005, lift=0.01), part=part_under(sphere(0.1))))
     assert run.stop_reason is None
     loads = np.array(look.loads)
     assert loads[:, 2].max() > 10.0
@@ -119,7 +119,7 @@ def test_pressing_and_sliding_it_reads_that_minus_the_contact_at_every_instant(r
 def pressed() -> CellRun:
     """A biased but noiseless sensor while pressing on a plane."""
     scenario = ideal("force", EVERY_STEP, "sensor.force_bias_n=5", "sensor.torque_bias_nm=0.2")
-    return cell_for(scenario, pressing_job(hold=1.5, lift=0.01), part=part_under(plane())).run()
+    return cell_for(scenario, pressing_stroke(hold=1.5, lift=0.01), part=part_under(plane())).run()
 
 
 def test_the_log_keeps_the_exact_wrench_not_the_biased_reading(pressed: CellRun) -> None:
@@ -147,7 +147,7 @@ def test_with_the_bias_tared_the_force_comes_to_20_newton_and_is_measured_so(pre
 def test_the_host_sees_the_wrench_as_late_as_the_sensor_says(latency_ms: int) -> None:
     """Without filter and bias the measured force is the exact sensor wrench of so many milliseconds ago."""
     scenario = ideal("force", EVERY_STEP, "sensor.bandwidth_hz=0", f"sensor.latency_s={latency_ms * 1e-3}")
-    run = cell_for(scenario, pressing_job(hold=1.0), part=part_under(plane())).run()
+    run = cell_for(scenario, pressing_stroke(hold=1.0), part=part_under(plane())).run()
     late = latency_ms
     raw, measured = run.log["wrench_raw_sensor"][:, 2], run.log["wrench_measured_tool"][:, 2]
     offset = measured[500] - raw[500 - late]  # weight and tare
@@ -162,12 +162,14 @@ def test_a_wrongly_believed_tool_mass_shows_by_how_far_the_tool_has_turned_since
         (TOUCH, 20.0),
         (tool_pose(0.0, -0.5, 0.1, (lean, 0, 0)), 20.0 - surplus * (1 - np.cos(lean))),
     ):
-        job = pressing_job(hold=1.5)
-        job = job._replace(lead_in=path_through(along_tool(start, z=-0.02), TOUCH))
-        run = cell_for(ideal("force", "sensor.payload_mass_error=0.2"), job, part=part_under(plane())).run()
+        stroke = pressing_stroke(hold=1.5)
+        stroke = stroke._replace(lead_in=path_through(along_tool(start, z=-0.02), TOUCH))
+        run = cell_for(ideal("force", "sensor.payload_mass_error=0.2"), stroke, part=part_under(plane())).run()
         assert run.trace.normal_force_n[-1] == pytest.approx(expected, abs=0.1)
 
 
 def test_a_wrong_payload_in_the_robot_makes_the_arm_sag_not_the_force_err() -> None:
-    run = cell_for(ideal("force", "robot.payload_error=-0.5"), pressing_job(hold=1.5), part=part_under(plane())).run()
+    run = cell_for(
+        ideal("force", "robot.payload_error=-0.5"), pressing_stroke(hold=1.5), part=part_under(plane())
+    ).run()
     assert run.trace.normal_force_n[-1] == pytest.approx(20.0, abs=0.15)

@@ -13,7 +13,7 @@ from tests.cell.cells import (
     cell_for,
     ideal,
     part_under,
-    pressing_job,
+    pressing_stroke,
     tool_pose,
     way_through,
 )
@@ -24,8 +24,8 @@ HEIGHT, SLIDE, LIFT = 0.02, 0.015, 0.01  # [m]
 
 @pytest.fixture(scope="module")
 def run() -> CellRun:
-    job = pressing_job(height=HEIGHT, slide=SLIDE, hold=0.5, lift=LIFT)
-    return cell_for(ideal("force", EVERY_STEP), job, part=part_under(plane())).run()
+    stroke = pressing_stroke(height=HEIGHT, slide=SLIDE, hold=0.5, lift=LIFT)
+    return cell_for(ideal("force", EVERY_STEP), stroke, part=part_under(plane())).run()
 
 
 def column(run: CellRun, name: str) -> np.ndarray:
@@ -94,7 +94,7 @@ def test_the_target_never_jumps(run: CellRun) -> None:
 def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought() -> None:
     for offset in (0.004, -0.004):
         part = part_under(plane(), along_tool(TOUCH, z=-offset))
-        run = cell_for(ideal("force"), pressing_job(height=HEIGHT, hold=1.5), part=part).run()
+        run = cell_for(ideal("force"), pressing_stroke(height=HEIGHT, hold=1.5), part=part).run()
         assert run.stop_reason is None
         first = int(np.argmax(run.trace.phase == 1))
         assert run.trace.tcp_position_m[first, 2] - TOUCH[2, 3] == pytest.approx(offset, abs=2e-4)
@@ -102,8 +102,8 @@ def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought() ->
 
 
 def test_the_feed_time_ends_the_feed_early() -> None:
-    job = pressing_job(slide=0.03)._replace(feed_time=1.0)
-    run = cell_for(ideal("force", EVERY_STEP), job, part=part_under(plane())).run()
+    stroke = pressing_stroke(slide=0.03)._replace(feed_time=1.0)
+    run = cell_for(ideal("force", EVERY_STEP), stroke, part=part_under(plane())).run()
     assert span(run, 2) == pytest.approx(1.0, abs=0.002)
     ramps = 0.5 * (0.01 / 0.05 + 0.04) + 0.5 * (0.01 / 0.2 + 0.04)  # up, and down again before the time is over
     assert run.trace.path_s_m[-1] == pytest.approx(0.01 * (1.0 - ramps), abs=1e-4)
@@ -113,7 +113,7 @@ def test_the_feed_time_ends_the_feed_early() -> None:
 
 def test_two_strokes_follow_each_other_through_free_space() -> None:
     second_touch = tool_pose(0.03, -0.48, 0.1)
-    first, second = pressing_job(hold=0.5, lift=LIFT), pressing_job(second_touch, hold=0.5, lift=LIFT)
+    first, second = pressing_stroke(hold=0.5, lift=LIFT), pressing_stroke(second_touch, hold=0.5, lift=LIFT)
     above = along_tool(TOUCH, z=-LIFT)
     second = second._replace(travel=way_through(above, along_tool(second_touch, z=-0.005)), start_s=0.1)
     run = cell_for(ideal("force", EVERY_STEP), first, second, part=part_under(plane())).run()

@@ -18,7 +18,7 @@ from polish_sim.cell.speedl import (
 )
 from polish_sim.config import RobotConfig, Scenario
 from polish_sim.motion import JOINT_LIMITS, jacobian
-from tests.cell.cells import EVERY_STEP, cell_for, free_job, ideal, joints_at, tool_pose
+from tests.cell.cells import EVERY_STEP, cell_for, free_stroke, ideal, joints_at, tool_pose
 from tests.cell.pressing import Array
 
 DT = 0.001
@@ -178,7 +178,7 @@ def test_near_a_singularity_joint_speeds_stay_bounded() -> None:
 def test_in_a_run_the_commanded_twist_keeps_the_limits_at_every_step() -> None:
     scenario = ideal("arc", EVERY_STEP, "robot.linear_acceleration_m_s2=0.1", "robot.angular_acceleration_rad_s2=0.2")
     poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.05, -0.5, 0.2, (0.0, 0.4, 0.0)), tool_pose(0.05, -0.45, 0.2)
-    run = cell_for(scenario, free_job(*poses, feed=0.1, hold=1.0)).run()
+    run = cell_for(scenario, free_stroke(*poses, feed=0.1, hold=1.0)).run()
     twist = run.log["command_twist"].astype(float)
     steps = np.diff(twist, axis=0) / DT
     assert np.linalg.norm(steps[:, :3], axis=1).max() == pytest.approx(0.1, rel=1e-3)
@@ -188,7 +188,7 @@ def test_in_a_run_the_commanded_twist_keeps_the_limits_at_every_step() -> None:
 def test_in_a_run_the_joints_follow_the_integrated_speeds_and_the_tool_its_target() -> None:
     scenario = ideal("arc", EVERY_STEP)
     poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.08, -0.45, 0.15, (0.2, 0.1, 0.0))
-    run = cell_for(scenario, free_job(*poses, feed=0.02, hold=1.0)).run()
+    run = cell_for(scenario, free_stroke(*poses, feed=0.02, hold=1.0)).run()
     assert run.stop_reason is None
     assert run.trace.position_error_m[-1] < 5e-5
     assert run.trace.orientation_error_rad[-1] < 5e-4

@@ -10,7 +10,7 @@ import pytest
 from polish_sim.cell import CellRun
 from polish_sim.cell.contact import RUN_DOWN_S, build_spindle, pull_of_imbalance, turn_spindle
 from polish_sim.config import SpindleConfig
-from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_job
+from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_stroke
 from tests.cell.fields import plane
 from tests.cell.pressing import Array
 
@@ -56,7 +56,7 @@ def test_without_its_drive_it_runs_down_evenly_and_the_pull_falls_with_the_squar
 
 def pressing(*changes: str) -> CellRun:
     scenario = ideal("force", EVERY_STEP, "spindle.speed_rpm=6000", *changes)
-    return cell_for(scenario, pressing_job(hold=1.2), part=part_under(plane())).run()
+    return cell_for(scenario, pressing_stroke(hold=1.2), part=part_under(plane())).run()
 
 
 def line(signal: Array, frequency: float) -> float:

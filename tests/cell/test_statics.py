@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.experiments import RunResult, run_experiment
-from tests.cell.cells import EVERY_STEP, TOUCH, cell_for, ideal, part_under, pressing_job, tool_pose
+from tests.cell.cells import EVERY_STEP, TOUCH, cell_for, ideal, part_under, pressing_stroke, tool_pose
 from tests.cell.fields import plane
 from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, foundation, working_depth
 
@@ -62,7 +62,7 @@ def test_position_control_does_not_notice_a_part_a_millimetre_off() -> None:
 def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant() -> None:
     """Without damping and friction it is k d of the pad's own depth; a step later it would be 0.1 N off on approach."""
     scenario = ideal("force", EVERY_STEP, "pad.damping_s_m=0", "pad.friction=0")
-    run = cell_for(scenario, pressing_job(hold=0.5, lift=0.01), part=part_under(plane())).run()
+    run = cell_for(scenario, pressing_stroke(hold=0.5, lift=0.01), part=part_under(plane())).run()
     tool, travel = run.log["tcp_position_m"], np.asarray(run.log["pad_travel_m"], dtype=float)
     frames = Rotation.from_quat(np.asarray(run.log["tcp_quaternion_wxyz"], dtype=float), scalar_first=True)
     pad_height = (tool - travel[:, None] * frames.apply([0.0, 0.0, 1.0]))[:, 2] - TOUCH[2, 3]
@@ -75,7 +75,7 @@ def test_on_a_leaning_plane_arm_spring_and_sensor_agree_with_the_closed_form_in_
     """Pushed aside by the plane, the pad's force has a lever about the tool point and about the head's centre."""
     leaning = tool_pose(0.0, -0.5, 0.1, (0.05, -0.03, 0.0))
     scenario = ideal("force", EVERY_STEP, "controller.name=position", "pad.friction=0")
-    run = cell_for(scenario, pressing_job(hold=2.0), part=part_under(plane(), leaning)).run()
+    run = cell_for(scenario, pressing_stroke(hold=2.0), part=part_under(plane(), leaning)).run()
     tool, frame = (
         run.log["tcp_position_m"][-1],
         Rotation.from_quat(run.log["tcp_quaternion_wxyz"][-1], scalar_first=True),

@@ -9,17 +9,17 @@ from scipy.spatial.transform import Rotation
 from polish_sim.cell import CellRun
 from polish_sim.control import CONTROLLERS
 from polish_sim.spatial import transform
-from tests.cell.cells import EVERY_STEP, TOUCH, along_tool, cell_for, ideal, joints_at, part_under, pressing_job
+from tests.cell.cells import EVERY_STEP, TOUCH, along_tool, cell_for, ideal, joints_at, part_under, pressing_stroke
 from tests.cell.fields import sphere
 
 
 def run_turned(angle: float, controller: str) -> CellRun:
     """Press on a ball that lies 2 mm aside and 1 mm low, and slide over it, with noise and spindle on."""
     turn = transform(Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix(), np.zeros(3))
-    job = pressing_job(turn @ TOUCH, slide=0.01, lift=0.005)
+    stroke = pressing_stroke(turn @ TOUCH, slide=0.01, lift=0.005)
     part = part_under(sphere(0.1), turn @ along_tool(TOUCH, x=0.002, y=0.001, z=0.001))
     noise = ["sensor.force_noise_n=0.5", "sensor.force_bias_n=3", "spindle.speed_rpm=6000"]
-    cell = cell_for(ideal("force", EVERY_STEP, f"controller.name={controller}", *noise), job, part=part)
+    cell = cell_for(ideal("force", EVERY_STEP, f"controller.name={controller}", *noise), stroke, part=part)
     straight = joints_at(along_tool(TOUCH, z=-0.005))
     np.testing.assert_allclose(cell.data.qpos[:6] - straight, [angle, 0, 0, 0, 0, 0], atol=1e-9)
     return cell.run()

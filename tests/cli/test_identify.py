@@ -14,11 +14,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.cell.read_chain import read_chain
 from polish_sim.cli.identify import asked_of, simulated
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import MotionLimits
 from polish_sim.identification.regressor import TorqueModel
+from polish_sim.identification.robot_model import read_chain
 from polish_sim.identification.settings import IDENTIFY, IdentifySettings
 from polish_sim.motion.serial_chain import link_parameters
 from tests.identification.chains import ODD

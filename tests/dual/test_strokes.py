@@ -39,8 +39,8 @@ def square() -> ToolPath:
 
 def motion_of(path: ToolPath, *changes: str) -> TimedPath:
     placed = PlacedTool(np.eye(4), np.tile(np.diag([1.0, -1.0, -1.0]), (len(path.s), 1, 1)), None)
-    (job,) = pair_strokes(scenario(*changes), path, placed)
-    return job.motion
+    (stroke,) = pair_strokes(scenario(*changes), path, placed)
+    return stroke.motion
 
 
 def test_above_the_part_corners_are_slowed_for_and_passed_within_the_tolerance() -> None:

@@ -19,7 +19,7 @@ from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.payload import believe_tool, readings_at_rest
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS
 from polish_sim.scenario_file import override
-from tests.cell.cells import IDEAL_SENSOR, cell_for, free_job, tool_pose
+from tests.cell.cells import IDEAL_SENSOR, cell_for, free_stroke, tool_pose
 
 HERE = tool_pose(0.0, -0.5, 0.3)
 
@@ -86,7 +86,7 @@ def test_the_way_through_the_poses_touches_nothing_and_stays_clear_of_the_table(
 
 def test_readings_at_rest_are_those_of_the_moving_cell_up_to_noise(calibrated: PayloadCalibration) -> None:
     """What every run does without moving the arm, and what the arm does: the same tool, the same accuracy."""
-    cell = cell_for(PAYLOAD_SCENARIO, free_job(HERE))
+    cell = cell_for(PAYLOAD_SCENARIO, free_stroke(HERE))
     readings = readings_at_rest(cell, np.random.default_rng(0))
     exact = weight_of(cell.carried, readings.R_base_sensor) + cell.sensor.bias
     noise = readings.wrenches - exact
@@ -99,7 +99,7 @@ def test_readings_at_rest_are_those_of_the_moving_cell_up_to_noise(calibrated: P
 def test_the_belief_of_a_run_is_as_good_as_the_calibration() -> None:
     errors = []
     for seed in range(20):
-        cell = cell_for(override(default_scenario("force"), [f"seed={seed}"]), free_job(HERE))
+        cell = cell_for(override(default_scenario("force"), [f"seed={seed}"]), free_stroke(HERE))
         believe_tool(cell, random_streams(seed)[PAYLOAD_STREAM])
         errors.append(cell.payload_errors)
     mass, center = np.array(errors).T
@@ -110,7 +110,7 @@ def test_the_belief_of_a_run_is_as_good_as_the_calibration() -> None:
 
 def test_a_planted_mass_error_comes_on_top_of_the_calibration() -> None:
     scenario = override(default_scenario("force"), [*IDEAL_SENSOR, "sensor.payload_mass_error=0.2"])
-    cell = cell_for(scenario, free_job(HERE))
+    cell = cell_for(scenario, free_stroke(HERE))
     believe_tool(cell, np.random.default_rng(0))
     assert cell.payload_errors.payload_mass_error_kg == pytest.approx(0.2 * cell.carried.mass, rel=1e-6)
 
@@ -118,7 +118,7 @@ def test_a_planted_mass_error_comes_on_top_of_the_calibration() -> None:
 def test_a_run_believes_the_file_it_is_given(calibrated: PayloadCalibration, tmp_path: Path) -> None:
     file = tmp_path / "calibration.toml"
     write_calibration(file, calibrated.estimate)
-    cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_job(HERE))
+    cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_stroke(HERE))
     believe_tool(cell, np.random.default_rng(0))
     assert cell.kernel.payload.mass == calibrated.estimate.mass
     np.testing.assert_array_equal(cell.kernel.payload.center, calibrated.estimate.center)
@@ -139,7 +139,7 @@ def test_a_run_believes_the_file_it_is_given(calibrated: PayloadCalibration, tmp
 def test_a_file_that_is_no_calibration_is_refused(tmp_path: Path, text: str, said: str) -> None:
     file = tmp_path / "calibration.toml"
     file.write_text(text, encoding="utf-8")
-    cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_job(HERE))
+    cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_stroke(HERE))
     with pytest.raises(InputError, match=said.replace("[", r"\[")):
         believe_tool(cell, np.random.default_rng(0))
 

@@ -13,7 +13,7 @@ from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.log import RunLog, read_log, write_log
 from polish_sim.planning import PlanResult
 from polish_sim.scenario_file import load_scenario, override, to_toml
-from tests.cell.cells import along_tool, cell_for, part_under, pressing_job, tool_pose, way_through
+from tests.cell.cells import along_tool, cell_for, part_under, pressing_stroke, tool_pose, way_through
 from tests.cell.fields import plane
 
 Cap = tuple[Scenario, PlanResult]
@@ -67,8 +67,10 @@ def test_nor_does_it_when_strokes_follow_each_other(every_s: float) -> None:
 
     second = tool_pose(0.02, -0.5, 0.1)
     way = way_through(along_tool(tool_pose(0.0, -0.5, 0.1), z=-0.005), along_tool(second, z=-0.005))
-    jobs = pressing_job(hold=0.3, lift=0.005), pressing_job(second, hold=0.3, lift=0.005)._replace(travel=way)
-    runs = [cell_for(default_scenario("force"), *jobs, part=part_under(plane())).run(who) for who in (None, Onlooker())]
+    strokes = pressing_stroke(hold=0.3, lift=0.005), pressing_stroke(second, hold=0.3, lift=0.005)._replace(travel=way)
+    runs = [
+        cell_for(default_scenario("force"), *strokes, part=part_under(plane())).run(who) for who in (None, Onlooker())
+    ]
     assert runs[0].stop_reason is None
     assert same(runs[0].log, runs[1].log)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from polish_sim.cell import Job
+from polish_sim.cell import Stroke
 from polish_sim.config import PartConfig, PlanConfig, Scenario
 from polish_sim.experiments.part_setup import polishing_strokes
 from polish_sim.experiments.placement import Reach
@@ -33,7 +33,7 @@ def islands(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
     return plan_part(PartConfig(str(file), up="z"), plan)
 
 
-def strokes(plan: PlanResult, force: np.ndarray | None = None) -> list[Job]:
+def strokes(plan: PlanResult, force: np.ndarray | None = None) -> list[Stroke]:
     return polishing_strokes(Scenario(), replace(plan.path, force=force), REACH, 0.0, LIFT)
 
 
@@ -55,6 +55,6 @@ def test_the_travel_begins_where_the_lift_ends_and_ends_where_the_way_down_begin
 
 def test_a_path_that_presses_harder_at_its_end_is_lifted_to_the_same_height(islands: PlanResult) -> None:
     force = np.interp(islands.path.s, [0.0, islands.path.s[-1]], [10.0, 60.0])
-    for job in strokes(islands, force):
-        end = job.process.positions[-1, 2] + job.lift + job.depth
+    for stroke in strokes(islands, force):
+        end = stroke.process.positions[-1, 2] + stroke.lift + stroke.depth
         assert end == pytest.approx(PLACE[2] + 0.015 + LIFT, abs=1e-6)

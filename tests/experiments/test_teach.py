@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.cell.read_chain import own_parameters
 from polish_sim.config import GuideConfig, HandConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
@@ -20,6 +19,7 @@ from polish_sim.hand_guiding.law import MODES
 from polish_sim.hand_guiding.teach import PlayedMove, figures_of_moves, minimum_jerk, move_table, moves_of
 from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
+from polish_sim.identification.robot_model import own_parameters
 
 GRIP = {"turn_stiffness_nm_rad": 30.0, "turn_damping_nm_s_rad": 10.0}
 

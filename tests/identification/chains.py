@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.cell.read_chain import read_chain
+from polish_sim.identification.robot_model import read_chain
 from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import SerialChain
 

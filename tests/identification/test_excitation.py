@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from polish_sim.cell.playback import RobotClearance
 from polish_sim.identification.excitation import (
     OBJECTIVES,
     ExcitationTask,
@@ -19,6 +18,7 @@ from polish_sim.identification.excitation import (
 )
 from polish_sim.identification.fourier import Clearance, fit_fourier, started_and_stopped
 from polish_sim.identification.regressor import States
+from polish_sim.identification.robot_model import RobotClearance
 from tests.identification.chains import arm_model
 from tests.identification.motions import LIMITS, SIGMA, known_robot
 

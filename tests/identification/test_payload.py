@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polish_sim.cell.playback import CarriedLoad, carry
-from polish_sim.cell.read_chain import read_chain
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.estimate import INTERVAL_95, sum_samples
 from polish_sim.identification.payload import Payload, body_of, fit_payload, fit_payload_on_known_arm
 from polish_sim.identification.physical import is_consistent
 from polish_sim.identification.regressor import States
+from polish_sim.identification.robot_model import CarriedLoad, carry, read_chain
 from polish_sim.motion.serial_chain import link_parameters
 from tests.identification.chains import ARM, arm_model
 from tests.identification.motions import known_robot, noisy

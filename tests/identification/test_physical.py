@@ -49,7 +49,7 @@ def test_every_fit_is_consistent_and_predicts_as_well_as_its_base_parameters() -
 
 def test_the_written_model_is_the_identified_one() -> None:
     mujoco = pytest.importorskip("mujoco")
-    from polish_sim.cell.read_chain import own_parameters
+    from polish_sim.identification.robot_model import own_parameters
 
     model = mujoco.MjModel.from_xml_string(identified_xml(ARM, IdentifiedJoints(1.1 * _own(), 0.5 * np.arange(6.0))))
     np.testing.assert_allclose(own_parameters(model, ARM), 1.1 * _own(), rtol=1e-5, atol=1e-6)
@@ -57,7 +57,7 @@ def test_the_written_model_is_the_identified_one() -> None:
 
 
 def _own() -> np.ndarray:
-    from polish_sim.cell.read_chain import own_parameters
+    from polish_sim.identification.robot_model import own_parameters
     from tests.identification.chains import arm_model
 
     return own_parameters(arm_model(), ARM)

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.cell.read_chain import read_chain
 from polish_sim.errors import InputError
 from polish_sim.identification.regressor import TorqueModel, random_states, regressor_derivatives, rigid_regressor
+from polish_sim.identification.robot_model import read_chain
 from polish_sim.models import robot_model_path
 from tests.identification.chains import ARM, arm_chain, arm_model, inverse_dynamics, odd_model
 

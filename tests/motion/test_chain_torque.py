@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.cell.read_chain import read_chain
 from polish_sim.errors import InputError
 from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.identification.regressor import TorqueModel, random_states
+from polish_sim.identification.robot_model import read_chain
 from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import chain_model, chain_torque
 

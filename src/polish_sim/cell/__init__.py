@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from polish_sim.cell.observer import Observer, Silent
     from polish_sim.cell.real_part import Touch, build_real_part, no_part
     from polish_sim.cell.scene import build_scene, tool_on_flange
-    from polish_sim.cell.stroke import Job
+    from polish_sim.cell.stroke import Stroke
     from polish_sim.cell.wrist_sensor import weight_of
 else:
     __getattr__ = names_on_use(__name__)
@@ -21,10 +21,10 @@ __all__ = [
     "FAULTS",
     "Cell",
     "CellRun",
-    "Job",
     "Observer",
     "RealPart",
     "Silent",
+    "Stroke",
     "Touch",
     "build_course",
     "build_pad",

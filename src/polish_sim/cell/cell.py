@@ -22,7 +22,7 @@ from polish_sim.cell.protective_stop import build_stop_motion
 from polish_sim.cell.real_part import build_part_motion
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
 from polish_sim.cell.speedl import build_request_line, build_speedl
-from polish_sim.cell.stroke import Job, begin_next_stroke, build_sequence, expected_duration
+from polish_sim.cell.stroke import Stroke, begin_next_stroke, build_sequence, expected_duration
 from polish_sim.cell.wrist_sensor import (
     Payload,
     SensorErrors,
@@ -94,7 +94,7 @@ class Cell:
         scenario: Scenario,
         model: mujoco.MjModel,
         part: RealPart,
-        strokes: Sequence[Job],
+        strokes: Sequence[Stroke],
         q_start: Array,
         controller: Controller,
         rng: np.random.Generator,
@@ -109,13 +109,13 @@ class Cell:
             raise ReachError(
                 f"the robot cannot start here: {self._touching()} touch. Move the part with --part-pose X,Y,Z,RX,RY,RZ."
             )
-        forces = [float(job.force.max()) for job in strokes if job.contact]
+        forces = [float(stroke.force.max()) for stroke in strokes if stroke.contact]
         force = max(forces, default=scenario.process.contact_force_n)
         check_step_limits(scenario, force, self._tangential_mass(), part.field.band)
         check_rates(scenario)
         self.carried: Payload = carried_payload(model, self.data, self.arm)
         events = parse_events(scenario.faults.events)
-        check_events(events, on_part=any(job.contact for job in strokes), two_robots=bool(self.arm))
+        check_events(events, on_part=any(stroke.contact for stroke in strokes), two_robots=bool(self.arm))
         self.faults = FaultClock(events)
         self._touched: str | None = None
         self.strokes = tuple(strokes)
@@ -216,7 +216,7 @@ class Cell:
         recorder = build_recorder(chunk, self._every, self.more_columns)
         rows: list[Array] = []
         traces: list[Array] = []
-        total = sum(expected_duration(job) for job in self.strokes)
+        total = sum(expected_duration(stroke) for stroke in self.strokes)
         started = time.perf_counter()
         draws = np.empty((0, DRAWS))
         with interrupts_noted(watcher) as interrupt:
@@ -224,7 +224,7 @@ class Cell:
                 if status.arrived:
                     status.arrived = False
                     begin_next_stroke(self.state.sequence)
-                self.kernel = self.kernel._replace(job=stroke)
+                self.kernel = self.kernel._replace(stroke=stroke)
                 while not (status.ended or status.arrived or interrupt.seen):
                     self.faults.inject_due(self.kernel)
                     steps = self.faults.steps_to_next(self.kernel, chunk)
@@ -293,13 +293,13 @@ class Cell:
         mobility = across @ np.linalg.solve(inertia, across.T)
         return float(1.0 / np.linalg.eigvalsh(mobility)[-1])
 
-    def _build_kernel(self, part: RealPart, job: Job, q_start: Array) -> CellKernel:
+    def _build_kernel(self, part: RealPart, stroke: Stroke, q_start: Array) -> CellKernel:
         scenario = self.scenario
         state = CellState(
             motion=build_part_motion(scenario.part, part), spindle=build_spindle(scenario.spindle),
             sensor=build_sensor(scenario.sensor, self.rng), payload=self.carried,
             speedl=build_speedl(scenario, q_start), sequence=build_sequence(), guards=build_guards(scenario),
-            stop=build_stop_motion(scenario, scenario.plan.clearance_m if job.contact else 0.0),
+            stop=build_stop_motion(scenario, scenario.plan.clearance_m if stroke.contact else 0.0),
             answer=Answer(feed=1.0),
         )  # fmt: skip
         nothing = np.zeros(8, np.uint8)
@@ -308,7 +308,7 @@ class Cell:
             build_pad(scenario.pad, scenario.head.spring_scale),
             # It may move; the caller's part must not.
             part._replace(position=part.position.copy(), rotation=part.rotation.copy()),
-            job,
+            stroke,
             crash_points(self.model, self.arm),
             build_sample_line(state.sensor),
             build_request_line(state.speedl),

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import build_pad
-from polish_sim.cell.stroke import Job
+from polish_sim.cell.stroke import Stroke
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Course
 from polish_sim.geometry.field_lookup import DistanceField, look_up
@@ -67,22 +67,22 @@ class _Statics(NamedTuple):
     tilt_stiffness: Array
 
 
-def build_course(scenario: Scenario, strokes: Sequence[Job], drawn: DistanceField, T_base_work: Array) -> Course:
+def build_course(scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceField, T_base_work: Array) -> Course:
     """Work out what force, springs, pad and the drawn part ask for along the whole path.
 
     Args:
         scenario: Force, head, pad, step-over.
-        strokes: The jobs of the path, all of it.
+        strokes: The strokes of the path, all of it.
         drawn: Signed distance of the nominal part, work frame.
         T_base_work: Nominal pose of the part, shape (4, 4).
 
     Returns:
         The course. Rows between two strokes, in the air, repeat the nearest row in contact.
     """
-    rows = math.floor(max(job.start_s + job.process.length for job in strokes) / SPACING) + 2
+    rows = math.floor(max(stroke.start_s + stroke.process.length for stroke in strokes) / SPACING) + 2
     owner = _stroke_of_rows(strokes, rows)
     s = np.arange(rows) * SPACING
-    parts = [_poses(job, s[owner == k]) for k, job in enumerate(strokes)]
+    parts = [_poses(stroke, s[owner == k]) for k, stroke in enumerate(strokes)]
     poses = _Poses(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     R, p = T_base_work[:3, :3], T_base_work[:3, 3]
     pad = build_pad(scenario.pad)
@@ -142,25 +142,25 @@ def _refined(points: Array, coarse: Ints, stride: int) -> Ints:
     return np.asarray(np.where(coarse < 0, -1, best), dtype=np.int64)
 
 
-def _stroke_of_rows(strokes: Sequence[Job], rows: int) -> Ints:
+def _stroke_of_rows(strokes: Sequence[Stroke], rows: int) -> Ints:
     """Number of the stroke each row belongs to; rows in the air belong to the nearer one, shape (rows,)."""
     s = np.arange(rows) * SPACING
-    starts = np.array([job.start_s for job in strokes])
-    ends = starts + [job.process.length for job in strokes]
+    starts = np.array([stroke.start_s for stroke in strokes])
+    ends = starts + [stroke.process.length for stroke in strokes]
     return np.searchsorted(0.5 * (ends[:-1] + starts[1:]), s).astype(np.int64)
 
 
-def _poses(job: Job, s: Array) -> _Poses:
+def _poses(stroke: Stroke, s: Array) -> _Poses:
     """Poses of one stroke at arc lengths of the plan (n,) [m], held at its ends."""
-    n, table = len(s), job.process
+    n, table = len(s), stroke.process
     tangents = np.gradient(table.tangents, table.spacing, axis=0)
-    rows = np.clip(((s - job.start_s) / table.spacing).astype(np.int64), 0, len(tangents) - 1)
-    feed = np.interp(s - job.start_s, job.motion.places, job.motion.speeds * job.motion.rates)
+    rows = np.clip(((s - stroke.start_s) / table.spacing).astype(np.int64), 0, len(tangents) - 1)
+    feed = np.interp(s - stroke.start_s, stroke.motion.places, stroke.motion.speeds * stroke.motion.rates)
     poses = _Poses(
         np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3)), np.linalg.norm(tangents, axis=1)[rows],
         table.curvature[rows], np.empty(n), feed,
     )  # fmt: skip
-    _sample(table, job.force, s - job.start_s, poses)
+    _sample(table, stroke.force, s - stroke.start_s, poses)
     return poses
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from operator import attrgetter
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -43,15 +44,13 @@ class Fault(NamedTuple):
     """Whether it changes nothing without a second robot that carries the part."""
 
 
-def _sensor_reach(reach: float) -> Inject:
+def _set(record: str, field: str, value: float) -> Inject:
+    """Give a field of the cell's state a value."""
+
     def inject(cell: CellKernel) -> None:
-        cell.state.sensor.errors.reach = reach
+        setattr(attrgetter(record)(cell.state), field, value)
 
     return inject
-
-
-def _sensor_frozen(cell: CellKernel) -> None:
-    cell.state.sensor.next = math.inf
 
 
 def _bias(newton: float) -> Inject:
@@ -72,17 +71,9 @@ def _sensor_noise(cell: CellKernel) -> None:
     cell.state.sensor.errors.noise *= NOISE_TIMES
 
 
-def _command_lost(cell: CellKernel) -> None:
-    cell.state.status.mute = True
-
-
 def _latency_jump(cell: CellKernel) -> None:
     robot, room = cell.state.speedl, len(cell.requests.numbers) - 1
     robot.latency = min(robot.latency + round(LATENCY_S / cell.engine.dt), room)
-
-
-def _controller_nan(cell: CellKernel) -> None:
-    cell.state.status.poisoned = True
 
 
 def _part_missing(cell: CellKernel) -> None:
@@ -109,38 +100,26 @@ def _part_loose(cell: CellKernel) -> None:
     motion.start = cell.state.status.steps * cell.engine.dt
 
 
-def _spindle_stop(cell: CellKernel) -> None:
-    cell.state.spindle.failed = True
-
-
 def _friction_jump(cell: CellKernel) -> None:
     cell.pad.material.friction *= FRICTION_TIMES
 
 
-def _master_stop(cell: CellKernel) -> None:
-    cell.state.master.halted = True
-
-
-def _master_silent(cell: CellKernel) -> None:
-    cell.state.master.unheard = True
-
-
-def _master_slow(cell: CellKernel) -> None:
-    cell.state.master.slow = 1.0 - SLOW
-
-
 FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
-        "sensor-dropout": Fault("the wrist sensor's reading is missing (not a number)", _sensor_reach(math.nan)),
-        "sensor-zeros": Fault("the wrist sensor's reading is all zeros", _sensor_reach(0.0)),
-        "sensor-frozen": Fault("the wrist sensor's reading no longer changes", _sensor_frozen),
+        "sensor-dropout": Fault(
+            "the wrist sensor's reading is missing (not a number)", _set("sensor.errors", "reach", math.nan)
+        ),
+        "sensor-zeros": Fault("the wrist sensor's reading is all zeros", _set("sensor.errors", "reach", 0.0)),
+        "sensor-frozen": Fault("the wrist sensor's reading no longer changes", _set("sensor", "next", math.inf)),
         "sensor-jump": Fault(f"the reading along the tool axis jumps by +{JUMP_N:g} N", _bias(JUMP_N)),
         "sensor-drop": Fault(f"the reading along the tool axis jumps by -{JUMP_N:g} N", _bias(-JUMP_N)),
         "sensor-drift": Fault(f"the reading along the tool axis drifts by -{DRIFT_N_S:g} N/s", _creep(-DRIFT_N_S)),
         "sensor-noise": Fault(f"the sensor's noise grows {NOISE_TIMES:g} times", _sensor_noise),
-        "command-lost": Fault("the host sends no more commands: speedl runs out by itself", _command_lost),
+        "command-lost": Fault(
+            "the host sends no more commands: speedl runs out by itself", _set("status", "mute", True)
+        ),
         "latency-jump": Fault(f"commands come {1e3 * LATENCY_S:g} ms later than before", _latency_jump),
-        "controller-nan": Fault("the controller answers what is no number", _controller_nan),
+        "controller-nan": Fault("the controller's answer is not a number", _set("status", "poisoned", True)),
         "part-missing": Fault("the part is gone, at once", _part_missing, on_part=True),
         "part-high": Fault(
             f"the part rises by {1e3 * PART_M:g} mm along its normal, at 20 mm/s", _part_along(PART_M), on_part=True
@@ -152,11 +131,19 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         "part-loose": Fault(
             f"the part shakes along its normal, {1e3 * SHAKE_M:g} mm at {SHAKE_HZ:g} Hz", _part_loose, on_part=True
         ),
-        "spindle-stop": Fault("the spindle's drive fails: it runs down in 0.5 s", _spindle_stop, on_part=True),
+        "spindle-stop": Fault(
+            "the spindle's drive fails: it runs down in 0.5 s", _set("spindle", "failed", True), on_part=True
+        ),
         "friction-jump": Fault(f"the pad's friction grows {FRICTION_TIMES:g} times", _friction_jump, on_part=True),
-        "master-stop": Fault("the master stops itself, as its own guards would", _master_stop, on_master=True),
-        "master-silent": Fault("the host no longer hears where the master is", _master_silent, on_master=True),
-        "master-slow": Fault(f"the master moves at {SLOW:g} of its speed", _master_slow, on_master=True),
+        "master-stop": Fault(
+            "the master stops itself, as its own guards would", _set("master", "halted", True), on_master=True
+        ),
+        "master-silent": Fault(
+            "the host no longer hears where the master is", _set("master", "unheard", True), on_master=True
+        ),
+        "master-slow": Fault(
+            f"the master moves at {SLOW:g} of its speed", _set("master", "slow", 1.0 - SLOW), on_master=True
+        ),
     }
 )
 

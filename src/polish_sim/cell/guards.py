@@ -149,9 +149,9 @@ def check_guards(cell: CellKernel, count: int) -> int:
         return SINGULAR
     if robot.number > 0 and robot.age >= robot.timeout:
         return SILENT_HOST
-    if cell.job.contact and state.spindle.speed < SPINDLE_SHARE * state.spindle.commanded:
+    if cell.stroke.contact and state.spindle.speed < SPINDLE_SHARE * state.spindle.commanded:
         return SPINDLE
-    moved = _check_surface(state, cell.job.depth, dt)
+    moved = _check_surface(state, cell.stroke.depth, dt)
     if moved != NO_STOP:
         return moved
     in_process = target.contact[0] > 0.0
@@ -179,7 +179,7 @@ def _check_surface(state: CellState, planned: float, dt: float) -> int:
     for i in range(3):
         offset += target.rotation[i, 2] * (m.position[i] - target.position[i])
     landing = sequence.stage == TOUCH_DOWN
-    # Depth of the tool below the planned surface, which the target is pressed in by the job's depth.
+    # Depth of the tool below the planned surface, which the target is pressed in by the stroke's depth.
     depth = offset + (sequence.depth if landing else planned)
     if landing and sequence.time == 0.0:
         guards.holding, guards.depth, guards.was_held = 0.0, depth, False

@@ -14,7 +14,7 @@ from polish_sim.cell.guards import CrashPoints, Guards
 from polish_sim.cell.protective_stop import StopMotion
 from polish_sim.cell.real_part import PartMotion
 from polish_sim.cell.speedl import RequestLine, Speedl
-from polish_sim.cell.stroke import Job, Sequence
+from polish_sim.cell.stroke import Sequence, Stroke
 from polish_sim.cell.wrist_sensor import Payload, WristSensor
 from polish_sim.control.signals import Answer, MeasurementRecord, TargetRecord
 from polish_sim.kernels import Matrix6, Record, Vector3, Vector6
@@ -111,7 +111,7 @@ class CellKernel(NamedTuple):
     engine: EngineViews
     pad: Pad
     part: RealPart
-    job: Job
+    stroke: Stroke
     crash_points: CrashPoints
     samples: Array
     """Of the wrist sensor, on their way to the host."""

@@ -67,7 +67,7 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
     for k in range(steps):
         t = state.status.steps * e.dt
         mj_step1(e.model, e.data)
-        if cell.job.contact:
+        if cell.stroke.contact:
             move_part(state.motion, t, e.dt, cell.part.position)
             press_on_part(cell)
         see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
@@ -194,7 +194,7 @@ def move_target(cell: CellKernel, t: float) -> None:
             _tare(state, m.wrench)
         else:
             state.status.tares, state.status.spread = 0, 0.0
-    if not advance_sequence(cell.job, sequence, m.wrench[2], state.answer.feed, dt, state.target):
+    if not advance_sequence(cell.stroke, sequence, m.wrench[2], state.answer.feed, dt, state.target):
         trip(state.status, MISSING, t)
 
 

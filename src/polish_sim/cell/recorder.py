@@ -129,7 +129,7 @@ def record_state(recorder: Recorder, cell: CellKernel, t: float, phase: int) -> 
     put(row, _TRUE, state.wrench, 6)
     row[_FORCE], row[_FORCE_MIN], row[_FORCE_MAX] = force, filled.force_range[0], filled.force_range[1]
     row[_TRAVEL], row[_PATH], row[_PHASE] = travel, target.path[0], phase
-    row[_PASS] = cell.job.process.pass_index[state.sequence.row]
+    row[_PASS] = cell.stroke.process.pass_index[state.sequence.row]
     filled.force_range[0], filled.force_range[1] = math.inf, -math.inf
     filled.rows += 1
 

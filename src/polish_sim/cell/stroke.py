@@ -20,7 +20,7 @@ TOUCH_DOWN_TIME = 0.35  # from measured contact to the start of the feed [s]
 RETRACT_SPEED = 0.02  # [m/s]
 
 
-class Job(NamedTuple):
+class Stroke(NamedTuple):
     """One stroke, from free space to free space; tables in the base frame."""
 
     travel: TimedPath
@@ -92,18 +92,23 @@ def build_sequence() -> Sequence:
 
 
 def begin_next_stroke(sequence: Sequence) -> None:
-    """Begin the next stroke's travel; its job must be the one given to ``advance_sequence`` from now on."""
+    """Begin the next stroke's travel; its stroke must be the one given to ``advance_sequence`` from now on."""
     sequence.stage, sequence.time = TRAVEL, 0.0
     sequence.s = sequence.speed = sequence.depth = 0.0
     sequence.clock, sequence.rate, sequence.rate_change = 0.0, 1.0, 0.0
 
 
-def expected_duration(job: Job) -> float:
-    """How long the job takes if contact is where it is expected [s]."""
-    approach = job.travel.duration + (job.lead_in.length / job.approach_speed if job.contact else 0.0)
-    feed = min(max(job.motion.playing_time, job.hold), job.feed_time)
+def expected_duration(stroke: Stroke) -> float:
+    """How long the stroke takes if contact is where it is expected [s]."""
+    approach = stroke.travel.duration + (stroke.lead_in.length / stroke.approach_speed if stroke.contact else 0.0)
+    feed = min(max(stroke.motion.playing_time, stroke.hold), stroke.feed_time)
     return (
-        TARE_START + TARE_TIME + approach + (TOUCH_DOWN_TIME if job.contact else 0.0) + feed + job.lift / RETRACT_SPEED
+        TARE_START
+        + TARE_TIME
+        + approach
+        + (TOUCH_DOWN_TIME if stroke.contact else 0.0)
+        + feed
+        + stroke.lift / RETRACT_SPEED
     )
 
 
@@ -156,51 +161,51 @@ def change_rate(state: Sequence, wanted: float, feed: float, dt: float) -> None:
 
 
 @kernel
-def place_target(job: Job, state: Sequence, granted: float, dt: float, target: Target) -> None:
+def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, target: Target) -> None:
     """Move the target on by one step of its stage.
 
     Args:
-        job: The stroke.
+        stroke: The stroke.
         state: Where the run is in it.
         granted: Share of the planned feed that is granted [-].
         dt: Step [s].
         target: Written.
     """
     stage = state.stage
-    target.contact[0] = 1.0 if job.contact and stage in (TOUCH_DOWN, PROCESS) else 0.0
+    target.contact[0] = 1.0 if stroke.contact and stage in (TOUCH_DOWN, PROCESS) else 0.0
     fed = state.s if stage >= PROCESS else 0.0
-    target.force[0] = sample_column(job.process, job.force, fed)
+    target.force[0] = sample_column(stroke.process, stroke.force, fed)
     target.force[1] = target.path[1] = 0.0
-    target.path[0] = job.start_s
+    target.path[0] = stroke.start_s
     if stage == TRAVEL:
-        _play(job.travel, state, dt, target)
+        _play(stroke.travel, state, dt, target)
     elif stage <= APPROACH:
         if stage == APPROACH:
-            _move_on(state, job.lead_in.length, job.approach_speed, dt)
-            state.depth = state.s - job.lead_in.length
-        _follow(job.lead_in, state, target)
+            _move_on(state, stroke.lead_in.length, stroke.approach_speed, dt)
+            state.depth = state.s - stroke.lead_in.length
+        _follow(stroke.lead_in, state, target)
     elif stage == SEEK:
-        state.depth += job.approach_speed * dt
-        _sink(job.lead_in, job.lead_in.length, state, state.depth, job.approach_speed, target)
+        state.depth += stroke.approach_speed * dt
+        _sink(stroke.lead_in, stroke.lead_in.length, state, state.depth, stroke.approach_speed, target)
     elif stage == TOUCH_DOWN:
         left = max(TOUCH_DOWN_TIME - state.time, dt)
-        speed = (job.depth - state.depth) / left
+        speed = (stroke.depth - state.depth) / left
         state.depth += speed * dt
-        _sink(job.process, 0.0, state, state.depth - job.depth, speed, target)
+        _sink(stroke.process, 0.0, state, state.depth - stroke.depth, speed, target)
     elif stage == PROCESS:
-        most = sample_rate(job.motion, state.clock)
-        if state.time >= job.feed_time - stopping_time(job.feed, state.rate):
+        most = sample_rate(stroke.motion, state.clock)
+        if state.time >= stroke.feed_time - stopping_time(stroke.feed, state.rate):
             most = 0.0
-        change_rate(state, granted * most, job.feed, dt)
-        _play(job.motion, state, dt, target)
-        state.row = min(int(state.s / job.process.spacing), job.process.positions.shape[0] - 2)
-        target.path[1] = job.process.curvature[state.row]
-        target.path[0] = job.start_s + state.s
+        change_rate(state, granted * most, stroke.feed, dt)
+        _play(stroke.motion, state, dt, target)
+        state.row = min(int(state.s / stroke.process.spacing), stroke.process.positions.shape[0] - 2)
+        target.path[1] = stroke.process.curvature[state.row]
+        target.path[0] = stroke.start_s + state.s
     else:
         speed = RETRACT_SPEED if stage == RETRACT else 0.0
         state.depth += speed * dt
-        _sink(job.process, state.s, state, -state.depth, -speed, target)
-        target.path[0] = job.start_s + state.s
+        _sink(stroke.process, state.s, state, -state.depth, -speed, target)
+        target.path[0] = stroke.start_s + state.s
     target.path[2] = state.speed
 
 
@@ -255,12 +260,12 @@ LEAST_SHARE = 0.02  # of the planned feed a controller can slow it to: the run m
 
 @kernel
 def advance_sequence(
-    job: Job, state: Sequence, measured_force: float, granted: float, dt: float, target: Target
+    stroke: Stroke, state: Sequence, measured_force: float, granted: float, dt: float, target: Target
 ) -> bool:
     """Move the target on by one step.
 
     Args:
-        job: The stroke.
+        stroke: The stroke.
         state: Where the run is in it.
         measured_force: Force the host believes it presses with [N].
         granted: Share of the planned feed the controller grants [-]; limited to ``LEAST_SHARE`` to 1.
@@ -273,29 +278,29 @@ def advance_sequence(
     state.time += dt
     stage = state.stage
     if stage == TARE and state.time >= TARE_START + TARE_TIME - 0.5 * dt:
-        _enter(state, APPROACH if job.contact else PROCESS)
-    elif stage == TRAVEL and state.clock >= job.travel.duration:
-        _enter(state, TARE if job.retare else APPROACH if job.contact else PROCESS)
+        _enter(state, APPROACH if stroke.contact else PROCESS)
+    elif stage == TRAVEL and state.clock >= stroke.travel.duration:
+        _enter(state, TARE if stroke.retare else APPROACH if stroke.contact else PROCESS)
         state.s = state.speed = 0.0
     elif stage in (APPROACH, SEEK):
-        if measured_force > max(job.threshold, state.floor):
+        if measured_force > max(stroke.threshold, state.floor):
             _enter(state, TOUCH_DOWN)
-        elif stage == APPROACH and state.s >= job.lead_in.length:
+        elif stage == APPROACH and state.s >= stroke.lead_in.length:
             state.depth = 0.0
             _enter(state, SEEK)
-        elif state.depth >= job.search_depth:
+        elif state.depth >= stroke.search_depth:
             return False
     elif stage == TOUCH_DOWN and state.time >= TOUCH_DOWN_TIME:
         _enter(state, PROCESS)
         state.s = state.speed = 0.0
     elif stage == PROCESS:
-        arrived = state.clock >= job.motion.duration and state.time >= job.hold
-        if arrived or state.time >= job.feed_time:
-            _enter(state, RETRACT if job.lift > 0.0 else DONE)
+        arrived = state.clock >= stroke.motion.duration and state.time >= stroke.hold
+        if arrived or state.time >= stroke.feed_time:
+            _enter(state, RETRACT if stroke.lift > 0.0 else DONE)
             state.depth = 0.0
-    elif stage == RETRACT and state.depth >= job.lift + job.depth:
+    elif stage == RETRACT and state.depth >= stroke.lift + stroke.depth:
         _enter(state, DONE)
-    place_target(job, state, min(max(granted, LEAST_SHARE), 1.0), dt, target)
+    place_target(stroke, state, min(max(granted, LEAST_SHARE), 1.0), dt, target)
     return True
 
 

@@ -30,7 +30,7 @@ from polish_sim.cell.loop import (
 from polish_sim.cell.protective_stop import SENT
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import ROW_WIDTH, Recorder, put
-from polish_sim.cell.stroke import PROCESS, Job
+from polish_sim.cell.stroke import PROCESS, Stroke
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Controller, Course
 from polish_sim.dual.carrier import (
@@ -85,7 +85,7 @@ class PairCell(Cell):
         scenario: Scenario,
         model: mujoco.MjModel,
         part: RealPart,
-        strokes: Sequence[Job],
+        strokes: Sequence[Stroke],
         q_start: Array,
         controller: Controller,
         rng: np.random.Generator,
@@ -130,7 +130,7 @@ def advance_pair(  # type: ignore[no-untyped-def]
         t = state.status.steps * e.dt
         mj_step1(e.model, e.data)
         _place_part(cell, master, t)
-        if cell.job.contact:
+        if cell.stroke.contact:
             press_on_part(cell)
             _push_back(cell, master)
         if host_arm is None:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from polish_sim.analysis.metrics import measure_removal, measure_surface
 from polish_sim.arrays import Array
-from polish_sim.cell import CellRun, Job, Observer, RealPart, Silent, build_real_part
+from polish_sim.cell import CellRun, Observer, RealPart, Silent, Stroke, build_real_part
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.cell import PairCell
@@ -94,7 +94,7 @@ class DualCell(NamedTuple):
 
     cell: PairCell
     """Not yet run."""
-    strokes: list[Job]
+    strokes: list[Stroke]
     """As the host commands them, with the tool where the host believes it."""
     part: RealPart
     """At the start."""
@@ -132,11 +132,11 @@ def part_turns(log: RunLog, task: DualTask, part: RealPart) -> Array:
     return np.asarray(R_base_master @ flanges[:, :3, :3] @ _part_on_flange(task, part)[:3, :3])
 
 
-def wanted_on_part(strokes: list[Job], T_base_work: Array) -> WantedTool:
+def wanted_on_part(strokes: list[Stroke], T_base_work: Array) -> WantedTool:
     """Where the tool is wanted on the part along the path: places, points and axes in the work frame."""
-    s = np.concatenate([job.start_s + job.motion.places for job in strokes])
-    points = np.concatenate([job.motion.positions for job in strokes])
-    turns = Rotation.from_quat(np.concatenate([job.motion.quaternions for job in strokes]), scalar_first=True)
+    s = np.concatenate([stroke.start_s + stroke.motion.places for stroke in strokes])
+    points = np.concatenate([stroke.motion.positions for stroke in strokes])
+    turns = Rotation.from_quat(np.concatenate([stroke.motion.quaternions for stroke in strokes]), scalar_first=True)
     T_work_base = inverse(T_base_work)
     axes = turns.as_matrix()[:, :, 2] @ T_work_base[:3, :3].T
     return WantedTool(s, apply(T_work_base, points), axes)

@@ -11,13 +11,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Bools, Indices
-from polish_sim.cell import Job
+from polish_sim.cell import Stroke
 from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import RAMP_S, time_held, time_let_go
 from polish_sim.errors import SmoothingError
 from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, stretches_in_contact, travel_to
-from polish_sim.experiments.stroke_motion import CELL_LIMITS, Stroke, stroke_motion
+from polish_sim.experiments.stroke_motion import CELL_LIMITS, StrokePath, stroke_motion
 from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import build_path_table, with_feed_share
@@ -31,7 +31,7 @@ BEYOND_S: Final = 1.0  # of the master's motion, as long as a feed takes to come
 ON_THE_WAY: Final = -1  # to a stroke or from it
 
 
-def pair_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool) -> list[Job]:
+def pair_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool) -> list[Stroke]:
     """The strokes of a path as ``run dual`` does them; with ``dual.standoff_m`` above 0 nothing is touched.
 
     Raises:
@@ -94,7 +94,7 @@ def is_gentle(motion: TimedPath, limits: SmoothingLimits) -> bool:
     return bool(np.all(bends <= limits.tip_acceleration) and np.all(turns <= limits.axis_acceleration))
 
 
-def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float) -> list[Job]:
+def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float) -> list[Stroke]:
     """Every stretch of a path followed where it is, without touching anything; between two the tool is lifted.
 
     A stretch with bends too sharp for the feed is smoothed as strokes on the part are, with gentler limits.
@@ -107,36 +107,36 @@ def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: f
         lift: Height of the retract between two stretches [m].
 
     Returns:
-        The jobs in order, in the base frame.
+        The strokes in order, in the base frame.
     """
     process, stretches = scenario.process, stretches_in_contact(path)
     limits = air_limits(process.feed_m_s)
     points, rotations = apply(placed.T_base_work, path.positions_work), placed.rotations
     pace = feed_pace(process.feed_m_s)
-    jobs: list[Job] = []
+    strokes: list[Stroke] = []
     left = process.max_feed_s or math.inf
     for number, (first, last) in enumerate(stretches):
         during, down = slice(first, last + 1), slice(first - points_before(path, first), first + 1)
         table = build_path_table(points[during], rotations[during], path.s[during])
         feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
         table = with_feed_share(table, path.s[during], feed / process.feed_m_s)
-        stroke = Stroke(points[during], rotations[during], path.s[during] - path.s[first], feed, limits)
+        along = StrokePath(points[during], rotations[during], path.s[during] - path.s[first], feed, limits)
         motion = time_path(table, pace)
         if scenario.smoothing.limits_file or not is_gentle(motion, limits):
-            motion = stroke_motion(scenario, stroke, placed.arm) or motion
+            motion = stroke_motion(scenario, along, placed.arm) or motion
         start = build_path_table(points[first][None], rotations[first][None])
         more = number + 1 < len(stretches) and left > motion.playing_time
-        job = Job(
-            travel=travel_to(jobs, points[down], rotations[down]) if jobs else time_path(start, pace),
+        stroke = Stroke(
+            travel=travel_to(strokes, points[down], rotations[down]) if strokes else time_path(start, pace),
             lead_in=start, process=table, motion=motion, depth=0.0, force=np.zeros(len(table.positions)), contact=False,
             approach_speed=process.approach_speed_m_s, feed=process.feed_m_s, threshold=math.inf,
             search_depth=0.0, hold=hold, feed_time=left, lift=lift if more else 0.0, start_s=float(path.s[first]),
         )  # fmt: skip
-        jobs.append(job)
+        strokes.append(stroke)
         left -= motion.playing_time
         if not more:
             break
-    return jobs
+    return strokes
 
 
 class Visits(NamedTuple):
@@ -172,17 +172,17 @@ class Visits(NamedTuple):
         return np.asarray(np.interp(s, s_fed, clock) + beyond)
 
 
-def plan_visits(jobs: Sequence[Job], step: float) -> Visits:
+def plan_visits(strokes: Sequence[Stroke], step: float) -> Visits:
     """Follow strokes from beginning to end as the cell does if contact is where it is expected.
 
     Args:
-        jobs: The strokes, in the work frame.
+        strokes: The strokes, in the work frame.
         step: Time between visits, at most [s].
     """
     done: list[Visits] = []
     time = clock = meant = 0.0
-    for number, job in enumerate(jobs):
-        for visits in _moves(job, number, step, meant - clock):
+    for number, stroke in enumerate(strokes):
+        for visits in _moves(stroke, number, step, meant - clock):
             done.append(
                 visits._replace(time=time + visits.time, clock=clock + visits.clock, meant=clock + visits.meant)
             )
@@ -191,25 +191,25 @@ def plan_visits(jobs: Sequence[Job], step: float) -> Visits:
     return Visits(*(np.concatenate(columns) for columns in zip(*done, strict=True)))
 
 
-def _moves(job: Job, number: int, step: float, meant: float) -> Iterator[Visits]:
+def _moves(stroke: Stroke, number: int, step: float, meant: float) -> Iterator[Visits]:
     """Travel, way down, feed and way up of a stroke; time from each move's beginning, clock from the stroke's.
 
     ``meant`` goes from its value at the end of the last stroke to zero during the travel.
     """
     if number > 0:
-        times = _times(job.travel.duration, step)
-        rows = np.rint(times / job.travel.spacing).astype(int)
-        yield _resting(job.travel.positions[rows], _axes(job.travel.quaternions[rows]), job.start_s, times)._replace(
-            meant=np.linspace(meant, 0.0, len(rows))
-        )
-    if job.contact > 0.0:
-        times = _times(job.lead_in.length / job.approach_speed, step)
-        rows = np.rint(times * job.approach_speed / job.lead_in.spacing).astype(int)
-        yield _resting(job.lead_in.positions[rows], _axes(job.lead_in.quaternions[rows]), job.start_s, times)
-    touch_down = TOUCH_DOWN_TIME if job.contact > 0.0 else 0.0
-    fed = _fed(job, number, step, touch_down)
+        times = _times(stroke.travel.duration, step)
+        rows = np.rint(times / stroke.travel.spacing).astype(int)
+        yield _resting(
+            stroke.travel.positions[rows], _axes(stroke.travel.quaternions[rows]), stroke.start_s, times
+        )._replace(meant=np.linspace(meant, 0.0, len(rows)))
+    if stroke.contact:
+        times = _times(stroke.lead_in.length / stroke.approach_speed, step)
+        rows = np.rint(times * stroke.approach_speed / stroke.lead_in.spacing).astype(int)
+        yield _resting(stroke.lead_in.positions[rows], _axes(stroke.lead_in.quaternions[rows]), stroke.start_s, times)
+    touch_down = TOUCH_DOWN_TIME if stroke.contact else 0.0
+    fed = _fed(stroke, number, step, touch_down)
     yield fed
-    lift = job.lift + job.depth if job.lift > 0.0 else 0.0
+    lift = stroke.lift + stroke.depth if stroke.lift > 0.0 else 0.0
     times = _times(max(lift / RETRACT_SPEED, RAMP_S), step)
     up = fed.points[-1] + np.minimum(RETRACT_SPEED * times, lift)[:, None] * fed.axes[-1]
     held = time_held(float(fed.time[-1]) - touch_down, times)
@@ -218,18 +218,18 @@ def _moves(job: Job, number: int, step: float, meant: float) -> Iterator[Visits]
     )
 
 
-def _fed(job: Job, number: int, step: float, touch_down: float) -> Visits:
+def _fed(stroke: Stroke, number: int, step: float, touch_down: float) -> Visits:
     """A stroke's feed after its touch-down [s], at the largest rates its motion may be played at."""
-    motion = job.motion
+    motion = stroke.motion
     slowness = 1.0 / motion.rates
     played = np.r_[0.0, np.cumsum(0.5 * (slowness[1:] + slowness[:-1]) * motion.spacing)]
     if motion.duration == 0.0:
         played *= 0.0
-    end = min(float(played[-1]), job.feed_time)
+    end = min(float(played[-1]), stroke.feed_time)
     rows = np.clip(np.searchsorted(played, _times(end, step)), 0, len(played) - 1)
     master = time_let_go(played[rows])
     return Visits(
-        motion.positions[rows], _axes(motion.quaternions[rows]), job.start_s + motion.places[rows],
+        motion.positions[rows], _axes(motion.quaternions[rows]), stroke.start_s + motion.places[rows],
         played[rows] + touch_down, master.clock, master.rate, master.clock,
         np.full(len(rows), number),
     )  # fmt: skip

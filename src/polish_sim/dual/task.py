@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from polish_sim.arrays import Array
-from polish_sim.cell import Job, Observer, Silent, tool_on_flange
+from polish_sim.cell import Observer, Silent, Stroke, tool_on_flange
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -70,7 +70,7 @@ class DualTask:
     """As the host believes it."""
     placed: PlacedTool
     """The tool along the path, base of the follower, the part at its start."""
-    strokes: list[Job]
+    strokes: list[Stroke]
     """What the tool does, base of the follower, the part at its start."""
     master: MasterRows
     residual: float
@@ -146,8 +146,8 @@ def _contacts(
 def _visits(scenario: Scenario, path: ToolPath, step: float | None = None) -> Visits:
     """Moments of the work, in the work frame, every so often [s]; the tool's limits alone decide how fast it goes."""
     placed = PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
-    jobs = pair_strokes(scenario, path, placed)
-    return plan_visits(jobs, step or sum(expected_duration(job) for job in jobs) / SAMPLES)
+    strokes = pair_strokes(scenario, path, placed)
+    return plan_visits(strokes, step or sum(expected_duration(stroke) for stroke in strokes) / SAMPLES)
 
 
 def _given_or_rim(scenario: Scenario, plan: PlanResult | None) -> tuple[PartMesh, Surface, Region, ToolPath]:

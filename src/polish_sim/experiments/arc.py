@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
-from polish_sim.cell import Cell, Job, Observer, Silent, build_scene, no_part, tool_on_flange
+from polish_sim.cell import Cell, Observer, Silent, Stroke, build_scene, no_part, tool_on_flange
 from polish_sim.cell.stroke import feed_pace
 from polish_sim.control import build_controller
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
@@ -73,7 +73,7 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     table = build_path_table(path.positions_work, tool_rotations(path.axes_work, reach.spin))
     start = build_path_table(path.positions_work[:1], tool_rotations(path.axes_work[:1], reach.spin))
     pace = feed_pace(scenario.process.feed_m_s)
-    job = Job(
+    stroke = Stroke(
         travel=time_path(start, pace), lead_in=start, process=table, motion=time_path(table, pace),
         depth=0.0, force=np.zeros(len(table.positions)), contact=False,
         approach_speed=scenario.process.approach_speed_m_s, feed=scenario.process.feed_m_s,
@@ -83,7 +83,7 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     free = replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
     observer.stage("simulate")
     cell = Cell(
-        free, build_scene(free, None, None), no_part(), [job], reach.q_start,
+        free, build_scene(free, None, None), no_part(), [stroke], reach.q_start,
         build_controller(scenario.controller), np.random.default_rng(scenario.seed),
     )  # fmt: skip
     believe_tool(cell, random_streams(scenario.seed)[PAYLOAD_STREAM])

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from polish_sim.calibration import read_calibrated_tool
-from polish_sim.cell import Cell, Job, build_course, build_real_part, build_scene, parse_events
+from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene, parse_events
 from polish_sim.cell.faults import check_events
 from polish_sim.cell.limits import check_contact_settings, check_rates
 from polish_sim.cell.real_part import PartFields, build_part_fields, depth_for
@@ -101,7 +101,9 @@ def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float
     return cell
 
 
-def course_for(controller: Controller, scenario: Scenario, place: Workplace, strokes: Sequence[Job]) -> Course | None:
+def course_for(
+    controller: Controller, scenario: Scenario, place: Workplace, strokes: Sequence[Stroke]
+) -> Course | None:
     """What lies ahead on the path, for a controller that prepares for it; None for the others."""
     if not callable(getattr(controller, "prepare", None)):
         return None

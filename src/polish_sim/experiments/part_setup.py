@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell import Job, Touch, tool_on_flange
+from polish_sim.cell import Stroke, Touch, tool_on_flange
 from polish_sim.cell.stroke import TRAVEL_PACE, feed_pace
 from polish_sim.config import PartConfig, ProcessConfig, Scenario
 from polish_sim.errors import MeshError, PlanError, place_in_mm, unknown_name
@@ -23,7 +23,7 @@ from polish_sim.experiments.placement import (
     given_placement,
     tool_rotations,
 )
-from polish_sim.experiments.stroke_motion import Stroke, stroke_motion
+from polish_sim.experiments.stroke_motion import StrokePath, stroke_motion
 from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part
 from polish_sim.models import part_path
 from polish_sim.motion.rules.limits import Arm, build_arm
@@ -109,7 +109,7 @@ class PlacedTool(NamedTuple):
     """The robot, for strokes that keep the limits of its joints; None: only the tool's count."""
 
 
-def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: float, lift: float) -> list[Job]:
+def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: float, lift: float) -> list[Stroke]:
     """The strokes of a path on a part that stands still, see ``placed_strokes``.
 
     Args:
@@ -124,7 +124,7 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
     return placed_strokes(scenario, path, PlacedTool(reach.T_base_work, rotations, arm), hold, lift)
 
 
-def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float) -> list[Job]:
+def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float) -> list[Stroke]:
     """The strokes of a path: for each stretch in contact the way down to it and the stretch itself, pressed in.
 
     Args:
@@ -135,18 +135,18 @@ def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold:
         lift: Height of the retract [m]; 0 for none.
 
     Returns:
-        The jobs in order, in the base frame.
+        The strokes in order, in the base frame.
     """
     process, depths, rotations = scenario.process, pressing_depths(scenario, path), placed.rotations
     if process.tare not in TARES:
         raise unknown_name("moment to tare", process.tare, TARES)
     nominal = apply(placed.T_base_work, path.positions_work)
     pressed_in = apply(placed.T_base_work, pressed(path, depths).positions_work)
-    jobs: list[Job] = []
+    strokes: list[Stroke] = []
     left = process.max_feed_s or math.inf
     for first, last in stretches_in_contact(path):
         leave = first - points_before(path, first)
-        come = _last_approach(path, leave, first, lift) if jobs else leave
+        come = _last_approach(path, leave, first, lift) if strokes else leave
         through, before = slice(leave, come + 1), slice(come, first + 1)
         during = slice(first, last + 1)
         table = build_path_table(
@@ -156,13 +156,13 @@ def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold:
         if path.feed is not None:
             table = with_feed_share(table, path.s[during], path.feed[during] / process.feed_m_s)
         feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
-        stroke = Stroke(pressed_in[during], rotations[during], path.s[during] - path.s[first], feed)
-        motion = stroke_motion(scenario, stroke, placed.arm)
+        along = StrokePath(pressed_in[during], rotations[during], path.s[during] - path.s[first], feed)
+        motion = stroke_motion(scenario, along, placed.arm)
         if motion is None:
             motion = time_path(table, feed_pace(process.feed_m_s))
-        jobs.append(
-            Job(
-                travel=travel_to(jobs, nominal[through], rotations[through]),
+        strokes.append(
+            Stroke(
+                travel=travel_to(strokes, nominal[through], rotations[through]),
                 lead_in=build_path_table(nominal[before], rotations[before]),
                 process=table,
                 motion=motion,
@@ -177,13 +177,13 @@ def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold:
                 feed_time=left,
                 lift=_lift_off(lift, float(depths[first]), float(depths[last])),
                 start_s=float(path.s[first]),
-                retare=bool(jobs) and process.tare == "strokes",
+                retare=bool(strokes) and process.tare == "strokes",
             )
         )
         left -= motion.playing_time
         if left <= 0.0:
             break
-    return jobs
+    return strokes
 
 
 def stretches_in_contact(path: ToolPath) -> list[tuple[int, int]]:
@@ -228,11 +228,11 @@ def _last_approach(path: ToolPath, leave: int, first: int, lift: float) -> int:
     return leave + int(high[-1]) if len(high) else leave
 
 
-def travel_to(jobs: list[Job], way: Array, rotations: Array) -> TimedPath:
+def travel_to(strokes: list[Stroke], way: Array, rotations: Array) -> TimedPath:
     """From above the end of the last stroke through the air to where the next way down begins."""
-    if not jobs:
+    if not strokes:
         return time_path(build_path_table(way[:1], rotations[:1]), TRAVEL_PACE)
-    last = jobs[-1]
+    last = strokes[-1]
     R_last = Rotation.from_quat(last.process.quaternions[-1], scalar_first=True).as_matrix()
     above = last.process.positions[-1] - (last.lift + last.depth) * R_last[:, 2]
     table = build_path_table(np.concatenate([above[None], way]), np.concatenate([R_last[None], rotations]))

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.calibration import PayloadReadings
 from polish_sim.calibration.poses import move, move_time
-from polish_sim.cell import Cell, Job, Observer, build_scene, no_part, tool_on_flange
+from polish_sim.cell import Cell, Observer, Stroke, build_scene, no_part, tool_on_flange
 from polish_sim.cell.stroke import feed_pace
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop
@@ -85,14 +85,14 @@ def visiting_cell(scenario: Scenario, visit: Visit, q_start: Array, rng: np.rand
         visit.table.positions[:1], Rotation.from_quat(visit.table.quaternions[:1], scalar_first=True).as_matrix()
     )
     pace = feed_pace(CLOCK_FEED)
-    job = Job(
+    stroke = Stroke(
         travel=time_path(start, pace), lead_in=start, process=visit.table,
         motion=time_path(visit.table, pace), depth=0.0, force=np.zeros(len(visit.table.positions)), contact=False,
         approach_speed=CLOCK_FEED, feed=CLOCK_FEED, threshold=math.inf, search_depth=0.0, hold=0.0,
         feed_time=math.inf, lift=0.0, start_s=0.0,
     )  # fmt: skip
     cell = Cell(
-        scenario, build_scene(scenario, None, None), no_part(), [job], q_start,
+        scenario, build_scene(scenario, None, None), no_part(), [stroke], q_start,
         build_controller(scenario.controller), rng,
     )  # fmt: skip
     cell.compensate(0.0, np.zeros(3))

@@ -26,7 +26,7 @@ from polish_sim.motion.trajectory import build_path_table, with_feed_share
 from polish_sim.spatial import rotation_to_axis
 
 if TYPE_CHECKING:
-    from polish_sim.cell import Job
+    from polish_sim.cell import Stroke
     from polish_sim.motion.rules.rule import Rule
     from polish_sim.planning.toolpath import ToolPath
 
@@ -50,7 +50,7 @@ AXIS_SHARES = (1.0, 0.5)
 """Shares of the axis's acceleration that are tried before the joints' own bounds, which are proven but cautious."""
 
 
-class Stroke(NamedTuple):
+class StrokePath(NamedTuple):
     """A stretch of path in contact, n points, in the frame the robot is given in."""
 
     tips: Array
@@ -84,7 +84,7 @@ def check_stroke_rule(scenario: Scenario) -> None:
     cell_limits(scenario, CELL_LIMITS, math.inf)
 
 
-def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedPath | None:
+def stroke_motion(scenario: Scenario, stroke: StrokePath, arm: Arm | None) -> TimedPath | None:
     """Smooth a stroke with the scenario's rule.
 
     Args:
@@ -104,7 +104,7 @@ def stroke_motion(scenario: Scenario, stroke: Stroke, arm: Arm | None) -> TimedP
     return STROKE_RULES[scenario.smoothing.rule](scenario, stroke, chain, arm) if len(chain.lengths) else None
 
 
-def along_a_curve(scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | None) -> TimedPath:
+def along_a_curve(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
     """Follow a smooth curve within the tolerances; the contact on the part keeps the feed wherever limits allow it."""
     asked = scenario.smoothing
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
@@ -112,7 +112,7 @@ def along_a_curve(scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | N
     return time_spline(plan_spline(chain, marks, Feed(stroke.s, stroke.feed), limits, tolerances, arm))
 
 
-def by_rule(plan: Rule, scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | None) -> TimedPath:
+def by_rule(plan: Rule, scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
     """Follow the way points by a rule of `smooth`.
 
     Limits of the tool are planned for; where a row of the motion would break one of a joint, the axis is turned more
@@ -139,14 +139,14 @@ def by_rule(plan: Rule, scenario: Scenario, stroke: Stroke, chain: Chain, arm: A
     return with_feed(motion, feed, feed_pace(top).acceleration / top)
 
 
-def at_the_feed(scenario: Scenario, stroke: Stroke, chain: Chain, arm: Arm | None) -> TimedPath:
+def at_the_feed(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
     """Follow the way points' chords at the feed, whatever acceleration that takes: no time law, to compare with."""
     top = float(stroke.feed.max())
     table = build_path_table(stroke.tips, stroke.rotations, stroke.s)
     return time_path(with_feed_share(table, stroke.s, stroke.feed / top), feed_pace(top))
 
 
-StrokeRule = Callable[[Scenario, Stroke, Chain, Arm | None], TimedPath]
+StrokeRule = Callable[[Scenario, StrokePath, Chain, Arm | None], TimedPath]
 
 STROKE_RULES: Mapping[str, StrokeRule] = {
     SPLINE: along_a_curve,
@@ -221,9 +221,9 @@ def feed_figures(strokes: Sequence[FedStroke]) -> dict[str, float]:
     }
 
 
-def feed_of_jobs(jobs: Sequence[Job]) -> dict[str, float]:
-    """``feed_figures`` of the jobs a cell is given."""
-    return feed_figures([FedStroke(job.motion, job.start_s, job.feed) for job in jobs])
+def feed_of_strokes(strokes: Sequence[Stroke]) -> dict[str, float]:
+    """``feed_figures`` of the strokes a cell is given."""
+    return feed_figures([FedStroke(stroke.motion, stroke.start_s, stroke.feed) for stroke in strokes])
 
 
 def time_law(scenario: Scenario, path: ToolPath) -> dict[str, float]:
@@ -242,7 +242,7 @@ def time_law(scenario: Scenario, path: ToolPath) -> dict[str, float]:
         tips, into = path.positions_work[rows], -path.axes_work[rows]
         hint = np.eye(3)[int(np.abs(into).max(axis=0).argmin())]
         try:
-            stroke = Stroke(tips, rotation_to_axis(into, hint), path.s[rows] - path.s[rows[0]], feed)
+            stroke = StrokePath(tips, rotation_to_axis(into, hint), path.s[rows] - path.s[rows[0]], feed)
             motion = stroke_motion(scenario, stroke, None)
         except SmoothingError:
             return dict.fromkeys(feed_figures(()), math.nan)

@@ -13,7 +13,6 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
-from polish_sim.cell.read_chain import ARM_JOINTS, read_chain
 from polish_sim.cell.scene import lay_part, robot_spec
 from polish_sim.config import HandConfig, Scenario
 from polish_sim.errors import InputError
@@ -21,6 +20,7 @@ from polish_sim.geometry.mesh import PartMesh
 from polish_sim.hand_guiding.cell import GuidedArm, Hand
 from polish_sim.hand_guiding.guard import GuidingLimits
 from polish_sim.hand_guiding.law import Belief, gains_of
+from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
 from polish_sim.motion import forward, inverse_near
 from polish_sim.motion.serial_chain import SerialChain, chain_model
 

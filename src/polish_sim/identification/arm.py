@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell.playback import LAST_LINK, CarriedLoad, JointTargets, RobotClearance, carry, play_joints
-from polish_sim.cell.read_chain import ARM_JOINTS, own_parameters, read_chain
+from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
 from polish_sim.errors import InputError
@@ -20,6 +19,15 @@ from polish_sim.identification.log_file import RobotLog
 from polish_sim.identification.model_file import read_robot_model
 from polish_sim.identification.physical import Drawing
 from polish_sim.identification.regressor import FULL, States, TorqueModel
+from polish_sim.identification.robot_model import (
+    ARM_JOINTS,
+    LAST_LINK,
+    CarriedLoad,
+    RobotClearance,
+    carry,
+    own_parameters,
+    read_chain,
+)
 
 STEP_S: Final = 2.5e-4
 """Physics step: the engine takes friction half a step late, so it is kept short."""
@@ -112,7 +120,9 @@ def play_states(arm: Arm, states: States) -> RobotLog:
     Its positions are half a step ahead of its speeds, so the change of speed over a step belongs to the step's
     first position. The engine compensates gravity, a real servo must hold it, so it is added.
     """
-    played = play_joints(arm.scenario, JointTargets(states.q, states.qd), load=arm.load)
+    load = arm.load
+    bolt_on = None if load is None else lambda model: carry(model, LAST_LINK, load)
+    played = play_joints(arm.scenario, JointTargets(states.q, states.qd), change=bolt_on)
     change = np.diff(played.qd, axis=0, append=played.qd[-1:])
     given = played.torque - arm.servo_damping * change
     time: Array = np.arange(len(given)) * np.float64(STEP_S)

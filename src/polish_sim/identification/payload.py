@@ -13,7 +13,6 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from polish_sim.arrays import Array, Indices
-from polish_sim.cell.playback import CarriedLoad
 from polish_sim.identification.arm import SCENARIO, LoggedRobot, build_arm, play_motion
 from polish_sim.identification.estimate import (
     BaseParameters,
@@ -27,6 +26,7 @@ from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.log_file import RobotLog, periodic_states, with_noise
 from polish_sim.identification.physical import is_consistent, parameters_of, pseudo_inertia
 from polish_sim.identification.regressor import States, TorqueModel
+from polish_sim.identification.robot_model import CarriedLoad
 from polish_sim.identification.settings import IdentifySettings
 from polish_sim.motion.serial_chain import LINK_PARAMETERS, inertia_at_origin, link_parameters
 

@@ -33,7 +33,7 @@ class PathTable(NamedTuple):
     pass_index: Ints
     """Turn of the path, shape (n,)."""
     feed_share: Array
-    """Feed as a share of the job's [-], shape (n,); ones unless the path says otherwise."""
+    """Feed as a share of the stroke's [-], shape (n,); ones unless the path says otherwise."""
 
 
 def build_path_table(
