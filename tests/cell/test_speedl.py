@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.cell.speedl import (
+from polish_sim.cell.robot import (
     Speedl,
     build_request_line,
     build_speedl,

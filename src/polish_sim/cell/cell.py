@@ -18,10 +18,9 @@ from polish_sim.cell.kernel import CellKernel, CellState, LawMemory
 from polish_sim.cell.limits import check_rates, check_step_limits
 from polish_sim.cell.loop import advance
 from polish_sim.cell.observer import Observer, PythonLaw, Silent, interrupts_noted
-from polish_sim.cell.protective_stop import build_stop_motion
 from polish_sim.cell.real_part import build_part_motion
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
-from polish_sim.cell.speedl import build_request_line, build_speedl
+from polish_sim.cell.robot import build_request_line, build_speedl, build_stop_motion
 from polish_sim.cell.stroke import Stroke, begin_next_stroke, build_sequence, expected_duration
 from polish_sim.cell.wrist_sensor import (
     Payload,

@@ -16,7 +16,7 @@ import numpy as np
 
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.kernel import CellKernel
-from polish_sim.cell.protective_stop import SENT, SHORT, STANDING
+from polish_sim.cell.robot import SENT, SHORT, STANDING
 from polish_sim.errors import ConfigError, unknown_name
 
 JUMP_N = 20.0

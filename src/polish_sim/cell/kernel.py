@@ -11,9 +11,8 @@ from polish_sim.arrays import Array
 from polish_sim.cell.contact import Pad, RealPart, Spindle
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.guards import CrashPoints, Guards
-from polish_sim.cell.protective_stop import StopMotion
 from polish_sim.cell.real_part import PartMotion
-from polish_sim.cell.speedl import RequestLine, Speedl
+from polish_sim.cell.robot import RequestLine, Speedl, StopMotion
 from polish_sim.cell.stroke import Sequence, Stroke
 from polish_sim.cell.wrist_sensor import Payload, WristSensor
 from polish_sim.control.signals import Answer, MeasurementRecord, TargetRecord

@@ -23,10 +23,9 @@ from polish_sim.cell.guards import (
     check_reading,
 )
 from polish_sim.cell.kernel import CellKernel, CellState, Status
-from polish_sim.cell.protective_stop import SENT, STANDING, steer_stop
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, record_reading, record_state
-from polish_sim.cell.speedl import limit_acceleration, pass_request, resolve_joints
+from polish_sim.cell.robot import SENT, STANDING, limit_acceleration, pass_request, resolve_joints, steer_stop
 from polish_sim.cell.stroke import (
     APPROACH,
     DONE,

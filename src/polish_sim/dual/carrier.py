@@ -16,8 +16,8 @@ from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.kernel import MasterFaults
-from polish_sim.cell.protective_stop import brakes_of
 from polish_sim.cell.real_part import PartMotion
+from polish_sim.cell.robot import brakes_of
 from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Target

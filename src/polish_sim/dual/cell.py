@@ -27,9 +27,9 @@ from polish_sim.cell.loop import (
     see_tool,
     trip,
 )
-from polish_sim.cell.protective_stop import SENT
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import ROW_WIDTH, Recorder, put
+from polish_sim.cell.robot import SENT
 from polish_sim.cell.stroke import PROCESS, Stroke
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Controller, Course
