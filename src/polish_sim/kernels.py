@@ -42,7 +42,12 @@ class Record:
         hints = get_type_hints(cls, include_extras=True)
         formats = {name: _format(hint) for name, hint in hints.items() if name != "dtype"}
         ends = np.cumsum([0] + [-(-np.dtype(form).itemsize // 8) * 8 for form in formats.values()])
-        layout = {"names": list(formats), "formats": list(formats.values()), "offsets": ends[:-1], "itemsize": ends[-1]}
+        layout: Any = {
+            "names": list(formats),
+            "formats": list(formats.values()),
+            "offsets": ends[:-1],
+            "itemsize": ends[-1],
+        }
         cls.dtype = np.dtype((np.record, np.dtype(layout, align=True)))
 
     def __new__(cls, *values: Any, **named: Any) -> Self:

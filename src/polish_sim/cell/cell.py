@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart, build_pad, build_spindle
@@ -214,7 +215,7 @@ class Cell:
         chunk += -chunk % self._every
         recorder = build_recorder(chunk, self._every, self.more_columns)
         rows: list[Array] = []
-        traces: list[Array] = []
+        traces: list[NDArray[np.void]] = []
         total = sum(expected_duration(stroke) for stroke in self.strokes)
         started = time.perf_counter()
         draws = np.empty((0, DRAWS))

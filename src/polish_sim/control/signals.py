@@ -129,9 +129,9 @@ class CompiledController:
         course: What lies ahead on the path as the law has it, an array of records; None for a law that does not ask.
     """
 
-    def __init__(self, context: Any, law: Any, course: NDArray[Any] | None = None) -> None:
+    def __init__(self, context: Any, law: Any, course: Any = None) -> None:
         self.context, self.law = context, law
-        self.course = np.zeros(1) if course is None else course
+        self.course: Any = np.zeros(1) if course is None else course
         measurement, wanted = MeasurementRecord(), TargetRecord()
         self._views = (*measurement_of(measurement), *target_of(wanted))
         self._memory = [memory_of(record) for record in (context, measurement, wanted, Answer())]

@@ -7,7 +7,7 @@ deeper: ``slope`` times the feed is a velocity along the tool axis that a force 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,7 @@ class Ahead(NamedTuple):
 
     spacing: float
     """Arc length between rows [m]."""
-    rows: NDArray[np.void]
+    rows: Any
     """``AheadRow`` at equal steps of arc length, shape (n,); none without a course."""
 
 
