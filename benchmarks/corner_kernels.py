@@ -14,45 +14,43 @@ from numba import njit
 from numpy.typing import NDArray
 
 from polish_sim.analysis.style import BLUE, GREY, SERIES, new_figure, styled
-from polish_sim.motion.certified.corner import corner_kernel
-from polish_sim.motion.certified.corner_shapes import PIECES, CornerShapes, corner_shapes
-from polish_sim.motion.certified.corner_task import FAR, CornerFigures, CornerLimits, CornerWeights
-from polish_sim.motion.certified.corner_time import time_lost
+from polish_sim.motion.certified.connector import Peaks
+from polish_sim.motion.certified.corner import CornerShapes, corner_kernel, corner_shapes, time_lost
+from polish_sim.motion.certified.kernel import FAR, Corner, Figures, Kernel, new_kernel, side_of
 
 Array = NDArray[np.float64]
 
-LINE = (0.05, 0.5, 10.0)
+LINE = Peaks(0.05, 0.5, 10.0)
 TOLERANCE = 2e-5
-AXIS = tuple(np.radians([10.0, 100.0, 2000.0, 0.02]))
+AXIS, AXIS_TOLERANCE = Peaks(*np.radians([10.0, 100.0, 2000.0])), np.radians(0.02)
 TURNS = (15.0, 45.0, 90.0, 135.0)
 _MM = 1e3
 
 
-class Kernel(NamedTuple):
+class Sampled(NamedTuple):
     """A kernel of a turn in the plane, sampled: positions a and b [m], their derivatives, times [s]."""
 
-    figures: CornerFigures
+    figures: Figures
     lost: float
     times: Array
     remaining: Array
     gone: Array
 
 
-def limits_of(tolerance: float = TOLERANCE) -> CornerLimits:
-    """The trial's limits."""
-    return CornerLimits(*LINE, tolerance, *AXIS, *LINE)
+def corner_of(tip: float, axis: float, cosine: float) -> Corner:
+    """A corner of long segments with these rates of tip and axis per generalised length, at the trial's limits."""
+    sides = side_of(tip, tip, cosine, LINE, TOLERANCE, False), side_of(axis, axis, cosine, AXIS, AXIS_TOLERANCE, True)
+    return Corner(*sides, LINE, FAR)
 
 
-def kernel_of(shapes: CornerShapes, turn: float) -> Kernel:
+def kernel_of(shapes: CornerShapes, turn: float) -> Sampled:
     """Round a turn [rad] of the tip and sample it: rows of a and b are derivatives 0 to 3."""
-    durations, a, b = np.zeros(PIECES), np.zeros((PIECES, 4)), np.zeros((PIECES, 4))
-    limits = limits_of()
-    figures = corner_kernel(
-        CornerWeights(1.0, 1.0, float(np.cos(turn)), 0.0, 0.0, 1.0, FAR), limits, shapes, durations, a, b
-    )
+    kernel = new_kernel()
+    durations, a, b = kernel
+    figures = corner_kernel(corner_of(1.0, 0.0, float(np.cos(turn))), shapes, kernel)
     t = durations[:, None] * np.linspace(0.0, 1.0, 40)
     times = (t + (np.cumsum(durations) - durations)[:, None]).ravel()
-    return Kernel(figures, time_lost(figures, limits), times, _derivatives(a, t), _derivatives(b, t))
+    return Sampled(figures, time_lost(figures, LINE), times, _derivatives(a, t), _derivatives(b, t))
 
 
 def _derivatives(pieces: Array, t: Array) -> Array:
@@ -84,13 +82,13 @@ def plot_kernels(shapes: CornerShapes) -> Figure:
     return figure
 
 
-def _along(kernel: Kernel, turn: float, order: int) -> tuple[Array, Array]:
+def _along(kernel: Sampled, turn: float, order: int) -> tuple[Array, Array]:
     """A derivative of the tip, x along the old segment."""
     a, b = kernel.remaining[order], kernel.gone[order]
     return -a + b * np.cos(turn), b * np.sin(turn)
 
 
-def _plot_path(axes: Axes, kernel: Kernel, turn: float) -> None:
+def _plot_path(axes: Axes, kernel: Sampled, turn: float) -> None:
     """The tip round the vertex, a few tolerances wide."""
     x, y = _along(kernel, turn, 0)
     leg = 8 * TOLERANCE * _MM
@@ -100,7 +98,7 @@ def _plot_path(axes: Axes, kernel: Kernel, turn: float) -> None:
     axes.set_aspect("equal", adjustable="box")
 
 
-def _plot_distance(axes: Axes, kernel: Kernel, turn: float) -> None:
+def _plot_distance(axes: Axes, kernel: Sampled, turn: float) -> None:
     """Distance to the old line in the first half, to the new one in the second, with sign."""
     distance = np.where(np.abs(kernel.remaining[0]) > np.abs(kernel.gone[0]), kernel.gone[0], kernel.remaining[0])
     axes.plot(kernel.times * 1e3, distance * np.sin(turn) * _MM, color=BLUE)
@@ -109,7 +107,7 @@ def _plot_distance(axes: Axes, kernel: Kernel, turn: float) -> None:
     axes.set(xlabel="time [ms]")
 
 
-def _plot_shares(axes: Axes, kernel: Kernel, turn: float) -> None:
+def _plot_shares(axes: Axes, kernel: Sampled, turn: float) -> None:
     """Norms of speed, acceleration and jerk as shares of their limits."""
     for order, name in enumerate(("speed", "acceleration", "jerk"), start=1):
         share = np.hypot(*_along(kernel, turn, order)) / LINE[order - 1]
@@ -118,24 +116,22 @@ def _plot_shares(axes: Axes, kernel: Kernel, turn: float) -> None:
 
 
 @njit
-def _round_many(
-    count: int, weights: CornerWeights, limits: CornerLimits, shapes: CornerShapes, t: Array, a: Array, b: Array
-) -> float:
+def _round_many(count: int, corner: Corner, shapes: CornerShapes, kernel: Kernel) -> float:
     """Round the same corner many times."""
     speed = 0.0
     for _ in range(count):
-        speed += corner_kernel(weights, limits, shapes, t, a, b).speed
+        speed += corner_kernel(corner, shapes, kernel).speed
     return speed
 
 
-def microseconds(shapes: CornerShapes, weights: CornerWeights, count: int = 20000) -> float:
+def microseconds(shapes: CornerShapes, corner: Corner, count: int = 20000) -> float:
     """Time of one corner, the best of five [us]."""
-    work = np.zeros(PIECES), np.zeros((PIECES, 4)), np.zeros((PIECES, 4))
-    _round_many(1, weights, limits_of(), shapes, *work)
+    kernel = new_kernel()
+    _round_many(1, corner, shapes, kernel)
     best = np.inf
     for _ in range(5):
         start = time.perf_counter()
-        _round_many(count, weights, limits_of(), shapes, *work)
+        _round_many(count, corner, shapes, kernel)
         best = min(best, time.perf_counter() - start)
     return best / count * 1e6
 
@@ -149,9 +145,9 @@ def main() -> None:
         print(
             f"{degrees:12d}{kernel.lost * 1e3:12.1f}{kernel.figures.size * _MM:12.2f}{kernel.figures.speed * _MM:15.1f}"
         )
-    print(f"  one corner, tip only: {microseconds(shapes, CornerWeights(1.0, 1.0, 0.3, 0.0, 0.0, 1.0, FAR)):.2f} us")
-    print(f"  tip and axis: {microseconds(shapes, CornerWeights(1.0, 1.0, 0.3, 3.4, 3.4, 0.3, FAR)):.2f} us")
-    print(f"  axis first: {microseconds(shapes, CornerWeights(0.04, 0.04, 0.012, 3.49, 3.49, 0.3, FAR)):.2f} us")
+    print(f"  one corner, tip only: {microseconds(shapes, corner_of(1.0, 0.0, 0.3)):.2f} us")
+    print(f"  tip and axis: {microseconds(shapes, corner_of(1.0, 3.4, 0.3)):.2f} us")
+    print(f"  axis first: {microseconds(shapes, corner_of(0.2, 3.49, 0.3)):.2f} us")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.motion.certified.joint_choice import choose_limits
+from polish_sim.motion.certified.segment_limits import choose_limits
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
@@ -29,7 +29,7 @@ def plan_exact_stop(
 
     Joint limits are shared out per segment with the largest |q'|, |q''|, |q'''| of its nodes: for speed V, acceleration
     A and jerk J of progress |q''| V^2 + |q'| A <= qdd_max, |q'''| V^3 + 3 |q''| V A + |q'| J <= qddd_max; of all such
-    V, A, J those of least time are taken (`joint_choice`).
+    V, A, J those of least time are taken (`segment_limits`).
 
     Args:
         chain: The segments.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.table import Row, print_rows
-from polish_sim.motion.certified.connector import Ends, LineLimits, connector_time, least_distance
+from polish_sim.motion.certified.connector import Ends, Peaks, connector_time, least_distance
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.rule import RULES
@@ -35,7 +35,7 @@ def against_ruckig(count: int = 5000) -> Iterator[Row]:
     rng = np.random.default_rng(0)
     stops, runs = [], []
     for length, v, a, j in 10.0 ** rng.uniform([-5, -2, -1, 0], [-1, 0, 1, 3], (count, 4)):
-        limits = LineLimits(v, a, j)
+        limits = Peaks(v, a, j)
         stops.append(sum(stop_times(length, v, a, j)) / ruckig_time(Ends(0.0, 0.0, 0.0, 0.0), length, limits))
         ends = draw_ends(rng, limits)
         distance = least_distance(ends, limits) * (1.0 + 10.0 ** rng.uniform(-6.0, 2.0))
@@ -46,7 +46,7 @@ def against_ruckig(count: int = 5000) -> Iterator[Row]:
         yield Row(f"{name}: more than 1e-6 slower", f"{np.count_nonzero(ratios > 1.0 + 1e-6)}", "0")
 
 
-def draw_ends(rng: np.random.Generator, limits: LineLimits) -> Ends:
+def draw_ends(rng: np.random.Generator, limits: Peaks) -> Ends:
     """Speeds and accelerations that stay within the limits once the acceleration has faded out."""
     speeds, accelerations = limits.speed * rng.random(2), limits.acceleration * rng.random(2)
     accelerations = np.minimum(accelerations, np.sqrt(1.999 * limits.jerk * (limits.speed - speeds)))
@@ -54,7 +54,7 @@ def draw_ends(rng: np.random.Generator, limits: LineLimits) -> Ends:
     return Ends(float(speeds[0]), float(accelerations[0]), float(speeds[1]), float(accelerations[1]))
 
 
-def ruckig_time(ends: Ends, distance: float, limits: LineLimits) -> float:
+def ruckig_time(ends: Ends, distance: float, limits: Peaks) -> float:
     """Least time by ruckig [s]; its limits reach a little further than ours, as it refuses ends that are on them."""
     from ruckig import InputParameter, Result, Ruckig, Trajectory
 

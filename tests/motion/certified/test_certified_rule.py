@@ -105,7 +105,7 @@ def test_next_to_singularities_the_arm_is_not_slower_than_with_exact_stops():
         stops = plan_exact_stop(path.chain, LIMITS, arm=path.arm)[1].end
         end = plan(path.chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, path.arm)[1].end
         assert end <= plan(path.chain, LIMITS, 0.0, 0.0, path.arm)[1].end
-        assert end <= stops * (1.0 + FINE.loose)
+        assert end <= stops * (1.0 + FINE[0])
 
 
 def test_the_arm_takes_hardly_longer_than_the_tool_alone_on_the_trial_path():

@@ -8,20 +8,19 @@ import pytest
 from polish_sim.motion.certified.connector import (
     CONNECTOR_PIECES,
     Ends,
-    LineLimits,
-    connect,
+    Peaks,
     connector_time,
     fill_connector,
     least_distance,
     least_peak,
 )
 
-PAPER = LineLimits(0.05, 0.5, 10.0)
+PAPER = Peaks(0.05, 0.5, 10.0)
 
 
 def _pieces(ends, distance, limits):
     durations, jerks = np.zeros(CONNECTOR_PIECES), np.zeros(CONNECTOR_PIECES)
-    fill_connector(ends, connect(ends, distance, limits), limits, durations, jerks)
+    fill_connector(ends, distance, limits, durations, jerks)
     return durations, jerks
 
 
@@ -54,7 +53,7 @@ def test_a_long_rest_to_rest_run_is_distance_over_speed_plus_both_ramps():
 def test_pieces_lead_from_one_end_to_the_other_within_the_limits():
     rng = np.random.default_rng(1)
     for _ in range(2000):
-        limits = LineLimits(*(10 ** rng.uniform(-2, 1, 3)))
+        limits = Peaks(*(10 ** rng.uniform(-2, 1, 3)))
         limits = limits._replace(acceleration=min(limits.acceleration, math.sqrt(2 * limits.speed * limits.jerk)))
         ends = _random_ends(rng, limits)
         shortest = least_distance(ends, limits)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from polish_sim.motion.certified.joint_choice import choose_limits, rest_to_rest, worst_share
+from polish_sim.motion.certified.segment_limits import choose_limits, rest_to_rest, worst_share
 
 
 class Case(NamedTuple):

@@ -5,8 +5,18 @@ import math
 import numpy as np
 import pytest
 
-from polish_sim.motion.certified.bends import Vectors
-from polish_sim.motion.certified.law import Motion, bend_load, fill_law, gone_at, law_at, new_law, time_at, turn_at
+from polish_sim.motion.certified.connector import Peaks
+from polish_sim.motion.certified.kernel import PIECES, measure_peaks, new_kernel, runs_forwards, side_of
+from polish_sim.motion.certified.line import (
+    Motion,
+    fill_bend_kernel,
+    fill_law,
+    gone_at,
+    law_at,
+    new_law,
+    time_at,
+    turn_at,
+)
 
 
 def _law(speed=0.03, acceleration=0.2):
@@ -43,13 +53,17 @@ def test_a_bend_keeps_to_its_room():
 def test_a_bend_s_load_is_the_largest_of_the_tip_s_motion():
     law, angle = _law(), 0.1
     turning = turn_at(law, 4e-3, 1.5e-3, 1e-3, 1e-3)
-    load = bend_load(law, turning, Vectors(1.0, 1.0, math.cos(angle)))
+    kernel = new_kernel()
+    nearest = fill_bend_kernel(law, turning, 4e-3, kernel)
+    load = measure_peaks(side_of(1.0, 1.0, math.cos(angle), Peaks(1.0, 1.0, 1.0), 1.0, False), kernel, PIECES)
     old, new = np.array([1.0, 0.0]), np.array([math.cos(angle), math.sin(angle)])
-    peaks = np.zeros(2)
+    peaks, off = np.zeros(2), 0.0
     for time in np.linspace(turning.begin, turning.begin + turning.duration, 3000)[1:-1]:
         line, gone = law_at(law, time), gone_at(turning, time)
         motion = (line.acceleration - gone.acceleration) * old + gone.acceleration * new
+        off = max(off, min(gone.way, 4e-3 + gone.way - line.way))
         peaks = np.maximum(peaks, [np.hypot(*motion), np.hypot(*((line.jerk - gone.jerk) * old + gone.jerk * new))])
     assert load.acceleration == pytest.approx(peaks[0], rel=1e-3)
     assert load.jerk == pytest.approx(peaks[1], rel=1e-9)
-    assert load.forwards
+    assert 0.95 * nearest < off <= nearest * (1.0 + 1e-9)
+    assert runs_forwards(kernel)

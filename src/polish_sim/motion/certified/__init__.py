@@ -1,1 +1,1 @@
-"""The rule ``certified``: corners, connectors and look-ahead, limits proven on intervals (layer 6)."""
+"""The rule ``certified``: motions whose limits and tolerances are proven on intervals, planned in a stream."""

@@ -1,54 +1,20 @@
-"""The stream as Python sees it: feed way points, take pieces of the motion (layer 6)."""
+"""The stream as Python sees it: feed way points, take pieces of the motion."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.errors import ReachError, SmoothingError, place_in_mm
-from polish_sim.motion.certified.corners import Tolerances
-from polish_sim.motion.certified.course import new_course
+from polish_sim.motion.certified.fitting import new_course
+from polish_sim.motion.certified.line import MotionPieces
 from polish_sim.motion.certified.merge import Shares
-from polish_sim.motion.certified.stream import take_points
-from polish_sim.motion.certified.stream_state import (
-    BLOCK,
-    GIVEN,
-    NO_LAW,
-    OUT_ROWS,
-    OUT_SEGMENTS,
-    SEGMENTS,
-    STATUS,
-    Outbox,
-    new_stream,
-)
+from polish_sim.motion.certified.stream import BLOCK, NO_LAW, make_room, new_stream, take_points
 from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, arm_or_none
 from polish_sim.motion.segment_rates import REACHED, UNREACHABLE
 
-Array = NDArray[np.float64]
-
 MERGING_SHARE = 0.5
 """Share of either tolerance that merging short chords may use; what it leaves goes to the corners."""
-
-
-class MotionPieces(NamedTuple):
-    """Segments of the merged chain that are decided on, and when each is passed (as in Schedule)."""
-
-    tips: Array
-    """Way points the segments end at [m], shape (m, 3)."""
-    rotations: Array
-    """Tool frames there, shape (m, 3, 3)."""
-    way_points: NDArray[np.int64]
-    """Their numbers among the way points fed, shape (m,)."""
-    segments: NDArray[np.int64]
-    """Segment of each row, counted from the path's start, shape (r,)."""
-    starts: Array
-    """[s], shape (r,)."""
-    durations: Array
-    """[s], shape (r,)."""
-    coefficients: Array
-    """Progress as a cubic in time, shape (r, 4)."""
 
 
 class Smoother:
@@ -73,13 +39,13 @@ class Smoother:
             raise SmoothingError(f"tolerances are {tolerance:g} m and {axis_tolerance:g} rad: 0 or more is needed.")
         values = limits.values()
         shares = _shares(values, tolerance, axis_tolerance)
-        self._course = new_course(values, Tolerances(float(tolerance), float(axis_tolerance)), shares, arm_or_none(arm))
+        self._course = new_course(values, (float(tolerance), float(axis_tolerance)), shares, arm_or_none(arm))
         self._stream = new_stream(arm_or_none(arm))
 
     @property
     def time(self) -> float:
         """When the last segment given out has handed over to the next one [s]; after `finish` the cycle time."""
-        return float(self._stream.clock[0])
+        return float(self._stream.states[0]["clock"])
 
     def feed(self, tips: Array, rotations: Array, feeds: Array | None = None) -> MotionPieces:
         """Take in way points.
@@ -99,13 +65,10 @@ class Smoother:
         """
         tips, rotations = np.ascontiguousarray(tips, dtype=float), np.ascontiguousarray(rotations, dtype=float)
         caps = np.full(len(tips), np.inf) if feeds is None else np.ascontiguousarray(feeds, dtype=float)
-        pieces = []
-        for i in range(0, len(tips), BLOCK):
-            take_points(
-                self._stream, self._course, tips[i : i + BLOCK], rotations[i : i + BLOCK], caps[i : i + BLOCK], False
-            )
-            self._check()
-            pieces.append(self._taken())
+        pieces = [
+            self._take(tips[i : i + BLOCK], rotations[i : i + BLOCK], caps[i : i + BLOCK], False)
+            for i in range(0, len(tips), BLOCK)
+        ]
         return pieces[0] if len(pieces) == 1 else join_pieces(pieces)
 
     def finish(self) -> MotionPieces:
@@ -114,44 +77,36 @@ class Smoother:
         Returns:
             All that is left.
         """
-        nothing = np.zeros(0)
-        take_points(self._stream, self._course, np.zeros((0, 3)), np.zeros((0, 3, 3)), nothing, True)
+        return self._take(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0), True)
+
+    def _take(self, tips: Array, rotations: Array, caps: Array, ends: bool) -> MotionPieces:
+        """Take in at most BLOCK way points; what has become certain, copied out of the stream."""
+        make_room(self._stream)
+        take_points(self._stream, self._course, tips, rotations, caps, ends)
         self._check()
-        return self._taken()
+        state, box = self._stream.states[0], self._stream.pen.outbox
+        counts = [state["out_segments"]] * 3 + [state["out_rows"]] * 4
+        return MotionPieces(*(rows[:count].copy() for rows, count in zip(box, counts, strict=True)))
 
     def _check(self) -> None:
-        counters, chain = self._stream.counters, self._stream.segments.chain
-        if counters[STATUS] == REACHED:
+        """Raise what went wrong."""
+        state, chain = self._stream.states[0], self._stream.segments.chain
+        if state["status"] == REACHED:
             return
-        if counters[STATUS] == NO_LAW:
-            first, last = self._stream.lines.first[counters[GIVEN] : counters[GIVEN] + 2]
+        if state["status"] == NO_LAW:
+            first, last = self._stream.lines.first[state["given"] : state["given"] + 2]
             start, end = place_in_mm(chain.tips[first]), place_in_mm(chain.tips[last])
             raise SmoothingError(
                 f"between {start} and {end} no law of time was found that keeps every bend within limits and "
                 "tolerance. Widen the tolerance, or set it to 0 to stop at every point."
             )
-        k = int(counters[SEGMENTS])
+        k = state["segments"]
         start, end = place_in_mm(chain.tips[k]), place_in_mm(chain.tips[k + 1])
-        if counters[STATUS] == UNREACHABLE:
+        if state["status"] == UNREACHABLE:
             raise ReachError(f"the robot cannot reach all of the path between {start} and {end}. Move the part.")
         raise ReachError(
             f"between {start} and {end} the arm is so close to a singular position that no speed keeps its joints "
             "within their limits. Move the part or turn the tool."
-        )
-
-    def _taken(self) -> MotionPieces:
-        """What the outbox holds, copied."""
-        box: Outbox = self._stream.outbox
-        m, r = int(self._stream.counters[OUT_SEGMENTS]), int(self._stream.counters[OUT_ROWS])
-        rows = box.pen.rows
-        return MotionPieces(
-            box.tips[:m].copy(),
-            box.rotations[:m].copy(),
-            box.raw_ends[:m].copy(),
-            rows.segments[:r].copy(),
-            rows.starts[:r].copy(),
-            rows.durations[:r].copy(),
-            rows.coefficients[:r].copy(),
         )
 
 

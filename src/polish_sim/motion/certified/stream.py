@@ -1,56 +1,83 @@
-"""Way points in, schedule rows out, with a look-ahead of eight merged segments and constant memory (layer 6).
+"""Way points in, schedule rows out, with a look-ahead of eight lines and constant memory.
 
 Every way point goes the same way however many come at once, so the output does not depend on how the input is cut.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.certified.buffers import CAPACITY, LOOKAHEAD, SPEED, Corners, Segments
-from polish_sim.motion.certified.connector import LineLimits
-from polish_sim.motion.certified.corner_fit import fill_corner
-from polish_sim.motion.certified.course import Course, bends_hold, fill_bend, slow_bend
-from polish_sim.motion.certified.emit import Place, emit_line, lay_bends, lay_law
-from polish_sim.motion.certified.merge import Run, chord_deviation, joins, store_point
-from polish_sim.motion.certified.robot import fill_limits
-from polish_sim.motion.certified.shift import move_corner, move_line, move_row, move_segment, move_way_point
-from polish_sim.motion.certified.stream_state import (
-    FIRST,
-    GIVEN,
-    HELD,
-    LAST,
-    LINES,
-    NO_LAW,
-    OPEN,
-    OUT_ROWS,
-    OUT_SEGMENTS,
-    RAW,
-    RAW_END,
-    RELAID,
-    SEGMENTS,
-    STATUS,
-    Stream,
-)
-from polish_sim.motion.certified.strings import close_line, may_string, open_line, string_segment
-from polish_sim.motion.certified.window import (
-    best_before_stop,
-    decide,
-    decide_all,
-    forget_past,
-    limits_between,
-    reach_corner,
-)
+from polish_sim.motion.certified import fitting, line, window
+from polish_sim.motion.certified.bends import close_line, may_string, open_line, plan_bend, string_segment
+from polish_sim.motion.certified.connector import Peaks
+from polish_sim.motion.certified.fitting import Course, Robot, new_robot
+from polish_sim.motion.certified.kernel import Figures
+from polish_sim.motion.certified.line import Pen, new_pen
+from polish_sim.motion.certified.merge import Run, chord_deviation, empty_run, joins, store_point
+from polish_sim.motion.certified.window import CAPACITY, LOOKAHEAD, MOST_STRUNG, Corners, Lines, Segments
 from polish_sim.motion.rules.chain import fill_segment
+from polish_sim.motion.rules.limits import Arm
 from polish_sim.motion.segment_rates import REACHED
 
-Array = NDArray[np.float64]
-
+BLOCK = 128
+"""Way points taken in at once: the rows they give fit the outbox, their segments the buffers."""
+NO_LAW = 9
+"""Status: no law was found that keeps a line's bends in their limits."""
+_ROOM = BLOCK + (LOOKAHEAD + 2) * MOST_STRUNG
 _SLOWINGS, _SLOWER = 25, 0.85
 _SHORTENINGS, _SHORTER = 3, 0.8
 """Where speed changes along a bend it bulges more than planned for: it is laid shorter before the line is slowed."""
+_COUNTERS = (
+    "held",
+    "raw",
+    "last",
+    "raw_end",
+    "segments",
+    "first",
+    "lines",
+    "given",
+    "out_segments",
+    "out_rows",
+    "status",
+)
+STATE = np.dtype([*((name, np.int64) for name in _COUNTERS), ("is_open", np.bool_), ("clock", np.float64)])
+"""Way points in the run; taken in; the run's last one, and its number of all; segments in the buffers; number of the
+buffers' first one; closed lines in the buffers; next line to give; segments and rows in the outbox; REACHED or what
+went wrong; whether a line is open; when the corner behind the next line to give begins [s]."""
+
+
+class Stream(NamedTuple):
+    """All a stream remembers."""
+
+    states: Any
+    """One record of `STATE`, shape (1,)."""
+    run: Run
+    segments: Segments
+    lines: Lines
+    corners: Corners
+    pen: Pen
+    robot: Robot
+
+
+def new_stream(arm: Arm) -> Stream:
+    """A stream before its first way point."""
+    return Stream(np.zeros(1, STATE), empty_run(), *window.new_buffers(arm.q_start), new_pen(_ROOM), new_robot())
+
+
+def make_room(stream: Stream) -> None:
+    """Drop what has been given out if the buffers could overflow with the next block."""
+    state = stream.states[0]
+    if state["segments"] + BLOCK + 2 < CAPACITY:
+        return
+    moved = window.move_to_front(stream.segments, stream.lines, stream.corners, state["given"], state["lines"])
+    state["first"] += moved
+    state["segments"] -= moved
+    state["lines"] -= state["given"]
+    state["given"] = 0
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
@@ -67,218 +94,183 @@ def take_points(stream: Stream, course: Course, tips: Array, rotations: Array, f
         feeds: Cap on the tip's speed on the way to each of them [m/s], shape (n,).
         ends: Whether the path ends after them: two more steps then close the last run and the last line.
     """
-    counters, count = stream.counters, tips.shape[0]
-    counters[OUT_SEGMENTS] = counters[OUT_ROWS] = 0
+    state, count = stream.states[0], tips.shape[0]
+    state.out_segments = state.out_rows = 0
     for i in range(count + 2 if ends else count):
         if i < count:
             ready = _offer_point(stream, course, tips[i], rotations[i], feeds[i])
         else:
-            ready = i == count and _end_run(stream)
+            state.last, state.raw_end = state.held - 1, state.raw - 1
+            ready = i == count and state.last > 0
         added = ready and _add_segment(stream, course)
-        if counters[STATUS] != REACHED:
+        if state.status != REACHED:
             break
         if ready and i < count:
-            _restart_run(stream.run, counters)
-        closing = (added and not _string(stream, course)) or (i > count and counters[OPEN] > 0)
+            # The next run begins with the last two way points of this one.
+            run = stream.run
+            for to in range(2):
+                source = state.last + to
+                store_point(run, to, run.tips[source], run.rotations[source], run.feeds[source])
+            state.held = 2
+        closing = (added and not _string(stream, course)) or (i > count and state.is_open)
         if closing:
-            _close_line(stream, course, counters[SEGMENTS] - (2 if added else 1))
+            _close_line(stream, course, state.segments - (2 if added else 1))
         if added and closing:
-            open_line(stream.segments, stream.lines, counters[LINES], counters[SEGMENTS] - 1)
-            counters[OPEN] = 1
-        until = _decide(stream, i > count) if closing or i > count else counters[GIVEN]
-        while counters[GIVEN] < until and counters[STATUS] == REACHED:
+            open_line(stream.segments, stream.lines, state.lines, state.segments - 1)
+            state.is_open = True
+        until = _decide(stream, i > count) if closing or i > count else state.given
+        while state.given < until and state.status == REACHED:
             _give_line(stream, course)
-        if counters[STATUS] != REACHED:
+        if state.status != REACHED:
             break
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _offer_point(stream: Stream, course: Course, tip: Array, rotation: Array, feed: float) -> bool:
     """Lead the run on to a way point; true if it must be closed before it."""
-    counters, held = stream.counters, stream.counters[HELD]
+    state, held = stream.states[0], stream.states[0].held
     store_point(stream.run, held, tip, rotation, feed)
-    counters[RAW] += 1
-    counters[HELD] = held + 1
-    counters[LAST], counters[RAW_END] = held - 1, counters[RAW] - 2
+    state.raw += 1
+    state.held = held + 1
+    state.last, state.raw_end = held - 1, state.raw - 2
     return bool(held > 1 and not joins(stream.run, held, course.shares))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _end_run(stream: Stream) -> bool:
-    """The path ends with the run; true if there is anything in it."""
-    counters = stream.counters
-    counters[LAST], counters[RAW_END] = counters[HELD] - 1, counters[RAW] - 1
-    return bool(counters[LAST] > 0)
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _restart_run(run: Run, counters: NDArray[np.int64]) -> None:
-    """Begin a run with the last two way points of the old one."""
-    for to in range(2):
-        i = counters[LAST] + to
-        store_point(run, to, run.tips[i], run.rotations[i], run.feeds[i])
-    counters[HELD] = 2
-
-
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _add_segment(stream: Stream, course: Course) -> bool:
     """The chord of the run becomes a segment; false if it leads nowhere or the robot cannot follow."""
-    counters, segments, last = stream.counters, stream.segments, stream.counters[LAST]
-    if counters[SEGMENTS] == CAPACITY:
-        _move_to_front(stream)
-    k = counters[SEGMENTS]
+    state, segments, last = stream.states[0], stream.segments, stream.states[0].last
+    k = state.segments
     if k == 0:
         _set_way_point(segments, 0, stream.run, 0)
     _set_way_point(segments, k + 1, stream.run, last)
     fill_segment(segments.chain, k)
     if segments.chain.lengths[k] == 0.0 and segments.chain.angles[k] == 0.0:
         return False
-    counters[STATUS] = fill_limits(segments, k, stream.run.feeds[last], course.limits, course.arm, stream.robot)
-    if counters[STATUS] != REACHED:
+    state.status = fitting.fill_limits(segments, k, stream.run.feeds[last], course.limits, course.arm, stream.robot)
+    if state.status != REACHED:
         return False
-    deviation = chord_deviation(stream.run, last)
-    segments.used[k, 0], segments.used[k, 1] = deviation.tip, deviation.axis
-    segments.raw_ends[k] = counters[RAW_END]
-    counters[SEGMENTS] = k + 1
+    segments.used[k, 0], segments.used[k, 1] = chord_deviation(stream.run, last)
+    segments.raw_ends[k] = state.raw_end
+    state.segments = k + 1
     return True
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _set_way_point(segments: Segments, i: int, run: Run, source: int) -> None:
+    chain, size = segments.chain, 0.0
+    for j in range(3):
+        chain.tips[i, j] = run.tips[source, j]
+        size += run.rotations[source, j, 2] ** 2
+        for c in range(3):
+            chain.rotations[i, j, c] = run.rotations[source, j, c]
+    for j in range(3):
+        chain.axes[i, j] = run.rotations[source, j, 2] / np.sqrt(size)
+
+
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _string(stream: Stream, course: Course) -> bool:
     """Put the newest segment on the open line; false if that must be closed before it."""
-    segments, lines, counters = stream.segments, stream.lines, stream.counters
-    line, k = counters[LINES], counters[SEGMENTS] - 1
-    if counters[OPEN] == 0:
-        open_line(segments, lines, line, k)
-        counters[OPEN] = 1
+    segments, lines, state = stream.segments, stream.lines, stream.states[0]
+    n, k = state.lines, state.segments - 1
+    if not state.is_open:
+        open_line(segments, lines, n, k)
+        state.is_open = True
         return True
-    fill_bend(segments, k, course)
-    if not may_string(segments, lines, line, k):
+    plan_bend(fitting.bend_at(segments, k, course), segments.bends[k])
+    if not may_string(segments, lines, n, k):
         return False
-    slow_bend(segments, k, course, stream.robot)
-    if not may_string(segments, lines, line, k):
+    fitting.slow_bend(segments, k, course, stream.robot)
+    if not may_string(segments, lines, n, k):
         return False
-    string_segment(segments, lines, line, k)
+    string_segment(segments, lines, n, k)
     return True
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _close_line(stream: Stream, course: Course, last: int) -> None:
     """The open line ends with segment ``last``; its start becomes a corner."""
-    counters, lines, corners, k = stream.counters, stream.lines, stream.corners, stream.counters[LINES]
+    state, lines, corners, k = stream.states[0], stream.lines, stream.corners, stream.states[0].lines
     close_line(stream.segments, lines, k, last)
-    counters[LINES], counters[OPEN] = k + 1, 0
+    state.lines, state.is_open = k + 1, False
     if k > 0:
-        fill_corner(stream.segments, lines, corners, k, course, stream.robot)
-        reach_corner(lines, corners, k)
+        fitting.fill_corner(stream.segments, lines, corners, k, course, stream.robot)
+        window.reach_corner(lines, corners, k)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _decide(stream: Stream, ends: bool) -> int:
     """Decide on the oldest open corner once the look-ahead is full, on all if the path ends.
 
     Returns:
         Which line to give out lines up to.
     """
-    counters, lines, corners = stream.counters, stream.lines, stream.corners
-    given, last = counters[GIVEN], counters[LINES] - 1
+    state, lines, corners = stream.states[0], stream.lines, stream.corners
+    given, last = state.given, state.lines - 1
     if last < 0 or not (ends or last - given == LOOKAHEAD):
         return int(given)
-    state = best_before_stop(lines, corners, last)
+    best = window.best_before_stop(lines, corners, last)
     if ends:
-        decide_all(corners, given + 1, last, state)
-        _set_stop(corners, last + 1)
+        window.decide_all(corners, given + 1, last, best)
+        corners.chosen[last + 1] = 0
+        window.set_state(corners, last + 1, 0, Figures(0.0, 0.0, 0.0, 0.0), 0.0, 1.0)
         return int(last + 1)
-    decide(corners, given + 1, last, state)
-    forget_past(corners, given + 1, last)
+    window.decide(corners, given + 1, last, best)
     return int(given + 1)
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _set_way_point(segments: Segments, i: int, run: Run, source: int) -> None:
-    chain = segments.chain
-    for j in range(3):
-        chain.tips[i, j] = run.tips[source, j]
-        for c in range(3):
-            chain.rotations[i, j, c] = run.rotations[source, j, c]
-    size = 0.0
-    for j in range(3):
-        size += run.rotations[source, j, 2] ** 2
-    for j in range(3):
-        chain.axes[i, j] = run.rotations[source, j, 2] / np.sqrt(size)
-
-
-@njit(cache=True, error_model="numpy")
-def _set_stop(corners: Corners, k: int) -> None:
-    """The path ends at rest: state 0."""
-    corners.chosen[k] = 0
-    for c in range(4):
-        corners.states[k, 0, c] = 0.0
-    corners.scales[k, 0] = 0.0
-
-
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _give_line(stream: Stream, course: Course) -> None:
     """Put the oldest line into the outbox; both its corners are decided."""
-    counters, box, lines, k = stream.counters, stream.outbox, stream.lines, stream.counters[GIVEN]
+    state, box, lines, k = stream.states[0], stream.pen.outbox, stream.lines, stream.states[0].given
     _lay_line(stream, course, k)
-    if counters[STATUS] != REACHED:
+    if state.status != REACHED:
         return
-    place = Place(k, counters[FIRST], counters[OUT_ROWS])
-    row, time = emit_line(stream.segments, lines, stream.corners, box.pen, place, stream.clock[0])
+    state.out_rows, state.clock = line.emit_line(
+        stream.segments, lines, stream.corners, stream.pen, k, state.first, state.out_rows, state.clock
+    )
     for i in range(lines.first[k], lines.first[k + 1]):
-        _give_way_point(stream, i)
-    stream.clock[0] = time
-    counters[GIVEN], counters[OUT_ROWS] = k + 1, row
+        chain, m = stream.segments.chain, state.out_segments
+        for j in range(3):
+            box.tips[m, j] = chain.tips[i + 1, j]
+            for c in range(3):
+                box.rotations[m, j, c] = chain.rotations[i + 1, j, c]
+        box.way_points[m] = stream.segments.raw_ends[i]
+        state.out_segments = m + 1
+    state.given = k + 1
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _lay_line(stream: Stream, course: Course, k: int) -> None:
     """Lay law and bends of line ``k``; bends shorter, then the line slower if one breaks a limit or finds no room."""
-    corners = stream.corners
-    first, second = corners.chosen[k], corners.chosen[k + 1]
-    limits = limits_between(stream.lines, k, corners.states[k, first, SPEED], corners.states[k + 1, second, SPEED])
-    pen = stream.outbox.pen
+    state, corners, pen = stream.states[0], stream.corners, stream.pen
+    first, second = (
+        window.state_of(corners, k, corners.chosen[k]),
+        window.state_of(corners, k + 1, corners.chosen[k + 1]),
+    )
+    limits = window.limits_between(stream.lines, k, first.speed, second.speed)
     for attempt in range(_SLOWINGS * _SHORTENINGS):
         slow = _SLOWER ** (attempt // _SHORTENINGS)
-        slower = LineLimits(limits.speed * slow, limits.acceleration * slow**2, limits.jerk * slow**3)
-        if np.isnan(lay_law(stream.lines, corners, k, slower, pen)):
+        slower = Peaks(limits.speed * slow, limits.acceleration * slow**2, limits.jerk * slow**3)
+        if np.isnan(line.lay_law(stream.lines, corners, k, slower, pen)):
             break
-        if lay_bends(stream.segments, stream.lines, k, pen, _SHORTER ** (attempt % _SHORTENINGS)) and bends_hold(
-            stream.segments, stream.lines, k, course, pen, stream.robot
-        ):
+        if _lay_bends(stream, course, k, _SHORTER ** (attempt % _SHORTENINGS)):
             return
-        stream.counters[RELAID] += 1
-    stream.counters[STATUS] = NO_LAW
+    state.status = NO_LAW
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _give_way_point(stream: Stream, k: int) -> None:
-    """Put the end of segment ``k`` into the outbox."""
-    box, chain, m = stream.outbox, stream.segments.chain, stream.counters[OUT_SEGMENTS]
-    for j in range(3):
-        box.tips[m, j] = chain.tips[k + 1, j]
-        for c in range(3):
-            box.rotations[m, j, c] = chain.rotations[k + 1, j, c]
-    box.raw_ends[m] = stream.segments.raw_ends[k]
-    stream.counters[OUT_SEGMENTS] = m + 1
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _move_to_front(stream: Stream) -> None:
-    """Move what is still needed to the front of the buffers."""
-    counters, lines = stream.counters, stream.lines
-    shift, last = counters[GIVEN], counters[LINES]
-    moved, count = lines.first[shift], counters[SEGMENTS]
-    for k in range(shift, last + 1):
-        move_corner(stream.corners, k, k - shift)
-        move_line(lines, k, k - shift, moved)
-    for k in range(moved, count + 1):
-        move_way_point(stream.segments.chain, k, k - moved)
-        move_row(stream.robot.q, k - moved, k)
-    for k in range(moved, count):
-        move_segment(stream.segments, k, k - moved)
-    counters[FIRST] += moved
-    counters[SEGMENTS] -= moved
-    counters[LINES] -= shift
-    counters[GIVEN] = 0
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+def _lay_bends(stream: Stream, course: Course, k: int, share: float) -> bool:
+    """Place the bends of line ``k`` with a share of their planned lengths; whether all hold at every instant."""
+    segments, pen, robot, way = stream.segments, stream.pen, stream.robot, 0.0
+    first = stream.lines.first[k]
+    for i in range(first + 1, stream.lines.first[k + 1]):
+        way += segments.spans[i - 1]
+        turning = line.lay_bend(segments, i, i - first, way, share, pen)
+        if turning.duration <= 0.0:
+            return False
+        if not fitting.bend_holds(
+            segments, i, line.fill_bend_kernel(pen.law, turning, way, robot.kernel), course, robot
+        ):
+            return False
+    return True

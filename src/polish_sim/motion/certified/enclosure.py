@@ -1,4 +1,4 @@
-"""Joint derivatives bounded on a whole piece of a segment, from their values at its middle (layer 6).
+"""Joint derivatives bounded on a whole piece of a segment, from their values at its middle.
 
 Everything hangs on a bound of the fourth derivative q4 over the piece, J0 q4 = x4 - 3 J1 q3 - 3 J2 q2 - J3 q1
 (numbers are orders of derivatives). At the middle it is exact; how much it may differ elsewhere follows from bounds
@@ -14,12 +14,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.joint_rates import ArmState, new_arm_state
-
-Array = NDArray[np.float64]
 
 MOST_GUESSES = 8
 HOPELESS = 2.5
@@ -50,24 +48,16 @@ class Enclosure(NamedTuple):
 
 def new_enclosure() -> Enclosure:
     """Fresh work space."""
-    return Enclosure(
-        new_arm_state(),
-        np.zeros((4, 4)),
-        np.zeros((3, 6)),
-        np.zeros((3, 6)),
-        np.zeros((6, 6)),
-        np.zeros(6),
-        np.zeros((4, 6)),
-        np.zeros(6),
-    )
+    shapes = (4, 4), (3, 6), (3, 6), (6, 6), (6,), (4, 6), (6,)
+    return Enclosure(new_arm_state(), *(np.zeros(shape) for shape in shapes))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
 def _norm(x: float, y: float, z: float) -> float:
     return math.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def measure_gains(e: Enclosure) -> None:
     """Fill ``gains`` from the arm's inverse Jacobian and links."""
     inverse, links = e.arm.inverse, e.arm.links
@@ -77,17 +67,10 @@ def measure_gains(e: Enclosure) -> None:
         e.gains[2, i] = _norm(links[i, 0], links[i, 1], links[i, 2])
 
 
-@njit(cache=True, error_model="numpy")
-def fill_drift(arm: ArmState, q1: Array, drift: Array) -> None:
-    """Write absolute values of inverse(J) J', with J' the change of the Jacobian while the joints move at rates q1.
-
-    Column by column: J' has z' x R + z x R'; z', R the joint's axis and the way to the tool.
-
-    Args:
-        arm: Placed; its scratch is used.
-        q1: Joint rates, shape (6,).
-        drift: Written, shape (6, 6).
-    """
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _fill_drift(e: Enclosure) -> None:
+    """Fill ``drift``, column by column: J' has z' x R + z x R'; z', R the joint's axis and the way to the tool."""
+    arm, q1, drift = e.arm, e.arm.rates[0], e.drift
     axes, links, m, ways = arm.axes, arm.links, arm.inverse, arm.scratch
     wx, wy, wz = 0.0, 0.0, 0.0
     for k in range(6):
@@ -109,7 +92,7 @@ def fill_drift(arm: ArmState, q1: Array, drift: Array) -> None:
             drift[i, k] = abs(total)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def measure_link_speeds(e: Enclosure) -> None:
     """Fill ``speeds`` and ``fourth``: every link's turning w and its derivatives, added up from the base.
 
@@ -122,11 +105,9 @@ def measure_link_speeds(e: Enclosure) -> None:
         x, y, z, a, b, c = axes[k, 0], axes[k, 1], axes[k, 2], q[0, k], q[1, k], q[2, k]
         # The axis' own derivatives: u = w x z, v = w' x z + w x u, t = w'' x z + 2 w' x u + w x v.
         ux, uy, uz = dy * z - dz * y, dz * x - dx * z, dx * y - dy * x
-        vx, vy, vz = (
-            ey * z - ez * y + dy * uz - dz * uy,
-            ez * x - ex * z + dz * ux - dx * uz,
-            ex * y - ey * x + dx * uy - dy * ux,
-        )
+        vx = ey * z - ez * y + dy * uz - dz * uy
+        vy = ez * x - ex * z + dz * ux - dx * uz
+        vz = ex * y - ey * x + dx * uy - dy * ux
         tx = fy * z - fz * y + 2.0 * (ey * uz - ez * uy) + dy * vz - dz * vy
         ty = fz * x - fx * z + 2.0 * (ez * ux - ex * uz) + dz * vx - dx * vz
         tz = fx * y - fy * x + 2.0 * (ex * uy - ey * ux) + dx * vy - dy * vx
@@ -145,11 +126,9 @@ def measure_link_speeds(e: Enclosure) -> None:
         # The same of the link, one order further.
         x, y, z = links[k, 0], links[k, 1], links[k, 2]
         ux, uy, uz = dy * z - dz * y, dz * x - dx * z, dx * y - dy * x
-        vx, vy, vz = (
-            ey * z - ez * y + dy * uz - dz * uy,
-            ez * x - ex * z + dz * ux - dx * uz,
-            ex * y - ey * x + dx * uy - dy * ux,
-        )
+        vx = ey * z - ez * y + dy * uz - dz * uy
+        vy = ez * x - ex * z + dz * ux - dx * uz
+        vz = ex * y - ey * x + dx * uy - dy * ux
         tx = fy * z - fz * y + 2.0 * (ey * uz - ez * uy) + dy * vz - dz * vy
         ty = fz * x - fx * z + 2.0 * (ez * ux - ex * uz) + dz * vx - dx * vz
         tz = fx * y - fy * x + 2.0 * (ex * uy - ey * ux) + dx * vy - dy * vx
@@ -162,7 +141,7 @@ def measure_link_speeds(e: Enclosure) -> None:
         e.fourth[i] = abs(total)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def spread_rates(e: Enclosure, r: float) -> None:
     """Bounds of q', q'', q''' within r of the middle from that of q'''' (Taylor with remainder)."""
     for i in range(6):
@@ -172,15 +151,9 @@ def spread_rates(e: Enclosure, r: float) -> None:
         e.rates[0, i] = (q1 + r * (q2 + r * (0.5 * q3 + r * q4 / 6.0))) * _ROUNDING
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def imply_fourth(e: Enclosure, r: float, fourth_twist: float) -> None:
-    """Fill ``implied``: the bound of |q''''| that follows from the guess in ``rates``.
-
-    Args:
-        e: Work space; ``rates`` complete.
-        r: Half width of the piece, in progress [-].
-        fourth_twist: Bound of the angular part of x'''' (the linear one is zero) [rad].
-    """
+    """Fill ``implied``: the bound of |q''''| that follows from the guess in ``rates``; see `enclose`."""
     linear, angular, h = 0.0, fourth_twist, 2.0 * r * r
     # Norms of the first to fourth derivative of a vector fixed in the last link (r1..r4), and of sums of axes.
     r1, r2, r3, r4 = 0.0, 0.0, 0.0, 0.0
@@ -215,7 +188,7 @@ def imply_fourth(e: Enclosure, r: float, fourth_twist: float) -> None:
         e.implied[i] = total * _ROUNDING
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def enclose(e: Enclosure, r: float, fourth_twist: float) -> int:
     """Bound the joint derivatives within r of the middle.
 
@@ -229,7 +202,7 @@ def enclose(e: Enclosure, r: float, fourth_twist: float) -> int:
     """
     measure_gains(e)
     measure_link_speeds(e)
-    fill_drift(e.arm, e.arm.rates[0], e.drift)
+    _fill_drift(e)
     for i in range(6):
         e.rates[3, i] = 0.0
     for guess in range(1, MOST_GUESSES + 1):

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from numba import njit
 
-from polish_sim.motion.certified.corner import corner_kernel
-from polish_sim.motion.certified.corner_shapes import PIECES, corner_shapes
-from polish_sim.motion.certified.corner_task import CornerFigures, CornerLimits, CornerWeights
-from polish_sim.motion.certified.corner_time import time_lost
+from polish_sim.motion.certified.connector import Peaks
+from polish_sim.motion.certified.corner import corner_kernel, corner_shapes, time_lost
+from polish_sim.motion.certified.kernel import PIECES, Corner, Figures, Kernel, side_of
 
 SHAPES = corner_shapes()
 SPEED, ACCELERATION, JERK, TOLERANCE = 0.05, 0.5, 10.0, 2e-5
@@ -18,14 +17,11 @@ AXIS = np.radians([10.0, 100.0, 2000.0, 0.02])
 def round_corners(weights, limits, shapes, figures, durations, remaining, gone):
     for i in range(len(weights)):
         w, m = weights[i], limits[i]
-        f = corner_kernel(
-            CornerWeights(w[0], w[1], w[2], w[3], w[4], w[5], (w[6], w[7])),
-            CornerLimits(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10]),
-            shapes,
-            durations[i],
-            remaining[i],
-            gone[i],
-        )
+        one, two = np.sqrt(w[0]), np.sqrt(w[1])
+        tip = side_of(one, two, w[2] / max(one * two, 1e-300), Peaks(m[0], m[1], m[2]), m[3], False)
+        axis = side_of(w[3], w[4], w[5], Peaks(m[4], m[5], m[6]), m[7], True)
+        corner = Corner(tip, axis, Peaks(m[8], m[9], m[10]), (w[6], w[7]))
+        f = corner_kernel(corner, shapes, Kernel(durations[i], remaining[i], gone[i]))
         figures[i, 0], figures[i, 1], figures[i, 2], figures[i, 3] = f.size, f.speed, f.acceleration, f.duration
 
 
@@ -166,7 +162,7 @@ def test_axis_tolerance_holds_on_the_sphere(rng):
 def tip_corner(turn, tolerance=TOLERANCE):
     """Kernel of a corner without a turn of the axis, and the time it loses [s]."""
     out = kernels([[1.0, 1.0, np.cos(turn), 0.0, 0.0, 1.0, 1.0, 1.0]], usual_limits(1, tolerance))
-    return out, time_lost(CornerFigures(*out[0][0]), CornerLimits(*usual_limits(1, tolerance)[0]))
+    return out, time_lost(Figures(*out[0][0]), Peaks(SPEED, ACCELERATION, JERK))
 
 
 def test_straight_on_loses_nothing():
