@@ -147,7 +147,7 @@ BAD = {
         PartConfig("plate"),
         PlanConfig(pattern="star"),
         InputError,
-        "unknown pattern .star.. Known: ",
+        "unknown pattern .star.. .*Known: ",
     ),
     "an unknown lead-in": (PartConfig("plate"), PlanConfig(lead_in="jump"), InputError, "arc, normal, tangent"),
     "no step-over": (PartConfig("plate"), PlanConfig(stepover_m=0.0), PlanError, "positive"),

@@ -12,7 +12,7 @@ from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.geometry.surface import boundary_loops
 from polish_sim.planning.curves.offset_curve import level_lines
 from polish_sim.planning.curves.turns import border_curves
-from polish_sim.planning.ground.holes import bridge_holes
+from polish_sim.planning.ground.ground import bridge_holes
 from polish_sim.planning.ground.triangulation import triangulate
 from tests.planning.shapes import prism, region_of
 

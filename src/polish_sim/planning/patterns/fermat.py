@@ -3,21 +3,179 @@
 Turns grow from all borders; a tree of neighbouring turns is cut into pockets, each an in-and-out double spiral, and
 each pocket hangs in a gap of the turn beside it, so that the whole tree is one line (Zhao et al. 2016, Connected
 Fermat Spirals for Layered Fabrication; here on a curved surface and with the seam of each pocket kept straight).
+
+Seen from the seam the turns are parallel levels 0, 1, 2 ...; each is cut. Its left end at level k goes over to the
+right end at level k + 2, so that two spirals run inwards one inside the other. The innermost two left ends are joined
+by a U-turn: there the way in becomes the way out. The outermost two right ends are joined by another U-turn where the
+pocket hangs on a turn of another one; otherwise the whole path begins and ends there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.patterns.fermat_pocket import Layout, find_contacts, grow_tree, split_pockets
-from polish_sim.planning.patterns.fermat_seam import End, Link, build_seam
+from polish_sim.planning.patterns.fermat_pocket import Layout, Pocket, find_contacts, grow_tree, split_pockets
 from polish_sim.planning.patterns.nested import all_turns, nested_turns
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
 from polish_sim.planning.quality.crossings import find_crossings
+
+TIP, CLEAR = 0.4, 0.45
+"""Width of a U-turn beside a line that crosses, and its distance from that line, in levels."""
+FREE = 0.4
+"""Levels a crossing line has sunk where the path begins or ends beside it."""
+TIPS_APART = 0.4
+"""Distance of two U-turns' tips that face each other, in step-overs."""
+LINE_POINTS, TURN_POINTS = 64, 24
+
+
+class End(NamedTuple):
+    """One end of a turn at a cut."""
+
+    turn: int
+    s: float
+    """Arc length on the turn [m]."""
+    onwards: bool
+    """Whether the turn goes on from here with growing arc length, not against it."""
+
+
+class Link(NamedTuple):
+    """Two ends joined."""
+
+    first: End
+    second: End
+    line: Array
+    """Points between them, from the first to the second [m], shape (n, 3)."""
+
+
+class Seam(NamedTuple):
+    """How the turns of a pocket are joined."""
+
+    links: tuple[Link, ...]
+    free: tuple[End, ...]
+    """Ends where the whole path begins and ends: two, or none."""
+
+
+class Levels(NamedTuple):
+    """The turns of a pocket seen from its seam."""
+
+    curves: tuple[Curve, ...]
+    turns: tuple[int, ...]
+    s: tuple[float, ...]
+    """Arc length at the middle of the seam [m]."""
+    signs: tuple[float, ...]
+    """1, or -1 where a turn's arc length grows to the left."""
+    bands: tuple[float, ...]
+    """Length of the seam on each turn [m]."""
+
+    def at(self, level: int, x: Array | float) -> Array:
+        """Points of a turn at distances to the right of the seam's middle [m], shape (n, 3)."""
+        return self.curves[level].at(self.s[level] + self.signs[level] * np.atleast_1d(x))[0]
+
+    def end(self, level: int, x: float, right: bool) -> End:
+        """The end of a turn on one side of its cut."""
+        return End(self.turns[level], self.s[level] + self.signs[level] * x, right == (self.signs[level] > 0.0))
+
+
+def build_seam(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Seam:
+    """Join the turns of a pocket to a double spiral.
+
+    Args:
+        curves: All turns.
+        pocket: The row of turns and where the seam crosses them.
+        stepover: [m].
+
+    Returns:
+        The links, and the ends left free.
+    """
+    levels = _levels(curves, pocket, stepover)
+    last = len(levels.turns) - 1
+    if last == 0:
+        half = 0.5 * TIPS_APART * stepover
+        return Seam((), (levels.end(0, half, True), levels.end(0, -half, False)))
+    links = [_crossing(levels, level) for level in range(last - 1)]
+    bow = _round(levels, stepover) if last == 1 else _hook(levels.bands[last], stepover)
+    links.append(_u_turn(levels, last, last - 1, bow))
+    if pocket.parent < 0:
+        return Seam(tuple(links), _free_ends(levels, stepover))
+    bow = bow if last == 1 else _hook(levels.bands[0], stepover)
+    links.append(_u_turn(levels, 0, 1, bow))
+    return Seam(tuple(links), ())
+
+
+def _levels(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Levels:
+    """The turns in order, each with the side of its seam on which its arc length grows."""
+    row, signs = tuple(curves[turn] for turn in pocket.turns), [1.0]
+    headings = [curve.tangents(np.array([s]), 0.25 * stepover)[0] for curve, s in zip(row, pocket.s, strict=True)]
+    for before, here in pairwise(headings):
+        signs.append(signs[-1] if before @ here > 0.0 else -signs[-1])
+    return Levels(row, pocket.turns, pocket.s, tuple(signs), pocket.bands)
+
+
+def _crossing(levels: Levels, level: int) -> Link:
+    """From the left end at a level straight down to the right end two levels further in."""
+    u = np.linspace(0.0, 1.0, LINE_POINTS)
+    outer, middle, inner = (levels.at(level + k, (u - 0.5) * levels.bands[level + k]) for k in range(3))
+    depth = (2.0 * u)[:, None]
+    line = 0.5 * (depth - 1.0) * (depth - 2.0) * outer + depth * (2.0 - depth) * middle
+    line += 0.5 * depth * (depth - 1.0) * inner
+    left = levels.end(level, -0.5 * levels.bands[level], False)
+    return Link(left, levels.end(level + 2, 0.5 * levels.bands[level + 2], True), line[1:-1])
+
+
+class _Bow(NamedTuple):
+    """A U-turn from one level, straight on to its tip and back to the next."""
+
+    u: Array
+    """Places along the seam, 0 at its left and 1 at its right end, shape (n,)."""
+    depth: Array
+    """From 0 at the level it begins on to 1 at the next, shape (n,)."""
+
+
+def _round(levels: Levels, stepover: float) -> _Bow:
+    """Half a circle between two levels that no line crosses."""
+    band = levels.bands[0]
+    reach = 0.5 * float(np.linalg.norm(levels.at(0, 0.0) - levels.at(1, 0.0))) / band
+    tip = 0.5 + min(0.5 * TIPS_APART * stepover / band, 0.2)
+    return _bow(tip, 1.0, reach, tip + reach)
+
+
+def _hook(band: float, stepover: float) -> _Bow:
+    """Beside a line that crosses from (0, 0) to (1, 2): narrow at its tip, so that it reaches far into the wedge."""
+    return _bow(0.5 * (TIP + CLEAR), TIP, 0.5 * TIP * stepover / band, 0.5 * (1.0 + CLEAR))
+
+
+def _bow(tip: float, width: float, reach: float, begin: float) -> _Bow:
+    """Half an ellipse of a width [levels] around a tip, then straight to where the next level begins."""
+    angle = np.linspace(0.0, np.pi, TURN_POINTS)
+    u, depth = tip + reach * (1.0 - np.sin(angle)), 0.5 * width * (1.0 - np.cos(angle))
+    on = depth < 1.0
+    return _Bow(np.append(u[on], begin), np.append(depth[on], 1.0))
+
+
+def _u_turn(levels: Levels, straight: int, bent: int, bow: _Bow) -> Link:
+    """A U-turn between two levels; on the left of the seam's middle it is turned by half a turn."""
+    right = straight < bent
+    u = bow.u if right else 1.0 - bow.u
+    first, second = ((u - 0.5) * levels.bands[level] for level in (straight, bent))
+    depth = bow.depth[:, None]
+    line = (1.0 - depth) * levels.at(straight, first) + depth * levels.at(bent, second)
+    ends = levels.end(straight, float(first[0]), right), levels.end(bent, float(second[-1]), right)
+    return Link(*ends, line[1:-1])
+
+
+def _free_ends(levels: Levels, stepover: float) -> tuple[End, End]:
+    """Where the path begins and ends: beside the line that crosses the outermost level inwards."""
+    if len(levels.turns) == 2:
+        return levels.end(0, TIPS_APART * stepover, True), levels.end(1, TIPS_APART * stepover, True)
+    begin, end = ((0.5 * (FREE + level) - 0.5) * levels.bands[level] for level in (0, 1))
+    return levels.end(0, begin, True), levels.end(1, end, True)
+
 
 TRIES = 4
 """How often loops beside crossings are left out before the path is taken as it is."""
