@@ -17,12 +17,8 @@ from polish_sim.errors import InputError
 if TYPE_CHECKING:
     from polish_sim.cli.outcome import Outcome
     from polish_sim.dual.budget import PairBudgetTrial, Share
-    from polish_sim.dual.plots import Total
 
 LEAST_DRAWS: Final = 30
-CURVE: Final = 300
-"""Steps of the predicted density."""
-_INSTRUMENTS: Final = {"bases": "tracker", "tool": "touches", "part": "touches", "closing": "touches"}
 
 
 @takes(
@@ -62,6 +58,8 @@ def budget_once(trial: PairBudgetTrial, least: int, draft: Path) -> Outcome:
 
     from polish_sim.cli.outcome import Outcome
     from polish_sim.dual.budget import TOGETHER, budget_figures, compare_shares, draw_errors, predict
+    from polish_sim.dual.plots import plot_budget
+    from polish_sim.experiments.report import save_plots
 
     with console.progress() as observer:
         observer.stage("predict by covariances")
@@ -80,9 +78,12 @@ def budget_once(trial: PairBudgetTrial, least: int, draft: Path) -> Outcome:
     covariances = prediction.covariances
     errors = {name: np.stack([one[name] for one in drawn]) for name in covariances}
     shares = compare_shares(trial, covariances, errors)
-    total = _total(errors[TOGETHER], covariances[TOGETHER])
-    predicted, figures = budget_figures(trial, prediction, shares, errors[TOGETHER], total.rms_asked)
-    _write(draft, trial, shares, figures, total)
+    limits = {claim.figure: claim.high for claim in CALIBRATIONS["budget"]}
+    asked = limits["relative_error_rms_m"], limits["relative_error_p95_m"]
+    predicted, figures = budget_figures(trial, prediction, shares, errors[TOGETHER], asked[0])
+    _write(draft, trial, shares, figures)
+    figure = plot_budget(trial, shares, errors[TOGETHER], covariances[TOGETHER], asked)
+    save_plots(draft, {"budget.png": figure})
     _show_shares(shares)
     columns = {"analysis": predicted, "drawn": figures}
     return Outcome(
@@ -90,12 +91,8 @@ def budget_once(trial: PairBudgetTrial, least: int, draft: Path) -> Outcome:
     )
 
 
-def _write(
-    draft: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Mapping[str, Any], total: Total
-) -> None:
+def _write(draft: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Mapping[str, Any]) -> None:
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-    from polish_sim.dual.plots import Bar, plot_budget
-    from polish_sim.experiments.report import save_plots
 
     sources = {name: share._asdict() for name, share in shares.items()}
     settings = {
@@ -104,43 +101,20 @@ def _write(
     settings |= {name: value for name, value in asdict(trial).items() if name != "dual"}
     record = {"experiment": "calibrate-budget", "settings": settings, **figures, "sources": sources}
     write_json(draft / METRICS, record | {"versions": package_versions()})
-    bars = {
-        f"{name}\n({_INSTRUMENTS.get(name, 'all')})": Bar(
-            s.predicted_rms_m, s.predicted_across_rms_m, s.drawn_rms_m, s.drawn_across_rms_m, s.drawn_rms_std_m
-        )
-        for name, s in shares.items()
-    }
-    facts = [
-        f"tracker {1e3 * trial.dual.tracker_noise_m:g} mm, touches {1e3 * trial.dual.touch_noise_m:g} mm",
-        f"{trial.dual.marks} marks, {trial.dual.closing_touches} closing touches, {figures['draws']} calibrations",
-    ]
-    save_plots(draft, {"budget.png": plot_budget(bars, total, "Error budget of the tool on the part", facts)})
 
 
 def _show_shares(shares: Mapping[str, Share]) -> None:
     """Print the errors by source, predicted and drawn."""
+    from polish_sim.dual.calibration.pair import INSTRUMENTS
+
     headings = ["source", "by", "rms, analysis", "rms, drawn", "±", "95%, analysis", "95%, drawn", "along tool axis"]
     rows = [
         [
             name,
-            _INSTRUMENTS.get(name, "all"),
+            INSTRUMENTS.get(name, "all"),
             *(f"{1e3 * value:.4f}" for value in share[:5]),
             f"{100.0 * share.drawn_axial_share:.0f}%",
         ]
         for name, share in shares.items()
     ]
     console.table("error of the tool on the part by source [mm], 3D", headings, rows, left=2)
-
-
-def _total(errors: Any, covariances: Any) -> Total:
-    """The whole error beside the asked one; the curve ends where the draws do."""
-    import numpy as np
-
-    from polish_sim.dual.calibration.error_length import length_probability
-    from polish_sim.dual.plots import Total
-
-    asked = {claim.figure: claim.high for claim in CALIBRATIONS["budget"]}
-    rms, p95 = asked["relative_error_rms_m"], asked["relative_error_p95_m"]
-    lengths = np.linalg.norm(errors, axis=2).ravel()
-    edges = np.linspace(0.0, max(float(lengths.max()), p95), CURVE + 1)
-    return Total(lengths, edges, length_probability(covariances, edges), rms, p95)

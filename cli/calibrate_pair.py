@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from polish_sim.cli.outcome import Outcome
     from polish_sim.dual.calibrate_bases import ArmsFound, BasesFound
     from polish_sim.dual.calibrate_tcp import TcpCalibration
-    from polish_sim.dual.calibration.circle import Circle
 
 PANEL: Final = "Instrument and measurements"
 LARGEST_NOISE: Final = 10.0
@@ -242,29 +241,16 @@ def _each_seed(
 
 
 def _write_tcp(done: TcpCalibration, folder: Path) -> None:
-    import numpy as np
-
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-    from polish_sim.dual.calibration.tool import tip_positions_flange
     from polish_sim.dual.calibration.tool_file import tool_table, write_tool_calibration
-    from polish_sim.dual.plots import Residuals, ToolScene, plot_tool
+    from polish_sim.dual.plots import plot_tool
     from polish_sim.experiments.report import save_plots
 
     found, measured = done.found, done.measured
     write_tool_calibration(folder / "calibration.toml", done.figures, found)
     (folder / "residuals.csv").write_text(tool_table(measured, found), encoding="utf-8")
     write_json(folder / METRICS, {**done.figures, "versions": package_versions()})
-    tip = found.tip
-    moved = np.empty((0, 3))
-    if len(measured.T_base_flange_moves):
-        first = measured.T_base_flange_moves[0]
-        start = first[:3, :3] @ tip.point + first[:3, 3]
-        moved = start + tip_positions_flange(measured.T_base_flange_moves, tip.point) @ first[:3, :3].T
-    distances = Residuals("touches", np.linalg.norm(tip.residuals, axis=1), tip.used)
-    scene = ToolScene(measured.touches.T_base_flange, found.T_flange_tool, tip.touched, moved, distances)
-    x, y, z = 1e3 * tip.point
-    facts = [f"tip ({x:.3f}, {y:.3f}, {z:.3f}) ± {1e3 * done.figures['position_std_m']:.3f} mm"]
-    save_plots(folder, {"tool.png": plot_tool(scene, "Calibration of the tool frame", facts)})
+    save_plots(folder, {"tool.png": plot_tool(done)})
 
 
 def _tcp_notes(done: TcpCalibration) -> tuple[str, ...]:
@@ -277,11 +263,9 @@ def _tcp_notes(done: TcpCalibration) -> tuple[str, ...]:
 
 
 def _write_base(done: BasesFound, method: str, pair: str, folder: Path) -> None:
-    import numpy as np
-
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
     from polish_sim.dual.calibration.base_file import method_named, write_base_calibration
-    from polish_sim.dual.plots import BaseScene, Residuals, plot_bases
+    from polish_sim.dual.plots import plot_bases
     from polish_sim.experiments.report import save_plots
 
     found = done.found
@@ -289,27 +273,7 @@ def _write_base(done: BasesFound, method: str, pair: str, folder: Path) -> None:
     table = method_named(method).table(done.measured, found)
     (folder / "residuals.csv").write_text(table, encoding="utf-8")
     write_json(folder / METRICS, {**done.figures, "pair": pair, "versions": package_versions()})
-    frames = [(robot, T) for robot, (T, _) in found.bases.items()]
-    circles = [circle for pair_ in found.circles.values() for circle in pair_]
-    scene = BaseScene(
-        [(group.name, group.points) for group in found.groups],
-        [_line(circle) for circle in circles],
-        [circle.center + 0.4 * np.outer([-1.0, 1.0], circle.axis) for circle in circles],
-        frames or [("master", np.eye(4)), ("follower", found.T_master_follower)],
-        [Residuals(group.name, group.residuals, group.used) for group in found.groups],
-        "tracker" if found.bases else "master's base",
-    )
-    facts = [f"{len(done.figures['outliers'])} left out", f"residual {1e3 * done.figures['residual_rms_m']:.3f} mm rms"]
-    save_plots(folder, {"bases.png": plot_bases(scene, "Calibration of the bases", facts)})
-
-
-def _line(circle: Circle) -> Any:
-    """A circle as a closed line, shape (91, 3)."""
-    import numpy as np
-
-    turn = np.linspace(0.0, 2.0 * np.pi, 91)
-    around = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
-    return circle.center + circle.radius * around @ circle.frame.T
+    save_plots(folder, {"bases.png": plot_bases(done)})
 
 
 def _base_notes(done: BasesFound) -> tuple[str, ...]:
@@ -336,33 +300,15 @@ def _base_notes(done: BasesFound) -> tuple[str, ...]:
 
 
 def _write_arm(done: ArmsFound, pair: str, folder: Path) -> None:
-    import numpy as np
-
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-    from polish_sim.dual.calibration.arm import fit_placement
     from polish_sim.dual.calibration.arm_file import tracked_table, write_arm_calibration
-    from polish_sim.dual.plots import BaseScene, Residuals, plot_bases
+    from polish_sim.dual.plots import plot_arms
     from polish_sim.experiments.report import save_plots
 
     write_arm_calibration(folder / "calibration.toml", done.found, pair, done.true)
     (folder / "residuals.csv").write_text(tracked_table(done.tracked, done.found), encoding="utf-8")
     write_json(folder / METRICS, {**done.figures, "pair": pair, "versions": package_versions()})
-    residuals = [
-        Residuals(f"{robot}, {what}", np.linalg.norm(arm.residuals, axis=1), np.ones(len(arm.residuals), dtype=bool))
-        for robot, one in done.tracked.items()
-        for what, arm in (("nominal table", fit_placement(one)), ("table found", done.found.arms[robot]))
-    ]
-    scene = BaseScene(
-        [(robot, one.seen) for robot, one in done.tracked.items()],
-        [],
-        [],
-        [(robot, arm.T_tracker_base) for robot, arm in done.found.arms.items()],
-        residuals,
-        "tracker",
-    )
-    nominal, found = (1e3 * done.figures[name] for name in ("nominal_rms_m", "heldout_rms_m"))
-    facts = [f"nominal: {nominal:.3f} mm rms", f"found, in poses left out: {found:.3f} mm rms"]
-    save_plots(folder, {"arms.png": plot_bases(scene, "Calibration of the arms", facts)})
+    save_plots(folder, {"arms.png": plot_arms(done)})
 
 
 def _arm_notes(done: ArmsFound) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +12,16 @@ from matplotlib.figure import Figure
 from polish_sim.analysis.metrics import fed, numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, SERIES, head, new_figure, shade_band, styled
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array
+from polish_sim.dual.calibration.arm import fit_placement
+from polish_sim.dual.calibration.error_length import length_probability
+from polish_sim.dual.calibration.measurements import Group
+from polish_sim.dual.calibration.pair import INSTRUMENTS
+
+if TYPE_CHECKING:
+    from polish_sim.dual.budget import PairBudgetTrial, Share
+    from polish_sim.dual.calibrate_bases import ArmsFound, BasesFound
+    from polish_sim.dual.calibrate_tcp import TcpCalibration
 
 BAND_MM = 0.1
 BAND_N = 1.5
@@ -22,6 +31,8 @@ LEGEND_SHARE = 0.3
 DARK = "#222222"
 _FRAME_COLOURS = (ORANGE, GREEN, BLUE)
 _MANY, _BINS = 100, 50
+CURVE = 300
+"""Steps of a predicted density."""
 
 
 @styled
@@ -129,91 +140,133 @@ def _mm(metrics: Mapping[str, Any], name: str) -> str:
     return "-" if value is None else f"{1e3 * value:.3f}"
 
 
-class Residuals(NamedTuple):
-    """Residuals of one group of measurements."""
-
-    name: str
-    distances: Array
-    """[m], shape (n,)."""
-    used: Bools
-    """Shape (n,)."""
-
-
-class ToolScene(NamedTuple):
-    """Touches of one point."""
-
-    T_base_flange: Array
-    """Shape (n, 4, 4)."""
-    T_flange_tool: Array
-    """Shape (4, 4)."""
-    touched: Array
-    """The point [m], shape (3,)."""
-    moved: Array
-    """Tips of the moves, the start first [m], shape (m, 3)."""
-    residuals: Residuals
-
-
-class BaseScene(NamedTuple):
-    """Measured points and fitted circles, axes and bases, all in one frame."""
-
-    points: Sequence[tuple[str, Array]]
-    """Groups of points [m], each (n, 3)."""
-    circles: Sequence[Array]
-    """Fitted circles as closed lines [m], each (k, 3)."""
-    axes: Sequence[Array]
-    """Axes as lines [m], each (2, 3)."""
-    frames: Sequence[tuple[str, Array]]
-    """Bases, each (4, 4)."""
-    residuals: Sequence[Residuals]
-    frame: str
-    """Whose frame it is, for the axes."""
-
-
 @styled
-def plot_tool(scene: ToolScene, title: str, facts: Sequence[str]) -> Figure:
+def plot_tool(done: TcpCalibration) -> Figure:
     """Flanges round the touched point with the tool drawn in, and how far each tip was from the fit."""
+    measured, tip = done.measured, done.found.tip
+    flanges = measured.touches.T_base_flange
     figure, space, bars = _canvas()
-    for k, T in enumerate(scene.T_base_flange):
-        tip = T @ scene.T_flange_tool[:, 3]
-        colour = BLUE if scene.residuals.used[k] else GREY
+    for k, T in enumerate(flanges):
+        end = T @ done.found.T_flange_tool[:, 3]
+        colour = BLUE if tip.used[k] else GREY
         label = {0: "flange to tip"}.get(k)
-        space.plot(*np.stack([T[:3, 3], tip[:3]], axis=1), color=colour, lw=1.0, alpha=0.6, label=label)
+        space.plot(*np.stack([T[:3, 3], end[:3]], axis=1), color=colour, lw=1.0, alpha=0.6, label=label)
         _draw_frame(space, T, 0.03)
-    for k, end in enumerate(scene.moved[1:]):
+    moved = measured.T_base_flange_moves[:, :3] @ np.append(tip.point, 1.0)
+    for k, end in enumerate(moved[1:]):
         label = {0: "moves of the tip"}.get(k)
-        space.plot(*np.stack([scene.moved[0], end], axis=1), ".--", color=PINK, lw=1.2, label=label)
-    tool = scene.T_base_flange[0] @ scene.T_flange_tool
-    _draw_frame(space, tool, 0.06, "xyz")
-    space.plot(*scene.touched[:, None], "o", color=DARK, ms=5, zorder=10, label="touched point, tool frame")
-    _finish(space, np.concatenate([scene.T_base_flange[:, :3, 3], scene.touched[None]]), "base")
-    _residual_bars(bars, [scene.residuals])
+        space.plot(*np.stack([moved[0], end], axis=1), ".--", color=PINK, lw=1.2, label=label)
+    _draw_frame(space, flanges[0] @ done.found.T_flange_tool, 0.06, "xyz")
+    space.plot(*tip.touched[:, None], "o", color=DARK, ms=5, zorder=10, label="touched point, tool frame")
+    _finish(space, np.concatenate([flanges[:, :3, 3], tip.touched[None]]), "base")
+    _residual_bars(bars, [Group("touches", flanges[:, :3, 3], np.linalg.norm(tip.residuals, axis=1), tip.used)])
     bars.set_xlabel("touch")
-    head(figure, bars, title, facts)
+    x, y, z = 1e3 * tip.point
+    facts = [f"tip ({x:.3f}, {y:.3f}, {z:.3f}) ± {1e3 * done.figures['position_std_m']:.3f} mm"]
+    head(figure, bars, "Calibration of the tool frame", facts)
     return figure
 
 
 @styled
-def plot_bases(scene: BaseScene, title: str, facts: Sequence[str]) -> Figure:
+def plot_bases(done: BasesFound) -> Figure:
     """Measured points, fitted circles, axes and bases in space, and how far each point was from the fit."""
+    found, m = done.found, done.figures
     figure, space, bars = _canvas()
-    for (name, points), colour in zip(scene.points, SERIES * 2, strict=False):
-        space.scatter(*points.T, color=colour, s=4, label=name)
-    for line in scene.circles:
-        space.plot(*line.T, color=GREY, lw=0.7)
-    for line in scene.axes:
-        space.plot(*line.T, color=GREY, lw=0.9, ls="--")
-    for name, T in scene.frames:
-        _draw_frame(space, T, 0.3, "xyz")
-        below = T[:3, 3] - 0.2 * T[:3, 2]
-        space.text(*below, name, fontsize=9, fontweight="bold", ha="center", va="center", zorder=10)
-    # Not along an axis of either arm: circles would look like lines.
-    space.view_init(elev=24.0, azim=-32.0)
-    everything = [points for _, points in scene.points] + [T[None, :3, 3] for _, T in scene.frames]
-    _finish(space, np.concatenate(everything), scene.frame)
-    _residual_bars(bars, scene.residuals)
-    bars.set_xlabel("measurement, group by group")
-    head(figure, bars, title, facts)
+    turn = np.linspace(0.0, 2.0 * np.pi, 91)
+    around = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
+    for circle in (circle for pair in found.circles.values() for circle in pair):
+        space.plot(*(circle.center + circle.radius * around @ circle.frame.T).T, color=GREY, lw=0.7)
+        ends = circle.center + 0.4 * np.outer([-1.0, 1.0], circle.axis)
+        space.plot(*ends.T, color=GREY, lw=0.9, ls="--")
+    frames = {robot: T for robot, (T, _) in found.bases.items()}
+    frames = frames or {"master": np.eye(4), "follower": found.T_master_follower}
+    _draw_bases(space, found.groups, frames, "tracker" if found.bases else "master's base")
+    _residual_bars(bars, found.groups)
+    facts = [f"{len(m['outliers'])} left out", f"residual {1e3 * m['residual_rms_m']:.3f} mm rms"]
+    head(figure, bars, "Calibration of the bases", facts)
     return figure
+
+
+@styled
+def plot_arms(done: ArmsFound) -> Figure:
+    """Tracked points and bases in space, and how far each point was from the fit, nominal table and table found."""
+    figure, space, bars = _canvas()
+    everything = {robot: np.ones(len(one.seen), dtype=bool) for robot, one in done.tracked.items()}
+    groups = [
+        Group(f"{robot}, {what}", one.seen, np.linalg.norm(arm.residuals, axis=1), everything[robot])
+        for robot, one in done.tracked.items()
+        for what, arm in (("nominal table", fit_placement(one)), ("table found", done.found.arms[robot]))
+    ]
+    seen = [Group(robot, one.seen, one.seen[:, 0], everything[robot]) for robot, one in done.tracked.items()]
+    _draw_bases(space, seen, {robot: arm.T_tracker_base for robot, arm in done.found.arms.items()}, "tracker")
+    _residual_bars(bars, groups)
+    nominal, found = (1e3 * done.figures[name] for name in ("nominal_rms_m", "heldout_rms_m"))
+    facts = [f"nominal: {nominal:.3f} mm rms", f"found, in poses left out: {found:.3f} mm rms"]
+    head(figure, bars, "Calibration of the arms", facts)
+    return figure
+
+
+@styled
+def plot_budget(
+    trial: PairBudgetTrial, shares: Mapping[str, Share], errors: Array, covariances: Array, asked: tuple[float, float]
+) -> Figure:
+    """Draw each source as analysis and draws have it, and the distribution of the whole error.
+
+    Args:
+        trial: Its noise, for the facts.
+        shares: By source and together.
+        errors: Together, draw by draw, work frame [m], shape (draws, points, 3).
+        covariances: Together [m^2], shape (points, 3, 3).
+        asked: Largest rms and largest 95% length asked [m].
+    """
+    figure = new_figure(11.0, 4.8)
+    left, right = figure.subplots(1, 2)
+    _draw_shares(left, shares)
+    _draw_lengths(right, np.linalg.norm(errors, axis=2).ravel(), covariances, asked)
+    dual = trial.dual
+    facts = [
+        f"tracker {1e3 * dual.tracker_noise_m:g} mm, touches {1e3 * dual.touch_noise_m:g} mm",
+        f"{dual.marks} marks, {dual.closing_touches} closing touches, {len(errors)} calibrations",
+    ]
+    head(figure, left, "Error budget of the tool on the part", facts)
+    return figure
+
+
+def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
+    place, width = np.arange(len(shares)), 0.36
+    columns = 1e3 * np.array(
+        [
+            [s.predicted_rms_m, s.predicted_across_rms_m, s.drawn_rms_m, s.drawn_across_rms_m, 2.0 * s.drawn_rms_std_m]
+            for s in shares.values()
+        ]
+    )
+    for shift, colour, name, first in ((-0.5, BLUE, "analysis", 0), (0.5, ORANGE, "drawn", 2)):
+        at, across = place + shift * width, f"{name}, across the tool axis"
+        axes.bar(at, columns[:, first], width, color=colour, alpha=0.4, label=name)
+        axes.bar(at, columns[:, first + 1], width, color=colour, label=across)
+    spread = {"fmt": "none", "ecolor": GREY, "capsize": 3, "label": "±2 std"}
+    axes.errorbar(place + 0.5 * width, columns[:, 2], columns[:, 4], **spread)
+    axes.set_xticks(place, [f"{name}\n({INSTRUMENTS.get(name, 'all')})" for name in shares])
+    axes.set_ylabel("tool on the part, error, rms [mm]")
+    axes.grid(visible=False, axis="x")
+    axes.set_ylim(0.0, 1.35 * columns.max())
+    axes.legend(loc="upper left", ncols=2)
+
+
+def _draw_lengths(axes: Axes, lengths: Array, covariances: Array, asked: tuple[float, float]) -> None:
+    """The predicted curve ends where the draws do."""
+    edges = np.linspace(0.0, max(float(lengths.max()), asked[1]), CURVE + 1)
+    span, drawn = (0.0, 1e3 * edges[-1]), "drawn, together"
+    axes.hist(1e3 * lengths, bins=_BINS, range=span, density=True, color=ORANGE, alpha=0.4, label=drawn)
+    density = np.diff(length_probability(covariances, edges)) / np.diff(1e3 * edges)
+    axes.plot(0.5e3 * (edges[1:] + edges[:-1]), density, color=BLUE, lw=1.6, label="analysis, together")
+    found = float(np.sqrt(np.mean(lengths**2))), float(np.percentile(lengths, 95.0))
+    for value, limit, name, style in zip(found, asked, ("rms", "95%"), ("-", "--"), strict=True):
+        axes.axvline(1e3 * value, color=ORANGE, ls=style, label=f"{name} {1e3 * value:.3f} mm")
+        axes.axvline(1e3 * limit, color=GREEN, ls=style, label=f"{name} asked: {1e3 * limit:.2f} mm")
+    axes.set_xlabel("size of the error, over calibrations and places on the rim [mm]")
+    axes.set_ylabel("density [1/mm]")
+    axes.legend(loc="upper right", frameon=True, framealpha=1.0, edgecolor="none")
 
 
 def _canvas() -> tuple[Figure, Any, Axes]:
@@ -243,98 +296,37 @@ def _finish(space: Any, points: Array, frame: str) -> None:
     space.legend(loc="upper left", fontsize=7.5)
 
 
-def _residual_bars(axes: Axes, groups: Sequence[Residuals]) -> None:
+def _draw_bases(space: Any, groups: Sequence[Group], frames: Mapping[str, Array], frame: str) -> None:
+    """Groups of points and bases by name, in the frame of that name."""
+    for group, colour in zip(groups, SERIES * 2, strict=False):
+        space.scatter(*group.points.T, color=colour, s=4, label=group.name)
+    for name, T in frames.items():
+        _draw_frame(space, T, 0.3, "xyz")
+        below = T[:3, 3] - 0.2 * T[:3, 2]
+        space.text(*below, name, fontsize=9, fontweight="bold", ha="center", va="center", zorder=10)
+    # Not along an axis of either arm: circles would look like lines.
+    space.view_init(elev=24.0, azim=-32.0)
+    everything = [group.points for group in groups] + [T[None, :3, 3] for T in frames.values()]
+    _finish(space, np.concatenate(everything), frame)
+
+
+def _residual_bars(axes: Axes, groups: Sequence[Group]) -> None:
     first = 1
     for group, colour in zip(groups, SERIES * 2, strict=False):
-        number = first + np.arange(len(group.distances))
+        number = first + np.arange(len(group.residuals))
         width = 1.4 if len(number) < _MANY else 0.5
         axes.vlines(
-            number[group.used], 0.0, 1e3 * group.distances[group.used], color=colour, lw=width, label=group.name
+            number[group.used], 0.0, 1e3 * group.residuals[group.used], color=colour, lw=width, label=group.name
         )
         for k in np.flatnonzero(~group.used):
             axes.axvspan(number[k] - 0.5, number[k] + 0.5, color=GREY, alpha=0.35, lw=0)
-        first += len(group.distances) + (len(group.distances) > 20) * 5
+        first += len(group.residuals) + (len(group.residuals) > 20) * 5
     # An outlier, which is shaded, would flatten everything else.
-    kept = [group.distances[group.used].max(initial=0.0) for group in groups]
+    kept = [group.residuals[group.used].max(initial=0.0) for group in groups]
     axes.set_ylim(0.0, max(1.25e3 * max(kept), 1e-9))
+    axes.set_xlabel("measurement, group by group")
     axes.set_ylabel("distance from the fit [mm]")
     axes.locator_params(axis="x", integer=True)
     if len(groups) > 1:
         for line in axes.legend(loc="upper right", ncols=2).get_lines():
             line.set_linewidth(1.4)
-
-
-class Bar(NamedTuple):
-    """Root mean squares of one source [m]."""
-
-    predicted: float
-    predicted_across: float
-    """Across the tool axis only."""
-    drawn: float
-    drawn_across: float
-    drawn_std: float
-    """Standard error of ``drawn``."""
-
-
-class Total(NamedTuple):
-    """The whole error."""
-
-    lengths: Array
-    """Of all draws and places [m], shape (n,)."""
-    edges: Array
-    """Lengths the prediction is given at [m], rising, shape (k,)."""
-    probability: Array
-    """Predicted share of errors no longer than each, shape (k,)."""
-    rms_asked: float
-    p95_asked: float
-
-
-@styled
-def plot_budget(bars: Mapping[str, Bar], total: Total, title: str, facts: Sequence[str]) -> Figure:
-    """Draw bars of the sources, analysis beside draws, and the distribution of the whole with what is asked of it."""
-    figure = new_figure(11.0, 4.8)
-    left, right = figure.subplots(1, 2)
-    _draw_bars(left, bars)
-    _draw_total(right, total)
-    head(figure, left, title, facts)
-    return figure
-
-
-def _draw_bars(axes: Axes, bars: Mapping[str, Bar]) -> None:
-    place, width = np.arange(len(bars)), 0.36
-    columns = 1e3 * np.array(list(bars.values()))
-    for shift, colour, name, first in ((-0.5, BLUE, "analysis", 0), (0.5, ORANGE, "drawn", 2)):
-        axes.bar(place + shift * width, columns[:, first], width, color=colour, alpha=0.4, label=name)
-        axes.bar(
-            place + shift * width, columns[:, first + 1], width, color=colour, label=f"{name}, across the tool axis"
-        )
-    axes.errorbar(
-        place + 0.5 * width, columns[:, 2], 2.0 * columns[:, 4], fmt="none", ecolor=GREY, capsize=3, label="±2 std"
-    )
-    axes.set_xticks(place, list(bars))
-    axes.set_ylabel("tool on the part, error, rms [mm]")
-    axes.grid(visible=False, axis="x")
-    axes.set_ylim(0.0, 1.35 * columns.max())
-    axes.legend(loc="upper left", ncols=2)
-
-
-def _draw_total(axes: Axes, total: Total) -> None:
-    edges = 1e3 * total.edges
-    axes.hist(
-        1e3 * total.lengths,
-        bins=_BINS,
-        range=(0.0, edges[-1]),
-        density=True,
-        color=ORANGE,
-        alpha=0.4,
-        label="drawn, together",
-    )
-    density = np.diff(total.probability) / np.diff(edges)
-    axes.plot(0.5 * (edges[1:] + edges[:-1]), density, color=BLUE, lw=1.6, label="analysis, together")
-    rms, p95 = float(np.sqrt(np.mean(total.lengths**2))), float(np.percentile(total.lengths, 95.0))
-    for value, asked, name, style in ((rms, total.rms_asked, "rms", "-"), (p95, total.p95_asked, "95%", "--")):
-        axes.axvline(1e3 * value, color=ORANGE, ls=style, label=f"{name} {1e3 * value:.3f} mm")
-        axes.axvline(1e3 * asked, color=GREEN, ls=style, label=f"{name} asked: {1e3 * asked:.2f} mm")
-    axes.set_xlabel("size of the error, over calibrations and places on the rim [mm]")
-    axes.set_ylabel("density [1/mm]")
-    axes.legend(loc="upper right", frameon=True, framealpha=1.0, edgecolor="none")

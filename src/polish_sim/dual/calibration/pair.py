@@ -24,6 +24,8 @@ from polish_sim.spatial import apply
 
 SOURCES: Final = ("bases", "tool", "part", "closing")
 """Groups of measurements, each with its own noise."""
+INSTRUMENTS: Final = {"bases": "tracker", "tool": "touches", "part": "touches", "closing": "touches"}
+"""What each source is measured with."""
 LEAST_NOISE: Final = 1e-9
 """Smaller standard deviations are taken as this [m], [rad]: rounding is not much below."""
 BASES, TIP, PART = slice(0, 6), slice(6, 9), slice(9, 15)
