@@ -64,7 +64,7 @@ def tcp(given: Given) -> int:
     refuse_beside_data(given, "--noise", "--poses", "--cone", "--cell-tool", "--seed", "--seeds")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_tcp import TcpTrial, calibrate_tcp_from, run_tcp_calibration
-    from polish_sim.dual.calibration.tool_file import read_tool_measurements
+    from polish_sim.dual.calibration.tool import read_tool_measurements
 
     trial = TcpTrial(**_chosen(given, "noise", "poses", "cone", "seed"))
     if given["--cell-tool"]:
@@ -99,7 +99,7 @@ def base(given: Given) -> int:
     refuse_beside_data(given, "--noise", "--points", "--seed", "--seeds")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_bases import BaseTrial, calibrate_base_from, run_base_calibration
-    from polish_sim.dual.calibration.base_file import method_named, read_base_measurements
+    from polish_sim.dual.calibration.bases import method_named, read_base_measurements
 
     method, pair = given["--method"] or "circles", given["--pair"] or "simulated"
     method_named(method)
@@ -135,8 +135,7 @@ def arm(given: Given) -> int:
     refuse_beside_data(given, "--noise", "--poses", "--length-error", "--angle-error", "--seed", "--seeds")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_bases import ArmTrial, calibrate_arm_from, run_arm_calibration
-    from polish_sim.dual.calibration.arm import Tolerance
-    from polish_sim.dual.calibration.arm_file import read_tracked
+    from polish_sim.dual.calibration.arm import Tolerance, read_tracked
 
     usual, pair = ArmTrial(), given["--pair"] or "simulated"
     length, angle = given["--length-error"], given["--angle-error"]
@@ -242,7 +241,7 @@ def _each_seed(
 
 def _write_tcp(done: TcpCalibration, folder: Path) -> None:
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-    from polish_sim.dual.calibration.tool_file import tool_table, write_tool_calibration
+    from polish_sim.dual.calibration.tool import tool_table, write_tool_calibration
     from polish_sim.dual.plots import plot_tool
     from polish_sim.experiments.report import save_plots
 
@@ -264,7 +263,7 @@ def _tcp_notes(done: TcpCalibration) -> tuple[str, ...]:
 
 def _write_base(done: BasesFound, method: str, pair: str, folder: Path) -> None:
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-    from polish_sim.dual.calibration.base_file import method_named, write_base_calibration
+    from polish_sim.dual.calibration.bases import method_named, write_base_calibration
     from polish_sim.dual.plots import plot_bases
     from polish_sim.experiments.report import save_plots
 
@@ -301,7 +300,7 @@ def _base_notes(done: BasesFound) -> tuple[str, ...]:
 
 def _write_arm(done: ArmsFound, pair: str, folder: Path) -> None:
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-    from polish_sim.dual.calibration.arm_file import tracked_table, write_arm_calibration
+    from polish_sim.dual.calibration.arm import tracked_table, write_arm_calibration
     from polish_sim.dual.plots import plot_arms
     from polish_sim.experiments.report import save_plots
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.dual.calibration.tool import ToolMeasurements, fit_tool_frame
+from polish_sim.dual.calibration.tool import ToolMeasurements, fit_tool_frame, read_tool_measurements, tool_table
 from polish_sim.dual.calibration.tool_checks import ToolTouches, plan_touch_orientations
-from polish_sim.dual.calibration.tool_file import read_tool_measurements, tool_table
 from polish_sim.errors import InputError
 from polish_sim.spatial import from_pose, transform
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.dual.calibration.arm_file import read_arm_calibration, read_tracked
+from polish_sim.dual.calibration.arm import read_arm_calibration, read_tracked
 
 
 def test_arms_are_found_again_from_the_file_of_their_own_residuals(

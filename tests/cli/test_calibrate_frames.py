@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.dual.calibration.base_file import read_base_calibration
+from polish_sim.dual.calibration.bases import read_base_calibration
 from polish_sim.dual.calibration.circle import fit_circle
-from polish_sim.dual.calibration.tool_file import read_tool_calibration
+from polish_sim.dual.calibration.tool import read_tool_calibration
 from polish_sim.errors import CalibrationError, InputError
 
 Tool = Callable[..., Any]

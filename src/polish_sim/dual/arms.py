@@ -12,9 +12,8 @@ from polish_sim.arrays import Array
 from polish_sim.config import DualConfig
 from polish_sim.dual.calibrate_bases import built_arm, simulate_tracked, wrong_table
 from polish_sim.dual.calibrate_tcp import Reading
-from polish_sim.dual.calibration.arm import LEAST_POSES, PairTables, Tolerance, fit_pair
-from polish_sim.dual.calibration.arm_file import read_arm_calibration
-from polish_sim.dual.calibration.measurements import ROBOTS
+from polish_sim.dual.calibration.arm import LEAST_POSES, PairTables, Tolerance, fit_pair, read_arm_calibration
+from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.errors import ConfigError
 from polish_sim.motion import forward
 from polish_sim.motion.kinematics import NOMINAL, inverse_with_table, is_nominal

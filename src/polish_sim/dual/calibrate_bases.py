@@ -22,16 +22,16 @@ from polish_sim.dual.calibration.arm import (
     fit_placement,
     pair_figures,
 )
-from polish_sim.dual.calibration.base_file import base_figures
-from polish_sim.dual.calibration.matched_points import point_covariance
-from polish_sim.dual.calibration.measurements import (
+from polish_sim.dual.calibration.bases import (
     ROBOTS,
     AxisArcs,
     BaseCalibration,
     BaseMeasurements,
     Handshake,
     TrackedPoses,
+    base_figures,
 )
+from polish_sim.dual.calibration.matched_points import point_covariance
 from polish_sim.errors import unknown_name
 from polish_sim.motion import forward
 from polish_sim.motion.kinematics import NOMINAL

@@ -21,13 +21,11 @@ from polish_sim.config import DualConfig
 from polish_sim.dual.arms import NOMINAL_ARMS, PairArms
 from polish_sim.dual.calibrate_bases import TrueBases, simulate_arcs
 from polish_sim.dual.calibrate_tcp import TcpTrial, reached, simulate_touches
-from polish_sim.dual.calibration.arm_file import read_arm_calibration
-from polish_sim.dual.calibration.base_file import read_base_calibration
-from polish_sim.dual.calibration.measurements import ROBOTS
+from polish_sim.dual.calibration.arm import read_arm_calibration
+from polish_sim.dual.calibration.bases import ROBOTS, read_base_calibration
 from polish_sim.dual.calibration.pair import LEAST_NOISE, ClosingTouches, PairAdjustment, PairParts, adjust_pair
-from polish_sim.dual.calibration.tool import fit_tool_frame, fit_tool_point
+from polish_sim.dual.calibration.tool import fit_tool_frame, fit_tool_point, read_tool_calibration
 from polish_sim.dual.calibration.tool_checks import ToolTouches
-from polish_sim.dual.calibration.tool_file import read_tool_calibration
 from polish_sim.dual.chain import ClosedChain
 from polish_sim.dual.gripper import GRIPPER_LENGTH
 from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_in_mm

@@ -16,7 +16,7 @@ from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.arms import PairArms, pair_arms
-from polish_sim.dual.calibration.measurements import ROBOTS
+from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import MasterRows
 from polish_sim.dual.chain import ClosedChain, follow_joints
 from polish_sim.dual.checks import MotionCheck, check_length, check_motion
