@@ -177,8 +177,8 @@ def takes(*options: str | Own, defaults: Scenario | None = None) -> Callable[[Ca
         @wraps(command)
         def flattened(**values: Any) -> Any:
             given = {name: values.pop(parameter) for parameter, name in names.items()}
-            # An empty list and a switch that is off are not given.
-            return command(given={k: v if v not in ([], False) else None for k, v in given.items()}, **values)
+            # An empty list and a switch that is off are not given; 0 is.
+            return command(given={k: None if v is False or v == [] else v for k, v in given.items()}, **values)
 
         flattened.__signature__ = inspect.Signature([p.replace(kind=p.KEYWORD_ONLY) for p in flat])  # type: ignore[attr-defined]
         flattened.__annotations__ = {p.name: p.annotation for p in flat}
