@@ -77,6 +77,8 @@ def fill(unpacked: Path) -> None:
                 sys.exit(f"polish-sim {command}: exit code {done.returncode}\n{done.stdout}{done.stderr}")
             figures = f"{_count(kernels) - before} kernels, {time.perf_counter() - begin:.0f} s"
             print(f"{number + 1}/{len(COMMANDS)} {command}: {figures}", flush=True)
+    for file in [*kernels.rglob("*.lock"), *kernels.rglob("*.tmp.*")]:  # of processes that were ended
+        file.unlink()
     describe = f"from polish_sim.kernel_cache import describe; describe({features.split()})"
     made_for = subprocess.run([sys.executable, "-c", describe], env=environment, capture_output=True, check=True)
     (kernels / "made_for.json").write_bytes(made_for.stdout)

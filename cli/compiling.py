@@ -22,6 +22,8 @@ from polish_sim.config import Scenario
 from polish_sim.kernel_cache import is_warm, kernels_under
 
 FIRST_START: Final = "compiling kernels: at the first start only, they are kept"
+REHEARSED: Final = ("arc", "force", "surface")
+"""Experiments whose simulation is compiled ahead: with the types of the arc's."""
 QUIET_S: Final = 10.0
 """Least time between two lines where no bar can be shown [s]."""
 
@@ -67,7 +69,7 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
         Args:
             scenario: What is going to be simulated.
         """
-        if is_warm() or _processors() < 2:
+        if scenario.experiment not in REHEARSED or is_warm() or _processors() < 2:
             yield
             return
         command = [sys.executable, "-m", __name__, scenario.controller.name]
@@ -79,6 +81,7 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
                 yield
             finally:
                 process.kill()
+                reader.join()
 
     def _listen(self, lines: Any) -> None:
         for line in lines:
