@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.cli import calibrate_budget as work
 from polish_sim.dual.budget import PairBudgetTrial, draw_errors
 
 Tool = Callable[..., Any]
@@ -84,7 +83,7 @@ def test_broken_off_what_was_drawn_is_kept_if_it_is_enough(
                 raise KeyboardInterrupt
             yield errors
 
-    monkeypatch.setattr(work, "draw_errors", interrupted)
+    monkeypatch.setattr("polish_sim.dual.budget.draw_errors", interrupted)
     code, _, err = polish_sim("calibrate", "budget", "--out", "cut")
     assert code == 130
     assert "interrupted" in err
