@@ -134,8 +134,7 @@ def smooth_file(request: SmoothRequest, folder: Path, observer: PlanObserver) ->
     from polish_sim.exchange import read_way_points
     from polish_sim.experiments.report import save_plots
     from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml, load_limits
-    from polish_sim.smoothing.figures import sample_in_blocks, smoothing_figures
-    from polish_sim.smoothing.trajectory_file import even_times, write_trajectory
+    from polish_sim.smoothing.figures import even_times, sample_in_blocks, smoothing_figures, write_trajectory
 
     _check_rules(request.rules)
     notes: list[str] = []
@@ -284,24 +283,20 @@ def _rows() -> list[tuple[str, str, Any]]:
 
 def draw_smoothing(task: SmoothingTask, motions: Sequence[Measured], name: str) -> dict[str, Figure]:
     """Draw tool, joints, deviation and corners of a smoothed path, by file name; one curve a rule."""
-    import numpy as np
-
-    from polish_sim.smoothing.figures import axis_limits, tip_limits
-    from polish_sim.smoothing.plots import LimitRows, plot_deviation, plot_joints, plot_tool
+    from polish_sim.smoothing.plots import plot_deviation, plot_joints, plot_tool
 
     raw, limits, arm = task.placed.chain, task.limits.values(), task.placed.arm
     curves = [_curves(motion, raw, arm) for motion in motions]
-    rows = LimitRows(np.array(tip_limits(limits)), np.array(axis_limits(limits)), limits.joint)
     times = ", ".join(f"{motion.rule} {motion.schedule.end:.4g} s" for motion in motions)
     facts = [f"{len(raw.lengths)} segments, {1e3 * raw.lengths.sum():.4g} mm", times]
     tolerances = f"tolerance {1e3 * task.tolerance:g} mm, {math.degrees(task.axis_tolerance):.3g}°"
     allowed = (task.tolerance, task.axis_tolerance)
     plots = {
-        "tool.png": plot_tool(curves, rows, f"Tool along {name}", [*facts, tolerances]),
+        "tool.png": plot_tool(curves, limits, f"Tool along {name}", [*facts, tolerances]),
         "deviation.png": plot_deviation(curves, allowed, f"Deviation from {name}", [*facts, tolerances]),
     }
     if arm is not None:
-        plots["joints.png"] = plot_joints(curves, rows, f"Joints along {name}", [*facts, tolerances])
+        plots["joints.png"] = plot_joints(curves, limits, f"Joints along {name}", [*facts, tolerances])
     return plots | _corners(task, motions, name, [*facts, tolerances])
 
 

@@ -16,8 +16,9 @@ from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, new_figure, sty
 from polish_sim.arrays import Array, Indices
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
+from polish_sim.motion.rules.limits import LimitValues
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule
-from polish_sim.smoothing.figures import ORDERS
+from polish_sim.smoothing.figures import ORDERS, axis_limits, tip_limits
 
 SUFFIX: Final = ("/s", "/s²", "/s³")
 COLOURS: Final = (BLUE, ORANGE)
@@ -57,28 +58,17 @@ class Curves(NamedTuple):
     """Of tip and axis from the path."""
 
 
-class LimitRows(NamedTuple):
-    """Limits of the rates; each a row of speed, acceleration, jerk."""
-
-    tip: Array
-    """[m/s..], shape (3,)."""
-    axis: Array
-    """[rad/s..], shape (3,)."""
-    joints: Array
-    """[rad/s..], shape (3, 6)."""
-
-
 @styled
-def plot_tool(curves: Sequence[Curves], limits: LimitRows, title: str, facts: Sequence[str]) -> Figure:
+def plot_tool(curves: Sequence[Curves], limits: LimitValues, title: str, facts: Sequence[str]) -> Figure:
     """Speed, acceleration and jerk of tip and tool axis over time, with limits; one curve a rule."""
     figure = new_figure(11.0, 7.0)
     grid = figure.subplots(3, 2, sharex=True)
     for order, (left, right) in enumerate(grid):
         top = _draw(left, curves, lambda curve, k=order: 1e3 * curve.tip[k], 0.9)
-        _draw_limit(left, 1e3 * limits.tip[order], top, both_signs=False)
+        _draw_limit(left, 1e3 * tip_limits(limits)[order], top, both_signs=False)
         left.set_ylabel(f"{ORDERS[order]} of the tip [mm{SUFFIX[order]}]")
         top = _draw(right, curves, lambda curve, k=order: DEGREES * curve.axis[k], 0.9)
-        _draw_limit(right, DEGREES * limits.axis[order], top, both_signs=False)
+        _draw_limit(right, DEGREES * axis_limits(limits)[order], top, both_signs=False)
         right.set_ylabel(f"{ORDERS[order]} of the axis [deg{SUFFIX[order]}]")
     _finish(figure, grid, curves, title, facts)
     return figure
@@ -102,14 +92,14 @@ def plot_deviation(
 
 
 @styled
-def plot_joints(curves: Sequence[Curves], limits: LimitRows, title: str, facts: Sequence[str]) -> Figure:
+def plot_joints(curves: Sequence[Curves], limits: LimitValues, title: str, facts: Sequence[str]) -> Figure:
     """Speed, acceleration and jerk of the six joints over time, with limits; one curve a rule."""
     figure = new_figure(12.0, 11.0)
     grid = figure.subplots(6, 3, sharex=True)
     for joint, row in enumerate(grid):
         for order, axes in enumerate(row):
             top = _draw(axes, curves, lambda curve, k=order, j=joint: DEGREES * curve.joints[k, :, j], 0.8)
-            _draw_limit(axes, DEGREES * limits.joints[order, joint], top, both_signs=True)
+            _draw_limit(axes, DEGREES * limits.joint[order, joint], top, both_signs=True)
             if joint == 0:
                 axes.set_title(f"{ORDERS[order]} [deg{SUFFIX[order]}]", fontsize=9.0, fontweight="normal")
         row[0].set_ylabel(f"joint {joint + 1}")
