@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from contextlib import nullcontext
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from polish_sim.cli.options import OWN, build_scenario, config_keys, refuse_idle_on_path
+from polish_sim.cli.options import OWN, build_scenario, config_keys, refuse_idle_on_path, takes
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.config.key import Unit
 from polish_sim.errors import ConfigError, InputError, PolishSimError
@@ -200,3 +201,13 @@ def test_a_controller_s_own_file_is_written_from_the_root_and_shown_by_its_name(
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert built({}, **{"--set": [f"controller.name={controller.name}"]}).controller == controller
+
+
+def test_a_zero_is_given_and_a_switch_that_is_off_is_not() -> None:
+    @takes("--spindle-rpm", "--set", "--view")
+    def command(given: dict[str, Any]) -> dict[str, Any]:
+        return given
+
+    given = command(o_spindle_rpm=0.0, o_set=[], o_view=False)
+    assert given == {"--spindle-rpm": 0.0, "--set": None, "--view": None}
+    assert list(inspect.signature(command).parameters) == ["o_spindle_rpm", "o_view", "o_set"]

@@ -62,6 +62,7 @@ def test_the_version_is_the_package_s(polish_sim: Callable[..., object]) -> None
         (["plan", "freeforme"], "'freeforme' is neither a file nor a shipped part. Did you mean 'freeform'? Shipped: "),
         (["run", "surface", "--pattern", "zigzag"], "unknown pattern 'zigzag'. Known: "),
         (["run", "surface", "--stepover", "-3"], "--stepover -3"),
+        (["run", "arc", "--feed", "0"], "--feed 0 is outside 0.1 to 500 mm/s"),
         (["run", "surface", "--units", "feet"], "feet"),
         (["run", "surface", "--up", "left"], "left"),
         (["run", "surface", "--region", "bottom"], "bottom"),
