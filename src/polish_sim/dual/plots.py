@@ -244,7 +244,7 @@ def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
         at, across = place + shift * width, f"{name}, across the tool axis"
         axes.bar(at, columns[:, first], width, color=colour, alpha=0.4, label=name)
         axes.bar(at, columns[:, first + 1], width, color=colour, label=across)
-    spread = {"fmt": "none", "ecolor": GREY, "capsize": 3, "label": "±2 std"}
+    spread: dict[str, Any] = {"fmt": "none", "ecolor": GREY, "capsize": 3, "label": "±2 std"}
     axes.errorbar(place + 0.5 * width, columns[:, 2], columns[:, 4], **spread)
     axes.set_xticks(place, [f"{name}\n({INSTRUMENTS.get(name, 'all')})" for name in shares])
     axes.set_ylabel("tool on the part, error, rms [mm]")

@@ -75,11 +75,11 @@ def _cut_apart(
     surface: Surface, values: Array, whole: Indices, crossed: Indices, sides: tuple[NDArray[np.int8], ...]
 ) -> Clipped:
     """Keep whole facets, and of the crossed ones the sides where the corners' signs are not negative."""
-    whole = whole.astype(np.int32)
+    kept: Ints = whole.astype(np.int32)
     if len(crossed) == 0:
-        return Clipped(surface if len(whole) == len(surface.faces) else surface.restrict(whole), whole)
+        return Clipped(surface if len(kept) == len(surface.faces) else surface.restrict(kept), kept)
     cut_at, cut_vertex, count = _edge_cuts(surface, values, sides[0])
-    untouched = Cut(whole, np.broadcast_to(np.eye(3), (len(whole), 3, 3)), surface.faces[whole])
+    untouched = Cut(kept, np.broadcast_to(np.eye(3), (len(kept), 3, 3)), surface.faces[kept])
     pieces = (_cut_facets(surface, crossed, side, cut_at, cut_vertex) for side in sides)
     cut = Cut(*(np.concatenate(arrays) for arrays in zip(untouched, *pieces, strict=True)))
     return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)

@@ -136,7 +136,8 @@ def _read_rows(data: bytes, at: int, element: Element, listed: str, path: Path) 
 
 def _read_even_rows(data: bytes, at: int, element: Element, listed: str) -> _Rows | None:
     """All columns, if the lists are as long in every row as in the first one."""
-    fields, sizes = [], {}
+    fields: list[Any] = []
+    sizes: dict[str, int] = {}
     for k, (entry, _, size) in enumerate(_walk_row(data, at, element)):
         fields += [(f"length {k}", entry.length)] if entry.length else []
         fields += [(f"items {k}", entry.item, (size,))]

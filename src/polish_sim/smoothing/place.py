@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -148,7 +148,7 @@ def _turns(axes: Array) -> Array:
 
 
 def follow_path(
-    points: WayPoints, rows: Indices, placements: Iterable[Array], otherwise: str, cure: str
+    points: WayPoints, rows: Indices, placements: Iterator[Array], otherwise: str, cure: str
 ) -> tuple[Reach, Way, Array]:
     """Lay a path before the robot at the first placement that reaches it, and follow all of it with the joints.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -64,10 +64,10 @@ def plot_tool(curves: Sequence[Curves], limits: LimitValues, title: str, facts: 
     figure = new_figure(11.0, 7.0)
     grid = figure.subplots(3, 2, sharex=True)
     for order, (left, right) in enumerate(grid):
-        top = _draw(left, curves, lambda curve, k=order: 1e3 * curve.tip[k], 0.9)
+        top = _draw(left, curves, [1e3 * curve.tip[order] for curve in curves], 0.9)
         _draw_limit(left, 1e3 * tip_limits(limits)[order], top, both_signs=False)
         left.set_ylabel(f"{ORDERS[order]} of the tip [mm{SUFFIX[order]}]")
-        top = _draw(right, curves, lambda curve, k=order: DEGREES * curve.axis[k], 0.9)
+        top = _draw(right, curves, [DEGREES * curve.axis[order] for curve in curves], 0.9)
         _draw_limit(right, DEGREES * axis_limits(limits)[order], top, both_signs=False)
         right.set_ylabel(f"{ORDERS[order]} of the axis [deg{SUFFIX[order]}]")
     _finish(figure, grid, curves, title, facts)
@@ -83,7 +83,7 @@ def plot_deviation(
     grid = figure.subplots(2, 1, sharex=True, squeeze=False)
     for k, (scale, label) in enumerate(((MICRO, "tip off the path [µm]"), (1e3 * DEGREES, "axis off its path [mdeg]"))):
         axes, tolerance = grid[k, 0], scale * tolerances[k]
-        top = _draw(axes, curves, lambda curve, k=k, scale=scale: scale * curve.deviation[k], 0.9)
+        top = _draw(axes, curves, [scale * curve.deviation[k] for curve in curves], 0.9)
         axes.axhline(tolerance, color=GREEN, lw=1.0, ls="--", label="tolerance")
         axes.set_ylim(0.0, max(1.12 * tolerance, 1.12 * top, scale * 1e-9))
         axes.set_ylabel(label)
@@ -98,7 +98,7 @@ def plot_joints(curves: Sequence[Curves], limits: LimitValues, title: str, facts
     grid = figure.subplots(6, 3, sharex=True)
     for joint, row in enumerate(grid):
         for order, axes in enumerate(row):
-            top = _draw(axes, curves, lambda curve, k=order, j=joint: DEGREES * curve.joints[k, :, j], 0.8)
+            top = _draw(axes, curves, [DEGREES * curve.joints[order, :, joint] for curve in curves], 0.8)
             _draw_limit(axes, DEGREES * limits.joint[order, joint], top, both_signs=True)
             if joint == 0:
                 axes.set_title(f"{ORDERS[order]} [deg{SUFFIX[order]}]", fontsize=9.0, fontweight="normal")
@@ -107,11 +107,11 @@ def plot_joints(curves: Sequence[Curves], limits: LimitValues, title: str, facts
     return figure
 
 
-def _draw(axes: Axes, curves: Sequence[Curves], values: Callable[[Curves], Array], width: float) -> float:
-    """Draw one value of every rule, the first rule's on top; the largest size."""
-    for curve, colour in list(zip(curves, COLOURS, strict=False))[::-1]:
-        axes.plot(curve.times, values(curve), color=colour, lw=width, label=curve.label)
-    return max(float(np.abs(values(curve)).max(initial=0.0)) for curve in curves)
+def _draw(axes: Axes, curves: Sequence[Curves], values: Sequence[Array], width: float) -> float:
+    """Draw one value of every rule, the first rule's on top; returns the largest absolute value."""
+    for curve, value, colour in list(zip(curves, values, COLOURS, strict=False))[::-1]:
+        axes.plot(curve.times, value, color=colour, lw=width, label=curve.label)
+    return max(float(np.abs(value).max(initial=0.0)) for value in values)
 
 
 def _draw_limit(axes: Axes, limit: float, top: float, both_signs: bool) -> None:

@@ -136,7 +136,7 @@ def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
 
     arm = solve(Problem(residuals, slopes, moved), _start(tracked))
     rows = slopes(arm)[:, 0]
-    covariance = np.linalg.pinv(rows.T @ rows)[:6, :6]
+    covariance = np.asarray(np.linalg.pinv(rows.T @ rows)[:6, :6], dtype=np.float64)
     return arm._replace(residuals=tracked.seen - arm.target_at(tracked.q), base_covariance=covariance)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -176,7 +177,8 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
         axis=1,
     )
     before, after = _bend(normals[facet], normals[other]), _bend(normal_1, normal_2)
-    for k, (old, new) in enumerate(((facet, normal_1), (other, normal_1), (facet, normal_2), (other, normal_2))):
+    pairs: list[tuple[Any, Any]] = [(facet, normal_1), (other, normal_1), (facet, normal_2), (other, normal_2)]
+    for k, (old, new) in enumerate(pairs):
         inner = beyond[:, k] >= 0
         before = np.maximum(before, np.where(inner, _bend(normals[old], normals[beyond[:, k]]), 0.0))
         after = np.maximum(after, np.where(inner, _bend(new, normals[beyond[:, k]]), 0.0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from polish_sim.arrays import Array
@@ -86,7 +88,8 @@ class Smoother:
         self._check()
         state, box = self._stream.states[0], self._stream.pen.outbox
         counts = [state["out_segments"]] * 3 + [state["out_rows"]] * 4
-        return MotionPieces(*(rows[:count].copy() for rows, count in zip(box, counts, strict=True)))
+        taken: list[Any] = [rows[:count].copy() for rows, count in zip(box, counts, strict=True)]
+        return MotionPieces(*taken)
 
     def _check(self) -> None:
         """Raise what went wrong."""

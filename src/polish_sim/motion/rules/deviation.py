@@ -83,7 +83,7 @@ class _Motion(NamedTuple):
 
     chain: Chain
     schedule: Schedule
-    index: ScheduleIndex
+    lookup: ScheduleIndex
     raw: Chain
     places: Indices
     """Number of each of the chain's way points among the raw ones, shape (n + 1,)."""
@@ -109,7 +109,7 @@ def measure_deviation(chain: Chain, schedule: Schedule, raw: Chain) -> Deviation
     _scan_spans(motion, knots, worst, np.empty((3, 16)))
     distances, times = _vertex_distances(motion)
     vertex = int(np.argmax(distances))
-    begun = np.maximum(np.searchsorted(motion.index.none_begun, worst[:, 1], side="right") - 1, 0)
+    begun = np.maximum(np.searchsorted(motion.lookup.none_begun, worst[:, 1], side="right") - 1, 0)
     points = motion.places[np.minimum(begun, len(motion.places) - 1)]
     contour, axis = (Place(float(worst[i, 0]), float(worst[i, 1]), int(points[i])) for i in range(2))
     return Deviation(contour, Place(float(distances[vertex]), float(times[vertex]), vertex), axis)
@@ -161,8 +161,8 @@ def _scan_spans(motion: _Motion, knots: Array, worst: Array, room: Array) -> Non
     for span in range(knots.shape[0] - 1):
         begin, step = knots[span], (knots[span + 1] - knots[span]) / SAMPLES
         middle = begin + 0.5 * SAMPLES * step
-        early = np.searchsorted(motion.index.all_ended, middle, side="right")
-        late = np.searchsorted(motion.index.none_begun, middle, side="right")
+        early = np.searchsorted(motion.lookup.all_ended, middle, side="right")
+        late = np.searchsorted(motion.lookup.none_begun, middle, side="right")
         # At rest, or alone on a segment of the raw chain.
         if late <= early or motion.places[late] - motion.places[early] == 1:
             continue
@@ -180,7 +180,7 @@ def _scan_spans(motion: _Motion, knots: Array, worst: Array, room: Array) -> Non
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _scan_points(motion: _Motion, found: Array, room: Array) -> None:
     """Find minus the distance of every inner raw way point from the tip's trajectory, and the time, shape (m, 2)."""
-    index, places, k = motion.index, motion.places, 0
+    index, places, k = motion.lookup, motion.places, 0
     for r in range(1, motion.raw.tips.shape[0] - 1):
         while places[k + 1] < r:
             k += 1
@@ -197,8 +197,8 @@ def _scan_points(motion: _Motion, found: Array, room: Array) -> None:
 @njit(cache=True, error_model="numpy")
 def _pass_point(motion: _Motion, point: int, begin: float, end: float, count: int, room: Array, best: Array) -> None:
     """Nearest passage of the tip by a way point between two times; ``best`` is written where it is surpassed."""
-    early = np.searchsorted(motion.index.all_ended, begin, side="right")
-    late = np.searchsorted(motion.index.none_begun, end, side="right")
+    early = np.searchsorted(motion.lookup.all_ended, begin, side="right")
+    late = np.searchsorted(motion.lookup.none_begun, end, side="right")
     step, own = (end - begin) / count, room[2, :2]
     own[0], own[1] = -np.inf, begin
     for i in range(count + 1):
@@ -237,9 +237,9 @@ def _value(motion: _Motion, what: int, point: int, early: int, late: int, time: 
     """What is made largest, at a time at which segments ``early`` to ``late - 1`` are under way."""
     place, first, stop = room[0, :3], motion.places[early], motion.places[late]
     if what == AXIS:
-        axis_between(motion.chain, motion.schedule, motion.index, early, late, time, place, room[1])
+        axis_between(motion.chain, motion.schedule, motion.lookup, early, late, time, place, room[1])
         return float(axis_distance(motion.raw, first, stop, place))
-    tip_between(motion.chain, motion.schedule, motion.index, early, late, time, place, room[1])
+    tip_between(motion.chain, motion.schedule, motion.lookup, early, late, time, place, room[1])
     if what == TIP:
         return float(tip_distance(motion.raw, first, stop, place))
     target = motion.raw.tips[point]
@@ -249,8 +249,8 @@ def _value(motion: _Motion, what: int, point: int, early: int, late: int, time: 
 @njit(cache=True, error_model="numpy")
 def _fill_curve(motion: _Motion, times: Array, tips: Array, axes: Array, curve: DeviationCurve) -> None:
     for i in range(times.shape[0]):
-        early = np.searchsorted(motion.index.all_ended, times[i], side="right")
-        late = np.searchsorted(motion.index.none_begun, times[i], side="right")
+        early = np.searchsorted(motion.lookup.all_ended, times[i], side="right")
+        late = np.searchsorted(motion.lookup.none_begun, times[i], side="right")
         if late > early:
             first, stop = motion.places[early], motion.places[late]
             curve.tip[i] = tip_distance(motion.raw, first, stop, tips[i])

@@ -98,7 +98,8 @@ class SmoothingLimits:
     def values(self) -> LimitValues:
         """The same for compiled kernels."""
         joint = np.array([self.joint_speed, self.joint_acceleration, self.joint_jerk], dtype=float)
-        return LimitValues(*(float(getattr(self, name)) for name in LimitValues._fields[:-1]), joint)
+        numbers: list[Any] = [float(getattr(self, name)) for name in LimitValues._fields[:-1]]
+        return LimitValues._make([*numbers, joint])
 
 
 SECTIONS = ("tip", "axis", "joint")

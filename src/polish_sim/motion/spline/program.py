@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError, solveh_banded
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Bools, Indices
 
 MOST_STEPS: Final = 60
 TOLERANCE: Final = 1e-9
@@ -57,7 +57,7 @@ def maximize(gains: Array, bounds: Rows, rows: Rows, guess: Array) -> Array | No
     bounds, rows = _scaled(bounds), _scaled(rows)
     asked = _values(rows, guess) > LIKELY * rows.ends
     for _ in range(MOST_ROUNDS):
-        x = _interior_point(gains, join_rows([bounds, Rows(*(column[asked] for column in rows))]), 0.9 * guess)
+        x = _interior_point(gains, join_rows([bounds, _chosen(rows, asked)]), 0.9 * guess)
         if x is None:
             return None
         broken = _values(rows, x) > rows.ends + 10.0 * TOLERANCE
@@ -131,6 +131,10 @@ def _scaled(rows: Rows) -> Rows:
     """The same rows with a largest factor of 1."""
     size = np.maximum(np.abs(rows.factors).max(axis=1), 1e-12)
     return Rows(rows.centers, rows.factors / size[:, None], rows.ends / size)
+
+
+def _chosen(rows: Rows, chosen: Bools) -> Rows:
+    return Rows(rows.centers[chosen], rows.factors[chosen], rows.ends[chosen])
 
 
 def _values(rows: Rows, x: Array) -> Array:
