@@ -94,7 +94,7 @@ class ChainModel(NamedTuple):
     motion: Array
     """Angular velocity and acceleration, linear acceleration of the links' origins, shape (n + 1, 3, 3)."""
     wrench: Array
-    """Force and moment a link needs, about its origin, shape (n + 1, 2, 3)."""
+    """Force and moment of a link about its origin, shape (n + 1, 2, 3)."""
 
 
 def chain_model(chain: SerialChain, scale: float = 1.0) -> ChainModel:
@@ -125,13 +125,13 @@ def chain_torque(model: ChainModel, q: Array, qd: Array, qdd: Array, gravity: fl
         model.motion[0, 2, x] = -gravity * model.geometry.gravity[x]
     for j in range(n):
         _turn_link(model, j, q[j])
-        _go_out(model, j, qd[j], qdd[j])
-        _need(model.parameters[j], model.motion[j + 1], model.wrench[j + 1])
+        _carry_motion(model, j, qd[j], qdd[j])
+        _link_wrench(model.parameters[j], model.motion[j + 1], model.wrench[j + 1])
     for j in range(n - 1, -1, -1):
         z, moment = model.geometry.axis[j], model.wrench[j + 1, 1]
         out[j] = z[0] * moment[0] + z[1] * moment[1] + z[2] * moment[2] + model.armature[j] * qdd[j]
         if j:
-            _come_in(model, j)
+            _carry_wrench(model, j)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -154,7 +154,7 @@ def _cross(a: Array, b: Array, i: int) -> float:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _go_out(model: ChainModel, j: int, qd: float, qdd: float) -> None:
+def _carry_motion(model: ChainModel, j: int, qd: float, qdd: float) -> None:
     """Carry the motion from link j - 1 to link j."""
     before, after = model.motion[j], model.motion[j + 1]
     R, z, p = model.turns[j], model.geometry.axis[j], model.geometry.position[j]
@@ -174,8 +174,8 @@ def _go_out(model: ChainModel, j: int, qd: float, qdd: float) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _need(parameters: Array, motion: Array, wrench: Array) -> None:
-    """What a link needs about its origin: m a + dw x mc + w x (w x mc) and mc x a + I dw + w x I w."""
+def _link_wrench(parameters: Array, motion: Array, wrench: Array) -> None:
+    """Wrench of a link about its origin: m a + dw x mc + w x (w x mc) and mc x a + I dw + w x I w."""
     w, dw, a, mc = motion[0], motion[1], motion[2], parameters[1:4]
     xx, xy, yy, xz, yz, zz = (
         parameters[4], parameters[5], parameters[6], parameters[7], parameters[8], parameters[9],
@@ -197,8 +197,8 @@ def _need(parameters: Array, motion: Array, wrench: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _come_in(model: ChainModel, j: int) -> None:
-    """Hand what link j needs on to link j - 1."""
+def _carry_wrench(model: ChainModel, j: int) -> None:
+    """Add the wrench of link j to that of link j - 1."""
     R, p, need, below = model.turns[j], model.geometry.position[j], model.wrench[j + 1], model.wrench[j]
     f0 = R[0, 0] * need[0, 0] + R[0, 1] * need[0, 1] + R[0, 2] * need[0, 2]
     f1 = R[1, 0] * need[0, 0] + R[1, 1] * need[0, 1] + R[1, 2] * need[0, 2]
