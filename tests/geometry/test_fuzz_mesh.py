@@ -40,3 +40,7 @@ def test_the_worker_of_the_fuzz_holds_its_memory_limit():
     assert not outcome.faults
     assert sum(outcome.counts.values()) == 7
     assert outcome.peak < LARGEST
+
+
+def test_edges_without_length_that_repairs_leave_do_not_break_the_fit(tmp_path):
+    assert not try_files(first_seed=50_003, count=1, folder=tmp_path).faults

@@ -122,7 +122,7 @@ def quadratic_normals(corners: Array, normals: Array) -> Array:
     """
     edges = np.roll(corners, -1, axis=1) - corners
     both = normals + np.roll(normals, -1, axis=1)
-    lean = 2.0 * (edges * both).sum(axis=-1) / (edges**2).sum(axis=-1)
+    lean = 2.0 * (edges * both).sum(axis=-1) / np.maximum((edges**2).sum(axis=-1), 1e-300)
     middle = unit(both - lean[..., None] * edges)
     # Where the ends' normals disagree wildly the mirror image means nothing.
     agrees = (middle * both).sum(axis=-1) > _AGREEMENT * np.linalg.norm(both, axis=-1)

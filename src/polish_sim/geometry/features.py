@@ -71,8 +71,8 @@ def smooth_corners(vertices: Array, faces: Ints, adjacency: Adjacency, smooth: B
     spare = np.empty((count, 3))
     spare[index.ravel()] = np.repeat(own, 3, axis=0)
     lost = length < 1e-12
-    unit = np.where(lost[:, None], spare, normals / np.where(lost, 1.0, length)[:, None])
-    return SmoothCorners(index, unit, flat)
+    normals = np.where(lost[:, None], spare, normals / np.where(lost, 1.0, length)[:, None])
+    return SmoothCorners(index, normals, flat)
 
 
 def _gather_corners(adjacency: Adjacency, smooth: Bools) -> tuple[int, Ints]:
@@ -91,7 +91,7 @@ def _max_weights(vertices: Array, faces: Ints) -> Array:
     behind = np.roll(corners, 1, axis=1) - corners
     size = (ahead**2).sum(axis=2) * (behind**2).sum(axis=2)
     cross = np.cross(ahead[:, 0], behind[:, 0])
-    return cross[:, None, :] / size[:, :, None]
+    return cross[:, None, :] / np.maximum(size, 1e-300)[:, :, None]
 
 
 def _sum_over(index: Ints, values: Array, count: int) -> Array:
@@ -219,7 +219,7 @@ def crease_tangents(vertices: Array, faces: Ints, neighbours: Ints, smooth: Bool
     low = np.minimum(faces, np.roll(faces, -1, axis=1))
     high = np.maximum(faces, np.roll(faces, -1, axis=1))
     chord = vertices[high] - vertices[low]
-    unit_chord = chord / np.linalg.norm(chord, axis=-1, keepdims=True)
+    unit_chord = unit(chord)
     sharp = np.unique(np.column_stack([low[~smooth], high[~smooth]]), axis=0)
     tangent, through = _vertex_tangents(vertices, sharp)
     start, start_known = _oriented(tangent[low], unit_chord), through[low] & ~smooth

@@ -101,7 +101,7 @@ def _edge_points(vertices: Array, faces: Ints, corner_normals: Array, smooth: Bo
     swap = first > second
     start, end = vertices[np.where(swap, second, first)], vertices[np.where(swap, first, second)]
     chord = end - start
-    unit_chord = chord / np.linalg.norm(chord, axis=-1, keepdims=True)
+    unit_chord = unit(chord)
     normal_ahead = np.roll(corner_normals, -1, axis=1)
     start_normal = np.where(swap[..., None], normal_ahead, corner_normals)
     end_normal = np.where(swap[..., None], corner_normals, normal_ahead)

@@ -128,7 +128,7 @@ def _find_links(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bo
     steps = np.concatenate([way.reshape(-1, 3), -way[~smooth]])
     count = np.maximum(np.bincount(here, minlength=len(corners.normals)), 1)
     size = np.bincount(here, weights=np.linalg.norm(steps, axis=1), minlength=len(count)) / count
-    return _Links(here, there, steps / size[here][:, None]), size
+    return _Links(here, there, steps / np.maximum(size, 1e-300)[here][:, None]), size
 
 
 def _at_rim(ids: Ints, smooth: Bools, count: int) -> Bools:
@@ -189,9 +189,9 @@ def _add_equations(here, there, steps, normals, frames, trusted, sums, seen):  #
             a += normals[other, k] * first
             b += normals[other, k] * second
             c += normals[other, k] * normal
-        if c < 0.2:
-            continue
         far2 = x * x + y * y + z * z
+        if not (c >= 0.2 and far2 > 1e-150):  # edges without length, in broken meshes
+            continue
         height[0], height[1], height[2], height[3], height[4] = x, y, 0.5 * x * x, x * y, 0.5 * y * y
         height[5], height[6], height[7], height[8], height[9] = x**3, x * x * y, x * y * y, y**3, z
         _add_row(sums, at, height, _HEIGHT_WEIGHT / (far2 * far2))
