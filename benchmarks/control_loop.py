@@ -47,7 +47,7 @@ def measure() -> Iterator[Row]:
         bare, loop = _interleaved(cell)
         yield Row(f"{name}: bare mj_step", f"{bare:.2f} us", "")
         yield Row(f"{name}: closed loop", f"{loop:.2f} us", "")
-        limit = "-" if controller == "wrapped" else "2.5"
+        limit = {"hybrid-pi": "1.6", "hybrid-adaptive": "1.9"}.get(controller, "-")
         yield Row(f"{name}: ratio", f"{loop / bare:.2f}", limit)
         scaled = (loop - bare) * 4.5 / bare
         yield Row(f"{name}: above bare, scaled to bare = 4.5 us", f"{scaled:.2f} us", "7 us" if limit != "-" else "-")

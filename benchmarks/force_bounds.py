@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from benchmarks.loop_errors import form_rms, noise_rms
+from benchmarks.force_theory import (
+    SPAN_BY_SIGMA,
+    drift_bound,
+    form_rms,
+    noise_rms,
+    step_bound,
+    tracking_bound,
+)
 from benchmarks.table import Row, print_rows
-from polish_sim.analysis.force_bounds import SPAN_BY_SIGMA, drift_bound, step_bound, tracking_bound
 from polish_sim.cell.real_part import WAVELENGTHS
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.loop_errors import noise_rms, surface_error
+from benchmarks.force_theory import noise_rms, surface_error
 from polish_sim.experiments import default_scenario
 from polish_sim.scoring.loop_model import build_plant, hybrid_pi_linear, setup_of
 

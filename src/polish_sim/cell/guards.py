@@ -27,7 +27,7 @@ from polish_sim.kernels import Record, Vector3, kernel
 from polish_sim.models import robot_model_path
 
 if TYPE_CHECKING:
-    from polish_sim.cell.kernel import CellKernel, CellState
+    from polish_sim.cell.kernel import CellState
 
 NO_STOP = 0
 FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH, MISSING, CONTROLLER_NAN, JOINT_LIMIT, UNSTABLE = range(1, 11)
@@ -116,9 +116,9 @@ def build_guards(scenario: Scenario) -> Guards:
 
 
 @kernel
-def check_reading(cell: CellKernel, t: float) -> int:
+def check_reading(state: CellState, dt: float, t: float) -> int:
     """Code of what is wrong with the sensor's reading, 0 if nothing; before the controller sees it."""
-    guards, sensor, sequence = cell.state.guards, cell.state.sensor, cell.state.sequence
+    guards, sensor, sequence = state.guards, state.sensor, state.sequence
     reading, smooth = sensor.reading, guards.smooth
     finite, size, jump = 0.0, 0.0, 0.0
     for i in range(6):
@@ -128,7 +128,7 @@ def check_reading(cell: CellKernel, t: float) -> int:
         return NO_READING
     if t - sensor.changed > guards.sensor_timeout and t > 2.0 * guards.sensor_timeout:
         return FROZEN
-    share = cell.engine.dt / FOLLOW_S if t > 0.0 else 1.0
+    share = dt / FOLLOW_S if t > 0.0 else 1.0
     for i in range(3):
         smooth[i] += share * (reading[i] - smooth[i])
         jump += (reading[i] - smooth[i]) ** 2
@@ -137,10 +137,21 @@ def check_reading(cell: CellKernel, t: float) -> int:
 
 
 @kernel
-def check_guards(cell: CellKernel, count: int) -> int:
-    """Code of the first condition that is met, 0 if none; see ``REASONS``."""
-    state, dt = cell.state, cell.engine.dt
-    guards, robot, w, target = state.guards, state.speedl, state.measurement.wrench, state.target
+def check_guards(
+    e: EngineViews, state: CellState, part: RealPart, crash: CrashPoints, on_part: bool, planned: float, count: int
+) -> int:
+    """Code of the first condition that is met, 0 if none; see ``REASONS``.
+
+    Args:
+        e: The engine.
+        state: The cell's state.
+        part: The real part.
+        crash: Points that must stay out of it.
+        on_part: Whether there is a part to press on.
+        planned: Planned depth of the target below the surface [m].
+        count: Steps taken.
+    """
+    guards, dt, robot, w, target = state.guards, e.dt, state.speedl, state.measurement.wrench, state.target
     if math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2) > guards.force:
         return FORCE
     if math.sqrt(w[3] ** 2 + w[4] ** 2 + w[5] ** 2) > guards.torque:
@@ -149,16 +160,16 @@ def check_guards(cell: CellKernel, count: int) -> int:
         return SINGULAR
     if robot.number > 0 and robot.age >= robot.timeout:
         return SILENT_HOST
-    if cell.stroke.contact and state.spindle.speed < SPINDLE_SHARE * state.spindle.commanded:
+    if on_part and state.spindle.speed < SPINDLE_SHARE * state.spindle.commanded:
         return SPINDLE
-    moved = _check_surface(state, cell.stroke.depth, dt)
+    moved = _check_surface(state, planned, dt)
     if moved != NO_STOP:
         return moved
     in_process = target.contact[0] > 0.0
     guards.lost = guards.lost + dt if in_process and w[2] < 0.1 * target.force[0] else 0.0
     if guards.lost > guards.contact_lost:
         return LOST
-    if _crashed(cell.crash_points, cell.part, cell.engine, count % _CRASH_ROUNDS):
+    if _crashed(crash, part, e, count % _CRASH_ROUNDS):
         return CRASH
     return NO_STOP
 

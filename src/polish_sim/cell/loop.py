@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from polish_sim.arrays import Array
-from polish_sim.cell.contact import press_pad, pull_of_imbalance, turn_spindle
+from polish_sim.arrays import Array, Ints
+from polish_sim.cell.contact import Pad, RealPart, press_pad, pull_of_imbalance, turn_spindle
 from polish_sim.cell.engine import EngineViews, correct_reading, keep_speeds, mj_step1, mj_step2
 from polish_sim.cell.guards import (
     CONTROLLER_ERROR,
@@ -22,10 +22,18 @@ from polish_sim.cell.guards import (
     check_guards,
     check_reading,
 )
-from polish_sim.cell.kernel import CellKernel, CellState, Status
+from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Status
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, record_reading, record_state
-from polish_sim.cell.robot import SENT, STANDING, limit_acceleration, pass_request, resolve_joints, steer_stop
+from polish_sim.cell.robot import (
+    SENT,
+    STANDING,
+    RequestLine,
+    limit_acceleration,
+    pass_request,
+    resolve_joints,
+    steer_stop,
+)
 from polish_sim.cell.stroke import (
     APPROACH,
     DONE,
@@ -36,6 +44,7 @@ from polish_sim.cell.stroke import (
     TARE_START,
     TOUCH_DOWN,
     TRAVEL,
+    Stroke,
     advance_sequence,
 )
 from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
@@ -68,29 +77,29 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
         mj_step1(e.model, e.data)
         if cell.stroke.contact:
             move_part(state.motion, t, e.dt, cell.part.position)
-            press_on_part(cell)
+            press_on_part(e, state, cell.pad, cell.part)
         see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
-        read_sensor(cell, t, draws[k])
-        if host_is_due(cell):
-            move_target(cell, t)
-            ask_law(cell, law, t)
-        command(cell, t)
-        finish_step(cell, recorder, t)
+        read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
+        if host_is_due(state.status, cell.control_every):
+            move_target(state, cell.stroke, e.dt * cell.control_every, t)
+            ask_law(state, cell.law, law, t)
+        command(state, cell.requests, e.ctrl, e.dt, t)
+        finish_step(e, state, recorder, cell.part.position, cell.stroke.process.pass_index, t)
         if is_over(cell, 0, t):
             return
 
 
-# The steps of the loop; a loop of two robots has them as well.
+# The steps of the loop; a loop of two robots has them as well. Each gets only what it uses: to compile a call that
+# passes the whole cell takes a second.
 
 
 @kernel
-def press_on_part(cell: CellKernel) -> None:
+def press_on_part(e: EngineViews, state: CellState, pad: Pad, part: RealPart) -> None:
     """Contact of the pad and pull of the imbalance at this instant, applied to the head; the exact contact wrench.
 
     Force and torque of the part on the pad about the pad's centre, base frame, are left in ``scratch[1:3]``.
     """
-    e, state, moving = cell.engine, cell.state, cell.state.motion.velocity
-    scratch, wrench, head = state.scratch, state.wrench, e.head_body
+    scratch, wrench, moving, head = state.scratch, state.wrench, state.motion.velocity, e.head_body
     center, tool = e.site_xpos[e.pad_site], e.site_xpos[e.tool_site]
     turn_spindle(state.spindle, e.dt)
     R_base_pad = e.site_xmat[e.pad_site].reshape((3, 3))
@@ -101,14 +110,14 @@ def press_on_part(cell: CellKernel) -> None:
     velocity[1] = e.cvel[head, 4] + turning[2] * rx - turning[0] * rz - moving[1]
     velocity[2] = e.cvel[head, 5] + turning[0] * ry - turning[1] * rx - moving[2]
     # Of the pad against the part, which may turn as well.
-    spin, origin = state.motion.turning, cell.part.position
+    spin, origin = state.motion.turning, part.position
     rx, ry, rz = center[0] - origin[0], center[1] - origin[1], center[2] - origin[2]
     velocity[0] -= spin[1] * rz - spin[2] * ry
     velocity[1] -= spin[2] * rx - spin[0] * rz
     velocity[2] -= spin[0] * ry - spin[1] * rx
     for i in range(3):
         turning_on[i] = turning[i] - spin[i]
-    press_pad(cell.pad, cell.part, state.spindle.speed, R_base_pad, center, velocity, turning_on, force, torque)
+    press_pad(pad, part, state.spindle.speed, R_base_pad, center, velocity, turning_on, force, torque)
     moment_at(force, torque, center, e.xipos[head], moment)
     for i in range(3):
         e.xfrc_applied[head, i] = force[i]
@@ -159,20 +168,18 @@ def see_tool(state: CellState, tool: Array, R: Array, anchors: Array, axes: Arra
 
 
 @kernel
-def read_sensor(cell: CellKernel, t: float, draws: Array) -> None:
-    """The wrench as the host has it, and whether the reading can be trusted."""
-    state = cell.state
-    sample_sensor(state.sensor, cell.samples, t, cell.engine.sensordata, draws)
+def read_sensor(state: CellState, samples: Array, exact: Array, dt: float, t: float, draws: Array) -> None:
+    """The wrench as the host has it, and whether the reading can be trusted; arguments as of ``sample_sensor``."""
+    sample_sensor(state.sensor, samples, t, exact, draws)
     tool_wrench(state.payload, state.sensor, state.measurement.rotation, state.measurement.wrench)
     if state.status.stop == NO_STOP:
-        trip(state.status, check_reading(cell, t), t)
+        trip(state.status, check_reading(state, dt, t), t)
 
 
 @kernel
-def host_is_due(cell: CellKernel) -> bool:
-    """Whether the host acts at this step."""
-    status = cell.state.status
-    return status.stop == NO_STOP and status.steps % cell.control_every == 0
+def host_is_due(status: Status, every: int) -> bool:
+    """Whether the host acts at this step; its cycle is ``every`` steps."""
+    return status.stop == NO_STOP and status.steps % every == 0
 
 
 @kernel
@@ -183,9 +190,8 @@ def trip(status: Status, code: int, t: float) -> None:
 
 
 @kernel
-def move_target(cell: CellKernel, t: float) -> None:
-    """The host's cycle up to its law: zero the sensor while it is time, move the target on."""
-    state, dt = cell.state, cell.engine.dt * cell.control_every
+def move_target(state: CellState, stroke: Stroke, dt: float, t: float) -> None:
+    """The host's cycle up to its law: zero the sensor while it is time, move the target on by a cycle ``dt`` [s]."""
     m, sequence = state.measurement, state.sequence
     m.clock[0], m.clock[1] = t, dt
     if sequence.stage == TARE:
@@ -193,7 +199,7 @@ def move_target(cell: CellKernel, t: float) -> None:
             _tare(state, m.wrench)
         else:
             state.status.tares, state.status.spread = 0, 0.0
-    if not advance_sequence(cell.stroke, sequence, m.wrench[2], state.answer.feed, dt, state.target):
+    if not advance_sequence(stroke, sequence, m.wrench[2], state.answer.feed, dt, state.target):
         trip(state.status, MISSING, t)
 
 
@@ -211,9 +217,9 @@ def _tare(state: CellState, wrench: Array) -> None:
 
 
 @kernel
-def ask_law(cell: CellKernel, law, t: float) -> None:  # type: ignore[no-untyped-def]
+def ask_law(state: CellState, memory: LawMemory, law, t: float) -> None:  # type: ignore[no-untyped-def]
     """Call the control law, and send its answer unless it is not finite or the host has fallen silent."""
-    memory, status, answer = cell.law, cell.state.status, cell.state.answer
+    status, answer = state.status, state.answer
     law(
         memory.context.ctypes, memory.course.ctypes, memory.measurement.ctypes, memory.target.ctypes,
         memory.answer.ctypes,
@@ -232,12 +238,11 @@ def ask_law(cell: CellKernel, law, t: float) -> None:  # type: ignore[no-untyped
 
 
 @kernel
-def command(cell: CellKernel, t: float) -> None:
+def command(state: CellState, requests: RequestLine, ctrl: Array, dt: float, t: float) -> None:
     """The robot's part: the request that arrives now, or the protective stop; down to the joint servos."""
-    state, dt, ctrl, firmness = cell.state, cell.engine.dt, cell.engine.ctrl, 1.0
-    status, robot, stop = state.status, state.speedl, state.stop
+    status, robot, stop, firmness = state.status, state.speedl, state.stop, 1.0
     if status.stop == NO_STOP or stop.stage == SENT:
-        pass_request(robot, cell.requests, state.answer.twist, status.requests, dt)
+        pass_request(robot, requests, state.answer.twist, status.requests, dt)
     if status.stop != NO_STOP:
         firmness = steer_stop(stop, robot, state.measurement, not status.blocked, t - status.stop_time, t, dt)
     limit_acceleration(robot, dt, firmness)
@@ -250,17 +255,19 @@ def command(cell: CellKernel, t: float) -> None:
 
 
 @kernel
-def finish_step(cell: CellKernel, recorder: Recorder, t: float) -> None:
-    """Note contact, record this instant and let the engine move on."""
-    e, status = cell.engine, cell.state.status
-    stage = cell.state.sequence.stage
+def finish_step(
+    e: EngineViews, state: CellState, recorder: Recorder, part_position: Array, turns: Ints, t: float
+) -> None:
+    """Note contact, record this instant and let the engine move on; arguments as of ``record_state``."""
+    status, stage = state.status, state.sequence.stage
     if stage == TRAVEL:
         status.touched = False
-    elif cell.state.wrench[2] > FIRST_CONTACT_N:
+    elif state.wrench[2] > FIRST_CONTACT_N:
         status.touched = True
         if status.contact_time == 0.0:
             status.contact_time = t
-    record_state(recorder, cell, t, 3 if status.stop != NO_STOP else _phase(stage, status.touched))
+    phase = 3 if status.stop != NO_STOP else _phase(stage, status.touched)
+    record_state(recorder, e, state, part_position, turns, t, phase)
     keep_speeds(e)
     mj_step2(e.model, e.data)
     correct_reading(e)
@@ -294,7 +301,11 @@ def is_over(cell: CellKernel, held_body: int, t: float) -> bool:
     elif status.stop == NO_STOP and count % LOOK_EVERY == 0 and _links_touch(e, held_body):
         trip(status, ENGINE_CONTACT, t)
     elif status.stop == NO_STOP:
-        trip(status, check_guards(cell, count), t)
+        trip(
+            status,
+            check_guards(e, state, cell.part, cell.crash_points, cell.stroke.contact, cell.stroke.depth, count),
+            t,
+        )
     if status.stop != NO_STOP:
         status.ended = status.ended or state.stop.stage == STANDING
     elif state.sequence.stage == DONE:

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array
-from polish_sim.cell.kernel import CellKernel
+from polish_sim.arrays import Array, Ints
+from polish_sim.cell.engine import EngineViews
+from polish_sim.cell.kernel import CellState
 from polish_sim.control.signals import Measurement, Target
 from polish_sim.kernels import Record, Vector2, Vector3, kernel
 from polish_sim.log import Trace, row_layout, row_width
@@ -88,17 +89,21 @@ def put(row: Array, start: int, values: Array, count: int) -> None:
 
 
 @kernel
-def record_state(recorder: Recorder, cell: CellKernel, t: float, phase: int) -> None:
+def record_state(
+    recorder: Recorder, e: EngineViews, state: CellState, part_position: Array, turns: Ints, t: float, phase: int
+) -> None:
     """Record this instant, before the engine moves on; the sensor's raw reading follows in ``record_reading``.
 
     Args:
         recorder: Buffers.
-        cell: The cell.
+        e: The engine.
+        state: The cell's state.
+        part_position: Origin of the part's frame [m], shape (3,).
+        turns: Turn of the path at the rows of the process table, shape (n,).
         t: Time [s].
         phase: Phase as in ``log.PHASES``.
     """
-    e, state, filled = cell.engine, cell.state, recorder.filled
-    m, target, force = state.measurement, state.target, state.wrench[2]
+    filled, m, target, force = recorder.filled, state.measurement, state.target, state.wrench[2]
     filled.force_range[0] = min(filled.force_range[0], force)
     filled.force_range[1] = max(filled.force_range[1], force)
     speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
@@ -108,7 +113,7 @@ def record_state(recorder: Recorder, cell: CellKernel, t: float, phase: int) -> 
     step.tcp_speed_m_s, step.path_s_m, step.pad_travel_m = speed, target.path[0], travel
     step.spindle_rad_s = state.spindle.speed
     for i in range(3):
-        step.part_shift_m[i] = cell.part.position[i] - state.motion.rest[i]
+        step.part_shift_m[i] = part_position[i] - state.motion.rest[i]
         step.tcp_position_m[i] = position[i]
         step.tool_on_part_m[i] = state.tool_on_part[i]
     _trace_errors(step, m, target)
@@ -129,7 +134,7 @@ def record_state(recorder: Recorder, cell: CellKernel, t: float, phase: int) -> 
     put(row, _TRUE, state.wrench, 6)
     row[_FORCE], row[_FORCE_MIN], row[_FORCE_MAX] = force, filled.force_range[0], filled.force_range[1]
     row[_TRAVEL], row[_PATH], row[_PHASE] = travel, target.path[0], phase
-    row[_PASS] = cell.stroke.process.pass_index[state.sequence.row]
+    row[_PASS] = turns[state.sequence.row]
     filled.force_range[0], filled.force_range[1] = math.inf, -math.inf
     filled.rows += 1
 

@@ -11,9 +11,9 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
-from polish_sim.cell.engine import mj_step1
+from polish_sim.cell.engine import EngineViews, mj_step1
 from polish_sim.cell.guards import REASONS
-from polish_sim.cell.kernel import CellKernel
+from polish_sim.cell.kernel import CellKernel, CellState
 from polish_sim.cell.loop import (
     ask_law,
     command,
@@ -129,27 +129,27 @@ def advance_pair(  # type: ignore[no-untyped-def]
     for k in range(steps):
         t = state.status.steps * e.dt
         mj_step1(e.model, e.data)
-        _place_part(cell, master, t)
+        _place_part(e, state, cell.part, master, t)
         if cell.stroke.contact:
-            press_on_part(cell)
-            _push_back(cell, master)
+            press_on_part(e, state, cell.pad, cell.part)
+            _push_back(e, state, master.state.part_body)
         if host_arm is None:
             see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
         else:
             read_encoders(host_arm, e.qpos, 0)
             see_tool(state, host_arm.place, host_arm.turn, host_arm.anchors, host_arm.axes, e.qvel)
-        read_sensor(cell, t, draws[k])
-        if host_is_due(cell):
-            move_target(cell, t)
+        read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
+        if host_is_due(state.status, cell.control_every):
+            move_target(state, cell.stroke, e.dt * cell.control_every, t)
             carry_target(master.state, state.target)
-            ask_law(cell, law, t)
-        command(cell, t)
+            ask_law(state, cell.law, law, t)
+        command(state, cell.requests, e.ctrl, e.dt, t)
         # The stop reaches both robots at once, by its own line.
         stopping = state.status.stop != 0 and state.stop.stage != SENT
         drive_master(master, state.master, state.sequence.stage == PROCESS, stopping, e.dt, e.ctrl)
         if state.status.steps % recorder.every == 0:
             put(recorder.rows[recorder.filled.rows], ROW_WIDTH, e.qpos[FIRST_JOINT:], 6)
-        finish_step(cell, recorder, t)
+        finish_step(e, state, recorder, cell.part.position, cell.stroke.process.pass_index, t)
         if state.master.halted:
             trip(state.status, MASTER_HALTED, t)
         elif master.state.silence > master.state.timeout:
@@ -159,19 +159,19 @@ def advance_pair(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _place_part(cell: CellKernel, master: Master, t: float) -> None:
+def _place_part(e: EngineViews, state: CellState, part: RealPart, master: Master, t: float) -> None:
     """Place the part for this instant: where the flange that carries it is, and by its own motion."""
-    e, state, carrier = cell.engine, cell.state, master.state
-    carry_part(master, state.master.unheard, e, cell.part, state.motion)
-    move_part(state.motion, t, e.dt, cell.part.position)
-    add_carried_speed(carrier, e.xpos[carrier.flange_body], cell.part.position, state.motion.velocity)
-    see_tool_on_part(carrier, e, cell.part, state.motion, state.tool_on_part)
+    carrier = master.state
+    carry_part(master, state.master.unheard, e, part, state.motion)
+    move_part(state.motion, t, e.dt, part.position)
+    add_carried_speed(carrier, e.xpos[carrier.flange_body], part.position, state.motion.velocity)
+    see_tool_on_part(carrier, e, part, state.motion, state.tool_on_part)
 
 
 @kernel
-def _push_back(cell: CellKernel, master: Master) -> None:
+def _push_back(e: EngineViews, state: CellState, held: int) -> None:
     """The pad's force on the part, applied to the body that is carried."""
-    e, held, scratch = cell.engine, master.state.part_body, cell.state.scratch
+    scratch = state.scratch
     force, torque, moment = scratch[1], scratch[2], scratch[3]
     moment_at(force, torque, e.site_xpos[e.pad_site], e.xipos[held], moment)
     for i in range(3):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from polish_sim.analysis.force_bounds import drift_bound, step_bound, tracking_bound
+from benchmarks.force_theory import drift_bound, step_bound, tracking_bound
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from polish_sim.scoring.force_bench import judge_rest
