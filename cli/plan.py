@@ -41,7 +41,7 @@ def plan(part: PartFile, given: Given) -> None:
     if dual:
         refuse_idle_options(experiment("dual"), named)
     elif idle := [name for name in named if name in PAIR_OPTIONS]:
-        raise InputError(f"{', '.join(idle)}: for two robots only. Give --dual as well, or leave it out.")
+        raise InputError(f"{', '.join(idle)} is for two robots: give --dual as well, or leave it out.")
     scenario = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
     prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.

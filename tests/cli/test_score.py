@@ -73,10 +73,10 @@ def test_a_user_s_file_is_scored_the_same_way(polish_sim: Polish, tmp_path: Path
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--controller", "hybrid-pie"], "unknown controller 'hybrid-pie'. Known: "),
-        (["--against", "hybrid-pie"], "unknown controller 'hybrid-pie'. Known: "),
+        (["--controller", "hybrid-pie"], "unknown controller 'hybrid-pie'. Did you mean 'hybrid-pi'? Known: "),
+        (["--against", "hybrid-pie"], "unknown controller 'hybrid-pie'. Did you mean 'hybrid-pi'? Known: "),
         (["--controller", "none.py:X"], "'none.py' does not exist"),
-        (["--case", "step-11"], "unknown case 'step-11'. Known: "),
+        (["--case", "step-11"], "unknown case 'step-11'. Did you mean 'step-10'? Known: "),
         (["--set", "controller.fore_p=1"], "unknown key 'controller.fore_p'"),
         (["--against", "hybrid-pi"], "compared with itself"),
         (["--ablate"], "--ablate leaves out laws of 'hybrid-adaptive'"),

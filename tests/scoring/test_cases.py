@@ -50,7 +50,7 @@ def test_cases_are_chosen_by_name_or_pattern_in_the_battery_s_order() -> None:
 
 
 def test_an_unknown_case_lists_those_there_are() -> None:
-    with pytest.raises(InputError, match=r"unknown case 'freefrom-10'. Known: .*freeform-10"):
+    with pytest.raises(InputError, match=r"unknown case 'freefrom-10'. Did you mean 'freeform-10'\?"):
         choose_cases(BATTERY, ["freefrom-10"])
 
 
