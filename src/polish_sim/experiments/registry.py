@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from polish_sim.analysis.claim import Claim, without_paper
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError, unknown_name
+from polish_sim.errors import InputError, leave_out, unknown_name
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
@@ -222,4 +222,4 @@ def refuse_idle_options(row: Experiment, given: Iterable[str]) -> None:
     for option, others in row.only_with.items():
         idle |= named & set(others) if option not in named else set()
     if idle:
-        raise InputError(f"{', '.join(sorted(idle))} would change nothing in 'run {row.name}': leave it out.")
+        raise InputError(leave_out(sorted(idle), f"would change nothing in 'run {row.name}'"))
