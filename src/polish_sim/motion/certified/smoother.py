@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from polish_sim.arrays import Array
@@ -87,9 +85,9 @@ class Smoother:
         take_points(self._stream, self._course, tips, rotations, caps, ends)
         self._check()
         state, box = self._stream.states[0], self._stream.pen.outbox
-        counts = [state["out_segments"]] * 3 + [state["out_rows"]] * 4
-        taken: list[Any] = [rows[:count].copy() for rows, count in zip(box, counts, strict=True)]
-        return MotionPieces(*taken)
+        m, r = state["out_segments"], state["out_rows"]
+        rows = box.segments[:r].copy(), box.starts[:r].copy(), box.durations[:r].copy(), box.coefficients[:r].copy()
+        return MotionPieces(box.tips[:m].copy(), box.rotations[:m].copy(), box.way_points[:m].copy(), *rows)
 
     def _check(self) -> None:
         """Raise what went wrong."""

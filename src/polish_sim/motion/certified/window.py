@@ -14,7 +14,7 @@ so that one more line adds at most its own time from rest to rest.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -94,15 +94,16 @@ def new_buffers(q_start: Array) -> tuple[Segments, Lines, Corners]:
     n, m, index = CAPACITY, CAPACITY + 1, np.int64
     shapes = (m, 3), (m, 3), (m, 3, 3), n, (n, 3), n, (n, 3), n
     chain = Chain(*(np.zeros(shape) for shape in shapes))
-    plain: list[Any] = [np.zeros(shape) for shape in (n, (n, 6), (n, 2), (n, 2))]
-    segments = Segments._make([chain, *plain, np.zeros(n, index), np.zeros((m, 6))])
+    plain = np.zeros(n), np.zeros((n, 6)), np.zeros((n, 2)), np.zeros((n, 2))
+    segments = Segments(chain, *plain, np.zeros(n, index), np.zeros((m, 6)))
     segments.q[0] = q_start
     lines = Lines(np.zeros(m, index), np.zeros(n), np.zeros((n, 6)), np.zeros((n, 2)))
-    kernels: list[Any] = [np.zeros((m, PIECES, *more)) for more in ((), (4,), (4,))]
-    states = np.zeros((m, LEVELS, 2)), np.zeros((m, LEVELS, 4)), np.ones(m, index), np.full((m, LEVELS), np.inf)
-    corners = Corners._make([*kernels, *states, np.zeros((m, LEVELS), index), np.full(m, -1, index)])
-    corners.costs[0, 0] = 0.0
-    corners.chosen[0] = 0
+    kernels = np.zeros((m, PIECES)), np.zeros((m, PIECES, 4)), np.zeros((m, PIECES, 4))
+    corners = Corners(
+        *kernels, np.zeros((m, LEVELS, 2)), np.zeros((m, LEVELS, 4)), np.ones(m, index), np.full((m, LEVELS), np.inf),
+        np.zeros((m, LEVELS), index), np.full(m, -1, index),
+    )  # fmt: skip
+    corners.costs[0, 0], corners.chosen[0] = 0.0, 0
     return segments, lines, corners
 
 
