@@ -177,6 +177,7 @@ def cell_limits(scenario: Scenario, otherwise: SmoothingLimits, feed: float) -> 
 
 KEPT = 0.99
 """Share of the feed from which it counts as kept [-]."""
+SAME = 1.0 + 1e-6  # feeds within this ratio are equal
 END_M = 0.001
 """At the ends of a stroke the tool comes from rest and goes to rest: so far the least feed is not looked for [m]."""
 
@@ -199,7 +200,8 @@ def feed_figures(strokes: Sequence[FedStroke]) -> dict[str, float]:
 
     Returns:
         motion_time_s: of the strokes in contact; feed_kept: share of the way at ``KEPT`` of the feed or more;
-        feed_least_m_s and feed_least_at_m: least feed away from the strokes' ends, and where on the path.
+        feed_least_m_s and feed_least_at_m: least feed away from the strokes' ends, and the first place on the path
+        with it.
     """
     times, lengths, kept, slowest = 0.0, 0.0, 0.0, (math.nan, math.nan)
     for motion, start, feed in strokes:
@@ -210,8 +212,8 @@ def feed_figures(strokes: Sequence[FedStroke]) -> dict[str, float]:
         kept += float(steps[np.minimum(fed[1:], fed[:-1]) >= KEPT * feed].sum())
         inner = np.flatnonzero((motion.places > END_M) & (motion.places < motion.places[-1] - END_M))
         if len(inner):
-            row = inner[fed[inner].argmin()]
-            if not fed[row] >= slowest[0]:
+            row = inner[np.argmax(fed[inner] <= SAME * fed[inner].min())]
+            if not fed[row] >= slowest[0] / SAME:
                 slowest = (float(fed[row]), start + float(motion.places[row]))
     return {
         "motion_time_s": times,
