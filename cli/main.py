@@ -5,7 +5,10 @@ Heavy libraries are imported inside the commands that need them, so that `--help
 
 from __future__ import annotations
 
+import atexit
+import os
 import sys
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -74,4 +77,9 @@ commands.command("list", cls=PanelledCommand, short_help="What ships with the pa
 
 def app() -> None:
     """Run the command line of this process and end it with the exit code of the contract."""
-    sys.exit(execute(commands, sys.argv[1:]))
+    code = execute(commands, sys.argv[1:])
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):  # its reader has gone
+            stream.flush()
+    os._exit(code)  # taking the simulator and the compiler down in order would last half a second
