@@ -19,7 +19,7 @@ from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, open_sinks, prepare_headless
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, place_in_mm
 from polish_sim.experiments.registry import (
     PATH_OPTIONS,
     ROWS,
@@ -248,8 +248,7 @@ def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
         path, reach, held = check_experiment(scenario, plan_to_run(scenario, plan, observer, None), observer)
     console.say(f"path: {path.length_m:.3f} m, {len(path.s)} points, all within reach")
     if scenario.experiment != "arc":
-        x, y, z = reach.T_base_work[:3, 3] * 1e3
-        console.say(f"part: its origin stands at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the robot base")
+        console.say(f"part: its origin stands at {place_in_mm(reach.T_base_work[:3, 3])} of the robot base")
     if held:
         console.say(f"part: {held}")
     console.say(f"smallest singular value on the way: {reach.smallest_singular_value:.3f}")

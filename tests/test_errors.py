@@ -32,6 +32,11 @@ def test_a_file_in_other_capitals_is_asked_back(tmp_path: Path) -> None:
     assert near_file(tmp_path / "gone" / "part.stl") == ""
 
 
+def test_a_file_that_shares_only_its_ending_is_not_asked_back(tmp_path: Path) -> None:
+    (tmp_path / "inf.stl").touch()
+    assert near_file(tmp_path / "missing.stl") == ""
+
+
 def test_numbers_and_counts_are_written_as_people_do() -> None:
     assert [number_text(x) for x in (60000.0, 0.0002, 1e-12, 2**63 - 1, -8.0)] == [
         "60000", "0.0002", "1e-12", "9223372036854775807", "-8",

@@ -92,7 +92,7 @@ def near_file(path: Path) -> str:
         names = [entry.name for entry in path.parent.iterdir() if not entry.name.startswith(".")]
     except OSError:
         return ""
-    return did_you_mean(path.name, names)
+    return did_you_mean(path.name, [name for name in names if nearest(path.stem, [Path(name).stem])])
 
 
 def number_text(value: float, digits: int = 6) -> str:

@@ -196,7 +196,7 @@ def moebius():
         ("cut.stl", "cut short: its header announces 12 facets"),
         ("cut_in_header.stl", "not an STL file"),
         ("cut_text.stl", "cut short"),
-        ("cut_text_after_facet.stl", "cut short after 1 whole facets"),
+        ("cut_text_after_facet.stl", "cut short after 1 whole facet "),
         ("garbage.stl", "not an STL file"),
         ("solid_garbage.stl", "not an STL file"),
         ("bad_number.stl", "is not a vertex"),

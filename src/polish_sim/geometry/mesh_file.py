@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import MeshError, near_file
+from polish_sim.errors import MeshError, count_text, near_file
 from polish_sim.geometry.obj_file import is_obj, parse_obj
 from polish_sim.geometry.ply_file import is_ply, parse_ply
 from polish_sim.geometry.polygon import FileTriangles
@@ -144,8 +144,9 @@ def _parse_text_stl(content: bytes, path: Path) -> Array:
         raise MeshError(f"{path}: begins with 'solid' but is not an STL file. Export the part as STL.")
     rows = _VERTEX.findall(text)
     if words.rfind(b"endsolid") < words.rfind(b"vertex"):
+        whole = sum(len(row.split()) == 3 for row in rows) // 3
         raise MeshError(
-            f"{path}: the ASCII STL is cut short after {len(rows) // 3} whole facets "
+            f"{path}: the ASCII STL is cut short after {count_text(whole, 'whole facet')} "
             "(no 'endsolid' at its end). Export or copy it again."
         )
     if any(len(row.split()) != 3 for row in rows):
