@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import traceback
 from collections.abc import Sequence
 
@@ -11,6 +12,7 @@ from polish_sim.cli import console
 from polish_sim.errors import PolishSimError
 
 DONE, SHORT, USAGE, STOPPED, BUG, INTERRUPTED = 0, 1, 2, 3, 70, 130
+NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG)
 
 
 def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
@@ -39,6 +41,8 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
     except BrokenPipeError:
         return console.close_broken_pipe()
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            return console.fail(f"cannot write: {error.strerror}. Make room, or write elsewhere.", USAGE)
         return console.fail(_bug_message(error, "--debug" in arguments), BUG)
     return outcome if isinstance(outcome, int) else DONE
 

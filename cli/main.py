@@ -79,7 +79,7 @@ def app() -> None:
     """Run the command line of this process and end it with the exit code of the contract."""
     code = execute(commands, sys.argv[1:])
     atexit._run_exitfuncs()
-    for stream in (sys.stdout, sys.stderr):
+    for stream in filter(None, (sys.stdout, sys.stderr)):  # closed ones are None
         with suppress(OSError):  # its reader has gone
             stream.flush()
     os._exit(code)  # taking the simulator and the compiler down in order would last half a second

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+
 import pytest
 import typer
 
@@ -29,7 +31,13 @@ def app_that(raises: BaseException | None, returns: int | None = None) -> typer.
 
 @pytest.mark.parametrize(
     ("error", "code"),
-    [(InputError(MESSAGE), 2), (ProtectiveStop(MESSAGE), 3), (KeyboardInterrupt(), 130), (typer.Abort(), 130)],
+    [
+        (InputError(MESSAGE), 2),
+        (ProtectiveStop(MESSAGE), 3),
+        (KeyboardInterrupt(), 130),
+        (typer.Abort(), 130),
+        (OSError(errno.ENOSPC, "No space left on device"), 2),
+    ],
 )
 def test_an_error_is_one_line_on_stderr_with_its_code(
     error: BaseException, code: int, capsys: pytest.CaptureFixture[str]
