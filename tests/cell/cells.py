@@ -81,13 +81,18 @@ def free_stroke(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Stroke:
 
 
 def pressing_stroke(
-    T_base_touch: Array = TOUCH, height: float = 0.005, slide: float = 0.0, hold: float = 1.0, lift: float = 0.0
+    T_base_touch: Array = TOUCH,
+    height: float = 0.005,
+    slide: float = 0.0,
+    hold: float = 1.0,
+    lift: float = 0.0,
+    wanted: float = 20.0,
 ) -> Stroke:
-    """Down from ``height`` [m] onto a nominal surface, pressed in by 4 mm for 20 N, then ``slide`` [m] along tool x."""
+    """Down from ``height`` [m] onto a nominal surface, 4 mm in for ``wanted`` [N], then ``slide`` [m] along tool x."""
     depth = 0.004
     pressed = along_tool(T_base_touch, z=depth)
     path = path_through(pressed, along_tool(pressed, x=slide))
-    force = np.full(len(path.positions), 20.0)
+    force = np.full(len(path.positions), wanted)
     return Stroke(
         travel=way_through(T_base_touch), lead_in=path_through(along_tool(T_base_touch, z=-height), T_base_touch),
         process=path, motion=time_path(path, feed_pace(0.01)), depth=depth, force=force, contact=True,

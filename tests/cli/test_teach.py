@@ -77,7 +77,7 @@ def test_a_path_to_follow_is_checked_before_anything_moves(polish_sim: Polish) -
     code, _, err = polish_sim("run", "teach", "--follow", "gone.csv", "--out", "out")
     assert (code, Path("out").exists()) == (2, False)
     assert "gone.csv" in err
-    assert "--duration would change nothing in 'run teach --follow'" in " ".join(
+    assert "--follow says where the hand goes: leave --duration out." in " ".join(
         polish_sim("run", "teach", "--follow", "rim", "--duration", 1)[2].split()
     )
 

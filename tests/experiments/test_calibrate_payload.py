@@ -41,7 +41,7 @@ def test_an_ideal_sensor_gives_the_tool_to_the_last_digits_of_the_log() -> None:
 def test_with_the_default_sensor_every_claim_is_met(seed: int) -> None:
     figures = run_payload_calibration(override(PAYLOAD_SCENARIO, [f"seed={seed}"])).figures
     assert {claim.figure for claim in PAYLOAD_CLAIMS} <= set(figures)
-    assert shortfalls("calibrate-payload", figures) == []
+    assert shortfalls(PAYLOAD_CLAIMS, figures) == []
 
 
 def test_the_same_seed_gives_the_same_readings(calibrated: PayloadCalibration) -> None:
@@ -120,8 +120,8 @@ def test_a_run_believes_the_file_it_is_given(calibrated: PayloadCalibration, tmp
     write_calibration(file, calibrated.estimate)
     cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_stroke(HERE))
     believe_tool(cell, np.random.default_rng(0))
-    assert cell.kernel.payload.mass == calibrated.estimate.mass
-    np.testing.assert_array_equal(cell.kernel.payload.center, calibrated.estimate.center)
+    assert cell.state.payload.mass == calibrated.estimate.mass
+    np.testing.assert_array_equal(cell.state.payload.center, calibrated.estimate.center)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_the_noise_of_a_run_does_not_hang_on_its_calibration() -> None:
     )
     np.testing.assert_array_equal(one.sensor.bias, two.sensor.bias)
     assert one.rng.standard_normal() == two.rng.standard_normal()
-    assert one.kernel.payload.mass != two.kernel.payload.mass
+    assert one.state.payload.mass != two.state.payload.mass
 
 
 def test_a_saturated_sensor_is_named() -> None:

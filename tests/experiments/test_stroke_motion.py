@@ -11,21 +11,21 @@ import pytest
 
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PolishSimError, SmoothingError
-from polish_sim.experiments.stroke_motion import STROKE_RULES, Stroke, stroke_motion
+from polish_sim.experiments.stroke_motion import STROKE_RULES, StrokePath, stroke_motion
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.motion.timed_path import TimedPath
 
 FEED = 0.06
 
 
-def bend(radius: float) -> Stroke:
+def bend(radius: float) -> StrokePath:
     """A straight line, half a circle and a straight line, sampled every half millimetre."""
     line, arc = np.arange(0.0, 0.05, 5e-4), np.linspace(0.0, math.pi, int(math.pi * radius / 5e-4))
     x = np.concatenate([line - 0.05, radius * np.sin(arc), -line - 5e-4])
     y = np.concatenate([0.0 * line, radius * (1.0 - np.cos(arc)), 0.0 * line + 2.0 * radius])
     tips = np.stack([x, y, 0.0 * x], axis=1)
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(tips, axis=0), axis=1))])
-    return Stroke(tips, np.tile(np.eye(3), (len(x), 1, 1)), s, np.full(len(x), FEED))
+    return StrokePath(tips, np.tile(np.eye(3), (len(x), 1, 1)), s, np.full(len(x), FEED))
 
 
 def follow(rule: str, radius: float, **smoothing: float) -> TimedPath:
