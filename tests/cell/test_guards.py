@@ -65,7 +65,9 @@ def test_a_missing_part_is_sought_to_the_search_depth_and_no_further(flat: RealP
 
 
 def test_too_much_force_stops_at_the_measured_limit(flat: RealPart) -> None:
-    scenario = ideal("force", EVERY_STEP, "safety.force_limit_n=12", "process.contact_force_n=10")
+    """Position control goes down to where the springs carry 20 N, whatever force is wanted."""
+    settings = "safety.force_limit_n=12", "process.contact_force_n=10", "controller.name=position"
+    scenario = ideal("force", EVERY_STEP, *settings)
     run = cell_for(scenario, pressing_stroke(wanted=10.0), part=flat).run()
     assert run.stop_reason == "measured force above safety.force_limit_n"
     measured = np.linalg.norm(run.log["wrench_measured_tool"][:, :3], axis=1)

@@ -68,7 +68,7 @@ def test_the_simulated_arm_leaves_its_files(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {
         "identified.xml", "meshes", "parameters.csv", "payload.csv", "metrics.json", "torques.png", "motion.png",
     }  # fmt: skip
-    assert outcome.claims == IDENTIFY["identify-short"]
+    assert outcome.claims == IDENTIFY["short"]
     metrics = json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8"))
     assert len(metrics["nrms_heldout"]) == 6
     assert metrics["condition"] > 1.0
