@@ -202,3 +202,13 @@ def test_points_out_of_order_are_named(polish_sim: Polish) -> None:
     code, _, err = polish_sim("smooth", "path.csv", "--out", "out")
     assert code == 2
     assert "line 4, point 3: s_m falls from 2 to 1" in err
+
+
+def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_sim: Polish) -> None:
+    line = HEAD + "".join(f"{5 * k},{5 * (k % 2)},20,0,0,1\n" for k in range(4))
+    Path("path.csv").write_text(line)
+    code, out, err = polish_sim("run", "smooth", "--path", "path.csv", "--out", "out")
+    assert code == 0, err
+    assert metrics_of(Path("out"))["path_done"] == 1.0
+    assert "certified" in out
+    assert polish_sim("report", "out")[0] == 0

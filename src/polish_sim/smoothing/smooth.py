@@ -255,6 +255,7 @@ def _of_run(plays: list[RulePlay], scenario: Scenario, task: SmoothTask, wall: f
     simulated = sum(float(play.time[-1]) for play in plays)
     return {
         "path_done": 1.0,
+        "interrupted": False,
         "protective_stop": None,
         "faults_missed": [],
         "T_base_work": task.arm.T_base_work.tolist(),
