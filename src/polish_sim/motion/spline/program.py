@@ -97,6 +97,7 @@ class _Matrix:
         return bands[:, 1:-2]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # rows that contradict each other end in no number, which is looked for
 def _interior_point(gains: Array, rows: Rows, x: Array) -> Array | None:
     """Mehrotra's predictor and corrector; slacks s and multipliers z stay positive."""
     matrix = _Matrix(rows, len(gains))
