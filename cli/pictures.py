@@ -89,7 +89,7 @@ class Picture:
             model.vis.global_.offheight = max(model.vis.global_.offheight, quality.height)
             model.vis.quality.offsamples, model.vis.quality.shadowsize = quality.samples, quality.shadow
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # a missing display is told once, below
+                warnings.simplefilter("ignore")  # a missing display is reported once, below
                 renderer = mujoco.Renderer(model, quality.height, quality.width)
         except Exception as error:  # what a missing OpenGL raises depends on the platform
             console.note(f"no OpenGL on this machine ({type(error).__name__}: {error}): no rendered picture or video.")

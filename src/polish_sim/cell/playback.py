@@ -20,7 +20,7 @@ LOOK_EVERY = 20  # rows between looks at links in contact
 
 
 class JointTargets(NamedTuple):
-    """What the servos are told, one row a step."""
+    """Servo set-points, one row a step."""
 
     q: Array
     """Positions [rad], shape (n, 6)."""

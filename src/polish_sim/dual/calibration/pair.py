@@ -71,7 +71,7 @@ class PairAdjustment(NamedTuple):
     T_flange_work: Array
     """The part on the master's flange, shape (4, 4)."""
     informations: Mapping[str, Array]
-    """What each of `SOURCES` tells of the 15 unknowns, (15, 15) each; they add up."""
+    """Information of each of `SOURCES` on the 15 unknowns, (15, 15) each; they add up."""
 
     @property
     def covariance(self) -> Array:
