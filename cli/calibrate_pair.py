@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from polish_sim.dual.calibrate_tcp import TcpCalibration
 
 PANEL: Final = "Instrument and measurements"
-LARGEST_NOISE: Final = 10.0
-"""[mm]."""
+LARGEST_NOISE: Final = 10.0  #: [mm]
 CLAIMS_OF_METHOD: Final = {"circles": "base", "poses": "base-poses", "handshake": "base-poses"}
 TRIAL_OPTIONS: Final = ("--seed", "--seeds", "--check", *OUTPUT_OPTIONS)
 DATA: Final = Own(

@@ -29,8 +29,7 @@ PANEL: Final = "Identification"
 PAYLOAD_FILE: Final = "payload.csv"
 PAYLOAD_COLUMNS: Final = ("name", "value", "unit", "std", "low_95", "high_95", "nearest_body", "true_value")
 FULL_PERIODS: Final = 5
-LITTLE_EXPLAINED: Final = 0.5
-"""A joint is noted if the model explains less than this share of its torque's variance."""
+LITTLE_EXPLAINED: Final = 0.5  #: A joint is noted if the model explains less than this share of its torque's variance
 SETTINGS: Final = ("method", "objective", "periods", "starts", "seed", "payload")
 """Options of a simulated identification, by the names of its settings."""
 
@@ -117,10 +116,8 @@ class Logs(NamedTuple):
     """A user's logs."""
 
     empty: Path
-    loaded: Path | None = None
-    """The same robot carrying a payload."""
-    period: float | None = None
-    """After which the motion of both repeats [s]; None if it does not."""
+    loaded: Path | None = None  #: The same robot carrying a payload
+    period: float | None = None  #: After which the motion of both repeats [s]; None if it does not
 
 
 def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None) -> Outcome:

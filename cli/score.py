@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 
 SEEDS: Final = 5
 SEEDS_OF_REACH: Final = 20
-ASKED: Final = "asked.json"
-"""What the score in the folder is of."""
+ASKED: Final = "asked.json"  #: What the score in the folder is of
 ROWS: Final = "rows.jsonl"
 
 

@@ -30,10 +30,8 @@ if TYPE_CHECKING:
     from polish_sim.smoothing.plots import Curves
 
 LIMITS: Final = "limits.toml"
-MANY: Final = 20_000
-"""A path of more segments is smoothed by the rules asked for only."""
-DRAWN: Final = 20_000
-"""Samples of a curve; motions of more than that many milliseconds are drawn with fewer."""
+MANY: Final = 20_000  #: A path of more segments is smoothed by the rules asked for only
+DRAWN: Final = 20_000  #: Samples of a curve; motions of more than that many milliseconds are drawn with fewer
 MOTION: Final = "Motion"
 
 PathFile = Annotated[
@@ -68,20 +66,15 @@ class SmoothRequest(NamedTuple):
     """What was asked for, in SI."""
 
     path: Path
-    rules: tuple[str, ...]
-    """The rule, and one to be put beside it if wanted."""
-    tolerance: float
-    """[m]."""
-    axis_tolerance: float
-    """[rad]."""
+    rules: tuple[str, ...]  #: The rule, and one to be put beside it if wanted
+    tolerance: float  #: [m]
+    axis_tolerance: float  #: [rad]
     limits: Path | None
-    feed: float | None
-    """[m/s]."""
+    feed: float | None  #: [m/s]
     pose: tuple[float, ...] | None
     """Pose of the path's frame in the robot's base [m, rad]; empty: to be chosen; None: no robot."""
     lenient: bool
-    rate: float
-    """[Hz]."""
+    rate: float  #: [Hz]
 
 
 def _or(value: Any, default: Any) -> Any:

@@ -8,25 +8,19 @@ from typing import Any, Final, NamedTuple
 
 from polish_sim.errors import number_text
 
-DEGREES: Final = 180.0 / math.pi
-"""Scale of an angle shown in degrees."""
+DEGREES: Final = 180.0 / math.pi  #: Scale of an angle shown in degrees
 
 
 class Claim(NamedTuple):
     """One figure of an experiment, how it is shown, what the paper says, and the range asked of it."""
 
-    figure: str
-    """Its name in metrics.json."""
+    figure: str  #: Its name in metrics.json
     label: str
-    unit: str
-    """Unit in which it is shown."""
-    scale: float
-    """Shown value = SI value x scale."""
+    unit: str  #: Unit in which it is shown
+    scale: float  #: Shown value = SI value x scale
     paper: str = "-"
-    low: float = -math.inf
-    """Least value that passes [SI]."""
-    high: float = math.inf
-    """Largest value that passes [SI]."""
+    low: float = -math.inf  #: Least value that passes [SI]
+    high: float = math.inf  #: Largest value that passes [SI]
     more_is_better: bool = False
 
     @property

@@ -25,10 +25,8 @@ if TYPE_CHECKING:
 # An inspected region as a coloured mesh with the time under the pad at every vertex (Inspection -> coverage.ply).
 
 
-HOLLOW = (204, 121, 167)
-"""Colour of places the pad cannot touch."""
-BARE = (213, 94, 0)
-"""Colour of places it never reaches."""
+HOLLOW = (204, 121, 167)  #: Colour of places the pad cannot touch
+BARE = (213, 94, 0)  #: Colour of places it never reaches
 
 COMMENT = (
     "lengths in mm; exposure_s: seconds under the pad; strict: within 0.55 step-overs of the path; "
@@ -98,12 +96,9 @@ def ply_header(vertices: NDArray[np.void], faces: int, comment: str) -> str:
 
 
 MM = 1e3
-DEG_MM = np.degrees(1.0) * 1e-3
-"""A rate of turning in rad/m, in deg/mm."""
-LEAST_RATE = 0.1
-"""Least height of its panel [deg/mm]: on a level face there is nothing but rounding to show."""
-PIXELS = 420
-"""Along the longer side of a map."""
+DEG_MM = np.degrees(1.0) * 1e-3  #: A rate of turning in rad/m, in deg/mm
+LEAST_RATE = 0.1  #: Least height of its panel [deg/mm]: on a level face there is nothing but rounding to show
+PIXELS = 420  #: Along the longer side of a map
 LABELLED = 5
 DARK = "#3A0010"
 """Where the pad does not fit."""
@@ -116,8 +111,7 @@ class _View(NamedTuple):
 
     frame: Array
     extent: tuple[float, float, float, float]
-    vertex: Indices
-    """Vertex seen in each pixel, -1 where there is none, shape (rows, columns)."""
+    vertex: Indices  #: Vertex seen in each pixel, -1 where there is none, shape (rows, columns)
 
 
 @styled

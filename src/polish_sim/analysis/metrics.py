@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 # How a signal behaves in time: contact, settling, rise, averages; the arithmetic under the figures.
 
 
-CONTACT_N = 0.5
-"""The tool is in contact when the exact normal force is above this [N]."""
+CONTACT_N = 0.5  #: The tool is in contact when the exact normal force is above this [N]
 
 
 def first_contact(force: Array) -> int | None:
@@ -79,8 +78,7 @@ def moving_average(time: Array, value: Array, window: float) -> Array:
 # Columns of a log as plain numbers, and which rows belong to which phase.
 
 
-PROCESS, RETRACT = 2, 3
-"""Codes of the phases, see ``log.PHASES``."""
+PROCESS, RETRACT = 2, 3  #: Codes of the phases, see ``log.PHASES``
 
 
 def numbers(log: RunLog, name: str) -> Array:
@@ -103,19 +101,15 @@ Figures = dict[str, float | int]
 RAMP_UP_S = 1.0
 STEADY_AFTER_S = 0.5
 SPEED_WINDOW_S = 0.05
-BRAKING = 0.99
-"""Share of the feed below which the target brakes at the end [-]."""
+BRAKING = 0.99  #: Share of the feed below which the target brakes at the end [-]
 
 
 class Circle(NamedTuple):
     """A circle in the base frame."""
 
-    center: tuple[float, float, float]
-    """[m]"""
-    normal: tuple[float, float, float]
-    """Unit normal of its plane."""
-    radius: float
-    """[m]"""
+    center: tuple[float, float, float]  #: [m]
+    normal: tuple[float, float, float]  #: Unit normal of its plane
+    radius: float  #: [m]
 
 
 PAPER_ARC = Circle((0.0, -0.52, 0.0), (math.sqrt(0.5), math.sqrt(0.5), 0.0), 0.1)
@@ -271,8 +265,7 @@ def _share(error: Array, band: float) -> float:
 # Figures of a removal map.
 
 
-UNDER, OVER = 0.5, 1.5
-"""Under- and over-polished is what lost less (more) than this many times the mean."""
+UNDER, OVER = 0.5, 1.5  #: Under- and over-polished is what lost less (more) than this many times the mean
 REMOVAL_SPREAD = ("removal_cv", "removal_p5", "removal_p95", "removal_max")
 
 

@@ -45,13 +45,11 @@ if TYPE_CHECKING:
 MM = 1e3
 COLORS = "viridis"
 LANDING, LEAVING = ORANGE, PINK
-MOST_FACETS = 30_000
-"""Finer parts are drawn by a lighter copy: matplotlib takes a second for so many."""
+MOST_FACETS = 30_000  #: Finer parts are drawn by a lighter copy: matplotlib takes a second for so many
 AXES_SHOWN = 90
 EDGE_ON = 0.05
 """Cosine between tool axis and viewer below which the strokes of a wall, seen from above, lie over each other."""
-LEAD_POINTS = 120
-"""At least so many along a lead: each is seen or hidden by itself."""
+LEAD_POINTS = 120  #: At least so many along a lead: each is seen or hidden by itself
 ELEVATION, AZIMUTH = 38.0, -62.0
 TOWARDS_VIEWER = np.array(
     [
@@ -63,10 +61,8 @@ TOWARDS_VIEWER = np.array(
 LIGHT = np.array([-0.57, -0.37, 0.73])
 AMBIENT = 0.42
 TICKS = 6
-LEAST_HEIGHT = 0.02
-"""Of what is drawn in 3D, over its width."""
-FACTS_AT = 0.935
-"""Height of the line of figures, under the heading."""
+LEAST_HEIGHT = 0.02  #: Of what is drawn in 3D, over its width
+FACTS_AT = 0.935  #: Height of the line of figures, under the heading
 TINT = np.array([0.93, 0.95, 1.0])
 
 
@@ -75,10 +71,8 @@ class _Seen(NamedTuple):
 
     space: DepthPicture
     above: DepthPicture
-    towards: Array
-    """Tool axes in the picture's frame, shape (n, 3)."""
-    in_space: Bools
-    """Points that can be seen, shape (n,)."""
+    towards: Array  #: Tool axes in the picture's frame, shape (n, 3)
+    in_space: Bools  #: Points that can be seen, shape (n,)
     from_above: Bools
 
 

@@ -18,16 +18,11 @@ AXES, _COLOURS = "xyz", (BLUE, ORANGE, PINK)
 class ResidualData(NamedTuple):
     """What is left of the readings after the fit."""
 
-    time: Array
-    """[s], shape (n,)."""
-    residuals: Array
-    """[N, N m], shape (n, 6)."""
-    noise: Array
-    """Standard deviation of one reading [N, N m], shape (6,)."""
-    used: Bools
-    """Which readings the fit rests on, shape (n,)."""
-    returned: bool
-    """Whether the last reading is in the first one's pose."""
+    time: Array  #: [s], shape (n,)
+    residuals: Array  #: [N, N m], shape (n, 6)
+    noise: Array  #: Standard deviation of one reading [N, N m], shape (6,)
+    used: Bools  #: Which readings the fit rests on, shape (n,)
+    returned: bool  #: Whether the last reading is in the first one's pose
 
 
 @styled
@@ -68,16 +63,11 @@ def _noise_band(axes: Axes, noise: float) -> None:
 class DriftData(NamedTuple):
     """The force an idle host reads over a long time."""
 
-    time: Array
-    """[s], shape (n,)."""
-    tared_once: Array
-    """[N], shape (n, 3)."""
-    tared_again: Array
-    """[N], shape (n, 3)."""
-    retare: float
-    """Time between tares [s]."""
-    walk: float
-    """The sensor's drift, rms after one second [N/sqrt(s)]."""
+    time: Array  #: [s], shape (n,)
+    tared_once: Array  #: [N], shape (n, 3)
+    tared_again: Array  #: [N], shape (n, 3)
+    retare: float  #: Time between tares [s]
+    walk: float  #: The sensor's drift, rms after one second [N/sqrt(s)]
 
 
 @styled

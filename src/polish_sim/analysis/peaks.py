@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array
 from polish_sim.planning.toolpath import ToolPath
 
-FLAT_1_M = 1.0 / 0.300
-"""Below this normal curvature the path counts as gentle [1/m]."""
-SHARP_1_M = 1.0 / 0.120
-"""A peak of the normal curvature rises above this [1/m]."""
-WINDOW_M = 0.015
-"""Half-width of a peak's window along the path [m]: the curvature rises within 15 mm."""
+FLAT_1_M = 1.0 / 0.300  #: Below this normal curvature the path counts as gentle [1/m]
+SHARP_1_M = 1.0 / 0.120  #: A peak of the normal curvature rises above this [1/m]
+WINDOW_M = 0.015  #: Half-width of a peak's window along the path [m]: the curvature rises within 15 mm
 
 
 class PeakErrors(NamedTuple):

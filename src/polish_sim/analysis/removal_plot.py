@@ -34,13 +34,11 @@ if TYPE_CHECKING:
 
 MM, MICRO = 1e3, 1e6
 MOST_FACETS = 20_000
-TOP = 2.0
-"""Removal over its mean at which the colours end."""
+TOP = 2.0  #: Removal over its mean at which the colours end
 BARE = "#3A0010"
 """Where nothing was removed."""
 SCALE: Final = Normalize(0.0, TOP)
-SHADED = 0.35
-"""How much of a facet's brightness is light and shade; the rest is its colour's own."""
+SHADED = 0.35  #: How much of a facet's brightness is light and shade; the rest is its colour's own
 BINS = 80
 RELATIVE, PER_TENTH = "removal / its mean", "share of the area per 0.1 [%]"
 

@@ -29,16 +29,12 @@ VERSIONED = ("polish-sim", "mujoco", "numpy", "scipy", "numba", "trimesh")
 class RunRecord:
     """Everything a run leaves behind."""
 
-    name: str
-    """What the run is called in titles and legends: its folder's name."""
+    name: str  #: What the run is called in titles and legends: its folder's name
     scenario: Scenario
-    metrics: Mapping[str, Any]
-    """Figures as in the contract; an undefined one is NaN."""
+    metrics: Mapping[str, Any]  #: Figures as in the contract; an undefined one is NaN
     log: RunLog
-    path: ToolPath | None
-    """The path that was run; None for experiments without a part."""
-    removal: RemovalMap | None = None
-    """What the run took off the part, if that was measured."""
+    path: ToolPath | None  #: The path that was run; None for experiments without a part
+    removal: RemovalMap | None = None  #: What the run took off the part, if that was measured
 
 
 def write_record(folder: Path, record: RunRecord) -> None:
@@ -127,8 +123,7 @@ def _plain(value: Any) -> Any:
 
 # What runs that are put side by side were asked to do, how each ended, and what they differ in.
 
-COMPARED: Final = ("seed", "controller")
-"""What runs are put side by side for: differences there need no word."""
+COMPARED: Final = ("seed", "controller")  #: What runs are put side by side for: differences there need no word
 
 
 WHOLE: Final = "whole"
@@ -140,8 +135,7 @@ class Setting(NamedTuple):
     label: str
     unit: str
     shown: Callable[[Scenario], str]
-    experiments: tuple[str, ...]
-    """Where it has an effect."""
+    experiments: tuple[str, ...]  #: Where it has an effect
 
 
 def _path(scenario: Scenario) -> str:

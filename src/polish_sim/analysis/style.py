@@ -84,8 +84,7 @@ def shade_band(axes: Axes, center: float, half_width: float, label: str) -> None
 
 # The frame pictures of a part are drawn in: to the right, to the back, up (up -> rotation).
 
-ALONG = 0.9998
-"""Cosine of about one degree: a direction as close to an axis is called by its name."""
+ALONG = 0.9998  #: Cosine of about one degree: a direction as close to an axis is called by its name
 
 
 def view_frame(up: Array) -> Array:
@@ -117,12 +116,9 @@ def axis_name(direction: Array) -> str:
 Projection = Callable[[Array], Array]
 """Points (n, 3) to places in the picture and depths, larger is nearer, (n, 3); straight lines stay straight."""
 
-PIXELS = 250
-"""Of a depth picture, along the longer side of the part."""
-APART = 0.75
-"""Pixels between samples of a facet, at most."""
-LIFT = 2.0
-"""Pixels by which points are taken off the surface: more than depths within a pixel of a plane differ."""
+PIXELS = 250  #: Of a depth picture, along the longer side of the part
+APART = 0.75  #: Pixels between samples of a facet, at most
+LIFT = 2.0  #: Pixels by which points are taken off the surface: more than depths within a pixel of a plane differ
 SAMPLES_AT_ONCE = 2_000_000
 
 
@@ -130,14 +126,10 @@ class DepthPicture(NamedTuple):
     """The part as a viewer sees it."""
 
     project: Projection
-    low: Array
-    """Corner of the picture, shape (2,)."""
-    pixel: float
-    """Side of a pixel in the picture's own unit."""
-    depth: Array
-    """Depth of what is seen in each pixel, minus infinity beside the part, shape (columns, rows)."""
-    lift: float
-    """Way off the surface that keeps it from hiding its own points, in the unit of the points."""
+    low: Array  #: Corner of the picture, shape (2,)
+    pixel: float  #: Side of a pixel in the picture's own unit
+    depth: Array  #: Depth of what is seen in each pixel, minus infinity beside the part, shape (columns, rows)
+    lift: float  #: Way off the surface that keeps it from hiding its own points, in the unit of the points
 
 
 def depth_picture(corners: Array, project: Projection) -> DepthPicture:

@@ -18,8 +18,7 @@ from polish_sim.arrays import Array
 from polish_sim.planning.toolpath import ToolPath
 
 BAND_N = 4.0
-NUMBERED_PEAKS = 24
-"""More curvature peaks than this are marked without their number."""
+NUMBERED_PEAKS = 24  #: More curvature peaks than this are marked without their number
 
 
 @styled

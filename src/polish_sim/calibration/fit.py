@@ -16,12 +16,9 @@ from polish_sim.errors import CalibrationError
 
 X = TypeVar("X")
 
-CHANCE: Final = 1e-6
-"""A measurement this unlikely (Gaussian noise, its coordinates together) is an outlier."""
-LARGEST_SHARE: Final = 0.25
-"""With more outliers than this the measurements as a whole are refused."""
-LEAST_TO_JUDGE: Final = 7
-"""With fewer measurements nothing is left out: too few would be left to decide."""
+CHANCE: Final = 1e-6  #: A measurement this unlikely (Gaussian noise, its coordinates together) is an outlier
+LARGEST_SHARE: Final = 0.25  #: With more outliers than this the measurements as a whole are refused
+LEAST_TO_JUDGE: Final = 7  #: With fewer measurements nothing is left out: too few would be left to decide
 SMALLEST_NOISE: Final = 1e-12  # of exact data with several kinds of noise
 _ROUNDS: Final = 25
 _NOISE_ROUNDS: Final = 21
@@ -32,38 +29,29 @@ class Noise(NamedTuple):
     """Noise that some columns of the residuals share."""
 
     columns: slice = slice(None)
-    start: float = 1.0
-    """First guess of its standard deviation; only the ratio between kinds of noise counts."""
-    floor: float = 2e-6
-    """Nothing nearer than this is an outlier, however exact the others are."""
+    start: float = 1.0  #: First guess of its standard deviation; only the ratio between kinds of noise counts
+    floor: float = 2e-6  #: Nothing nearer than this is an outlier, however exact the others are
 
 
 @dataclass(frozen=True)
 class Problem(Generic[X]):
     """Measurements that follow from unknowns ``x``; n measurements of k coordinates, p unknowns."""
 
-    residuals: Callable[[X], Array]
-    """Of every measurement, shape (n, k)."""
-    slopes: Callable[[X], Array]
-    """Their derivative by a step of the unknowns, shape (n, k, p)."""
+    residuals: Callable[[X], Array]  #: Of every measurement, shape (n, k)
+    slopes: Callable[[X], Array]  #: Their derivative by a step of the unknowns, shape (n, k, p)
     moved: Callable[[X, Array], X] = lambda x, step: x + step  # type: ignore[operator]
     """The unknowns after a step, shape (p,)."""
-    noises: tuple[Noise, ...] = (Noise(),)
-    """Kinds of noise, which together cover all columns."""
+    noises: tuple[Noise, ...] = (Noise(),)  #: Kinds of noise, which together cover all columns
 
 
 @dataclass(frozen=True)
 class Fit(Generic[X]):
     """The best fit and how well it is known."""
 
-    x: X
-    """The unknowns."""
-    covariance: Array
-    """Of a step of the unknowns, shape (p, p)."""
-    residuals: Array
-    """Of every measurement, used or not, shape (n, k)."""
-    used: Bools
-    """The measurements it rests on, shape (n,); the others are outliers."""
+    x: X  #: The unknowns
+    covariance: Array  #: Of a step of the unknowns, shape (p, p)
+    residuals: Array  #: Of every measurement, used or not, shape (n, k)
+    used: Bools  #: The measurements it rests on, shape (n,); the others are outliers
     noise: Array
     """Standard deviation of each coordinate of a measurement, given or found from the residuals, shape (k,)."""
 

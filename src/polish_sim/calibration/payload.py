@@ -24,14 +24,10 @@ from polish_sim.errors import CalibrationError
 GRAVITY = 9.81  # [m/s^2], the model's
 MASS, MOMENT, BIAS, DRIFT = 0, slice(1, 4), slice(4, 10), slice(10, 16)
 LEAST_READINGS = 3
-LEAST_SPREAD = 0.02
-"""Least spread of the up directions along two axes [-]; 1/sqrt(3) is that of a full sphere."""
-LARGEST_CONDITION = 1e5
-"""Of the whole regressor; beyond it the drift cannot be separated from the rest."""
-LARGEST_REST = 0.3
-"""Of the weight, what the forces may leave unexplained, rms."""
-FARTHEST = 1.0
-"""How far from the sensor's origin a tool's centre of mass may be [m]."""
+LEAST_SPREAD = 0.02  #: Least spread of the up directions along two axes [-]; 1/sqrt(3) is that of a full sphere
+LARGEST_CONDITION = 1e5  #: Of the whole regressor; beyond it the drift cannot be separated from the rest
+LARGEST_REST = 0.3  #: Of the weight, what the forces may leave unexplained, rms
+FARTHEST = 1.0  #: How far from the sensor's origin a tool's centre of mass may be [m]
 NOISES = (Noise(slice(0, 3), 1.0, 2e-3), Noise(slice(3, 6), 0.05, 1e-4))
 """Of forces and of torques [N, N m]; drift and residual motion move readings by the floors at least."""
 _BETTER, _GOOD = 0.2, 0.05
@@ -87,10 +83,8 @@ def condition_of(regressor: Array) -> float:
 class PayloadReadings:
     """Readings of a wrist sensor that carries a tool at rest, nothing touching it."""
 
-    time: Array
-    """When each was taken [s], shape (n,)."""
-    R_base_sensor: Array
-    """How the sensor stood, base z up, shape (n, 3, 3)."""
+    time: Array  #: When each was taken [s], shape (n,)
+    R_base_sensor: Array  #: How the sensor stood, base z up, shape (n, 3, 3)
     wrenches: Array
     """What it read, sensor axes, about the sensor's origin: sum of m (a - g), so a tool below a sensor that looks
     down pulls with -m g along its z axis; force [N] then torque [N m], shape (n, 6)."""
@@ -127,18 +121,12 @@ class PayloadEstimate:
 
     theta: Array
     """m [kg], m c [kg m], b_f [N], b_t [N m] and, if asked for, their drift per second, shape (10,) or (16,)."""
-    covariance: Array
-    """Of theta, shape (p, p)."""
-    residuals: Array
-    """Reading minus model [N, N m], all readings, shape (n, 6)."""
-    noise: Array
-    """Standard deviation of one reading, given or found from the residuals [N, N m], shape (6,)."""
-    used: Bools
-    """Which readings were used, shape (n,); the others are outliers."""
-    condition: float
-    """Condition number of the poses [-]; 1.22 is the best possible without drift."""
-    zero_time: float
-    """Moment at which a drifting bias is b [s]."""
+    covariance: Array  #: Of theta, shape (p, p)
+    residuals: Array  #: Reading minus model [N, N m], all readings, shape (n, 6)
+    noise: Array  #: Standard deviation of one reading, given or found from the residuals [N, N m], shape (6,)
+    used: Bools  #: Which readings were used, shape (n,); the others are outliers
+    condition: float  #: Condition number of the poses [-]; 1.22 is the best possible without drift
+    zero_time: float  #: Moment at which a drifting bias is b [s]
 
     @property
     def mass(self) -> float:

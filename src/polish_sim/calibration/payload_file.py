@@ -29,10 +29,8 @@ JOINTS: Final = tuple(f"q{joint}_rad" for joint in range(1, 7))
 class CalibratedTool(NamedTuple):
     """What a host needs to compensate the tool's weight."""
 
-    mass: float
-    """[kg]"""
-    center: Array
-    """Centre of mass in the sensor frame [m], shape (3,)."""
+    mass: float  #: [kg]
+    center: Array  #: Centre of mass in the sensor frame [m], shape (3,)
 
 
 def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:

@@ -18,8 +18,7 @@ PAN, LIFT, ELBOW, WRIST_2 = 1.3, -1.59, 1.51, -0.5 * math.pi
 """Joints that stay as they are [rad]: the wrist half a metre before the base and 0.7 m above the table."""
 TOOL_DOWN = -0.5 * math.pi - LIFT - ELBOW
 """Wrist 1 with the tool straight down [rad]; less lifts the tool away from the arm, by pi straight up."""
-WRIST_SPEED = 0.6
-"""Mean speed of the joint with the longest way between two poses, at most [rad/s]."""
+WRIST_SPEED = 0.6  #: Mean speed of the joint with the longest way between two poses, at most [rad/s]
 WRIST_ACCELERATION = 1.5
 """Its acceleration, at most [rad/s^2]: 0.42 m from the wrist the tool keeps below the robot's 1.2 m/s^2."""
 LEAST_POSES = 4
@@ -28,12 +27,9 @@ LEAST_POSES = 4
 class PosePlan(NamedTuple):
     """Where the robot stands still to read its sensor."""
 
-    q: Array
-    """Joint angles [rad], shape (n, 6)."""
-    R_base_sensor: Array
-    """Orientation of the sensor, shape (n, 3, 3)."""
-    condition: float
-    """Condition number of the poses; 1.22 is the best possible."""
+    q: Array  #: Joint angles [rad], shape (n, 6)
+    R_base_sensor: Array  #: Orientation of the sensor, shape (n, 3, 3)
+    condition: float  #: Condition number of the poses; 1.22 is the best possible
 
     @property
     def move_times(self) -> Array:

@@ -18,14 +18,12 @@ from polish_sim.errors import CalibrationError, InputError, near_file
 from polish_sim.spatial import transform
 from polish_sim.tables import Columns
 
-ROTATION_TOLERANCE: Final = 1e-3
-"""How far R^T R may be from one: the rounding of printed digits."""
+ROTATION_TOLERANCE: Final = 1e-3  #: How far R^T R may be from one: the rounding of printed digits
 QUATERNION: Final = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR: Final = ("rx_rad", "ry_rad", "rz_rad")
 MATRIX: Final = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
 UNITS: Final[Mapping[str, float]] = {"m": 1.0, "mm": 1e-3}
-FULL_TURN: Final = 2.0 * np.pi + 0.01
-"""A rotation vector is no longer than this [rad]."""
+FULL_TURN: Final = 2.0 * np.pi + 0.01  #: A rotation vector is no longer than this [rad]
 _LARGEST_RATIO = 100.0
 REACH: Final = (0.02, 5.0)
 """How far from its base a robot's flange or tip is, in the middle of all lines, whatever the robot [m]."""
@@ -130,12 +128,9 @@ def _from_quaternions(values: Array) -> Array:
 class Kind(NamedTuple):
     """A kind of calibration.toml."""
 
-    name: str
-    """The command that makes it, ``calibrate NAME``."""
-    what: str
-    """For messages, e.g. ``"a payload"``."""
-    head: str
-    """Comment at the top of the file: quantities, units, axes."""
+    name: str  #: The command that makes it, ``calibrate NAME``
+    what: str  #: For messages, e.g. ``"a payload"``.
+    head: str  #: Comment at the top of the file: quantities, units, axes
 
 
 def write_table(file: Path, kind: Kind, figures: Mapping[str, Any]) -> None:

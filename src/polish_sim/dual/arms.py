@@ -24,10 +24,8 @@ _NOMINAL: Final = dict.fromkeys(ROBOTS, NOMINAL)
 class PairArms(NamedTuple):
     """Tables of both arms, robot by robot, each (4, 6)."""
 
-    true: Mapping[str, Array] = _NOMINAL
-    """As they are built: the engine moves these."""
-    believed: Mapping[str, Array] = _NOMINAL
-    """The host computes with these."""
+    true: Mapping[str, Array] = _NOMINAL  #: As they are built: the engine moves these
+    believed: Mapping[str, Array] = _NOMINAL  #: The host computes with these
     bases: tuple[Array, Array] | None = None
     """T_master_follower (4, 4) and its covariance (6, 6) found along with the tables; None: it is found apart."""
 

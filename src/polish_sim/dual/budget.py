@@ -36,8 +36,7 @@ from polish_sim.dual.placement import default_poses
 from polish_sim.spatial import apply, transform
 
 TOGETHER: Final = "together"
-DESIGNS: Final = 10
-"""Sets of measured arcs the prediction is averaged over: a tracker takes its points where it will."""
+DESIGNS: Final = 10  #: Sets of measured arcs the prediction is averaged over: a tracker takes its points where it will
 
 
 @dataclass(frozen=True)
@@ -47,12 +46,9 @@ class PairBudgetTrial:
     dual: DualConfig = field(default_factory=DualConfig)
     draws: int = 300
     seed: int = 0
-    rim_radius: float = 0.08
-    """Of the rim, about that of the hub [m]."""
-    rim_height: float = 0.038
-    """Above the part's origin [m]."""
-    points: int = 24
-    """Places on it where the error is looked at."""
+    rim_radius: float = 0.08  #: Of the rim, about that of the hub [m]
+    rim_height: float = 0.038  #: Above the part's origin [m]
+    points: int = 24  #: Places on it where the error is looked at
 
     @property
     def T_work_tool(self) -> Array:
@@ -79,19 +75,15 @@ class PairBudgetTrial:
 class Share(NamedTuple):
     """The error of the tool on the part from one source, or all."""
 
-    predicted_rms_m: float
-    """To first order, by covariances."""
+    predicted_rms_m: float  #: To first order, by covariances
     drawn_rms_m: float
-    drawn_rms_std_m: float
-    """Standard error of the drawn rms."""
-    predicted_p95_m: float
-    """95% of the errors, over calibrations and places, are no larger."""
+    drawn_rms_std_m: float  #: Standard error of the drawn rms
+    predicted_p95_m: float  #: 95% of the errors, over calibrations and places, are no larger
     drawn_p95_m: float
     predicted_axial_share: float
     """Of the mean square, the share along the tool axis: in contact, the force loop removes it."""
     drawn_axial_share: float
-    predicted_across_rms_m: float
-    """What the force loop does not remove."""
+    predicted_across_rms_m: float  #: What the force loop does not remove
     drawn_across_rms_m: float
 
     @property
@@ -105,10 +97,8 @@ class Share(NamedTuple):
 class Prediction(NamedTuple):
     """Covariances of the tool on the part, to first order."""
 
-    slopes: Array
-    """How the tool's place on the part moves with the 15 unknowns, work frame, shape (points, 3, 15)."""
-    shares: Mapping[str, Array]
-    """Covariance of the unknowns by source, (15, 15) each; they add up to the whole."""
+    slopes: Array  #: How the tool's place on the part moves with the 15 unknowns, work frame, shape (points, 3, 15)
+    shares: Mapping[str, Array]  #: Covariance of the unknowns by source, (15, 15) each; they add up to the whole
 
     @property
     def covariances(self) -> dict[str, Array]:

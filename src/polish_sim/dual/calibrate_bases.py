@@ -44,8 +44,7 @@ ARCS: Final = ((-60.0, 60.0), (-120.0, 0.0))
 LOW, HIGH = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
 """Joint angles of tracked poses, drawn evenly between [rad]."""
 CHECKS: Final = 400  # poses in which calibrated arms are compared with the true ones
-AWAY: Final = 1.0
-"""Where a frame's error at a distance is given [m]."""
+AWAY: Final = 1.0  #: Where a frame's error at a distance is given [m]
 
 
 @dataclass(frozen=True)
@@ -53,18 +52,15 @@ class BaseTrial:
     """A simulated calibration of two bases."""
 
     method: str = "circles"
-    noise: float = 3e-5
-    """Of one coordinate of a measured point, rms [m]."""
-    points: int | None = None
-    """Points of an arc, poses of a robot, or common points; None: 200, 12, 10."""
+    noise: float = 3e-5  #: Of one coordinate of a measured point, rms [m]
+    points: int | None = None  #: Points of an arc, poses of a robot, or common points; None: 200, 12, 10
     seed: int = 0
 
 
 class TrueBases(NamedTuple):
     """Where the robots and the tracker really stand."""
 
-    T_tracker: Mapping[str, Array]
-    """T_tracker_base, robot by robot, each (4, 4)."""
+    T_tracker: Mapping[str, Array]  #: T_tracker_base, robot by robot, each (4, 4)
 
     @property
     def T_master_follower(self) -> Array:
@@ -78,8 +74,7 @@ class BasesFound:
 
     measured: BaseMeasurements
     found: BaseCalibration
-    figures: dict[str, Any]
-    """The keys of metrics.json."""
+    figures: dict[str, Any]  #: The keys of metrics.json
 
 
 def calibrate_base_from(measured: BaseMeasurements) -> BasesFound:
@@ -211,12 +206,9 @@ def _frame_error(prefix: str, T: Array, wanted: Array) -> dict[str, float]:
 class ArmTrial:
     """Two arms with errors in their tables, measured by a tracker."""
 
-    tolerance: Tolerance = field(default_factory=Tolerance)
-    """Standard deviations of the planted errors."""
-    noise: float = 3e-5
-    """Of one coordinate of the tracker [m]."""
-    poses: int = 60
-    """Of each arm."""
+    tolerance: Tolerance = field(default_factory=Tolerance)  #: Standard deviations of the planted errors
+    noise: float = 3e-5  #: Of one coordinate of the tracker [m]
+    poses: int = 60  #: Of each arm
     seed: int = 0
 
 
@@ -226,10 +218,8 @@ class ArmsFound:
 
     tracked: Mapping[str, TrackedArm]
     found: PairTables
-    figures: dict[str, Any]
-    """The keys of metrics.json."""
-    true: PairTables | None = None
-    """The arms as they are, if they are simulated."""
+    figures: dict[str, Any]  #: The keys of metrics.json
+    true: PairTables | None = None  #: The arms as they are, if they are simulated
 
 
 def calibrate_arm_from(tracked: Mapping[str, TrackedArm]) -> ArmsFound:

@@ -32,16 +32,12 @@ LENGTH, SIDEWAYS, LEAN = 0.18, 0.02, 0.15
 class TcpTrial:
     """A simulated calibration of a tool frame."""
 
-    noise: float = 5e-5
-    """Of one coordinate of a touch, rms [m]."""
+    noise: float = 5e-5  #: Of one coordinate of a touch, rms [m]
     poses: int = 10
-    cone: float = np.pi / 4.0
-    """How far the tool is tilted [rad]."""
-    move: float = 0.1
-    """Length of the moves along the tool's axes [m]."""
+    cone: float = np.pi / 4.0  #: How far the tool is tilted [rad]
+    move: float = 0.1  #: Length of the moves along the tool's axes [m]
     seed: int = 0
-    T_flange_tool: Array | None = None
-    """The tool as it really is, shape (4, 4); None: one is planted by the seed."""
+    T_flange_tool: Array | None = None  #: The tool as it really is, shape (4, 4); None: one is planted by the seed
 
 
 @dataclass(frozen=True)
@@ -50,8 +46,7 @@ class TcpCalibration:
 
     measured: ToolMeasurements
     found: ToolFrameEstimate
-    figures: dict[str, Any]
-    """The keys of metrics.json."""
+    figures: dict[str, Any]  #: The keys of metrics.json
 
 
 def calibrate_tcp_from(measured: ToolMeasurements) -> TcpCalibration:

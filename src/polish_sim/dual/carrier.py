@@ -26,8 +26,7 @@ from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, kerne
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import inverse, transform
 
-MASTER, FOLLOWER = "master_", "follower_"
-"""What the names of the two robots in a scene begin with."""
+MASTER, FOLLOWER = "master_", "follower_"  #: What the names of the two robots in a scene begin with
 FIRST_JOINT, FIRST_CONTROL = 7, 12
 """Where the master's joints and controls begin: the follower, with its head, comes first."""
 RAMP_S = LONGEST_RAMP + BUILD_UP  # in which the master comes to its speed and back to rest, as a feed does
@@ -38,10 +37,8 @@ SPAN_S = 0.01  # over which the host takes the master's accelerations, at least 
 class MasterTime(NamedTuple):
     """Time of the master's rows at n moments, see ``drive_master``."""
 
-    clock: Array
-    """What has passed of it [s], shape (n,)."""
-    rate: Array
-    """At which it passes [-], shape (n,)."""
+    clock: Array  #: What has passed of it [s], shape (n,)
+    rate: Array  #: At which it passes [-], shape (n,)
 
 
 def time_let_go(since: Array) -> MasterTime:
@@ -82,104 +79,67 @@ def ramp_time(t: float) -> float:
 class MasterRows(NamedTuple):
     """What the master's servos play, and what the host makes of it."""
 
-    spacing: float
-    """Time between rows [s]."""
-    q: Array
-    """Joint positions [rad], shape (n, 6)."""
-    qd: Array
-    """Joint speeds [rad/s], shape (n, 6)."""
+    spacing: float  #: Time between rows [s]
+    q: Array  #: Joint positions [rad], shape (n, 6)
+    qd: Array  #: Joint speeds [rad/s], shape (n, 6)
     T_base_work: Array
     """The work frame at the first row as it really is, nominal part, base of the follower, shape (4, 4)."""
     T_believed_true: Array
     """Where the host believes the master's things to be: true poses in the follower's base, moved by this (4, 4)."""
-    table: Array = NOMINAL
-    """The table the host computes the master with, shape (4, 6)."""
-    delay: float = 0.0
-    """How late its joints reach the host [s]."""
-    period: float = 0.0
-    """Between two readings of them, held in between [s]; 0: at every step."""
-    lead: float = 0.0
-    """From the host's request to the follower's motion, as far as the host knows [s]."""
+    table: Array = NOMINAL  #: The table the host computes the master with, shape (4, 6)
+    delay: float = 0.0  #: How late its joints reach the host [s]
+    period: float = 0.0  #: Between two readings of them, held in between [s]; 0: at every step
+    lead: float = 0.0  #: From the host's request to the follower's motion, as far as the host knows [s]
 
 
 class Carrier(Record):
     """The master in the loop; base frame of the follower."""
 
-    spacing: float
-    """Time between rows [s]."""
-    duration: float
-    """Of all rows [s]."""
-    clock: float
-    """Time of the rows [s]."""
-    ramp: float
-    """How much of the ramp of its rate is done [s]."""
-    rate: float
-    """At which the time of the rows passes [-]."""
-    pace: float
-    """The rate the ramp ends at [-]."""
-    silence: float
-    """For how long the host has not heard where the master is [s]."""
-    timeout: float
-    """Longest silence before a protective stop [s]."""
-    steps: int
-    """Taken so far."""
-    brakes: Vector2
-    """Deceleration of a protective stop [m/s^2], [rad/s^2]."""
+    spacing: float  #: Time between rows [s]
+    duration: float  #: Of all rows [s]
+    clock: float  #: Time of the rows [s]
+    ramp: float  #: How much of the ramp of its rate is done [s]
+    rate: float  #: At which the time of the rows passes [-]
+    pace: float  #: The rate the ramp ends at [-]
+    silence: float  #: For how long the host has not heard where the master is [s]
+    timeout: float  #: Longest silence before a protective stop [s]
+    steps: int  #: Taken so far
+    brakes: Vector2  #: Deceleration of a protective stop [m/s^2], [rad/s^2]
     flange_body: int
     part_body: int
     R_rest: Matrix3
-    p_rest: Vector3
-    """The flange at the first row, as the host computes it."""
+    p_rest: Vector3  #: The flange at the first row, as the host computes it
     R_part: Matrix3
-    p_part: Vector3
-    """The real part on the flange."""
+    p_part: Vector3  #: The real part on the flange
     R_work: Matrix3
-    p_work: Vector3
-    """The nominal work frame on the flange."""
+    p_work: Vector3  #: The nominal work frame on the flange
     R_belief: Matrix3
-    p_belief: Vector3
-    """The host's belief: true poses, moved by this."""
-    host_arm: HostArm
-    """The master up to its flange as the host computes it."""
-    velocity: Vector3
-    """Of the flange now [m/s]."""
-    turning: Vector3
-    """Of the flange now [rad/s]."""
-    delay: int
-    """How late readings of the joints arrive, in steps."""
-    hold: int
-    """Steps from one reading to the next."""
-    span: int
-    """Steps over which the host takes accelerations."""
-    lead: float
-    """How far ahead the host predicts speeds [s]."""
-    q: Vector6
-    """Joint positions for now, as the host has them [rad]."""
-    qd: Vector6
-    """Joint speeds for when a request acts, as the host has them [rad/s]."""
-    seen_velocity: Vector3
-    """Of the flange as the host computes it from those [m/s]."""
-    seen_turning: Vector3
-    """Likewise [rad/s]."""
+    p_belief: Vector3  #: The host's belief: true poses, moved by this
+    host_arm: HostArm  #: The master up to its flange as the host computes it
+    velocity: Vector3  #: Of the flange now [m/s]
+    turning: Vector3  #: Of the flange now [rad/s]
+    delay: int  #: How late readings of the joints arrive, in steps
+    hold: int  #: Steps from one reading to the next
+    span: int  #: Steps over which the host takes accelerations
+    lead: float  #: How far ahead the host predicts speeds [s]
+    q: Vector6  #: Joint positions for now, as the host has them [rad]
+    qd: Vector6  #: Joint speeds for when a request acts, as the host has them [rad/s]
+    seen_velocity: Vector3  #: Of the flange as the host computes it from those [m/s]
+    seen_turning: Vector3  #: Likewise [rad/s]
     R_moved: Matrix3
-    p_moved: Vector3
-    """How the part has moved since the first row, as the host believes."""
+    p_moved: Vector3  #: How the part has moved since the first row, as the host believes
     believed: Matrix3
     """The flange as the host believes, a row each: its place [m], velocity [m/s] and angular velocity [rad/s]."""
-    work: Annotated[Array, (7, 3)]
-    """Work array."""
+    work: Annotated[Array, (7, 3)]  #: Work array
 
 
 class Master(NamedTuple):
     """The master in the loop, and its tables."""
 
     state: Carrier
-    q: Array
-    """Rows of joint positions [rad], shape (n, 6)."""
-    qd: Array
-    """Rows of joint speeds [rad/s], shape (n, 6)."""
-    line: Array
-    """Joint positions [rad] and speeds [rad/s] on their way to the host, step by step, shape (k, 12)."""
+    q: Array  #: Rows of joint positions [rad], shape (n, 6)
+    qd: Array  #: Rows of joint speeds [rad/s], shape (n, 6)
+    line: Array  #: Joint positions [rad] and speeds [rad/s] on their way to the host, step by step, shape (k, 12)
 
 
 def build_master(

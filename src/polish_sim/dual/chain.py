@@ -16,21 +16,16 @@ from polish_sim.errors import ReachError
 from polish_sim.motion.kinematics import JOINT_LIMITS, nearest_solution
 from polish_sim.spatial import inverse
 
-COMFORTABLE: Final = 0.5 * np.pi
-"""Distance from its limits from which on a joint counts as free [rad]."""
+COMFORTABLE: Final = 0.5 * np.pi  #: Distance from its limits from which on a joint counts as free [rad]
 
 
 class ClosedChain(NamedTuple):
     """The fixed transforms of the chain; each (4, 4)."""
 
-    T_master_follower: Array
-    """The follower's base in the master's, from base calibration."""
-    T_flange_gripper: Array
-    """The gripper on the master's flange, from tool calibration."""
-    T_gripper_work: Array
-    """The part in the gripper, from assembly."""
-    T_flange_tool: Array
-    """The tool on the follower's flange, from tool calibration."""
+    T_master_follower: Array  #: The follower's base in the master's, from base calibration
+    T_flange_gripper: Array  #: The gripper on the master's flange, from tool calibration
+    T_gripper_work: Array  #: The part in the gripper, from assembly
+    T_flange_tool: Array  #: The tool on the follower's flange, from tool calibration
 
     @property
     def T_flange_work(self) -> Array:

@@ -27,10 +27,8 @@ class MotionCheck(NamedTuple):
     work: Work
     reach: PairReach
     motion: MasterMotion
-    visits: Visits
-    """Closer together than those the work was planned with."""
-    robot: RobotConfig
-    """Limits of both arms."""
+    visits: Visits  #: Closer together than those the work was planned with
+    robot: RobotConfig  #: Limits of both arms
 
 
 def check_length(visits: Visits, motion: MasterMotion) -> None:

@@ -92,12 +92,9 @@ def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Obser
 class DualCell(NamedTuple):
     """Two robots about to start."""
 
-    cell: PairCell
-    """Not yet run."""
-    strokes: list[Stroke]
-    """As the host commands them, with the tool where the host believes it."""
-    part: RealPart
-    """At the start."""
+    cell: PairCell  #: Not yet run
+    strokes: list[Stroke]  #: As the host commands them, with the tool where the host believes it
+    part: RealPart  #: At the start
 
 
 def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:

@@ -41,8 +41,7 @@ PRESSING_CLAIMS: Final = (
     Claim("removal_cv", "removal, std / mean", "%", 100.0),
     PATH_DONE,
 )
-FREE_CLAIMS: Final = (*_PAIR, PATH_DONE)
-"""At a stand-off there is no force."""
+FREE_CLAIMS: Final = (*_PAIR, PATH_DONE)  #: At a stand-off there is no force
 
 _AXES_SEEN: Final = (
     Claim("origin_std_m", "origin seen by the tracker, 3D std", "mm", 1e3, high=1.7e-5),

@@ -11,30 +11,23 @@ from polish_sim.analysis.metrics import PROCESS
 from polish_sim.arrays import Array
 from polish_sim.log import Trace
 
-SPEED_S = 0.05
-"""Speeds are averages over this long, as those of the arc [s]."""
-TURNS = 200
-"""So many turns of a run are added up: more would add up the servos' trembling."""
+SPEED_S = 0.05  #: Speeds are averages over this long, as those of the arc [s]
+TURNS = 200  #: So many turns of a run are added up: more would add up the servos' trembling
 
 
 class WantedTool(NamedTuple):
     """Where the tool is wanted on the part; n places along the path, in order."""
 
-    s: Array
-    """Arc length of the path [m], never falling, shape (n,)."""
-    points: Array
-    """Tool point, work frame [m], shape (n, 3)."""
-    axes: Array
-    """Unit tool axis into the part, work frame, shape (n, 3)."""
+    s: Array  #: Arc length of the path [m], never falling, shape (n,)
+    points: Array  #: Tool point, work frame [m], shape (n, 3)
+    axes: Array  #: Unit tool axis into the part, work frame, shape (n, 3)
 
 
 class PairErrors(NamedTuple):
     """Errors at every step of the process, work frame."""
 
-    tracking: Array
-    """From the tool point to the target the host had at that moment [m], shape (n, 3)."""
-    relative: Array
-    """From where the tool is wanted on the part to where it really is on it [m], shape (n, 3)."""
+    tracking: Array  #: From the tool point to the target the host had at that moment [m], shape (n, 3)
+    relative: Array  #: From where the tool is wanted on the part to where it really is on it [m], shape (n, 3)
 
 
 def pair_errors(trace: Trace, wanted: WantedTool, R_base_work: Array, pressing: bool) -> PairErrors:

@@ -32,19 +32,15 @@ from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_i
 from polish_sim.geometry import Region, Surface
 from polish_sim.spatial import apply, from_pose, inverse, perpendicular, rotation_angle, rotation_to_axis, transform
 
-T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
-"""Where the simulated tracker sees the master."""
+T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])  #: Where the simulated tracker sees the master
 ARC_POINTS: Final = 200
-LEAST_APART: Final = 0.2
-"""Between the bases of two arms, each 0.15 m wide [m]."""
-SAME_POSE: Final = 1e-8
-"""Poses that differ by less are the same but for rounding [m], [-]."""
+LEAST_APART: Final = 0.2  #: Between the bases of two arms, each 0.15 m wide [m]
+SAME_POSE: Final = 1e-8  #: Poses that differ by less are the same but for rounding [m], [-]
 ON_FACE: Final = transform(np.eye(3), np.zeros(3))
 """A part whose own frame is that of the gripper's face, as the shipped hub's is."""
 FAR_M, FAR_RAD = 0.01, 0.1
 """A calibration farther off than this is that of another tool, or of robots that stand elsewhere [m], [rad]."""
-INSIDE: Final = 0.9
-"""Share of the way from the middle to the edge: a pointer does not find an edge itself."""
+INSIDE: Final = 0.9  #: Share of the way from the middle to the edge: a pointer does not find an edge itself
 NARROW: Final = 0.1
 """A region this narrow for its length does not fix the turn about it: the marks then cover the whole part."""
 
@@ -77,10 +73,8 @@ def marks_on(region: Region, surface: Surface, count: int) -> Array:
 class Site(NamedTuple):
     """Where the tool touches marks on the part."""
 
-    T_master_work: Array
-    """Where the master holds the part meanwhile, its base, shape (4, 4)."""
-    T_work_tool: Array
-    """The tool at each mark, its z axis into the part, shape (k, 4, 4)."""
+    T_master_work: Array  #: Where the master holds the part meanwhile, its base, shape (4, 4)
+    T_work_tool: Array  #: The tool at each mark, its z axis into the part, shape (k, 4, 4)
 
     @property
     def marks_work(self) -> Array:

@@ -18,8 +18,7 @@ GRIPPER_LENGTH: Final = 0.1  # from the flange to its face [m]
 GRIPPER_RADIUS: Final = 0.04  # [m]
 GRIPPER_MASS: Final = 0.9  # [kg]
 PAYLOAD_LIMIT: Final = 5.0  # of a UR5e [kg]
-TOUCHING: Final = 1e-4
-"""A part this close to the gripper is held by it [m]."""
+TOUCHING: Final = 1e-4  #: A part this close to the gripper is held by it [m]
 _SPACING: Final = 0.002  # between the sampled points of the gripper's face [m]
 _STEPS: Final = 2000
 
@@ -29,8 +28,7 @@ class Seat(NamedTuple):
 
     T_gripper_work: Array
     """The part's own frame on the gripper's face, whose z axis looks away from the flange, shape (4, 4)."""
-    nose: float
-    """How far the gripper goes on beyond its face, into an opening, until it meets the part [m]."""
+    nose: float  #: How far the gripper goes on beyond its face, into an opening, until it meets the part [m]
 
 
 def seat_part(surface: Surface, up: Array, pose: tuple[float, ...] = ()) -> Seat:

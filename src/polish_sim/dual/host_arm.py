@@ -15,22 +15,14 @@ from polish_sim.motion.kinematics import advance_frame, joint_rows
 class HostArm(Record):
     """An arm by a table; where axes and end are is written by ``read_encoders``, world frame."""
 
-    table: Annotated[Array, (6, 5)]
-    """As `joint_rows`."""
-    T_world_base: Matrix4
-    """Where the arm stands."""
-    T_flange_end: Matrix4
-    """Its end, tool or flange itself."""
-    anchors: Annotated[Array, (6, 3)]
-    """A point on each joint's axis [m]."""
-    axes: Annotated[Array, (6, 3)]
-    """Unit axes."""
-    place: Vector3
-    """The end [m]."""
-    turn: Annotated[Array, (9,)]
-    """Rotation of the end, row by row."""
-    frame: Annotated[Array, (3, 4)]
-    """Work array."""
+    table: Annotated[Array, (6, 5)]  #: As `joint_rows`
+    T_world_base: Matrix4  #: Where the arm stands
+    T_flange_end: Matrix4  #: Its end, tool or flange itself
+    anchors: Annotated[Array, (6, 3)]  #: A point on each joint's axis [m]
+    axes: Annotated[Array, (6, 3)]  #: Unit axes
+    place: Vector3  #: The end [m]
+    turn: Annotated[Array, (9,)]  #: Rotation of the end, row by row
+    frame: Annotated[Array, (3, 4)]  #: Work array
 
 
 def build_host_arm(table: Array, T_world_base: Array, T_flange_end: Array) -> HostArm:

@@ -20,8 +20,7 @@ from polish_sim.planning import ToolPath
 from polish_sim.spatial import inverse, transform
 
 TIME: Final = "time_s"
-FLANGE: Final = "flange_"
-"""What the columns of a place begin with where the poses are the flange's."""
+FLANGE: Final = "flange_"  #: What the columns of a place begin with where the poses are the flange's
 JUMP_M_S, JUMP_RAD_S = 1.0, np.pi
 """Faster from one line to the next is a jump: the tool speed a UR5e is sold with, and its joints' [m/s], [rad/s]."""
 WITHOUT_FILE: Final = (
@@ -35,10 +34,8 @@ class PartWay(NamedTuple):
 
     shift: Callable[[Array], Array]
     """Times (n,) [s] to how far its origin has gone, base of the robot that moves it [m], shape (n, 3)."""
-    turn: Callable[[Array], Array]
-    """Times (n,) [s] to how it has moved in its own frame, shape (n, 4, 4)."""
-    lasts: float = math.inf
-    """How long it goes on [s]."""
+    turn: Callable[[Array], Array]  #: Times (n,) [s] to how it has moved in its own frame, shape (n, 4, 4)
+    lasts: float = math.inf  #: How long it goes on [s]
 
     def __call__(self, T_base_start: Array, times: Array) -> Array:
         """Poses of the part at times [s], (n, 4, 4), from that at time zero, (4, 4)."""
@@ -106,14 +103,10 @@ def through_poses(times: Array, poses: Array) -> PartWay:
 class MasterPath(NamedTuple):
     """Poses over time from a user's file, base of the master."""
 
-    times: Array
-    """From zero, increasing [s], shape (n,)."""
-    poses: Array
-    """Shape (n, 4, 4)."""
-    of_flange: bool
-    """Whether they are those of the flange; else of the part."""
-    columns: Measured
-    """Says where a row stands."""
+    times: Array  #: From zero, increasing [s], shape (n,)
+    poses: Array  #: Shape (n, 4, 4)
+    of_flange: bool  #: Whether they are those of the flange; else of the part
+    columns: Measured  #: Says where a row stands
 
     def part_poses(self, chain: ClosedChain) -> Array:
         """The part's poses by the chain the host believes, shape (n, 4, 4)."""
@@ -178,8 +171,7 @@ class MasterMotion(NamedTuple):
     """What is asked of the master."""
 
     way: PartWay
-    file: MasterPath | None = None
-    """Where it comes from, if from a file."""
+    file: MasterPath | None = None  #: Where it comes from, if from a file
     T_start: Array = np.empty((0, 4, 4))
     """Where a file says the part is held at the start, base of the master, shape (1, 4, 4)."""
 

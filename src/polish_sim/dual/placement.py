@@ -26,15 +26,11 @@ from polish_sim.spatial import from_pose, inverse, rotation_to_axis, transform
 
 UPS: Final = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
 """Directions of the worked side, best guess first: up, half towards the follower, towards it; see ``_frame``."""
-SHARES: Final = (0.5, 0.6, 0.4)
-"""Where between the bases the part is held, from the master's."""
-SIDES: Final = (0.1, -0.1, 0.0)
-"""How far beside the line between the bases [m]."""
-HEIGHTS: Final = (0.3, 0.2, 0.4, 0.5)
-"""Of the gripper's face above the master's base [m]."""
+SHARES: Final = (0.5, 0.6, 0.4)  #: Where between the bases the part is held, from the master's
+SIDES: Final = (0.1, -0.1, 0.0)  #: How far beside the line between the bases [m]
+HEIGHTS: Final = (0.3, 0.2, 0.4, 0.5)  #: Of the gripper's face above the master's base [m]
 SPINS: Final = tuple(np.radians(range(0, 360, 45)))
-GOOD: Final = 0.1
-"""A way this far from singularities and limits is taken without looking further [-]."""
+GOOD: Final = 0.1  #: A way this far from singularities and limits is taken without looking further [-]
 Collides = Callable[[Array, Array], str]
 """What touches what with joints of master and follower (n, 6) each; empty if nothing does."""
 
@@ -43,10 +39,8 @@ class Work(NamedTuple):
     """The work of both robots."""
 
     chain: ClosedChain
-    visits: Visits
-    """Where the tool goes on the part, and when."""
-    way: PartWay
-    """How the master moves the part meanwhile, base of the master."""
+    visits: Visits  #: Where the tool goes on the part, and when
+    way: PartWay  #: How the master moves the part meanwhile, base of the master
 
     @property
     def middle(self) -> Array:
@@ -64,16 +58,11 @@ class Work(NamedTuple):
 class PairReach(NamedTuple):
     """A way to do it."""
 
-    T_master_work: Array
-    """The part at the start, base of the master, shape (4, 4)."""
-    spin: float
-    """Turn of the tool about its axis [rad]."""
-    q_master: Array
-    """Joints at the start [rad], shape (6,)."""
-    q_follower: Array
-    """Joints at the start [rad], shape (6,)."""
-    value: float
-    """Least singular value of both arms on the way, less where a joint comes near its limits [-]."""
+    T_master_work: Array  #: The part at the start, base of the master, shape (4, 4)
+    spin: float  #: Turn of the tool about its axis [rad]
+    q_master: Array  #: Joints at the start [rad], shape (6,)
+    q_follower: Array  #: Joints at the start [rad], shape (6,)
+    value: float  #: Least singular value of both arms on the way, less where a joint comes near its limits [-]
 
 
 def default_poses(chain: ClosedChain, up: Array, middle_of_way: Array) -> Iterator[Array]:
@@ -118,10 +107,8 @@ def _frame(up: Array, wanted: Array) -> Array:
 class Sampled(NamedTuple):
     """Both robots' work at n moments."""
 
-    parts: Array
-    """Poses of the part in the master's base, shape (n, 4, 4)."""
-    tools: Array
-    """Poses of the tool in the follower's base, shape (n, 4, 4)."""
+    parts: Array  #: Poses of the part in the master's base, shape (n, 4, 4)
+    tools: Array  #: Poses of the tool in the follower's base, shape (n, 4, 4)
 
 
 def sampled(work: Work, T_master_work: Array, spin: float, visits: Visits | None = None) -> Sampled:
@@ -170,11 +157,9 @@ def _work_to_tool(work: Work, T_master_work: Array, spin: float, axes: Array, cl
 class Failed(NamedTuple):
     """Why a pose of the part is not feasible."""
 
-    progress: float
-    """How far the search got, to find the pose that got furthest [-]."""
+    progress: float  #: How far the search got, to find the pose that got furthest [-]
     reason: str
-    share: float = 0.0
-    """Of the moments that could be done [-]."""
+    share: float = 0.0  #: Of the moments that could be done [-]
 
 
 def find_pair_reach(
@@ -278,10 +263,8 @@ def _tracked(poses: Array, T_flange_end: Array, q: Array) -> JointPath:
 
 BASE_DISTANCES: Final = (1.1, 1.0, 1.2, 0.9, 1.3)
 """Between the bases, when another base pose of the follower is looked for [m]."""
-WAYS: Final = (0.6, 0.4, 0.2, 0.1)
-"""Lengths of the part's way, when a slower master is looked for [m]."""
-POSES: Final = 18
-"""Poses of the part that are tried each time."""
+WAYS: Final = (0.6, 0.4, 0.2, 0.1)  #: Lengths of the part's way, when a slower master is looked for [m]
+POSES: Final = 18  #: Poses of the part that are tried each time
 
 
 class Infeasible(NamedTuple):
@@ -291,10 +274,8 @@ class Infeasible(NamedTuple):
     work: Work
     motion: MasterMotion
     path: ToolPath
-    up: Array
-    """Side of the part to be worked on, work frame, shape (3,)."""
-    collides: Collides
-    """Looks for arms that touch."""
+    up: Array  #: Side of the part to be worked on, work frame, shape (3,)
+    collides: Collides  #: Looks for arms that touch
     contacts: Callable[[Array], Collides]
     """Makes such a check for another base of the follower in the master's, (4, 4)."""
 

@@ -26,13 +26,11 @@ if TYPE_CHECKING:
 BAND_MM = 0.1
 BAND_N = 1.5
 WRIST_3 = 5
-LEGEND_SHARE = 0.3
-"""Of the errors' range, kept free for their legend."""
+LEGEND_SHARE = 0.3  #: Of the errors' range, kept free for their legend
 DARK = "#222222"
 _FRAME_COLOURS = (ORANGE, GREEN, BLUE)
 _MANY, _BINS = 100, 50
-CURVE = 300
-"""Steps of a predicted density."""
+CURVE = 300  #: Steps of a predicted density
 
 
 @styled

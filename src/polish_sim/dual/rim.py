@@ -25,8 +25,7 @@ class ClosedSpline:
     """A closed curve over a parameter that grows by chord length, once round from 0 to ``length``."""
 
     curve: BSpline
-    length: float
-    """Sum of the chords [m]."""
+    length: float  #: Sum of the chords [m]
 
     def __call__(self, u: Array, derivative: int = 0) -> Array:
         """Points [m], or derivatives by the parameter, at parameters ``u`` [m] of any lap, shape (k, 3)."""

@@ -22,8 +22,7 @@ from polish_sim.geometry import PartMesh
 from polish_sim.models import robot_model_path
 from polish_sim.motion.kinematics import is_nominal
 
-PAD: Final = ("head_pad", "head_plate", "head_shaft")
-"""Geoms that are nearer to the part than the housing is."""
+PAD: Final = ("head_pad", "head_plate", "head_shaft")  #: Geoms that are nearer to the part than the housing is
 CAPSULES, PAD_GROUP, SHELLS, PART = 1, 2, 4, 8
 """Bits of the engine's contact types: a geom of this kind meets those that have the bit in their affinity."""
 _SUFFIXES: Final = ("_collision", "_shell", "_seam", "_cap")
@@ -32,23 +31,17 @@ _SUFFIXES: Final = ("_collision", "_shell", "_seam", "_cap")
 class Clearances(NamedTuple):
     """Distances to keep where a motion is checked beforehand."""
 
-    arms: float
-    """Arms and tool from the other arm and its gripper, and from the part [m]."""
-    pad: float
-    """Pad and shaft from the other arm and its gripper [m]."""
+    arms: float  #: Arms and tool from the other arm and its gripper, and from the part [m]
+    pad: float  #: Pad and shaft from the other arm and its gripper [m]
 
 
 class Held(NamedTuple):
     """A part in the master's gripper."""
 
-    mesh: PartMesh
-    """As drawn."""
-    density: float
-    """[kg/m^3]"""
-    T_flange_part: Array
-    """Where the real part is on the master's flange, shape (4, 4)."""
-    nose: float = 0.0
-    """How far the gripper goes on beyond its face, into an opening, until it meets the part [m]."""
+    mesh: PartMesh  #: As drawn
+    density: float  #: [kg/m^3]
+    T_flange_part: Array  #: Where the real part is on the master's flange, shape (4, 4)
+    nose: float = 0.0  #: How far the gripper goes on beyond its face, into an opening, until it meets the part [m]
     clearances: Clearances | None = None
     """For checks only: the part's hull and the links as drawn collide with what comes this close; None: a cell."""
 

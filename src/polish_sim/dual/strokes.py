@@ -24,8 +24,7 @@ from polish_sim.motion.trajectory import build_path_table, with_feed_share
 from polish_sim.planning import ToolPath
 from polish_sim.spatial import apply
 
-SPARE_S: Final = 1.0
-"""Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]."""
+SPARE_S: Final = 1.0  #: Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]
 FEWEST: Final = 3  # visits of every move, however short it is
 BEYOND_S: Final = 1.0  # of the master's motion, as long as a feed takes to come to rest [s]
 ON_THE_WAY: Final = -1  # to a stroke or from it
@@ -142,23 +141,16 @@ def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: f
 class Visits(NamedTuple):
     """Moments of the work, n of them in order; work frame."""
 
-    points: Array
-    """Tool points, pressed in [m], shape (n, 3)."""
-    axes: Array
-    """Unit tool axes from the part to the tool, shape (n, 3)."""
-    s: Array
-    """Place on the path [m], never falling, shape (n,)."""
-    time: Array
-    """Since the start of the work, contact where it is expected [s], shape (n,)."""
-    clock: Array
-    """Time of the master's motion: it passes while the tool is fed along the part [s], shape (n,)."""
-    rate: Array
-    """At which it passes [-], shape (n,)."""
+    points: Array  #: Tool points, pressed in [m], shape (n, 3)
+    axes: Array  #: Unit tool axes from the part to the tool, shape (n, 3)
+    s: Array  #: Place on the path [m], never falling, shape (n,)
+    time: Array  #: Since the start of the work, contact where it is expected [s], shape (n,)
+    clock: Array  #: Time of the master's motion: it passes while the tool is fed along the part [s], shape (n,)
+    rate: Array  #: At which it passes [-], shape (n,)
     meant: Array
     """Time of the master's motion for which the tool's turn about its axis is planned: it is kept while the tool is
     lifted and the master comes to rest [s], shape (n,)."""
-    stroke: Indices
-    """Which stroke is being fed, from 0, or ``ON_THE_WAY``, shape (n,)."""
+    stroke: Indices  #: Which stroke is being fed, from 0, or ``ON_THE_WAY``, shape (n,)
 
     def clock_at(self, s: Array) -> Array:
         """Time of the master's motion at places on the path, (k,) [m] -> (k,) [s].

@@ -60,21 +60,16 @@ ARMS_STREAM: Final = 16  # of the seed, for arms off their tables
 class DualTask:
     """Part, path, motion of both arms, and the true and the believed frames."""
 
-    place: Workplace
-    """As the follower sees it, part at the start of its way and where the host believes it to be."""
+    place: Workplace  #: As the follower sees it, part at the start of its way and where the host believes it to be
     frames: PairFrames
     arms: PairArms
     seat: Seat
     reach: PairReach
-    work: Work
-    """As the host believes it."""
-    placed: PlacedTool
-    """The tool along the path, base of the follower, the part at its start."""
-    strokes: list[Stroke]
-    """What the tool does, base of the follower, the part at its start."""
+    work: Work  #: As the host believes it
+    placed: PlacedTool  #: The tool along the path, base of the follower, the part at its start
+    strokes: list[Stroke]  #: What the tool does, base of the follower, the part at its start
     master: MasterRows
-    residual: float
-    """Of the closed chain, over the planned joints [m] or [rad]."""
+    residual: float  #: Of the closed chain, over the planned joints [m] or [rad]
 
 
 def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> DualTask:

@@ -62,8 +62,7 @@ class Statement(NamedTuple):
     word: str
     arguments: tuple[str, ...]
     line: int
-    comment: str
-    """Text after $$ where the statement is a comment alone; word is empty then."""
+    comment: str  #: Text after $$ where the statement is a comment alone; word is empty then
 
 
 def statements(file: Path, text: str) -> Iterator[Statement]:
@@ -130,8 +129,7 @@ PER_MINUTE: Final = ("PERMIN", "UPM")
 PER_TURN: Final = ("PERREV", "MMPR", "IPR")
 OWN_FRAME: Final = ((0, 0, 0, 1, 0, 0, 0, 1, 0), (0, 0, 0, 1, 0, 0, 0, 0, 1))
 """Origin, x and y axis, or x and z axis, of the part's own frame."""
-NOTE: Final = "polish-sim:"
-"""Begins a comment that says segment, pass and force of the points to come."""
+NOTE: Final = "polish-sim:"  #: Begins a comment that says segment, pass and force of the points to come
 
 
 @dataclass

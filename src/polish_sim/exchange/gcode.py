@@ -49,8 +49,7 @@ IGNORED: Final = frozenset(
     )
 )
 """Words that do not move the tool."""
-SILENT: Final = frozenset("NOSTDH")
-"""Letters whose number does not move the tool, whatever it is."""
+SILENT: Final = frozenset("NOSTDH")  #: Letters whose number does not move the tool, whatever it is
 ENDS: Final = frozenset(("M2", "M30"))
 KNOWN: Final = "G0, G1, G20, G21, G90, G91, X, Y, Z, the tool axis as I, J, K or A, B, C, and F"
 
@@ -63,8 +62,7 @@ class Word(NamedTuple):
 
     letter: str
     value: float
-    column: int
-    """Where it begins in its line, counted from 1."""
+    column: int  #: Where it begins in its line, counted from 1
 
     @property
     def name(self) -> str:

@@ -18,14 +18,10 @@ class RobotTool:
 
     tcp_pose: tuple[float, ...] = (0.0, 0.0, 0.22, 0.0, 0.0, 0.0)
     """Middle of the pad's face in the flange: x, y, z [m], rotation vector [rad]; z points into the part."""
-    payload_kg: float = 2.0
-    """Mass of everything behind the flange [kg]."""
-    payload_center_m: tuple[float, float, float] = (0.002, 0.0, 0.0974)
-    """Its centre in the flange frame [m]."""
-    spindle_output: int = 0
-    """Standard digital output that switches the spindle."""
-    spindle_wait_s: float = 2.0
-    """Time the spindle takes to come up to speed [s]."""
+    payload_kg: float = 2.0  #: Mass of everything behind the flange [kg]
+    payload_center_m: tuple[float, float, float] = (0.002, 0.0, 0.0974)  #: Its centre in the flange frame [m]
+    spindle_output: int = 0  #: Standard digital output that switches the spindle
+    spindle_wait_s: float = 2.0  #: Time the spindle takes to come up to speed [s]
 
 
 @dataclass(frozen=True)
@@ -37,8 +33,7 @@ class ExportSetup:
     tool: RobotTool = field(default_factory=RobotTool)
     part_pose: tuple[float, ...] = ()
     """Pose of the work frame in the robot's base: x, y, z [m], rotation vector [rad]; empty = not known yet."""
-    frame_id: str = "work"
-    """Name of the work frame in ROS."""
+    frame_id: str = "work"  #: Name of the work frame in ROS
 
     def __post_init__(self) -> None:
         for name, pose in (("part_pose", self.part_pose), ("tool.tcp_pose", self.tool.tcp_pose)):

@@ -50,8 +50,7 @@ def strokes_of(path: ToolPath) -> list[StrokeRows]:
 
 ACROSS = 0.05
 """A feed direction whose part across the tool axis is smaller than this says nothing: the tool moves along its axis."""
-STEEPEST = 0.99
-"""The steady x axis must stay this far off every tool axis (cosine): 8 deg."""
+STEEPEST = 0.99  #: The steady x axis must stay this far off every tool axis (cosine): 8 deg
 
 
 def feed_frames(path: ToolPath) -> Array:
@@ -111,8 +110,7 @@ def steady_frames(path: ToolPath) -> Array:
 
 AIR_CHORD_M, AIR_AXIS_RAD = 1e-6, 1e-4
 """A left-out point in the air lies this close to the straight move, its tool axis to those at both ends."""
-NOTICED = 0.02
-"""Relative change of force or feed that is passed on."""
+NOTICED = 0.02  #: Relative change of force or feed that is passed on
 
 
 def needed_rows(path: ToolPath, chord_m: float, axis_rad: float, longest_m: float) -> Indices:

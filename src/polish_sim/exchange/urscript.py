@@ -22,18 +22,15 @@ from polish_sim.planning.toolpath import APPROACH, RETRACT
 
 # The fixed part of a URScript program: settings at the top, force mode, spindle, what happens when contact fails.
 
-CONTACT_SHARE: Final = 0.5
-"""The tool counts as landed at this share of the force."""
+CONTACT_SHARE: Final = 0.5  #: The tool counts as landed at this share of the force
 TRAVEL_M_S: Final = 0.05
 JOINT_RAD_S: Final = 0.2
 ACCELERATION_M_S2: Final = 0.3
 SIDEWAYS_M: Final = 0.01
-ANGLE_RAD: Final = 0.1
-"""In force mode the robot stops when it is pushed this far off the path, or turned."""
+ANGLE_RAD: Final = 0.1  #: In force mode the robot stops when it is pushed this far off the path, or turned
 DAMPING: Final = 0.05
 GAIN_SCALING: Final = 0.5
-PATIENCE: Final = 2.0
-"""Contact is waited for this many times as long as the way takes."""
+PATIENCE: Final = 2.0  #: Contact is waited for this many times as long as the way takes
 
 HEADER: Final = """\
 # {name}: polish '{part}' with force mode. For Universal Robots e-Series, PolyScope 5. Made by polish-sim.
@@ -185,20 +182,16 @@ LONGEST_M: Final = 1e-2
 BLEND_SHARE: Final = 0.4
 LARGEST_BLEND_M: Final = 2e-3
 """Blends take up less than half of the moves beside them: they never overlap, which would stop the robot."""
-STANDOFF_M: Final = 3e-3
-"""Height above the surface at which force mode takes over the landing [m]."""
-CLEARANCE_M: Final = 0.03
-"""Height from which a path without leads of its own is landed [m]."""
+STANDOFF_M: Final = 3e-3  #: Height above the surface at which force mode takes over the landing [m]
+CLEARANCE_M: Final = 0.03  #: Height from which a path without leads of its own is landed [m]
 MOVES_PER_FUNCTION: Final = 200
 
 
 class _Move(NamedTuple):
     """One straight move of the robot."""
 
-    pose: Array
-    """Position [m] and rotation vector [rad] in the work frame, shape (6,)."""
-    speed: str
-    """Speed as an expression of the program."""
+    pose: Array  #: Position [m] and rotation vector [rad] in the work frame, shape (6,)
+    speed: str  #: Speed as an expression of the program
     blend: float = 0.0
 
 

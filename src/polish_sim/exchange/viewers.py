@@ -30,12 +30,9 @@ from polish_sim.spatial import perpendicular, unit
 Colors = NDArray[np.uint8]
 
 SIDES: Final = 5
-RADIUS_SHARE: Final = 0.1
-"""Radius of the tube in step-overs."""
-SMALLEST_SHARE: Final = 0.001
-"""Its least radius as a share of the part's size."""
-CHORD_SHARE: Final = 0.25
-"""Points of the path are left out where the tube moves by less than this share of its radius."""
+RADIUS_SHARE: Final = 0.1  #: Radius of the tube in step-overs
+SMALLEST_SHARE: Final = 0.001  #: Its least radius as a share of the part's size
+CHORD_SHARE: Final = 0.25  #: Points of the path are left out where the tube moves by less than this share of its radius
 BEND_RAD: Final = 0.35
 PART_COLOR: Final = (176, 182, 190)
 LEAD_COLOR: Final = (230, 120, 20)
@@ -49,16 +46,11 @@ VIRIDIS: Final = np.array(
 class Tube(NamedTuple):
     """The path as a closed surface of triangles."""
 
-    vertices: Array
-    """[m], work frame, shape (n, 3)."""
-    faces: Ints
-    """Shape (m, 3)."""
-    colors: Colors
-    """Red, green, blue of each vertex: along the path in contact, one colour in the air, shape (n, 3)."""
-    s: Array
-    """Arc length of the path at each vertex [m], shape (n,)."""
-    contact: Bools
-    """Whether the vertex belongs to the path in contact, shape (n,)."""
+    vertices: Array  #: [m], work frame, shape (n, 3)
+    faces: Ints  #: Shape (m, 3)
+    colors: Colors  #: Red, green, blue of each vertex: along the path in contact, one colour in the air, shape (n, 3)
+    s: Array  #: Arc length of the path at each vertex [m], shape (n,)
+    contact: Bools  #: Whether the vertex belongs to the path in contact, shape (n,)
 
 
 def path_tube(result: PlanResult) -> Tube:
@@ -132,8 +124,7 @@ def _joined(pieces: list[Tube]) -> Tube:
 
 
 MM: Final = 1e3
-MOST_FACETS: Final = 60_000
-"""A finer part is shown by a lighter copy: the page stays below some 3 MB."""
+MOST_FACETS: Final = 60_000  #: A finer part is shown by a lighter copy: the page stays below some 3 MB
 FIGURES: Final[tuple[tuple[str, str, float, str], ...]] = (
     ("path in contact", "path_length_m", 1.0, "{:.2f} m"),
     ("cycle time", "cycle_time_s", 1.0, "{:.0f} s"),

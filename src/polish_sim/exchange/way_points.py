@@ -17,10 +17,8 @@ from polish_sim.tables import Place
 # What every path read from a file must satisfy: numbers, unit axes, sane lengths (columns -> checked arrays).
 
 
-UNIT_TOLERANCE = 1e-3
-"""A tool axis may differ from length 1 by the rounding of printed digits."""
-LARGEST_M = 100.0
-"""A coordinate beyond this [m] is a wrong unit, not a path a robot could follow."""
+UNIT_TOLERANCE = 1e-3  #: A tool axis may differ from length 1 by the rounding of printed digits
+LARGEST_M = 100.0  #: A coordinate beyond this [m] is a wrong unit, not a path a robot could follow
 
 
 def positive_column(file: Path, name: str, values: Array, place: Place) -> Array:
@@ -111,13 +109,10 @@ Unknown = Callable[[InputError], None]
 class WayPoints(NamedTuple):
     """A path read from a file: points may repeat, and the tool may turn where it stands."""
 
-    path: ToolPath
-    """The points; arc length does not fall, but may stay."""
+    path: ToolPath  #: The points; arc length does not fall, but may stay
     file: Path
-    place: Place
-    """Where in the file a point stands."""
-    assumed: str = ""
-    """What the file does not say and is taken for granted, as a sentence; empty if nothing."""
+    place: Place  #: Where in the file a point stands
+    assumed: str = ""  #: What the file does not say and is taken for granted, as a sentence; empty if nothing
 
 
 def refuse_unknown(error: InputError) -> None:

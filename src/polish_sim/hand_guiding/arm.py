@@ -34,8 +34,7 @@ class LaidPart(NamedTuple):
     """A part that lies before the arm."""
 
     mesh: PartMesh
-    T_base_part: Array
-    """Shape (4, 4)."""
+    T_base_part: Array  #: Shape (4, 4)
 
 
 def build_torque_arm(scenario: Scenario, joints: Sequence[str], part: LaidPart | None = None) -> mujoco.MjModel:

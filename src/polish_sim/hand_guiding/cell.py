@@ -30,27 +30,19 @@ from polish_sim.kernel_cache import njit
 class Hand(NamedTuple):
     """How firmly a hand holds the tool, in the base frame."""
 
-    stiffness: float
-    """[N/m]"""
-    damping: float
-    """[N s/m]"""
-    turn_stiffness: float
-    """[N m/rad]; 0: the tool may turn in it."""
-    turn_damping: float
-    """[N m s/rad]"""
+    stiffness: float  #: [N/m]
+    damping: float  #: [N s/m]
+    turn_stiffness: float  #: [N m/rad]; 0: the tool may turn in it
+    turn_damping: float  #: [N m s/rad]
 
 
 class HandMotion(NamedTuple):
     """Where a hand wants the tool, one row a step."""
 
-    positions: Array
-    """Tool point, base frame [m], shape (n, 3)."""
-    velocities: Array
-    """[m/s], shape (n, 3)."""
-    rotations: Array
-    """Tool frame in the base frame, shape (n, 3, 3)."""
-    grip: Array
-    """1 while it holds the tool, 0 while its hands are off, shape (n,)."""
+    positions: Array  #: Tool point, base frame [m], shape (n, 3)
+    velocities: Array  #: [m/s], shape (n, 3)
+    rotations: Array  #: Tool frame in the base frame, shape (n, 3, 3)
+    grip: Array  #: 1 while it holds the tool, 0 while its hands are off, shape (n,)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -91,13 +83,11 @@ def pull_by_hand(hand: Hand, motion: HandMotion, row: int, e: EngineViews, veloc
         applied[3 + i] = grip * turning + (tool[j] - at[j]) * force[k] - (tool[k] - at[k]) * force[j]
 
 
-BRAKED_S: Final = 0.5
-"""After a protective stop the arm is braked and recorded for this long [s]."""
+BRAKED_S: Final = 0.5  #: After a protective stop the arm is braked and recorded for this long [s]
 HOLD_RAD, HOLD_RAD_S, BRAKE_RAD_S = 0.04, 1.2, 1.0
 """Error and speed at which the holding servos, and speed at which the brakes, take all of a motor's torque."""
 TARE_HZ: Final = 5.0
-TARE_STEPS: Final = 4.0
-"""A tare below what so many steps of the encoder make the servos pull is taken for none."""
+TARE_STEPS: Final = 4.0  #: A tare below what so many steps of the encoder make the servos pull is taken for none
 WIDTH: Final = 40
 TIME, Q, QD, TORQUE, TOOL, SPEED, FORCE, RAW, EXTERNAL, LENT = 0, 1, 7, 13, 19, 22, 23, 26, 32, 38
 STEP, STOP, STOP_STEP = 0, 1, 2
@@ -106,15 +96,12 @@ STEP, STOP, STOP_STEP = 0, 1, 2
 class GuidingRun(NamedTuple):
     """What happened, one row a physics step."""
 
-    rows: Array
-    """Packed as the constants of this file say, shape (n, WIDTH)."""
-    rotations: Array
-    """Tool frame in the base frame, shape (n, 3, 3)."""
+    rows: Array  #: Packed as the constants of this file say, shape (n, WIDTH)
+    rotations: Array  #: Tool frame in the base frame, shape (n, 3, 3)
     stop_reason: str | None
     stop_step: int
     interrupted: bool
-    lent_j: float
-    """Most energy the compensation had lent [J]."""
+    lent_j: float  #: Most energy the compensation had lent [J]
 
 
 class _Kernel(NamedTuple):
@@ -125,16 +112,11 @@ class _Kernel(NamedTuple):
     limits: GuidingLimits
     hand: Hand
     motion: HandMotion
-    servos: Array
-    """1 while the servos hold, 0 when they have let go, shape (n,)."""
-    start: Array
-    """Joint angles the servos hold [rad], shape (6,)."""
-    ranges: Array
-    """Joint ranges [rad], shape (6, 2)."""
-    scratch: Array
-    """Work array, shape (2, 3)."""
-    status: Indices
-    """STEP steps taken, STOP code of the protective stop, STOP_STEP when, shape (3,)."""
+    servos: Array  #: 1 while the servos hold, 0 when they have let go, shape (n,)
+    start: Array  #: Joint angles the servos hold [rad], shape (6,)
+    ranges: Array  #: Joint ranges [rad], shape (6, 2)
+    scratch: Array  #: Work array, shape (2, 3)
+    status: Indices  #: STEP steps taken, STOP code of the protective stop, STOP_STEP when, shape (3,)
 
 
 class GuidedArm(NamedTuple):

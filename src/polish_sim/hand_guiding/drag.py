@@ -45,22 +45,18 @@ from polish_sim.spatial import apply, inverse
 # A hand that drags the tool along a path, with the wander, tremor and wobble of a person's.
 
 
-TREMOR_HZ: Final = (8.0, 12.0)
-"""Where a person's hand trembles [Hz]."""
-RAMP_S: Final = 0.8
-"""The hand sets off and stops during this time [s]."""
+TREMOR_HZ: Final = (8.0, 12.0)  #: Where a person's hand trembles [Hz]
+RAMP_S: Final = 0.8  #: The hand sets off and stops during this time [s]
 
 
-TAUGHT: Final = "taught.csv"
-"""The file of the taught path."""
+TAUGHT: Final = "taught.csv"  #: The file of the taught path
 
 
 class DragTable(NamedTuple):
     """What the hand does, and what it means to do."""
 
     table: MoveTable
-    meant: HandMotion
-    """Without wander, tremor and wobble."""
+    meant: HandMotion  #: Without wander, tremor and wobble
 
 
 def drag_table(
@@ -129,8 +125,7 @@ class DragTask(NamedTuple):
 
     mesh: PartMesh
     surface: Surface
-    path: ToolPath
-    """What the hand means to show, work frame."""
+    path: ToolPath  #: What the hand means to show, work frame
     reach: Reach
 
     @property
@@ -181,8 +176,7 @@ def _rim(surface: Surface, loop: Array) -> ToolPath:
     )  # fmt: skip
 
 
-MODE = "assist"
-"""The mode a path is taught in, unless another is asked for."""
+MODE = "assist"  #: The mode a path is taught in, unless another is asked for
 
 
 def run_guiding(scenario: Scenario, observer: Observer | None = None) -> RunResult:

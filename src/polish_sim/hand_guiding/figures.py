@@ -14,8 +14,7 @@ from polish_sim.planning.toolpath import ToolPath
 
 Figures = dict[str, float]
 
-COAST_S: Final = 1.0
-"""An arm let go of may roll out for this long; what it moves then is drift [s]."""
+COAST_S: Final = 1.0  #: An arm let go of may roll out for this long; what it moves then is drift [s]
 RATIOS: Final = {"inertia": "", "assist": "assist_"}
 """Modes that are compared with the classical one, and what their figures begin with."""
 
@@ -23,20 +22,13 @@ RATIOS: Final = {"inertia": "", "assist": "assist_"}
 class GuidedMove(NamedTuple):
     """A move of the hand, one row a step."""
 
-    time: Array
-    """[s], shape (n,)."""
-    force: Array
-    """Of the hand on the tool, base frame [N], shape (n, 3)."""
-    q: Array
-    """Joint angles [rad], shape (n, 6)."""
-    moving: Bools
-    """While the hand moves, shape (n,)."""
-    off: Bools
-    """After it has let go, shape (n,)."""
-    whole: bool
-    """Whether the move was not cut short."""
-    lent_j: float
-    """Most energy the compensation had lent [J]."""
+    time: Array  #: [s], shape (n,)
+    force: Array  #: Of the hand on the tool, base frame [N], shape (n, 3)
+    q: Array  #: Joint angles [rad], shape (n, 6)
+    moving: Bools  #: While the hand moves, shape (n,)
+    off: Bools  #: After it has let go, shape (n,)
+    whole: bool  #: Whether the move was not cut short
+    lent_j: float  #: Most energy the compensation had lent [J]
 
 
 def measure_move(move: GuidedMove) -> Figures:

@@ -34,14 +34,10 @@ FADE_FROM: Final = 0.9
 class GuidingLimits(NamedTuple):
     """What is never exceeded for long."""
 
-    joint_speed: float
-    """[rad/s]"""
-    tool_speed: float
-    """[m/s]"""
-    energy: float
-    """[J]"""
-    lent: Array
-    """Memory: energy lent and its largest value so far [J], shape (2,)."""
+    joint_speed: float  #: [rad/s]
+    tool_speed: float  #: [m/s]
+    energy: float  #: [J]
+    lent: Array  #: Memory: energy lent and its largest value so far [J], shape (2,)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -21,24 +21,19 @@ from polish_sim.errors import unknown_name
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.serial_chain import ChainModel, chain_torque
 
-ON_S: Final = 0.01
-"""Compensation comes within this time when a hand is felt [s]."""
-OFF_S: Final = 0.2
-"""And goes within this time when none is [s]."""
+ON_S: Final = 0.01  #: Compensation comes within this time when a hand is felt [s]
+OFF_S: Final = 0.2  #: And goes within this time when none is [s]
 
 
 class Belief(NamedTuple):
     """What the controller takes the arm for."""
 
     chain: ChainModel
-    coulomb: Array
-    """Coulomb friction [N m], shape (n,)."""
-    viscous: Array
-    """Viscous friction [N m s/rad], shape (n,)."""
+    coulomb: Array  #: Coulomb friction [N m], shape (n,)
+    viscous: Array  #: Viscous friction [N m s/rad], shape (n,)
     creep: Array
     """Speed at which a joint creeps under its full Coulomb friction before it breaks away [rad/s], shape (n,)."""
-    torque_limit: Array
-    """Of the motors [N m], shape (n,)."""
+    torque_limit: Array  #: Of the motors [N m], shape (n,)
 
 
 class GuidingGains(NamedTuple):
@@ -48,52 +43,32 @@ class GuidingGains(NamedTuple):
     tare: float
     coulomb: float
     viscous: float
-    inertia: float
-    """alpha; stable while alpha (1 + relative over-estimate of M) < 1."""
+    inertia: float  #: alpha; stable while alpha (1 + relative over-estimate of M) < 1
     assist: float
-    sign_speed: float
-    """vs [rad/s]."""
-    threshold: float
-    """Observed torque that counts as a full push, by the joint's Coulomb friction [-]."""
-    onset: float
-    """Bandwidth of the slow part of the observed torque, which is no start [rad/s]."""
-    felt: float
-    """Observed torque from which a hand is felt, by the joint's Coulomb friction [-]; 0: always."""
-    acceleration_blend: float
-    """Weight of a new sample in the low-pass of the acceleration [-]."""
-    observer: float
-    """Bandwidth of the momentum observer [rad/s]."""
-    encoder: float
-    """Step of the encoders [rad]; 0: exact."""
+    sign_speed: float  #: vs [rad/s]
+    threshold: float  #: Observed torque that counts as a full push, by the joint's Coulomb friction [-]
+    onset: float  #: Bandwidth of the slow part of the observed torque, which is no start [rad/s]
+    felt: float  #: Observed torque from which a hand is felt, by the joint's Coulomb friction [-]; 0: always
+    acceleration_blend: float  #: Weight of a new sample in the low-pass of the acceleration [-]
+    observer: float  #: Bandwidth of the momentum observer [rad/s]
+    encoder: float  #: Step of the encoders [rad]; 0: exact
 
 
 class GuidingMemory(NamedTuple):
     """Memory of the law; every array has shape (n,)."""
 
-    q: Array
-    """Encoders' reading [rad]."""
-    qd: Array
-    """Its difference [rad/s]."""
-    qdd: Array
-    """Low-passed difference of that [rad/s^2]."""
-    external: Array
-    """Torque of the hand as observed [N m]."""
-    impulse: Array
-    """Integral of the observer [N m s]."""
-    steady: Array
-    """Slow part of the observed torque [N m]."""
-    grip: Array
-    """First entry: how surely a hand is on the tool, 0 to 1."""
-    tare: Array
-    """Torque the servos had to give beyond the model while they held the arm [N m]."""
-    weight: Array
-    """Gravity torque of the model [N m]."""
-    torque: Array
-    """Torque command of the motors [N m]."""
-    part: Array
-    """Room for one torque [N m]."""
-    still: Array
-    """Zeros."""
+    q: Array  #: Encoders' reading [rad]
+    qd: Array  #: Its difference [rad/s]
+    qdd: Array  #: Low-passed difference of that [rad/s^2]
+    external: Array  #: Torque of the hand as observed [N m]
+    impulse: Array  #: Integral of the observer [N m s]
+    steady: Array  #: Slow part of the observed torque [N m]
+    grip: Array  #: First entry: how surely a hand is on the tool, 0 to 1
+    tare: Array  #: Torque the servos had to give beyond the model while they held the arm [N m]
+    weight: Array  #: Gravity torque of the model [N m]
+    torque: Array  #: Torque command of the motors [N m]
+    part: Array  #: Room for one torque [N m]
+    still: Array  #: Zeros
 
 
 def build_memory(joints: int) -> GuidingMemory:

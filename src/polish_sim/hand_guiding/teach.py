@@ -47,12 +47,9 @@ from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with
 # What the hand does in `run teach`: holds, moves, holds, lets go.
 
 
-HOLD_S, RELEASE_S = 0.5, 0.3
-"""The servos hold the arm this long, then let go during this time [s]."""
-FAST_S, SLOW_S = 0.6, 1.0
-"""Durations of the hand's move in paper 3's trial [s]."""
-HELD, MOVING, OFF = 0, 2, 3
-"""Phases of the log: the hand holds still, moves, is off."""
+HOLD_S, RELEASE_S = 0.5, 0.3  #: The servos hold the arm this long, then let go during this time [s]
+FAST_S, SLOW_S = 0.6, 1.0  #: Durations of the hand's move in paper 3's trial [s]
+HELD, MOVING, OFF = 0, 2, 3  #: Phases of the log: the hand holds still, moves, is off
 
 
 class Move(NamedTuple):
@@ -60,10 +57,8 @@ class Move(NamedTuple):
 
     mode: str
     direction: str
-    duration: float
-    """[s]"""
-    off: float
-    """How long the arm is left to itself after it [s]."""
+    duration: float  #: [s]
+    off: float  #: How long the arm is left to itself after it [s]
 
     @property
     def pace(self) -> str:
@@ -77,10 +72,8 @@ class MoveTable(NamedTuple):
     """A move, one row a step."""
 
     motion: HandMotion
-    servos: Array
-    """1 while the servos hold, shape (n,)."""
-    phase: NDArray[np.int8]
-    """Shape (n,)."""
+    servos: Array  #: 1 while the servos hold, shape (n,)
+    phase: NDArray[np.int8]  #: Shape (n,)
 
 
 def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:

@@ -16,33 +16,25 @@ from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from polish_sim.spatial import unit
 
 DEGREE: Final = 3
-MOVING_SHARE: Final = 0.2
-"""A hand slower than this share of its usual speed has not begun, or has ended [-]."""
-SHORTEST_M: Final = 0.01
-"""Less way than this teaches nothing [m]."""
-EVEN_M: Final = 0.0005
-"""The recording is fitted at places this far apart, so that a slow hand does not weigh more [m]."""
+MOVING_SHARE: Final = 0.2  #: A hand slower than this share of its usual speed has not begun, or has ended [-]
+SHORTEST_M: Final = 0.01  #: Less way than this teaches nothing [m]
+EVEN_M: Final = 0.0005  #: The recording is fitted at places this far apart, so that a slow hand does not weigh more [m]
 
 
 class Recording(NamedTuple):
     """Where the tool was, in the work frame."""
 
-    time: Array
-    """Evenly spaced [s], shape (n,)."""
-    positions: Array
-    """Tool point [m], shape (n, 3)."""
-    axes: Array
-    """Unit tool axis, from the part to the tool, shape (n, 3)."""
+    time: Array  #: Evenly spaced [s], shape (n,)
+    positions: Array  #: Tool point [m], shape (n, 3)
+    axes: Array  #: Unit tool axis, from the part to the tool, shape (n, 3)
 
 
 class Taught(NamedTuple):
     """A path that was taught."""
 
     path: ToolPath
-    knots: int
-    """Corners of the simplified recording, which are the knots of the fit."""
-    off_surface: float
-    """Largest distance by which the fitted way was moved onto the part [m]; 0 without one."""
+    knots: int  #: Corners of the simplified recording, which are the knots of the fit
+    off_surface: float  #: Largest distance by which the fitted way was moved onto the part [m]; 0 without one
 
 
 def teach_path(

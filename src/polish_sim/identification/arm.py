@@ -29,8 +29,7 @@ from polish_sim.identification.robot_model import (
     read_chain,
 )
 
-STEP_S: Final = 2.5e-4
-"""Physics step: the engine takes friction half a step late, so it is kept short."""
+STEP_S: Final = 2.5e-4  #: Physics step: the engine takes friction half a step late, so it is kept short
 RAMP_S: Final = 2.0
 SCENARIO: Final = Scenario(
     experiment="identify", spindle=SpindleConfig(speed_rpm=0.0), simulation=SimulationConfig(timestep_s=STEP_S)
@@ -44,15 +43,11 @@ class Arm:
     """The simulated arm."""
 
     scenario: Scenario
-    truth: TorqueModel
-    """With the parameters of the compiled model, hidden from the identification."""
-    carried: Array
-    """Tool and head, known from the payload's calibration, shape (6, 10)."""
-    servo_damping: Array
-    """Speed gain of the servos [N m s/rad], shape (6,)."""
+    truth: TorqueModel  #: With the parameters of the compiled model, hidden from the identification
+    carried: Array  #: Tool and head, known from the payload's calibration, shape (6, 10)
+    servo_damping: Array  #: Speed gain of the servos [N m s/rad], shape (6,)
     clearance: RobotClearance
-    load: CarriedLoad | None = None
-    """Bolted to the last link, part of the truth."""
+    load: CarriedLoad | None = None  #: Bolted to the last link, part of the truth
 
     def near(self, q: Array) -> Clearance:
         """Clearance of poses (m, 6)."""
@@ -139,12 +134,9 @@ def _gravity(arm: Arm, q: Array) -> Array:
 class LoggedRobot:
     """What is known of a robot beforehand."""
 
-    model: TorqueModel
-    """With the parameters of its drawing."""
-    carried: Array
-    """Part of the links that is known and stays: what is welded to them, shape (n, 10)."""
-    file: Path | None = None
-    """Its MJCF; None for the cell's arm."""
+    model: TorqueModel  #: With the parameters of its drawing
+    carried: Array  #: Part of the links that is known and stays: what is welded to them, shape (n, 10)
+    file: Path | None = None  #: Its MJCF; None for the cell's arm
 
 
 def cell_arm(terms: tuple[str, ...] = FULL) -> LoggedRobot:

@@ -18,18 +18,14 @@ from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.regressor import PIECE, States, TorqueModel, random_states
 
-INDEPENDENT: Final = 1e-8
-"""A column is new if this share of its length stands off the earlier ones."""
-STANDSTILL: Final = 0.1
-"""Below this speed [rad/s] a joint's torque gets no weight: its friction has no known size."""
+INDEPENDENT: Final = 1e-8  #: A column is new if this share of its length stands off the earlier ones
+STANDSTILL: Final = 0.1  #: Below this speed [rad/s] a joint's torque gets no weight: its friction has no known size
 TURNING: Final = 0.06
 """While any joint is slower than this [rad/s] no torque gets weight: all feel how its friction reverses."""
 STANDING: Final = (0.01, 0.5)
 """Below this speed [rad/s] and acceleration [rad/s^2] a joint stands still: its friction does not reverse either."""
-INTERVAL_95: Final = 1.959964
-"""Half width of a 95% interval in standard deviations."""
-LONGEST: Final = 0.1
-"""Correlations are followed over this share of the samples at most."""
+INTERVAL_95: Final = 1.959964  #: Half width of a 95% interval in standard deviations
+LONGEST: Final = 0.1  #: Correlations are followed over this share of the samples at most
 _SAMPLES: Final = 200
 _CLEAN: Final = 1e-9
 _ROUNDS: Final = 4
@@ -40,10 +36,8 @@ _HIDDEN: Final = 1e-5
 class BaseParameters(NamedTuple):
     """Which columns stand for the rest."""
 
-    columns: Indices
-    """Columns of the regressor that are kept, shape (r,)."""
-    combination: Array
-    """theta = combination @ pi, identity on the kept columns, shape (r, p)."""
+    columns: Indices  #: Columns of the regressor that are kept, shape (r,)
+    combination: Array  #: theta = combination @ pi, identity on the kept columns, shape (r, p)
 
     @property
     def rank(self) -> int:
@@ -110,16 +104,11 @@ def identifiable(base: BaseParameters) -> tuple[str, ...]:
 class JointSums(NamedTuple):
     """Sums over samples for each of n joints and r base parameters."""
 
-    squares: Array
-    """Y_j^T Y_j, shape (n, r, r)."""
-    products: Array
-    """Y_j^T tau_j, shape (n, r)."""
-    torque_sum: Array
-    """Sum of tau_j, shape (n,)."""
-    torque_squares: Array
-    """Sum of tau_j^2, shape (n,)."""
-    samples: Array
-    """Samples that count, shape (n,)."""
+    squares: Array  #: Y_j^T Y_j, shape (n, r, r)
+    products: Array  #: Y_j^T tau_j, shape (n, r)
+    torque_sum: Array  #: Sum of tau_j, shape (n,)
+    torque_squares: Array  #: Sum of tau_j^2, shape (n,)
+    samples: Array  #: Samples that count, shape (n,)
 
     def plus(self, other: JointSums) -> JointSums:
         """Sums over both sets of samples."""
@@ -179,18 +168,12 @@ def inverse_of(H: Array) -> Array:
 class Estimate:
     """Base parameters found in measured torques."""
 
-    theta: Array
-    """Shape (r,)."""
-    covariance: Array
-    """Shape (r, r)."""
-    sigma: Array
-    """Torque noise found in the residuals [N m], shape (n,)."""
-    r_squared: Array
-    """Share of each torque's variance that is explained, shape (n,)."""
-    condition: float
-    """Of the stacked regressor as it stands, in SI units."""
-    condition_equilibrated: float
-    """Of the stacked regressor with rows in units of noise and columns of unit length."""
+    theta: Array  #: Shape (r,)
+    covariance: Array  #: Shape (r, r)
+    sigma: Array  #: Torque noise found in the residuals [N m], shape (n,)
+    r_squared: Array  #: Share of each torque's variance that is explained, shape (n,)
+    condition: float  #: Of the stacked regressor as it stands, in SI units
+    condition_equilibrated: float  #: Of the stacked regressor with rows in units of noise and columns of unit length
     inefficiency: Array | None = None
     """Samples worth one independent sample, shape (n,); None where noise is taken as white."""
 
@@ -207,10 +190,8 @@ class Estimate:
 class Earlier(NamedTuple):
     """What an earlier step knows of the base parameters."""
 
-    information: Array
-    """Shape (r, r), of any rank."""
-    products: Array
-    """That information times its estimate, shape (r,)."""
+    information: Array  #: Shape (r, r), of any rank
+    products: Array  #: That information times its estimate, shape (r,)
 
 
 def estimate(sums: JointSums, earlier: Earlier | None = None, sigma: Array | None = None) -> Estimate:

@@ -36,8 +36,7 @@ class Judged(NamedTuple):
 
 _NORM: Final = 12
 
-Objective = Callable[[Array, Array], Judged]
-"""From information H and the task's own matrix G (both (r, r)) to a value."""
+Objective = Callable[[Array, Array], Judged]  #: From information H and the task's own matrix G (both (r, r)) to a value
 
 
 def i_optimal(H: Array, G: Array) -> Judged:
@@ -77,8 +76,7 @@ class Choice(NamedTuple):
     """An objective and the noise that weighs the torques in it."""
 
     judge: Objective
-    sigma: Callable[[Array], Array]
-    """From the expected noise (n,) to the one that weighs."""
+    sigma: Callable[[Array], Array]  #: From the expected noise (n,) to the one that weighs
 
 
 OBJECTIVES: Final[dict[str, Choice]] = {
@@ -90,10 +88,8 @@ OBJECTIVES: Final[dict[str, Choice]] = {
 """Names a user may give."""
 
 
-GRID: Final = 100
-"""Samples of a period while searching."""
-FINE: Final = 1000
-"""Samples of a period when limits are checked."""
+GRID: Final = 100  #: Samples of a period while searching
+FINE: Final = 1000  #: Samples of a period when limits are checked
 _MARGIN: Final = 0.98
 _PENALTY: Final = 30.0
 _SHRINK: Final = 0.98
@@ -107,13 +103,10 @@ class ExcitationTask:
 
     model: TorqueModel
     base: BaseParameters
-    parameters: Array
-    """All parameters as believed, for the torques' limits, shape (p,)."""
-    sigma: Array
-    """Expected torque noise [N m], shape (n,)."""
+    parameters: Array  #: All parameters as believed, for the torques' limits, shape (p,)
+    sigma: Array  #: Expected torque noise [N m], shape (n,)
     limits: MotionLimits
-    use: Array
-    """The task's own matrix G: mean of Y^T W Y over the motions that will be predicted, shape (r, r)."""
+    use: Array  #: The task's own matrix G: mean of Y^T W Y over the motions that will be predicted, shape (r, r)
     clearance: ClearanceCheck | None = None
 
 
@@ -121,8 +114,7 @@ class Excitation(NamedTuple):
     """A motion and its value."""
 
     motion: FourierMotion
-    value: float
-    """Of the objective, on the fine grid, of the mean information of one sample."""
+    value: float  #: Of the objective, on the fine grid, of the mean information of one sample
     evaluations: int
 
 
@@ -298,5 +290,4 @@ class Search:
         return _PENALTY * float(np.sum(short**2)), slope
 
 
-_ROOM: Final = 0.02
-"""Within this of the least clearance poses are pushed away [m]."""
+_ROOM: Final = 0.02  #: Within this of the least clearance poses are pushed away [m]

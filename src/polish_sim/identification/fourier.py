@@ -17,8 +17,7 @@ from polish_sim.arrays import Array
 from polish_sim.identification.regressor import States
 
 HARMONICS: Final = 5
-FREQUENCY: Final = 0.1
-"""Of the first harmonic [Hz]: a period of 10 s."""
+FREQUENCY: Final = 0.1  #: Of the first harmonic [Hz]: a period of 10 s
 
 
 class FourierBasis(NamedTuple):
@@ -44,8 +43,7 @@ def fourier_basis(t: Array, frequency: float = FREQUENCY, harmonics: int = HARMO
 class FourierMotion:
     """A periodic motion of n joints."""
 
-    coefficients: Array
-    """q0, a_1.., b_1.. of each joint, shape (n, 1 + 2 k)."""
+    coefficients: Array  #: q0, a_1.., b_1.. of each joint, shape (n, 1 + 2 k).
     frequency: float = FREQUENCY
 
     @property
@@ -111,10 +109,8 @@ def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float
 class Clearance(NamedTuple):
     """How far the robot is from itself and its surroundings."""
 
-    distance: Array
-    """Distance of each pair of bodies that could touch [m], negative inside, shape (m, pairs)."""
-    slope: Array
-    """Its derivatives by the joints [m/rad], shape (m, pairs, n)."""
+    distance: Array  #: Distance of each pair of bodies that could touch [m], negative inside, shape (m, pairs)
+    slope: Array  #: Its derivatives by the joints [m/rad], shape (m, pairs, n)
 
 
 ClearanceCheck = Callable[[Array], Clearance]
@@ -125,16 +121,11 @@ ClearanceCheck = Callable[[Array], Clearance]
 class MotionLimits:
     """Limits of position, speed, acceleration and torque of n joints, and of clearance."""
 
-    position: Array
-    """Lowest and highest [rad], shape (n, 2)."""
-    speed: Array
-    """[rad/s], shape (n,)."""
-    acceleration: Array
-    """[rad/s^2], shape (n,)."""
-    torque: Array
-    """[N m], shape (n,)."""
-    clearance: float = 0.02
-    """[m]."""
+    position: Array  #: Lowest and highest [rad], shape (n, 2)
+    speed: Array  #: [rad/s], shape (n,)
+    acceleration: Array  #: [rad/s^2], shape (n,)
+    torque: Array  #: [N m], shape (n,)
+    clearance: float = 0.02  #: [m]
 
     def excess(self, states: States) -> States:
         """By how much positions, speeds and accelerations go beyond, in shares of the limits, signed; 0 inside."""

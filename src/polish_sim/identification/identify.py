@@ -45,11 +45,9 @@ from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.identification.settings import IdentifySettings
 from polish_sim.identification.stepwise import IN_LOG, SIMULATED, FirstStep, carried, fit_motion_after
 
-USE_MOTIONS = 12
-"""Random motions under the same limits: what the identified model is designed to predict."""
+USE_MOTIONS = 12  #: Random motions under the same limits: what the identified model is designed to predict
 USE_SAMPLES = 200
-HELD_OUT = 0.2
-"""Share of a robot's own log, its end, that is not fitted."""
+HELD_OUT = 0.2  #: Share of a robot's own log, its end, that is not fitted
 
 
 class HeldOut(NamedTuple):
@@ -57,10 +55,8 @@ class HeldOut(NamedTuple):
 
     time: Array
     states: States
-    measured: Array
-    """Torques with noise [N m], NaN where a torque does not count, shape (m, n)."""
-    exact: Array
-    """Without noise [N m], shape (m, n); the measured ones of a real robot."""
+    measured: Array  #: Torques with noise [N m], NaN where a torque does not count, shape (m, n)
+    exact: Array  #: Without noise [N m], shape (m, n); the measured ones of a real robot
 
 
 @dataclass(frozen=True)
@@ -70,17 +66,13 @@ class Identification:
     model: TorqueModel
     base: BaseParameters
     found: Estimate
-    full: Array
-    """Physically consistent parameters, shape (p,)."""
+    full: Array  #: Physically consistent parameters, shape (p,)
     drawing: Drawing
     held_out: HeldOut
-    figures: dict[str, Any]
-    """The keys of metrics.json."""
-    truth: Array | None = None
-    """True base parameters, shape (r,); None for a real robot."""
+    figures: dict[str, Any]  #: The keys of metrics.json
+    truth: Array | None = None  #: True base parameters, shape (r,); None for a real robot
     motion: FourierMotion | None = None
-    weighed: Weighed | None = None
-    """The payload, if one was searched."""
+    weighed: Weighed | None = None  #: The payload, if one was searched
 
 
 def run_identification(

@@ -20,19 +20,15 @@ from polish_sim.identification.regressor import States
 from polish_sim.motion.serial_chain import HINGE
 from polish_sim.tables import Columns
 
-HARMONICS_FITTED = 20
-"""Of the measured positions: four times what is commanded, for what the servos add."""
+HARMONICS_FITTED = 20  #: Of the measured positions: four times what is commanded, for what the servos add
 
 
 class RobotLog(NamedTuple):
     """Equally long columns, one row a sample."""
 
-    time: Array
-    """[s], shape (m,)."""
-    q: Array
-    """Measured positions [rad], shape (m, n)."""
-    torque: Array
-    """Torques of the joints, gravity included [N m], shape (m, n)."""
+    time: Array  #: [s], shape (m,)
+    q: Array  #: Measured positions [rad], shape (m, n)
+    torque: Array  #: Torques of the joints, gravity included [N m], shape (m, n)
 
 
 def periodic_states(log: RobotLog, period: float, harmonics: int = HARMONICS_FITTED) -> States:
@@ -61,12 +57,9 @@ def spline_states(log: RobotLog, knots: float = 0.05) -> States:
 
 
 TURN: Final = 2.0 * np.pi
-_GAP: Final = 3.0
-"""Steps longer than this many usual ones are gaps."""
-_SLOWEST_S: Final = 0.02
-"""Between two samples, at most: splines with a knot every 0.05 s need more of them than knots."""
-_FLAT: Final = 0.01
-"""Share of samples at exactly the largest torque from which a drive is taken as saturated."""
+_GAP: Final = 3.0  #: Steps longer than this many usual ones are gaps
+_SLOWEST_S: Final = 0.02  #: Between two samples, at most: splines with a knot every 0.05 s need more of them than knots
+_FLAT: Final = 0.01  #: Share of samples at exactly the largest torque from which a drive is taken as saturated
 _PILED: Final = 3.0
 """So many times more samples at the largest torque than at the next smaller one: not just coarse steps."""
 _LEAST_SAMPLES: Final = 500

@@ -16,8 +16,7 @@ from polish_sim.errors import InputError
 from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import inertia_at_origin
 
-ASSETS: Final = "meshes"
-"""Folder beside the model with copies of its files."""
+ASSETS: Final = "meshes"  #: Folder beside the model with copies of its files
 _TEXTURE_FILES: Final = ("file", "fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 
 
@@ -61,14 +60,10 @@ def _copied(source: Path, folder: Path, taken: dict[str, Path]) -> str:
 class IdentifiedJoints(NamedTuple):
     """Numbers to be written; friction and rotors that are None stay as they are."""
 
-    parameters: Array
-    """Ten parameters of each joint's own body about the joint's origin, shape (n, 10)."""
-    damping: Array | None = None
-    """[N m s/rad], shape (n,)."""
-    frictionloss: Array | None = None
-    """[N m], shape (n,)."""
-    armature: Array | None = None
-    """[kg m^2], shape (n,)."""
+    parameters: Array  #: Ten parameters of each joint's own body about the joint's origin, shape (n, 10)
+    damping: Array | None = None  #: [N m s/rad], shape (n,)
+    frictionloss: Array | None = None  #: [N m], shape (n,)
+    armature: Array | None = None  #: [kg m^2], shape (n,)
 
 
 def read_robot_model(file: Path) -> mujoco.MjModel:

@@ -48,12 +48,9 @@ class Body(NamedTuple):
 class Payload:
     """What a robot carries, about the origin of its last joint and in the axes of its last link."""
 
-    parameters: Array
-    """As `LINK_PARAMETERS`, shape (10,)."""
-    covariance: Array
-    """Shape (10, 10)."""
-    origin: Array
-    """Of the last joint, in the link's own frame [m], shape (3,)."""
+    parameters: Array  #: As `LINK_PARAMETERS`, shape (10,)
+    covariance: Array  #: Shape (10, 10)
+    origin: Array  #: Of the last joint, in the link's own frame [m], shape (3,)
 
     @property
     def std(self) -> Array:
@@ -139,10 +136,8 @@ def _widened(sums: JointSums, more: int) -> JointSums:
     return sums._replace(squares=squares, products=np.pad(sums.products, ((0, 0), (0, more))))
 
 
-_DENSITY: Final = 2700.0
-"""Of the blocks that are carried [kg/m^3]."""
-_AHEAD: Final = 0.05
-"""Of the last link's origin, where a block begins [m]."""
+_DENSITY: Final = 2700.0  #: Of the blocks that are carried [kg/m^3]
+_AHEAD: Final = 0.05  #: Of the last link's origin, where a block begins [m]
 
 
 class Weighed(NamedTuple):

@@ -20,12 +20,9 @@ from polish_sim.identification.estimate import INTERVAL_95, BaseParameters, Esti
 from polish_sim.identification.regressor import TorqueModel
 from polish_sim.motion.serial_chain import inertia_at_origin
 
-_FLOOR: Final = 1e-3
-"""Share of the drawing's pseudo-inertia every link keeps."""
-_THIN: Final = 1e-9
-"""Share of its size a drawn body is thickened by, so that it has a root."""
-_PRIOR: Final = 1.0
-"""How far from the drawing parameters are expected, in sizes of the drawing's."""
+_FLOOR: Final = 1e-3  #: Share of the drawing's pseudo-inertia every link keeps
+_THIN: Final = 1e-9  #: Share of its size a drawn body is thickened by, so that it has a root
+_PRIOR: Final = 1.0  #: How far from the drawing parameters are expected, in sizes of the drawing's
 _LOWER: Final = np.tril_indices(4)
 _NOT_NEGATIVE: Final = ("coulomb", "viscous", "armature")
 
@@ -55,10 +52,8 @@ def is_consistent(parameters: Array) -> bool:
 class Drawing:
     """What is believed of the robot before it is identified."""
 
-    parameters: Array
-    """All parameters of the torque model, physically consistent, shape (p,)."""
-    carried: Array
-    """Part of the links' parameters that is known and stays, such as a tool's, shape (n, 10)."""
+    parameters: Array  #: All parameters of the torque model, physically consistent, shape (p,)
+    carried: Array  #: Part of the links' parameters that is known and stays, such as a tool's, shape (n, 10)
 
 
 def fit_consistent(model: TorqueModel, base: BaseParameters, found: Estimate, drawing: Drawing) -> Array:
@@ -165,8 +160,7 @@ class ParameterRow(NamedTuple):
     value: float
     unit: str
     std: float
-    identifiable: str
-    """``base`` for a base parameter; else ``alone``, ``combined`` or ``no``."""
+    identifiable: str  #: ``base`` for a base parameter; else ``alone``, ``combined`` or ``no``
     true_value: float
 
 

@@ -15,13 +15,11 @@ from polish_sim.arrays import Array
 class TorqueData(NamedTuple):
     """Torques over time [N m], shape (m, n) each; rows that do not count are left out."""
 
-    time: Array
-    """[s], shape (m,)."""
+    time: Array  #: [s], shape (m,)
     measured: Array
     predicted: Array
     drawing: Array
-    error: Array
-    """Rms error of the prediction / range of the torque, shape (n,)."""
+    error: Array  #: Rms error of the prediction / range of the torque, shape (n,)
 
 
 @styled

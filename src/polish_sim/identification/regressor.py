@@ -20,12 +20,9 @@ from polish_sim.errors import unknown_name
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.serial_chain import HINGE, LINK_PARAMETERS, LINK_UNITS, ChainGeometry, SerialChain
 
-STEP = 1e-30
-"""Size of the complex step: its square vanishes beside one."""
-PIECE: Final = 2000
-"""Samples whose regressors are held at once."""
-SIGN_WIDTH: Final = 0.02
-"""Speed over which the sign of Coulomb friction is smoothed [rad/s]."""
+STEP = 1e-30  #: Size of the complex step: its square vanishes beside one
+PIECE: Final = 2000  #: Samples whose regressors are held at once
+SIGN_WIDTH: Final = 0.02  #: Speed over which the sign of Coulomb friction is smoothed [rad/s]
 
 
 def rigid_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Array:
@@ -177,12 +174,9 @@ def _fill_block(kind: int, z, arm, w, dw, a, Y, first: int) -> None:  # type: ig
 class States(NamedTuple):
     """Joint states, one row a sample."""
 
-    q: Array
-    """[rad], shape (m, n)."""
-    qd: Array
-    """[rad/s], shape (m, n)."""
-    qdd: Array
-    """[rad/s^2], shape (m, n)."""
+    q: Array  #: [rad], shape (m, n)
+    qd: Array  #: [rad/s], shape (m, n)
+    qdd: Array  #: [rad/s^2], shape (m, n)
 
     def rows(self, rows: slice | NDArray[np.integer[Any]] | Bools) -> States:
         """Some of the samples."""
@@ -194,12 +188,10 @@ class JointTerm(NamedTuple):
 
     symbol: str
     unit: str
-    value: Callable[[States], Array]
-    """Shape (m, n)."""
+    value: Callable[[States], Array]  #: Shape (m, n)
     slope: Callable[[States], States]
     """Its derivatives by the joint's own position, speed and acceleration, shape (m, n) each."""
-    truth: Callable[[SerialChain], Array]
-    """What the robot's model says, shape (n,)."""
+    truth: Callable[[SerialChain], Array]  #: What the robot's model says, shape (n,)
 
 
 def _slope_of_sign(states: States) -> States:

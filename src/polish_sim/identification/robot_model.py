@@ -145,8 +145,7 @@ def _inertias(model: mujoco.MjModel, data: mujoco.MjData, chosen: Sequence[int],
 
 # Distances of the robot from itself and from what stands around it, pose by pose.
 
-FAR: Final = 0.05
-"""Larger distances count as this [m]."""
+FAR: Final = 0.05  #: Larger distances count as this [m]
 _TOUCH: Final = 1e-9
 
 
@@ -231,12 +230,9 @@ LAST_LINK = "link_6"
 class CarriedLoad(NamedTuple):
     """A rigid body in the axes of the link it is bolted to."""
 
-    mass: float
-    """[kg]."""
-    center: Array
-    """From the body's origin [m], shape (3,)."""
-    inertia: Array
-    """About its centre [kg m^2], shape (3, 3)."""
+    mass: float  #: [kg]
+    center: Array  #: From the body's origin [m], shape (3,)
+    inertia: Array  #: About its centre [kg m^2], shape (3, 3)
 
 
 def carry(model: mujoco.MjModel, body: str, load: CarriedLoad) -> None:

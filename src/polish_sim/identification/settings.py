@@ -18,8 +18,7 @@ METHODS: Final = {
     "stepwise-axes": "axes 1 to 3 with the wrist held first, then all axes, the covariance carried likewise",
 }
 """How parameters are found, by name."""
-LARGEST_PAYLOAD: Final = 3.0
-"""The UR5e's five kilograms less the tool's two [kg]."""
+LARGEST_PAYLOAD: Final = 3.0  #: The UR5e's five kilograms less the tool's two [kg]
 
 
 @dataclass(frozen=True)
@@ -28,23 +27,15 @@ class IdentifySettings:
 
     method: str = "joint"
     objective: str = "i-optimal"
-    periods: int = 5
-    """Of 10 s each."""
-    rate: float = 1000.0
-    """Of the log [Hz]."""
-    sigma: tuple[float, ...] = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
-    """White noise of the torques [N m], joint by joint."""
-    encoder: float = 4.8e-5
-    """Step of the encoders [rad]: 17 bits a turn."""
+    periods: int = 5  #: Of 10 s each
+    rate: float = 1000.0  #: Of the log [Hz]
+    sigma: tuple[float, ...] = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)  #: White noise of the torques [N m], joint by joint
+    encoder: float = 4.8e-5  #: Step of the encoders [rad]: 17 bits a turn
     terms: tuple[str, ...] = FULL
-    iterations: int = 300
-    """Of the search for an exciting motion."""
-    starts: int = 1
-    """Random motions that search begins from."""
-    poses: int = 24
-    """At rest, for the stepwise method."""
-    payload: float = 0.0
-    """Mass of a payload that is found in a second run [kg]; none if 0."""
+    iterations: int = 300  #: Of the search for an exciting motion
+    starts: int = 1  #: Random motions that search begins from
+    poses: int = 24  #: At rest, for the stepwise method
+    payload: float = 0.0  #: Mass of a payload that is found in a second run [kg]; none if 0
     seed: int = 0
 
     def __post_init__(self) -> None:

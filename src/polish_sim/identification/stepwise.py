@@ -32,20 +32,14 @@ from polish_sim.identification.log_file import RobotLog, periodic_states, with_n
 from polish_sim.identification.regressor import PIECE, States, TorqueModel
 from polish_sim.identification.settings import IdentifySettings
 
-SPEED: Final = 0.1
-"""Of every joint when it passes a pose [rad/s]."""
-START_S: Final = 0.3
-"""Until that speed is reached [s]."""
-STEADY_S: Final = 0.2
-"""At that speed until the pose is passed [s]."""
-WINDOW_S: Final = 0.1
-"""Over which torques are averaged, the pose in its middle [s]."""
-AXES_FIRST: Final = 3
-"""Axes that move in the first step of ``stepwise-axes``."""
+SPEED: Final = 0.1  #: Of every joint when it passes a pose [rad/s]
+START_S: Final = 0.3  #: Until that speed is reached [s]
+STEADY_S: Final = 0.2  #: At that speed until the pose is passed [s]
+WINDOW_S: Final = 0.1  #: Over which torques are averaged, the pose in its middle [s]
+AXES_FIRST: Final = 3  #: Axes that move in the first step of ``stepwise-axes``
 SLOW, STEADY = 0.15, 0.2
 """In a log a sample is as good as at rest if every joint is below this speed [rad/s] and acceleration [rad/s^2]."""
-_BASE_SAMPLES: Final = 1000
-"""The base of a step is found from this many of its samples."""
+_BASE_SAMPLES: Final = 1000  #: The base of a step is found from this many of its samples
 _LEAST_SAMPLES: Final = 200
 _DRAWS: Final = 50
 
@@ -61,18 +55,15 @@ class FirstStep(NamedTuple):
     """What the first step found, and its samples for comparison with a fit of everything at once."""
 
     step: Step
-    sums: JointSums
-    """In the whole base."""
-    sigma: Array
-    """Noise of its torques, where it is known [N m], shape (n,)."""
+    sums: JointSums  #: In the whole base
+    sigma: Array  #: Noise of its torques, where it is known [N m], shape (n,)
 
 
 class SplitLog(NamedTuple):
     """A robot's own log in two steps."""
 
     first: FirstStep
-    motion: Bools
-    """Samples that are left for the second step, shape (m,)."""
+    motion: Bools  #: Samples that are left for the second step, shape (m,)
 
 
 # The fit of a first step, and of the second after it.

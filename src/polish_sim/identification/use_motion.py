@@ -20,19 +20,14 @@ from polish_sim.smoothing.place import distinct_rows, follow_path
 from polish_sim.tables import Columns
 
 JOINTS: Final = 6
-LOGS: Final = ("log.npz", "trajectory.npz")
-"""Files of run folders that hold ``time_s`` and ``q_rad``."""
+LOGS: Final = ("log.npz", "trajectory.npz")  #: Files of run folders that hold ``time_s`` and ``q_rad``
 _SAMPLE_S: Final = 0.02
 _SAMPLES: Final = 20_000
-_KNOTS: Final = 10.0
-"""Samples between two knots of the spline that speeds and accelerations come from."""
+_KNOTS: Final = 10.0  #: Samples between two knots of the spline that speeds and accelerations come from
 _MOST: Final = 2000
-_POSES: Final = 2
-"""Of a move, at least."""
-_LEAST: Final = 50
-"""Samples of the shortest motion."""
-_TURN_S: Final = 0.02
-"""The least time between two poses of a path: where the tool only turns."""
+_POSES: Final = 2  #: Of a move, at least
+_LEAST: Final = 50  #: Samples of the shortest motion
+_TURN_S: Final = 0.02  #: The least time between two poses of a path: where the tool only turns
 
 
 def use_states(source: Path) -> States:

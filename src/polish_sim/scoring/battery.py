@@ -22,12 +22,9 @@ from polish_sim.scoring.margins import share_latency
 class Entry(NamedTuple):
     """A controller that is scored."""
 
-    label: str
-    """What tables call it."""
-    name: str
-    """What the scenario calls it: a shipped controller, or ``FILE.py:CLASS`` with an absolute path."""
-    settings: tuple[str, ...] = ()
-    """``KEY=VALUE`` of the config that belong to it, e.g. gains."""
+    label: str  #: What tables call it
+    name: str  #: What the scenario calls it: a shipped controller, or ``FILE.py:CLASS`` with an absolute path
+    settings: tuple[str, ...] = ()  #: ``KEY=VALUE`` of the config that belong to it, e.g. gains.
 
 
 class Draw(NamedTuple):
@@ -43,15 +40,11 @@ class Case:
     """One case: an experiment's default scenario with a few keys changed."""
 
     name: str
-    text: str
-    """What is run, in one line."""
-    experiment: str
-    """``force``: a hold, measured in its steady window; ``surface``: a path, measured while fed."""
-    settings: tuple[str, ...] = ()
-    """``KEY=VALUE`` of the config."""
+    text: str  #: What is run, in one line
+    experiment: str  #: ``force``: a hold, measured in its steady window; ``surface``: a path, measured while fed
+    settings: tuple[str, ...] = ()  #: ``KEY=VALUE`` of the config
     draws: tuple[Draw, ...] = ()
-    repeats: int = 1
-    """How many times as many seeds as the other cases it gets."""
+    repeats: int = 1  #: How many times as many seeds as the other cases it gets
 
     @property
     def moving(self) -> bool:

@@ -31,10 +31,8 @@ from polish_sim.scoring.margins import (
 )
 from polish_sim.scoring.measured_law import MeasuredLaw, measure_law
 
-SCALES = (0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 3.5, 5.0)
-"""Of the springs, for the border in the cell [-]."""
-LATENCIES = (0.002, 0.005, 0.008, 0.014, 0.02, 0.03, 0.045, 0.06)
-"""Totals, for the border in the cell [s]."""
+SCALES = (0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 3.5, 5.0)  #: Of the springs, for the border in the cell [-]
+LATENCIES = (0.002, 0.005, 0.008, 0.014, 0.02, 0.03, 0.045, 0.06)  #: Totals, for the border in the cell [s]
 FINE_SCALES = tuple(float(s) for s in np.geomspace(0.1, 10.0, 21))
 FINE_LATENCIES = tuple(0.001 * n for n in range(1, 121))
 ACCURACY = 1.02  # to which a gain margin is sought
@@ -44,14 +42,10 @@ MOST_GAIN, MOST_DELAY_S = 64.0, 0.25
 class SimulatedMargins(NamedTuple):
     """What the cell's loop really bears."""
 
-    gain: float
-    """[-]; infinite beyond ``MOST_GAIN``."""
-    gain_frequency: float
-    """Of the swing just beyond it [rad/s]."""
-    delay: float
-    """[s]; infinite beyond ``MOST_DELAY_S``."""
-    delay_frequency: float
-    """[rad/s]"""
+    gain: float  #: [-]; infinite beyond ``MOST_GAIN``
+    gain_frequency: float  #: Of the swing just beyond it [rad/s]
+    delay: float  #: [s]; infinite beyond ``MOST_DELAY_S``
+    delay_frequency: float  #: [rad/s]
 
 
 def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
@@ -177,8 +171,7 @@ def _at(scenario: Scenario, name: str, scale: float, latency: float) -> Scenario
 
 # The map of where a force loop is stable: springs over latency, model and cell.
 
-REACH = (2.0, 20.0, 0.2, 5.0)
-"""Latency [ms] and scale of the springs a controller should bear without retuning."""
+REACH = (2.0, 20.0, 0.2, 5.0)  #: Latency [ms] and scale of the springs a controller should bear without retuning
 
 
 @styled

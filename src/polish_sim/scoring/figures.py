@@ -17,18 +17,13 @@ from polish_sim.analysis.metrics import CONTACT_N, PROCESS, RETRACT, first_conta
 from polish_sim.arrays import Array
 from polish_sim.log import Trace
 
-STEADY_AFTER_S: Final = 0.5
-"""The steady window of a hold begins this long after first contact [s]."""
+STEADY_AFTER_S: Final = 0.5  #: The steady window of a hold begins this long after first contact [s]
 SLOW_S: Final = 0.25
 """What a moving mean over this time keeps is the force following the part, what it takes away is oscillation [s]."""
-LARGEST_OSCILLATION: Final = 0.1
-"""Amplitude a stable loop may swing with, as a share of the wanted force [-]."""
-LEAST_ALLOWED_N: Final = 2.0
-"""The amplitude allowed at small forces [N]."""
-LARGEST_GROWTH: Final = 2.0
-"""Of the amplitude from the third to the last quarter of the window [-]."""
-QUIET_N: Final = 0.5
-"""Growth below this amplitude is noise [N]."""
+LARGEST_OSCILLATION: Final = 0.1  #: Amplitude a stable loop may swing with, as a share of the wanted force [-]
+LEAST_ALLOWED_N: Final = 2.0  #: The amplitude allowed at small forces [N]
+LARGEST_GROWTH: Final = 2.0  #: Of the amplitude from the third to the last quarter of the window [-]
+QUIET_N: Final = 0.5  #: Growth below this amplitude is noise [N]
 
 DEFINITIONS: Final[Mapping[str, str]] = MappingProxyType(
     {

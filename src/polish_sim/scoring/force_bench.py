@@ -22,39 +22,29 @@ from polish_sim.scoring.figures import LARGEST_OSCILLATION, LEAST_ALLOWED_N
 # Whether a force loop has settled, and the map of where it does.
 
 
-AT_REST_N = 0.05
-"""Swing of the force, peak to peak, below which the loop is at rest [N]."""
-DYING = 0.9
-"""A swing that shrinks by this factor in a window is dying away [-]."""
+AT_REST_N = 0.05  #: Swing of the force, peak to peak, below which the loop is at rest [N]
+DYING = 0.9  #: A swing that shrinks by this factor in a window is dying away [-]
 WINDOW_S = 0.8
 
 
 class Rest(NamedTuple):
     """How a loop ended."""
 
-    resting: bool
-    """No swing, or one that dies away."""
+    resting: bool  #: No swing, or one that dies away
     stable: bool
     """Resting, or a swing as small as the scorecard allows: friction of the joints can keep a small one up."""
-    swing: float
-    """Of the exact force, peak to peak in the last window [N]."""
-    frequency: float
-    """Of that swing [rad/s]."""
-    offset: float
-    """Mean force less the wanted one in the last window [N]."""
+    swing: float  #: Of the exact force, peak to peak in the last window [N]
+    frequency: float  #: Of that swing [rad/s]
+    offset: float  #: Mean force less the wanted one in the last window [N]
 
 
 class Border(NamedTuple):
     """Stability over springs and latency, controller by controller."""
 
-    scales: Array
-    """Springs of head and pad by what plan and controller take them for, in the cell [-], shape (n,)."""
-    latencies: Array
-    """Sensor and command together, in the cell [s], shape (m,)."""
-    rests: dict[str, list[list[Rest]]]
-    """How each run ended, by controller, latency and scale."""
-    line_scales: Array
-    """Springs, for the linear model [-], shape (k,)."""
+    scales: Array  #: Springs of head and pad by what plan and controller take them for, in the cell [-], shape (n,)
+    latencies: Array  #: Sensor and command together, in the cell [s], shape (m,)
+    rests: dict[str, list[list[Rest]]]  #: How each run ended, by controller, latency and scale
+    line_scales: Array  #: Springs, for the linear model [-], shape (k,)
     lines: dict[str, Array]
     """Latency up to which the linear model is stable [s], by controller, shape (k,); infinite where it always is."""
 

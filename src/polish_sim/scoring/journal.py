@@ -40,8 +40,7 @@ from polish_sim.scoring.figures import measure_score
 T = TypeVar("T")
 Row = dict[str, Any]
 
-_KEPT: Final = 3
-"""Plans and parts a process remembers; a freeform part takes tens of megabytes."""
+_KEPT: Final = 3  #: Plans and parts a process remembers; a freeform part takes tens of megabytes
 
 
 class Task(NamedTuple):

@@ -31,16 +31,11 @@ class Arm(NamedTuple):
     agree with them within 5% from 1 to 150 Hz (1.5% rms); a chirp in the cell agrees with the six joints within 1%.
     """
 
-    mass: float = 8.26
-    """What the arm and the tool mount weigh along the tool axis [kg]."""
-    omega: float = 213.0
-    """Servos: sqrt(kp / inertia) [rad/s]."""
-    damping: float = 0.976
-    """Servos: damping ratio [-]."""
-    mount_mass: float = 1.7
-    """What hangs on the sensor before the head's spring [kg]."""
-    drag: float = 0.0
-    """Friction of the joints as a damper [N s/m]."""
+    mass: float = 8.26  #: What the arm and the tool mount weigh along the tool axis [kg]
+    omega: float = 213.0  #: Servos: sqrt(kp / inertia) [rad/s]
+    damping: float = 0.976  #: Servos: damping ratio [-]
+    mount_mass: float = 1.7  #: What hangs on the sensor before the head's spring [kg]
+    drag: float = 0.0  #: Friction of the joints as a damper [N s/m]
 
     @property
     def stiffness(self) -> float:
@@ -57,24 +52,15 @@ class Setup(NamedTuple):
     """What the loop consists of besides its control law."""
 
     arm: Arm
-    head_stiffness: float
-    """[N/m]"""
-    head_damping: float
-    """[N s/m]"""
-    head_mass: float
-    """[kg]"""
-    pad_stiffness: float
-    """[N/m]"""
-    pad_damping: float
-    """Hunt-Crossley a F of f = k d (1 + a d_dot) about the force F [N s/m]."""
-    dt: float
-    """Control cycle and physics step [s]."""
-    command_steps: int
-    """From the law to the servos."""
-    sensor_steps: int
-    """From the low-passed sample to the reading."""
-    sensor_blend: float
-    """Weight of a new sample in the sensor's low-pass [-]."""
+    head_stiffness: float  #: [N/m]
+    head_damping: float  #: [N s/m]
+    head_mass: float  #: [kg]
+    pad_stiffness: float  #: [N/m]
+    pad_damping: float  #: Hunt-Crossley a F of f = k d (1 + a d_dot) about the force F [N s/m]
+    dt: float  #: Control cycle and physics step [s]
+    command_steps: int  #: From the law to the servos
+    sensor_steps: int  #: From the low-passed sample to the reading
+    sensor_blend: float  #: Weight of a new sample in the sensor's low-pass [-]
 
     @property
     def stiffness(self) -> float:
@@ -110,18 +96,12 @@ def setup_of(scenario: Scenario, arm: Arm | None = None) -> Setup:
 class Plant(NamedTuple):
     """s' = A s + B a with the command a acting in this step [m/s]; outputs before the step."""
 
-    A: Array
-    """Shape (7, 7)."""
-    B: Array
-    """Shape (7,)."""
-    reading: Array
-    """Row of the sensor's newest low-passed sample [N], shape (7,)."""
-    velocity: Array
-    """Row of the tool's velocity [m/s], shape (7,)."""
-    position: Array
-    """Row of the tool's place along its axis [m], shape (7,)."""
-    force: Array
-    """Row of the exact contact force [N], shape (7,)."""
+    A: Array  #: Shape (7, 7)
+    B: Array  #: Shape (7,)
+    reading: Array  #: Row of the sensor's newest low-passed sample [N], shape (7,)
+    velocity: Array  #: Row of the tool's velocity [m/s], shape (7,)
+    position: Array  #: Row of the tool's place along its axis [m], shape (7,)
+    force: Array  #: Row of the exact contact force [N], shape (7,)
 
 
 def build_plant(setup: Setup) -> Plant:
@@ -190,12 +170,9 @@ class LinearLaw(Protocol):
 class PiLaw(NamedTuple):
     """State space of a filtered PI law on the force reading r: s' = A s + B r, speed = C s + D r."""
 
-    A: Array
-    """Shape (n, n)."""
-    B: Array
-    """Shape (n,)."""
-    C: Array
-    """Shape (n,)."""
+    A: Array  #: Shape (n, n)
+    B: Array  #: Shape (n,)
+    C: Array  #: Shape (n,)
     D: float
 
     def by_force(self, z: Complex) -> Complex:

@@ -16,8 +16,7 @@ from polish_sim.arrays import Array
 from polish_sim.scoring.loop_model import LinearLaw, PiLaw, Setup, build_plant, plant_response
 
 Complex = NDArray[np.complex128]
-NYQUIST = 3141.0
-"""Highest frequency a host at 1 kHz can act at [rad/s]."""
+NYQUIST = 3141.0  #: Highest frequency a host at 1 kHz can act at [rad/s]
 Response = Callable[[Array], Complex]
 """Open loop L(j omega) of an array of frequencies [rad/s]; the closed loop is 1 + L = 0."""
 
@@ -25,25 +24,18 @@ Response = Callable[[Array], Complex]
 class Margins(NamedTuple):
     """How far a stable loop is from its border."""
 
-    gain: float
-    """The loop's gain may grow by this factor [-]."""
-    phase: float
-    """The loop may lag this much more at any crossover [rad]."""
-    delay: float
-    """The loop may be this much later [s]."""
-    crossover: float
-    """Highest frequency at which the loop's gain is one [rad/s]; NaN when it never is."""
-    phase_crossover: float
-    """Frequency at which it would oscillate if the gain grew [rad/s]; NaN when it never would."""
+    gain: float  #: The loop's gain may grow by this factor [-]
+    phase: float  #: The loop may lag this much more at any crossover [rad]
+    delay: float  #: The loop may be this much later [s]
+    crossover: float  #: Highest frequency at which the loop's gain is one [rad/s]; NaN when it never is
+    phase_crossover: float  #: Frequency at which it would oscillate if the gain grew [rad/s]; NaN when it never would
 
 
 class ForceGains(NamedTuple):
     """Gains of a force loop by velocity, and what they leave."""
 
-    p: float
-    """[m/(s N)]"""
-    i: float
-    """[m/(s^2 N)]"""
+    p: float  #: [m/(s N)]
+    i: float  #: [m/(s^2 N)]
     margins: Margins
 
 
@@ -174,10 +166,8 @@ def _largest_gain(shape: Response, lowest: float) -> float:
 
 # Whether a modelled force loop is stable: eigenvalues where the law has a state space, else Nyquist.
 
-Loop = Callable[[Complex], Complex]
-"""Open loop L(z), closed by 1 + L = 0."""
-SLOWEST = 0.2
-"""Modes that grow more slowly count as stable [1/s]."""
+Loop = Callable[[Complex], Complex]  #: Open loop L(z), closed by 1 + L = 0
+SLOWEST = 0.2  #: Modes that grow more slowly count as stable [1/s]
 
 
 def force_loop(setup: Setup, law: LinearLaw) -> Loop:
@@ -282,10 +272,8 @@ SHORTEST_SENSOR_MS = 1
 class Latency(NamedTuple):
     """A total latency and how it is shared."""
 
-    sensor: float
-    """[s]"""
-    command: float
-    """[s]"""
+    sensor: float  #: [s]
+    command: float  #: [s]
 
 
 def share_latency(total: float) -> Latency:

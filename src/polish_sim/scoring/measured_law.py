@@ -42,10 +42,8 @@ AXIS = -1.0  # tool z points down in the base frame
 class MeasuredLaw(NamedTuple):
     """Changes of the answer from step to step after a nudge of one cycle; they must have died away at the end."""
 
-    force: Array
-    """Of the reading [m/(s N)], shape (n,)."""
-    motion: Array
-    """Of the tool's velocity [-], shape (n,)."""
+    force: Array  #: Of the reading [m/(s N)], shape (n,)
+    motion: Array  #: Of the tool's velocity [-], shape (n,)
     settled: bool
     """Whether the law pressed steadily with the wanted force before it was nudged; else this is not its law."""
 

@@ -25,8 +25,7 @@ class Limit(NamedTuple):
 class _Panel(NamedTuple):
     figure: str
     label: str
-    least: float
-    """Smaller values are drawn here: the axis is logarithmic."""
+    least: float  #: Smaller values are drawn here: the axis is logarithmic
 
 
 PANELS: Final = (

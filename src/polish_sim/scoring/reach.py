@@ -10,10 +10,8 @@ from typing import Any, Final, NamedTuple
 from polish_sim.scoring.battery import APPROACH_20, Case, Draw, latency_settings, spring_settings
 from polish_sim.scoring.journal import Row
 
-SPRINGS: Final = (0.2, 0.5, 1.0, 2.0, 5.0)
-"""Real springs by what the controller takes them for [-]."""
-LATENCIES_MS: Final = (2, 4, 8, 12, 20)
-"""Total latencies [ms]."""
+SPRINGS: Final = (0.2, 0.5, 1.0, 2.0, 5.0)  #: Real springs by what the controller takes them for [-]
+LATENCIES_MS: Final = (2, 4, 8, 12, 20)  #: Total latencies [ms]
 
 
 def _grid() -> tuple[Case, ...]:
@@ -59,15 +57,11 @@ class Asked(NamedTuple):
     """A figure and what is asked of it at the worst seed."""
 
     label: str
-    cases: str
-    """Shell pattern of the cases it is asked in."""
-    figure: str
-    """Its name in a row; ``stable`` is asked to be true."""
-    most: float
-    """Largest value that passes; of ``stable`` no meaning."""
+    cases: str  #: Shell pattern of the cases it is asked in
+    figure: str  #: Its name in a row; ``stable`` is asked to be true
+    most: float  #: Largest value that passes; of ``stable`` no meaning
     unit: str
-    published: str = "-"
-    """What the paper reports, or the best published."""
+    published: str = "-"  #: What the paper reports, or the best published
 
     def applies(self, case: str) -> bool:
         """Whether a case is asked for this figure."""
@@ -131,8 +125,7 @@ class Verdict(NamedTuple):
     runs: int
     mean: float | None
     worst: float | None
-    worst_case: str | None
-    """Case and seed of the least good run."""
+    worst_case: str | None  #: Case and seed of the least good run
     met: bool
 
 

@@ -28,10 +28,8 @@ class Score:
     cases: tuple[Case, ...]
     entries: tuple[Entry, ...]
     seeds: int
-    rows: tuple[Row, ...]
-    """In the order of controllers, cases and seeds."""
-    wanted: int
-    """Number of rows there are when all is done."""
+    rows: tuple[Row, ...]  #: In the order of controllers, cases and seeds
+    wanted: int  #: Number of rows there are when all is done
     interrupted: bool
 
     @property

@@ -113,8 +113,7 @@ _FIGURES: Final = (*SHOWN, "mean_error_n", "std_n", "oscillation_n", "peaks_erro
 
 # The score in words and tables: the same cells for the screen and for Markdown.
 
-Table = tuple[list[str], list[list[str]]]
-"""Headings and rows."""
+Table = tuple[list[str], list[list[str]]]  #: Headings and rows
 
 NONE: Final = "-"
 
@@ -268,8 +267,7 @@ def _grid(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 # What each law of a composed controller is worth: the battery with one of them left out at a time.
 
-COMPOSED: Final = "hybrid-adaptive"
-"""The controller whose laws can be left out."""
+COMPOSED: Final = "hybrid-adaptive"  #: The controller whose laws can be left out
 KEY: Final = "controller.adaptive.laws"
 
 _ABLATION_KEYS: Final = {

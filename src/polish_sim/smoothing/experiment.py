@@ -9,10 +9,8 @@ from polish_sim.analysis.claim import PATH_DONE, Claim
 from polish_sim.config import Scenario, SmoothingConfig, SpindleConfig
 from polish_sim.experiments.registry import Experiment, always
 
-TOLERANCE: Final = 0.02e-3
-"""Of the tip in the paper's trial [m]."""
-AXIS_TOLERANCE: Final = math.radians(0.02)
-"""Of the tool axis [rad]."""
+TOLERANCE: Final = 0.02e-3  #: Of the tip in the paper's trial [m]
+AXIS_TOLERANCE: Final = math.radians(0.02)  #: Of the tool axis [rad]
 
 CLAIMS: Final = (
     Claim(

@@ -17,14 +17,11 @@ from polish_sim.motion.rules.schedule import Samples, Schedule, index_schedule, 
 from polish_sim.motion.segment_rates import joint_motion
 
 ORDERS: Final = ("speed", "acceleration", "jerk")
-EDGE: Final = 1e-7
-"""Share of a stretch that is kept from its ends, where the jerk jumps."""
+EDGE: Final = 1e-7  #: Share of a stretch that is kept from its ends, where the jerk jumps
 NODES, STEP_S = 5, 0.01
 """Samples in a stretch of constant tip jerk: their least number, and their largest distance [s]."""
-MANY, FEWEST = 200_000, 2
-"""In a motion of more stretches than this, at least so few samples each."""
-SHORTEST_S = 1e-9
-"""A shorter stretch is rounding where pieces meet, and left out [s]."""
+MANY, FEWEST = 200_000, 2  #: In a motion of more stretches than this, at least so few samples each
+SHORTEST_S = 1e-9  #: A shorter stretch is rounding where pieces meet, and left out [s]
 BLOCK = 100_000
 NPZ, CSV = "trajectory.npz", "trajectory.csv"
 TOOL: Final = ("time_s", "x_m", "y_m", "z_m", "nx", "ny", "nz")
@@ -32,8 +29,7 @@ JOINTS: Final = tuple(f"q{j}_rad" for j in range(1, 7))
 TIP_UNITS: Final = ("m_s", "m_s2", "m_s3")
 TURN_UNITS: Final = ("rad_s", "rad_s2", "rad_s3")
 
-Locate = Callable[[float], dict[str, Any]]
-"""From a time [s] to the tool's place."""
+Locate = Callable[[float], dict[str, Any]]  #: From a time [s] to the tool's place
 
 
 class Peak(NamedTuple):
@@ -46,22 +42,17 @@ class Peak(NamedTuple):
 class MotionPeaks(NamedTuple):
     """Largest values of a motion; each a row of speed, acceleration, jerk."""
 
-    tip: tuple[Peak, ...]
-    """Norms of the tip's derivatives [m/s..]."""
-    axis: tuple[Peak, ...]
-    """Norms of the axis' angular velocity without spin and its derivatives [rad/s..]."""
-    joints: tuple[tuple[Peak, ...], ...]
-    """Of each order the six joints, without sign [rad/s..]; empty without a robot."""
+    tip: tuple[Peak, ...]  #: Norms of the tip's derivatives [m/s..]
+    axis: tuple[Peak, ...]  #: Norms of the axis' angular velocity without spin and its derivatives [rad/s..]
+    joints: tuple[tuple[Peak, ...], ...]  #: Of each order the six joints, without sign [rad/s..]; empty without a robot
 
 
 class Motion(NamedTuple):
     """A motion at n times."""
 
-    times: Array
-    """[s], shape (n,)."""
+    times: Array  #: [s], shape (n,)
     tool: Samples
-    q: Array
-    """Joint angles and three derivatives in time [rad/s^k], shape (4, n, 6); none without a robot: (4, n, 0)."""
+    q: Array  #: Joint angles and three derivatives in time [rad/s^k], shape (4, n, 6); none without a robot: (4, n, 0)
 
     @property
     def tip_rates(self) -> Array:
@@ -157,14 +148,12 @@ class Measured(NamedTuple):
     """A smoothed motion and its measures."""
 
     rule: str
-    chain: Chain
-    """The segments the schedule passes, work frame."""
+    chain: Chain  #: The segments the schedule passes, work frame
     schedule: Schedule
     peaks: MotionPeaks
     deviation: Deviation
     limits: SmoothingLimits
-    plan_s: float
-    """Time the rule took [s]."""
+    plan_s: float  #: Time the rule took [s]
 
 
 def measure_smoothing(

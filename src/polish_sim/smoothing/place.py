@@ -27,25 +27,18 @@ from polish_sim.motion.rules.rule import RULES, Smoothed, part_of
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
 from polish_sim.spatial import apply, transform
 
-FEW = 3
-"""Segments that suffice to have a rule compiled."""
-SAME_M, SAME_RAD = 1e-9, 1e-9
-"""A way point that differs less than this from the one before is left out."""
-HALF_TURN = math.pi - 1e-6
-"""A turn of the tool axis beyond this has no plane of its own [rad]."""
-STEP_M, STEP_RAD = 0.02, 0.1
-"""The reach is checked at least this often on the way between two points."""
+FEW = 3  #: Segments that suffice to have a rule compiled
+SAME_M, SAME_RAD = 1e-9, 1e-9  #: A way point that differs less than this from the one before is left out
+HALF_TURN = math.pi - 1e-6  #: A turn of the tool axis beyond this has no plane of its own [rad]
+STEP_M, STEP_RAD = 0.02, 0.1  #: The reach is checked at least this often on the way between two points
 
 
 class PlacedPath(NamedTuple):
     """A path as smoothing takes it."""
 
-    chain: Chain
-    """Its segments in the work frame."""
-    rows: Indices
-    """Row of the file's path that each of the chain's way points is, shape (segments + 1,)."""
-    arm: Arm | None
-    """The robot before it; None for the tool alone."""
+    chain: Chain  #: Its segments in the work frame
+    rows: Indices  #: Row of the file's path that each of the chain's way points is, shape (segments + 1,)
+    arm: Arm | None  #: The robot before it; None for the tool alone
 
 
 def path_without_robot(points: WayPoints) -> PlacedPath:
@@ -110,12 +103,9 @@ def distinct_rows(points: WayPoints) -> Indices:
 class Way(NamedTuple):
     """Way points with more between them."""
 
-    positions: Array
-    """[m], shape (m, 3)."""
-    axes: Array
-    """Unit tool axes, from the part to the tool, shape (m, 3)."""
-    ends: Indices
-    """The way point each row is, or is on the way to, shape (m,)."""
+    positions: Array  #: [m], shape (m, 3)
+    axes: Array  #: Unit tool axes, from the part to the tool, shape (m, 3)
+    ends: Indices  #: The way point each row is, or is on the way to, shape (m,)
 
 
 def way_between(positions: Array, axes: Array) -> Way:
@@ -191,10 +181,8 @@ class SmoothingTask(NamedTuple):
 
     placed: PlacedPath
     limits: SmoothingLimits
-    tolerance: float
-    """Largest distance of the tip from the path [m]; 0: exact stops at corners."""
-    axis_tolerance: float
-    """Largest angle of the tool axis to its path [rad]."""
+    tolerance: float  #: Largest distance of the tip from the path [m]; 0: exact stops at corners
+    axis_tolerance: float  #: Largest angle of the tool axis to its path [rad]
     feeds: Array | None = None
     """The tip's largest speed on every segment [m/s], infinite where it has none of its own, shape (segments,)."""
 

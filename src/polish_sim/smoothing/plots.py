@@ -24,38 +24,26 @@ SUFFIX: Final = ("/s", "/s²", "/s³")
 COLOURS: Final = (BLUE, ORANGE)
 DEGREES: Final = 180.0 / np.pi
 MICRO: Final = 1e6
-NARROW: Final = 11.0
-"""A figure less wide has no room for facts and legend in one line [inch]."""
+NARROW: Final = 11.0  #: A figure less wide has no room for facts and legend in one line [inch]
 NEAR: Final = 0.4
 """A limit is drawn to scale when the curve reaches this share of it; farther limits are only labelled."""
-SHOWN: Final = 6
-"""Corners in the figure."""
-LEAST_VIEW_M: Final = 5e-6
-"""Half the width of a view is this at least."""
-VIEW: Final = 2.5
-"""Half the width of a view in distances of the corner from the tip."""
-LEAST_TURN: Final = 1e-4
-"""A way point the path turns less at is no corner [rad]."""
-SAMPLES: Final = 1500
-"""Of each way through a view."""
-WINDOW: Final = 12
-"""Way points on either side that a view's path is made of."""
+SHOWN: Final = 6  #: Corners in the figure
+LEAST_VIEW_M: Final = 5e-6  #: Half the width of a view is this at least
+VIEW: Final = 2.5  #: Half the width of a view in distances of the corner from the tip
+LEAST_TURN: Final = 1e-4  #: A way point the path turns less at is no corner [rad]
+SAMPLES: Final = 1500  #: Of each way through a view
+WINDOW: Final = 12  #: Way points on either side that a view's path is made of
 
 
 class Curves(NamedTuple):
     """One rule's rates over time."""
 
     label: str
-    times: Array
-    """[s], shape (n,)."""
-    tip: Array
-    """Norms of the tip's derivatives [m/s..], shape (3, n)."""
-    axis: Array
-    """Norms of the axis' [rad/s..], shape (3, n)."""
-    joints: Array
-    """Joint rates with sign [rad/s..], shape (3, n, 6), or (3, n, 0) without a robot."""
-    deviation: DeviationCurve
-    """Of tip and axis from the path."""
+    times: Array  #: [s], shape (n,)
+    tip: Array  #: Norms of the tip's derivatives [m/s..], shape (3, n)
+    axis: Array  #: Norms of the axis' [rad/s..], shape (3, n)
+    joints: Array  #: Joint rates with sign [rad/s..], shape (3, n, 6), or (3, n, 0) without a robot
+    deviation: DeviationCurve  #: Of tip and axis from the path
 
 
 @styled
@@ -156,18 +144,12 @@ class CornerView(NamedTuple):
     """One corner, flat: x along the old segment, y to the side it turns to, both from the corner [m]."""
 
     name: str
-    path: Array
-    """The way points near, shape (k, 2)."""
-    ways: tuple[Array, ...]
-    """The tip near it, one a rule, each of shape (m, 2)."""
-    tolerance: float
-    """[m]."""
-    vertex: float
-    """Distance of the corner from the tip's way [m]."""
-    contour: float
-    """Largest distance of the tip from the path near the corner [m]."""
-    turn: float
-    """Angle the path turns by [rad]."""
+    path: Array  #: The way points near, shape (k, 2)
+    ways: tuple[Array, ...]  #: The tip near it, one a rule, each of shape (m, 2)
+    tolerance: float  #: [m]
+    vertex: float  #: Distance of the corner from the tip's way [m]
+    contour: float  #: Largest distance of the tip from the path near the corner [m]
+    turn: float  #: Angle the path turns by [rad]
 
 
 class Way(NamedTuple):
@@ -175,10 +157,8 @@ class Way(NamedTuple):
 
     chain: Chain
     schedule: Schedule
-    distances: Array
-    """[m], shape (n + 1,)."""
-    times: Array
-    """[s], shape (n + 1,)."""
+    distances: Array  #: [m], shape (n + 1,)
+    times: Array  #: [s], shape (n + 1,)
 
 
 def way_past(raw: Chain, chain: Chain, schedule: Schedule) -> Way:

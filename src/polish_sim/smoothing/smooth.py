@@ -33,18 +33,15 @@ from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_path
 from polish_sim.spatial import transform
 
 PLAYED = 2
-AFTER_S = 0.2
-"""Time at the last point [s]."""
+AFTER_S = 0.2  #: Time at the last point [s]
 _NEAR = np.array([2.6, -1.6, 1.8, -1.6, -1.4, -2.1])  # elbow up, the spindle clear of the arm [rad]
 
 
 class SmoothTask(NamedTuple):
     """A path, the robot before it, and how fast both may move."""
 
-    chain: Chain
-    """Way points as given, in the arm's work frame."""
-    marks: Array
-    """Arc length at the way points [m], shape (segments + 1,)."""
+    chain: Chain  #: Way points as given, in the arm's work frame
+    marks: Array  #: Arc length at the way points [m], shape (segments + 1,)
     arm: Arm
     limits: SmoothingLimits
 
@@ -99,10 +96,8 @@ class RulePlay(NamedTuple):
     """A path played with one rule, one row a step of the simulation."""
 
     rule: str
-    time: Array
-    """[s], shape (n,)."""
-    place: Array
-    """Arc length of the path the targets are at [m], shape (n,)."""
+    time: Array  #: [s], shape (n,)
+    place: Array  #: Arc length of the path the targets are at [m], shape (n,)
     targets: JointRates
     played: Played
 

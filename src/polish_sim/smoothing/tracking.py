@@ -16,16 +16,11 @@ from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, new_figure, styled
 from polish_sim.arrays import Array, Indices
 
-REFERENCE = "joint-acceleration"
-"""The rule the others are compared with."""
-AROUND_S = 0.03
-"""Time before and after a jerk peak that belongs to it [s]."""
-APART_S = 0.05
-"""Between two peaks, at least [s]."""
-HIGH = 0.8
-"""Share of the largest jerk that counts as a peak where none breaks the limit."""
-RULES: Final = {"joint-acceleration": ORANGE, "joint-jerk": GREEN, "certified": BLUE}
-"""Names and colours."""
+REFERENCE = "joint-acceleration"  #: The rule the others are compared with
+AROUND_S = 0.03  #: Time before and after a jerk peak that belongs to it [s]
+APART_S = 0.05  #: Between two peaks, at least [s]
+HIGH = 0.8  #: Share of the largest jerk that counts as a peak where none breaks the limit
+RULES: Final = {"joint-acceleration": ORANGE, "joint-jerk": GREEN, "certified": BLUE}  #: Names and colours
 JOINT_NAMES: Final = ("shoulder pan", "shoulder lift", "elbow", "wrist 1", "wrist 2", "wrist 3")
 TICKS: Final = tuple(name.replace(" ", "\n") for name in JOINT_NAMES)
 
@@ -34,26 +29,19 @@ class PlayedRule(NamedTuple):
     """A path played with one rule; rows of n equal steps of time."""
 
     rule: str
-    time: Array
-    """[s], shape (n,)."""
-    place: Array
-    """Arc length of the path the targets are at [m], shape (n,)."""
-    error: Array
-    """Target less joint position [rad], shape (n, 6)."""
-    jerk: Array
-    """Third derivative of the targets [rad/s^3], shape (n, 6)."""
+    time: Array  #: [s], shape (n,)
+    place: Array  #: Arc length of the path the targets are at [m], shape (n,)
+    error: Array  #: Target less joint position [rad], shape (n, 6)
+    jerk: Array  #: Third derivative of the targets [rad/s^3], shape (n, 6)
 
 
 class AtPeak(NamedTuple):
     """Tracking error of one joint where the reference rule's jerk peaks."""
 
     joint: int
-    place: float
-    """Where on the path [m]."""
-    reference: float
-    """Largest error there with the reference rule [rad]."""
-    error: float
-    """Largest error on the same stretch of path with the other rule [rad]."""
+    place: float  #: Where on the path [m]
+    reference: float  #: Largest error there with the reference rule [rad]
+    error: float  #: Largest error on the same stretch of path with the other rule [rad]
 
     @property
     def reduction(self) -> float:

@@ -21,12 +21,9 @@ Array = NDArray[np.float64]
 TRIAL_LIMITS = SmoothingLimits(joint_acceleration=six(3.0))
 """The paper's limits of the tool; of the joints such as just bind on this path, as the lost ones did on the paper's."""
 
-LENGTH = 0.535
-"""Of the whole path [m]."""
-DOME = 0.3
-"""Radius of the dome the tool stands square to [m]."""
-TOP = (0.45, 0.0, 0.2)
-"""Its highest point in the base frame [m]."""
+LENGTH = 0.535  #: Of the whole path [m]
+DOME = 0.3  #: Radius of the dome the tool stands square to [m]
+TOP = (0.45, 0.0, 0.2)  #: Its highest point in the base frame [m]
 _LEGS = (30.0, 15.0, 25.0, 20.0, 18.0, 25.75)  # of one arm, as drawn [mm]
 _TURNS = (60.0, -45.0, 90.0, -60.0, 75.0, -30.0)  # after each leg, 90 in all [deg]
 _TOOL = 0.15  # of the tool point before the flange [m]
@@ -36,10 +33,8 @@ _HOME = (0.0, -2.0, 2.0, -1.6, -1.6, 0.0)
 class TrialPath(NamedTuple):
     """Way points in the base frame."""
 
-    tips: Array
-    """[m], shape (25, 3)."""
-    rotations: Array
-    """R_base_tool, z into the part, shape (25, 3, 3)."""
+    tips: Array  #: [m], shape (25, 3)
+    rotations: Array  #: R_base_tool, z into the part, shape (25, 3, 3)
 
 
 def trial_path() -> TrialPath:

@@ -25,10 +25,8 @@ from polish_sim.spatial import apply
 from polish_sim.tables import csv_text
 
 LEAST_POSES = 20
-FOLDS = 5
-"""Parts of the poses that are predicted from the others in turn."""
-USUAL_NOISE = 3e-5
-"""Of a laser tracker, per coordinate [m]."""
+FOLDS = 5  #: Parts of the poses that are predicted from the others in turn
+USUAL_NOISE = 3e-5  #: Of a laser tracker, per coordinate [m]
 _PLACEMENT = 9
 ARM: Final = Kind(
     "arm",
@@ -37,43 +35,33 @@ ARM: Final = Kind(
     "transform, the follower's base in the master's, which goes with them. `pair` names the two robots it is true for. "
     "true_...: of simulated robots only.",
 )
-FAR_M, FAR_RAD = 0.01, 0.02
-"""No built UR5e is farther off its table than this [m], [rad]."""
+FAR_M, FAR_RAD = 0.01, 0.02  #: No built UR5e is farther off its table than this [m], [rad]
 JOINTS_RAD = tuple(f"q{k}_rad" for k in range(1, 7))
 JOINTS_DEG = tuple(f"q{k}_deg" for k in range(1, 7))
-TURNS = 2.0
-"""No joint of a UR5e turns farther, so that a larger angle is in degrees [full turns]."""
+TURNS = 2.0  #: No joint of a UR5e turns farther, so that a larger angle is in degrees [full turns]
 
 
 class TrackedArm(NamedTuple):
     """Poses of one arm and where a tracker saw the target on its flange."""
 
-    q: Array
-    """Joint angles as read [rad], shape (n, 6)."""
-    seen: Array
-    """Target, tracker frame [m], shape (n, 3)."""
+    q: Array  #: Joint angles as read [rad], shape (n, 6)
+    seen: Array  #: Target, tracker frame [m], shape (n, 3)
 
 
 class Tolerance(NamedTuple):
     """How far a built arm may be from its table, standard deviations."""
 
-    length: float = 5e-4
-    """Of d and a [m]."""
-    angle: float = float(np.radians(0.02))
-    """Of joint offsets and alpha [rad]."""
+    length: float = 5e-4  #: Of d and a [m]
+    angle: float = float(np.radians(0.02))  #: Of joint offsets and alpha [rad]
 
 
 class ArmEstimate(NamedTuple):
     """An arm as calibrated, or as built."""
 
-    table: Array
-    """Shape (4, 6)."""
-    T_tracker_base: Array
-    """Shape (4, 4)."""
-    target: Array
-    """On the flange [m], shape (3,)."""
-    residuals: Array
-    """Seen minus predicted [m], shape (n, 3)."""
+    table: Array  #: Shape (4, 6)
+    T_tracker_base: Array  #: Shape (4, 4)
+    target: Array  #: On the flange [m], shape (3,)
+    residuals: Array  #: Seen minus predicted [m], shape (n, 3)
     base_covariance: Array
     """Of the base's origin [m] and rotation [rad], tracker axes, whatever the table is, shape (6, 6)."""
 
@@ -243,16 +231,11 @@ def residual_rms(arms: list[ArmEstimate]) -> float:
 class CalibratedArms(NamedTuple):
     """Two arms on file."""
 
-    tables: Mapping[str, Array]
-    """Robot by robot, each (4, 6)."""
-    T_master_follower: Array
-    """Shape (4, 4)."""
-    covariance: Array
-    """Of its origin [m] and rotation [rad], master axes, shape (6, 6)."""
-    true_tables: Mapping[str, Array] | None
-    """As the arms really are, if they are simulated."""
-    T_true: Array | None
-    """Where the follower's base really is then, shape (4, 4)."""
+    tables: Mapping[str, Array]  #: Robot by robot, each (4, 6)
+    T_master_follower: Array  #: Shape (4, 4)
+    covariance: Array  #: Of its origin [m] and rotation [rad], master axes, shape (6, 6)
+    true_tables: Mapping[str, Array] | None  #: As the arms really are, if they are simulated
+    T_true: Array | None  #: Where the follower's base really is then, shape (4, 4)
 
 
 def write_arm_calibration(file: Path, found: PairTables, pair: str, true: PairTables | None = None) -> None:

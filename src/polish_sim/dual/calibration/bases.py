@@ -37,30 +37,22 @@ class Group(NamedTuple):
     """Points measured together and their residuals."""
 
     name: str
-    points: Array
-    """[m], shape (n, 3)."""
-    residuals: Array
-    """Distance of each from the fit [m], shape (n,)."""
-    used: Bools
-    """Shape (n,)."""
+    points: Array  #: [m], shape (n, 3)
+    residuals: Array  #: Distance of each from the fit [m], shape (n,)
+    used: Bools  #: Shape (n,)
 
 
 class BaseCalibration(NamedTuple):
     """The follower's base in the master's, and the fits it rests on."""
 
-    T_master_follower: Array
-    """Shape (4, 4)."""
-    covariance: Array
-    """Of its origin [m] and rotation [rad], master axes, shape (6, 6)."""
-    noise: float
-    """Standard deviation of one coordinate of one measurement [m]."""
+    T_master_follower: Array  #: Shape (4, 4)
+    covariance: Array  #: Of its origin [m] and rotation [rad], master axes, shape (6, 6)
+    noise: float  #: Standard deviation of one coordinate of one measurement [m]
     groups: tuple[Group, ...]
     bases: Mapping[str, tuple[Array, Array]] = MappingProxyType({})
     """T_tracker_base and its covariance, robot by robot; empty where no tracker was used."""
-    circles: Mapping[str, tuple[Circle, ...]] = MappingProxyType({})
-    """Circles of axes 1 and 2, robot by robot."""
-    frames: Mapping[str, BaseFrame] = MappingProxyType({})
-    """The bases with the gap between their axes, robot by robot."""
+    circles: Mapping[str, tuple[Circle, ...]] = MappingProxyType({})  #: Circles of axes 1 and 2, robot by robot
+    frames: Mapping[str, BaseFrame] = MappingProxyType({})  #: The bases with the gap between their axes, robot by robot
 
 
 class BaseMeasurements(Protocol):
@@ -127,10 +119,8 @@ class TrackedPoses:
 class Handshake:
     """Points both tools touched, as each robot says where its tip was; no tracker."""
 
-    points_master: Array
-    """Master base [m], shape (n, 3)."""
-    points_follower: Array
-    """Follower base [m], shape (n, 3)."""
+    points_master: Array  #: Master base [m], shape (n, 3)
+    points_follower: Array  #: Follower base [m], shape (n, 3)
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """The follower's base in the master's; the noise is that of both touches together."""
@@ -157,12 +147,9 @@ def _between(bases: Mapping[str, tuple[Array, Array]], noise: float, groups: lis
 class CalibratedBases(NamedTuple):
     """Where the follower's base is."""
 
-    T_master_follower: Array
-    """Shape (4, 4)."""
-    covariance: Array
-    """Of its origin [m] and rotation [rad], master axes, shape (6, 6)."""
-    T_true: Array | None = None
-    """Where it really is, if the measurements were simulated, shape (4, 4)."""
+    T_master_follower: Array  #: Shape (4, 4)
+    covariance: Array  #: Of its origin [m] and rotation [rad], master axes, shape (6, 6)
+    T_true: Array | None = None  #: Where it really is, if the measurements were simulated, shape (4, 4)
 
 
 def base_figures(found: BaseCalibration) -> dict[str, Any]:

@@ -23,17 +23,12 @@ from polish_sim.motion.kinematics import DH_A, DH_D
 from polish_sim.spatial import transform, unit
 
 LEAST_POINTS = 6
-LEAST_ARC = np.radians(30.0)
-"""Shortest arc that is accepted; 120 deg and more are good [rad]."""
+LEAST_ARC = np.radians(30.0)  #: Shortest arc that is accepted; 120 deg and more are good [rad]
 GOOD_ARC = np.radians(119.0)
-LEAST_AXES_ANGLE = np.radians(5.0)
-"""Least angle between the two axes [rad]."""
-SQUARE_TOLERANCE = np.radians(2.0)
-"""How far axes 1 and 2 may be from square, as they are on a UR5e [rad]."""
-LARGEST_GAP = 5e-3
-"""How far axes 1 and 2 of one arm may miss each other [m]; on a UR5e they meet."""
-RADIUS_SLACK = 0.35
-"""How far the target may be from the flange [m], when radii are compared with the arm's."""
+LEAST_AXES_ANGLE = np.radians(5.0)  #: Least angle between the two axes [rad]
+SQUARE_TOLERANCE = np.radians(2.0)  #: How far axes 1 and 2 may be from square, as they are on a UR5e [rad]
+LARGEST_GAP = 5e-3  #: How far axes 1 and 2 of one arm may miss each other [m]; on a UR5e they meet
+RADIUS_SLACK = 0.35  #: How far the target may be from the flange [m], when radii are compared with the arm's
 _STEP = 1e-5
 
 
@@ -41,22 +36,15 @@ _STEP = 1e-5
 class Circle:
     """A circle in space and the axis it was run about."""
 
-    center: Array
-    """[m], shape (3,)."""
+    center: Array  #: [m], shape (3,)
     frame: Array
     """Columns u, v in the plane and the axis n, about which the points run in the positive sense, shape (3, 3)."""
-    radius: float
-    """[m]"""
-    covariance: Array
-    """Of the centre [m] and the tilt of the axis towards u and v [rad], shape (5, 5)."""
-    noise: float
-    """Standard deviation of one coordinate of a point [m]."""
-    residuals: Array
-    """Distance of each point along the radius and the axis [m], shape (n, 2)."""
-    used: Bools
-    """Which points it rests on, shape (n,)."""
-    arc: float
-    """How far around the points go [rad]."""
+    radius: float  #: [m]
+    covariance: Array  #: Of the centre [m] and the tilt of the axis towards u and v [rad], shape (5, 5)
+    noise: float  #: Standard deviation of one coordinate of a point [m]
+    residuals: Array  #: Distance of each point along the radius and the axis [m], shape (n, 2)
+    used: Bools  #: Which points it rests on, shape (n,)
+    arc: float  #: How far around the points go [rad]
 
     @property
     def axis(self) -> Array:
@@ -175,14 +163,10 @@ def _problem(points: Array) -> Problem[_Shape]:
 class BaseFrame(NamedTuple):
     """A robot's base as the tracker sees it."""
 
-    T: Array
-    """T_tracker_base [m], shape (4, 4)."""
-    covariance: Array
-    """Of the origin's displacement [m] and a small rotation [rad], tracker axes, shape (6, 6)."""
-    gap: float
-    """Distance between the two axes [m]; 0 on a perfect UR5e."""
-    meets: bool
-    """Whether it was used that the axes meet and are square."""
+    T: Array  #: T_tracker_base [m], shape (4, 4)
+    covariance: Array  #: Of the origin's displacement [m] and a small rotation [rad], tracker axes, shape (6, 6)
+    gap: float  #: Distance between the two axes [m]; 0 on a perfect UR5e
+    meets: bool  #: Whether it was used that the axes meet and are square
 
 
 def base_from_circles(first: Circle, second: Circle) -> BaseFrame:

@@ -11,10 +11,8 @@ from polish_sim.errors import CalibrationError
 from polish_sim.spatial import apply, inverse, skew, transform
 
 LEAST_POINTS = 3
-LEAST_WIDTH = 0.02
-"""Least width of the points across their longest direction, as a share of it."""
-LARGEST_STRETCH = 0.02
-"""How far the same distances may differ in both frames, as a share."""
+LEAST_WIDTH = 0.02  #: Least width of the points across their longest direction, as a share of it
+LARGEST_STRETCH = 0.02  #: How far the same distances may differ in both frames, as a share
 
 
 def fit_frame(points_a: Array, points_b: Array, noise: float | None = None, used: Bools | None = None) -> Fit[Array]:

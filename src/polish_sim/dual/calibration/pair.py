@@ -22,12 +22,10 @@ from polish_sim.calibration.fit import Problem, solve
 from polish_sim.dual.calibration.matched_points import check_matched, kabsch, moved_frame, point_slopes
 from polish_sim.spatial import apply
 
-SOURCES: Final = ("bases", "tool", "part", "closing")
-"""Groups of measurements, each with its own noise."""
+SOURCES: Final = ("bases", "tool", "part", "closing")  #: Groups of measurements, each with its own noise
 INSTRUMENTS: Final = {"bases": "tracker", "tool": "touches", "part": "touches", "closing": "touches"}
 """What each source is measured with."""
-LEAST_NOISE: Final = 1e-9
-"""Smaller standard deviations are taken as this [m], [rad]: rounding is not much below."""
+LEAST_NOISE: Final = 1e-9  #: Smaller standard deviations are taken as this [m], [rad]: rounding is not much below
 BASES, TIP, PART = slice(0, 6), slice(6, 9), slice(9, 15)
 """Places of the unknowns: displacement and small turn of the follower's base (master axes) and of the part (flange
 axes), displacement of the tip between them."""
@@ -36,40 +34,28 @@ axes), displacement of the tip between them."""
 class PairParts(NamedTuple):
     """Bases, tool and part as found one by one, each with its covariance."""
 
-    T_master_follower: Array
-    """The follower's base in the master's, shape (4, 4)."""
-    bases_covariance: Array
-    """Of its origin [m] and a small rotation [rad], master axes, shape (6, 6)."""
-    tip: Array
-    """The tool's tip on the follower's flange [m], shape (3,)."""
-    tip_covariance: Array
-    """Flange axes [m^2], shape (3, 3)."""
-    marks_flange: Array
-    """Marks of the part on the master's flange [m], shape (k, 3)."""
-    marks_covariance: Array
-    """Flange axes [m^2], shape (k, 3, 3)."""
+    T_master_follower: Array  #: The follower's base in the master's, shape (4, 4)
+    bases_covariance: Array  #: Of its origin [m] and a small rotation [rad], master axes, shape (6, 6)
+    tip: Array  #: The tool's tip on the follower's flange [m], shape (3,)
+    tip_covariance: Array  #: Flange axes [m^2], shape (3, 3)
+    marks_flange: Array  #: Marks of the part on the master's flange [m], shape (k, 3)
+    marks_covariance: Array  #: Flange axes [m^2], shape (k, 3, 3)
 
 
 class ClosingTouches(NamedTuple):
     """The follower's tip brought to marks of the part the master holds; flange poses as the robots say them."""
 
-    T_master_flange: Array
-    """Of the master in its base, shape (n, 4, 4)."""
-    T_follower_flange: Array
-    """Of the follower in its base, shape (n, 4, 4)."""
-    mark: Indices
-    """Which mark was touched, shape (n,)."""
+    T_master_flange: Array  #: Of the master in its base, shape (n, 4, 4)
+    T_follower_flange: Array  #: Of the follower in its base, shape (n, 4, 4)
+    mark: Indices  #: Which mark was touched, shape (n,)
 
 
 class PairAdjustment(NamedTuple):
     """Bases, tool and part that agree best with everything measured."""
 
-    T_master_follower: Array
-    """Shape (4, 4)."""
-    tip: Array
-    """On the follower's flange [m], shape (3,)."""
-    T_flange_work: Array
-    """The part on the master's flange, shape (4, 4)."""
+    T_master_follower: Array  #: Shape (4, 4)
+    tip: Array  #: On the follower's flange [m], shape (3,)
+    T_flange_work: Array  #: The part on the master's flange, shape (4, 4)
     informations: Mapping[str, Array]
     """Information of each of `SOURCES` on the 15 unknowns, (15, 15) each; they add up."""
 

@@ -31,10 +31,8 @@ from polish_sim.errors import CalibrationError, InputError
 from polish_sim.spatial import transform
 from polish_sim.tables import csv_text
 
-LEAST_MOVE = 5e-3
-"""Shortest move that gives a direction [m]."""
-LEAST_SINE = 0.1
-"""Least sine of the angle between the two moves."""
+LEAST_MOVE = 5e-3  #: Shortest move that gives a direction [m]
+LEAST_SINE = 0.1  #: Least sine of the angle between the two moves
 TCP: Final = Kind(
     "tcp",
     "a tool frame",
@@ -108,12 +106,9 @@ def _problem(touches: ToolTouches) -> Problem[Array]:
 class ToolOrientation(NamedTuple):
     """How the tool stands on the flange."""
 
-    R_flange_tool: Array
-    """Shape (3, 3)."""
-    covariance: Array
-    """Of a small rotation about the tool's axes [rad^2], shape (3, 3)."""
-    residuals: Array
-    """Measured minus fitted points, flange axes [m], shape (m, 3); zero for three points."""
+    R_flange_tool: Array  #: Shape (3, 3)
+    covariance: Array  #: Of a small rotation about the tool's axes [rad^2], shape (3, 3)
+    residuals: Array  #: Measured minus fitted points, flange axes [m], shape (m, 3); zero for three points
 
 
 def tip_positions_flange(T_base_flange: Array, point_flange: Array) -> Array:

@@ -24,10 +24,8 @@ TOOL_DOWN = np.diag([1.0, -1.0, -1.0])
 LEAST_TOUCHES = 4
 LEAST_SPREAD = 0.05
 """Least square root of an eigenvalue of M [-]: poses that differ by about 3 deg rms about some direction."""
-SUSPECT = 2e-3
-"""Touches with smaller residuals are not suspected [m]."""
-LARGEST_LEFT = 5e-3
-"""No touches by hand miss by more than this [m]."""
+SUSPECT = 2e-3  #: Touches with smaller residuals are not suspected [m]
+LARGEST_LEFT = 5e-3  #: No touches by hand miss by more than this [m]
 _BETTER = 0.1
 
 
@@ -35,8 +33,7 @@ _BETTER = 0.1
 class ToolTouches:
     """Touches of one fixed point with the tip of the tool, in different orientations."""
 
-    T_base_flange: Array
-    """Pose of the flange at each touch [m], shape (n, 4, 4)."""
+    T_base_flange: Array  #: Pose of the flange at each touch [m], shape (n, 4, 4)
 
     def __post_init__(self) -> None:
         check_poses(self.T_base_flange, "touch")
