@@ -157,11 +157,7 @@ def arm(given: Given) -> int:
 
 
 def refuse_beside_data(given: Given, *simulated: str) -> None:
-    """Refuse options of a simulated measurement beside a real one.
-
-    Raises:
-        InputError: Naming them.
-    """
+    """Refuse, by name, options of a simulated measurement beside a real one."""
     idle = [name for name in simulated if given[name] is not None]
     if given["--data"] is not None and idle:
         raise InputError(leave_out(idle, "would change nothing with --data"))

@@ -90,11 +90,7 @@ class Request:
 
 
 def run_and_show(request: Request, folder: Path, check: bool) -> int:
-    """Score, write the folder, which is locked, and print the tables.
-
-    Returns:
-        The exit code: 1 only with ``check``; 130 when it was interrupted.
-    """
+    """Score, write the locked folder, print the tables; returns 1 only with ``check``, 130 if it was interrupted."""
     from polish_sim.scoring import BATTERY_ASKED, REACH, judge
 
     console.note(f"folder: {folder} (the same command with --out {folder} continues a score that was broken off)")
@@ -238,16 +234,9 @@ def png_of(figure: Figure) -> bytes:
 def open_folder(out: Path | None, asked: Mapping[str, Any], overwrite: bool = False) -> Iterator[Path]:
     """Make the folder of a score, or take up one that the same score has begun, and keep others out while it is filled.
 
-    Args:
-        out: The folder asked for; None means a new ``results/score/<yyyymmdd-hhmmss>``.
-        asked: What the score is of, by name: only the same one is continued.
-        overwrite: Whether another score may be replaced.
-
-    Yields:
-        The folder, existing and locked.
-
-    Raises:
-        InputError: If it holds something else, another score is at work there, or it cannot be written.
+    ``out`` None means a new ``results/score/<yyyymmdd-hhmmss>``; ``asked``: what the score is of, by name: only the
+    same one is continued, unless ``overwrite``. Raises InputError if the folder holds something else, is in use, or not
+    writable.
     """
     from polish_sim.scoring import locked
 

@@ -110,19 +110,8 @@ def smooth(path: PathFile, given: Given) -> None:
 
 
 def smooth_file(request: SmoothRequest, folder: Path, observer: PlanObserver) -> tuple[dict[str, Any], list[str]]:
-    """Read a path, smooth it, measure the motion and write all files into a folder.
-
-    Args:
-        request: What was asked for.
-        folder: An existing folder.
-        observer: Hears of the progress.
-
-    Returns:
-        The figures and the notes.
-
-    Raises:
-        PolishSimError: The path or the limits cannot be used, or no motion keeps to them; says where.
-    """
+    """Read a path, smooth it, measure the motion and write all files into an existing folder; returns figures and
+    notes."""
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
     from polish_sim.exchange import read_way_points
     from polish_sim.experiments.report import save_plots

@@ -21,15 +21,7 @@ SHOWN_SHARE = 0.15
 
 @styled
 def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
-    """Draw speed, tracking error and the tool point's way round the circle.
-
-    Args:
-        record: A run of ``arc``.
-        circle: The commanded circle.
-
-    Returns:
-        The figure.
-    """
+    """Draw speed, tracking error and the tool point's way round the commanded circle."""
     figure = new_figure(10.0, 5.0)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
     speed, error = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
@@ -56,15 +48,7 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
 
 @styled
 def plot_arc_runs(records: Sequence[RunRecord], circle: Circle = PAPER_ARC) -> Figure:
-    """Draw the tracking error of several runs over the way round the circle.
-
-    Args:
-        records: Runs of ``arc``.
-        circle: The commanded circle.
-
-    Returns:
-        The figure.
-    """
+    """Draw the tracking error of several runs over the way round the commanded circle."""
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
     for index, record in enumerate(records):

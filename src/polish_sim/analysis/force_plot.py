@@ -21,14 +21,7 @@ _BEFORE_S, _LONGEST_S = 0.5, 6.0
 
 @styled
 def plot_force(record: RunRecord) -> Figure:
-    """Draw exact and measured force from just before first contact, the ±3 N band, and where the force settles.
-
-    Args:
-        record: A run of ``force``.
-
-    Returns:
-        The figure.
-    """
+    """Draw exact and measured force from just before first contact, the ±3 N band, and where the force settles."""
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
     target = record.scenario.process.contact_force_n
@@ -48,14 +41,7 @@ def plot_force(record: RunRecord) -> Figure:
 
 @styled
 def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
-    """Draw the force responses of several runs over each other.
-
-    Args:
-        records: Runs of ``force``: different controllers, or different seeds of one.
-
-    Returns:
-        The figure.
-    """
+    """Draw the force responses of several runs, different controllers or seeds, over each other."""
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
     targets = sorted({record.scenario.process.contact_force_n for record in records})

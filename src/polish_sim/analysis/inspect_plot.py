@@ -35,12 +35,7 @@ COMMENT = (
 
 
 def write_coverage_mesh(file: Path, found: Inspection) -> None:
-    """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_s, strict and hollow.
-
-    Args:
-        file: Where to.
-        found: What was measured.
-    """
+    """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_s, strict and hollow."""
     mesh, quality = found.ground.mesh, found.quality
     hollow = hollow_vertices(found)
     vertices = np.zeros(
@@ -116,14 +111,7 @@ class _View(NamedTuple):
 
 @styled
 def plot_maps(found: Inspection) -> Figure:
-    """Draw time under the pad, coverage, and hollows against the pad, seen from above.
-
-    Args:
-        found: What was measured.
-
-    Returns:
-        The figure.
-    """
+    """Draw time under the pad, coverage, and hollows against the pad, seen from above."""
     view = _look(found)
     wide = (view.extent[1] - view.extent[0]) >= 1.2 * (view.extent[3] - view.extent[2])
     figure = new_figure(15.0, 4.6 if wide else 5.4)
@@ -148,14 +136,7 @@ def plot_maps(found: Inspection) -> Figure:
 
 @styled
 def plot_distributions(found: Inspection) -> Figure:
-    """Draw the distances between turns, the time under the pad over the area, and the tool axis' rate along the path.
-
-    Args:
-        found: What was measured.
-
-    Returns:
-        The figure.
-    """
+    """Draw distances between turns, time under the pad over the area, and the tool axis' rate along the path."""
     figure = new_figure(13.0, 4.2)
     spacing, time, rate = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.5))
     _draw_spacing(spacing, found)

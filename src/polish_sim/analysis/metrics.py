@@ -31,15 +31,9 @@ def first_contact(force: Array) -> int | None:
 
 
 def settling_time(time: Array, error: Array, band: float) -> float:
-    """Time from the first sample to the moment after which the error stays inside a band.
+    """Time from the first sample, e.g. first contact, to the moment after which an error stays inside ± a band.
 
-    Args:
-        time: Time [s], shape (n,); the first sample is the event, e.g. first contact.
-        error: Signal minus its target, shape (n,).
-        band: Half-width of the band, in the unit of ``error``; its edge is inside.
-
-    Returns:
-        The time [s], 0 when the error never leaves the band, NaN when it is outside at the last sample or n = 0.
+    0 if it never leaves the band, NaN if it is outside at the last sample or there is none.
     """
     outside = np.flatnonzero(~(np.abs(error) <= band))
     if len(time) == 0 or (len(outside) and outside[-1] == len(time) - 1):
@@ -56,16 +50,7 @@ def rise_time(time: Array, value: Array, target: float) -> float:
 
 
 def moving_average(time: Array, value: Array, window: float) -> Array:
-    """Mean over a sliding time window, whole windows only.
-
-    Args:
-        time: Evenly spaced time [s], shape (n,).
-        value: Signal, shape (n,).
-        window: Length of the window [s].
-
-    Returns:
-        Means, shape (n - k + 1,) with k samples to a window; empty when the signal is shorter than the window.
-    """
+    """Mean over a sliding window [s], whole windows only: (n - k + 1,) for n evenly spaced samples, k to a window."""
     if len(time) < 2:
         return np.empty(0)
     samples = max(1, round(window / float(np.median(np.diff(time)))))
@@ -119,14 +104,9 @@ PAPER_ARC = Circle((0.0, -0.52, 0.0), (math.sqrt(0.5), math.sqrt(0.5), 0.0), 0.1
 def measure_arc(trace: Trace, circle: Circle = PAPER_ARC) -> Figures:
     """Measure how well the tool point follows a circle, from 1 s after the feed's start to where the target brakes.
 
-    Args:
-        trace: The run.
-        circle: The commanded circle.
-
-    Returns:
-        tracking_error_max_m and _rms_m: distance from the tool point to the circle (as a curve, whatever the time);
-        speed_mean_m_s; speed_max_deviation_m_s: largest difference of the 50 ms average of the speed from the
-        commanded feed; orientation_error_max_rad.
+    tracking_error_max_m and _rms_m: distance from the tool point to the circle (as a curve, whatever the time);
+    speed_mean_m_s; speed_max_deviation_m_s: largest difference of the 50 ms average of the speed from the commanded
+    feed; orientation_error_max_rad.
     """
     part = steady_feed(trace.phase == PROCESS, trace.time_s, trace.path_s_m)
     time, speed = trace.time_s[part], trace.tcp_speed_m_s[part]
@@ -144,15 +124,10 @@ def measure_arc(trace: Trace, circle: Circle = PAPER_ARC) -> Figures:
 def measure_force(trace: Trace, contact_force: float) -> Figures:
     """Measure the step response of the contact force, from first contact (force above 0.5 N) to the retract.
 
-    Args:
-        trace: The run.
-        contact_force: The force to hold [N].
-
-    Returns:
-        contact_time_s: moment of first contact; rise_time_s: from 10% to 90% of the set force;
-        settling_time_3n_s, settling_time_1n_s: from first contact to the moment after which the force stays inside
-        the band, undefined if the run ended within 0.5 s of contact; overshoot_n: largest excess over the set force,
-        0 if none; steady_*: from 0.5 s after contact on.
+    contact_time_s: moment of first contact; rise_time_s: from 10% to 90% of the set force; settling_time_3n_s,
+    settling_time_1n_s: from first contact to the moment after which the force stays inside the band, undefined if the
+    run ended within 0.5 s of contact; overshoot_n: largest excess over the set force, 0 if none; steady_*: from 0.5 s
+    after contact on.
     """
     held = trace.phase < RETRACT
     time, force = trace.time_s[held], trace.normal_force_n[held]
@@ -173,21 +148,15 @@ def measure_force(trace: Trace, contact_force: float) -> Figures:
 
 
 def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figures:
-    """Measure force and path while the tool is fed along the part (phase 2 only).
+    """Measure force and path while the tool is fed along the part (phase 2 only); ``contact_force`` where the path
+    names none.
 
-    Args:
-        trace: The run.
-        plan: The path that was run; ``trace.path_s_m`` counts along its ``s``.
-        contact_force: The force to hold where the path names none [N].
-
-    Returns:
-        Errors are against the force wanted at that place of the path. force_mean_n, force_rms_error_n,
-        force_max_deviation_n; force_within_4n, force_within_1n: shares of the time;
-        force_error_median_n, force_error_p95_n: of the error's magnitude; contact_lost_s: time below 0.5 N;
-        tracking_error_max_m: across the tool axis; speed_mean_m_s, speed_std_m_s; cycle_time_s: duration of the feed;
-        curvature_peaks: how many, see ``peaks.curvature_peaks``; force_error_at_peaks_n: mean over the peaks of the
-        largest error within 15 mm of the peak; force_error_between_peaks_n: the same for equally long stretches
-        away from them.
+    Errors are against the force wanted at that place of the path. force_mean_n, force_rms_error_n,
+    force_max_deviation_n; force_within_4n, force_within_1n: shares of the time; force_error_median_n,
+    force_error_p95_n: of the error's magnitude; contact_lost_s: time below 0.5 N; tracking_error_max_m: across the tool
+    axis; speed_mean_m_s, speed_std_m_s; cycle_time_s: duration of the feed; curvature_peaks: how many, see
+    ``peaks.curvature_peaks``; force_error_at_peaks_n: mean over the peaks of the largest error within 15 mm of the
+    peak; force_error_between_peaks_n: the same for equally long stretches away from them.
     """
     part = trace.phase == PROCESS
     time, force, path_s = trace.time_s[part], trace.normal_force_n[part], trace.path_s_m[part]
@@ -223,13 +192,7 @@ def distance_to_circle(points: Array, circle: Circle) -> Array:
 
 
 def steady_feed(fed: Bools, time: Array, path_s: Array) -> Bools:
-    """Rows after the ramp-up and before the target last falls below 99% of its feed.
-
-    Args:
-        fed: Rows of the process, shape (n,).
-        time: [s], shape (n,).
-        path_s: Place of the target along its path [m], shape (n,).
-    """
+    """Rows (n,) of the process after the ramp-up and before the target last falls below 99% of its feed."""
     if not fed.any():
         return fed
     steady = fed & (time >= time[np.argmax(fed)] + RAMP_UP_S)
@@ -272,17 +235,13 @@ REMOVAL_SPREAD = ("removal_cv", "removal_p5", "removal_p95", "removal_max")
 def measure_removal(removal: RemovalMap) -> dict[str, float]:
     """Measure a map over the region's area.
 
-    Args:
-        removal: The map.
-
-    Returns:
-        exposure_nm: pressure x sliding speed integrated over the region and time; exposure_mean_n_m: the
-        same per area; removal_volume_m3, removal_mean_m, removal_max_m: undefined without a wear coefficient;
-        removal_cv: standard deviation over mean; removal_p5, removal_p95, removal_max: over the mean, by area;
-        under_polished_share, over_polished_share, unpolished_share: of the area, with less than 0.5 means, with more
-        than 1.5, with nothing at all; removal_elsewhere: exposure that went to surfaces beside the region, over the
-        region's; removal_unplaced: share of the force for which the pad touched no node; pressure_field_ratio: force
-        of the pressure field as it was computed over the exact one.
+    exposure_nm: pressure x sliding speed integrated over the region and time; exposure_mean_n_m: the same per area;
+    removal_volume_m3, removal_mean_m, removal_max_m: undefined without a wear coefficient; removal_cv: standard
+    deviation over mean; removal_p5, removal_p95, removal_max: over the mean, by area; under_polished_share,
+    over_polished_share, unpolished_share: of the area, with less than 0.5 means, with more than 1.5, with nothing at
+    all; removal_elsewhere: exposure that went to surfaces beside the region, over the region's; removal_unplaced: share
+    of the force for which the pad touched no node; pressure_field_ratio: force of the pressure field as it was computed
+    over the exact one.
     """
     shares = removal.areas / removal.areas.sum()
     total = float(removal.areas @ removal.exposure)

@@ -78,15 +78,7 @@ class _Seen(NamedTuple):
 
 @styled
 def plot_plan(result: PlanResult, name: str = "") -> Figure:
-    """Draw a plan.
-
-    Args:
-        result: The plan.
-        name: What the path is called; else its pattern or its file.
-
-    Returns:
-        The figure: 3D on the left, from above on the right.
-    """
+    """Draw a plan in 3D and from above; ``name``: of the path, else its pattern or its file."""
     figure = new_figure(12.0, 5.8)
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
     flat = figure.add_subplot(1, 2, 2)
@@ -262,14 +254,7 @@ def _head(figure: Figure, result: PlanResult, name: str) -> None:
 
 @styled
 def plot_cell(record: RunRecord) -> Figure:
-    """Draw base, links and tool in the middle of a run, and the way of the tool point.
-
-    Args:
-        record: Any run with at least one row.
-
-    Returns:
-        The figure.
-    """
+    """Draw base, links and tool in the middle of a run with at least one row, and the way of the tool point."""
     figure = new_figure(7.5, 6.0)
     axes = figure.add_subplot(projection="3d")
     assert isinstance(axes, Axes3D)

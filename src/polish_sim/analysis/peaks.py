@@ -24,16 +24,10 @@ class PeakErrors(NamedTuple):
 
 
 def curvature_peaks(path: ToolPath) -> NDArray[np.intp]:
-    """Find the places where the path's normal curvature rises from gentle to sharp.
+    """Ascending indices of the path's points where its normal curvature rises from gentle to sharp.
 
     A bend is a stretch of process points whose curvature's magnitude stays at ``FLAT_1_M`` or above; its largest value
     is a peak if it exceeds ``SHARP_1_M``. Ripples on a bend are one peak, and humps and hollows count alike.
-
-    Args:
-        path: The path; its ``curvature`` is used, in the order of travel.
-
-    Returns:
-        Indices into the path's points, ascending, shape (k,).
     """
     process = np.flatnonzero(path.process)
     magnitude = np.abs(path.curvature[process])
@@ -44,17 +38,10 @@ def curvature_peaks(path: ToolPath) -> NDArray[np.intp]:
 
 
 def errors_at_peaks(path_s: Array, force_error: Array, peaks_s: Array) -> PeakErrors:
-    """Compare the force error at the peaks with that of stretches of the same length elsewhere.
+    """Means of the force error [N] (n,) at peaks [m] of the path and in stretches of the same length elsewhere; NaN if
+    none.
 
     The largest of many noisy samples is large anywhere, so the peaks are compared with the same statistic between them.
-
-    Args:
-        path_s: Where on the path each sample is [m], shape (n,), not descending.
-        force_error: Force minus the set force [N], shape (n,).
-        peaks_s: Where the peaks are on the path [m], shape (k,).
-
-    Returns:
-        Both means [N]; NaN where there is no such window.
     """
     magnitude = np.abs(force_error)
     at_peaks = [_largest(path_s, magnitude, s - WINDOW_M, s + WINDOW_M) for s in peaks_s]

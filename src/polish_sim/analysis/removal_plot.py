@@ -50,14 +50,7 @@ def removal_colors() -> Colormap:
 
 @styled
 def plot_removal(record: RunRecord) -> Figure:
-    """Draw a run's removal over the part.
-
-    Args:
-        record: A run with its removal.
-
-    Returns:
-        The figure: 3D, from above, and how the area is shared out.
-    """
+    """Draw a run's removal over the part, in 3D and from above, and how the area is shared out."""
     removal = _of(record)
     figure = new_figure(15.0, 5.4)
     solid: Any = figure.add_subplot(1, 3, 1, projection="3d", computed_zorder=False)
@@ -77,14 +70,7 @@ def plot_removal(record: RunRecord) -> Figure:
 
 @styled
 def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
-    """Draw the removal of several runs from above, each over its own mean, and their distributions over each other.
-
-    Args:
-        records: Runs with their removal.
-
-    Returns:
-        The figure.
-    """
+    """Draw the removal of several runs from above, each over its own mean, and their distributions over each other."""
     columns = min(len(records), 4)
     rows = math.ceil(len(records) / columns)
     figure = new_figure(3.4 * columns + 4.4, 0.5 + 3.9 * rows)
@@ -256,12 +242,7 @@ COMMENT = (
 
 
 def write_removal_mesh(file: Path, removal: RemovalMap) -> None:
-    """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_n_m, relative and removal_m.
-
-    Args:
-        file: Where to.
-        removal: The map.
-    """
+    """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_n_m, relative and removal_m."""
     vertices = np.zeros(
         len(removal.vertices),
         dtype=[(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]

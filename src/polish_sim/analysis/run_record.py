@@ -50,11 +50,7 @@ def write_record(folder: Path, record: RunRecord) -> None:
 
 
 def read_record(folder: Path) -> RunRecord:
-    """Read a run back.
-
-    Raises:
-        InputError: If the folder is not a run's, or a file in it is damaged.
-    """
+    """Read a run back; InputError if the folder is not a run's, or a file in it is damaged."""
     missing = [name for name in (CONFIG, METRICS, LOG) if not (folder / name).is_file()]
     if missing:
         raise InputError(f"'{folder}' is not a run folder: it lacks {', '.join(missing)}. Give a folder made by 'run'.")
@@ -66,11 +62,7 @@ def read_record(folder: Path) -> RunRecord:
 
 
 def read_records(folders: Sequence[Path]) -> list[RunRecord]:
-    """Read runs back under names that tell them apart: their folders' own, or as they are given where these repeat.
-
-    Raises:
-        InputError: If a folder is not a run's, or a file in it is damaged.
-    """
+    """Read runs back under names that tell them apart: their folders' own, or as they are given where these repeat."""
     records = [read_record(folder) for folder in folders]
     names = [record.name for record in records]
     if len(set(names)) < len(names):

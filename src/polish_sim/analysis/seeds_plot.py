@@ -16,15 +16,7 @@ from polish_sim.analysis.style import BLUE, GREEN, ORANGE, new_figure, styled
 
 @styled
 def plot_seeds(records: Sequence[RunRecord], claims: Sequence[Claim]) -> Figure:
-    """Draw every bounded figure of an experiment by seed; what falls short stands out.
-
-    Args:
-        records: Runs of one experiment, differing in their seed.
-        claims: The experiment's figures.
-
-    Returns:
-        The figure.
-    """
+    """Draw every bounded figure of an experiment by seed; what falls short stands out."""
     experiment = records[0].scenario.experiment
     claims = [claim for claim in claims if claim.bounded]
     figure = new_figure(10.0, 1.0 + 1.7 * len(claims))

@@ -88,22 +88,14 @@ ALONG = 0.9998  #: Cosine of about one degree: a direction as close to an axis i
 
 
 def view_frame(up: Array) -> Array:
-    """Rotation R_view_work: its rows are the picture's right, back and up in the work frame, shape (3, 3).
-
-    Args:
-        up: Unit vector away from the table, work frame, shape (3,).
-    """
+    """R_view_work, its rows the picture's right, back and up in the work frame; ``up``: away from the table, (3,)."""
     right = np.cross([0.0, 1.0, 0.0], up) if abs(up[1]) < 0.9 else np.cross([0.0, 0.0, -1.0], up)
     right = unit(right)
     return np.stack([right, np.cross(up, right), up])
 
 
 def axis_name(direction: Array) -> str:
-    """Which of the part's axes a direction of the picture is, to tell views apart: ``+x``, ``-y``, or as numbers.
-
-    Args:
-        direction: Unit vector in the work frame, shape (3,).
-    """
+    """Which of the part's axes a direction of the picture is, to tell views apart: ``+x``, ``-y``, or as numbers."""
     largest = int(np.abs(direction).argmax())
     if abs(direction[largest]) > ALONG:
         return ("-" if direction[largest] < 0.0 else "+") + "xyz"[largest]
@@ -133,15 +125,7 @@ class DepthPicture(NamedTuple):
 
 
 def depth_picture(corners: Array, project: Projection) -> DepthPicture:
-    """Draw the depths of a part.
-
-    Args:
-        corners: Corners of its facets, shape (m, 3, 3).
-        project: The picture.
-
-    Returns:
-        The picture; depths are exact at samples of the facets, less than a pixel apart.
-    """
+    """Depths of a part in a picture, from corners of its facets (m, 3, 3); exact at samples less than a pixel apart."""
     points = corners.reshape(-1, 3)
     seen = project(points).reshape(-1, 3, 3)
     low, high = seen[..., :2].min(axis=(0, 1)), seen[..., :2].max(axis=(0, 1))
@@ -155,16 +139,7 @@ def depth_picture(corners: Array, project: Projection) -> DepthPicture:
 
 
 def seen_in(picture: DepthPicture, points: Array, off: Array) -> Bools:
-    """Whether points are before the part or beside it.
-
-    Args:
-        picture: The part.
-        points: On the part or off it, shape (n, 3).
-        off: Unit vectors away from the part, shape (n, 3).
-
-    Returns:
-        Shape (n,).
-    """
+    """Whether points (n, 3) are before the part or beside it; ``off``: unit vectors away from the part there."""
     places = picture.project(points + picture.lift * off)
     columns, rows = np.floor((places[:, :2] - picture.low) / picture.pixel).astype(int).T
     width, height = picture.depth.shape

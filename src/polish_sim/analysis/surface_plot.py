@@ -23,14 +23,7 @@ NUMBERED_PEAKS = 24  #: More curvature peaks than this are marked without their 
 
 @styled
 def plot_surface_force(record: RunRecord) -> Figure:
-    """Draw the force along the path over the path's curvature, the strong bends marked in both.
-
-    Args:
-        record: A run of ``surface`` with its path.
-
-    Returns:
-        The figure.
-    """
+    """Draw the force along the path over the path's curvature, the strong bends marked in both."""
     figure = new_figure(10.0, 5.4)
     force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
     _draw_force(force, record, BLUE, "exact contact force")
@@ -56,14 +49,7 @@ def plot_surface_force(record: RunRecord) -> Figure:
 
 @styled
 def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
-    """Draw the force of several runs along the path, one below the other, each with its distribution beside it.
-
-    Args:
-        records: Runs of ``surface``, e.g. with and without force control.
-
-    Returns:
-        The figure.
-    """
+    """Draw the force of several runs along the path, one below the other, each with its distribution beside it."""
     figure = new_figure(10.0, 1.2 + 2.1 * len(records))
     grid = figure.subplots(len(records), 2, sharex="col", sharey="row", width_ratios=(4.0, 1.0), squeeze=False)
     below, above = _error_limits(records)
@@ -189,14 +175,8 @@ _POINTS = 401
 
 @styled
 def plot_peaks(record: RunRecord) -> Figure:
-    """Draw force error and curvature around every curvature peak, and their means over the peaks.
-
-    Args:
-        record: A run of ``surface`` with its path.
-
-    Returns:
-        The figure; without a peak on the way that was run, one that says so.
-    """
+    """Draw force error and curvature around every curvature peak, and their means; without a peak a figure that says
+    so."""
     figure = new_figure(9.0, 5.2)
     force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
     offset = np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, _POINTS)
@@ -233,15 +213,7 @@ def _facts(record: RunRecord, errors: Array) -> list[str]:
 
 
 def around_peaks(record: RunRecord, offset: Array) -> tuple[Array, Array]:
-    """Force error [N] and curvature [1/m] around the peaks whose surroundings were run.
-
-    Args:
-        record: The run.
-        offset: Places relative to a peak [m], shape (k,).
-
-    Returns:
-        Both of shape (peaks, k).
-    """
+    """Force error [N] and curvature [1/m], (peaks, k) each, at offsets (k,) [m] from peaks on the way that was run."""
     place, force = process_force(record)
     if record.path is None or len(place) == 0:
         return np.empty((0, len(offset))), np.empty((0, len(offset)))

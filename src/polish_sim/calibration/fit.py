@@ -57,13 +57,10 @@ class Fit(Generic[X]):
 
 
 def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools | None = None) -> Fit[X]:
-    """Fit by least squares, the maximum likelihood for independent Gaussian noise.
+    """Fit by least squares from a close start, the maximum likelihood for independent Gaussian noise.
 
-    Args:
-        problem: Residuals and their derivative.
-        start: Unknowns close to the solution.
-        noise: Standard deviation of a coordinate; None takes that of each kind of noise from the residuals.
-        used: Measurements to use, shape (n,); None uses all.
+    ``noise``: standard deviation of a coordinate, None takes that of each kind from the residuals; ``used``:
+    measurements to use, (n,), None uses all.
     """
     x, scale = start, _starts(problem, start)
     used = np.ones(len(problem.residuals(start)), dtype=bool) if used is None else used
@@ -142,21 +139,11 @@ def _noise(problem: Problem[Any], e: Array, taken: Array) -> Array:
 
 
 def agreeing(problem: Problem[X], start: X, measurements: str) -> Bools:
-    """The measurements that agree with each other.
+    """The measurements that agree with each other, (n,); all of them where there are too few to judge.
 
     A fit by least absolute deviations, which a few wrong measurements hardly move, names the suspects; then
     measurements are left out or taken back by their distance from the least-squares fit of the others (Fisher's test).
-
-    Args:
-        problem: Residuals and their derivative.
-        start: Unknowns close to the solution.
-        measurements: Their name, for the message, e.g. ``"touches"``.
-
-    Returns:
-        Bools, shape (n,); all of them where there are too few to judge.
-
-    Raises:
-        CalibrationError: More than a quarter disagree.
+    Raises CalibrationError, with their name such as ``"touches"``, if more than a quarter disagree.
     """
     count = len(problem.residuals(start))
     if count < LEAST_TO_JUDGE:

@@ -36,14 +36,9 @@ _BETTER, _GOOD = 0.2, 0.05
 def check_identifiable(up_sensor: Array) -> None:
     """Refuse poses from which mass, centre and bias cannot be separated.
 
-    A weight shows only by how its direction changes in the sensor: readings differ by m g times the difference of
-    two up directions and by its moment. Differences along one line leave the centre along that line unseen.
-
-    Args:
-        up_sensor: Unit vectors against gravity in the sensor frame, shape (n, 3).
-
-    Raises:
-        CalibrationError: Saying what is unknown and which pose is missing.
+    A weight shows only by how its direction changes in the sensor: readings differ by m g times the difference of two
+    up directions, (n, 3), and by its moment. Differences along one line leave the centre along that line unseen. The
+    CalibrationError says what is unknown and which pose is missing.
     """
     count = len(up_sensor)
     if count < LEAST_READINGS:
@@ -68,12 +63,9 @@ def check_identifiable(up_sensor: Array) -> None:
 
 
 def condition_of(regressor: Array) -> float:
-    """Condition number of a regressor without units: ratio of the largest to the smallest singular value.
+    """Condition number of a regressor (n, 6, p) with gravity 1: ratio of the largest to the smallest singular value.
 
     Best possible for the ten parameters: sqrt(3/2) = 1.22, from up directions spread over the whole sphere.
-
-    Args:
-        regressor: As in ``payload_regressor`` with gravity 1, shape (n, 6, p).
     """
     values = np.linalg.svd(regressor.reshape(-1, regressor.shape[2]), compute_uv=False)
     return float(values[0] / values[-1]) if values[-1] > 0.0 else float("inf")
@@ -180,15 +172,10 @@ class PayloadEstimate:
 
 
 def payload_regressor(up_sensor: Array, time: Array | None = None, gravity: float = GRAVITY) -> Array:
-    """Derivative of the readings by theta.
+    """Derivative of the readings by theta, shape (n, 6, 10), or (n, 6, 16) with drift.
 
-    Args:
-        up_sensor: Unit vectors against gravity in the sensor frame, shape (n, 3).
-        time: Time since the moment of the bias [s], shape (n,); None without drift.
-        gravity: [m/s^2]
-
-    Returns:
-        Shape (n, 6, 10), or (n, 6, 16) with drift.
+    ``up_sensor``: unit vectors against gravity in the sensor frame, (n, 3); ``time``: since the moment of the bias [s],
+    (n,), None without drift; ``gravity`` [m/s^2].
     """
     count = len(up_sensor)
     X = np.zeros((count, 6, 10 if time is None else 16))
@@ -213,9 +200,6 @@ def fit_payload(
         drift: Whether to fit a linear drift of the bias.
         gravity: [m/s^2]
         used: Readings to use, shape (n,); None uses all.
-
-    Returns:
-        The estimate.
 
     Raises:
         CalibrationError: If the poses cannot tell the unknowns apart, or the readings have the wrong sign.
@@ -243,19 +227,7 @@ def fit_payload(
 
 
 def fit_without_outliers(readings: PayloadReadings, drift: bool = False, gravity: float = GRAVITY) -> PayloadEstimate:
-    """Fit, leaving out readings too far off to be noise; with fewer than seven readings all are used.
-
-    Args:
-        readings: At rest, nothing touching the tool.
-        drift: Whether to fit a linear drift of the bias.
-        gravity: [m/s^2]
-
-    Returns:
-        The estimate; ``used`` marks the readings it rests on.
-
-    Raises:
-        CalibrationError: If the poses do not suffice, or more than a quarter of the readings do not fit.
-    """
+    """`fit_payload` without readings too far off to be noise, at most a quarter; with fewer than seven all are used."""
     check_identifiable(readings.up_sensor)
     since = readings.time - float(readings.time.mean())
     X = payload_regressor(readings.up_sensor, since if drift else None, gravity)
@@ -268,11 +240,7 @@ def _problem(X: Array, wrenches: Array) -> Problem[Array]:
 
 
 def refuse_swapped_columns(readings: PayloadReadings) -> None:
-    """Refuse forces or torques that follow a weight far better in another order or with other signs.
-
-    Raises:
-        CalibrationError: Naming what fits, or the poses do not suffice.
-    """
+    """Refuse forces or torques that follow a weight far better in another order or with other signs; says which."""
     check_identifiable(readings.up_sensor)
     X = payload_regressor(readings.up_sensor)
     forces, torques = [MASS, *range(BIAS.start, BIAS.start + 3)], [1, 2, 3, *range(BIAS.start + 3, BIAS.stop)]
@@ -281,11 +249,7 @@ def refuse_swapped_columns(readings: PayloadReadings) -> None:
 
 
 def refuse_doubtful(readings: PayloadReadings, estimate: PayloadEstimate) -> None:
-    """Refuse an estimate whose readings do not follow the tool's weight.
-
-    Raises:
-        CalibrationError: Forces that follow no weight, or a centre of mass where no tool has it.
-    """
+    """Refuse (CalibrationError) forces that follow no weight, or a centre of mass where no tool has it."""
     weight = GRAVITY * estimate.mass
     rest = float(np.sqrt(np.mean(estimate.residuals[estimate.used, :3] ** 2)))
     if rest > LARGEST_REST * weight:

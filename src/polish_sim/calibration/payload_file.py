@@ -71,11 +71,7 @@ def write_calibration(file: Path, estimate: PayloadEstimate) -> None:
 
 
 def read_calibrated_tool(file: Path) -> CalibratedTool:
-    """Read mass and centre from a calibration.toml.
-
-    Raises:
-        InputError: No such file, no TOML, not the calibration of a payload, or a value that cannot be.
-    """
+    """Mass and centre from a calibration.toml; InputError if it is not the calibration of a payload."""
     table = read_table(file, PAYLOAD)
     mass = float(table.numbers("mass_kg", ()))
     if not 0.0 < mass < 1e3:
@@ -88,10 +84,7 @@ def read_readings(file: Path) -> PayloadReadings:
 
     Columns in any order, others are ignored: the orientation of the sensor in a frame with z up, as ``qw..qz``, as a
     rotation vector ``rx_rad..rz_rad`` (what a UR shows) or as a matrix ``r11..r33``; the reading ``fx_n..tz_nm`` in
-    sensor axes about the sensor's origin; ``time_s`` if the drift is asked for.
-
-    Raises:
-        InputError: No such file, a column missing, a value that is none, an orientation that is none; names the line.
+    sensor axes about the sensor's origin; ``time_s`` if the drift is asked for. Raises InputError naming the line.
     """
     columns = Measured.read(file, "reading", "poses and readings")
     columns.need(WRENCH, "the reading in sensor axes, [N] and [N m]")
@@ -101,13 +94,7 @@ def read_readings(file: Path) -> PayloadReadings:
 
 
 def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Array | None = None) -> str:
-    """Readings, how far each is from the fit, and whether it was used, as CSV that ``read_readings`` takes.
-
-    Args:
-        readings: The readings.
-        estimate: The fit.
-        q: Joint angles of the poses, if known [rad], shape (n, 6).
-    """
+    """Readings, residuals and whether each was used, as CSV that ``read_readings`` takes; ``q`` (n, 6) if known."""
     turns = Rotation.from_matrix(readings.R_base_sensor).as_quat(canonical=True, scalar_first=True)
     names = ["reading", TIME, *QUATERNION, *WRENCH, *(f"residual_{name}" for name in WRENCH), "used"]
     rows = []

@@ -44,34 +44,18 @@ def move_time(q_from: Array, q_to: Array) -> float:
 
 
 def move(q_from: Array, q_to: Array, share: Array) -> Array:
-    """The way from one pose to another: all joints together, from rest to rest along half a cosine.
-
-    Args:
-        q_from: Joint angles [rad], shape (6,).
-        q_to: Joint angles [rad], shape (6,).
-        share: Share of the time, 0 to 1, shape (k,).
-
-    Returns:
-        Joint angles [rad], shape (k, 6).
-    """
+    """Joint angles (k, 6) [rad] from one pose (6,) to another, all joints together along half a cosine, at shares of
+    time."""
     return np.asarray(q_from + 0.5 * (1.0 - np.cos(math.pi * share))[:, None] * (q_to - q_from))
 
 
 @cache
 def plan_payload_poses(count: int) -> PosePlan:
-    """Spread the up direction evenly over the whole sphere of the sensor.
+    """Spread the up direction of four or more poses evenly over the whole sphere of the sensor.
 
-    Wrist 1 tilts the tool from straight down, out and up; wrist 3 turns it about its axis. The other joints stay,
-    so that the arm keeps clear of itself, of the table and of singularities.
-
-    Args:
-        count: Number of poses, at least four.
-
-    Returns:
-        The poses, the tool pointing down in the first, each next one close to the last.
-
-    Raises:
-        CalibrationError: Fewer than four poses.
+    Wrist 1 tilts the tool from straight down, out and up; wrist 3 turns it about its axis. The other joints stay, so
+    that the arm keeps clear of itself, of the table and of singularities. The tool points down in the first pose, each
+    next one is close to the last. Fewer than four poses: CalibrationError.
     """
     if count < LEAST_POSES:
         raise CalibrationError(f"{count} poses are too few to calibrate a payload: give {LEAST_POSES} or more.")
@@ -99,15 +83,7 @@ def _short_way(places: Array) -> Indices:
 
 
 def check_poses(T: Array, kind: str) -> None:
-    """Refuse what is no stack of rigid transforms.
-
-    Args:
-        T: Poses, shape (n, 4, 4).
-        kind: What one of them belongs to, e.g. ``"touch"``.
-
-    Raises:
-        CalibrationError: A wrong shape, a value that is not finite, a matrix that is no rotation; names the first.
-    """
+    """Refuse what is no stack of rigid transforms (n, 4, 4); names the first by its ``kind``, e.g. "touch"."""
     if T.ndim != 3 or T.shape[1:] != (4, 4):
         raise CalibrationError(f"poses need the shape (n, 4, 4); got {T.shape}.")
     bad = ~np.isfinite(T).all(axis=(1, 2))

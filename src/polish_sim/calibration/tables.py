@@ -41,8 +41,7 @@ class Measured(Columns):
     def points(self, prefix: str, what: str) -> Array:
         """Points from columns ``<prefix>x_mm`` to ``<prefix>z_mm``, or the same in metres (``_m``) [m], shape (n, 3).
 
-        Raises:
-            InputError: A column missing, or lines or columns in different units.
+        Raises InputError for a missing column, or lines or columns in different units.
         """
         given = {unit: [axis for axis in "xyz" if f"{prefix}{axis}_{unit}" in self.texts] for unit in UNITS}
         used = [unit for unit, axes in given.items() if axes]
@@ -58,11 +57,7 @@ class Measured(Columns):
         return points
 
     def reached_points(self, prefix: str, what: str) -> Array:
-        """The same of points a robot reached, in its own base: where no robot can be the unit is another one.
-
-        Raises:
-            InputError: As `points`, or too near or too far for any robot.
-        """
+        """`points` that a robot reached, in its own base; InputError where no robot can be: the unit is another one."""
         points = self.points(prefix, what)
         middle = float(np.median(np.linalg.norm(points, axis=1)))
         if not REACH[0] <= middle <= REACH[1]:
@@ -86,11 +81,7 @@ class Measured(Columns):
             )
 
     def rotations(self, what: str) -> Array:
-        """Rotation matrices from a unit quaternion, a rotation vector or a matrix by rows, shape (n, 3, 3).
-
-        Raises:
-            InputError: None of them there, or values that are no rotation; names the line.
-        """
+        """Rotations (n, 3, 3) of a unit quaternion, a rotation vector or a matrix by rows; names a wrong line."""
         forms: Mapping[tuple[str, ...], Callable[[Array], Array]] = {
             QUATERNION: _from_quaternions,
             ROTATION_VECTOR: lambda values: Rotation.from_rotvec(values).as_matrix(),
@@ -147,11 +138,7 @@ def write_table(file: Path, kind: Kind, figures: Mapping[str, Any]) -> None:
 
 
 def read_table(file: Path, kind: Kind) -> Calibration:
-    """Read a calibration of one kind.
-
-    Raises:
-        InputError: No such file, no TOML, or the calibration of something else.
-    """
+    """Read a calibration of one kind; InputError for no such file, no TOML, or the calibration of something else."""
     values = _read(file)
     if values.get("kind") != kind.name:
         raise InputError(
@@ -162,11 +149,7 @@ def read_table(file: Path, kind: Kind) -> Calibration:
 
 
 def calibration_kind(file: Path, wanted: tuple[str, ...]) -> str:
-    """The kind of a calibration.toml, one of those ``wanted``.
-
-    Raises:
-        InputError: No such file, no TOML, or none of them.
-    """
+    """The kind of a calibration.toml, one of those ``wanted``; InputError for no file, no TOML, or another kind."""
     kind = _read(file).get("kind")
     if kind not in wanted:
         raise InputError(
@@ -193,11 +176,7 @@ class Calibration:
     values: Mapping[str, Any]
 
     def numbers(self, name: str, shape: tuple[int, ...]) -> Array:
-        """Finite numbers of a shape.
-
-        Raises:
-            InputError: They are not there, not finite, or of another shape.
-        """
+        """Finite numbers of a shape; InputError if they are not there, not finite, or of another shape."""
         try:
             given = np.array(self.values.get(name))
             numbers = given.astype(np.float64) if given.dtype.kind in "iuf" else np.array(math.nan)
@@ -211,22 +190,14 @@ class Calibration:
         return numbers
 
     def pose(self, name: str) -> Array:
-        """A pose, shape (4, 4).
-
-        Raises:
-            InputError: It is not there, or is none.
-        """
+        """A pose, shape (4, 4); InputError if it is not there, or is none."""
         T = self.numbers(name, (4, 4))
         if np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max() > 1e-6 or np.linalg.det(T[:3, :3]) < 0.0:
             raise InputError(f"'{self.file}': {name} is not a right-handed rotation and a displacement.")
         return transform(T[:3, :3], T[:3, 3])
 
     def refuse_other_pair(self, pair: str) -> None:
-        """Refuse what was calibrated on other robots.
-
-        Raises:
-            CalibrationError: It names another pair.
-        """
+        """Refuse what was calibrated on another pair of robots (CalibrationError)."""
         if self.values.get("pair") != pair:
             raise CalibrationError(
                 f"'{self.file}' is the calibration of another pair of robots: {self.values.get('pair')!r}, not "

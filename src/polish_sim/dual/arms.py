@@ -55,17 +55,11 @@ NOMINAL_ARMS: Final = PairArms()
 
 
 def pair_arms(config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.random.Generator) -> PairArms:
-    """Both arms of a scenario.
-
-    Args:
-        config: How far they are off their tables, and how these are found.
-        T_tracker_base: Where they really stand before a simulated tracker, robot by robot, each (4, 4).
-        rng: Draws the arms, then the tracker's noise.
+    """Both arms of a scenario, which stand at ``T_tracker_base`` before a simulated tracker.
 
     Raises:
         ConfigError: Two sources of one thing, or too few poses.
-        InputError: The calibration cannot be read.
-        CalibrationError: It is another pair's, or of arms that are no UR5e.
+        CalibrationError: The calibration on file is another pair's, or of arms that are no UR5e.
     """
     if config.arms_file or config.arm_poses:
         _refuse_second_source(config)

@@ -115,11 +115,7 @@ class Prediction(NamedTuple):
 
 
 def predict(trial: PairBudgetTrial) -> Prediction:
-    """Noise of the instruments to the tool on the part, to first order.
-
-    Args:
-        trial: Noise, marks, closing touches, rim.
-    """
+    """Noise of the instruments to the tool on the part, to first order."""
     dual, site, true = trial.dual, trial.site, true_chain(trial.dual)
     adjusted = [_adjusted_exactly(dual, true, site, np.random.default_rng([trial.seed, 16, k])) for k in range(DESIGNS)]
     shares = {name: np.mean([one.share(name) for one in adjusted], axis=0) for name in SOURCES}
@@ -133,9 +129,8 @@ def predict(trial: PairBudgetTrial) -> Prediction:
 def draw_errors(trial: PairBudgetTrial) -> Iterator[dict[str, Array]]:
     """Calibrate again and again, through the whole chain: nothing is linear here.
 
-    Yields:
-        Draw by draw, with the noise of each source alone and of all together: from the tool as wanted to the tool as
-        it is, work frame [m], each (points, 3).
+    Yields, with the noise of each source alone and of all together, the error from the tool as wanted to the tool as it
+    is, work frame [m], each (points, 3).
     """
     rng = np.random.default_rng([trial.seed, 15])
     dual, site, true = trial.dual, trial.site, true_chain(trial.dual)
@@ -157,13 +152,8 @@ def draw_errors(trial: PairBudgetTrial) -> Iterator[dict[str, Array]]:
 def compare_shares(
     trial: PairBudgetTrial, covariances: Mapping[str, Array], errors: Mapping[str, Array]
 ) -> dict[str, Share]:
-    """Predicted beside drawn, source by source.
-
-    Args:
-        trial: The trial.
-        covariances: By source [m^2], each (points, 3, 3).
-        errors: By source [m], each (draws, points, 3); two draws or more.
-    """
+    """Predicted beside drawn, by source: covariances [m^2], each (points, 3, 3); errors [m], each (draws >= 2, points,
+    3)."""
     axes = trial.T_work_tool[:, :3, 2]
     return {name: _share(covariances[name], errors[name], axes) for name in covariances}
 
@@ -171,17 +161,10 @@ def compare_shares(
 def budget_figures(
     trial: PairBudgetTrial, prediction: Prediction, shares: Mapping[str, Share], errors: Array, asked_rms: float
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """The figures of the whole, as analysis and as the draws have them.
+    """The figures of the whole, as analysis and as the draws have them: predicted ones, and the keys of metrics.json.
 
-    Args:
-        trial: The trial.
-        prediction: Of it.
-        shares: By source and together.
-        errors: Together, draw by draw, work frame [m], shape (draws, points, 3).
-        asked_rms: Calibrations with a larger rms around the rim are counted [m].
-
-    Returns:
-        Predicted ones, and the keys of metrics.json.
+    ``errors``: together, draw by draw, work frame [m], (draws, points, 3); calibrations with an rms around the rim
+    above ``asked_rms`` [m] are counted.
     """
     whole, axes = shares[TOGETHER], trial.T_work_tool[:, :3, 2]
     across = errors - np.einsum("dnk,nk->dn", errors, axes)[..., None] * axes

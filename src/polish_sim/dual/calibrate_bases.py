@@ -78,27 +78,15 @@ class BasesFound:
 
 
 def calibrate_base_from(measured: BaseMeasurements) -> BasesFound:
-    """Calibrate from measurements of real robots; there is no truth to compare with.
-
-    Raises:
-        CalibrationError: If they do not determine the bases.
-    """
+    """Calibrate from measurements of real robots, without a truth to compare with; CalibrationError if undetermined."""
     found = measured.fit()
     return BasesFound(measured, found, base_figures(found) | _stated(found))
 
 
 def run_base_calibration(trial: BaseTrial) -> BasesFound:
-    """Plant two bases, measure them, and find one in the other.
+    """Plant two bases, measure them, and find one in the other; the figures are against the truth.
 
-    Args:
-        trial: Method, noise, points, seed.
-
-    Returns:
-        Measurements, calibration and figures, the latter against the truth.
-
-    Raises:
-        InputError: Unknown method.
-        CalibrationError: If the measurements do not determine the bases.
+    Raises InputError for an unknown method, CalibrationError if the measurements do not determine the bases.
     """
     if trial.method not in SIMULATED:
         raise unknown_name("method", trial.method, SIMULATED)
@@ -223,11 +211,7 @@ class ArmsFound:
 
 
 def calibrate_arm_from(tracked: Mapping[str, TrackedArm]) -> ArmsFound:
-    """Calibrate from poses of real arms; there is no truth to compare with.
-
-    Raises:
-        CalibrationError: If they do not determine the arms.
-    """
+    """Calibrate from poses of real arms, without a truth to compare with; CalibrationError if undetermined."""
     found = fit_pair(tracked, None, Tolerance())
     return ArmsFound(tracked, found, pair_figures(tracked, found, Tolerance()))
 
@@ -235,12 +219,10 @@ def calibrate_arm_from(tracked: Mapping[str, TrackedArm]) -> ArmsFound:
 def run_arm_calibration(trial: ArmTrial) -> ArmsFound:
     """Plant two arms with wrong tables, measure both, find them, and predict the relative tool point in other poses.
 
-    The tool point is the target itself: what is left is the arms' and bases' error, not that of a tool calibration.
-
-    Returns:
-        Poses, tables and figures. Of the follower's tool point relative to the master's, in poses not measured:
-        relative_error_nominal_m, rms with bases and targets calibrated and the tables taken as nominal;
-        relative_error_m, rms with all of it calibrated jointly.
+    The tool point is the target itself: what is left is the arms' and bases' error, not that of a tool calibration. Of
+    the follower's tool point relative to the master's, in poses not measured: relative_error_nominal_m is the rms with
+    bases and targets calibrated and the tables taken as nominal, relative_error_m that with all of it calibrated
+    jointly.
     """
     rng = np.random.default_rng([trial.seed, 13])
     true = planted_arms(trial.tolerance, planted_bases(rng).T_tracker, rng)

@@ -50,27 +50,16 @@ class TcpCalibration:
 
 
 def calibrate_tcp_from(measured: ToolMeasurements) -> TcpCalibration:
-    """Calibrate from touches of a real robot; there is no truth to compare with.
-
-    Raises:
-        CalibrationError: If they do not determine the tool.
-    """
+    """Calibrate from touches of a real robot, without a truth to compare with; CalibrationError if undetermined."""
     found = fit_tool_frame(measured)
     return TcpCalibration(measured, found, tool_figures(measured, found))
 
 
 def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
-    """Take or plant a tool, touch a point with it in planned poses, move along its axes, and find it.
+    """Take or plant a tool, touch a point with it in planned poses, move along its axes, and find it, against the
+    truth.
 
-    Args:
-        trial: Noise, poses, seed.
-
-    Returns:
-        Measurements, estimate and figures, the latter against the truth.
-
-    Raises:
-        CalibrationError: If the trial cannot tell a tool.
-        ReachError: If the arm cannot reach a pose.
+    Raises CalibrationError if the trial cannot tell a tool, ReachError if the arm cannot reach a pose.
     """
     rng = np.random.default_rng([trial.seed, 11])
     T_flange_tool = planted_tool(rng) if trial.T_flange_tool is None else trial.T_flange_tool
@@ -100,11 +89,7 @@ def simulate_touches(
 ) -> ToolMeasurements:
     """Touches in the planned orientations, and the three points of the tool's axes, each as the joints say it.
 
-    Args:
-        trial: Noise, poses, moves.
-        T_flange_tool: The tool, shape (4, 4).
-        rng: Draws the noise.
-        read: What the host reads of an arm off its table; None: the arm is as its table says.
+    ``read``: what the host reads of an arm off its table; None: the arm is as its table says.
     """
     R = plan_touch_orientations(trial.poses, trial.cone)
     tips = POINT + trial.noise * rng.standard_normal((len(R), 3))
@@ -120,10 +105,7 @@ def simulate_touches(
 
 
 def reached(T_base_flange: Array, read: Reading | None = None) -> Array:
-    """Flange poses as the host reads them, by forward kinematics after the inverse if not said, shape (n, 4, 4).
-
-    Raises:
-        ReachError: The arm cannot do one of them.
-    """
+    """Flange poses as the host reads them, by forward kinematics after the inverse if not said, (n, 4, 4); or
+    ReachError."""
     q = np.stack([inverse_near(T, Q_NEAR) for T in T_base_flange])
     return np.ascontiguousarray(forward(q) if read is None else read(T_base_flange, q))

@@ -145,15 +145,7 @@ class Master(NamedTuple):
 def build_master(
     model: mujoco.MjModel, data: mujoco.MjData, rows: MasterRows, part: RealPart, scenario: Scenario
 ) -> Master:
-    """The master at the first of its rows, holding the part.
-
-    Args:
-        model: The scene of both robots.
-        data: Both robots at their start, kinematics done.
-        rows: Its motion.
-        part: The part as it really lies at the start.
-        scenario: Brakes and timeout of the protective stop.
-    """
+    """The master at the first of its rows, holding the part as it lies at the start; ``data``: kinematics done."""
     flange = data.site(f"{MASTER}flange")
     T_flange_base = inverse(transform(flange.xmat.reshape(3, 3).copy(), flange.xpos.copy()))
     T_flange_part = T_flange_base @ transform(part.rotation, part.position)
@@ -225,12 +217,8 @@ def _firmness(carrier: Carrier) -> float:
 def carry_part(master: Master, unheard: bool, e: EngineViews, part: RealPart, motion: PartMotion) -> None:
     """Place the part by the flange that carries it, and work out what the host believes of it.
 
-    Args:
-        master: The master; everything it notes of this instant is written.
-        unheard: The host does not hear where the master is.
-        e: The engine.
-        part: The part; its rotation is written.
-        motion: Its place and angular velocity are written.
+    ``unheard``: the host does not hear where the master is. Written: what the master notes of this instant, the part's
+    rotation, the motion's place and angular velocity.
     """
     carrier, flange = master.state, master.state.flange_body
     R_flange, p_flange = e.xmat[flange].reshape((3, 3)), e.xpos[flange]
@@ -278,17 +266,10 @@ def _hear(master: Master, qpos: Array, qvel: Array, dt: float) -> None:
 def _add_joints(
     point: Array, anchors: Array, axes: Array, first: int, speeds: Array, first_speed: int, v: Array, w: Array
 ) -> None:
-    """Velocity and angular velocity (3,) of a point that moves with the master's flange.
+    """Add velocity and angular velocity (3,) of a point (3,) [m] that moves with the master's flange to ``v`` and
+    ``w``.
 
-    Args:
-        point: [m], shape (3,).
-        anchors: Points on the joints' axes [m], the master's from row ``first`` on.
-        axes: Unit axes, likewise.
-        first: Row of the master's first joint.
-        speeds: Joint speeds [rad/s], the master's from ``first_speed`` on.
-        first_speed: See there.
-        v: Written [m/s].
-        w: Written [rad/s].
+    The master's joints begin at row ``first`` of anchors and axes and at ``first_speed`` of the speeds [rad/s].
     """
     for i in range(3):
         v[i] = w[i] = 0.0
@@ -314,12 +295,7 @@ def add_carried_speed(carrier: Carrier, p_flange: Array, origin: Array, velocity
 
 @kernel
 def carry_target(carrier: Carrier, target: Target) -> None:
-    """Close the chain: move a target given for the part at the first row to where the host believes the part is now.
-
-    Args:
-        carrier: The master, as ``carry_part`` has seen it.
-        target: Position, rotation and twist are written.
-    """
+    """Close the chain: move a target given for the part at the first row to where the host believes it is now."""
     R, b, old, frame = carrier.R_moved, carrier.believed, carrier.work, target.rotation
     for i in range(3):
         old[0, i], old[1, i], old[2, i] = target.position[i], target.twist[i], target.twist[3 + i]
@@ -339,15 +315,7 @@ def carry_target(carrier: Carrier, target: Target) -> None:
 
 @kernel
 def see_tool_on_part(carrier: Carrier, e: EngineViews, part: RealPart, motion: PartMotion, out: Array) -> None:
-    """Write the tool point in the nominal work frame as it is carried, and as far as the part has slipped with it.
-
-    Args:
-        carrier: The master.
-        e: The engine.
-        part: The part now.
-        motion: Where it is carried to.
-        out: The tool point [m], shape (3,).
-    """
+    """Write the tool point [m] in the nominal work frame as carried, and as far as the part has slipped with it."""
     R_flange, p_flange = e.xmat[carrier.flange_body].reshape((3, 3)), e.xpos[carrier.flange_body]
     on_flange, tool, R = carrier.work[0], e.site_xpos[e.tool_site], carrier.R_work
     for i in range(3):

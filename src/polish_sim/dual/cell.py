@@ -55,19 +55,9 @@ MASTER_HALTED, MASTER_SILENT = 21, 22
 
 
 class PairCell(Cell):
-    """A cell in which the robot with the tool, the follower, works on a part that the master carries.
+    """A cell in which the robot with the tool, the follower, works on a part that the master carries; see `Cell`.
 
-    Args:
-        scenario: Everything but the geometry.
-        model: The compiled scene of both robots.
-        part: What the pad touches.
-        strokes: The strokes, in order.
-        q_start: Joint positions of the follower at the start [rad], shape (6,).
-        controller: The control law.
-        rng: Draws the sensor's bias, drift and noise.
-        course: What lies ahead on the path, for controllers that prepare for it.
-        master: The master's motion.
-        host_arm: The follower as the host computes it; None: as it is.
+    ``host_arm``: the follower as the host computes it; None: as it is.
     """
 
     arm = FOLLOWER
@@ -113,17 +103,7 @@ class PairCell(Cell):
 def advance_pair(  # type: ignore[no-untyped-def]
     cell: CellKernel, master: Master, host_arm: HostArm | None, recorder: Recorder, law, draws: Array, steps: int
 ) -> None:
-    """Run two robots for at most ``steps`` physics steps, see ``cell.loop.advance``.
-
-    Args:
-        cell: The cell.
-        master: The robot that carries the part.
-        host_arm: The follower as the host computes it; None: as it is.
-        recorder: Buffers, at least ``steps`` long.
-        law: Compiled control law.
-        draws: Standard normal numbers, shape (steps, 12).
-        steps: Number of steps.
-    """
+    """Run two robots for at most ``steps`` physics steps, see ``cell.loop.advance``; ``host_arm`` as in `PairCell`."""
     e, state = cell.engine, cell.state
     recorder.filled.rows = recorder.filled.steps = 0
     for k in range(steps):

@@ -41,15 +41,9 @@ class ClosedChain(NamedTuple):
         return np.asarray(inverse(self.T_master_follower) @ T_master_work @ T_work_tool @ inverse(self.T_flange_tool))
 
     def residual(self, T_master_flange: Array, T_follower_flange: Array, T_work_tool: Array) -> Array:
-        """How far the chain is from closing, in the axes of the wanted tool pose.
+        """How far the chain is from closing, for both flanges in their bases and the wanted tool pose, each (n, 4, 4).
 
-        Args:
-            T_master_flange: The master's flange in its base, shape (n, 4, 4).
-            T_follower_flange: The follower's flange in its base, shape (n, 4, 4).
-            T_work_tool: The wanted tool pose on the part, shape (n, 4, 4).
-
-        Returns:
-            Displacement [m] and rotation vector [rad] of the actual tool pose, shape (n, 6).
+        Returns the displacement [m] and rotation vector [rad] of the actual tool pose, axes of the wanted one, (n, 6).
         """
         wanted = T_master_flange @ self.T_flange_gripper @ self.T_gripper_work @ T_work_tool
         actual = self.T_master_follower @ T_follower_flange @ self.T_flange_tool
@@ -58,18 +52,9 @@ class ClosedChain(NamedTuple):
 
 
 def follow_joints(T_base_flange: Array, q_near: Array, arm: str) -> Array:
-    """Joints along flange poses, each close to the last and inside the limits.
+    """Joints (n, 6) [rad] along flange poses, from near ``q_near``, each close to the last and inside the limits.
 
-    Args:
-        T_base_flange: Poses, shape (n, 4, 4).
-        q_near: Configuration to start close to [rad], shape (6,).
-        arm: Its name, for the message.
-
-    Returns:
-        Joint angles [rad], shape (n, 6).
-
-    Raises:
-        ReachError: The arm cannot reach a pose.
+    Raises ReachError, which names the arm and the pose it cannot reach.
     """
     joints = np.empty((len(T_base_flange), 6))
     q = np.asarray(q_near, dtype=np.float64)

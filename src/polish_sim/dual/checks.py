@@ -32,11 +32,7 @@ class MotionCheck(NamedTuple):
 
 
 def check_length(visits: Visits, motion: MasterMotion) -> None:
-    """Refuse a motion that is over before the work.
-
-    Raises:
-        InputError: Says by how much.
-    """
+    """Refuse a motion that is over before the work; the InputError says by how much."""
     needed, lasts = float(visits.clock[-1]), motion.way.lasts
     if motion.file is not None and lasts < needed:
         raise InputError(
@@ -47,15 +43,9 @@ def check_length(visits: Visits, motion: MasterMotion) -> None:
 
 
 def check_motion(check: MotionCheck, rows: MasterRows, collides: Collides) -> None:
-    """Follow all of the work closely with both arms.
+    """Follow all of the work closely with both arms, the master along its rows.
 
-    Args:
-        check: The planned motion.
-        rows: Joints of the master over time.
-        collides: Looks for arms that touch.
-
-    Raises:
-        ReachError: An arm would be too fast or cannot follow, or something would touch; names joint and moment.
+    Raises ReachError if an arm would be too fast or cannot follow, or something would touch; names joint and moment.
     """
     check_master(check, rows)
     check_carried(check)
@@ -71,11 +61,7 @@ def check_motion(check: MotionCheck, rows: MasterRows, collides: Collides) -> No
 
 
 def check_master(check: MotionCheck, rows: MasterRows) -> None:
-    """Refuse a motion too fast for the master's joints.
-
-    Raises:
-        ReachError: Names the joint, the moment and, of a file, the line.
-    """
+    """Refuse a motion too fast for the master's joints; the ReachError names joint, moment and, of a file, the line."""
     times = rows.spacing * np.arange(len(rows.q), dtype=np.float64)
     speed, change = np.abs(rows.qd), np.abs(np.gradient(rows.qd, rows.spacing, axis=0))
     _refuse(check, speed, times, check.robot.joint_speed_limit_rad_s, "turn at", "deg/s")
@@ -88,11 +74,7 @@ def check_master(check: MotionCheck, rows: MasterRows) -> None:
 
 
 def check_carried(check: MotionCheck) -> None:
-    """Refuse a motion of the part that the follower's velocity interface cannot keep up with.
-
-    Raises:
-        ReachError: Names the moment and both accelerations.
-    """
+    """Refuse a motion of the part that the follower's velocity interface cannot keep up with; names the moment."""
     at, way, T = check.visits, check.work.way, check.reach.T_master_work
     # A file's motion has an end on either side.
     clock = np.clip(at.clock, DIFFERENCE_S, max(way.lasts - DIFFERENCE_S, DIFFERENCE_S))

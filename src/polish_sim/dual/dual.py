@@ -39,28 +39,16 @@ from polish_sim.spatial import apply, inverse
 
 
 def check_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> CheckedPath:
-    """The path on the held part and how the follower reaches all of it.
-
-    Raises:
-        PolishSimError: If the part cannot be used or planned, or an arm cannot follow.
-    """
+    """The path on the held part and how the follower reaches all of it; PolishSimError if it does not."""
     task = prepare_dual(scenario, plan, observer)
     return CheckedPath(task.place.path, task.place.reach, seat_text(task.seat.T_gripper_work))
 
 
 def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
-    """Let the follower run along the part the master moves, pressing on it or just above it.
+    """Let the follower run along the part the master moves, pressing on it or, with ``dual.standoff_m``, just above it.
 
-    Args:
-        scenario: The scenario; with ``dual.standoff_m`` above 0 nothing is pressed and no force controlled.
-        plan: A path made before; else once around the part's rim.
-        observer: Receives the progress.
-
-    Returns:
-        Log with the master's joints, trace, path and figures.
-
-    Raises:
-        PolishSimError: If the part, a calibration or the placement cannot be used.
+    The path is a plan made before, else once around the part's rim. Raises PolishSimError if the part, a calibration or
+    the placement cannot be used.
     """
     observer = observer or Silent()
     scenario = replace(scenario, dual=settled_bases(scenario.dual))

@@ -31,13 +31,9 @@ class PairErrors(NamedTuple):
 
 
 def pair_errors(trace: Trace, wanted: WantedTool, R_base_work: Array, pressing: bool) -> PairErrors:
-    """Errors of the process phase.
+    """Errors of the process phase; while pressing the force decides the depth: errors along the tool axis do not count.
 
-    Args:
-        trace: The run.
-        wanted: The planned tool poses.
-        R_base_work: How the work frame stands in the base of the robot with the tool then, shape (n, 3, 3).
-        pressing: Whether the force decides how deep the tool is: then what is along the tool axis does not count.
+    ``R_base_work``: how the work frame stands in the base of the robot with the tool then, shape (n, 3, 3).
     """
     part = trace.phase == PROCESS
     s = trace.path_s_m[part]
@@ -52,11 +48,6 @@ def pair_errors(trace: Trace, wanted: WantedTool, R_base_work: Array, pressing: 
 
 def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[str, Any]:
     """Measure how the tool follows the moving part, over the whole process phase, its ramps included.
-
-    Args:
-        trace: The run.
-        errors: Of it, see ``pair_errors``.
-        R_base_work: As there.
 
     Returns:
         tracking_error_max_m: largest distance from the target along x, y, z of the part (a list; across the tool axis

@@ -46,15 +46,9 @@ NARROW: Final = 0.1
 
 
 def marks_on(region: Region, surface: Surface, count: int) -> Array:
-    """Marks on a part that are touched to find it: far apart, in directions evenly spread about the middle.
+    """Marks on a part that are touched to find it: far apart, in directions evenly spread about the region's middle.
 
-    Args:
-        region: The worked region.
-        surface: The whole part.
-        count: Number of marks.
-
-    Returns:
-        T_work_tool, the tool's z axis into the part, shape (count, 4, 4).
+    Returns T_work_tool, the tool's z axis into the part, shape (count, 4, 4).
     """
     for candidate in (region.surface, surface):
         points = candidate.vertices[np.unique(candidate.faces)]
@@ -90,20 +84,10 @@ def tracker_sees(T_master_follower: Array) -> TrueBases:
 def find_parts(
     config: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator, arms: PairArms = NOMINAL_ARMS
 ) -> tuple[PairParts, Array]:
-    """Measure bases, tool and part one by one.
+    """Measure bases, tool and part one by one; bases found along with the arms' tables are taken.
 
-    Args:
-        config: Noise of the instruments.
-        true: The chain as it really is.
-        site: The marks.
-        rng: Draws the noise.
-        arms: Both arms; bases found along with their tables are taken.
-
-    Returns:
-        What was found, and how the tool stands on its flange, shape (3, 3).
-
-    Raises:
-        ReachError: The master cannot touch with a mark of a part held like that.
+    Returns what was found, and how the tool stands on its flange, (3, 3). Raises ReachError if the master cannot touch
+    with a mark of a part held like that.
     """
     tracker, touch = max(config.tracker_noise_m, LEAST_NOISE), max(config.touch_noise_m, LEAST_NOISE)
     truth = tracker_sees(true.T_master_follower)
@@ -142,20 +126,11 @@ def _touch_with_mark(trial: TcpTrial, mark: Array, rng: np.random.Generator, arm
 def touch_marks(
     true: ClosedChain, site: Site, count: int, noise: float, rng: np.random.Generator, arms: PairArms = NOMINAL_ARMS
 ) -> ClosingTouches:
-    """Touch the part's marks with the tool, one after the other, as often as asked.
+    """Touch the part's marks with the tool, one after the other, ``count`` times, each coordinate off by ``noise`` rms
+    [m].
 
-    From round to round the tool is turned about its axis: what is not square about its tip then shows as such.
-
-    Args:
-        true: The chain as it really is.
-        site: The marks, and where the part is held.
-        count: Number of touches.
-        noise: Standard deviation of one coordinate of a touch [m].
-        rng: Draws the noise.
-        arms: Both arms.
-
-    Raises:
-        ReachError: An arm off its table cannot do it: then what it reads is not known.
+    From round to round the tool is turned about its axis: what is not square about its tip then shows as such. Raises
+    ReachError if an arm off its table cannot do it: then what it reads is not known.
     """
     marks = len(site.T_work_tool)
     mark, rounds = np.arange(count) % marks, max(-(-count // marks), 1)
@@ -182,10 +157,8 @@ class PairFrames(NamedTuple):
 def settled_bases(config: DualConfig) -> DualConfig:
     """The same with the bases where they really stand: as the simulated calibration it names planted them.
 
-    Raises:
-        InputError: The calibration cannot be read.
-        CalibrationError: It is another pair's.
-        ConfigError: Another place of the follower's base is asked for.
+    Raises InputError if the calibration cannot be read, CalibrationError if it is another pair's, ConfigError if
+    another place of the follower's base is asked for.
     """
     file = config.arms_file or config.bases_file
     if not file:
@@ -204,15 +177,9 @@ def settled_bases(config: DualConfig) -> DualConfig:
 
 
 def true_chain(config: DualConfig, T_gripper_work: Array = ON_FACE) -> ClosedChain:
-    """The chain as it really is.
+    """The chain as it really is, the part's frame on the gripper's face unless another place (4, 4) is given.
 
-    The part sits in the gripper as it is put there: its own frame on the gripper's face, unless another place (4, 4) is
-    given.
-
-    Raises:
-        ConfigError: No pose is given, or another one than the calibration's.
-        InputError: The calibration cannot be read.
-        CalibrationError: It is another pair's.
+    Raises ConfigError if no pose is given, or another one than the calibration's; else as `settled_bases`.
     """
     T_flange_gripper = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
     return ClosedChain(_follower_pose(settled_bases(config)), T_flange_gripper, T_gripper_work, tool_on_flange())
@@ -244,17 +211,7 @@ def _pose_text(T: Array) -> str:
 def calibrated_frames(
     config: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator, arms: PairArms = NOMINAL_ARMS
 ) -> PairFrames:
-    """The true chain beside the one the host believes.
-
-    Args:
-        config: Calibrations, or the noise of those that are simulated before the run.
-        true: The chain as it really is.
-        site: Where the part's marks are touched.
-        rng: Draws the noise.
-        arms: Both arms.
-
-    Returns:
-        Both chains.
+    """The true chain beside the one the host believes, from calibrations on file or those simulated before the run.
 
     Raises:
         InputError: A calibration cannot be read.
@@ -279,15 +236,11 @@ def believed_chain(adjusted: PairAdjustment, R_flange_tool: Array, true: ClosedC
 
 
 def tool_errors(frames: PairFrames, T_master_work: Array, T_work_tool: Array) -> Array:
-    """How far the tool is off on the part if both arms do exactly what the believed chain asks for.
+    """From the tool as wanted to the tool as it is on the part [m], (n, 3), if both arms do what the believed chain
+    asks for.
 
-    Args:
-        frames: The true and the believed chain.
-        T_master_work: Where the host wants the part, base of the master, shape (4, 4).
-        T_work_tool: Where it wants the tool on the part, shape (n, 4, 4).
-
-    Returns:
-        From the tool as wanted to the tool as it is, work frame [m], shape (n, 3).
+    ``T_master_work``: where the host wants the part, base of the master, (4, 4); ``T_work_tool``: the tool on it, (n,
+    4, 4). Work frame.
     """
     true, believed = frames
     T_master_flange = believed.master_flange(T_master_work)

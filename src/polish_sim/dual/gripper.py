@@ -34,16 +34,8 @@ class Seat(NamedTuple):
 def seat_part(surface: Surface, up: Array, pose: tuple[float, ...] = ()) -> Seat:
     """Hold a part with the side ``up`` away from the gripper, the middle of its box on the gripper's axis.
 
-    Args:
-        surface: The part.
-        up: Side to be worked on, work frame, shape (3,).
-        pose: Where the part's own frame is on the gripper instead [m], [rad], shape (6,); empty for none.
-
-    Returns:
-        Where the part sits.
-
-    Raises:
-        ReachError: No part in front of the gripper's face.
+    ``pose``: where the part's own frame is on the gripper instead [m], [rad], (6,); empty for none. Raises ReachError
+    if there is no part in front of the gripper's face.
     """
     corners = surface.control.reshape(-1, 3)
     T_gripper_work = from_pose(pose) if pose else _on_lowest_point(corners, up)
@@ -113,12 +105,7 @@ def part_mass(mesh: PartMesh, density: float) -> float:
 
 
 def check_load(mesh: PartMesh, density: float) -> None:
-    """Refuse a part that encloses no volume, or is too heavy for the master.
-
-    Raises:
-        InputError: Its mesh encloses no volume.
-        ReachError: Names its mass and the master's payload.
-    """
+    """Refuse a part that encloses no volume (InputError), or is too heavy for the master (ReachError)."""
     mass = part_mass(mesh, density)
     if not mass > 0.0:
         raise InputError(

@@ -26,13 +26,7 @@ class HostArm(Record):
 
 
 def build_host_arm(table: Array, T_world_base: Array, T_flange_end: Array) -> HostArm:
-    """A host that computes with a table.
-
-    Args:
-        table: The table it believes in, shape (4, 6).
-        T_world_base: Where the arm stands, shape (4, 4).
-        T_flange_end: Its end on the flange, shape (4, 4).
-    """
+    """A host that computes with a table, (4, 6), for an arm at ``T_world_base`` with its end at ``T_flange_end``."""
     return HostArm(joint_rows(table), T_world_base, T_flange_end)
 
 

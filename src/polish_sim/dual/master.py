@@ -45,12 +45,8 @@ class PartWay(NamedTuple):
 
 
 def along_arc(velocity: Array, bend: float) -> Callable[[Array], Array]:
-    """Constant speed along a straight line, or along an arc about the base's z axis.
-
-    Args:
-        velocity: At time zero [m/s], shape (3,).
-        bend: Rate at which its direction turns about z [rad/s]; 0: straight.
-    """
+    """Constant speed from a velocity [m/s] along a straight line, or an arc whose direction turns by ``bend`` [rad/s]
+    about z."""
     across = np.array([-velocity[1], velocity[0], 0.0])
     level = np.array([velocity[0], velocity[1], 0.0])
     rise = np.array([0.0, 0.0, velocity[2]])
@@ -65,13 +61,7 @@ def along_arc(velocity: Array, bend: float) -> Callable[[Array], Array]:
 
 
 def about_axis(axis: Array, center: Array, rate: float) -> Callable[[Array], Array]:
-    """A turn at constant rate about an axis of the part.
-
-    Args:
-        axis: Its unit direction, work frame, shape (3,).
-        center: A point on it, work frame [m], shape (3,).
-        rate: Right-handed [rad/s]; 0: the part keeps its orientation.
-    """
+    """A turn at a constant rate [rad/s], right-handed, about an axis of the part through ``center`` [m], work frame."""
 
     def turn(times: Array) -> Array:
         R = Rotation.from_rotvec(rate * times[:, None] * axis).as_matrix()
@@ -81,12 +71,7 @@ def about_axis(axis: Array, center: Array, rate: float) -> Callable[[Array], Arr
 
 
 def through_poses(times: Array, poses: Array) -> PartWay:
-    """Through poses at given times: position by a cubic spline, orientation by a rotation spline, both C2.
-
-    Args:
-        times: From zero, increasing [s], shape (n,), n at least 2.
-        poses: Of the part, shape (n, 4, 4).
-    """
+    """Through poses (n, 4, 4) at rising times from zero [s]: splines of positions and rotations, both C2."""
     places = CubicSpline(times, poses[:, :3, 3] - poses[0, :3, 3])
     turned = RotationSpline(times, Rotation.from_matrix((inverse(poses[0]) @ poses)[:, :3, :3]))
     end = float(times[-1])
@@ -123,10 +108,7 @@ def read_master_path(file: Path) -> MasterPath:
 
     Columns in any order: ``time_s``; the place ``x_mm..z_mm`` or ``x_m..z_m`` of the part's origin, or of the flange's
     if they begin with ``flange_``; the orientation ``qw..qz``, ``rx_rad..rz_rad`` or ``r11..r33``. Base of the master.
-
-    Raises:
-        InputError: No such file, a column missing, places of both part and flange, fewer than two lines, time that
-            does not increase, a jump, a value that is none; names the line.
+    Raises InputError naming the line, also for time that does not increase or a jump.
     """
     columns = Measured.read(file, "pose", "poses over time")
     columns.need((TIME,), "the time of each pose [s]")
@@ -177,17 +159,10 @@ class MasterMotion(NamedTuple):
 
 
 def master_motion(scenario: Scenario, path: ToolPath, up: Array, chain: ClosedChain) -> MasterMotion:
-    """The motion a scenario asks for.
+    """The motion a scenario asks for along the follower's path, on the side ``up`` of the part, in the believed chain.
 
-    Args:
-        scenario: The scenario.
-        path: What the follower does on the part.
-        up: Side of the part that is worked on, work frame, shape (3,).
-        chain: The chain the host believes.
-
-    Raises:
-        ConfigError: A direction is none, two settings say where the part is held, or how it moves.
-        InputError: The file cannot be used.
+    Raises ConfigError if a direction is none or two settings contradict each other, InputError if the file cannot be
+    used.
     """
     config = scenario.dual
     if config.master_path:

@@ -66,15 +66,12 @@ class PairReach(NamedTuple):
 
 
 def default_poses(chain: ClosedChain, up: Array, middle_of_way: Array) -> Iterator[Array]:
-    """Candidate poses of the part at the start of its way, best guess first.
+    """Candidate poses T_master_work of the part at the start of its way, best guess first.
 
     Args:
         chain: Where the bases stand, and the part in the gripper: its face goes to the candidate places.
         up: Side of the part to be worked on, work frame, shape (3,).
         middle_of_way: How far the middle of its way is from its start, base of the master [m], shape (3,).
-
-    Yields:
-        T_master_work, shape (4, 4).
     """
     between = chain.T_master_follower[:3, 3]
     ahead = between / np.linalg.norm(between)
@@ -112,13 +109,9 @@ class Sampled(NamedTuple):
 
 
 def sampled(work: Work, T_master_work: Array, spin: float, visits: Visits | None = None) -> Sampled:
-    """Where part and tool are at the moments of the work, or at other ones.
+    """Where part and tool are at the moments of the work, or at other visits.
 
-    Args:
-        work: The work.
-        T_master_work: The part at the start, base of the master, shape (4, 4).
-        spin: Turn of the tool about its axis [rad].
-        visits: The moments; those of the work if not given.
+    ``T_master_work``: the part at the start; ``spin``: turn of the tool about its axis [rad].
     """
     at = work.visits if visits is None else visits
     parts = work.way(T_master_work, at.clock)
@@ -129,16 +122,10 @@ def sampled(work: Work, T_master_work: Array, spin: float, visits: Visits | None
 
 
 def tool_on_start(work: Work, reach: PairReach, axes: Array, clock: Array) -> Array:
-    """How the tool stands at points of the part, turned back with the part to where it is at the start.
+    """R_follower_tool (n, 3, 3) at points of the part, turned back with the part to where it is at the start.
 
-    Args:
-        work: The work.
-        reach: Pose of the part and spin of the tool.
-        axes: Tool axes from the part to the tool there, work frame, shape (n, 3).
-        clock: Time of the master's motion when it is there [s], shape (n,).
-
-    Returns:
-        R_follower_tool, shape (n, 3, 3).
+    ``axes``: of the tool there, from the part to the tool, work frame, (n, 3); ``clock``: time of the master's motion
+    when it is there [s], (n,).
     """
     R_follower_start = work.chain.T_master_follower[:3, :3].T @ reach.T_master_work[:3, :3]
     return np.asarray(R_follower_start @ _work_to_tool(work, reach.T_master_work, reach.spin, axes, clock))
@@ -167,17 +154,9 @@ def find_pair_reach(
 ) -> PairReach:
     """Find a pose of the part, configurations and a spin of the tool with which both arms do everything.
 
-    Args:
-        work: The work.
-        poses: Candidates for the part's pose at the start, base of the master, each (4, 4).
-        collides: Looks for arms that touch.
-        file: Where the master's motion comes from, if from a file.
-
-    Returns:
-        The first way that keeps well away from singularities and limits, else the best there is.
-
-    Raises:
-        ReachError: There is none; says which arm fails and where for the pose that came furthest, of a file the line.
+    Takes the first of the candidate poses T_master_work that keeps well away from singularities and limits, else the
+    best. Raises ReachError if there is none, with the arm that fails and where for the pose that came furthest, of a
+    file the line.
     """
     best: PairReach | None = None
     furthest = Failed(-1.0, "no pose of the part was tried")

@@ -35,14 +35,7 @@ CURVE = 300  #: Steps of a predicted density
 
 @styled
 def plot_dual(record: RunRecord) -> Figure:
-    """Draw a run over time: errors of the tool on the part, force if there is one, and the way of all joints.
-
-    Args:
-        record: A run of ``dual``.
-
-    Returns:
-        The figure.
-    """
+    """Draw a run over time: errors of the tool on the part, force if there is one, and the way of all joints."""
     pressing = record.scenario.dual.standoff_m == 0.0
     figure = new_figure(10.0, 7.4 if pressing else 6.2)
     panels = figure.subplots(4 if pressing else 3, 1, sharex=True)
@@ -69,14 +62,7 @@ def plot_dual(record: RunRecord) -> Figure:
 
 @styled
 def plot_dual_runs(records: Sequence[RunRecord]) -> Figure:
-    """Draw the tool's error on the part along the path, one line a run.
-
-    Args:
-        records: Runs of ``dual``.
-
-    Returns:
-        The figure.
-    """
+    """Draw the tool's error on the part along the path, one line a run."""
     figure = new_figure(9.0, 4.0)
     axes = figure.subplots()
     for index, record in enumerate(records):
@@ -210,12 +196,8 @@ def plot_budget(
 ) -> Figure:
     """Draw each source as analysis and draws have it, and the distribution of the whole error.
 
-    Args:
-        trial: Its noise, for the facts.
-        shares: By source and together.
-        errors: Together, draw by draw, work frame [m], shape (draws, points, 3).
-        covariances: Together [m^2], shape (points, 3, 3).
-        asked: Largest rms and largest 95% length asked [m].
+    ``errors``: together, draw by draw, work frame [m], (draws, points, 3); ``covariances``: together [m^2], (points, 3,
+    3); ``asked``: largest rms and largest 95% length [m].
     """
     figure = new_figure(11.0, 4.8)
     left, right = figure.subplots(1, 2)

@@ -38,16 +38,9 @@ class ClosedSpline:
 
 
 def fit_closed_spline(points: Array) -> ClosedSpline:
-    """The curve through points and back to the first one.
+    """The curve, C4 everywhere, through points (n, 3) [m] in order and back to the first one, which is not repeated.
 
-    Args:
-        points: Points in order, the first not repeated [m], shape (n, 3).
-
-    Returns:
-        The curve, C4 everywhere.
-
-    Raises:
-        SmoothingError: Fewer than six points, or two neighbours in one place.
+    Raises SmoothingError for fewer than six points, or two neighbours in one place.
     """
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < LEAST_POINTS:
         raise SmoothingError(f"a closed quintic curve needs {LEAST_POINTS} points (n, 3) or more; got {points.shape}.")
@@ -67,18 +60,9 @@ _DENSE: Final = 5e-4  # between points the borders are compared at [m]
 
 
 def rim_path(surface: Surface, region: Region, clearance: float) -> ToolPath:
-    """Plan a path once around a ring-shaped region.
+    """Plan a path down to the rim, once around a ring-shaped region and up, from ``clearance`` [m] above the part.
 
-    Args:
-        surface: The whole part.
-        region: A ring: connected, with an outer and an inner border.
-        clearance: Height of the first and last point above the part [m].
-
-    Returns:
-        The path: down to the rim, once around it, and up.
-
-    Raises:
-        PlanError: The region is no ring, or too uneven for a smooth curve on it.
+    Raises PlanError if the region is no ring, or too uneven for a smooth curve on it.
     """
     loops = region.boundary_loops
     if len(region.components()) != 1 or len(loops) != 2:

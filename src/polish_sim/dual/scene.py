@@ -49,19 +49,13 @@ class Held(NamedTuple):
 def build_pair_scene(
     scenario: Scenario, T_follower_master: Array, held: Held, tables: Mapping[str, Array] | None = None
 ) -> mujoco.MjModel:
-    """Compile the cell of two robots.
+    """Compile the cell of two robots: the follower's joints and controls first.
 
     Args:
         scenario: Head, pad, robots and time step.
         T_follower_master: The master's base in the follower's, as it really stands, shape (4, 4).
-        held: What the master holds.
+        held: What the master holds; too heavy for it: ReachError.
         tables: Denavit-Hartenberg parameters of ``master`` and ``follower`` as built, (4, 6) each; None: nominal.
-
-    Returns:
-        The compiled model: the follower's joints and controls first, names begin with ``follower_`` and ``master_``.
-
-    Raises:
-        ReachError: The part is too heavy for the master.
     """
     scene = _file_without_keyframe(scenario)
     scene.delete(scene.body("base"))

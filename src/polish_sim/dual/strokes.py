@@ -33,8 +33,7 @@ ON_THE_WAY: Final = -1  # to a stroke or from it
 def pair_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool) -> list[Stroke]:
     """The strokes of a path as ``run dual`` does them; with ``dual.standoff_m`` above 0 nothing is touched.
 
-    Raises:
-        SmoothingError: The tool's motion cannot be made; of the follower's arm also says what to change.
+    Raises SmoothingError if the tool's motion is impossible; of the follower's arm it also says what to change.
     """
     strokes = placed_strokes if scenario.dual.standoff_m == 0.0 else free_strokes
     kept = _fed_at_most(scenario, path)
@@ -96,17 +95,8 @@ def is_gentle(motion: TimedPath, limits: SmoothingLimits) -> bool:
 def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float) -> list[Stroke]:
     """Every stretch of a path followed where it is, without touching anything; between two the tool is lifted.
 
-    A stretch with bends too sharp for the feed is smoothed as strokes on the part are, with gentler limits.
-
-    Args:
-        scenario: Feed, smoothing.
-        path: The path, work frame.
-        placed: Where it is, and how the tool stands.
-        hold: Time to stay at the end of a stretch [s].
-        lift: Height of the retract between two stretches [m].
-
-    Returns:
-        The strokes in order, in the base frame.
+    A stretch with bends too sharp for the feed is smoothed as strokes on the part are, with gentler limits. ``hold``:
+    time to stay at the end of a stretch [s]; ``lift``: height of the retract between two stretches [m].
     """
     process, stretches = scenario.process, stretches_in_contact(path)
     limits = air_limits(process.feed_m_s)
@@ -165,12 +155,8 @@ class Visits(NamedTuple):
 
 
 def plan_visits(strokes: Sequence[Stroke], step: float) -> Visits:
-    """Follow strokes from beginning to end as the cell does if contact is where it is expected.
-
-    Args:
-        strokes: The strokes, in the work frame.
-        step: Time between visits, at most [s].
-    """
+    """Follow strokes (work frame) as the cell does if contact is where it is expected, at most ``step`` [s] between
+    visits."""
     done: list[Visits] = []
     time = clock = meant = 0.0
     for number, stroke in enumerate(strokes):

@@ -73,18 +73,9 @@ class DualTask:
 
 
 def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> DualTask:
-    """Plan the path, calibrate, and check that both arms can do all of it without touching each other.
+    """Plan the path, or take a plan, calibrate, and check that both arms can do all of it without touching each other.
 
-    Args:
-        scenario: The scenario.
-        plan: A path made before, on its part; else once around the part's rim.
-        observer: Told of the progress.
-
-    Returns:
-        The task.
-
-    Raises:
-        PolishSimError: If the part cannot be used or planned, a calibration does not fit, or an arm cannot follow.
+    Raises PolishSimError if the part cannot be used or planned, a calibration does not fit, or an arm cannot follow.
     """
     observer = observer or Silent()
     build_controller(scenario.controller)

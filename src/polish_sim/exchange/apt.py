@@ -66,11 +66,8 @@ class Statement(NamedTuple):
 
 
 def statements(file: Path, text: str) -> Iterator[Statement]:
-    """Take an APT text apart; $$ begins a comment, a single $ continues a statement, but never prose.
-
-    Raises:
-        InputError: The last line asks to be continued.
-    """
+    """Take an APT text apart; $$ begins a comment, a single $ continues a statement, but never prose or past the
+    end."""
     pending, begin, remarked = "", 0, False
     for number, raw in enumerate(text.splitlines(), start=1):
         code, _, comment = raw.partition("$$")
@@ -154,8 +151,7 @@ class _Machine:
 def read_apt(file: Path, text: str, unknown: Unknown) -> WayPoints:
     """Read APT source or CLDATA: UNITS, MULTAX, FROM, GOTO, FEDRAT, RAPID, TLAXIS; mm unless UNITS says otherwise.
 
-    Raises:
-        InputError: A statement that is unknown, incomplete or moves other than by points; names the line.
+    Raises InputError, naming the line, for a statement that is unknown, incomplete or moves other than by points.
     """
     machine = _Machine(file)
     for statement in statements(file, text):
@@ -314,16 +310,9 @@ IN_THE_AIR = (APPROACH, RETRACT)
 def apt_text(result: PlanResult, setup: ExportSetup) -> str:
     """Write a path as APT: mm, tool axis from the part to the tool, RAPID in the air, FEDRAT in mm per minute.
 
-    Positions are printed to 1e-6 mm, axes to 1e-9. Leads move at the approach speed; straight moves in the
-    air are one GOTO. Segment, pass and force stand in
-    comments, which other systems skip and our own reader takes up.
-
-    Args:
-        result: The plan.
-        setup: Feed and approach speed where the path has none of its own.
-
-    Returns:
-        The text.
+    Positions are printed to 1e-6 mm, axes to 1e-9. Leads move at the approach speed; straight moves in the air are one
+    GOTO. Segment, pass and force stand in comments, which other systems skip and our own reader takes up. ``setup``:
+    feed and approach speed where the path has none of its own.
     """
     head = [
         f"PARTNO {result.mesh.name}",

@@ -43,21 +43,13 @@ class Table(NamedTuple):
 
 
 def read_csv(file: Path, text: str, unknown: Unknown) -> WayPoints:
-    """Read path.csv or a plain CSV; blank lines and lines that begin with # are left out.
-
-    Raises:
-        InputError: No points, wrong columns or a value that is none; names the line.
-    """
+    """Read path.csv or a plain CSV without blank lines and # comments; InputError names a wrong line or column."""
     columns = Columns.parse(file, text, "point")
     return _path_of(Table(file, columns.texts, lambda row: f"{columns.place(row)}, point {row + 1}"))
 
 
 def read_json(file: Path, text: str, unknown: Unknown) -> WayPoints:
-    """Read a path.json.
-
-    Raises:
-        InputError: No JSON, or no path in it.
-    """
+    """Read a path.json; InputError for no JSON, or no path in it."""
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:

@@ -28,14 +28,7 @@ def yaml_text(result: PlanResult, setup: ExportSetup) -> str:
     """Write a path as a YAML pose list that any YAML reader loads with plain types.
 
     `header` and `poses` are a PoseArray; `segment`, `pass_index`, `force_n` and `feed_m_s` have one entry per pose.
-    Straight moves in the air have a pose at either end.
-
-    Args:
-        result: The plan.
-        setup: Frame's name, force and feed.
-
-    Returns:
-        The text.
+    Straight moves in the air have a pose at either end. ``setup``: frame's name, force and feed.
     """
     path = result.path.rows(rows_without_straight_air(result.path))
     return "\n".join([*_head(result, setup), *_poses(path), *_lists(path, setup), ""])
@@ -107,11 +100,8 @@ ALL: Final = "all"
 
 
 def check_formats(names: Sequence[str]) -> tuple[str, ...]:
-    """The formats some names stand for, `all` for every one; each once.
-
-    Raises:
-        InputError: A name is not known; the message lists those that are.
-    """
+    """The formats some names stand for, `all` for every one; each once. InputError, with a list, for an unknown
+    name."""
     for name in names:
         if name not in FORMATS and name != ALL:
             raise unknown_name("export format", name, [*FORMATS, ALL])
@@ -121,20 +111,10 @@ def check_formats(names: Sequence[str]) -> tuple[str, ...]:
 def export_plan(
     folder: str | Path, result: PlanResult, names: Sequence[str], setup: ExportSetup | None = None
 ) -> tuple[Path, ...]:
-    """Write a plan in some formats, each file whole or not at all.
+    """Write a plan in formats, names of `FORMATS` or `all`, each file whole or not at all; returns the files.
 
-    Args:
-        folder: Where to; created if missing.
-        result: The plan.
-        names: Names of `FORMATS`, or `all`.
-        setup: Process, robot tool, place of the part.
-
-    Returns:
-        The files written.
-
-    Raises:
-        InputError: Unknown format, or the folder cannot be written.
-        PlanError: The path cannot be written in a format, e.g. nothing to press on.
+    Raises InputError for an unknown format or a folder that cannot be written, PlanError if the path cannot be written
+    in a format, e.g. nothing to press on.
     """
     setup = setup or ExportSetup()
     contents: dict[str, bytes] = {}

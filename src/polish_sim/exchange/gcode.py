@@ -78,18 +78,10 @@ class Block(NamedTuple):
 
 
 def blocks(file: Path, text: str, unknown: Unknown) -> Iterator[Block]:
-    """Take a G-code text apart, up to the end of the program; lines without a word are left out.
+    """Take a G-code text apart, line by line up to the end of the program; lines without a word are left out.
 
-    Args:
-        file: Where the text is from.
-        text: The program; ( ) and ; enclose comments, % lines are marks of the file.
-        unknown: Called with characters that begin no word.
-
-    Yields:
-        The lines in order.
-
-    Raises:
-        InputError: A comment is not closed.
+    ( ) and ; enclose comments, % lines are marks of the file; ``unknown`` is called with characters that begin no word.
+    Raises InputError if a comment is not closed.
     """
     for number, raw in enumerate(text.splitlines(), start=1):
         code = raw.partition(";")[0]
@@ -184,8 +176,8 @@ class _Machine:
 def read_gcode(file: Path, text: str, unknown: Unknown) -> WayPoints:
     """Read G-code: G0, G1, G20, G21, G90, G91, F, and the tool axis; mm and absolute unless it says otherwise.
 
-    Raises:
-        InputError: A word that moves the tool other than on straight lines, or no points; names line and column.
+    Raises InputError, naming line and column, for a word that moves the tool other than on straight lines, or no
+    points.
     """
     machine = _Machine(file, unknown)
     for block in blocks(file, text, unknown):

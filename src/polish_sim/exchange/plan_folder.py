@@ -23,15 +23,8 @@ VERSIONED: Final = ("polish-sim", "numpy", "scipy", "numba")
 
 
 def write_plan(folder: str | Path, result: PlanResult) -> None:
-    """Write path.csv, path.json and metrics.json into a folder, each under a temporary name until whole.
-
-    Args:
-        folder: Where to; created if missing.
-        result: The plan.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
+    """Write path.csv, path.json and metrics.json into a folder, made if missing, each under a temporary name
+    until whole."""
     write_files(
         Path(folder),
         {
@@ -43,11 +36,7 @@ def write_plan(folder: str | Path, result: PlanResult) -> None:
 
 
 def write_files(folder: Path, contents: Mapping[str, bytes]) -> None:
-    """Write files into a folder, each under a temporary name until whole.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
+    """Write files into a folder, each under a temporary name until whole; InputError if it cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():

@@ -28,20 +28,13 @@ READERS: Final[Mapping[str, Reader]] = {
 
 
 def read_path(source: str | Path, unknown: Unknown = refuse_unknown) -> ToolPath:
-    """Read a tool path: a plan folder, path.json, path.csv, a plain CSV, APT/CLDATA, or G-code.
+    """Read a tool path, work frame, not pressed in: a plan folder, path.json, path.csv, a plain CSV, APT/CLDATA, or
+    G-code.
 
     A plain CSV has the columns x, y, z (mm, work frame) and i, j, k (unit tool axis from the part to the tool, as
     CLDATA), and may have force (N) and feed (mm/s); all its points are process points. docs/formats.md has the rest.
-
-    Args:
-        source: Folder or file.
-        unknown: Called with words that could be skipped.
-
-    Returns:
-        The path in the work frame, not pressed in.
-
-    Raises:
-        InputError: The file cannot be read or is no path, or has a point twice; says where and what to do.
+    ``unknown`` is called with words that could be skipped. Raises InputError, saying where and what to do, for no path
+    or a point twice.
     """
     found = read_way_points(source, unknown)
     refuse_repeats(found.file, found.path.s, found.place)
@@ -49,18 +42,8 @@ def read_path(source: str | Path, unknown: Unknown = refuse_unknown) -> ToolPath
 
 
 def read_way_points(source: str | Path, unknown: Unknown = refuse_unknown) -> WayPoints:
-    """Read a tool path as its file has it: points may repeat, and the tool may turn where it stands.
-
-    Args:
-        source: Folder or file, as in `read_path`.
-        unknown: Called with words that could be skipped.
-
-    Returns:
-        The points and where in the file each stands.
-
-    Raises:
-        InputError: The file cannot be read or is no path; says where and what to do.
-    """
+    """Read a tool path as its file has it: points may repeat, and the tool may turn where it stands; else as
+    `read_path`."""
     source = Path(source)
     file = source / PATH_JSON if source.is_dir() else source
     if source.is_dir() and not file.is_file():

@@ -23,11 +23,7 @@ class StrokeRows(NamedTuple):
 
 
 def strokes_of(path: ToolPath) -> list[StrokeRows]:
-    """Split a path where the tool leaves the part.
-
-    Raises:
-        PlanError: The path has no point in contact, or a stroke of one point.
-    """
+    """Split a path where the tool leaves the part; PlanError for no point in contact, or a stroke of one point."""
     pressed = np.flatnonzero(path.process)
     if not len(pressed):
         raise PlanError("the path has no process point: nothing to press on. Plan it again.")
@@ -54,16 +50,10 @@ STEEPEST = 0.99  #: The steady x axis must stay this far off every tool axis (co
 
 
 def feed_frames(path: ToolPath) -> Array:
-    """Tool frames with z into the part and x along the feed, the convention of ROS tool paths.
+    """Tool frames (n, 3, 3) with z into the part and x along the feed, the convention of ROS tool paths.
 
-    Where the tool moves along its own axis (straight leads), x is that of the nearest point before that has one, at
-    the start of the path that of the first.
-
-    Args:
-        path: The path.
-
-    Returns:
-        Rotations from tool to work frame, columns x, y, z, shape (n, 3, 3).
+    Where the tool moves along its own axis (straight leads), x is that of the nearest point before that has one, at the
+    start of the path that of the first.
     """
     z = -path.axes_work
     feed = np.diff(path.positions_work, axis=0)
@@ -82,19 +72,11 @@ def feed_frames(path: ToolPath) -> Array:
 
 
 def steady_frames(path: ToolPath) -> Array:
-    """Tool frames with z into the part and x as near as can be to one of the work frame's axes.
+    """Tool frames (n, 3, 3) with z into the part and x as near as can be to one of the work frame's axes.
 
     A round pad does not care how it is turned about its axis, but a robot's last joint does: with x along the feed
-    every turn of a spiral would wind it once round.
-
-    Args:
-        path: The path.
-
-    Returns:
-        Rotations from tool to work frame, columns x, y, z, shape (n, 3, 3).
-
-    Raises:
-        PlanError: Tool axes point along all three axes of the work frame, so that no x axis is clear of them all.
+    every turn of a spiral would wind it once round. Raises PlanError if tool axes point along all three axes of the
+    work frame, so that no x axis is clear of them all.
     """
     along = np.abs(path.axes_work).max(axis=0)
     best = int(along.argmin())
@@ -123,9 +105,6 @@ def needed_rows(path: ToolPath, chord_m: float, axis_rad: float, longest_m: floa
         chord_m: Largest distance of a left-out point from the straight move [m].
         axis_rad: Largest angle between a left-out tool axis and those at both ends of its move [rad].
         longest_m: Longest straight move over left-out points [m].
-
-    Returns:
-        Row numbers, increasing, shape (k,).
     """
     fixed = np.zeros(len(path.s), dtype=np.bool_)
     fixed[[0, -1]] = True

@@ -198,19 +198,10 @@ class _Move(NamedTuple):
 def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
     """Write a path as a URScript program.
 
-    Each stroke comes down in position control to 3 mm above the surface, follows the rest of its lead-in in force
-    mode, so that an arc or a ramp lands on the move, is run with the force along tool z in a task frame that follows
-    the tool, and ends force mode before it lifts.
-
-    Args:
-        result: The plan.
-        setup: Force, speeds, the robot's tool and, if known, where the part is.
-
-    Returns:
-        The program.
-
-    Raises:
-        PlanError: Nothing to press on, or tool axes all around.
+    Each stroke comes down in position control to 3 mm above the surface, follows the rest of its lead-in in force mode,
+    so that an arc or a ramp lands on the move, is run with the force along tool z in a task frame that follows the
+    tool, and ends force mode before it lifts. ``setup``: force, speeds, the robot's tool and, if known, where the part
+    is. Raises PlanError if there is nothing to press on, or tool axes all around.
     """
     name = "polish_" + (re.sub(r"[^0-9a-z]+", "_", result.mesh.name.lower()).strip("_") or "part")
     path = result.path.rows(_kept(result.path))

@@ -141,15 +141,7 @@ FIGURES: Final[tuple[tuple[str, str, float, str], ...]] = (
 
 
 def html_text(result: PlanResult, setup: ExportSetup) -> str:
-    """Write part and path as one interactive HTML page.
-
-    Args:
-        result: The plan.
-        setup: Not used; every writer takes it.
-
-    Returns:
-        The page.
-    """
+    """Write part and path as one interactive HTML page; every writer takes a setup, this one needs none."""
     page = resources.files("polish_sim.exchange").joinpath("viewer.html").read_text(encoding="utf-8")
     title = html.escape(f"{result.plan.pattern} on {result.mesh.name}")
     # "<" must not appear in a script element: the part's name could close it.

@@ -22,11 +22,7 @@ LARGEST_M = 100.0  #: A coordinate beyond this [m] is a wrong unit, not a path a
 
 
 def positive_column(file: Path, name: str, values: Array, place: Place) -> Array:
-    """The values (n,), none of them zero or negative.
-
-    Raises:
-        InputError: One is.
-    """
+    """The values (n,); InputError if one is zero or negative."""
     wrong = np.flatnonzero(values <= 0.0)
     if len(wrong):
         row = int(wrong[0])
@@ -35,11 +31,7 @@ def positive_column(file: Path, name: str, values: Array, place: Place) -> Array
 
 
 def unit_axes(file: Path, names: Sequence[str], axes: Array, place: Place) -> Array:
-    """Tool axes (n, 3) brought to length 1 exactly.
-
-    Raises:
-        InputError: One is no unit vector to printed precision.
-    """
+    """Tool axes (n, 3) brought to length 1 exactly; InputError if one is no unit vector to printed precision."""
     length = np.linalg.norm(axes, axis=1)
     wrong = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)
     if len(wrong):
@@ -52,11 +44,7 @@ def unit_axes(file: Path, names: Sequence[str], axes: Array, place: Place) -> Ar
 
 
 def checked_length(file: Path, positions: Array, place: Place) -> Array:
-    """Arc length (n,) of points (n, 3) [m].
-
-    Raises:
-        InputError: Fewer than two points, or coordinates no robot reaches.
-    """
+    """Arc length (n,) of points (n, 3) [m]; InputError for fewer than two, or coordinates no robot reaches."""
     far = np.flatnonzero(np.abs(positions).max(axis=1, initial=0.0) > LARGEST_M)
     if len(far):
         raise InputError(
@@ -69,11 +57,7 @@ def checked_length(file: Path, positions: Array, place: Place) -> Array:
 
 
 def refuse_repeats(file: Path, s: Array, place: Place) -> None:
-    """Refuse points that stay where the one before is, arc lengths (n,) [m].
-
-    Raises:
-        InputError: One does; names the first.
-    """
+    """Refuse points that stay where the one before is, by arc lengths (n,) [m]; names the first."""
     still = np.flatnonzero(np.diff(s) <= 0.0)
     if len(still):
         row = int(still[0])
@@ -84,11 +68,7 @@ def refuse_repeats(file: Path, s: Array, place: Place) -> None:
 
 
 def refuse_unsorted(file: Path, name: str, values: Array, place: Place) -> None:
-    """Refuse a column (n,) that counts the way but falls.
-
-    Raises:
-        InputError: It does; names the first row out of order.
-    """
+    """Refuse a column (n,) that counts the way but falls; names the first row out of order."""
     back = np.flatnonzero(np.diff(values) < 0.0)
     if len(back):
         row = int(back[0]) + 1
@@ -116,11 +96,7 @@ class WayPoints(NamedTuple):
 
 
 def refuse_unknown(error: InputError) -> None:
-    """Refuse what is unknown.
-
-    Raises:
-        InputError: Always.
-    """
+    """Refuse what is unknown: raises the error."""
     raise error
 
 

@@ -38,15 +38,10 @@ class LaidPart(NamedTuple):
 
 
 def build_torque_arm(scenario: Scenario, joints: Sequence[str], part: LaidPart | None = None) -> mujoco.MjModel:
-    """Compile the arm with one motor a joint, the scenario's joint friction and its unknown payload.
+    """Compile the arm with one motor for each of the named joints, the scenario's joint friction and unknown payload.
 
-    Args:
-        scenario: Head, time step and ``guide``.
-        joints: Names of the driven joints, from base to flange.
-        part: What lies on the table before it, or None for an arm alone; its contact is not computed.
-
-    Returns:
-        The model. Nothing holds its weight but the motors: the model file's balancing of the links is taken off.
+    Nothing holds its weight but the motors: the model file's balancing of the links is taken off. ``part``: what lies
+    on the table before it, or None; its contact is not computed.
     """
     spec, guide = robot_spec(scenario), scenario.guide
     for body in spec.bodies:
@@ -75,11 +70,7 @@ def build_torque_arm(scenario: Scenario, joints: Sequence[str], part: LaidPart |
 
 
 def chain_of_file(file: Path, joints: Sequence[str]) -> SerialChain:
-    """The chain of an MJCF somebody identified, e.g. identified.xml.
-
-    Raises:
-        InputError: The file is no model, or has not these joints.
-    """
+    """The chain of an identified MJCF, e.g. identified.xml; InputError if it is no model, or has not these joints."""
     try:
         model = mujoco.MjModel.from_xml_path(str(file))
     except (ValueError, OSError) as error:
@@ -107,11 +98,7 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> Any:
 
 
 def believe(scenario: Scenario) -> Belief:
-    """The model the arm's controller uses: the arm without the payload, or a file's, scaled by the scenario's errors.
-
-    Raises:
-        InputError: ``guide.model_file`` is no model of this arm.
-    """
+    """The model the arm's controller uses: without the payload, or a file's, scaled by the scenario's errors."""
     guide = scenario.guide
     # The controller does not know the payload.
     unloaded = torque_arm(replace(scenario, guide=replace(guide, payload_kg=0.0)))
@@ -124,11 +111,7 @@ def believe(scenario: Scenario) -> Belief:
 
 
 def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: Hand) -> GuidedArm:
-    """The arm with its law in a mode and fresh limits.
-
-    Raises:
-        InputError: There is no such mode; lists the known ones.
-    """
+    """The arm with its law in a mode and fresh limits; InputError for an unknown mode."""
     guide = scenario.guide
     limits = GuidingLimits(guide.joint_speed_limit_rad_s, guide.tool_speed_limit_m_s, guide.energy_limit_j, np.zeros(2))
     return GuidedArm(model, belief, gains_of(mode, guide, scenario.simulation.timestep_s), limits, hand)
@@ -145,9 +128,5 @@ def home_pose() -> Array:
 
 
 def joints_for(T_base_tool: Array, near: Array) -> Array:
-    """Joint angles that bring the tool to a pose [rad], shape (6,).
-
-    Raises:
-        ReachError: The pose cannot be reached.
-    """
+    """Joint angles (6,) [rad] that bring the tool to a pose; ReachError if there are none."""
     return np.asarray(inverse_near(T_base_tool @ np.linalg.inv(tool_on_flange()), near))

@@ -59,13 +59,8 @@ def tool_velocity(e: EngineViews, out: Array) -> None:
 def pull_by_hand(hand: Hand, motion: HandMotion, row: int, e: EngineViews, velocity: Array, force: Array) -> None:
     """Apply the hand's pull to the housing, between tool and wrist sensor.
 
-    Args:
-        hand: The hand.
-        motion: Where it wants the tool.
-        row: This step.
-        e: The engine, its positions and velocities of this instant; ``xfrc_applied`` of the housing is written.
-        velocity: Of the tool point [m/s], shape (3,).
-        force: Written: the hand's force on the tool, base frame [N], shape (3,).
+    ``row``: this step; ``velocity``: of the tool point [m/s]; ``force``, written: the hand's on the tool, base frame
+    [N].
     """
     grip, tool, R = motion.grip[row], e.site_xpos[e.tool_site], e.site_xmat[e.tool_site]
     wanted, applied = motion.rotations[row], e.xfrc_applied[e.mount_body]
@@ -132,20 +127,10 @@ class GuidedArm(NamedTuple):
 def run_guided(
     arm: GuidedArm, q_start: Array, motion: HandMotion, servos: Array, observer: Observer | None = None
 ) -> GuidingRun:
-    """Let a hand guide the arm.
+    """Let a hand guide the arm, up to the end, a protective stop or an interrupt.
 
-    Args:
-        arm: Arm, controller and hand.
-        q_start: Joint angles at the start [rad], shape (6,).
-        motion: Where the hand wants the tool.
-        servos: Share of the holding servos, one a step; while they hold, what the model lacks is tared.
-        observer: Receives progress and frames.
-
-    Returns:
-        What was recorded, up to the end, a protective stop or an interrupt.
-
-    Raises:
-        ReachError: Links touch at the start.
+    ``servos``: share of the holding servos, one a step; while they hold, what the model lacks is tared. Raises
+    ReachError if links touch at the start.
     """
     register_engine()
     watcher, data = observer or Silent(), mujoco.MjData(arm.model)

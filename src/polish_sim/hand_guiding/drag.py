@@ -62,16 +62,7 @@ class DragTable(NamedTuple):
 def drag_table(
     positions: Array, rotations: Array, drag: DragConfig, hand: HandConfig, dt: float, rng: np.random.Generator
 ) -> DragTable:
-    """Where the hand wants the tool at every step.
-
-    Args:
-        positions: The path, base frame [m], shape (m, 3), no point twice.
-        rotations: Tool frames along it, shape (m, 3, 3).
-        drag: Speed and unsteadiness.
-        hand: How long it holds still before and after.
-        dt: Time step [s].
-        rng: Draws the unsteadiness.
-    """
+    """Where the hand wants the tool at every step, along positions (m, 3), base frame, and tool frames (m, 3, 3)."""
     s = arc_length(positions)
     begin = HOLD_S + RELEASE_S + hand.before_s
     end = begin + s[-1] / drag.speed_m_s + RAMP_S
@@ -140,11 +131,7 @@ class DragTask(NamedTuple):
 
 
 def prepare_drag(scenario: Scenario) -> DragTask:
-    """Load the part and the path to teach, and check that the arm can follow it.
-
-    Raises:
-        PolishSimError: The part or path cannot be used or reached.
-    """
+    """Load the part and the path to teach, and check that the arm can follow it; PolishSimError if not."""
     part, plan = scenario.part, scenario.plan
     mesh = load_part(part_file(part.file), part.unit, part.up)
     surface = fit_surface(mesh, plan.feature_angle_rad)
@@ -180,26 +167,15 @@ MODE = "assist"  #: The mode a path is taught in, unless another is asked for
 
 
 def run_guiding(scenario: Scenario, observer: Observer | None = None) -> RunResult:
-    """Guide the arm along a path where the scenario names one, else through the moves of the trial.
-
-    Raises:
-        PolishSimError: If the scenario cannot be run.
-    """
+    """Guide the arm along a path where the scenario names one, else through the moves of the trial."""
     return run_drag(scenario, observer) if scenario.drag.follow else run_teach(scenario, observer)
 
 
 def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     """Let a hand drag the tool along a part's rim or a path, and make a path of the recording.
 
-    Args:
-        scenario: Part, ``drag``, ``guide`` and ``hand``. The part is not touched: contact is not simulated.
-        observer: Receives the progress.
-
-    Returns:
-        Log, figures and the taught path; without a path if the arm stopped itself or was interrupted.
-
-    Raises:
-        PolishSimError: Part or path cannot be used or reached; the mode is unknown.
+    The part is not touched: contact is not simulated. Returns no path if the arm stopped itself or was interrupted.
+    Raises PolishSimError if part or path cannot be used or reached, or the mode is unknown.
     """
     observer = observer or Silent()
     observer.stage("prepare the part")

@@ -32,12 +32,8 @@ class GuidedMove(NamedTuple):
 
 
 def measure_move(move: GuidedMove) -> Figures:
-    """The hand's force while it moves.
-
-    Returns:
-        hand_force_peak_n, hand_force_rms_n: of its norm; undefined if the move was cut short.
-        lent_energy_j: most energy the compensation had lent beyond what friction took.
-    """
+    """The hand's force while it moves: hand_force_peak_n, hand_force_rms_n of its norm, undefined if cut short;
+    lent_energy_j: most energy the compensation had lent beyond what friction took."""
     force = np.linalg.norm(move.force[move.moving], axis=1)
     known = move.whole and len(force) > 0
     return {
@@ -50,9 +46,8 @@ def measure_move(move: GuidedMove) -> Figures:
 def measure_drift(move: GuidedMove) -> Figures:
     """What the arm does after the hand has let go.
 
-    Returns:
-        coast_rad: largest way of a joint in the first second; drift_rad: from then on, to the end; drift_time_s: how
-        long that is. Undefined if it was not let go or for no longer than that.
+    coast_rad: largest way of a joint in the first second; drift_rad: from then on, to the end; drift_time_s: how long
+    that is. Undefined if it was not let go or for no longer than that.
     """
     q, time = move.q[move.off], move.time[move.off]
     if not len(time) or time[-1] - time[0] <= COAST_S:
@@ -66,15 +61,11 @@ def measure_drift(move: GuidedMove) -> Figures:
 
 
 def compare_modes(moves: Mapping[str, Figures]) -> Figures:
-    """Modes beside each other.
+    """Modes beside each other, from figures by ``mode_direction_pace``; only if both moves exist, undefined if cut
+    short.
 
-    Args:
-        moves: Figures by ``mode_direction_pace``.
-
-    Returns:
-        fast_peak_ratio_x, ... : force with inertia compensation by that of the classical law, fast move (``assist_``
-        before it: with the start-up assist); slow_peak_n: largest of the assist's slow moves. Only if both moves exist,
-        undefined where a move was cut short.
+    fast_peak_ratio_x, ... : force with inertia compensation by that of the classical law, fast move (``assist_`` before
+    it: with the start-up assist); slow_peak_n: largest of the assist's slow moves.
     """
     figures: Figures = {}
     for mode, prefix in RATIOS.items():
@@ -97,15 +88,8 @@ def compare_modes(moves: Mapping[str, Figures]) -> Figures:
 
 
 def distance_to_line(points: Array, line: Array) -> Array:
-    """Distances of points to a polyline [m].
-
-    Args:
-        points: Shape (n, 3).
-        line: Shape (m, 3), its points near each other beside what the distances are.
-
-    Returns:
-        Shape (n,).
-    """
+    """Distances (n,) [m] of points (n, 3) to a polyline (m, 3), its points near each other beside what the distances
+    are."""
     near = np.asarray(cKDTree(line).query(points)[1])
     best = np.full(len(points), np.inf)
     for first in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):
@@ -117,17 +101,11 @@ def distance_to_line(points: Array, line: Array) -> Array:
 
 
 def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[str, float]:
-    """Compare recording and taught path with the path that was meant.
+    """Compare the recorded tool points (n, 3), work frame, and the path taught from them with the path that was meant.
 
-    Args:
-        recorded: Tool points while the hand moved, work frame [m], shape (n, 3).
-        taught: What was made of them.
-        meant: What the hand meant to show.
-
-    Returns:
-        recorded_deviation_max_m, _rms_m; taught_deviation_max_m, _rms_m: distances to the meant path;
-        taught_missed_max_m: of the meant path to the taught one, so that nothing was left out;
-        taught_axis_error_max_rad: tool axis against that of the nearest meant point; taught_length_m.
+    recorded_deviation_max_m, _rms_m; taught_deviation_max_m, _rms_m: distances to the meant path; taught_missed_max_m:
+    of the meant path to the taught one, so that nothing was left out; taught_axis_error_max_rad: tool axis against that
+    of the nearest meant point; taught_length_m.
     """
     raw = distance_to_line(recorded, meant.positions_work)
     off = distance_to_line(taught.positions_work, meant.positions_work)

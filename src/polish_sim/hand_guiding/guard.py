@@ -53,15 +53,9 @@ def fade_out(limits: GuidingLimits, qd: Array, tool_speed: float) -> float:
 def watch_guiding(
     limits: GuidingLimits, belief: Belief, gains: GuidingGains, memory: GuidingMemory, tool_speed: float, dt: float
 ) -> int:
-    """Add the energy lent in a step; returns the code of the guard that stops the arm, or 0.
+    """Add the energy lent in a step to ``limits.lent``; returns the code of the guard that stops the arm, or 0.
 
-    Args:
-        limits: What must not be exceeded; ``lent`` is written.
-        belief: The arm as the controller knows it.
-        gains: The law's.
-        memory: The law's memory after its step.
-        tool_speed: Of the tool point [m/s].
-        dt: Control period [s].
+    ``memory``: after the law's step; ``tool_speed``: of the tool point [m/s].
     """
     power, code = 0.0, 0
     for j in range(memory.qd.shape[0]):

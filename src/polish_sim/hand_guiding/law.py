@@ -78,15 +78,8 @@ def build_memory(joints: int) -> GuidingMemory:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def read_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: float, first: bool) -> None:
-    """Quantise positions, difference them to speeds and these to filtered accelerations.
-
-    Args:
-        gains: The law's.
-        memory: Written: q, qd, qdd.
-        q: True joint angles [rad], shape (>= n,).
-        dt: Time since the last reading [s].
-        first: Whether there is none.
-    """
+    """Quantise positions [rad], difference them to speeds and these to filtered accelerations; ``first``: no reading
+    before."""
     for j in range(memory.q.shape[0]):
         read = gains.encoder * math.floor(q[j] / gains.encoder + 0.5) if gains.encoder > 0.0 else q[j]
         qd = 0.0 if first else (read - memory.q[j]) / dt
@@ -97,14 +90,9 @@ def read_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: floa
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def guide_by_hand(belief: Belief, gains: GuidingGains, memory: GuidingMemory, share: float, dt: float) -> None:
-    """One step of the law.
+    """One step of the law: q, qd and qdd of the memory are read, everything else in it is written.
 
-    Args:
-        belief: The arm as the controller knows it.
-        gains: Shares and filters.
-        memory: q, qd and qdd are read, everything else is written.
-        share: Of the compensation that is granted: 1, less near the speed limits.
-        dt: Time since the last step [s].
+    ``share``: of the compensation that is granted: 1, less near the speed limits.
     """
     chain_torque(belief.chain, memory.q, memory.still, memory.still, 1.0, memory.weight)
     if gains.assist > 0.0:
@@ -186,16 +174,7 @@ MODES: Final[Mapping[str, Mode]] = MappingProxyType(
 
 
 def gains_of(mode: str, guide: GuideConfig, dt: float) -> GuidingGains:
-    """The law's gains in a mode.
-
-    Args:
-        mode: A name in `MODES`.
-        guide: Shares and filters.
-        dt: Control period [s].
-
-    Raises:
-        InputError: There is no such mode; lists the known ones.
-    """
+    """The law's gains in a mode of `MODES`, at a control period ``dt`` [s]; InputError for an unknown mode."""
     if mode not in MODES:
         raise unknown_name("mode", mode, MODES)
     m = MODES[mode]

@@ -25,14 +25,7 @@ _BEFORE_S, _AFTER_S = 0.1, 0.2
 
 @styled
 def plot_guiding(record: RunRecord) -> Figure:
-    """Draw the hand's force in every mode, a panel for each direction and pace.
-
-    Args:
-        record: A run of ``teach``.
-
-    Returns:
-        The figure; dashed the paper's peaks.
-    """
+    """Draw the hand's force in every mode, a panel for each direction and pace; dashed the paper's peaks."""
     names = [str(name).rsplit("_", 2) for name in record.metrics["moves"]]
     panels = list(dict.fromkeys((direction, pace) for _mode, direction, pace in names))
     columns = min(2, len(panels))
@@ -64,14 +57,7 @@ def plot_guiding(record: RunRecord) -> Figure:
 
 @styled
 def plot_guiding_runs(records: Sequence[RunRecord]) -> Figure:
-    """Draw the moves several runs have in common over each other.
-
-    Args:
-        records: Runs of ``teach``.
-
-    Returns:
-        The figure.
-    """
+    """Draw the moves several runs of ``teach`` have in common over each other."""
     common = [name for name in records[0].metrics["moves"] if all(name in r.metrics["moves"] for r in records)]
     figure = new_figure(9.0, 2.8 * max(len(common), 1) + 0.8)
     grid = figure.subplots(max(len(common), 1), 1, squeeze=False, sharex=True)
@@ -133,14 +119,7 @@ def _words(direction: str, pace: str) -> str:
 
 @styled
 def plot_taught(record: RunRecord) -> Figure:
-    """Draw the taught path from above, and its distance from what was meant along it.
-
-    Args:
-        record: A run of ``teach`` along a path, with its taught path.
-
-    Returns:
-        The figure.
-    """
+    """Draw the taught path of a run from above, and its distance from what was meant along it."""
     assert record.path is not None  # without one there is nothing to draw
     moving = fed(record.log)
     T_base_work = np.array(record.metrics["T_base_work"])

@@ -77,11 +77,7 @@ class MoveTable(NamedTuple):
 
 
 def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:
-    """The moves a scenario asks for; only the last one is followed for long after the hand has let go.
-
-    Raises:
-        InputError: There is no such mode or direction; lists the known ones.
-    """
+    """The moves a scenario asks for; only the last one is followed for long after the hand has let go."""
     if guide.mode and guide.mode not in MODES:
         raise unknown_name("mode", guide.mode, MODES)
     if guide.direction and guide.direction not in DIRECTIONS:
@@ -101,14 +97,7 @@ def minimum_jerk(share: Array) -> tuple[Array, Array]:
 
 
 def move_table(move: Move, hand: HandConfig, T_base_home: Array, dt: float) -> MoveTable:
-    """Where the hand wants the tool at every step of a move, centred on a pose.
-
-    Args:
-        move: The move.
-        hand: Its length, and how long the hand holds still.
-        T_base_home: The pose in the middle, shape (4, 4).
-        dt: Time step [s].
-    """
+    """Where the hand wants the tool at every step of a move, centred on the pose ``T_base_home``."""
     begin = HOLD_S + RELEASE_S + hand.before_s
     end = begin + move.duration + hand.after_s
     t: Array = np.arange(round((end + move.off) / dt)) * np.float64(dt)
@@ -184,14 +173,7 @@ def _rows(play: PlayedMove, every: int) -> Array:
 
 
 def figures_of_moves(scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: float) -> dict[str, Any]:
-    """Figures of every move under its name, of the last mode as a whole, of the modes beside each other, of the run.
-
-    Args:
-        scenario: The scenario.
-        played: The moves that were made, the last one followed after the hand let go.
-        asked: How many were to be made.
-        wall: Time it took [s].
-    """
+    """Figures of every move under its name, of the last mode as a whole, of the modes beside each other, of the run."""
     figures: dict[str, Any] = {}
     measured = [measure_move(_seen(play)) for play in played]
     for play, values in zip(played, measured, strict=True):
@@ -248,15 +230,8 @@ def _of_run(scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: 
 def run_teach(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     """Let a hand move the arm in every mode, direction and pace asked for, and measure its force.
 
-    Args:
-        scenario: ``guide`` and ``hand``; part, plan and controller play no role.
-        observer: Receives the progress.
-
-    Returns:
-        One log of all moves, their figures, and the modes beside each other.
-
-    Raises:
-        PolishSimError: A mode or direction is unknown, the model cannot be read, a move cannot be reached.
+    Returns one log of all moves, their figures, and the modes beside each other; part, plan and controller play no
+    role. Raises PolishSimError if a mode or direction is unknown, the model cannot be read, a move cannot be reached.
     """
     observer = observer or Silent()
     moves, hand = moves_of(scenario.guide, scenario.hand), hand_of(scenario.hand)

@@ -40,20 +40,14 @@ class Taught(NamedTuple):
 def teach_path(
     record: Recording, surface: Surface | None, filter_hz: float, tolerance: float, spacing: float
 ) -> Taught:
-    """Make a path from a recording.
+    """Make a path, all of it process, from a recording.
 
     Args:
-        record: The recording.
+        record: The recording; hardly moved: PlanError.
         surface: The part it was shown on: points are put on it, its normals become tool axes. None: the recording's.
         filter_hz: Low-pass, forth and back [Hz].
         tolerance: The filtered way is simplified within this distance [m].
         spacing: Distance of the path's points [m].
-
-    Returns:
-        The path, all of it process.
-
-    Raises:
-        PlanError: The tool was hardly moved.
     """
     smooth = _low_passed(record, filter_hz)
     way = _even(_moving(smooth), EVEN_M)
@@ -74,15 +68,8 @@ def teach_path(
 
 
 def simplified(points: Array, tolerance: float) -> Indices:
-    """Corners of a polyline none of whose points is further than the tolerance from it (Douglas and Peucker).
-
-    Args:
-        points: [m], shape (n, 3).
-        tolerance: [m].
-
-    Returns:
-        Indices of the points that stay, first and last included, rising.
-    """
+    """Rising indices of a polyline (n, 3) from which none of its points is further than the tolerance (Douglas and
+    Peucker)."""
     kept, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
     while stack:
         first, last = stack.pop()

@@ -55,12 +55,9 @@ class Arm:
 
 
 def build_arm(terms: tuple[str, ...], scenario: Scenario = SCENARIO, load: CarriedLoad | None = None) -> Arm:
-    """Compile the cell in free space and read its arm.
+    """Compile the cell in free space and read its arm; the robot's gravity compensation must be exact.
 
-    Args:
-        terms: Terms of the torque model.
-        scenario: Head and tool; the robot's gravity compensation must be exact.
-        load: What is bolted to the last link besides.
+    ``terms``: of the torque model; ``load``: what is bolted to the last link besides.
     """
     model = build_scene(replace(scenario, robot=replace(scenario.robot, payload_error=0.0)), None, None)
     if load is not None:
@@ -88,16 +85,9 @@ def believe(arm: Arm, rng: np.random.Generator) -> Drawing:
 
 
 def play_motion(arm: Arm, motion: FourierMotion, periods: int, rate: float) -> RobotLog:
-    """Play a periodic motion on the servos and log it without noise.
+    """Play a periodic motion, entered and left along its own path, on the servos and log whole periods without noise.
 
-    Args:
-        arm: The arm.
-        motion: The motion, entered and left along its own path.
-        periods: Whole periods to log.
-        rate: Of the log [Hz].
-
-    Returns:
-        The log, its time zero where the motion's is.
+    The log has ``rate`` [Hz], its time zero is the motion's.
     """
     span = periods * motion.period
     t: Array = np.arange(round((span + 2.0 * RAMP_S) / STEP_S) + 1) * np.float64(STEP_S)
@@ -146,15 +136,9 @@ def cell_arm(terms: tuple[str, ...] = FULL) -> LoggedRobot:
 
 
 def robot_of_file(file: Path, joints: Sequence[str] | None = None, terms: tuple[str, ...] = FULL) -> LoggedRobot:
-    """A robot of a user's own MJCF.
+    """A robot of a user's own MJCF; joints not named are held where the model starts, with None all are the chain's.
 
-    Args:
-        file: The model.
-        joints: Joints of the chain in their order; others are held where the model starts. All joints if None.
-        terms: Terms of the torque model.
-
-    Raises:
-        InputError: The file is no model, or what it holds is no serial chain of hinges and slides; names the joint.
+    Raises InputError if the file is no model, or holds no serial chain of hinges and slides; names the joint.
     """
     compiled = read_robot_model(file)
     try:

@@ -195,15 +195,9 @@ class Earlier(NamedTuple):
 
 
 def estimate(sums: JointSums, earlier: Earlier | None = None, sigma: Array | None = None) -> Estimate:
-    """Estimate base parameters, the weights by the residuals' own noise.
+    """Base parameters, covariance and noise from normal equations and what is known ``earlier``.
 
-    Args:
-        sums: Normal equations of the samples.
-        earlier: What is known beforehand.
-        sigma: The torques' noise [N m] where it is known, shape (n,).
-
-    Returns:
-        Parameters, covariance and noise.
+    The weights are the residuals' own noise, or ``sigma`` (n,), the torques' noise [N m], where it is known.
     """
     n, r = sums.products.shape
     extra, pull = earlier or Earlier(np.zeros((r, r)), np.zeros(r))
@@ -234,10 +228,9 @@ def require_rank(sums: JointSums, base: BaseParameters, model: TorqueModel) -> N
 
 
 def require_excited(sums: JointSums, names: Sequence[str], model: TorqueModel) -> None:
-    """Refuse samples in which some of the named parameters (r,) cannot be identified.
+    """Refuse samples that cannot identify all named parameters (r,).
 
-    Raises:
-        IdentificationError: Names joints that stood still and the parameters that stay unknown.
+    Raises IdentificationError, naming joints that stood still and the parameters that stay unknown.
     """
     sigma = np.sqrt(np.maximum(sums.torque_squares, 1e-12) / np.maximum(sums.samples, 1.0))
     H = information(sums, np.maximum(sigma, 1e-6))
@@ -279,16 +272,8 @@ def estimate_widened(
 ) -> Estimate:
     """Estimate base parameters with intervals that count correlations between successive residuals.
 
-    Args:
-        model: The torque model.
-        base: Its base.
-        sums: Normal equations of the samples.
-        states: The samples themselves in their order, shape (m, n) each.
-        torque: Their torques [N m], shape (m, n).
-        earlier: What is known beforehand.
-
-    Returns:
-        The estimate, every joint's samples weighed by its noise and inefficiency; ``sigma`` is the noise alone.
+    ``states`` and ``torque`` [N m], (m, n): the samples of the normal equations in their order. Every joint's samples
+    are weighed by its noise and inefficiency; ``sigma`` of the estimate is the noise alone.
     """
     found = estimate(sums, earlier)
     left = torque - model.torque_of_base(states, base.columns, found.theta)

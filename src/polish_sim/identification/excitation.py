@@ -172,18 +172,8 @@ def design(
 ) -> Excitation:
     """Find a motion that makes an objective small under all limits.
 
-    Args:
-        task: What is identified, and the limits.
-        choice: The objective.
-        rng: Draws the starts.
-        starts: Random motions to begin from.
-        iterations: Of the search from each.
-
-    Returns:
-        The best motion found.
-
-    Raises:
-        IdentificationError: No start led to a motion within the limits.
+    ``starts``: random motions to begin from; ``iterations``: of the search from each. Raises IdentificationError if no
+    start led to a motion within the limits.
     """
     weighed = replace(task, sigma=choice.sigma(task.sigma))
     search = Search(weighed, choice.judge)

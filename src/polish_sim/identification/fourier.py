@@ -68,13 +68,9 @@ class FourierMotion:
 
 
 def fit_fourier(t: Array, q: Array, frequency: float, harmonics: int) -> FourierMotion:
-    """Fit a series to measured positions, whose derivatives are then those of the fit, not differences.
+    """Fit a series to measured positions (m, n) at times (m,), whose derivatives are then those of the fit.
 
-    Args:
-        t: Times [s], shape (m,).
-        q: Positions [rad], shape (m, n).
-        frequency: Of the first harmonic [Hz].
-        harmonics: How many; more than were commanded, because the servos add their own.
+    ``frequency``: of the first harmonic [Hz]; more ``harmonics`` than were commanded, because the servos add their own.
     """
     basis = fourier_basis(t, frequency, harmonics).q
     solution = np.linalg.solve(basis.T @ basis, basis.T @ q)
@@ -84,14 +80,7 @@ def fit_fourier(t: Array, q: Array, frequency: float, harmonics: int) -> Fourier
 def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float) -> States:
     """The motion entered from rest and left to rest along its own path, its clock started and stopped smoothly.
 
-    Args:
-        motion: The motion.
-        t: Times [s], shape (m,); the clock runs at full speed from ``ramp`` to ``end - ramp``.
-        ramp: Duration of the start [s].
-        end: When it stands again [s].
-
-    Returns:
-        States; at ``t = ramp`` the motion is at its time zero.
+    The clock runs at full speed from ``ramp``, the motion's time zero, to ``end - ramp``; at ``end`` [s] it stands.
     """
     up, down = np.clip(t / ramp, 0.0, 1.0), np.clip((end - t) / ramp, 0.0, 1.0)
     # The clock's speed rises as 3 x^2 - 2 x^3; its integral over the ramp is half the ramp.

@@ -80,13 +80,8 @@ def run_identification(
 ) -> Identification:
     """Design an exciting motion, play it on the simulated arm, and identify the arm from what is measured.
 
-    Args:
-        settings: Noise, objective, method.
-        observer: Receives the progress.
-        use: Motion the identified model is for; random motions under the same limits if None.
-
-    Returns:
-        Parameters, figures against the truth, and a held-out motion.
+    ``use``: motion the identified model is for; random motions under the same limits if None. Returns parameters,
+    figures against the truth, and a held-out motion.
     """
     observer = observer or Silent()
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(6)]
@@ -231,16 +226,10 @@ def _motion_figures(task: ExcitationTask, excitation: Excitation, samples: int) 
 
 
 def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States, method: str = "joint") -> Identification:
-    """Identify a robot from its own log; the last fifth of its motion is held out.
+    """Identify a robot from its own log and states; the last fifth of its motion is held out.
 
-    Args:
-        robot: Its model and known load.
-        log: Positions and torques.
-        states: Its states, from the log's positions.
-        method: One of `METHODS`.
-
-    Raises:
-        IdentificationError: The motion does not excite every base parameter, or the log has no first step.
+    ``method``: one of `METHODS`. Raises IdentificationError if the motion does not excite every base parameter, or the
+    log has no first step.
     """
     model, base = robot.model, base_of(robot.model)
     drawing = Drawing(model.truth(), robot.carried)

@@ -43,11 +43,9 @@ def with_noise(log: RobotLog, encoder: float, sigma: Array, rng: np.random.Gener
 
 
 def spline_states(log: RobotLog, knots: float = 0.05) -> States:
-    """States of any motion: splines of degree five fitted to its positions, and their derivatives.
+    """States of any motion: derivatives of splines of degree five fitted to its positions.
 
-    Args:
-        log: The log.
-        knots: Time between knots [s]; motion faster than about three of them is smoothed away.
+    ``knots``: time between knots [s]; motion faster than about three of them is smoothed away.
     """
     span = log.time[-1] - log.time[0]
     inner = np.linspace(log.time[0], log.time[-1], max(int(span / knots), 2) + 1)[1:-1]

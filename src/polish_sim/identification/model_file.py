@@ -67,24 +67,14 @@ class IdentifiedJoints(NamedTuple):
 
 
 def read_robot_model(file: Path) -> mujoco.MjModel:
-    """Compile a user's MJCF.
-
-    Raises:
-        InputError: There is no such file, or it does not compile; says what the compiler said.
-    """
+    """Compile a user's MJCF; InputError if there is no such file, or with what the compiler said."""
     return _compiled(_read(file), file)
 
 
 def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None) -> str:
-    """A robot's MJCF with identified numbers.
+    """A robot's complete MJCF with identified numbers; meshes are found where the source has them.
 
-    Args:
-        joints: Names of the joints, shape (n,).
-        found: What was identified; physically consistent, or the model would not compile.
-        source: The robot's MJCF; the shipped robot's if None.
-
-    Returns:
-        A complete model; meshes are found where the source has them.
+    ``found``: physically consistent, or the model would not compile; ``source``: its MJCF, the shipped robot's if None.
     """
     file = source or robot_model_path()
     spec = _read(file)

@@ -93,15 +93,8 @@ def fit_payload(
 ) -> Payload:  # fmt: skip
     """Estimate a payload from two runs, arm and payload at once.
 
-    Args:
-        model: The torque model of the arm.
-        base: Its base.
-        empty: Normal equations of the run without payload, in the base.
-        states: States with it, shape (m, n) each.
-        torque: Torques with it [N m], shape (m, n).
-
-    Raises:
-        IdentificationError: The motions leave a parameter unknown; names it.
+    ``empty``: normal equations of the run without payload, in the base; ``states`` and ``torque`` [N m], (m, n), with
+    it. Raises IdentificationError, naming it, if the motions leave a parameter unknown.
     """
     both = BaseParameters(np.append(base.columns, _last_link(model)), np.zeros((0, 0)))
     sums = sum_samples(model, both, states, torque).plus(_widened(empty, 10))
@@ -180,16 +173,7 @@ def weigh_block(
 def weigh_from_logs(
     robot: LoggedRobot, empty: tuple[RobotLog, States] | None, loaded: tuple[RobotLog, States]
 ) -> Weighed:
-    """Find what a robot carries from its logs.
-
-    Args:
-        robot: Its model.
-        empty: A run without payload and its states; None: the robot's model is taken as exact.
-        loaded: A run with it.
-
-    Raises:
-        IdentificationError: The motions leave a parameter unknown.
-    """
+    """Find what a robot carries from its logs; without a run ``empty`` the robot's model is taken as exact."""
     model, base = robot.model, base_of(robot.model)
     log, states = loaded
     if empty is None:

@@ -57,13 +57,9 @@ class Drawing:
 
 
 def fit_consistent(model: TorqueModel, base: BaseParameters, found: Estimate, drawing: Drawing) -> Array:
-    """Full parameters nearest to the estimated base, in its own covariance, that a body can have, shape (p,).
+    """Full parameters (p,) nearest to the estimated base, in its own covariance, that a body can have.
 
-    Args:
-        model: The torque model.
-        base: Its base.
-        found: The estimate.
-        drawing: Directions without effect on torques stay at it.
+    Directions without effect on torques stay at the drawing.
     """
     fit = _ConsistentFit(model, drawing)
     whiten = np.linalg.cholesky(np.linalg.inv(_scaled(found))).T / found.std

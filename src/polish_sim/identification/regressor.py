@@ -26,17 +26,7 @@ SIGN_WIDTH: Final = 0.02  #: Speed over which the sign of Coulomb friction is sm
 
 
 def rigid_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Array:
-    """Regressor of many states.
-
-    Args:
-        chain: The chain of n joints.
-        q: Joint positions [rad or m], shape (m, n).
-        qd: Speeds, shape (m, n).
-        qdd: Accelerations, shape (m, n).
-
-    Returns:
-        Y, shape (m, n, 10 n): torques [N m or N] per unit of each link's ten parameters.
-    """
+    """Y (m, n, 10 n) of states (m, n) [rad or m]: torques [N m or N] per unit of each link's ten parameters."""
     m, n = q.shape
     Y = np.zeros((m, n, 10 * n))
     states = (np.ascontiguousarray(part, np.float64) for part in (q, qd, qdd))

@@ -25,17 +25,11 @@ _KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): HINGE, int(mujoco.mjtJoint.mjJNT_SLI
 
 
 def read_chain(model: mujoco.MjModel, joints: Sequence[str] | None = None) -> SerialChain:
-    """Read a serial chain from a compiled model.
+    """Read a serial chain, its armature and friction from a compiled model; what is welded to a link counts as part of
+    it.
 
-    Args:
-        model: The model.
-        joints: Names of the chain's joints; others are held where the model starts. All joints if None.
-
-    Returns:
-        Geometry, inertia (what is welded to a link counts as part of it), armature and friction.
-
-    Raises:
-        InputError: The chain branches or closes, or a joint is neither hinge nor slide; names the joint.
+    ``joints``: others are held where the model starts; None: all are the chain's. Raises InputError, naming the joint,
+    if the chain branches or closes, or a joint is neither hinge nor slide.
     """
     chosen = _joint_ids(model, joints)
     owner = _owners(model, chosen)
@@ -153,25 +147,18 @@ class RobotClearance:
     """Distances between geoms that could touch, and their derivatives by the joints."""
 
     def __init__(self, model: mujoco.MjModel, joints: int, also: Sequence[str] = ()) -> None:
-        """Prepare for a model.
+        """Prepare for a model whose first joints the poses name.
 
-        Args:
-            model: The scene.
-            joints: How many joints, the first ones, the poses name.
-            also: Geoms that count although the engine lets them touch nothing, such as the head's pad.
+        ``also``: geoms that count although the engine lets them touch nothing, such as the head's pad.
         """
         self._model, self._data, self._joints = model, mujoco.MjData(model), joints
         self._pairs = _pairs(model, also)
 
     def measure(self, q: Array) -> tuple[Array, Array]:
-        """Clearance of poses.
+        """Clearance of poses (m, n) [rad]; joints beyond n stay where the model starts.
 
-        Args:
-            q: Joint positions [rad], shape (m, n); joints beyond n stay where the model starts.
-
-        Returns:
-            Distance of each pair of geoms [m], at most `FAR`, shape (m, pairs), and its derivatives [m/rad], shape
-            (m, pairs, n), zero where it is far.
+        Returns the distance of each pair of geoms [m], at most `FAR`, (m, pairs), and its derivatives [m/rad], (m,
+        pairs, n), zero where it is far.
         """
         shape = (len(q), len(self._pairs))
         distance, slope, ends = np.full(shape, FAR), np.zeros((*shape, self._joints)), np.empty(6)
@@ -236,13 +223,7 @@ class CarriedLoad(NamedTuple):
 
 
 def carry(model: mujoco.MjModel, body: str, load: CarriedLoad) -> None:
-    """Make a load part of a body of a compiled model.
-
-    Args:
-        model: The model, changed in place.
-        body: The body it is bolted to.
-        load: The load.
-    """
+    """Make a load part of a body of a compiled model, which is changed in place."""
     number = model.body(body).id
     mass, center = float(model.body_mass[number]), model.body_ipos[number].copy()
     turn = np.empty(9)

@@ -232,15 +232,8 @@ SIMULATED: Final[dict[str, Simulated]] = {"stepwise": pass_poses, "stepwise-axes
 def slow_part(model: TorqueModel, base: BaseParameters, log: RobotLog, states: States, believed: Array) -> SplitLog:
     """The samples in which every joint moves slowly and steadily, as poses passed at rest.
 
-    Args:
-        model: The torque model.
-        base: Its base.
-        log: The log.
-        states: Its states.
-        believed: All parameters by the drawing; they take off the small effect of acceleration, shape (p,).
-
-    Raises:
-        IdentificationError: There are too few such samples.
+    ``believed``: all parameters by the drawing, (p,); they take off the small effect of acceleration. Raises
+    IdentificationError if there are too few such samples.
     """
     speed = np.abs(states.qd)
     slow = np.all((speed <= SLOW) & (np.abs(states.qdd) <= STEADY), axis=1)

@@ -33,12 +33,8 @@ _TURN_S: Final = 0.02  #: The least time between two poses of a path: where the 
 def use_states(source: Path) -> States:
     """States of the motion an identified model is for, at most some two thousand of them.
 
-    Args:
-        source: A run folder, a log or trajectory (npz), a CSV of joint positions over time, or any path or plan.
-
-    Raises:
-        InputError: It is none of these; says what is missing.
-        ReachError: The arm cannot follow the path; names the place.
+    ``source``: a run folder, a log or trajectory (npz), a CSV of joint positions over time, or any path or plan. Raises
+    InputError if it is none of these, ReachError, naming the place, if the arm cannot follow the path.
     """
     moves = [_states_of(time, q) for time, q in _moves(source)]
     states = States(*(np.concatenate(part) for part in zip(*moves, strict=True)))

@@ -52,11 +52,7 @@ class Case:
         return self.experiment == "surface"
 
     def scenario(self, entry: Entry, seed: int) -> Scenario:
-        """The complete scenario of one row.
-
-        Raises:
-            ConfigError: If a setting does not fit the config.
-        """
+        """The complete scenario of one row; ConfigError if a setting does not fit the config."""
         rng = np.random.default_rng([seed, 0x5C0FE])
         drawn = [f"{draw.key}={rng.uniform(draw.low, draw.high)!r}" for draw in self.draws]
         scenario = override(default_scenario(self.experiment), [*self.settings, *drawn, *entry.settings])
@@ -66,8 +62,7 @@ class Case:
 def choose_cases(cases: Sequence[Case], wanted: Iterable[str]) -> tuple[Case, ...]:
     """Cases by name or shell pattern such as ``latency-*``, in the battery's order; all of them if none is named.
 
-    Raises:
-        InputError: If a name fits no case; lists the names.
+    Raises InputError, which lists the names, if a name fits no case.
     """
     chosen: set[str] = set()
     for pattern in wanted:

@@ -65,16 +65,10 @@ def analytic_margins(scenario: Scenario) -> Margins:
 
 
 def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) -> SimulatedMargins:
-    """Margins found in the cell: raise the loop's gain or delay until it no longer settles.
+    """Margins of a scenario ``force`` found in the cell: raise the loop's gain or delay until it no longer settles.
 
-    Args:
-        scenario: An experiment ``force``.
-        bench: Its bench.
-        friction: Whether the joints have their Coulomb friction. The linear model has none; with it a loop also
-            counts as unstable when it keeps up a small swing.
-
-    Returns:
-        The margins and the frequencies at which the loop swings just beyond them.
+    ``friction``: Coulomb friction of the joints, which the linear model lacks; with it a loop also counts as unstable
+    when it keeps up a small swing. Given, too, are the frequencies at which the loop swings just beyond the margins.
     """
 
     def louder(gain: float) -> Rest:
@@ -122,9 +116,6 @@ def measure_border(
         observer: Receives the progress.
         scales: Springs of head and pad by what plan and controller take them for, for the cell [-].
         latencies: Totals, for the cell [s].
-
-    Returns:
-        The border.
     """
     observer = observer or Silent()
     observer.stage("set up")
@@ -176,14 +167,7 @@ REACH = (2.0, 20.0, 0.2, 5.0)  #: Latency [ms] and scale of the springs a contro
 
 @styled
 def plot_border(border: Border) -> Figure:
-    """Draw, controller by controller, where the cell came to rest and where the linear model says it should.
-
-    Args:
-        border: The map.
-
-    Returns:
-        The figure.
-    """
+    """Draw, controller by controller, where the cell came to rest and where the linear model says it should."""
     names = list(border.rests)
     figure = new_figure(1.2 + 3.4 * len(names), 4.6)
     panels = figure.subplots(1, len(names), sharex=True, sharey=True, squeeze=False)[0]

@@ -56,16 +56,13 @@ DEFINITIONS: Final[Mapping[str, str]] = MappingProxyType(
 
 
 def measure_score(trace: Trace, wanted: Array, moving: bool, whole: bool) -> dict[str, Any]:
-    """Measure a run as ``DEFINITIONS`` says.
+    """Measure a run as ``DEFINITIONS`` says, None where a figure is not defined.
 
     Args:
         trace: The run.
         wanted: Force wanted at every step [N], shape (n,).
         moving: Whether the tool was fed along a path; else it held one point.
         whole: Whether the run went to its end without a protective stop.
-
-    Returns:
-        Figures by name; None where one is not defined.
     """
     held = trace.phase < RETRACT
     time, force, error = trace.time_s[held], trace.normal_force_n[held], (trace.normal_force_n - wanted)[held]
@@ -97,12 +94,7 @@ def measure_score(trace: Trace, wanted: Array, moving: bool, whole: bool) -> dic
 def oscillation(time: Array, error: Array) -> tuple[float, float, float]:
     """Amplitude of the fast part of an error [N]: over the last half of the window, its third and its last quarter.
 
-    Args:
-        time: Evenly spaced time [s], shape (n,).
-        error: Error [N], shape (n,).
-
-    Returns:
-        The three amplitudes, NaN where the window is shorter than two moving means.
+    NaN where the window is shorter than two moving means; time evenly spaced [s], (n,).
     """
     slow = moving_average(time, error, SLOW_S)
     if len(slow) < 4 or len(slow) <= len(error) // 2:

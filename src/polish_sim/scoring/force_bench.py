@@ -50,16 +50,7 @@ class Border(NamedTuple):
 
 
 def judge_rest(force: Array, wanted: float, dt: float) -> Rest:
-    """Whether a constant force has settled, from its last two windows.
-
-    Args:
-        force: Exact force of the hold at every step [N], shape (n,); too short a hold is not at rest.
-        wanted: Force wanted [N].
-        dt: Physics step [s].
-
-    Returns:
-        How it ended.
-    """
+    """Whether a constant force [N], (n,), has settled, from its last two windows; too short a hold is not at rest."""
     rows = round(WINDOW_S / dt)
     if len(force) < 2 * rows:
         return Rest(False, False, math.inf, math.nan, math.nan)
@@ -136,16 +127,10 @@ class LouderLaw:
 
 
 def press(bench: Bench, scenario: Scenario, gain: float = 1.0, friction: bool = True) -> Rest:
-    """Press on the part, hold, and see whether the force settles.
+    """Press on the part, hold, and see whether the force settles; a protective stop counts as unstable.
 
-    Args:
-        bench: Part and path, see ``build_bench``.
-        scenario: The scenario; noise and part errors are taken out.
-        gain: Factor on the controller's answer along the tool axis.
-        friction: Whether the joints have their Coulomb friction; without it the loop is linear but for its limits.
-
-    Returns:
-        How it ended; a protective stop counts as unstable.
+    Noise and part errors of the scenario are taken out. ``gain``: on the controller's answer along the tool axis;
+    ``friction``: Coulomb friction of the joints; without it the loop is linear but for its limits.
     """
     calm = quiet(scenario)
     cell = build_cell(calm, bench.place, bench.part, calm.process.hold_s, lift=0.0)

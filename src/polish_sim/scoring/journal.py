@@ -57,14 +57,9 @@ class Task(NamedTuple):
 
 
 def measure_row(task: Task) -> Row:
-    """Run one row's scenario and measure it.
+    """Run one row's scenario and measure it: case, controller, seed, `DEFINITIONS`, protective_stop and duration.
 
-    Args:
-        task: Case, controller and seed.
-
-    Returns:
-        case, controller, seed, the figures of ``score_figures.DEFINITIONS``, protective_stop and duration. A run that
-        could not be set up says why as its protective_stop and has no figures.
+    A run that could not be set up says why as its protective_stop and has no figures.
     """
     begin: Row = {"case": task.case.name, "controller": task.entry.label, "seed": task.seed}
     try:
@@ -192,11 +187,7 @@ class Journal:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep a second score out of a folder while the block runs, where the system has file locks.
-
-    Raises:
-        InputError: If another score is at work there.
-    """
+    """Keep a second score out of a folder while the block runs (InputError there), where the system has file locks."""
     with (folder / ROWS).open("ab") as file:
         if not _lock(file.fileno()):
             raise InputError(f"another score is at work in '{folder}'. Wait for it, or choose another --out.")

@@ -71,12 +71,7 @@ class Setup(NamedTuple):
 def setup_of(scenario: Scenario, arm: Arm | None = None) -> Setup:
     """The force loop of a scenario, the whole pad touching a plane; law and sensor at the physics' rate.
 
-    Args:
-        scenario: The scenario.
-        arm: The arm in its pose, that of ``force`` if not given.
-
-    Returns:
-        The setup.
+    ``arm``: in its pose, that of ``force`` if not given.
     """
     head, pad, sensor, dt = scenario.head, scenario.pad, scenario.sensor, scenario.simulation.timestep_s
     return Setup(
@@ -109,12 +104,6 @@ def build_plant(setup: Setup) -> Plant:
 
     States: arm x, head y [m], their velocities [m/s], commanded place [m], the engine's last force at the sensor [N]
     and its low-passed value [N].
-
-    Args:
-        setup: What the loop consists of.
-
-    Returns:
-        The matrices.
     """
     arm, h = setup.arm, setup.dt
     k, c, kp, cp = setup.head_stiffness, setup.head_damping, setup.pad_stiffness, setup.pad_damping
@@ -187,16 +176,9 @@ class PiLaw(NamedTuple):
 
 
 def pi_law(p: float, i: float, filter_hz: float, dt: float) -> PiLaw:
-    """The law of ``control.loops.force_pi`` within its limits.
+    """The law of ``control.loops.force_pi`` within its limits; states: the filtered reading and its sum over time.
 
-    Args:
-        p: [m/(s N)].
-        i: [m/(s^2 N)].
-        filter_hz: Corner of the low-pass on the reading [Hz].
-        dt: Control cycle [s].
-
-    Returns:
-        Its state space; states are the filtered reading and its sum over time.
+    ``p`` [m/(s N)], ``i`` [m/(s^2 N)], the low-pass' corner [Hz], the control cycle [s].
     """
     blend = 1.0 - math.exp(-2.0 * math.pi * filter_hz * dt)
     A = np.array([[1.0 - blend, 0.0], [dt * (1.0 - blend), 1.0]])

@@ -40,16 +40,11 @@ class ForceGains(NamedTuple):
 
 
 def margins(loop: Response, lowest: float = 0.1, highest: float = NYQUIST, points: int = 1500) -> Margins:
-    """Gain, phase and delay margin of a loop that is stable as it stands.
+    """Gain, phase and delay margin of a stable loop from its open-loop response; infinite without a crossover of that
+    kind.
 
-    Args:
-        loop: Its open-loop response.
-        lowest: Where to begin looking [rad/s].
-        highest: Where to end [rad/s]; below the Nyquist frequency of a sampled loop.
-        points: Frequencies in between, evenly spaced in the logarithm.
-
-    Returns:
-        The margins; infinite where the loop has no crossover of that kind.
+    ``lowest``, ``highest``: where to look [rad/s], below the Nyquist frequency of a sampled loop, with ``points``
+    frequencies evenly spaced in the logarithm.
     """
     omega = np.geomspace(lowest, highest, points)
     response = loop(omega)
@@ -95,9 +90,6 @@ def pi_on_spring(
         delay: From command to motion and from force to reading, together [s].
         filters_hz: Corners of the first-order low-passes in the loop [Hz].
         felt_mass: m, the inertia the force sensor reads besides the contact force [kg].
-
-    Returns:
-        The response.
     """
 
     def response(omega: Array) -> Complex:
@@ -171,15 +163,7 @@ SLOWEST = 0.2  #: Modes that grow more slowly count as stable [1/s]
 
 
 def force_loop(setup: Setup, law: LinearLaw) -> Loop:
-    """Open loop of plant, latencies and law, cut at the command.
-
-    Args:
-        setup: The plant.
-        law: The law.
-
-    Returns:
-        L(z).
-    """
+    """Open loop L(z) of plant, latencies and law, cut at the command."""
     plant = build_plant(setup)
 
     def loop(z: Complex) -> Complex:
@@ -295,16 +279,8 @@ def with_springs(setup: Setup, scale: float) -> Setup:
 
 
 def longest_latency(setup: Setup, law: LinearLaw, totals: Sequence[float]) -> float:
-    """Latency up to which a loop is stable.
-
-    Args:
-        setup: Plant; its own latencies play no role.
-        law: The law.
-        totals: Total latencies to look at, increasing [s].
-
-    Returns:
-        The last one before the first unstable one [s]; 0 if the first is unstable already, infinite if all are stable.
-    """
+    """The last of some rising total latencies [s] before the first unstable one; 0 or infinite if none or all are
+    stable."""
     z, plant = contour(setup.dt), build_plant(setup)
     force = law.by_force(z) * plant_response(plant, plant.reading, z)
     motion = law.by_motion(z) * plant_response(plant, plant.velocity, z)

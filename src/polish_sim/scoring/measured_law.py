@@ -57,16 +57,9 @@ class MeasuredLaw(NamedTuple):
 
 
 def measure_law(controller: Controller, setup: Setup, force: float, nominal_stiffness: float) -> MeasuredLaw:
-    """Make a controller linear about steady pressing.
+    """Impulse responses of a controller, which is reset, about steady pressing with a force [N] on a plant.
 
-    Args:
-        controller: The controller; it is reset.
-        setup: The plant it presses on while it settles.
-        force: Force to press with [N].
-        nominal_stiffness: What the plan takes head and pad for, in series [N/m].
-
-    Returns:
-        Its impulse responses.
+    ``nominal_stiffness``: what the plan takes head and pad for, in series [N/m].
     """
     kernels = []
     at_rest, reading = _answers(controller, setup, force, nominal_stiffness, 0.0, 0.0)

@@ -43,13 +43,8 @@ _FAR: Final = 4.0
 def plot_score(rows: Sequence[Mapping[str, Any]], cases: Mapping[str, bool], limits: Sequence[Limit] = ()) -> Figure:
     """Draw settling, RMS and largest error and overshoot of every run.
 
-    Args:
-        rows: Rows of the score.
-        cases: Names of the cases, from top to bottom, and whether the tool is fed along a path in them.
-        limits: What is asked.
-
-    Returns:
-        The figure; a run that is not stable is a cross, one whose figure is undefined stands at the right border.
+    A run that is not stable is a cross, one whose figure is undefined stands at the right border. ``cases``: names from
+    top to bottom, and whether the tool is fed along a path in them; ``limits``: what is asked.
     """
     labels = list(dict.fromkeys(row["controller"] for row in rows))
     figure = new_figure(12.0, 1.5 + _ROW_INCH * len(cases) * (1.0 if len(labels) < 3 else 1.3))
@@ -69,13 +64,9 @@ def plot_score(rows: Sequence[Mapping[str, Any]], cases: Mapping[str, bool], lim
 
 @styled
 def plot_ablation(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
-    """Draw how much figures grow when a law is left out.
+    """Draw how much figures grow when a law is left out: ratios by law, figure and case.
 
-    Args:
-        ratios: The figure without the law by the figure with it, by law, figure and case.
-
-    Returns:
-        The figure: every case a dot, right of 1 where the law helps; the case that grows most is named.
+    Every case is a dot, right of 1 where the law helps; the case that grows most is named.
     """
     laws = list(ratios)
     figure = new_figure(12.0, 1.4 + 0.5 * len(laws))

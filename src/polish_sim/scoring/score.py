@@ -48,16 +48,8 @@ def list_tasks(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> l
 
 
 def asked_for(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> dict[str, Any]:
-    """What a score is of, to tell whether another one is the same.
-
-    Args:
-        cases: Its cases.
-        entries: Its controllers.
-        seeds: Seeds per case.
-
-    Returns:
-        Controllers, cases and seeds by name, and all rows depend on, as one hash.
-    """
+    """What a score is of, to tell whether another is the same: controllers, cases, seeds, and one hash of all they
+    depend on."""
     digest = hashlib.sha256()
     for task in list_tasks(cases, entries, seeds):
         digest.update(row_key(task).encode())
@@ -71,11 +63,7 @@ def asked_for(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> di
 
 
 def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
-    """Refuse what cannot be scored before anything runs.
-
-    Raises:
-        PolishSimError: If a controller cannot be made, or a setting does not fit the config.
-    """
+    """Refuse, before anything runs, a controller that cannot be made or a setting that does not fit the config."""
     labels = [entry.label for entry in entries]
     if len(set(labels)) < len(labels):
         raise InputError(f"'{labels[-1]}' would be compared with itself. Name another controller with --against.")
@@ -101,16 +89,8 @@ def run_score(
 ) -> Score:
     """Measure all rows that are not there yet; Ctrl-C ends it early with what is there.
 
-    Args:
-        cases: The cases.
-        entries: The controllers.
-        seeds: Seeds per case, counting up from 0.
-        folder: Existing folder; its rows of the same scenarios are taken over.
-        heard: Receives the progress.
-        workers: Number of processes; default one per core.
-
-    Returns:
-        The score. Rows do not depend on the number of processes.
+    Rows do not depend on the number of ``workers``, by default one per core; those of the same scenarios that are in
+    the folder already are taken over. Seeds count up from 0.
     """
     tasks = list_tasks(cases, entries, seeds)
     journal = Journal(folder)
@@ -134,13 +114,7 @@ def run_score(
 def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Entry:
     """An entry for a controller as a user names it; a file's path is made absolute, for other processes to find it.
 
-    Args:
-        name: A shipped controller, or ``FILE.py:CLASS``.
-        settings: ``KEY=VALUE`` of the config that belong to it.
-        remark: Added to its name in tables.
-
-    Returns:
-        The entry.
+    ``settings``: ``KEY=VALUE`` of the config that belong to it; ``remark``: added to its name in tables.
     """
     label = f"{name} {remark}".strip()
     file, separator, class_name = name.rpartition(":")

@@ -91,8 +91,7 @@ def spread(values: Sequence[float | None]) -> Spread:
 def worst_case(summaries: Sequence[Summary], entry: Entry) -> dict[str, Any] | None:
     """The case a controller does worst in: most unstable runs, then the largest error beside the wanted force.
 
-    Returns:
-        case, seed, stable, max_error_n and protective_stop of the worst run there; None without rows.
+    case, seed, stable, max_error_n and protective_stop of the worst run there; None without rows.
     """
     own = [summary for summary in summaries if summary.entry == entry]
     if not own:
@@ -124,15 +123,7 @@ def number(value: float | None) -> str:
 
 
 def overview(summaries: Sequence[Summary], means: bool = True) -> Table:
-    """A row per case and controller: mean and worst of every figure, and how many runs were stable.
-
-    Args:
-        summaries: The summaries.
-        means: Whether means are shown beside the worst, under headings with units.
-
-    Returns:
-        Headings and rows.
-    """
+    """A row per case and controller: worst of every figure, if asked its mean, and how many runs were stable."""
     several = len({summary.entry for summary in summaries}) > 1
     headings = ["case", *(["controller"] if several else []), *(SHOWN.values() if means else SHORT), "stable"]
     rows, before = [], ""
@@ -282,11 +273,7 @@ _NOTHING: Final = 5e-4  # a smaller change is none
 
 
 def ablations(entry: Entry) -> list[Entry]:
-    """The controller without one of its laws, once for each.
-
-    Raises:
-        InputError: If the controller has no laws that could be left out.
-    """
+    """The controller without one of its laws, once for each; InputError if it has none that could be left out."""
     laws = _laws(entry)
     return [
         Entry(
@@ -299,14 +286,9 @@ def ablations(entry: Entry) -> list[Entry]:
 
 
 def ablation_table(score: Score, places: bool = True) -> Table:
-    """For each law: how much each figure grows without it, over the cases on average and in the case it grows most.
+    """For each law: how much each figure grows without it, on average and in the case it grows most (named if asked).
 
-    Args:
-        score: A score whose first controller is the whole one and the others lack a law each.
-        places: Whether the case of the largest change is named.
-
-    Returns:
-        Headings and rows; a positive change is what the law is worth.
+    ``score``: its first controller is the whole one and the others lack a law each.
     """
     whole = {s.case.name: s for s in _of(score, score.entries[0])}
     headings = ["law left out", *(f"{label}: mean, most" if places else label for label in _ABLATION_KEYS.values())]

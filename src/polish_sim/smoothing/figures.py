@@ -66,19 +66,10 @@ class Motion(NamedTuple):
 
 
 def sample_motion(chain: Chain, schedule: Schedule, times: Array, arm: Arm | None) -> Motion:
-    """Tool and joints at times, exact at every one.
+    """Tool and joints at rising times [s], exact at every one, dense enough for the arm, if there is one, to be
+    followed.
 
-    Args:
-        chain: The segments, work frame.
-        schedule: When they are passed.
-        times: [s], rising, dense enough for the arm to be followed, shape (n,).
-        arm: The robot; None for the tool alone.
-
-    Returns:
-        The motion.
-
-    Raises:
-        ReachError: The arm cannot be there, or only singularly; names the place.
+    Raises ReachError, naming the place, if the arm cannot be there, or only singularly.
     """
     tool = sample_schedule(chain, schedule, times)
     if arm is None:
@@ -125,11 +116,7 @@ def _nodes(begins: Array, widths: Array, counts: Indices) -> Array:
 
 
 def find_peaks(chain: Chain, schedule: Schedule, arm: Arm | None) -> MotionPeaks:
-    """Peaks of a motion, looked for at both ends of every stretch of constant tip jerk and between them.
-
-    Raises:
-        ReachError: The arm cannot be there.
-    """
+    """Peaks of a motion, looked for at both ends of every stretch of constant tip jerk and between them."""
     columns = 2 if arm is None else 8
     best, at = np.full((3, columns), -1.0), np.zeros((3, columns))
     for motion in sample_in_blocks(chain, schedule, stretch_times(schedule), arm):
@@ -159,24 +146,13 @@ class Measured(NamedTuple):
 def measure_smoothing(
     rule: str, chain: Chain, schedule: Schedule, raw: Chain, arm: Arm | None, limits: SmoothingLimits, plan_s: float
 ) -> Measured:
-    """Measure a motion, planned by a rule in ``plan_s`` [s], against its path ``raw`` and limits.
-
-    Raises:
-        ReachError: The arm cannot follow.
-    """
+    """Measure a motion, planned by a rule in ``plan_s`` [s], against its path ``raw`` and limits; or ReachError."""
     deviation = measure_deviation(chain, schedule, raw)
     return Measured(rule, chain, schedule, find_peaks(chain, schedule, arm), deviation, limits, plan_s)
 
 
 def smoothing_figures(motion: Measured, raw: Chain, points: WayPoints, rows: Indices) -> dict[str, Any]:
-    """The figures of metrics.json.
-
-    Args:
-        motion: The measured motion.
-        raw: The path.
-        points: The file it was read from.
-        rows: The file's row of each way point, shape (segments + 1,).
-    """
+    """The figures of metrics.json; ``rows``: the file's row of each way point, shape (segments + 1,)."""
     segments, deviation, limits = len(raw.lengths), motion.deviation, motion.limits.values()
     locate = _locator(motion, raw, points, rows)
     return {
@@ -268,17 +244,11 @@ def even_times(end: float, rate: float) -> Iterator[Array]:
 
 
 def write_trajectory(folder: Path, motions: Iterable[Motion]) -> int:
-    """Write a motion as NPZ (to the last bit) and CSV (to 1e-9 m and rad).
+    """Write a motion, block by block, as NPZ (to the last bit) and CSV (to 1e-9 m and rad); returns the number of
+    samples.
 
     Positions and tool axes are those of the path's frame, the axis from the part to the tool, as in path files; without
     a robot there are no joint angles.
-
-    Args:
-        folder: An existing folder.
-        motions: The motion, block by block.
-
-    Returns:
-        Number of samples.
     """
     blocks: list[tuple[Array, ...]] = []
     with (folder / CSV).open("w", encoding="utf-8", newline="\n") as file:

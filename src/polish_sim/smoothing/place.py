@@ -42,27 +42,17 @@ class PlacedPath(NamedTuple):
 
 
 def path_without_robot(points: WayPoints) -> PlacedPath:
-    """The path of a tool alone, without joints.
-
-    Raises:
-        SmoothingError: All points are the same, or the tool axis turns by 180 deg; names the points.
-    """
+    """The path of a tool alone; SmoothingError for points all the same or an axis that turns by 180 deg."""
     rows = distinct_rows(points)
     chain = chain_from_axes(points.path.positions_work[rows], -points.path.axes_work[rows])
     return PlacedPath(chain, rows, None)
 
 
 def place_path(points: WayPoints, up: Array | None, pose: tuple[float, ...]) -> PlacedPath:
-    """Lay a path before the robot as `run surface` does, and check that the arm follows it.
+    """Lay a path before the robot as `run surface` does, and check that the arm follows it, else ReachError.
 
-    Args:
-        points: The path.
-        up: Side of the work frame that is turned up, shape (3,); None: the one most tool axes point to.
-        pose: Pose of the work frame in the robot's base [m, rad]; empty: chosen.
-
-    Raises:
-        ReachError: The robot cannot follow it; names the first place out of reach.
-        SmoothingError: As in `path_without_robot`.
+    ``up``: side of the work frame that is turned up, None: the one most tool axes point to; ``pose``: of the work frame
+    in the robot's base [m, rad], empty: chosen.
     """
     rows = distinct_rows(points)
     positions, axes = points.path.positions_work[rows], points.path.axes_work[rows]
@@ -150,10 +140,8 @@ def follow_path(
         cure: Advice if the arm leaves the path on the way.
 
     Returns:
-        The reach, the way with points in between, and joint angles along it [rad], shape (m, 6).
-
-    Raises:
-        ReachError: The robot cannot follow the path; names the first place out of reach.
+        The reach, the way with points in between, and joint angles along it [rad], shape (m, 6); or a ReachError that
+        names the first place out of reach.
     """
     way, tool = way_between(points.path.positions_work[rows], points.path.axes_work[rows]), tool_on_flange()
     reach = find_reach(way.positions, way.axes, placements, tool, above_table=True, otherwise=otherwise)
@@ -188,12 +176,7 @@ class SmoothingTask(NamedTuple):
 
 
 def smooth_path(task: SmoothingTask, rule: str) -> Smoothed:
-    """Smooth a path by a rule, one of `RULES`.
-
-    Raises:
-        InputError: There is no such rule; lists the known ones.
-        SmoothingError: No motion keeps within the limits; says where.
-    """
+    """Smooth a path by a rule of `RULES`; SmoothingError says where no motion keeps within the limits."""
     if rule not in RULES:
         raise unknown_name("rule", rule, RULES)
     chain, arm = task.placed.chain, task.placed.arm
@@ -201,11 +184,7 @@ def smooth_path(task: SmoothingTask, rule: str) -> Smoothed:
 
 
 def feeds_on_way(path: ToolPath, rows: Indices) -> Array | None:
-    """The path's own feeds per segment, between the rows (segments + 1,) that are way points.
-
-    Returns:
-        Feed of the point a segment goes to, infinite in the air [m/s], shape (segments,); None if the path has none.
-    """
+    """Feed of the point each segment goes to, infinite in the air [m/s], (segments,); None if the path has none."""
     if path.feed is None:
         return None
     in_air = np.isin(path.segment[rows[1:]], (APPROACH, RETRACT))

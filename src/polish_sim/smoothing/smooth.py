@@ -47,11 +47,7 @@ class SmoothTask(NamedTuple):
 
 
 def prepare_smooth(scenario: Scenario) -> SmoothTask:
-    """Take the scenario's path, or that of the paper's trial, and lay it before the robot.
-
-    Raises:
-        PolishSimError: The path cannot be read, reached or smoothed.
-    """
+    """Take the scenario's path, or that of the paper's trial, and lay it before the robot."""
     file = scenario.smoothing.limits_file
     limits = load_limits(Path(file), TRIAL_LIMITS) if file else TRIAL_LIMITS
     chain, arm = _given(scenario) if scenario.plan.file else _trial()
@@ -59,11 +55,7 @@ def prepare_smooth(scenario: Scenario) -> SmoothTask:
 
 
 def check_smooth(scenario: Scenario, observer: Observer | None = None) -> CheckedPath:
-    """The path of a run, work frame, and how the arm reaches all of it.
-
-    Raises:
-        PolishSimError: The path cannot be read, reached or smoothed.
-    """
+    """The path of a run, work frame, and how the arm reaches all of it; PolishSimError if it does not."""
     task = prepare_smooth(scenario)
     chain, arm, n = task.chain, task.arm, len(task.chain.tips)
     joints = track(arm.T_base_work @ transform(chain.rotations, chain.tips), arm.T_flange_tool, arm.q_start)
@@ -176,15 +168,9 @@ def _speed(positions: Array, time: Array) -> Array:
 def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     """Play a path with every rule on the robot's joint servos, in free space, and compare how far the joints lag.
 
-    Args:
-        scenario: Path, tolerances and limits; controller, part, pad and sensor play no role.
-        observer: Receives the progress.
-
-    Returns:
-        Log of all rules at their own cycle times, figures at these and at the slowest rule's cycle time.
-
-    Raises:
-        PolishSimError: The path cannot be read, reached or smoothed.
+    Returns a log of all rules at their own cycle times, figures at these and at the slowest rule's cycle time.
+    Controller, part, pad and sensor play no role. Raises PolishSimError if the path cannot be read, reached or
+    smoothed.
     """
     observer = observer or Silent()
     task = prepare_smooth(scenario)

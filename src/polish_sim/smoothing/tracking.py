@@ -58,17 +58,11 @@ def measure_tracking(play: PlayedRule) -> dict[str, Any]:
 
 
 def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array) -> dict[str, Any]:
-    """Compare a rule's tracking errors with the reference rule's.
+    """Compare a rule's tracking errors with the reference rule's on the same path; ``jerk_limits`` (6,) [rad/s^3].
 
-    Args:
-        play: The rule.
-        reference: The rule it is compared with, on the same path.
-        jerk_limits: Of the six joints [rad/s^3], shape (6,).
-
-    Returns:
-        jerk_peaks: how many of the reference there are; reduction_largest, reduction_largest_joint (1 to 6) and
-        reduction_median over them; rise_largest: 0 if no error rises; reduction_max and reduction_rms: of the whole
-        path's errors, one value a joint.
+    jerk_peaks: how many of the reference there are; reduction_largest, reduction_largest_joint (1 to 6) and
+    reduction_median over them; rise_largest: 0 if no error rises; reduction_max and reduction_rms: of the whole path's
+    errors, one value a joint.
     """
     found = list(at_peaks(play, reference, jerk_limits))
     shares = np.array([peak.reduction for peak in found])

@@ -72,18 +72,9 @@ class ArmEstimate(NamedTuple):
 
 
 def fit_arm(tracked: TrackedArm, noise: float, tolerance: Tolerance | None = None) -> ArmEstimate:
-    """Table, base and target of an arm.
+    """The most probable table, base and target of an arm, from twenty poses or more with all joints well moved.
 
-    Args:
-        tracked: Twenty poses or more, all joints well moved.
-        noise: Standard deviation of one coordinate of the tracker [m].
-        tolerance: How far the arm may be from the nominal table.
-
-    Returns:
-        The most probable arm.
-
-    Raises:
-        CalibrationError: Fewer poses than needed.
+    ``noise``: of one coordinate of the tracker [m]; ``tolerance``: of the nominal table. Fewer poses: CalibrationError.
     """
     tolerance = tolerance or Tolerance()
     spread = np.repeat([tolerance.angle, tolerance.length, tolerance.length, tolerance.angle], 6)
@@ -91,11 +82,8 @@ def fit_arm(tracked: TrackedArm, noise: float, tolerance: Tolerance | None = Non
 
 
 def fit_placement(tracked: TrackedArm) -> ArmEstimate:
-    """Base and target alone, the table taken as nominal: the residual is the table's error.
-
-    Raises:
-        CalibrationError: Fewer poses than needed.
-    """
+    """Base and target alone, the table taken as nominal: the residual is the table's error. Few poses:
+    CalibrationError."""
     return _refined(tracked, np.concatenate([np.full(_PLACEMENT, np.inf), np.zeros(24)]), 1.0)
 
 
@@ -173,15 +161,10 @@ class PairTables(NamedTuple):
 
 
 def fit_pair(tracked: Mapping[str, TrackedArm], noise: float | None, tolerance: Tolerance) -> PairTables:
-    """Both arms, each from its own poses.
+    """Both arms, each from its own poses; ``noise``: of one coordinate [m], None: a good tracker's, then the
+    residuals'.
 
-    Args:
-        tracked: Tracked poses, robot by robot.
-        noise: Standard deviation of one coordinate [m]; None: that of a good tracker, then that of the residuals.
-        tolerance: How far an arm may be from the nominal table.
-
-    Raises:
-        CalibrationError: Too few poses, or units mixed.
+    Raises CalibrationError for too few poses or mixed units.
     """
     found = {robot: fit_arm(one, USUAL_NOISE if noise is None else noise, tolerance) for robot, one in tracked.items()}
     if noise is None:
@@ -208,9 +191,8 @@ def held_out_rms(tracked: Mapping[str, TrackedArm], noise: float, tolerance: Tol
 def pair_figures(tracked: Mapping[str, TrackedArm], found: PairTables, tolerance: Tolerance) -> dict[str, Any]:
     """A calibration under the names of metrics.json.
 
-    Returns:
-        poses; residual_rms_m: of one coordinate; nominal_rms_m: distance left if only base and target are fitted;
-        heldout_rms_m: distance in poses that were left out in turn; transform: T_master_follower.
+    residual_rms_m is of one coordinate, nominal_rms_m the distance left if only base and target are fitted,
+    heldout_rms_m the distance in poses that were left out in turn, transform T_master_follower.
     """
     noise = residual_rms(list(found.arms.values()))
     nominal = [np.sum(fit_placement(one).residuals ** 2, axis=1) for one in tracked.values()]
@@ -249,11 +231,7 @@ def write_arm_calibration(file: Path, found: PairTables, pair: str, true: PairTa
 
 
 def read_arm_calibration(file: Path, pair: str) -> CalibratedArms:
-    """Read two arms' tables.
-
-    Args:
-        file: A calibration.toml of `calibrate arm`.
-        pair: The robots that are to run, as the calibration names them.
+    """Read both arms' tables from a calibration.toml of `calibrate arm`, for the robots named ``pair``.
 
     Raises:
         InputError: No such file, not the calibration of arms, or a value that cannot be.
@@ -287,11 +265,8 @@ def _tables(read: Calibration, prefix: str) -> dict[str, Array]:
 def read_tracked(file: Path) -> Mapping[str, TrackedArm]:
     """Read where a tracker saw the targets on both flanges, pose by pose.
 
-    Args:
-        file: The CSV: robot; q1_rad to q6_rad, or q1_deg to q6_deg; x_mm, y_mm, z_mm (or in m) of the target.
-
-    Raises:
-        InputError: No such file, a column or a robot missing, units mixed, a value that is none.
+    Columns: robot; q1_rad to q6_rad, or q1_deg to q6_deg; x_mm, y_mm, z_mm (or in m) of the target. Raises InputError
+    for a missing file, column or robot, mixed units or a value that is none.
     """
     columns = Measured.read(file, "measurement", "tracked poses of two arms")
     robots = robots_of(columns)

@@ -59,11 +59,8 @@ class BaseMeasurements(Protocol):
     """Measurements that determine both bases."""
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
-        """Both bases; ``noise``: standard deviation of one coordinate [m], None takes it from the residuals.
-
-        Raises:
-            CalibrationError: If they do not determine the bases.
-        """
+        """Both bases; ``noise``: of one coordinate [m], None takes it from the residuals. CalibrationError if
+        undetermined."""
         ...
 
 
@@ -179,15 +176,9 @@ def write_base_calibration(file: Path, found: BaseCalibration, pair: str, T_true
 
 
 def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
-    """Read where the follower's base is.
+    """Read where the follower's base is from a calibration.toml of `calibrate base`, for the robots named ``pair``.
 
-    Args:
-        file: A calibration.toml of `calibrate base`.
-        pair: The robots that are to run, as the calibration names them.
-
-    Raises:
-        InputError: No such file, not the calibration of bases, or a value that cannot be.
-        CalibrationError: The calibration of another pair of robots.
+    Raises InputError for a file that is no calibration of bases, CalibrationError for that of another pair.
     """
     table = read_table(file, BASE)
     table.refuse_other_pair(pair)
@@ -204,36 +195,23 @@ class Method(NamedTuple):
 
 
 def read_base_measurements(file: Path, method: str) -> BaseMeasurements:
-    """Read measurements of two bases.
+    """Read measurements of two bases by a key of `METHODS`; the columns are those of docs/calibration.md.
 
-    Args:
-        file: The CSV; its columns are those of docs/calibration.md.
-        method: A key of `METHODS`.
-
-    Raises:
-        InputError: No such file or method, a column or a robot missing, units mixed, a value that is none.
-        CalibrationError: Fewer poses than are asked.
+    Raises InputError for a missing file, method, column or robot, mixed units or a value that is none; CalibrationError
+    for too few poses.
     """
     return method_named(method).read(Measured.read(file, "measurement", "measurements of the bases"))
 
 
 def method_named(name: str) -> Method:
-    """A way to measure bases.
-
-    Raises:
-        InputError: There is none of that name.
-    """
+    """A way to measure bases; InputError if there is none of that name."""
     if name not in METHODS:
         raise unknown_name("method", name, METHODS)
     return METHODS[name]
 
 
 def robots_of(columns: Measured) -> NDArray[np.str_]:
-    """Whose measurement each line is, master or follower, shape (n,).
-
-    Raises:
-        InputError: No such column, another name in it, or one of the robots is missing.
-    """
+    """Whose measurement each line is, master or follower, (n,); InputError for another name or a missing robot."""
     columns.need(["robot"], "whose measurement a line is: master or follower (or 1, 2)")
     for row, text in enumerate(columns.texts["robot"]):
         if text.lower() not in _NAMES:

@@ -70,12 +70,9 @@ def fit_circle(points: Array, noise: float | None = None, used: Bools | None = N
     """Circle through points in the order they were run, least squares of their distances along radius and axis.
 
     Args:
-        points: Points in the order of a rising joint angle [m], shape (n, 3).
+        points: In the order of a rising joint angle, which gives the axis its sense [m], shape (n, 3).
         noise: Standard deviation of one coordinate [m]; None takes it from the residuals.
         used: Points to use, shape (n,); None uses all.
-
-    Returns:
-        The circle, its axis by the sense of rotation.
 
     Raises:
         CalibrationError: Too few points, on a line or in one place, or too short an arc.
@@ -98,22 +95,14 @@ def fit_circle(points: Array, noise: float | None = None, used: Bools | None = N
 
 
 def fit_circle_without_outliers(points: Array, noise: float | None = None) -> Circle:
-    """The same, leaving out points too far off to be noise.
-
-    Raises:
-        CalibrationError: As `fit_circle`, or more than a quarter of the points do not fit.
-    """
+    """The same, leaving out points too far off to be noise; CalibrationError also if those are more than a quarter."""
     check_arc_points(points)
     problem = _problem(points)
     return fit_circle(points, noise, agreeing(problem, solve(problem, _start(points)), "points of the arc"))
 
 
 def check_arc_points(points: Array) -> None:
-    """Refuse points through which no circle goes.
-
-    Raises:
-        CalibrationError: Too few, in one place, or on a line.
-    """
+    """Refuse points through which no circle goes (CalibrationError): too few, in one place, or on a line."""
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise CalibrationError(f"points of an arc need the shape (n, 3), all finite; got {points.shape}.")
     if len(points) < LEAST_POINTS:
@@ -170,17 +159,10 @@ class BaseFrame(NamedTuple):
 
 
 def base_from_circles(first: Circle, second: Circle) -> BaseFrame:
-    """Base frame of a UR5e from the circles of joints 1 and 2, all other joints at zero, points in rising order.
+    """Base frame of a UR5e and its covariance, to first order in the noise of the circles of joints 1 and 2.
 
-    Args:
-        first: Circle of joint 1.
-        second: Circle of joint 2, with joint 1 at zero.
-
-    Returns:
-        The frame and its covariance, to first order in the noise of both circles.
-
-    Raises:
-        CalibrationError: Axes nearly parallel or not square, or circles that cannot be the arm's.
+    Joint 2 turns with joint 1 at zero, all others are at zero, points in rising order. Raises CalibrationError for axes
+    nearly parallel or not square, or circles that cannot be the arm's.
     """
     _check_axes(first, second)
     return _base(first, second, np.zeros(10), block_diag(first.covariance, second.covariance), meets=False)
@@ -190,10 +172,8 @@ def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
     """The same, with what the arm's table says: axes 1 and 2 meet and are square.
 
     Both circles are adjusted to that by their covariances. Where they contradict the table by more than noise explains
-    (one in a million), the arm is not as its table says, and the frame is that of `base_from_circles`.
-
-    Raises:
-        CalibrationError: As `base_from_circles`, or axes that miss each other as those of one arm never do.
+    (one in a million), the arm is not as its table says, and the frame is that of `base_from_circles`. Raises
+    CalibrationError, too, if the axes miss each other as those of one arm never do.
     """
     _check_axes(first, second)
     C = block_diag(first.covariance, second.covariance)

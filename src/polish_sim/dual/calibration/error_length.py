@@ -22,15 +22,8 @@ NODES: Final = 48
 
 
 def length_probability(covariances: Array, lengths: Array) -> Array:
-    """Share of errors no longer than each length.
-
-    Args:
-        covariances: Of errors that occur equally often [m^2], shape (n, 3, 3).
-        lengths: [m], shape (k,).
-
-    Returns:
-        Probabilities, shape (k,).
-    """
+    """Share of errors no longer than each length [m], (k,); covariances (n, 3, 3) [m^2] of errors that occur equally
+    often."""
     # Turned to its own axes the covariance is diagonal; directions are as likely as before.
     variances = np.linalg.eigvalsh(covariances)
     squares, weights = _directions()
@@ -41,12 +34,7 @@ def length_probability(covariances: Array, lengths: Array) -> Array:
 
 
 def length_quantile(covariances: Array, share: float) -> float:
-    """The length that a share of the errors stays below [m].
-
-    Args:
-        covariances: Of errors that occur equally often [m^2], shape (n, 3, 3).
-        share: Between 0 and 1.
-    """
+    """The length [m] below which a share, 0 to 1, of the errors stays; covariances as in `length_probability`."""
     # Chebyshev: no more than (1 - share) / 2 are longer than this.
     longest = float(np.sqrt(2.0 * np.trace(covariances, axis1=1, axis2=2).max() / (1.0 - share)))
     if longest == 0.0:
@@ -59,15 +47,11 @@ def length_quantile(covariances: Array, share: float) -> float:
 
 
 def quadratic_tail(covariance: Array, weight: Array, limit: float) -> float:
-    """How often x^T W x is above a limit, x Gaussian with mean zero.
+    """How often x^T W x is above a limit > 0, x Gaussian with mean zero; covariance and W, both (n, n), W symmetric, >=
+    0.
 
     With eigenvalues l of C W / limit it is the integral of exp(-s) / (s sqrt(prod(1 - 2 l s))) ds / (2 pi i) along a
     line that leaves 0 to its left and 1 / (2 l) to its right; bent to the right it falls like a Gaussian.
-
-    Args:
-        covariance: Of x, shape (n, n).
-        weight: W, symmetric and positive semi-definite, shape (n, n).
-        limit: Above 0, in the unit of x^T W x.
     """
     values = np.linalg.eigvals(covariance @ weight).real / limit
     if not values.max(initial=0.0) > 0.0:

@@ -16,20 +16,17 @@ LARGEST_STRETCH = 0.02  #: How far the same distances may differ in both frames,
 
 
 def fit_frame(points_a: Array, points_b: Array, noise: float | None = None, used: Bools | None = None) -> Fit[Array]:
-    """The rigid transform that carries points of frame b to where frame a sees them.
+    """The rigid transform that carries points of frame b, (n, 3), to where frame a sees them [m].
 
     Args:
-        points_a: Points in frame a [m], shape (n, 3).
-        points_b: The same points in frame b [m], shape (n, 3).
+        points_a: The points in frame a [m], shape (n, 3).
+        points_b: The same points in frame b.
         noise: Standard deviation of one coordinate of the difference [m]; None takes it from the residuals.
         used: Points to use, shape (n,); None uses all.
 
     Returns:
-        x: T_a_b, shape (4, 4); covariance: of the origin's displacement [m] and a small rotation [rad], both in frame
-        a, shape (6, 6); residuals: measured minus fitted, frame a [m], shape (n, 3).
-
-    Raises:
-        CalibrationError: Fewer than three points, all on a line, unlike distances (units), or mirrored (columns).
+        x: T_a_b; covariance (6, 6): of the origin's displacement [m] and a small rotation [rad], axes of a; residuals
+        (n, 3): measured minus fitted, frame a [m]. Points that give no frame are refused, see `check_matched`.
     """
     chosen = slice(None) if used is None else used
     check_matched(points_a[chosen], points_b[chosen])
@@ -38,11 +35,7 @@ def fit_frame(points_a: Array, points_b: Array, noise: float | None = None, used
 
 
 def fit_frame_without_outliers(points_a: Array, points_b: Array, noise: float | None = None) -> Fit[Array]:
-    """The same, leaving out points too far off to be noise; with six points or fewer all are used.
-
-    Raises:
-        CalibrationError: As `fit_frame`, or more than a quarter of the points do not fit.
-    """
+    """The same, leaving out points too far off to be noise, at most a quarter; with up to six points all are used."""
     check_matched(points_a, points_b)
     used = agreeing(_problem(points_a, points_b), kabsch(points_a, points_b), "points")
     return fit_frame(points_a, points_b, noise, used)
@@ -67,11 +60,7 @@ def point_slopes(T: Array, points: Array) -> Array:
 
 
 def check_matched(points_a: Array, points_b: Array) -> None:
-    """Refuse points that give no frame, and say why.
-
-    Raises:
-        CalibrationError: Fewer than three points, all on a line, unlike distances (units), or mirrored (columns).
-    """
+    """Refuse points that give no frame: fewer than three, on a line, of unlike distances (units), or mirrored."""
     if points_a.shape != points_b.shape or points_a.ndim != 2 or points_a.shape[1] != 3:
         raise CalibrationError(f"matched points need the same shape (n, 3); got {points_a.shape}, {points_b.shape}.")
     if len(points_a) < LEAST_POINTS:
@@ -117,16 +106,9 @@ def kabsch(points_a: Array, points_b: Array) -> Array:
 def relative_frame(
     T_tracker_a: Array, covariance_a: Array, T_tracker_b: Array, covariance_b: Array
 ) -> tuple[Array, Array]:
-    """Frame b in frame a: T_a_b = T_tracker_a^-1 T_tracker_b.
+    """Frame b in frame a, T_a_b = T_tracker_a^-1 T_tracker_b, and its covariance in axes of a.
 
-    Args:
-        T_tracker_a: Frame a as the tracker sees it, shape (4, 4).
-        covariance_a: Of its origin and rotation, tracker axes, shape (6, 6).
-        T_tracker_b: Frame b as the tracker sees it, shape (4, 4).
-        covariance_b: Of its origin and rotation, tracker axes, shape (6, 6).
-
-    Returns:
-        T_a_b and the covariance of its origin [m] and rotation [rad], axes of a, shape (6, 6).
+    Covariances (6, 6) are of an origin [m] and a small rotation [rad], those given in tracker axes.
     """
     T_a_b = inverse(T_tracker_a) @ T_tracker_b
     back = T_tracker_a[:3, :3].T
@@ -139,11 +121,6 @@ def relative_frame(
 
 
 def point_covariance(covariance: Array, offset: Array) -> Array:
-    """Covariance of a point fixed in a frame, as seen from outside [m^2], shape (3, 3).
-
-    Args:
-        covariance: Of the frame's origin and rotation, outer axes, shape (6, 6).
-        offset: From the frame's origin to the point, outer axes [m], shape (3,).
-    """
+    """Covariance (3, 3) [m^2] of a point fixed in a frame, ``offset`` (3,) [m] from its origin, outer axes."""
     J = np.concatenate([np.eye(3), -skew(offset)], axis=1)
     return np.asarray(J @ covariance @ J.T)

@@ -71,16 +71,13 @@ class PairAdjustment(NamedTuple):
 
 
 def adjust_pair(parts: PairParts, marks_work: Array, closing: ClosingTouches, noise: float) -> PairAdjustment:
-    """Adjust what was found one by one to each other.
+    """Adjust bases, tool and marks that were found one by one, with their covariances, to each other.
 
     Args:
-        parts: Bases, tool and marks with their covariances.
+        parts: What was found.
         marks_work: The same marks as drawn, work frame [m], shape (k, 3).
         closing: Touches that close the chain; none leaves bases and tip as they are.
         noise: Standard deviation of one coordinate of a closing touch [m].
-
-    Returns:
-        The adjusted chain and what each source says of it.
 
     Raises:
         CalibrationError: The marks cannot tell where the part is.

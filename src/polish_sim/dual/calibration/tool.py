@@ -65,18 +65,10 @@ class ToolPoint(Fit[Array]):
 
 
 def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Bools | None = None) -> ToolPoint:
-    """Tip and touched point by least squares.
+    """Tip and touched point by least squares, efficient for equal Gaussian noise: covariance sigma^2 (A^T A)^-1.
 
-    Args:
-        touches: Flange poses of the touches.
-        noise: Standard deviation of one coordinate of a touch [m]; None takes it from the residuals.
-        used: Touches to use, shape (n,); None uses all.
-
-    Returns:
-        The estimate, efficient for equal Gaussian noise: covariance sigma^2 (A^T A)^-1.
-
-    Raises:
-        CalibrationError: If the orientations cannot tell the tip.
+    ``noise``: standard deviation of one coordinate of a touch [m], None takes it from the residuals; ``used``: touches
+    to use, (n,), None uses all. Raises CalibrationError if the orientations cannot tell the tip.
     """
     check_touches(touches.R if used is None else touches.R[used])
     return ToolPoint(**vars(fit(_problem(touches), np.zeros(6), noise, used)))
@@ -85,9 +77,8 @@ def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Bools
 def fit_tool_point_without_outliers(touches: ToolTouches, noise: float | None = None) -> ToolPoint:
     """The same, leaving out touches too far off to be noise; with six touches or fewer all are used.
 
-    Raises:
-        CalibrationError: If the orientations cannot tell the tip, columns are swapped, more than a quarter of the
-            touches do not fit, or, with unknown noise, no tip explains them.
+    Raises CalibrationError, too, if columns are swapped, more than a quarter of the touches do not fit, or, with
+    unknown noise, no tip explains them.
     """
     check_touches(touches.R)
     refuse_swapped(touches)
@@ -112,16 +103,10 @@ class ToolOrientation(NamedTuple):
 
 
 def tip_positions_flange(T_base_flange: Array, point_flange: Array) -> Array:
-    """Where the tip was, in the axes of the flange, from the first pose's tip on.
+    """Where the tip was, from the first pose's tip on, axes of the first flange [m], shape (m, 3).
 
-    The flange should keep its orientation; what it turned by mistake is allowed for.
-
-    Args:
-        T_base_flange: Flange poses, the start first, shape (m, 4, 4).
-        point_flange: Tip in the flange frame [m], shape (3,).
-
-    Returns:
-        Tip positions less the first one [m], axes of the first flange, shape (m, 3).
+    The flange should keep its orientation; what it turned by mistake is allowed for. ``T_base_flange``: the start
+    first, (m, 4, 4); ``point_flange``: the tip in the flange frame [m], (3,).
     """
     tips = T_base_flange[:, :3, :3] @ point_flange + T_base_flange[:, :3, 3]
     return np.asarray((tips - tips[0]) @ T_base_flange[0, :3, :3])
@@ -130,15 +115,8 @@ def tip_positions_flange(T_base_flange: Array, point_flange: Array) -> Array:
 def orientation_from_three_points(points: Array, noise: float) -> ToolOrientation:
     """Tool axes from a start, a move along the tool's +x and a move in its x-z plane, z positive (Gram-Schmidt).
 
-    Args:
-        points: The three tip positions, flange axes [m], shape (3, 3).
-        noise: Standard deviation of one coordinate [m].
-
-    Returns:
-        The orientation; its covariance to first order.
-
-    Raises:
-        CalibrationError: Moves too short, or both along one line.
+    ``points``: the three tip positions, flange axes [m], (3, 3); ``noise``: of one coordinate [m]; the covariance is to
+    first order. Raises CalibrationError for moves too short or both along one line.
     """
     if points.shape != (3, 3):
         raise CalibrationError(f"an orientation from three points needs the shape (3, 3); got {points.shape}.")
@@ -164,16 +142,8 @@ def orientation_from_three_points(points: Array, noise: float) -> ToolOrientatio
 def orientation_from_moves(points: Array, moves_tool: Array, noise: float) -> ToolOrientation:
     """Tool axes from any number of moves by known amounts along the tool's axes, by SVD (Kabsch).
 
-    Args:
-        points: Tip positions, flange axes, the start among them [m], shape (m, 3).
-        moves_tool: How far each lies from the start, tool axes [m], shape (m, 3).
-        noise: Standard deviation of one coordinate [m].
-
-    Returns:
-        The orientation.
-
-    Raises:
-        CalibrationError: Fewer than three points, points on a line, or columns swapped.
+    ``points``: tip positions, flange axes, the start among them; ``moves_tool``: how far each lies from the start, tool
+    axes; both (m, 3) [m]. Raises CalibrationError for fewer than three points, points on a line, or columns swapped.
     """
     found = fit_frame(points, moves_tool, noise)
     R = found.x[:3, :3]
@@ -228,16 +198,9 @@ class ToolFrameEstimate:
 def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> ToolFrameEstimate:
     """Tip and axes of a tool; touches too far off to be noise are left out.
 
-    Args:
-        measured: Touches and moves.
-        noise: Standard deviation of one coordinate of the tip [m]; None takes it from the touches' residuals.
-
-    Returns:
-        The estimate.
-
-    Raises:
-        CalibrationError: If poses or moves cannot tell the frame, or touches do not fit each other; with unknown noise
-            also columns swapped and touches no tip explains.
+    ``noise``: standard deviation of one coordinate of the tip [m]; None takes it from the touches' residuals. Raises
+    CalibrationError if poses or moves cannot tell the frame, or touches do not fit each other; with unknown noise also
+    for columns swapped and touches no tip explains.
     """
     tip = fit_tool_point_without_outliers(measured.touches, noise)
     if len(measured.T_base_flange_moves) == 0:
@@ -249,13 +212,8 @@ def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> To
 
 
 def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: float | None = None) -> dict[str, Any]:
-    """An estimate under the names of calibration.toml and metrics.json.
-
-    Args:
-        measured: Touches and moves.
-        found: The estimate.
-        noise: True standard deviation of one coordinate [m], if known: for the Cramér-Rao bound.
-    """
+    """An estimate under the names of calibration.toml and metrics.json; ``noise``: true one [m], if known, for the
+    bound."""
     tip, orientation = found.tip, found.orientation
     turn = Rotation.from_matrix(found.T_flange_tool[:3, :3]).as_quat(canonical=True, scalar_first=True)
     figures: dict[str, Any] = {
@@ -284,11 +242,7 @@ def write_tool_calibration(file: Path, figures: dict[str, Any], found: ToolFrame
 
 
 def read_tool_calibration(file: Path) -> Array:
-    """Read the tool on the flange, T_flange_tool, shape (4, 4).
-
-    Raises:
-        InputError: No such file, not the calibration of a tool frame, or a value that cannot be.
-    """
+    """T_flange_tool from a calibration.toml; InputError if it is not the calibration of a tool frame."""
     table = read_table(file, TCP)
     quaternion = table.numbers("quaternion_wxyz", (4,))
     if abs(np.linalg.norm(quaternion) - 1.0) > 1e-6:
@@ -302,11 +256,7 @@ def read_tool_measurements(file: Path) -> ToolMeasurements:
 
     Columns in any order: position of the flange ``x_mm..z_mm`` or ``x_m..z_m`` and its orientation as in
     `read_readings`; ``kind`` says what a line is, by default a touch: ``start``, ``along_x`` and ``in_xz`` give the
-    axes, or ``start`` and any ``move`` by ``move_x_mm..move_z_mm`` in tool axes.
-
-    Raises:
-        InputError: No such file, a column missing, units mixed, a value that is none; names the line.
-        CalibrationError: A pose that is none.
+    axes, or ``start`` and any ``move`` by ``move_x_mm..move_z_mm`` in tool axes. Raises InputError naming the line.
     """
     columns = Measured.read(file, "flange pose", "flange poses")
     T = transform(columns.rotations("the flange"), columns.reached_points("", "the position of the flange"))

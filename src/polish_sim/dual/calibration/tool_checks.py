@@ -54,13 +54,9 @@ class ToolTouches:
 
 
 def orientation_spread(R_base_flange: Array) -> tuple[Array, Array]:
-    """How far orientations differ along each direction of the flange, least first, and those directions.
+    """How far orientations (n, 3, 3) differ along each direction of the flange, least first, and those directions.
 
-    Args:
-        R_base_flange: Orientations, shape (n, 3, 3).
-
-    Returns:
-        Square roots of the eigenvalues of M, 0 to 1, shape (3,); the directions as columns (3, 3).
+    Square roots of the eigenvalues of M, 0 to 1, shape (3,); the directions as columns (3, 3).
     """
     differences = R_base_flange - R_base_flange.mean(axis=0)
     _, values, directions = np.linalg.svd(differences.reshape(-1, 3), full_matrices=False)
@@ -68,11 +64,8 @@ def orientation_spread(R_base_flange: Array) -> tuple[Array, Array]:
 
 
 def check_touches(R_base_flange: Array) -> None:
-    """Refuse orientations that cannot tell the tool point.
-
-    Raises:
-        CalibrationError: Saying which direction of the flange stays unseen.
-    """
+    """Refuse orientations (n, 3, 3) that cannot tell the tool point; the CalibrationError says which direction is
+    unseen."""
     count = len(R_base_flange)
     if count < LEAST_TOUCHES:
         raise CalibrationError(
@@ -95,11 +88,8 @@ def check_touches(R_base_flange: Array) -> None:
 
 
 def refuse_swapped(touches: ToolTouches) -> None:
-    """Refuse poses that fit ten times better with columns in another order or turned round.
-
-    Raises:
-        CalibrationError: Naming what fits.
-    """
+    """Refuse poses that fit ten times better with columns in another order or turned round; CalibrationError says
+    which."""
     left = _median_left(touches.R, touches.origins)
     if left < SUSPECT:
         return
@@ -115,14 +105,7 @@ def refuse_swapped(touches: ToolTouches) -> None:
 
 
 def refuse_far_off(residuals: Array) -> None:
-    """Refuse touches that no tip and no point explain.
-
-    Args:
-        residuals: Of their fit [m], shape (n, 3).
-
-    Raises:
-        CalibrationError: More than any touch by hand misses by.
-    """
+    """Refuse touches that no tip and no point explain, by the residuals of their fit [m], shape (n, 3)."""
     left = float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
     if left > LARGEST_LEFT:
         raise CalibrationError(
@@ -151,7 +134,7 @@ def _median_left(R: Array, origins: Array) -> float:
 
 
 def plan_touch_orientations(count: int, cone: float) -> Array:
-    """Orientations of the flange for touches of one point.
+    """Orientations R_base_flange (n, 3, 3) for touches of one point.
 
     With the tool tilted by theta towards n azimuths 2 pi k / n and turned about itself by twice the azimuth, the mean
     rotation is cos(theta) e_z e_z^T exactly, for every n >= 4: the best a cone of theta allows. The 3D rms error is
@@ -159,13 +142,7 @@ def plan_touch_orientations(count: int, cone: float) -> Array:
 
     Args:
         count: Number of touches, four or more.
-        cone: Angle of the flange's z axis from straight down [rad], above 0 and at most 90 deg.
-
-    Returns:
-        R_base_flange, shape (n, 3, 3).
-
-    Raises:
-        CalibrationError: Too few touches, or no cone.
+        cone: Angle of the flange's z axis from straight down [rad], 3 to 90 deg; outside it a CalibrationError.
     """
     if count < LEAST_TOUCHES:
         raise CalibrationError(f"{count} touches are too few for a tool point: give {LEAST_TOUCHES} or more.")
@@ -184,9 +161,7 @@ def plan_touch_orientations(count: int, cone: float) -> Array:
 def point_error_bound(R_base_flange: Array, noise: float) -> float:
     """Least 3D rms error any unbiased estimate of the tip can have [m]: the Cramér-Rao bound.
 
-    Args:
-        R_base_flange: Orientations of the touches, shape (n, 3, 3).
-        noise: Standard deviation of one coordinate of a touch [m].
+    ``R_base_flange``: of the touches, (n, 3, 3); ``noise``: standard deviation of one coordinate of a touch [m].
     """
     mean = R_base_flange.mean(axis=0)
     M = np.eye(3) - mean.T @ mean
