@@ -41,6 +41,7 @@ def test_every_option_lands_in_its_key_in_si() -> None:
         "--stepover": 5.0,
         "--feature-angle": 20.0,
         "--edge-margin": 4.0,
+        "--hole-margin": 2.0,
         "--order": "outward",
         "--direction": "climb",
         "--start": "10,-20,30",
@@ -60,6 +61,7 @@ def test_every_option_lands_in_its_key_in_si() -> None:
     assert scenario.plan.stepover_m == pytest.approx(0.005)
     assert scenario.plan.feature_angle_rad == pytest.approx(math.radians(20.0))
     assert scenario.plan.edge_margin_m == pytest.approx(0.004)
+    assert scenario.plan.hole_margin_m == pytest.approx(0.002)
     assert (scenario.plan.order, scenario.plan.direction) == ("outward", "climb")
     assert scenario.plan.start == pytest.approx((0.01, -0.02, 0.03))
     assert scenario.plan.raster_direction == (0.0, 1.0, 0.0)

@@ -14,9 +14,9 @@ BALL = trimesh.creation.icosphere(subdivisions=5, radius=50.0)
 RING = trimesh.creation.annulus(r_min=10.0, r_max=30.0, height=20.0, sections=48)
 
 
-def trimmed(mesh: trimesh.Trimesh, margin: float, choice: str = "auto") -> Region:
+def trimmed(mesh: trimesh.Trimesh, margin: float, choice: str = "auto", holes: float = 0.0) -> Region:
     part = part_from_arrays(np.array(mesh.vertices), np.array(mesh.faces), unit="mm", up="z")
-    return select_region(fit_surface(part), part, choice, edge_margin=margin)
+    return select_region(fit_surface(part), part, choice, edge_margin=margin, hole_margin=holes)
 
 
 @pytest.mark.parametrize("margin", [0.0005, 0.02])
@@ -43,11 +43,12 @@ def test_on_a_ball_the_distance_is_that_along_the_great_circle(margin):
     assert np.abs(angle * 0.05 - (UP_CONE * 0.05 - margin)).max() < 2e-4
 
 
-def test_holes_stay_holes_and_grow_by_the_margin():
-    region = trimmed(RING, 0.003)
+@pytest.mark.parametrize(("margin", "holes"), [(0.003, 0.003), (0.003, 0.0), (0.0, 0.003), (0.002, 0.005)])
+def test_outer_borders_and_holes_have_margins_of_their_own(margin, holes):
+    region = trimmed(RING, margin, holes=holes)
     outer, hole = (np.hypot(loop[:, 0], loop[:, 1]) for loop in region.boundary_loops)
-    assert outer == pytest.approx(0.027, abs=3e-5)
-    assert hole == pytest.approx(0.013, abs=3e-5)
+    assert outer == pytest.approx(0.030 - margin, abs=3e-5)
+    assert hole == pytest.approx(0.010 + holes, abs=3e-5)
 
 
 def test_every_point_of_the_new_border_is_at_the_margin_on_a_freeform_part():

@@ -71,10 +71,17 @@ class PlanConfig:
     )
     edge_margin_m: float = key(
         0.0,
-        "how far the region keeps from its edges, along the surface [m]",
+        "how far the region keeps from its outer edges, along the surface [m]",
         0.0,
         0.5,
         option=Option("--edge-margin", PART, "MM", MM),
+    )
+    hole_margin_m: float = key(
+        0.0,
+        "how far the region keeps from the edges of its holes, along the surface [m]",
+        0.0,
+        0.5,
+        option=Option("--hole-margin", PART, "MM", MM),
     )
     stepover_m: float = key(
         0.008, "distance between neighbouring turns [m]", 0.0002, 1.0, option=Option("--stepover", PATH, "MM", MM)

@@ -141,9 +141,10 @@ def _given_or_rim(scenario: Scenario, plan: PlanResult | None) -> tuple[PartMesh
     if plan is not None:
         return plan.mesh, plan.surface, plan.region, plan.path
     mesh = load_part(part_file(scenario.part.file), scenario.part.unit, scenario.part.up)
-    angle = scenario.plan.feature_angle_rad
-    surface = fit_surface(mesh, angle)
-    region = select_region(surface, mesh, scenario.plan.region, angle, scenario.plan.edge_margin_m)
+    asked = scenario.plan
+    surface = fit_surface(mesh, asked.feature_angle_rad)
+    margins = asked.edge_margin_m, asked.hole_margin_m
+    region = select_region(surface, mesh, asked.region, asked.feature_angle_rad, *margins)
     return mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m)
 
 

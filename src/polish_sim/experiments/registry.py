@@ -34,7 +34,7 @@ ROWS: Final[Mapping[str, str]] = {
 }
 """Where the row of each experiment is; a branch is known by this name only."""
 
-REGION_OPTIONS: Final = ("--region", "--feature-angle", "--edge-margin")
+REGION_OPTIONS: Final = ("--region", "--feature-angle", "--edge-margin", "--hole-margin")
 PART_OPTIONS: Final = ("--part", "--part-pose", "--units", "--up")
 PATH_OPTIONS: Final = (
     *REGION_OPTIONS,

@@ -221,7 +221,7 @@ def boundary_loops(surface: Surface) -> tuple[Array, ...]:
         seen from outside; piece by piece, of each the outer loop first, the one that encloses the largest area
         seen from where that looks largest. None for a closed surface.
     """
-    traced = _trace(surface)
+    traced = trace_border(surface)
     loops = [_sample(surface, loop) for loop in traced]
     piece = connected_facets(surface)
     of_piece = [int(piece[loop[0][0]]) for loop in traced]
@@ -256,7 +256,7 @@ def enclosed(loop: Array) -> float:
     return 0.5 * float(np.linalg.norm(np.cross(loop[:-1] - loop[0], loop[1:] - loop[0]).sum(axis=0)))
 
 
-def _trace(surface: Surface) -> list[list[tuple[int, int]]]:
+def trace_border(surface: Surface) -> list[list[tuple[int, int]]]:
     """Border edges (facet, edge) in the order one walks along them."""
     left = {(int(f), int(e)) for f, e in zip(*np.nonzero(surface.neighbours < 0), strict=True)}
     loops = []

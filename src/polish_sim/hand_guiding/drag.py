@@ -137,7 +137,7 @@ def prepare_drag(scenario: Scenario) -> DragTask:
     surface = fit_surface(mesh, plan.feature_angle_rad)
     if scenario.drag.follow == RIM:
         margin = plan.edge_margin_m or scenario.pad.radius_m
-        region = select_region(surface, mesh, plan.region, plan.feature_angle_rad, margin)
+        region = select_region(surface, mesh, plan.region, plan.feature_angle_rad, margin, margin)
         path = _rim(surface, region.components()[0].boundary_loops[0])
     else:
         path = read_path(Path(scenario.drag.follow))

@@ -241,7 +241,8 @@ def _region_of(
     """The region asked for; where that is automatic and the path runs elsewhere, the smooth face under the path."""
 
     def chosen(name: str) -> Region:
-        return select_region(surface, mesh, name, plan.feature_angle_rad, plan.edge_margin_m)
+        margins = plan.edge_margin_m, plan.hole_margin_m
+        return select_region(surface, mesh, name, plan.feature_angle_rad, *margins)
 
     region = chosen(plan.region)
     share = _share_on(region, offset)

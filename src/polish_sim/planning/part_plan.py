@@ -200,7 +200,8 @@ def load_mesh(part: PartConfig, observer: PlanObserver | None = None) -> PartMes
 
 def _choose(mesh: PartMesh, plan: PlanConfig) -> tuple[Surface, Region]:
     surface = fit_surface(mesh, plan.feature_angle_rad)
-    return surface, select_region(surface, mesh, plan.region, plan.feature_angle_rad, plan.edge_margin_m)
+    margins = plan.edge_margin_m, plan.hole_margin_m
+    return surface, select_region(surface, mesh, plan.region, plan.feature_angle_rad, *margins)
 
 
 # Planning by one call per pattern, for Python users: a region and a step-over in, arrays out.

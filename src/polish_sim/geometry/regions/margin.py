@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -21,7 +21,7 @@ from polish_sim.geometry.cut import (
     then,
 )
 from polish_sim.geometry.regions.patches import connected
-from polish_sim.geometry.surface import Surface
+from polish_sim.geometry.surface import Surface, enclosed, trace_border
 
 _SAMPLES_PER_REACH = 16.0
 """The border is sampled this densely, in shares of the distance of interest."""
@@ -41,6 +41,20 @@ _FLAT = 5e-7
 """A surface is flat when it leaves a plane by less than this share of its size (float32 noise)."""
 
 
+class Room(Protocol):
+    """How much room there is at places of a surface; a region keeps the places with more than a margin."""
+
+    @property
+    def length(self) -> float:
+        """Length of the line there is more room beyond, if known [m]: facets along it are no finer than a share."""
+
+    def at(self, points: Array) -> Array:
+        """Room at points (n, 3) of the surface [m], shape (n,)."""
+
+    def straight(self, points: Array) -> Array:
+        """The same, roughly."""
+
+
 class BorderDistance(NamedTuple):
     """The border of a surface, ready to be asked for distances."""
 
@@ -56,8 +70,10 @@ class BorderDistance(NamedTuple):
     """Whether the surface is flat, and straight distances are all there is."""
     length: float
     """Length of the whole border [m]."""
+    surface: Surface
+    """The surface with that border."""
 
-    def at(self, points: Array, surface: Surface) -> Array:
+    def at(self, points: Array) -> Array:
         """Distances along the surface.
 
         The way is the straight line to the nearest point of the border, brought down to the surface at a few
@@ -65,7 +81,6 @@ class BorderDistance(NamedTuple):
 
         Args:
             points: Points on the surface [m], shape (n, 3).
-            surface: The surface.
 
         Returns:
             Distances [m], shape (n,); far from the reach straight ones.
@@ -75,7 +90,7 @@ class BorderDistance(NamedTuple):
         low, high = _NEAR
         near = np.flatnonzero((distances > low * self.reach) & (distances < high * self.reach))
         if len(near) and not self.flat:
-            distances[near] = _lengths_along(surface, feet[near], points[near])
+            distances[near] = _lengths_along(self.surface, feet[near], points[near])
         return np.asarray(distances)
 
     def straight(self, points: Array) -> Array:
@@ -94,9 +109,9 @@ class BorderDistance(NamedTuple):
         return np.asarray(feet[np.arange(len(points)), best])
 
 
-def _border_distance(surface: Surface, reach: float) -> BorderDistance:
-    """The border of an open surface, ready for distances of about ``reach`` [m]."""
-    facets, edges = np.nonzero(surface.neighbours < 0)
+def _border_distance(surface: Surface, reach: float, border: tuple[Indices, Indices]) -> BorderDistance:
+    """Border edges (facets, edges) of an open surface, ready for distances of about ``reach`` [m]."""
+    facets, edges = border
     a, b = surface.control[facets, edges], surface.control[facets, (edges + 1) % 3]
     c = surface.control[facets, 3 + edges]
     chord = np.linalg.norm(b - a, axis=1)
@@ -114,6 +129,7 @@ def _border_distance(surface: Surface, reach: float) -> BorderDistance:
         reach=reach,
         flat=_is_flat(surface),
         length=float(np.linalg.norm(ends - starts, axis=1).sum()),
+        surface=surface,
     )
 
 
@@ -166,12 +182,13 @@ _ZERO = 1e-7
 _HALVES = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
 
 
-def trim(patches: Sequence[Clipped], margin: float) -> list[Clipped]:
-    """Cut every patch back from its border.
+def trim(patches: Sequence[Clipped], margin: float, hole_margin: float) -> list[Clipped]:
+    """Cut every patch back from its borders.
 
     Args:
         patches: Connected patches.
-        margin: Distance kept from the border, along the surface [m].
+        margin: Distance kept from the outer border, along the surface [m].
+        hole_margin: Distance kept from the borders of holes [m].
 
     Returns:
         What is left, connected piece by piece.
@@ -182,24 +199,46 @@ def trim(patches: Sequence[Clipped], margin: float) -> list[Clipped]:
     left: list[Clipped] = []
     widest = 0.0
     for patch in patches:
-        if not patch.surface.is_open:
-            left.append(patch)
-            continue
-        distance = _border_distance(patch.surface, margin)
-        fine = then(patch, _refined(patch.surface, distance, margin))
-        values = _beyond_margin(fine.surface, distance, margin)
-        widest = max(widest, margin + float(values[:, :3].max()))
-        inner = then(fine, clip(fine.surface, values, on=_ON_LINE * margin))
-        left += connected(inner) if len(inner.parents) else []
+        kept = [patch]
+        outer, holes = _outer_and_holes(patch.surface)
+        for border, away in ((outer, margin), (holes, hole_margin)):
+            if not len(border[0]) or away <= 0.0:
+                continue
+            distance = _border_distance(patch.surface, away, border)
+            cut = [keep_roomy(piece, distance, away) for piece in kept]
+            widest = max([widest, *(most for _, most in cut)])
+            kept = [piece for pieces, _ in cut for piece in pieces]
+        left += kept
     if not left:
         raise PlanError(
-            f"nothing of the region is left {margin * 1e3:.4g} mm inside its border: it is only about "
-            f"{2e3 * widest:.3g} mm wide. Set a smaller --edge-margin or choose another --region."
+            f"nothing of the region is left {max(margin, hole_margin) * 1e3:.4g} mm inside its border: it is only "
+            f"about {2e3 * widest:.3g} mm wide. Set a smaller --edge-margin or --hole-margin, or choose another "
+            "--region."
         )
     return left
 
 
-def _refined(surface: Surface, distance: BorderDistance, margin: float) -> Clipped:
+def keep_roomy(patch: Clipped, room: Room, margin: float) -> tuple[list[Clipped], float]:
+    """Keep what of a patch has more room than a margin [m]: its connected pieces, and the most room there is [m]."""
+    fine = then(patch, _refined(patch.surface, room, margin))
+    values = _beyond_margin(fine.surface, room, margin)
+    inner = then(fine, clip(fine.surface, values, on=_ON_LINE * margin))
+    return connected(inner) if len(inner.parents) else [], margin + float(values[:, :3].max())
+
+
+def _outer_and_holes(surface: Surface) -> tuple[tuple[Indices, Indices], tuple[Indices, Indices]]:
+    """Border edges (facets, edges) of a connected patch: of its outer loop, and of the others, which are holes."""
+    loops = [np.array(loop) for loop in trace_border(surface)]
+    if not loops:
+        none = np.empty(0, dtype=np.int64)
+        return (none, none), (none, none)
+    sizes = [enclosed(surface.control[[*loop[:, 0], loop[0, 0]], [*loop[:, 1], loop[0, 1]]]) for loop in loops]
+    outer = loops.pop(int(np.argmax(sizes)))
+    holes = np.concatenate([np.empty((0, 2), dtype=np.int64), *loops])
+    return (outer[:, 0], outer[:, 1]), (holes[:, 0], holes[:, 1])
+
+
+def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
     """The same surface with small facets where the new border runs."""
     longest = max(margin / _FACETS_PER_MARGIN, distance.length / _FACETS_ALONG)
     count = len(surface.faces)
@@ -232,7 +271,7 @@ def _refined(surface: Surface, distance: BorderDistance, margin: float) -> Clipp
     return Clipped(build_cut(surface, cut, len(places)), cut.parents)
 
 
-def _bends(surface: Surface, cut: Cut, values: Array, facets: Indices, distance: BorderDistance) -> Array:
+def _bends(surface: Surface, cut: Cut, values: Array, facets: Indices, distance: Room) -> Array:
     """How far the distance is from linear over facets (k,), in the middle of edges and of the facet [m], shape (k,)."""
     worst = np.zeros(len(facets))
     for place in (*_HALVES, np.full(3, 1.0 / 3.0)):
@@ -242,9 +281,9 @@ def _bends(surface: Surface, cut: Cut, values: Array, facets: Indices, distance:
     return worst
 
 
-def _beyond_margin(surface: Surface, distance: BorderDistance, margin: float) -> Array:
+def _beyond_margin(surface: Surface, distance: Room, margin: float) -> Array:
     """Distance beyond the margin as a quadratic over each facet whose zeros on edges are exact [m], shape (m, 6)."""
-    corner = distance.at(surface.vertices, surface) - margin
+    corner = distance.at(surface.vertices) - margin
     here = corner[surface.faces]
     middle = 0.5 * (here + np.roll(here, -1, axis=1))
     crossed = np.flatnonzero((here.min(axis=1) < 0.0) & (here.max(axis=1) > 0.0))
@@ -269,7 +308,7 @@ def _zero_along(
     facets: Ints,
     edge: Indices,
     ends: tuple[Array, Array],
-    distance: BorderDistance,
+    distance: Room,
     margin: float,
 ) -> Array:
     """Where along edges the distance is the margin, by false position (Illinois), shape (k,)."""
@@ -280,7 +319,7 @@ def _zero_along(
     for _ in range(_ZERO_ROUNDS):
         share = np.clip((low * above - high * below) / (above - below), 1e-6, 1.0 - 1e-6)
         barycentric = (1.0 - share)[:, None] * corners[edge] + share[:, None] * corners[(edge + 1) % 3]
-        value = distance.at(surface.evaluate(facets, barycentric).positions, surface) - margin
+        value = distance.at(surface.evaluate(facets, barycentric).positions) - margin
         if np.abs(value).max(initial=0.0) < _ZERO * margin:
             break
         same = np.sign(value) == np.sign(below)

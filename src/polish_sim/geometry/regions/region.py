@@ -29,7 +29,7 @@ from polish_sim.geometry.regions.choice import (
     pick_top,
     read_facet_numbers,
 )
-from polish_sim.geometry.regions.margin import trim
+from polish_sim.geometry.regions.margin import Room, keep_roomy, trim
 from polish_sim.geometry.regions.patches import connected, facing, join, unpinch
 from polish_sim.geometry.surface import Surface, boundary_loops, connected_facets
 from polish_sim.geometry.topology import Adjacency
@@ -92,6 +92,7 @@ def select_region(
     choice: str = "auto",
     feature_angle: float | None = None,
     edge_margin: float = 0.0,
+    hole_margin: float = 0.0,
 ) -> Region:
     """Select the region to polish.
 
@@ -104,7 +105,8 @@ def select_region(
             (or a file with a corner per line) those within a polygon seen from above; ``faces:FILE`` the
             facets whose numbers (from 0) in the part's file a text file lists. Lengths in mm, work frame.
         feature_angle: Edges that bend more are creases [rad]; None for the creases of the surface.
-        edge_margin: How far the region keeps from its borders, measured along the surface [m].
+        edge_margin: How far the region keeps from its outer borders, measured along the surface [m].
+        hole_margin: How far it keeps from the borders of holes [m].
 
     Returns:
         The region, with clean borders; box, polygon, faces, all and a margin may give several components.
@@ -120,11 +122,30 @@ def select_region(
     patches, notes = _without_slivers(pick(whole, argument))
     if name == "auto":
         notes += _cut_off(whole, patches)
-    if edge_margin > 0.0:
-        patches, further = _without_slivers(trim(patches, edge_margin))
+    if max(edge_margin, hole_margin) > 0.0:
+        patches, further = _without_slivers(trim(patches, edge_margin, hole_margin))
         notes += further
     kept = join(patches)
     return _build_region(kept.surface, kept.parents, mesh.up, notes)
+
+
+def cut_region(region: Region, room: Room, margin: float) -> Region | None:
+    """Keep what of a region has more room than a margin.
+
+    Args:
+        region: The region.
+        room: How much there is.
+        margin: How much there must be [m].
+
+    Returns:
+        The rest, patches tiny beside it left out; the region itself if it is all there, None if nothing is.
+    """
+    patches = connected(Clipped(region.surface, region.facets))
+    left = [piece for patch in patches for piece in keep_roomy(patch, room, margin)[0]]
+    if not left:
+        return None
+    kept = join(_without_slivers(left)[0])
+    return _build_region(kept.surface, kept.parents, region.up, region.notes)
 
 
 def check_choice(choice: str) -> None:
