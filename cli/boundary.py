@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import errno
+import os
 import traceback
 from collections.abc import Sequence
 
 import typer
 
 from polish_sim.cli import console
+from polish_sim.cli.pictures import prepare_headless
 from polish_sim.errors import PolishSimError
 
 DONE, SHORT, USAGE, STOPPED, BUG, INTERRUPTED = 0, 1, 2, 3, 70, 130
@@ -26,6 +28,9 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
         The exit code: 0 done, 1 a figure falls short, 2 bad input or usage, 3 protective stop, 130 interrupted,
         70 an error of ours.
     """
+    prepare_headless()
+    # More threads would mostly wait for each other: the systems solved here are small.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         command = typer.main.get_command(commands)
         with command.make_context("polish-sim", list(arguments) or ["--help"]) as context:

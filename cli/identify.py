@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed
-from polish_sim.cli.pictures import prepare_headless
 from polish_sim.errors import InputError, count_text, leave_out
 
 if TYPE_CHECKING:
@@ -59,7 +58,6 @@ def identify(given: Given) -> int:
     """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a model."""
     data, loaded, period = given["--data"], given["--payload-data"], given["--period"]
     _refuse_idle(given)
-    prepare_headless()
     # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.identification.settings import IdentifySettings
 

@@ -13,7 +13,6 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import prepare_headless
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import REGION_OPTIONS
@@ -39,7 +38,6 @@ def inspect(path: PathFile, given: Given) -> None:
     Without --part the shipped part is taken that the plan was made on; without --stepover the plan's, or the path's.
     """
     refuse_taken(given["--out"], given["--overwrite"])
-    prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
     from polish_sim.analysis.run_record import write_json

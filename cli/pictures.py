@@ -85,8 +85,7 @@ class Picture:
         import mujoco
 
         try:
-            model.vis.global_.offwidth = max(model.vis.global_.offwidth, quality.width)
-            model.vis.global_.offheight = max(model.vis.global_.offheight, quality.height)
+            model.vis.global_.offwidth, model.vis.global_.offheight = quality.width, quality.height
             model.vis.quality.offsamples, model.vis.quality.shadowsize = quality.samples, quality.shadow
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # a missing display is reported once, below

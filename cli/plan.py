@@ -12,7 +12,6 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import prepare_headless
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import PATH_OPTIONS, experiment, refuse_idle_options
@@ -43,7 +42,6 @@ def plan(part: PartFile, given: Given) -> None:
     elif idle := [name for name in named if name in PAIR_OPTIONS]:
         raise InputError(f"{', '.join(idle)} is for two robots: give --dual as well, or leave it out.")
     scenario = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
-    prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import ExportSetup, check_formats, export_plan, write_plan

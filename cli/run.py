@@ -17,7 +17,7 @@ from polish_sim.cli.boundary import DONE
 from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import CELL_PICTURE, open_sinks, prepare_headless
+from polish_sim.cli.pictures import CELL_PICTURE, open_sinks
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, place_in_mm
 from polish_sim.experiments.registry import (
@@ -110,7 +110,6 @@ def run(row: Experiment, given: Given) -> int:
     if seeds is not None and (view or video):
         raise InputError("--view and --video show one run: leave --seeds out.")
     refuse_taken(given["--out"], given["--overwrite"])
-    prepare_headless()
     scenario = build_scenario(row.defaults, given)
     plan, scenario = _checked(scenario, given)
     if given.get("--dry-run"):
@@ -129,7 +128,6 @@ def run(row: Experiment, given: Given) -> int:
 @takes(*OUTPUT_OPTIONS)
 def demo(given: Given) -> int:
     """Plan a path on a shipped part and polish it under force control, with a short report."""
-    prepare_headless()
     scenario = merge(default_scenario("surface"), DEMO, "")
     console.note(f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N")
     with claimed(given["--out"], "demo", given["--overwrite"]) as folder:

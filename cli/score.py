@@ -17,7 +17,6 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
 from polish_sim.cli.options import OWN, Given, Own, takes
 from polish_sim.cli.output_folder import RESULTS, unused
-from polish_sim.cli.pictures import prepare_headless
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
 
@@ -52,7 +51,6 @@ def score(given: Given) -> int:
     against, ablate, settings = given["--against"], bool(given["--ablate"]), given["--set"] or []
     if ablate and against is not None:
         raise InputError("--ablate compares a controller with itself: leave --against out.")
-    prepare_headless()
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.scoring import BATTERY, REACH_CASES, ablations, asked_for, check_entries, choose_cases, user_entry
 

@@ -14,7 +14,6 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import prepare_headless
 from polish_sim.config.key import DEG, MM, MM_S, OUTPUT, PATH, Unit
 from polish_sim.errors import InputError, PolishSimError, count_text, unknown_name
 
@@ -88,7 +87,6 @@ def smooth(path: PathFile, given: Given) -> None:
     if given["--no-joints"] and pose is not None:
         raise InputError("--part-pose would change nothing with --no-joints: leave it out.")
     refuse_taken(given["--out"], given["--overwrite"])
-    prepare_headless()
     rule, against = given["--rule"] or "certified", given["--against"]
     request = SmoothRequest(
         path,

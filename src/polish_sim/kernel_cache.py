@@ -30,9 +30,11 @@ from typing import IO, Any, Final, NamedTuple
 import llvmlite
 import llvmlite.binding as llvm
 import numba
+import numba.experimental.function_type  # registers functions as arguments of kernels
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.registry import CPUDispatcher, cpu_target
+from numba.core.runtime import rtsys
 from numba.core.sigutils import normalize_signature
 
 from polish_sim.source_stamp import source_stamp
@@ -150,6 +152,15 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         self._carried = None
         if (shipped := _shipped()) is not None:
             self._carried = IndexDataCacheFile(str(shipped.folder / folder.name), self._impl.filename_base, folder.name)
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """A kept function, None if there is none.
+
+        What compiling needs is loaded when something is compiled, not here as numba does: that takes 0.2 s.
+        """
+        rtsys.initialize(context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(signature, context)
 
     def _load_overload(self, signature: Any, context: Any) -> Any:
         """A compiled function, None if this process has to compile it."""

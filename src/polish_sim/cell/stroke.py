@@ -131,7 +131,7 @@ def feed_acceleration(feed: float) -> float:
 
 def feed_pace(feed: float) -> Pace:
     """How a path is followed at a feed [m/s] where nothing else limits it: gently from rest to rest."""
-    acceleration = feed_acceleration(feed)
+    acceleration = feed_acceleration.py_func(feed)  # compiling it would take longer than the rest
     return Pace(feed, acceleration, acceleration / BUILD_UP)
 
 

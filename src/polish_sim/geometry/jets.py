@@ -69,10 +69,12 @@ def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth
     tilt = _widest_tilt_around(vertices, faces, corners, links)
     room = np.minimum(_ROOM * tilt, tilt + _ROUGH)
     normals = corners.normals
-    for _ in range(SWEEPS):
+    bent = ~corners.flat
+    to_bent = _Links(*(part[bent[links.here]] for part in links))
+    for _ in range(SWEEPS if bent.any() else 0):
         frames = tangent_frames(normals)
-        fitted, seen = _fit_heights(links, normals, frames, trusted)
-        able = (seen >= _TRUSTED_NEEDED) & ~corners.flat & ~lonely
+        fitted, seen = _fit_heights(to_bent, normals, frames, trusted)
+        able = (seen >= _TRUSTED_NEEDED) & bent & ~lonely
         tilted = unit(normals - np.einsum("kf,kfj->kj", fitted[:, :2], frames))
         able &= np.linalg.norm(tilted - corners.normals, axis=1) <= room
         normals = np.where(able[:, None], tilted, normals)
@@ -80,7 +82,7 @@ def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth
     frames = tangent_frames(normals)
     fitted, _ = _fit_heights(links, normals, frames, ~lonely)
     shape = _pack(frames, -fitted[:, 2:5] / size[:, None])
-    return _lend_to_lonely(links, size, VertexJets(normals, shape), frames, fitted, lonely & ~corners.flat)
+    return _lend_to_lonely(links, size, VertexJets(normals, shape), frames, fitted, lonely & bent)
 
 
 def _lend_to_lonely(
