@@ -20,20 +20,16 @@ from typing import Any, Final, NamedTuple
 
 from polish_sim.errors import PolishSimError
 
-TRIES: Final = 2
-"""A task at which this many processes died is left out."""
-MOST_DEATHS: Final = 4
-"""Deaths in a row, without a result between them, after which all is given up."""
+TRIES: Final = 2  #: A task at which this many processes died is left out
+MOST_DEATHS: Final = 4  #: Deaths in a row, without a result between them, after which all is given up
 
 
 class Result(NamedTuple):
     """The end of a task, or of a process at work on it."""
 
     task: Any
-    value: Any
-    """What the work returned; None where a process died."""
-    trouble: str | None
-    """What went wrong, in one line."""
+    value: Any  #: What the work returned; None where a process died
+    trouble: str | None  #: What went wrong, in one line
 
 
 class CrewError(PolishSimError):

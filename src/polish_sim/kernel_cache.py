@@ -44,10 +44,8 @@ try:
 except ImportError:
     fcntl = None  # type: ignore[assignment]
 
-SHIPPED: Final = "kernels"
-"""Folder of the package, of a wheel that carries its kernels."""
-MADE_FOR: Final = "made_for.json"
-"""What they were compiled for."""
+SHIPPED: Final = "kernels"  #: Folder of the package, of a wheel that carries its kernels
+MADE_FOR: Final = "made_for.json"  #: What they were compiled for
 FOLDER: Final = "POLISH_SIM_KERNELS"
 """Environment variable that names another folder than the user's; a worker process inherits a temporary one by it."""
 
@@ -255,8 +253,7 @@ class _Shipped(NamedTuple):
     """Kernels that came with the package."""
 
     folder: Path
-    machine: tuple[str, ...]
-    """Platform, CPU and its features as numba's cache has them."""
+    machine: tuple[str, ...]  #: Platform, CPU and its features as numba's cache has them
 
 
 @cache

@@ -152,29 +152,18 @@ class Trace(NamedTuple):
     """Exact quantities at every physics step, each of shape (n,); nothing filtered, nothing late."""
 
     time_s: Array
-    phase: NDArray[np.int8]
-    """0 approach, 1 touch-down, 2 process, 3 retract, as in ``log.PHASES``."""
-    normal_force_n: Array
-    """Contact force along the tool axis, pressing positive."""
-    position_error_m: Array
-    """Distance from the tool point to its target."""
-    tangential_error_m: Array
-    """The part of it across the target's tool axis."""
-    orientation_error_rad: Array
-    """Angle between the tool's frame and its target's."""
-    tcp_position_m: Array
-    """Tool point in the base frame, shape (n, 3)."""
+    phase: NDArray[np.int8]  #: 0 approach, 1 touch-down, 2 process, 3 retract, as in ``log.PHASES``
+    normal_force_n: Array  #: Contact force along the tool axis, pressing positive
+    position_error_m: Array  #: Distance from the tool point to its target
+    tangential_error_m: Array  #: The part of it across the target's tool axis
+    orientation_error_rad: Array  #: Angle between the tool's frame and its target's
+    tcp_position_m: Array  #: Tool point in the base frame, shape (n, 3)
     tcp_speed_m_s: Array
-    path_s_m: Array
-    """Where on the path the target is."""
-    part_shift_m: Array
-    """How far the part has moved from where it lay at rest, base frame, shape (n, 3)."""
-    pad_travel_m: Array
-    """How far the head's spring is compressed."""
-    spindle_rad_s: Array
-    """Speed of the spindle."""
-    target_error_m: Array
-    """From the tool point to its target, base frame, shape (n, 3)."""
+    path_s_m: Array  #: Where on the path the target is
+    part_shift_m: Array  #: How far the part has moved from where it lay at rest, base frame, shape (n, 3)
+    pad_travel_m: Array  #: How far the head's spring is compressed
+    spindle_rad_s: Array  #: Speed of the spindle
+    target_error_m: Array  #: From the tool point to its target, base frame, shape (n, 3)
     tool_on_part_m: Array
     """Tool point in the nominal work frame of a part that a second robot carries, shape (n, 3); else zeros."""
 
@@ -190,24 +179,15 @@ class Trace(NamedTuple):
 class RemovalMap:
     """Exposure over the region, on the fine triangles of its drawing."""
 
-    vertices: Array
-    """Nodes on the nominal surface, work frame [m], shape (n, 3)."""
-    normals: Array
-    """Unit outward normals there, shape (n, 3)."""
-    triangles: NDArray[np.int64]
-    """Vertex indices, shape (m, 3)."""
-    areas: Array
-    """Area each node stands for [m^2], shape (n,); their sum is the region's."""
-    exposure: Array
-    """Integral of pressure x sliding speed over time [N/m], shape (n,)."""
-    up: Array
-    """Where the region is looked at from, unit, shape (3,)."""
-    preston_1_pa: float
-    """Wear coefficient [1/Pa]; 0: unknown, the removal is relative."""
-    elsewhere_nm: float
-    """Exposure summed over the surfaces beside the region that the pad came to as well [N m]."""
-    unplaced_share: float
-    """Share of the force's impulse for which the pad touched no node [-]."""
+    vertices: Array  #: Nodes on the nominal surface, work frame [m], shape (n, 3)
+    normals: Array  #: Unit outward normals there, shape (n, 3)
+    triangles: NDArray[np.int64]  #: Vertex indices, shape (m, 3)
+    areas: Array  #: Area each node stands for [m^2], shape (n,); their sum is the region's
+    exposure: Array  #: Integral of pressure x sliding speed over time [N/m], shape (n,)
+    up: Array  #: Where the region is looked at from, unit, shape (3,)
+    preston_1_pa: float  #: Wear coefficient [1/Pa]; 0: unknown, the removal is relative
+    elsewhere_nm: float  #: Exposure summed over the surfaces beside the region that the pad came to as well [N m]
+    unplaced_share: float  #: Share of the force's impulse for which the pad touched no node [-]
     field_ratio: float
     """Impulse of the pressure field before it is scaled to the exact force, over that of the exact force [-]."""
 

@@ -17,8 +17,7 @@ from polish_sim.errors import InputError, near_file
 
 OTHER_SEPARATORS: Final = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
-Place = Callable[[int], str]
-"""Says where in a file a row stands, e.g. "line 4, point 3"."""
+Place = Callable[[int], str]  #: Says where in a file a row stands, e.g. "line 4, point 3"
 
 
 @dataclass(frozen=True)
@@ -27,8 +26,7 @@ class Columns:
 
     file: Path
     texts: Mapping[str, Sequence[str]]
-    lines: Sequence[int]
-    """The line each row stands on."""
+    lines: Sequence[int]  #: The line each row stands on
 
     def __len__(self) -> int:
         return len(self.lines)

@@ -47,23 +47,18 @@ class CellRun(NamedTuple):
 
     log: RunLog
     trace: Trace
-    stop_reason: str | None
-    """Why the robot stopped itself, or None."""
+    stop_reason: str | None  #: Why the robot stopped itself, or None
     interrupted: bool
     steps: int
-    wall_s: float
-    """Time spent stepping [s]."""
-    safety: SafetyRecord
-    """Faults and guards."""
+    wall_s: float  #: Time spent stepping [s]
+    safety: SafetyRecord  #: Faults and guards
 
 
 class PayloadErrors(NamedTuple):
     """Payload the host believes in against the tool as it is."""
 
-    payload_mass_error_kg: float
-    """Believed minus true mass, ``sensor.payload_mass_error`` included."""
-    payload_center_error_m: float
-    """Distance of the believed from the true centre of mass."""
+    payload_mass_error_kg: float  #: Believed minus true mass, ``sensor.payload_mass_error`` included
+    payload_center_error_m: float  #: Distance of the believed from the true centre of mass
 
 
 class Cell:
@@ -82,12 +77,9 @@ class Cell:
     The host compensates the tool as it is until ``compensate`` says otherwise.
     """
 
-    arm = ""
-    """Prefix of the names of the robot with the tool."""
-    reasons: Mapping[int, str] = REASONS
-    """What each code of a protective stop means."""
-    more_columns = 0
-    """Columns recorded behind those of the log."""
+    arm = ""  #: Prefix of the names of the robot with the tool
+    reasons: Mapping[int, str] = REASONS  #: What each code of a protective stop means
+    more_columns = 0  #: Columns recorded behind those of the log
 
     def __init__(
         self,

@@ -22,43 +22,30 @@ from polish_sim.kernels import Record, kernel
 class PadMaterial(Record):
     """What the pad is made of."""
 
-    stiffness: float
-    """Normal stiffness of one sample point [N/m]."""
-    damping: float
-    """Hunt-Crossley factor [s/m]."""
-    friction: float
-    """Coulomb coefficient [-]."""
-    smoothing: float
-    """Sliding speed v_s of the smoothed Coulomb law v / sqrt(v^2 + v_s^2) [m/s]."""
+    stiffness: float  #: Normal stiffness of one sample point [N/m]
+    damping: float  #: Hunt-Crossley factor [s/m]
+    friction: float  #: Coulomb coefficient [-]
+    smoothing: float  #: Sliding speed v_s of the smoothed Coulomb law v / sqrt(v^2 + v_s^2) [m/s]
 
 
 class Pad(NamedTuple):
     """The disc, sampled; the pad frame has its origin at the face's centre and z out of the tool."""
 
     material: PadMaterial
-    x: Array
-    """Sample points on the face, equal area each [m], shape (n,)."""
-    y: Array
-    """[m], shape (n,)"""
-    depth: Array
-    """Depth of each point below the part [m], negative above it, shape (n,)."""
-    slope: Array
-    """Gradient of the distance at each point, work frame, shape (3, n)."""
-    motion: Array
-    """Work array: the pad's axes, velocities and the sums in the work frame, shape (7, 3)."""
+    x: Array  #: Sample points on the face, equal area each [m], shape (n,)
+    y: Array  #: [m], shape (n,)
+    depth: Array  #: Depth of each point below the part [m], negative above it, shape (n,)
+    slope: Array  #: Gradient of the distance at each point, work frame, shape (3, n)
+    motion: Array  #: Work array: the pad's axes, velocities and the sums in the work frame, shape (7, 3)
 
 
 class RealPart(NamedTuple):
     """The part as it really lies in the cell."""
 
-    field: DistanceField
-    """Signed distance where the pad can touch, work frame, form error included."""
-    coarse: DistanceField
-    """Coarse signed distance of the whole part, for the crash check."""
-    rotation: Array
-    """R_base_work of the real part, shape (3, 3)."""
-    position: Array
-    """Origin of the work frame in base [m], shape (3,); changes while the part moves."""
+    field: DistanceField  #: Signed distance where the pad can touch, work frame, form error included
+    coarse: DistanceField  #: Coarse signed distance of the whole part, for the crash check
+    rotation: Array  #: R_base_work of the real part, shape (3, 3)
+    position: Array  #: Origin of the work frame in base [m], shape (3,); changes while the part moves
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Mean outward normal of the polished region, base frame; the part moves along it."""
 
@@ -199,16 +186,11 @@ RUN_DOWN_S = 0.5  # from full speed to rest when the drive fails
 class Spindle(Record):
     """The spindle and the imbalance that turns with it."""
 
-    commanded: float
-    """Set speed [rad/s]."""
-    imbalance: float
-    """Mass times eccentricity m e [kg m]."""
-    angle: float
-    """[rad]"""
-    speed: float
-    """[rad/s]"""
-    failed: bool
-    """The drive has failed: it runs down."""
+    commanded: float  #: Set speed [rad/s]
+    imbalance: float  #: Mass times eccentricity m e [kg m]
+    angle: float  #: [rad]
+    speed: float  #: [rad/s]
+    failed: bool  #: The drive has failed: it runs down
 
 
 def build_spindle(config: SpindleConfig) -> Spindle:

@@ -46,16 +46,11 @@ class _Poses(NamedTuple):
 class _Press(NamedTuple):
     """What a disc pressed on the part feels; the sums over its points."""
 
-    force: float
-    """Along tool z [N]."""
-    slope: float
-    """Its change with depth [N/m]."""
-    moment: tuple[float, float]
-    """About tool x and y through the middle of the face [N m]."""
-    tilt_stiffness: tuple[float, float]
-    """Change of that moment with a tilt at the same force [N m/rad]."""
-    buried: int
-    """Points too deep for the field."""
+    force: float  #: Along tool z [N]
+    slope: float  #: Its change with depth [N/m]
+    moment: tuple[float, float]  #: About tool x and y through the middle of the face [N m]
+    tilt_stiffness: tuple[float, float]  #: Change of that moment with a tilt at the same force [N m/rad]
+    buried: int  #: Points too deep for the field
 
 
 class _Statics(NamedTuple):

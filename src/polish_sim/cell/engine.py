@@ -22,13 +22,11 @@ class EngineViews(NamedTuple):
 
     model: int
     data: int
-    dt: float
-    """Physics step [s]."""
+    dt: float  #: Physics step [s]
     qpos: Array
     qvel: Array
     qacc: Array
-    speeds_before: Array
-    """Speeds of arm and head before the engine's last step, shape (7,)."""
+    speeds_before: Array  #: Speeds of arm and head before the engine's last step, shape (7,)
     ctrl: Array
     xanchor: Array
     xaxis: Array

@@ -34,14 +34,10 @@ Inject = Callable[[CellKernel], None]
 class Fault(NamedTuple):
     """Something that goes wrong."""
 
-    text: str
-    """What happens, one line."""
-    inject: Inject
-    """Makes it happen in a running cell."""
-    on_part: bool = False
-    """Whether it changes nothing without a part to press on."""
-    on_master: bool = False
-    """Whether it changes nothing without a second robot that carries the part."""
+    text: str  #: What happens, one line
+    inject: Inject  #: Makes it happen in a running cell
+    on_part: bool = False  #: Whether it changes nothing without a part to press on
+    on_master: bool = False  #: Whether it changes nothing without a second robot that carries the part
 
 
 def _set(record: str, field: str, value: float) -> Inject:
@@ -152,8 +148,7 @@ class FaultEvent(NamedTuple):
     """A fault planned for a run."""
 
     name: str
-    time: float
-    """[s] from the start of the run, or from first contact."""
+    time: float  #: [s] from the start of the run, or from first contact
     after_contact: bool = False
 
     def __str__(self) -> str:
@@ -249,20 +244,14 @@ class FaultClock:
 class SafetyRecord(NamedTuple):
     """Times and ends; None where there was no stop, no fault or no retract."""
 
-    protective_stop_time_s: float | None
-    """When the guard tripped [s]."""
-    stop_delay_s: float | None
-    """From then to the brakes [s]."""
-    fault_time_s: float | None
-    """When the first fault was injected [s]."""
-    fault_to_stop_s: float | None
-    """From that fault to the guard [s]; None if the stop came first."""
+    protective_stop_time_s: float | None  #: When the guard tripped [s]
+    stop_delay_s: float | None  #: From then to the brakes [s]
+    fault_time_s: float | None  #: When the first fault was injected [s]
+    fault_to_stop_s: float | None  #: From that fault to the guard [s]; None if the stop came first
     retracted: bool | None
     """Whether the tool was taken off as far as it should; None if nothing was to be retracted from."""
-    retract_m: float | None
-    """How far it was taken [m]."""
-    faults_missed: tuple[str, ...]
-    """Planned faults whose time did not come."""
+    retract_m: float | None  #: How far it was taken [m]
+    faults_missed: tuple[str, ...]  #: Planned faults whose time did not come
 
 
 def record_safety(cell: CellKernel, faults: FaultClock) -> SafetyRecord:

@@ -68,39 +68,25 @@ _DEEPEST = 5.0  # the springs may be this much softer than planned before the fo
 class Guards(Record):
     """Limits, and what is remembered to check them."""
 
-    force: float
-    """[N]"""
-    torque: float
-    """[N m]"""
-    contact_lost: float
-    """[s]"""
-    sensor_timeout: float
-    """[s]"""
-    jump: float
-    """Of the reading against itself smoothed [N]; infinite for none."""
-    singular_value: float
-    """[-]"""
-    offset: float
-    """Of the surface from where it was planned [m]."""
-    lost: float
-    """Time without contact so far [s]."""
-    smooth: Vector3
-    """The reading's force, smoothed, sensor frame [N]."""
-    holding: float
-    """Time the force has been held [s]."""
-    depth: float
-    """The tool's depth at contact, from when the force is first held the depth then [m]."""
-    was_held: bool
-    """Whether the force has been held since contact."""
+    force: float  #: [N]
+    torque: float  #: [N m]
+    contact_lost: float  #: [s]
+    sensor_timeout: float  #: [s]
+    jump: float  #: Of the reading against itself smoothed [N]; infinite for none
+    singular_value: float  #: [-]
+    offset: float  #: Of the surface from where it was planned [m]
+    lost: float  #: Time without contact so far [s]
+    smooth: Vector3  #: The reading's force, smoothed, sensor frame [N]
+    holding: float  #: Time the force has been held [s]
+    depth: float  #: The tool's depth at contact, from when the force is first held the depth then [m]
+    was_held: bool  #: Whether the force has been held since contact
 
 
 class CrashPoints(NamedTuple):
     """Points on shaft, spindle, sensor, wrist and forearm that must stay out of the part."""
 
-    points: Array
-    """In their bodies' frames [m], shape (k, 3)."""
-    bodies: NDArray[np.int64]
-    """Body of each point, shape (k,)."""
+    points: Array  #: In their bodies' frames [m], shape (k, 3)
+    bodies: NDArray[np.int64]  #: Body of each point, shape (k,)
 
 
 def build_guards(scenario: Scenario) -> Guards:

@@ -22,47 +22,29 @@ from polish_sim.kernels import Matrix6, Record, Vector3, Vector6
 class Status(Record):
     """How the run stands: written by the loop, read by its callers."""
 
-    steps: int
-    """Taken so far."""
-    requests: int
-    """Sent to the robot."""
-    stop: int
-    """Code of the protective stop, 0 for none, see ``guards.REASONS``."""
-    stop_time: float
-    """[s]"""
-    touched: bool
-    """After the exact first contact of the stroke."""
-    contact_time: float
-    """Of the run's first contact [s], 0 before."""
-    blocked: bool
-    """A joint is at its end."""
-    arrived: bool
-    """The stroke is done."""
-    ended: bool
-    """The run is over."""
-    pause_at_contact: bool
-    """Return at the run's first contact."""
-    python_error: bool
-    """A controller in Python raised an error."""
-    mute: bool
-    """A fault: the host no longer sends."""
-    poisoned: bool
-    """A fault: the controller's answer is not a number."""
-    tares: int
-    """Samples the sensor is zeroed from."""
-    spread: float
-    """Sum of squares of their normal force [N^2]."""
+    steps: int  #: Taken so far
+    requests: int  #: Sent to the robot
+    stop: int  #: Code of the protective stop, 0 for none, see ``guards.REASONS``
+    stop_time: float  #: [s]
+    touched: bool  #: After the exact first contact of the stroke
+    contact_time: float  #: Of the run's first contact [s], 0 before
+    blocked: bool  #: A joint is at its end
+    arrived: bool  #: The stroke is done
+    ended: bool  #: The run is over
+    pause_at_contact: bool  #: Return at the run's first contact
+    python_error: bool  #: A controller in Python raised an error
+    mute: bool  #: A fault: the host no longer sends
+    poisoned: bool  #: A fault: the controller's answer is not a number
+    tares: int  #: Samples the sensor is zeroed from
+    spread: float  #: Sum of squares of their normal force [N^2]
 
 
 class MasterFaults(Record):
     """What goes wrong with a second robot that carries the part."""
 
-    halted: bool
-    """It has stopped itself."""
-    unheard: bool
-    """The host no longer hears where it is."""
-    slow: float
-    """Share of its speed it has lost [-]."""
+    halted: bool  #: It has stopped itself
+    unheard: bool  #: The host no longer hears where it is
+    slow: float  #: Share of its speed it has lost [-]
 
 
 class CellState(Record):
@@ -80,25 +62,18 @@ class CellState(Record):
     stop: StopMotion
     measurement: MeasurementRecord
     target: TargetRecord
-    answer: Answer
-    """Of the controller."""
-    wrench: Vector6
-    """Exact wrench of the tool on the part, tool axes, tool point."""
-    jacobian: Matrix6
-    """Of the tool point at this instant."""
-    tool_on_part: Vector3
-    """Tool point in the nominal work frame of a part that a second robot carries [m]."""
-    scratch: Annotated[Array, (5, 3)]
-    """Work array."""
+    answer: Answer  #: Of the controller
+    wrench: Vector6  #: Exact wrench of the tool on the part, tool axes, tool point
+    jacobian: Matrix6  #: Of the tool point at this instant
+    tool_on_part: Vector3  #: Tool point in the nominal work frame of a part that a second robot carries [m]
+    scratch: Annotated[Array, (5, 3)]  #: Work array
 
 
 class LawMemory(NamedTuple):
     """What a control law gets pointers to, as bytes."""
 
-    context: NDArray[np.uint8]
-    """Gains and memory."""
-    course: NDArray[np.uint8]
-    """What lies ahead on the path, for laws that prepare for it."""
+    context: NDArray[np.uint8]  #: Gains and memory
+    course: NDArray[np.uint8]  #: What lies ahead on the path, for laws that prepare for it
     measurement: NDArray[np.uint8]
     target: NDArray[np.uint8]
     answer: NDArray[np.uint8]
@@ -112,10 +87,8 @@ class CellKernel(NamedTuple):
     part: RealPart
     stroke: Stroke
     crash_points: CrashPoints
-    samples: Array
-    """Of the wrist sensor, on their way to the host."""
+    samples: Array  #: Of the wrist sensor, on their way to the host
     requests: RequestLine
     law: LawMemory
-    control_every: int
-    """Physics steps a control cycle."""
+    control_every: int  #: Physics steps a control cycle
     state: CellState

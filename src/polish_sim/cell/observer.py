@@ -25,8 +25,7 @@ from polish_sim.kernels import memory_of
 class Observer(Protocol):
     """What the library tells about long work; it never prints itself."""
 
-    frame_every_s: float
-    """Simulated time between calls of ``frame`` [s]."""
+    frame_every_s: float  #: Simulated time between calls of ``frame`` [s]
 
     def stage(self, text: str) -> None:
         """A new stage of the work begins, e.g. ``"simulate"``."""
@@ -56,8 +55,7 @@ class Silent:
 # Ctrl-C between two chunks of steps, not in the middle of one: what was recorded stays whole.
 
 STOPPING: Final = "stopping at the next cycle; Ctrl-C again to abort"
-PATIENCE_S: Final = 2.0
-"""After the first Ctrl-C a controller may go on for this long before it is aborted [s]."""
+PATIENCE_S: Final = 2.0  #: After the first Ctrl-C a controller may go on for this long before it is aborted [s]
 
 
 @dataclass
@@ -104,8 +102,7 @@ def interrupts_noted(observer: Observer | None = None) -> Iterator[Interrupt]:
 
 # A user's Python controller as a law the compiled loop can call.
 
-EXPECTED: Final = "(6,), or (7,) with the feed's share"
-"""Shape of an answer."""
+EXPECTED: Final = "(6,), or (7,) with the feed's share"  #: Shape of an answer
 
 _CALLBACK = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)
 

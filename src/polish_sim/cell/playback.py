@@ -22,21 +22,16 @@ LOOK_EVERY = 20  # rows between looks at links in contact
 class JointTargets(NamedTuple):
     """Servo set-points, one row a step."""
 
-    q: Array
-    """Positions [rad], shape (n, 6)."""
-    qd: Array
-    """Speeds [rad/s], shape (n, 6)."""
+    q: Array  #: Positions [rad], shape (n, 6)
+    qd: Array  #: Speeds [rad/s], shape (n, 6)
 
 
 class Played(NamedTuple):
     """What the joints did, one row a step, at the moment its target is given."""
 
-    q: Array
-    """[rad], shape (n, 6)."""
-    qd: Array
-    """[rad/s], shape (n, 6)."""
-    torque: Array
-    """Of the servos [N m], shape (n, 6)."""
+    q: Array  #: [rad], shape (n, 6)
+    qd: Array  #: [rad/s], shape (n, 6)
+    torque: Array  #: Of the servos [N m], shape (n, 6)
 
 
 def play_joints(

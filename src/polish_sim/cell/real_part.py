@@ -37,14 +37,10 @@ _MARGIN = 0.01  # around what the pad can touch: displacement, pressing, band [m
 class Touch(NamedTuple):
     """Where the pad goes on the nominal part, work frame."""
 
-    positions: Array
-    """Tool points on the part [m], shape (n, 3)."""
-    axes: Array
-    """Unit tool axes from the part to the tool, shape (n, 3)."""
-    pad_radius: float
-    """[m]"""
-    depth: float = FIELD_BAND
-    """How deep below its surface the part is modelled [m]."""
+    positions: Array  #: Tool points on the part [m], shape (n, 3)
+    axes: Array  #: Unit tool axes from the part to the tool, shape (n, 3)
+    pad_radius: float  #: [m]
+    depth: float = FIELD_BAND  #: How deep below its surface the part is modelled [m]
 
 
 def depth_for(force: float, pad_stiffness: float) -> float:
@@ -109,10 +105,8 @@ def displacement_of(config: PartConfig, normal: Array, center: Array, rng: np.ra
 class PartFields(NamedTuple):
     """Signed distances of a part before its errors, work frame; they are the costly part of it."""
 
-    near: DistanceField
-    """Where the pad can touch."""
-    coarse: DistanceField
-    """The whole part, for the crash check."""
+    near: DistanceField  #: Where the pad can touch
+    coarse: DistanceField  #: The whole part, for the crash check
 
 
 def build_part_fields(surface: Surface, touch: Touch) -> PartFields:
@@ -194,26 +188,16 @@ SHIFT_SPEED = 0.02  # of a part that slips [m/s]
 class PartMotion(Record):
     """How the part moves; base frame."""
 
-    axis: Vector3
-    """Unit direction of the sine, out of the polished region."""
-    rest: Vector3
-    """Origin of the work frame when the part is at rest [m]."""
-    place: Vector3
-    """The same while a robot carries the part [m]."""
-    amplitude: float
-    """Of the sine [m]."""
-    frequency: float
-    """Angular, of the sine [rad/s]."""
-    start: float
-    """Of the sine [s]."""
-    shift: Vector3
-    """Displacement beside the sine [m]."""
-    goal: Vector3
-    """Where ``shift`` moves to at ``SHIFT_SPEED`` [m]."""
-    velocity: Vector3
-    """Of its origin now [m/s]."""
-    turning: Vector3
-    """Its angular velocity [rad/s]."""
+    axis: Vector3  #: Unit direction of the sine, out of the polished region
+    rest: Vector3  #: Origin of the work frame when the part is at rest [m]
+    place: Vector3  #: The same while a robot carries the part [m]
+    amplitude: float  #: Of the sine [m]
+    frequency: float  #: Angular, of the sine [rad/s]
+    start: float  #: Of the sine [s]
+    shift: Vector3  #: Displacement beside the sine [m]
+    goal: Vector3  #: Where ``shift`` moves to at ``SHIFT_SPEED`` [m]
+    velocity: Vector3  #: Of its origin now [m/s]
+    turning: Vector3  #: Its angular velocity [rad/s]
 
 
 def build_part_motion(config: PartConfig, part: RealPart) -> PartMotion:

@@ -53,19 +53,15 @@ class Filled(Record):
 
     rows: int
     steps: int
-    force_range: Vector2
-    """Least and largest force since the last row [N]."""
+    force_range: Vector2  #: Least and largest force since the last row [N]
 
 
 class Recorder(NamedTuple):
     """Buffers of one chunk of steps."""
 
-    rows: Array
-    """Packed log rows and what a branch adds behind each, shape (k, ROW_WIDTH + extra)."""
-    trace: NDArray[np.void]
-    """``TraceStep`` of every step, shape (steps,)."""
-    every: int
-    """Steps per row."""
+    rows: Array  #: Packed log rows and what a branch adds behind each, shape (k, ROW_WIDTH + extra)
+    trace: NDArray[np.void]  #: ``TraceStep`` of every step, shape (steps,)
+    every: int  #: Steps per row
     filled: Filled
 
 

@@ -40,20 +40,13 @@ LONGEST_S, SHORTEST_S = 0.05, 0.001  # of a step
 class PadMotion(NamedTuple):
     """Steps of the pad in contact, in the work frame of the real part."""
 
-    ends_s: Array
-    """When each step ends [s], shape (k,)."""
-    centers: Array
-    """Centre of the pad's face in the middle of the step [m], shape (k, 3)."""
-    axes: Array
-    """Unit pad axis, from the part to the tool, shape (k, 3)."""
-    velocities: Array
-    """Velocity of the centre [m/s], shape (k, 3)."""
-    turning: Array
-    """Angular velocity of pad and spindle [rad/s], shape (k, 3)."""
-    times: Array
-    """How long each step takes [s], shape (k,)."""
-    impulses: Array
-    """Exact contact force along the pad's axis, integrated over the step [N s], shape (k,)."""
+    ends_s: Array  #: When each step ends [s], shape (k,)
+    centers: Array  #: Centre of the pad's face in the middle of the step [m], shape (k, 3)
+    axes: Array  #: Unit pad axis, from the part to the tool, shape (k, 3)
+    velocities: Array  #: Velocity of the centre [m/s], shape (k, 3)
+    turning: Array  #: Angular velocity of pad and spindle [rad/s], shape (k, 3)
+    times: Array  #: How long each step takes [s], shape (k,)
+    impulses: Array  #: Exact contact force along the pad's axis, integrated over the step [N s], shape (k,)
 
 
 def pad_motion(
@@ -131,12 +124,10 @@ def _turned(rows: Array, turns: Rotation, moments: Array) -> Rotation:
 
 Ints = NDArray[np.int64]
 
-EDGE = 0.08
-"""Longest edge of the nodes' triangles in pad radii; they lie about 0.6 of it apart."""
+EDGE = 0.08  #: Longest edge of the nodes' triangles in pad radii; they lie about 0.6 of it apart
 ACROSS_BORDER = 0.5
 MOST_NODES = 300_000
-REACH = 1.1
-"""Surfaces this many pad radii from the path are not under the pad."""
+REACH = 1.1  #: Surfaces this many pad radii from the path are not under the pad
 ROUNDS = 8
 ON_SURFACE = 1e-6  # distance at which a node lies on a surface [m]
 ALIKE = 0.3  # least cosine between the drawing's normal and the real one for a step along it [-]
@@ -147,19 +138,15 @@ _WHOLE = 1.0 - 1e-9
 class PressedNodes(NamedTuple):
     """Nodes on the real part, in its own work frame; the region's come first."""
 
-    positions: Array
-    """[m], shape (n, 3)"""
-    normals: Array
-    """Unit outward normals of the real surface, shape (n, 3); zero: the pad cannot meet this node."""
-    areas: Array
-    """Area each stands for [m^2], shape (n,)."""
+    positions: Array  #: [m], shape (n, 3)
+    normals: Array  #: Unit outward normals of the real surface, shape (n, 3); zero: the pad cannot meet this node
+    areas: Array  #: Area each stands for [m^2], shape (n,)
 
 
 class Nodes(NamedTuple):
     """The region's triangles and all nodes."""
 
-    mesh: Triangulation
-    """Of the nominal region; its vertices are the first nodes."""
+    mesh: Triangulation  #: Of the nominal region; its vertices are the first nodes
     pressed: PressedNodes
 
 
@@ -271,21 +258,16 @@ def _project(field, normals, positions, slopes):  # type: ignore[no-untyped-def]
             slopes[i, 0], slopes[i, 1], slopes[i, 2] = nx, ny, nz
 
 
-CELL = 0.35
-"""Side of the cells nodes are looked up by, in pad radii."""
-REMOVAL_FACING = 0.1
-"""Least cosine between a node's normal and the pad's axis for the pad to press on it [-]."""
-DEEPEST = 0.5
-"""How far up its axis a pad finds nodes, in its radii."""
+CELL = 0.35  #: Side of the cells nodes are looked up by, in pad radii
+REMOVAL_FACING = 0.1  #: Least cosine between a node's normal and the pad's axis for the pad to press on it [-]
+DEEPEST = 0.5  #: How far up its axis a pad finds nodes, in its radii
 
 
 class Removed(NamedTuple):
     """What a pad did to some nodes."""
 
-    exposure: Array
-    """Integral of pressure x sliding speed at each node [N/m], shape (n,)."""
-    gained: Array
-    """Exposure summed over all nodes, step by step [N m], shape (k,)."""
+    exposure: Array  #: Integral of pressure x sliding speed at each node [N/m], shape (n,)
+    gained: Array  #: Exposure summed over all nodes, step by step [N m], shape (k,)
     carried: Array
     """Mean force of the field along the pad's axis before it was scaled [N], shape (k,); zero: no node was touched."""
 

@@ -26,53 +26,32 @@ _PROBE_EVERY = 8  # steps between looks at how near a singularity is
 class Speedl(Record):
     """Limits and memory of the interface."""
 
-    latency: int
-    """Steps from request to action."""
-    acceleration: float
-    """[m/s^2]"""
-    angular_acceleration: float
-    """[rad/s^2]"""
-    timeout: float
-    """A request holds this long [s]."""
-    joint_speed: float
-    """[rad/s]"""
-    lowest: Vector6
-    """Joint positions [rad]."""
-    highest: Vector6
-    """Joint positions [rad]."""
-    damping_onset: float
-    """Smallest singular value below which the inverse is damped [-]."""
-    steps: int
-    """Steps taken."""
-    twist: Vector6
-    """Tool velocity commanded now."""
-    request: Vector6
-    """Twist of the request acting now."""
-    number: int
-    """Of that request; 0 before the first."""
-    age: float
-    """Of that request [s]."""
-    weakest: float
-    """Smallest singular value of the Jacobian [-]."""
-    joints: Vector6
-    """Commanded joint positions [rad]."""
-    speeds: Vector6
-    """Commanded joint speeds [rad/s]."""
-    probe: Vector6
-    """Running estimate of the weakest direction."""
-    gram: Matrix6
-    """Work array."""
-    solution: Vector6
-    """Work array."""
+    latency: int  #: Steps from request to action
+    acceleration: float  #: [m/s^2]
+    angular_acceleration: float  #: [rad/s^2]
+    timeout: float  #: A request holds this long [s]
+    joint_speed: float  #: [rad/s]
+    lowest: Vector6  #: Joint positions [rad]
+    highest: Vector6  #: Joint positions [rad]
+    damping_onset: float  #: Smallest singular value below which the inverse is damped [-]
+    steps: int  #: Steps taken
+    twist: Vector6  #: Tool velocity commanded now
+    request: Vector6  #: Twist of the request acting now
+    number: int  #: Of that request; 0 before the first
+    age: float  #: Of that request [s]
+    weakest: float  #: Smallest singular value of the Jacobian [-]
+    joints: Vector6  #: Commanded joint positions [rad]
+    speeds: Vector6  #: Commanded joint speeds [rad/s]
+    probe: Vector6  #: Running estimate of the weakest direction
+    gram: Matrix6  #: Work array
+    solution: Vector6  #: Work array
 
 
 class RequestLine(NamedTuple):
     """Requests on their way to the robot, one a step."""
 
-    twists: Array
-    """Shape (latency + SPARE + 1, 6)."""
-    numbers: NDArray[np.int64]
-    """Their numbers, shape (latency + SPARE + 1,)."""
+    twists: Array  #: Shape (latency + SPARE + 1, 6)
+    numbers: NDArray[np.int64]  #: Their numbers, shape (latency + SPARE + 1,)
 
 
 def build_speedl(scenario: Scenario, joints: Array) -> Speedl:
@@ -247,25 +226,16 @@ _PATIENCE = 2.0  # the retract may take this many times as long as planned
 class StopMotion(Record):
     """How the robot stops, and how far it is with that."""
 
-    latency: float
-    """From the guard to the brakes [s]."""
-    firmness: float
-    """Deceleration as a multiple of speedl's."""
-    clearance: float
-    """Length of the retract [m]; 0 for none."""
-    retract_speed: float
-    """[m/s]"""
+    latency: float  #: From the guard to the brakes [s]
+    firmness: float  #: Deceleration as a multiple of speedl's
+    clearance: float  #: Length of the retract [m]; 0 for none
+    retract_speed: float  #: [m/s]
     stage: int
-    time: float
-    """In this stage [s]."""
-    braked_at: float
-    """When the brakes came on [s]."""
-    height: float
-    """Gone back [m]."""
-    origin: Vector3
-    """Where the retract began [m]."""
-    axis: Vector3
-    """Direction of the retract, against the tool axis."""
+    time: float  #: In this stage [s]
+    braked_at: float  #: When the brakes came on [s]
+    height: float  #: Gone back [m]
+    origin: Vector3  #: Where the retract began [m]
+    axis: Vector3  #: Direction of the retract, against the tool axis
 
 
 def brakes_of(scenario: Scenario) -> Array:

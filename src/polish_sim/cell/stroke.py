@@ -23,64 +23,38 @@ RETRACT_SPEED = 0.02  # [m/s]
 class Stroke(NamedTuple):
     """One stroke, from free space to free space; tables in the base frame."""
 
-    travel: TimedPath
-    """From where the last stroke ended to where this one starts, in free space."""
-    lead_in: PathTable
-    """From the start down to the first process point on the unpressed surface."""
-    process: PathTable
-    """The process path, pressed in by D = F/k."""
-    motion: TimedPath
-    """How it is followed: the target's motion; its places are those of ``process``."""
-    depth: float
-    """D at the first process point [m]."""
-    force: Array
-    """To press with at the rows of ``process`` [N], shape (n,)."""
-    contact: bool
-    """Whether there is a part to press on; else motion in free space."""
-    approach_speed: float
-    """[m/s]"""
-    feed: float
-    """[m/s]"""
-    threshold: float
-    """Measured force that counts as contact [N]."""
-    search_depth: float
-    """How far past the nominal surface contact is sought [m]."""
-    hold: float
-    """Time at the end of the path before the retract [s]."""
-    feed_time: float
-    """The feed stops after this long [s]; infinite for the whole path."""
-    lift: float
-    """Height of the retract [m]; 0 ends the run without one."""
-    start_s: float
-    """Arc length of the plan at the first process point [m]."""
-    retare: bool = False
-    """Whether the sensor is zeroed again before this stroke."""
+    travel: TimedPath  #: From where the last stroke ended to where this one starts, in free space
+    lead_in: PathTable  #: From the start down to the first process point on the unpressed surface
+    process: PathTable  #: The process path, pressed in by D = F/k
+    motion: TimedPath  #: How it is followed: the target's motion; its places are those of ``process``
+    depth: float  #: D at the first process point [m]
+    force: Array  #: To press with at the rows of ``process`` [N], shape (n,)
+    contact: bool  #: Whether there is a part to press on; else motion in free space
+    approach_speed: float  #: [m/s]
+    feed: float  #: [m/s]
+    threshold: float  #: Measured force that counts as contact [N]
+    search_depth: float  #: How far past the nominal surface contact is sought [m]
+    hold: float  #: Time at the end of the path before the retract [s]
+    feed_time: float  #: The feed stops after this long [s]; infinite for the whole path
+    lift: float  #: Height of the retract [m]; 0 ends the run without one
+    start_s: float  #: Arc length of the plan at the first process point [m]
+    retare: bool = False  #: Whether the sensor is zeroed again before this stroke
 
 
 class Sequence(Record):
     """Where the run is in its strokes."""
 
     stage: int
-    time: float
-    """In this stage [s]."""
-    s: float
-    """Place on the active table [m]."""
-    speed: float
-    """Of that place [m/s]."""
-    depth: float
-    """Of the target below the surface [m]."""
-    clock: float
-    """Time of the active motion [s]."""
-    rate: float
-    """At which that time passes [-]."""
-    rate_change: float
-    """[1/s]"""
-    row: int
-    """Of the process table."""
-    floor: float
-    """Five standard deviations of the measured force in free space: less is no contact [N]."""
-    quaternion: Vector4
-    """Work array, as the three that follow."""
+    time: float  #: In this stage [s]
+    s: float  #: Place on the active table [m]
+    speed: float  #: Of that place [m/s]
+    depth: float  #: Of the target below the surface [m]
+    clock: float  #: Time of the active motion [s]
+    rate: float  #: At which that time passes [-]
+    rate_change: float  #: [1/s]
+    row: int  #: Of the process table
+    floor: float  #: Five standard deviations of the measured force in free space: less is no contact [N]
+    quaternion: Vector4  #: Work array, as the three that follow
     tangent: Vector3
     turning: Vector3
     place: Vector2

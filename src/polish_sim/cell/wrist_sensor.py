@@ -25,51 +25,35 @@ class SensorErrors(Record):
 
     bias: Vector6
     noise: Vector6
-    drift_step: Vector6
-    """Standard deviation of the drift's step per sample."""
-    creep: Vector6
-    """Steady drift per sample, of a faulty sensor."""
+    drift_step: Vector6  #: Standard deviation of the drift's step per sample
+    creep: Vector6  #: Steady drift per sample, of a faulty sensor
     quantum: Vector6
     range: Vector6
-    reach: float
-    """1 if the reading reaches the host; of a faulty sensor 0 (zeros arrive) or not a number."""
+    reach: float  #: 1 if the reading reaches the host; of a faulty sensor 0 (zeros arrive) or not a number
 
 
 class WristSensor(Record):
     """The sensor and its memory."""
 
     errors: SensorErrors
-    blend: float
-    """Weight of a new sample in the low-pass [-]; 1 = no filter."""
-    period: float
-    """Time between samples [s]."""
-    delay: int
-    """Samples from measuring to reading; one more step passes in the engine."""
-    drift: Vector6
-    """Present drift (force; torque)."""
-    filtered: Vector6
-    """Low-passed sample."""
-    reading: Vector6
-    """What the host reads, before compensation."""
-    tare: Vector6
-    """Subtracted by the host, tool axes at the tool point."""
-    samples: int
-    """Taken so far."""
-    next: float
-    """Time of the next sample [s]."""
-    changed: float
-    """Time of the reading's last change [s]."""
+    blend: float  #: Weight of a new sample in the low-pass [-]; 1 = no filter
+    period: float  #: Time between samples [s]
+    delay: int  #: Samples from measuring to reading; one more step passes in the engine
+    drift: Vector6  #: Present drift (force; torque)
+    filtered: Vector6  #: Low-passed sample
+    reading: Vector6  #: What the host reads, before compensation
+    tare: Vector6  #: Subtracted by the host, tool axes at the tool point
+    samples: int  #: Taken so far
+    next: float  #: Time of the next sample [s]
+    changed: float  #: Time of the reading's last change [s]
 
 
 class Payload(Record):
     """What the host believes is mounted on the sensor."""
 
-    mass: float
-    """[kg]"""
-    center: Vector3
-    """Centre of mass in the sensor frame [m]."""
-    lever: Vector3
-    """From the sensor's origin to the tool point, sensor frame [m]."""
+    mass: float  #: [kg]
+    center: Vector3  #: Centre of mass in the sensor frame [m]
+    lever: Vector3  #: From the sensor's origin to the tool point, sensor frame [m]
 
 
 def build_sensor(config: SensorConfig, rng: np.random.Generator) -> WristSensor:

@@ -12,10 +12,8 @@ class Unit(NamedTuple):
     """A unit of the command line."""
 
     name: str
-    si: float
-    """What one of it is in SI, or in the unit of the key."""
-    words: Mapping[str, float] = {}
-    """Words that stand for a value [SI]."""
+    si: float  #: What one of it is in SI, or in the unit of the key
+    words: Mapping[str, float] = {}  #: Words that stand for a value [SI]
 
 
 MM: Final = Unit("mm", 1e-3)
@@ -26,8 +24,7 @@ SECOND: Final = Unit("s", 1.0)
 NEWTON: Final = Unit("N", 1.0)
 PER_MINUTE: Final = Unit("1/min", 1.0)
 HERTZ_OR_FULL: Final = Unit("Hz", 1.0, {"full": 0.0})
-DIAMETER: Final = Unit("mm", 0.5e-3)
-"""A diameter in mm, where the key is a radius."""
+DIAMETER: Final = Unit("mm", 0.5e-3)  #: A diameter in mm, where the key is a radius
 DIRECTION: Final = Unit("", 1.0)
 POSE: Final = (MM, MM, MM, DEG, DEG, DEG)
 
@@ -55,10 +52,8 @@ class Option(NamedTuple):
     metavar: str
     unit: Unit | tuple[Unit, ...] | None = None
     """What the user writes numbers in, one for each number of a list; None for text and counts."""
-    help: str = ""
-    """Where the meaning of the key does not say enough."""
-    repeat: bool = False
-    """Whether it may be given several times; a text then."""
+    help: str = ""  #: Where the meaning of the key does not say enough
+    repeat: bool = False  #: Whether it may be given several times; a text then
 
 
 def key(

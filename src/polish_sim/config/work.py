@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from polish_sim.config.key import AXIS, DEG, DIRECTION, MM, MM_S, NEWTON, PART, PATH, POSE, TOOL, Option, key
 
-MOST_LEAN_RAD = math.radians(40.0)
-"""Further over the pad touches with its edge only."""
+MOST_LEAN_RAD = math.radians(40.0)  #: Further over the pad touches with its edge only
 
 
 @dataclass(frozen=True)

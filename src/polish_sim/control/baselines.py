@@ -30,25 +30,18 @@ from polish_sim.kernels import Record, kernel
 class VirtualMass(Record):
     """M dv/dt + D v + K x = Fd - Fe: velocity v and offset x answer the force error."""
 
-    mass: float
-    """M [kg]."""
-    damping: float
-    """D [N s/m]."""
-    stiffness: float
-    """K [N/m], 0 for none."""
-    limit: float
-    """Largest speed [m/s]."""
+    mass: float  #: M [kg]
+    damping: float  #: D [N s/m]
+    stiffness: float  #: K [N/m], 0 for none
+    limit: float  #: Largest speed [m/s]
 
 
 class ForceMode(Record):
     """Gains of the robot's force mode."""
 
-    mass: float
-    """Virtual mass M / scaling [kg]."""
-    damping: float
-    """Share of the speed lost per step [-]."""
-    limit: float
-    """Largest speed [m/s]."""
+    mass: float  #: Virtual mass M / scaling [kg]
+    damping: float  #: Share of the speed lost per step [-]
+    limit: float  #: Largest speed [m/s]
 
 
 class BaselineGains(Record):
@@ -63,18 +56,12 @@ class BaselineMemory(Record):
     """All zero after a reset."""
 
     hybrid: HybridMemory
-    velocity: float
-    """[m/s]"""
-    offset: float
-    """[m]"""
-    started: bool
-    """In contact."""
-    passed: float
-    """Time since the mode's last step [s]."""
-    sum: float
-    """Of the force errors since [N]."""
-    readings: int
-    """Since then."""
+    velocity: float  #: [m/s]
+    offset: float  #: [m]
+    started: bool  #: In contact
+    passed: float  #: Time since the mode's last step [s]
+    sum: float  #: Of the force errors since [N]
+    readings: int  #: Since then
 
 
 class BaselineContext(Record):
@@ -203,8 +190,7 @@ def impedance_position(config: ControllerConfig) -> CompiledController:
 # warning about scalings above 1); the mean of the readings since the last step as its filter. The real mode has no
 # latency of a host between itself and the servos; here it answers through the same speedl as all others.
 
-STEP_S = 0.002
-"""The mode's own cycle [s]."""
+STEP_S = 0.002  #: The mode's own cycle [s]
 
 
 @kernel

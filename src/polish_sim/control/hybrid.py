@@ -42,8 +42,7 @@ class HybridGains(Record):
     orientation: OrientationGains
     force: PiGains
     moment: PiGains
-    tilt_limit: float
-    """Largest turn of the moment loop about tool y away from the planned axis [rad]."""
+    tilt_limit: float  #: Largest turn of the moment loop about tool y away from the planned axis [rad]
 
 
 class HybridMemory(Record):
@@ -53,10 +52,8 @@ class HybridMemory(Record):
     orientation: OrientationMemory
     force: PiMemory
     moment: PiMemory
-    wanted: Vector3
-    """Wanted velocity, linear or angular."""
-    error: Vector3
-    """Rotation error [rad]."""
+    wanted: Vector3  #: Wanted velocity, linear or angular
+    error: Vector3  #: Rotation error [rad]
 
 
 class HybridContext(Record):

@@ -19,30 +19,23 @@ def low_pass_step(state: float, value: float, corner_hz: float, dt: float) -> fl
 class PositionGains(Record):
     """Gains of the velocity-error law, eq. 6; position enters through the look-ahead."""
 
-    look_ahead: float
-    """T_a [s]."""
-    p: float
-    """kpp [-]; below 1 it is stable at any delay."""
-    d: float
-    """kpd [s], on a low-passed acceleration."""
+    look_ahead: float  #: T_a [s]
+    p: float  #: kpp [-]; below 1 it is stable at any delay
+    d: float  #: kpd [s], on a low-passed acceleration
 
 
 class PositionRateGains(Record):
     """Gains of the position-error law, eq. 5."""
 
-    p: float
-    """kpp [1/s]."""
-    d: float
-    """kpd [-]."""
+    p: float  #: kpp [1/s]
+    d: float  #: kpd [-]
 
 
 class PositionMemory(Record):
     """Of ``velocity_pd``."""
 
-    error: Vector3
-    """Last velocity error [m/s]."""
-    rate: Vector3
-    """Its low-passed derivative [m/s^2]."""
+    error: Vector3  #: Last velocity error [m/s]
+    rate: Vector3  #: Its low-passed derivative [m/s^2]
     started: bool
 
 
@@ -92,25 +85,18 @@ def position_pd(
 class OrientationGains(Record):
     """PID gains on the angular velocity error, eq. 7."""
 
-    look_ahead: float
-    """T_a [s]."""
-    p: float
-    """[-]."""
-    i: float
-    """[1/s]."""
-    d: float
-    """[s]."""
+    look_ahead: float  #: T_a [s]
+    p: float  #: [-]
+    i: float  #: [1/s]
+    d: float  #: [s]
 
 
 class OrientationMemory(Record):
     """Of ``angular_pid``."""
 
-    integral: Vector3
-    """Of the angular velocity's error [rad]."""
-    error: Vector3
-    """Last error [rad/s]."""
-    rate: Vector3
-    """Its low-passed derivative [rad/s^2]."""
+    integral: Vector3  #: Of the angular velocity's error [rad]
+    error: Vector3  #: Last error [rad/s]
+    rate: Vector3  #: Its low-passed derivative [rad/s^2]
     started: bool
 
 
@@ -180,12 +166,9 @@ def angular_pid(
 class PiGains(Record):
     """Gains of a PI law, the largest rate it may ask for and the low-pass before it."""
 
-    p: float
-    """kfp: [m/(s N)] for a force, [rad/(s N m)] for a moment."""
-    i: float
-    """kfi: [m/(s^2 N)] or [rad/(s^2 N m)]."""
-    limit: float
-    """Largest rate [m/s] or [rad/s]."""
+    p: float  #: kfp: [m/(s N)] for a force, [rad/(s N m)] for a moment
+    i: float  #: kfi: [m/(s^2 N)] or [rad/(s^2 N m)]
+    limit: float  #: Largest rate [m/s] or [rad/s]
     filter_hz: float
     """Corner of the low-pass on the measurement [Hz].
 
@@ -197,10 +180,8 @@ class PiGains(Record):
 class PiMemory(Record):
     """Of ``force_pi``."""
 
-    integral: float
-    """Of the error [N s] or [N m s]."""
-    measured: float
-    """Low-passed [N] or [N m]."""
+    integral: float  #: Of the error [N s] or [N m s]
+    measured: float  #: Low-passed [N] or [N m]
     started: bool
 
 

@@ -20,32 +20,23 @@ from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, memor
 class Measurement(NamedTuple):
     """What the host computer reads each control cycle; base frame unless said."""
 
-    position: Array
-    """Tool point from the encoders [m], shape (3,)."""
-    rotation: Array
-    """R_base_tool, shape (3, 3)."""
-    twist: Array
-    """Tool velocity from the encoders (linear [m/s]; angular [rad/s]), shape (6,)."""
+    position: Array  #: Tool point from the encoders [m], shape (3,)
+    rotation: Array  #: R_base_tool, shape (3, 3)
+    twist: Array  #: Tool velocity from the encoders (linear [m/s]; angular [rad/s]), shape (6,)
     wrench: Array
     """Wrench the tool exerts on the part, tool axes, about the tool point (force [N]; torque [N m]), shape (6,).
     As the wrist sensor gives it: compensated, filtered, late. Positive force z presses."""
-    clock: Array
-    """Time [s] and control cycle [s], shape (2,)."""
+    clock: Array  #: Time [s] and control cycle [s], shape (2,)
 
 
 class Target(NamedTuple):
     """What is wanted at this instant; base frame."""
 
-    position: Array
-    """Tool point [m], shape (3,), already pressed in by D = F/k."""
-    rotation: Array
-    """R_base_tool, shape (3, 3)."""
-    twist: Array
-    """Planned tool velocity (linear [m/s]; angular [rad/s]), shape (6,)."""
-    force: Array
-    """Force to press with [N] and moment wanted about tool y [N m], shape (2,)."""
-    contact: Array
-    """1 while the force is to be controlled, 0 in free space, shape (1,)."""
+    position: Array  #: Tool point [m], shape (3,), already pressed in by D = F/k
+    rotation: Array  #: R_base_tool, shape (3, 3)
+    twist: Array  #: Planned tool velocity (linear [m/s]; angular [rad/s]), shape (6,)
+    force: Array  #: Force to press with [N] and moment wanted about tool y [N m], shape (2,)
+    contact: Array  #: 1 while the force is to be controlled, 0 in free space, shape (1,)
     path: Array
     """Place on the path [m], normal curvature there along the path [1/m] and speed of the place [m/s], shape (3,)."""
 
@@ -74,10 +65,8 @@ class TargetRecord(Record):
 class Answer(Record):
     """What a controller answers."""
 
-    twist: Vector6
-    """Tool twist to command, base frame (linear [m/s]; angular [rad/s])."""
-    feed: float
-    """Share of the planned feed it grants, 0 to 1."""
+    twist: Vector6  #: Tool twist to command, base frame (linear [m/s]; angular [rad/s])
+    feed: float  #: Share of the planned feed it grants, 0 to 1
 
 
 MEASUREMENT, TARGET, ANSWER = MeasurementRecord.dtype, TargetRecord.dtype, Answer.dtype
@@ -160,8 +149,7 @@ class CompiledController:
 class Course(NamedTuple):
     """Rows at equal steps of the plan's arc length; ``target.path[0]`` divided by ``spacing`` is the row."""
 
-    spacing: float
-    """Arc length between rows [m]."""
+    spacing: float  #: Arc length between rows [m]
     depth: Array
     """Depth along the tool axis, from the unpressed surface, at which springs and pad press with the wanted force [m],
     shape (n,)."""
@@ -174,13 +162,9 @@ class Course(NamedTuple):
     (n, 2). Friction acts in that face and has no part in it."""
     tilt_stiffness: Array
     """Change of that moment with a tilt of the tool about its own axis at the same force [N m/rad], shape (n, 2)."""
-    curvature: Array
-    """Normal curvature along the path [1/m], shape (n,)."""
-    bending: Array
-    """Curvature of the planned path in space [1/m], shape (n,)."""
-    turning: Array
-    """Planned rotation of the tool per arc length, base frame [rad/m], shape (n, 3)."""
-    feed: Array
-    """Speed of the planned motion along the path, slowed where its limits ask for it [m/s], shape (n,)."""
+    curvature: Array  #: Normal curvature along the path [1/m], shape (n,)
+    bending: Array  #: Curvature of the planned path in space [1/m], shape (n,)
+    turning: Array  #: Planned rotation of the tool per arc length, base frame [rad/m], shape (n, 3)
+    feed: Array  #: Speed of the planned motion along the path, slowed where its limits ask for it [m/s], shape (n,)
     neighbour: NDArray[np.int64]
     """Row of the nearest place on an earlier turn, -1 where there is none within about a step-over, shape (n,)."""

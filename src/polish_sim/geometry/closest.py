@@ -12,30 +12,21 @@ from polish_sim.kernel_cache import njit
 
 LEAF_SIZE = 2
 
-BINS = 12
-"""Places along each axis where a split is tried."""
+BINS = 12  #: Places along each axis where a split is tried
 
-DEEPEST = 24
-"""Beyond this depth nodes are halved, which bounds the depth of the whole tree to about 45."""
+DEEPEST = 24  #: Beyond this depth nodes are halved, which bounds the depth of the whole tree to about 45
 
 
 class BoxTree(NamedTuple):
     """Binary tree of axis-aligned boxes in depth-first order; node 0 is the root."""
 
-    low: Array
-    """Lower corners [m], shape (k, 3)."""
-    high: Array
-    """Upper corners [m], shape (k, 3)."""
-    right: Ints
-    """Right child (the left one is the next node); -1 for a leaf, shape (k,)."""
-    first: Ints
-    """First item of a node in ``items``, shape (k,)."""
-    size: Ints
-    """Number of items below a node, shape (k,)."""
-    items: Ints
-    """Patch indices, shape (m,)."""
-    bulge: Array
-    """How far each patch may be from its flat triangle [m], shape (m,)."""
+    low: Array  #: Lower corners [m], shape (k, 3)
+    high: Array  #: Upper corners [m], shape (k, 3)
+    right: Ints  #: Right child (the left one is the next node); -1 for a leaf, shape (k,)
+    first: Ints  #: First item of a node in ``items``, shape (k,)
+    size: Ints  #: Number of items below a node, shape (k,)
+    items: Ints  #: Patch indices, shape (m,)
+    bulge: Array  #: How far each patch may be from its flat triangle [m], shape (m,)
 
 
 def build_box_tree(control: Array) -> BoxTree:

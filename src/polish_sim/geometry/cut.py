@@ -23,19 +23,15 @@ class Clipped(NamedTuple):
     """A surface cut from another one."""
 
     surface: Surface
-    parents: Ints
-    """Facet of the original each facet was cut from, shape (k,)."""
+    parents: Ints  #: Facet of the original each facet was cut from, shape (k,)
 
 
 class Cut(NamedTuple):
     """Triangles in the parameter domain of their parents."""
 
-    parents: Ints
-    """Parent facet, shape (k,)."""
-    barycentric: Array
-    """Corners in the parent, shape (k, 3, 3)."""
-    faces: Ints
-    """Vertex numbers; cut points are numbered after the vertices, shape (k, 3)."""
+    parents: Ints  #: Parent facet, shape (k,)
+    barycentric: Array  #: Corners in the parent, shape (k, 3, 3)
+    faces: Ints  #: Vertex numbers; cut points are numbered after the vertices, shape (k, 3)
 
 
 def clip(surface: Surface, values: Array, on: float = 0.0) -> Clipped:
@@ -192,10 +188,8 @@ def _inherited_smooth(surface: Surface, cut: Cut) -> Bools:
 class Edges(NamedTuple):
     """Edges of triangles, each once."""
 
-    ends: Indices
-    """Vertex numbers, the lower first, shape (e, 2)."""
-    of_facet: Indices
-    """Number of the edge from corner k to corner k + 1, shape (m, 3)."""
+    ends: Indices  #: Vertex numbers, the lower first, shape (e, 2)
+    of_facet: Indices  #: Number of the edge from corner k to corner k + 1, shape (m, 3)
 
 
 def find_edges(faces: Ints) -> Edges:

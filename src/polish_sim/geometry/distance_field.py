@@ -27,16 +27,11 @@ _BATCH = 256
 class Skin(NamedTuple):
     """A surface's arrays as the distance kernels take them."""
 
-    control: Array
-    """Control points [m], shape (m, 6, 3)."""
-    faces: Ints
-    """Vertex indices, shape (m, 3)."""
-    neighbours: Ints
-    """Facet across each edge, -1 at borders, shape (m, 3)."""
-    neighbour_edges: Ints
-    """Which edge of that facet it is, shape (m, 3)."""
-    vertex_normals: Array
-    """Angle-weighted sums of the patches' normals, zero at borders, shape (n, 3)."""
+    control: Array  #: Control points [m], shape (m, 6, 3)
+    faces: Ints  #: Vertex indices, shape (m, 3)
+    neighbours: Ints  #: Facet across each edge, -1 at borders, shape (m, 3)
+    neighbour_edges: Ints  #: Which edge of that facet it is, shape (m, 3)
+    vertex_normals: Array  #: Angle-weighted sums of the patches' normals, zero at borders, shape (n, 3)
     tree: BoxTree
 
 

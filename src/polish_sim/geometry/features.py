@@ -10,14 +10,12 @@ from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.geometry.topology import Adjacency, label_pieces
 from polish_sim.spatial import unit
 
-FEATURE_ANGLE = np.radians(30.0)
-"""Edges that bend more than this are creases [rad]."""
+FEATURE_ANGLE = np.radians(30.0)  #: Edges that bend more than this are creases [rad]
 
 FLAT_TOLERANCE = 5e-7
 """Facets are coplanar when they deviate by less than this share of the part's size (float32 noise)."""
 
-FLAT_DOMINANCE = 4.0
-"""At a vertex a flat face this many times larger than what it blends into keeps its own normal."""
+FLAT_DOMINANCE = 4.0  #: At a vertex a flat face this many times larger than what it blends into keeps its own normal
 
 WIDTH_DOMINANCE = 4.0
 """It must also be this many times wider: a flat ring or strip as narrow as its neighbours belongs to the rounding."""
@@ -26,12 +24,9 @@ WIDTH_DOMINANCE = 4.0
 class SmoothCorners(NamedTuple):
     """Corners of facets gathered to smooth vertices: one per vertex and smooth group."""
 
-    ids: Ints
-    """Smooth vertex of each facet corner, shape (m, 3)."""
-    normals: Array
-    """Unit normals of the smooth vertices, shape (k, 3)."""
-    flat: Bools
-    """Smooth vertices whose normal is that of a flat face, shape (k,)."""
+    ids: Ints  #: Smooth vertex of each facet corner, shape (m, 3)
+    normals: Array  #: Unit normals of the smooth vertices, shape (k, 3)
+    flat: Bools  #: Smooth vertices whose normal is that of a flat face, shape (k,)
 
 
 def facet_normals(vertices: Array, faces: Ints) -> tuple[Array, Array]:
@@ -183,22 +178,17 @@ def _bent_faces(vertices: Array, faces: Ints, labels: Ints, normals: Array, tole
     return high - low > tolerance
 
 
-CORNER_ANGLE = np.radians(40.0)
-"""A crease that turns by more than this at a vertex has a corner there [rad]."""
+CORNER_ANGLE = np.radians(40.0)  #: A crease that turns by more than this at a vertex has a corner there [rad]
 
-STRAIGHT_DOMINANCE = 4.0
-"""Where an edge this many times longer meets a short one, the long one is a straight line."""
+STRAIGHT_DOMINANCE = 4.0  #: Where an edge this many times longer meets a short one, the long one is a straight line
 
 
 class CreaseTangents(NamedTuple):
     """Unit directions at both ends of every facet edge, from the lower to the higher vertex index."""
 
-    start: Array
-    """At the end with the lower vertex index, shape (m, 3, 3)."""
-    end: Array
-    """At the other end, shape (m, 3, 3)."""
-    border: Bools
-    """Edges with one facet, shape (m, 3)."""
+    start: Array  #: At the end with the lower vertex index, shape (m, 3, 3)
+    end: Array  #: At the other end, shape (m, 3, 3)
+    border: Bools  #: Edges with one facet, shape (m, 3)
 
 
 def crease_tangents(vertices: Array, faces: Ints, neighbours: Ints, smooth: Bools) -> CreaseTangents:

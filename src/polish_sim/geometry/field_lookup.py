@@ -14,14 +14,11 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Ints
 from polish_sim.kernel_cache import njit
 
-CELLS = 8
-"""Cells of a brick along each axis."""
+CELLS = 8  #: Cells of a brick along each axis
 
-NODES = CELLS + 1
-"""Nodes of a brick along each axis; neighbouring bricks share their outer ones."""
+NODES = CELLS + 1  #: Nodes of a brick along each axis; neighbouring bricks share their outer ones
 
-OUTSIDE, INSIDE = -1, -2
-"""Entries of the table where there is no brick."""
+OUTSIDE, INSIDE = -1, -2  #: Entries of the table where there is no brick
 
 _THREE, _SEVEN, _NODES = np.uint64(3), np.uint64(7), np.uint64(NODES)
 _X, _Y, _Z = np.uint64(NODES * NODES), np.uint64(NODES), np.uint64(1)
@@ -30,16 +27,11 @@ _X, _Y, _Z = np.uint64(NODES * NODES), np.uint64(NODES), np.uint64(1)
 class DistanceField(NamedTuple):
     """Signed distance near a surface, positive outside; see :func:`field_distance`."""
 
-    origin: Array
-    """Lowest corner of the grid [m], shape (3,)."""
-    spacing: float
-    """Distance between nodes [m]."""
-    band: float
-    """Distances are clipped to this magnitude [m]."""
-    table: Ints
-    """Brick at each place of the grid, or OUTSIDE or INSIDE, shape (nx, ny, nz)."""
-    bricks: NDArray[np.float32]
-    """Distances at the nodes [m], shape (k, 9, 9, 9)."""
+    origin: Array  #: Lowest corner of the grid [m], shape (3,)
+    spacing: float  #: Distance between nodes [m]
+    band: float  #: Distances are clipped to this magnitude [m]
+    table: Ints  #: Brick at each place of the grid, or OUTSIDE or INSIDE, shape (nx, ny, nz)
+    bricks: NDArray[np.float32]  #: Distances at the nodes [m], shape (k, 9, 9, 9)
 
 
 @njit(cache=True)

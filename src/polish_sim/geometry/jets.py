@@ -16,8 +16,7 @@ from polish_sim.geometry.features import SmoothCorners, facet_normals
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import perpendicular, unit
 
-SWEEPS = 6
-"""Repetitions; the error left over shrinks about threefold with each."""
+SWEEPS = 6  #: Repetitions; the error left over shrinks about threefold with each
 
 _HEIGHT_WEIGHT = 9.0  # of a height against a slope, squared
 _QUADRATIC_RIDGE = 1e-6
@@ -31,21 +30,16 @@ _ROOM, _ROUGH = 3.0, 0.1  # further off than this times and plus the facets' own
 class VertexJets(NamedTuple):
     """Second-order data of the surface at its smooth vertices."""
 
-    normals: Array
-    """Unit normals, shape (k, 3)."""
-    shape: Array
-    """Shape operators S, dn = S dx (+1/R on a sphere) [1/m], packed xx, yy, zz, xy, yz, zx, shape (k, 6)."""
+    normals: Array  #: Unit normals, shape (k, 3)
+    shape: Array  #: Shape operators S, dn = S dx (+1/R on a sphere) [1/m], packed xx, yy, zz, xy, yz, zx, shape (k, 6)
 
 
 class _Links(NamedTuple):
     """Directed links between neighbouring smooth vertices."""
 
-    here: Ints
-    """Vertex that fits, shape (p,)."""
-    there: Ints
-    """Its neighbour, shape (p,)."""
-    steps: Array
-    """Way from here to there in units of the mean edge at ``here``, shape (p, 3)."""
+    here: Ints  #: Vertex that fits, shape (p,)
+    there: Ints  #: Its neighbour, shape (p,)
+    steps: Array  #: Way from here to there in units of the mean edge at ``here``, shape (p, 3)
 
 
 def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bools) -> VertexJets:

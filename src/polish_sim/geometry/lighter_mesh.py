@@ -12,10 +12,8 @@ from polish_sim.arrays import Array, Ints
 class LighterMesh(NamedTuple):
     """Triangles of a mesh or of a lighter copy."""
 
-    vertices: Array
-    """[m], shape (n, 3)."""
-    faces: Ints
-    """Vertex indices, shape (m, 3)."""
+    vertices: Array  #: [m], shape (n, 3)
+    faces: Ints  #: Vertex indices, shape (m, 3)
 
 
 def lighter_mesh(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:

@@ -20,11 +20,9 @@ from polish_sim.geometry.repair.scan_noise import smooth_noise
 from polish_sim.geometry.repair.shells import describe_crossing_facets, describe_shells, turn_outward, wind_alike
 from polish_sim.geometry.repair.skin import Skin, merge_vertices
 
-METRES_PER_UNIT = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254}
-"""Length of one file unit [m]."""
+METRES_PER_UNIT = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254}  #: Length of one file unit [m]
 
-SMALLEST_PART = 5e-3
-"""Largest extent of the smallest part one could polish [m]."""
+SMALLEST_PART = 5e-3  #: Largest extent of the smallest part one could polish [m]
 
 UNIT_WORDS = {
     **dict.fromkeys(("millimetre", "millimeter", "millimetres", "millimeters"), "mm"),
@@ -33,11 +31,9 @@ UNIT_WORDS = {
     **dict.fromkeys(("in", "inches", '"'), "inch"),
 }
 """Other words for the units, asked back."""
-LARGEST_PART = 2.0
-"""Largest extent of the largest part [m]."""
+LARGEST_PART = 2.0  #: Largest extent of the largest part [m]
 
-_ROUNDING = 1e-6
-"""Of numbers in a file, relative."""
+_ROUNDING = 1e-6  #: Of numbers in a file, relative
 
 
 def metres_per_unit(unit: str) -> float:
@@ -74,22 +70,15 @@ def _plausible(size: float) -> bool:
 class PartMesh:
     """A part's checked triangle mesh in the work frame (the file's frame in metres)."""
 
-    vertices: Array
-    """Vertices [m], shape (n, 3)."""
-    faces: Ints
-    """Vertex indices, counter-clockwise seen from outside, shape (m, 3)."""
-    up: Array
-    """Unit vector away from the table, shape (3,)."""
+    vertices: Array  #: Vertices [m], shape (n, 3)
+    faces: Ints  #: Vertex indices, counter-clockwise seen from outside, shape (m, 3)
+    up: Array  #: Unit vector away from the table, shape (3,)
     name: str
     path: Path
-    sha256: str
-    """Hash of the file (of the arrays, where there was none)."""
-    unit: str
-    """Unit the file was read in."""
-    stl_facets: Ints
-    """Number of each facet in the file, -1 where it closes a hole, shape (m,)."""
-    notes: tuple[str, ...]
-    """What was assumed or repaired, for the user."""
+    sha256: str  #: Hash of the file (of the arrays, where there was none)
+    unit: str  #: Unit the file was read in
+    stl_facets: Ints  #: Number of each facet in the file, -1 where it closes a hole, shape (m,)
+    notes: tuple[str, ...]  #: What was assumed or repaired, for the user
 
 
 def load_part(path: str | Path, unit: str = "mm", up: str = "auto") -> PartMesh:

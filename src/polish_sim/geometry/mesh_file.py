@@ -18,8 +18,7 @@ from polish_sim.geometry.obj_file import is_obj, parse_obj
 from polish_sim.geometry.ply_file import is_ply, parse_ply
 from polish_sim.geometry.polygon import FileTriangles
 
-LARGEST_FILE = 600_000_000
-"""Files larger than this are refused, so that memory does not run out [bytes]."""
+LARGEST_FILE = 600_000_000  #: Files larger than this are refused, so that memory does not run out [bytes]
 
 _COMPANIONS = {".mtl": "the materials of an OBJ file; name the .obj file itself"}
 _HEADER_BYTES = 84
@@ -188,10 +187,8 @@ def _is_number(word: bytes) -> bool:
 
 
 class _Format(NamedTuple):
-    recognises: Callable[[bytes], bool]
-    """Decides from the content alone; never wrong when it says yes."""
-    parse: Callable[[bytes, Path], FileTriangles]
-    """Content and name (for messages) to triangles."""
+    recognises: Callable[[bytes], bool]  #: Decides from the content alone; never wrong when it says yes
+    parse: Callable[[bytes, Path], FileTriangles]  #: Content and name (for messages) to triangles
 
 
 FORMATS: Mapping[str, _Format] = {

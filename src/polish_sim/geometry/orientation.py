@@ -18,52 +18,38 @@ from polish_sim.geometry.topology import Adjacency, facet_links, find_adjacency,
 # smooth surface looks in, its axis of symmetry if it has one, is taken before the others.
 
 
-_SAMPLE = 20_000
-"""Facets from which candidate directions are drawn."""
+_SAMPLE = 20_000  #: Facets from which candidate directions are drawn
 
-_LEADER_ANGLE = np.radians(23.7)
-"""Every facet of the sample looks within this angle of a candidate [rad]."""
+_LEADER_ANGLE = np.radians(23.7)  #: Every facet of the sample looks within this angle of a candidate [rad]
 
-_APART = np.radians(5.0)
-"""Candidates closer than this are one [rad]."""
+_APART = np.radians(5.0)  #: Candidates closer than this are one [rad]
 
-_BUCKET = 1.05
-"""Candidates whose bounds differ by less than this factor are tried in the order of the file."""
+_BUCKET = 1.05  #: Candidates whose bounds differ by less than this factor are tried in the order of the file
 
-_SAME = 1e-3
-"""Areas this close are equal, relative."""
+_SAME = 1e-3  #: Areas this close are equal, relative
 
-_TRIES = 8
-"""Candidates tried on the whole mesh at most."""
+_TRIES = 8  #: Candidates tried on the whole mesh at most
 
-_SHIFTS = 3
-"""Times a direction is moved to the mean normal of what it sees."""
+_SHIFTS = 3  #: Times a direction is moved to the mean normal of what it sees
 
 
 class FacetGraph(NamedTuple):
     """A mesh made ready for looking at it from many sides: facets, and which of them are joined smoothly."""
 
-    normals: Array
-    """Unit normals of the facets, shape (m, 3)."""
-    areas: Array
-    """Areas of the facets [m^2], shape (m,)."""
-    adjacency: Adjacency
-    """Neighbours across edges."""
-    links: Indices
-    """Pairs of facets joined smoothly, each once, shape (k, 2)."""
+    normals: Array  #: Unit normals of the facets, shape (m, 3)
+    areas: Array  #: Areas of the facets [m^2], shape (m,)
+    adjacency: Adjacency  #: Neighbours across edges
+    links: Indices  #: Pairs of facets joined smoothly, each once, shape (k, 2)
 
 
 class Face(NamedTuple):
     """A smooth face as seen from one side."""
 
-    direction: Array
-    """Unit mean normal, shape (3,)."""
-    area: float
-    """Area [m^2]."""
+    direction: Array  #: Unit mean normal, shape (3,)
+    area: float  #: Area [m^2]
     doubt: float
     """How well its area is known: that of the facets the cone ends at, which are seen whole or not at all [m^2]."""
-    facets: Indices
-    """Its facets, shape (k,)."""
+    facets: Indices  #: Its facets, shape (k,)
 
 
 def _facet_graph(vertices: Array, faces: Ints) -> FacetGraph:
@@ -181,18 +167,15 @@ SIDES = {
 }
 """Unit vectors of the six sides."""
 
-UP_CONE = np.radians(46.0)
-"""A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does."""
+UP_CONE = np.radians(46.0)  #: A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does
 
 REST_ANGLE = np.radians(20.0)
 """A part rests on a flat face when that turns its largest smooth face away from straight up by no more [rad]."""
 
-REST_SHARE = 0.2
-"""A flat face counts when its area is at least this share of the largest smooth face's."""
+REST_SHARE = 0.2  #: A flat face counts when its area is at least this share of the largest smooth face's
 
 
-_AXIS_NOISE = 1e-6
-"""A direction this close to an axis is that axis: rounding of the file's numbers [rad]."""
+_AXIS_NOISE = 1e-6  #: A direction this close to an axis is that axis: rounding of the file's numbers [rad]
 
 
 def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:

@@ -22,8 +22,7 @@ _TYPES = {
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
     "double": "f8", "float64": "f8",
 }  # fmt: skip
-_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-"""By the format's name; text has none."""
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}  #: By the format's name; text has none
 _INDEX_NAMES = ("vertex_indices", "vertex_index")
 _LONGEST_HEADER = 100_000
 
@@ -36,10 +35,8 @@ class Property(NamedTuple):
     """One property of an element's rows."""
 
     name: str
-    length: np.dtype[Any] | None
-    """Type of a list's length, None for a single value."""
-    item: np.dtype[Any]
-    """Type of the value or of the list's items."""
+    length: np.dtype[Any] | None  #: Type of a list's length, None for a single value
+    item: np.dtype[Any]  #: Type of the value or of the list's items
 
 
 class Element(NamedTuple):

@@ -10,22 +10,17 @@ from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import MeshError
 from polish_sim.kernel_cache import njit
 
-MOST_CORNERS = 1000
-"""Hollow polygons with more corners than this are not split."""
+MOST_CORNERS = 1000  #: Hollow polygons with more corners than this are not split
 
-LARGEST_CUT = 64
-"""Convex polygons with more corners than this are split as a fan."""
+LARGEST_CUT = 64  #: Convex polygons with more corners than this are split as a fan
 
 
 class Split(NamedTuple):
     """Triangles polygons were split into."""
 
-    triangles: Indices
-    """Vertex numbers, wound as the polygons, shape (m, 3)."""
-    polygons: Ints
-    """Polygon each belongs to, shape (m,)."""
-    too_many: int
-    """The first polygon that was not split for its number of corners, or -1."""
+    triangles: Indices  #: Vertex numbers, wound as the polygons, shape (m, 3)
+    polygons: Ints  #: Polygon each belongs to, shape (m,)
+    too_many: int  #: The first polygon that was not split for its number of corners, or -1
 
 
 def split_polygons(points: Array, indices: Indices, sizes: Indices) -> Split:
@@ -166,12 +161,9 @@ def _is_convex(points, ring):  # type: ignore[no-untyped-def]
 class FileTriangles(NamedTuple):
     """Triangles of a file in the file's own unit."""
 
-    corners: Array
-    """Corners in the order the file winds them, shape (m, 3, 3)."""
-    numbers: Ints
-    """Number of the file's facet each triangle belongs to, from 0, shape (m,)."""
-    notes: tuple[str, ...] = ()
-    """What was left out or split, for the user."""
+    corners: Array  #: Corners in the order the file winds them, shape (m, 3, 3)
+    numbers: Ints  #: Number of the file's facet each triangle belongs to, from 0, shape (m,)
+    notes: tuple[str, ...] = ()  #: What was left out or split, for the user
 
 
 def gather_triangles(points: Array, indices: Indices, sizes: Indices, path: object) -> FileTriangles:

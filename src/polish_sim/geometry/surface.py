@@ -20,56 +20,39 @@ from polish_sim.spatial import perpendicular, unit
 class SurfacePoints(NamedTuple):
     """Points on a surface."""
 
-    positions: Array
-    """Positions [m], shape (n, 3)."""
-    normals: Array
-    """Unit normals, outward, continuous across smooth edges, shape (n, 3)."""
+    positions: Array  #: Positions [m], shape (n, 3)
+    normals: Array  #: Unit normals, outward, continuous across smooth edges, shape (n, 3)
 
 
 class ClosestPoints(NamedTuple):
     """Closest points on a surface."""
 
-    positions: Array
-    """Positions [m], shape (n, 3)."""
-    normals: Array
-    """Unit normals, outward, shape (n, 3)."""
-    facets: Ints
-    """Patches they lie on, shape (n,)."""
-    barycentric: Array
-    """Barycentric coordinates u, v, w, shape (n, 3)."""
+    positions: Array  #: Positions [m], shape (n, 3)
+    normals: Array  #: Unit normals, outward, shape (n, 3)
+    facets: Ints  #: Patches they lie on, shape (n,)
+    barycentric: Array  #: Barycentric coordinates u, v, w, shape (n, 3)
 
 
 class Curvature(NamedTuple):
     """Principal curvatures, positive = convex seen from outside."""
 
-    k1: Array
-    """Larger one [1/m], shape (n,)."""
-    k2: Array
-    """Smaller one [1/m], shape (n,)."""
-    directions: Array
-    """Unit direction of k1, shape (n, 3)."""
+    k1: Array  #: Larger one [1/m], shape (n,)
+    k2: Array  #: Smaller one [1/m], shape (n,)
+    directions: Array  #: Unit direction of k1, shape (n, 3)
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Quadratic Bezier triangles, one per facet, with smooth normals and shape operators."""
 
-    vertices: Array
-    """Vertices [m], shape (n, 3)."""
-    faces: Ints
-    """Vertex indices, shape (m, 3)."""
-    control: Array
-    """Control points [m], shape (m, 6, 3); order as in :mod:`bezier`."""
-    normal_control: Array
-    """Quadratic normal field, not normalised, shape (m, 6, 3)."""
-    shape: Array
-    """Shape operators at the corners [1/m], packed, shape (m, 3, 6)."""
-    neighbours: Ints
-    """Facet across each edge, -1 at borders, shape (m, 3)."""
-    neighbour_edges: Ints
-    """Which edge of that facet it is, shape (m, 3)."""
-    smooth: Bools
-    """Edges across which the normal is continuous, shape (m, 3)."""
+    vertices: Array  #: Vertices [m], shape (n, 3)
+    faces: Ints  #: Vertex indices, shape (m, 3)
+    control: Array  #: Control points [m], shape (m, 6, 3); order as in :mod:`bezier`
+    normal_control: Array  #: Quadratic normal field, not normalised, shape (m, 6, 3)
+    shape: Array  #: Shape operators at the corners [1/m], packed, shape (m, 3, 6)
+    neighbours: Ints  #: Facet across each edge, -1 at borders, shape (m, 3)
+    neighbour_edges: Ints  #: Which edge of that facet it is, shape (m, 3)
+    smooth: Bools  #: Edges across which the normal is continuous, shape (m, 3)
 
     @cached_property
     def tree(self) -> BoxTree:
@@ -206,8 +189,7 @@ def _frozen(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-CHORD_ERROR = 1e-5
-"""Curved border edges are divided until the polyline is this close to them [m]."""
+CHORD_ERROR = 1e-5  #: Curved border edges are divided until the polyline is this close to them [m]
 
 
 def boundary_loops(surface: Surface) -> tuple[Array, ...]:

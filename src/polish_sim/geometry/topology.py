@@ -14,23 +14,17 @@ from polish_sim.arrays import Bools, Indices, Ints
 class Adjacency(NamedTuple):
     """Neighbours across the three edges of each facet; edge e runs from corner e to corner e + 1."""
 
-    facets: Ints
-    """Facet on the other side, -1 at a border, shape (m, 3)."""
-    edges: Ints
-    """Which edge of that facet it is, -1 at a border, shape (m, 3)."""
+    facets: Ints  #: Facet on the other side, -1 at a border, shape (m, 3)
+    edges: Ints  #: Which edge of that facet it is, -1 at a border, shape (m, 3)
 
 
 class EdgeFaults(NamedTuple):
     """Edges at which a mesh is not the skin of a body."""
 
-    open: int
-    """Edges with one facet."""
-    crowded: int
-    """Edges with more than two facets."""
-    twisted: int
-    """Edges whose two facets disagree about which side is outside."""
-    first_crowded: Ints
-    """Vertices of the first crowded edge, shape (2,) or (0,)."""
+    open: int  #: Edges with one facet
+    crowded: int  #: Edges with more than two facets
+    twisted: int  #: Edges whose two facets disagree about which side is outside
+    first_crowded: Ints  #: Vertices of the first crowded edge, shape (2,) or (0,)
 
 
 def find_adjacency(faces: Ints) -> Adjacency:

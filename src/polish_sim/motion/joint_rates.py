@@ -20,25 +20,17 @@ from polish_sim.motion.kinematics import NOMINAL, advance_frame, joint_rows
 class ArmState(NamedTuple):
     """Work space of one arm; all in the base frame. Link k turns with all joints up to k."""
 
-    rows: Array
-    """The arm's table as `joint_rows`, shape (6, 5)."""
-    q: Array
-    """Joint angles [rad], shape (6,)."""
-    axes: Array
-    """Unit joint axes, shape (6, 3)."""
+    rows: Array  #: The arm's table as `joint_rows`, shape (6, 5)
+    q: Array  #: Joint angles [rad], shape (6,)
+    axes: Array  #: Unit joint axes, shape (6, 3)
     links: Array
     """From joint k's axis to the next one's, the last to the tool point [m], shape (6, 3); their sum, from the base's
     origin, is the tool point."""
-    jacobian: Array
-    """Joint speeds to (linear; angular) velocity of the tool point, shape (6, 6)."""
-    inverse: Array
-    """Its inverse, shape (6, 6)."""
-    twists: Array
-    """Wanted (linear; angular) velocity of the tool and its next derivatives, shape (4, 6)."""
-    rates: Array
-    """First to third derivative of the joint angles, shape (3, 6)."""
-    scratch: Array
-    """Shape (6, 12)."""
+    jacobian: Array  #: Joint speeds to (linear; angular) velocity of the tool point, shape (6, 6)
+    inverse: Array  #: Its inverse, shape (6, 6)
+    twists: Array  #: Wanted (linear; angular) velocity of the tool and its next derivatives, shape (4, 6)
+    rates: Array  #: First to third derivative of the joint angles, shape (3, 6)
+    scratch: Array  #: Shape (6, 12)
 
 
 def new_arm_state(table: Array = NOMINAL) -> ArmState:

@@ -19,19 +19,15 @@ from polish_sim.errors import ReachError
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import inverse
 
-DH_A = np.array([0.0, -0.425, -0.3922, 0.0, 0.0, 0.0])
-"""Link lengths [m]."""
-DH_D = np.array([0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996])
-"""Link offsets [m]."""
+DH_A = np.array([0.0, -0.425, -0.3922, 0.0, 0.0, 0.0])  #: Link lengths [m]
+DH_D = np.array([0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996])  #: Link offsets [m]
 NOMINAL = np.stack([np.zeros(6), DH_D, DH_A, np.pi / 2 * np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])])
 """The UR5e's table: joint offsets [rad], d [m], a [m], alpha [rad], shape (4, 6)."""
 NOMINAL.setflags(write=False)
 JOINT_LIMITS = np.array([[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0], [-2.0, 2.0], [-2.0, 2.0], [-2.0, 2.0]]) * np.pi
 """Lowest and highest joint angle [rad], shape (6, 2)."""
-JOINT_SPEED_LIMIT = np.pi
-"""Highest speed of every joint [rad/s]."""
-CLOSE: Final = 1e-12
-"""Newton's method ends when the flange pose is reached to this [m] and [rad]."""
+JOINT_SPEED_LIMIT = np.pi  #: Highest speed of every joint [rad/s]
+CLOSE: Final = 1e-12  #: Newton's method ends when the flange pose is reached to this [m] and [rad]
 _MOST_ROUNDS: Final = 10
 
 
@@ -181,8 +177,7 @@ def table_slopes(frames: Array, points: Array) -> Array:
 _D1, _D4, _D5, _D6 = float(DH_D[0]), float(DH_D[3]), float(DH_D[4]), float(DH_D[5])
 _A2, _A3 = float(DH_A[1]), float(DH_A[2])
 _TURN = 2.0 * math.pi
-_REACH_SLACK = 1e-9
-"""How far a squared sine may be negative by rounding before a pose counts as out of reach [-]."""
+_REACH_SLACK = 1e-9  #: How far a squared sine may be negative by rounding before a pose counts as out of reach [-]
 _WRIST_ALIGNED = 1e-9
 """Sine of wrist 2 below which wrist 1 and wrist 3 turn about one line, so that only their sum is given [-]."""
 
@@ -376,22 +371,16 @@ def _pose_errors(T: Array, T_wanted: Array) -> Array:
 class JointPath(NamedTuple):
     """A pose sequence followed by the joints, without jumping between the arm's configurations."""
 
-    q: Array
-    """Joint angles [rad], shape (n, 6); NaN from the first unreachable pose on."""
-    first_unreachable: int | None
-    """Index of the first pose out of reach, or None."""
-    first_beyond_limit: int | None
-    """Index of the first pose at which a joint is outside its limits, or None."""
-    limit_joint: int | None
-    """The joint (0-5) that is outside its limits there, or None."""
+    q: Array  #: Joint angles [rad], shape (n, 6); NaN from the first unreachable pose on
+    first_unreachable: int | None  #: Index of the first pose out of reach, or None
+    first_beyond_limit: int | None  #: Index of the first pose at which a joint is outside its limits, or None
+    limit_joint: int | None  #: The joint (0-5) that is outside its limits there, or None
     largest_step: float
     """Largest change of one joint between neighbouring poses [rad]; a large one is a jump near a singularity."""
-    largest_step_index: int
-    """Index of the pose that this step ends at (0: `q_start` to the first pose)."""
+    largest_step_index: int  #: Index of the pose that this step ends at (0: `q_start` to the first pose)
     smallest_singular_value: float
     """Least of the Jacobian's smallest singular values at the tool point, mixed units (see kinematics)."""
-    smallest_singular_index: int
-    """Index of the pose closest to a singularity."""
+    smallest_singular_index: int  #: Index of the pose closest to a singularity
 
 
 @njit(cache=True, error_model="numpy")

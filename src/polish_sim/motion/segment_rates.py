@@ -22,10 +22,8 @@ REACHED, UNREACHABLE, SINGULAR, BEYOND = 0, 1, 2, 3
 class JointRates(NamedTuple):
     """Joint angles and their derivatives at n places."""
 
-    q: Array
-    """[rad], shape (n, 6)."""
-    first: Array
-    """By progress or time, shape (n, 6)."""
+    q: Array  #: [rad], shape (n, 6)
+    first: Array  #: By progress or time, shape (n, 6)
     second: Array
     third: Array
 
@@ -33,16 +31,12 @@ class JointRates(NamedTuple):
 class Segment(NamedTuple):
     """One segment in the base frame; arrays may be views of a chain's rows."""
 
-    tip: Array
-    """Start [m], shape (3,)."""
-    rotation: Array
-    """R_base_tool at the start, shape (3, 3)."""
+    tip: Array  #: Start [m], shape (3,)
+    rotation: Array  #: R_base_tool at the start, shape (3, 3)
     length: float
-    direction: Array
-    """Unit, or zero, shape (3,)."""
+    direction: Array  #: Unit, or zero, shape (3,)
     angle: float
-    turn_axis: Array
-    """Unit, or zero, shape (3,)."""
+    turn_axis: Array  #: Unit, or zero, shape (3,)
     roll: float
 
 

@@ -24,34 +24,24 @@ LINK_UNITS: Final = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 class ChainGeometry(NamedTuple):
     """What the compiled regressor needs of a chain."""
 
-    kind: Indices
-    """HINGE or SLIDE, shape (n,)."""
-    position: Array
-    """Origin of frame i in frame i - 1 with the joint at zero [m], shape (n, 3)."""
-    rotation: Array
-    """Frame i in frame i - 1 with the joint at zero, shape (n, 3, 3)."""
-    axis: Array
-    """Unit axis of joint i in frame i, shape (n, 3)."""
-    gravity: Array
-    """In the base frame [m/s^2], shape (3,)."""
+    kind: Indices  #: HINGE or SLIDE, shape (n,)
+    position: Array  #: Origin of frame i in frame i - 1 with the joint at zero [m], shape (n, 3)
+    rotation: Array  #: Frame i in frame i - 1 with the joint at zero, shape (n, 3, 3)
+    axis: Array  #: Unit axis of joint i in frame i, shape (n, 3)
+    gravity: Array  #: In the base frame [m/s^2], shape (3,)
 
 
 class SerialChain(NamedTuple):
     """A robot's geometry, inertia and friction."""
 
     geometry: ChainGeometry
-    parameters: Array
-    """Ten inertial parameters a link, as `LINK_PARAMETERS`, shape (n, 10)."""
-    armature: Array
-    """Inertia of the rotors on the joints' side [kg m^2], shape (n,)."""
-    damping: Array
-    """Viscous friction [N m s/rad], shape (n,)."""
-    frictionloss: Array
-    """Coulomb friction [N m], shape (n,)."""
+    parameters: Array  #: Ten inertial parameters a link, as `LINK_PARAMETERS`, shape (n, 10)
+    armature: Array  #: Inertia of the rotors on the joints' side [kg m^2], shape (n,)
+    damping: Array  #: Viscous friction [N m s/rad], shape (n,)
+    frictionloss: Array  #: Coulomb friction [N m], shape (n,)
     joints: tuple[str, ...]
     links: tuple[str, ...]
-    origins: Array
-    """Where each frame's origin lies in the link's own body frame [m], shape (n, 3)."""
+    origins: Array  #: Where each frame's origin lies in the link's own body frame [m], shape (n, 3)
 
 
 def link_parameters(mass: float, center: Array, inertia: Array) -> Array:
@@ -85,16 +75,11 @@ class ChainModel(NamedTuple):
     """A chain as the recursion takes it, with its room to work in: one for each thread."""
 
     geometry: ChainGeometry
-    parameters: Array
-    """Ten a link about its origin, shape (n, 10)."""
-    armature: Array
-    """Inertia of the rotors on the joints' side [kg m^2], shape (n,)."""
-    turns: Array
-    """Frame i in frame i - 1, shape (n, 3, 3)."""
-    motion: Array
-    """Angular velocity and acceleration, linear acceleration of the links' origins, shape (n + 1, 3, 3)."""
-    wrench: Array
-    """Force and moment of a link about its origin, shape (n + 1, 2, 3)."""
+    parameters: Array  #: Ten a link about its origin, shape (n, 10)
+    armature: Array  #: Inertia of the rotors on the joints' side [kg m^2], shape (n,)
+    turns: Array  #: Frame i in frame i - 1, shape (n, 3, 3)
+    motion: Array  #: Angular velocity and acceleration, linear acceleration of the links' origins, shape (n + 1, 3, 3)
+    wrench: Array  #: Force and moment of a link about its origin, shape (n + 1, 2, 3)
 
 
 def chain_model(chain: SerialChain, scale: float = 1.0) -> ChainModel:

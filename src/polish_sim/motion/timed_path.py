@@ -32,24 +32,15 @@ class TimedPath(NamedTuple):
     Who plays it may let that time pass at any ``rate`` from 0 to 1: velocities then shrink by the rate.
     """
 
-    spacing: float
-    """Time between rows [s]."""
-    duration: float
-    """[s]; 0 for a single pose."""
-    positions: Array
-    """Tool points [m], shape (n, 3)."""
-    velocities: Array
-    """[m/s], shape (n, 3)."""
-    quaternions: Array
-    """R_base_tool as wxyz, without sign jumps, shape (n, 4)."""
-    spins: Array
-    """Angular velocities [rad/s], base frame, shape (n, 3)."""
-    places: Array
-    """Arc length of the path the motion follows [m], never falling, shape (n,)."""
-    speeds: Array
-    """Its rate [m/s], shape (n,)."""
-    rates: Array
-    """Largest rate at which the motion may be played [-], in (0, 1], shape (n,)."""
+    spacing: float  #: Time between rows [s]
+    duration: float  #: [s]; 0 for a single pose
+    positions: Array  #: Tool points [m], shape (n, 3)
+    velocities: Array  #: [m/s], shape (n, 3)
+    quaternions: Array  #: R_base_tool as wxyz, without sign jumps, shape (n, 4)
+    spins: Array  #: Angular velocities [rad/s], base frame, shape (n, 3)
+    places: Array  #: Arc length of the path the motion follows [m], never falling, shape (n,)
+    speeds: Array  #: Its rate [m/s], shape (n,)
+    rates: Array  #: Largest rate at which the motion may be played [-], in (0, 1], shape (n,)
 
     @property
     def playing_time(self) -> float:
@@ -61,12 +52,9 @@ class TimedPath(NamedTuple):
 class Pace(NamedTuple):
     """How fast a path is followed; all positive."""
 
-    speed: float
-    """[m/s]"""
-    acceleration: float
-    """[m/s^2]"""
-    jerk: float
-    """[m/s^3]"""
+    speed: float  #: [m/s]
+    acceleration: float  #: [m/s^2]
+    jerk: float  #: [m/s^3]
 
 
 def time_path(table: PathTable, pace: Pace) -> TimedPath:

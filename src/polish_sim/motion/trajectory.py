@@ -16,24 +16,15 @@ from polish_sim.kernel_cache import njit
 class PathTable(NamedTuple):
     """Poses along a path at equal steps of arc length, base frame."""
 
-    spacing: float
-    """Arc length between rows [m]."""
-    length: float
-    """Arc length of the whole path [m]; 0 for a single pose."""
-    positions: Array
-    """Tool points [m], shape (n, 3)."""
-    tangents: Array
-    """Derivative of position by arc length [-], shape (n, 3)."""
-    quaternions: Array
-    """R_base_tool as wxyz, without sign jumps, shape (n, 4)."""
-    turning: Array
-    """Rotation per arc length [rad/m], base frame, shape (n, 3)."""
-    curvature: Array
-    """Normal curvature along the path [1/m], shape (n,)."""
-    pass_index: Ints
-    """Turn of the path, shape (n,)."""
-    feed_share: Array
-    """Feed as a share of the stroke's [-], shape (n,); ones unless the path says otherwise."""
+    spacing: float  #: Arc length between rows [m]
+    length: float  #: Arc length of the whole path [m]; 0 for a single pose
+    positions: Array  #: Tool points [m], shape (n, 3)
+    tangents: Array  #: Derivative of position by arc length [-], shape (n, 3)
+    quaternions: Array  #: R_base_tool as wxyz, without sign jumps, shape (n, 4)
+    turning: Array  #: Rotation per arc length [rad/m], base frame, shape (n, 3)
+    curvature: Array  #: Normal curvature along the path [1/m], shape (n,)
+    pass_index: Ints  #: Turn of the path, shape (n,)
+    feed_share: Array  #: Feed as a share of the stroke's [-], shape (n,); ones unless the path says otherwise
 
 
 def build_path_table(

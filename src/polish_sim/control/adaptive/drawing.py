@@ -24,39 +24,27 @@ SMOOTHING_M = 0.002  # of the planned depth before its slope is taken: the pad i
 class AheadRow(Record):
     """One place of the path, and what was learned there."""
 
-    surplus: float
-    """Depth that presses with the wanted force, beyond the planned target's [m]."""
-    slope: float
-    """Change of the surplus per arc length [-]."""
-    stiffness: float
-    """Head spring and touching part of the pad in series [N/m]."""
-    turn_x: float
-    """Planned rotation per arc length about base x [rad/m]."""
+    surplus: float  #: Depth that presses with the wanted force, beyond the planned target's [m]
+    slope: float  #: Change of the surplus per arc length [-]
+    stiffness: float  #: Head spring and touching part of the pad in series [N/m]
+    turn_x: float  #: Planned rotation per arc length about base x [rad/m]
     turn_y: float
     turn_z: float
-    moment_x: float
-    """Moment of the pad's pressure about tool x through the middle of its face [N m]."""
+    moment_x: float  #: Moment of the pad's pressure about tool x through the middle of its face [N m]
     moment_y: float
-    tilt_x: float
-    """Stiffness against tilting about tool x [N m/rad]."""
+    tilt_x: float  #: Stiffness against tilting about tool x [N m/rad]
     tilt_y: float
-    share: float
-    """Share of the planned feed the loops can follow [-]."""
-    neighbour: int
-    """Row of the nearest place on an earlier turn, -1 for none."""
-    learned: float
-    """How much deeper than drawn the tool had to go here, memory of the run [m]."""
-    known: bool
-    """Whether that was learned in this run."""
+    share: float  #: Share of the planned feed the loops can follow [-]
+    neighbour: int  #: Row of the nearest place on an earlier turn, -1 for none
+    learned: float  #: How much deeper than drawn the tool had to go here, memory of the run [m]
+    known: bool  #: Whether that was learned in this run
 
 
 class Ahead(NamedTuple):
     """What lies ahead on the path, and what was learned on the way."""
 
-    spacing: float
-    """Arc length between rows [m]."""
-    rows: Any
-    """``AheadRow`` at equal steps of arc length, shape (n,); none without a course."""
+    spacing: float  #: Arc length between rows [m]
+    rows: Any  #: ``AheadRow`` at equal steps of arc length, shape (n,); none without a course
 
 
 def rows_ahead(course: Course, share: Array) -> NDArray[np.void]:
@@ -95,10 +83,8 @@ MOST_RATIO = 1.5  # softer springs than drawn change the depths less than their 
 class FeedForwardGains(Record):
     """Gains of the feed-forward."""
 
-    look_ahead: float
-    """From a command to the tool's motion [s]."""
-    on: bool
-    """False leaves the law out."""
+    look_ahead: float  #: From a command to the tool's motion [s]
+    on: bool  #: False leaves the law out
 
 
 @kernel
@@ -160,34 +146,25 @@ def lead_turning(ahead: Ahead, t: Target, gains: FeedForwardGains, out: Array) -
 
 UNFORESEEN = 0.3
 """Share of a planned motion that a real part, displaced and bent, makes differently from its drawing [-]."""
-OF_LIMIT = 0.5
-"""Share of the robot's acceleration limits the path may use; the rest is for the force loop [-]."""
+OF_LIMIT = 0.5  #: Share of the robot's acceleration limits the path may use; the rest is for the force loop [-]
 
 
 class Abilities(NamedTuple):
     """What robot and force loop can do."""
 
-    error: float
-    """Budget of the force error [N]."""
-    bandwidth: float
-    """Crossover of the force loop [rad/s]."""
-    acceleration: float
-    """Of the tool point [m/s^2]."""
-    angular_acceleration: float
-    """Of the tool's axis [rad/s^2]."""
+    error: float  #: Budget of the force error [N]
+    bandwidth: float  #: Crossover of the force loop [rad/s]
+    acceleration: float  #: Of the tool point [m/s^2]
+    angular_acceleration: float  #: Of the tool's axis [rad/s^2]
 
 
 class FeedGains(Record):
     """Gains of the feed law."""
 
-    error: float
-    """Budget of the force error [N]."""
-    filter_s: float
-    """Time over which the force error is averaged, and in which the feed recovers [s]."""
-    least: float
-    """Share of the planned feed that is always granted [-]."""
-    on: bool
-    """False leaves the law out."""
+    error: float  #: Budget of the force error [N]
+    filter_s: float  #: Time over which the force error is averaged, and in which the feed recovers [s]
+    least: float  #: Share of the planned feed that is always granted [-]
+    on: bool  #: False leaves the law out
 
 
 def followable_share(course: Course, can: Abilities) -> Array:

@@ -32,10 +32,8 @@ _FIRST_TIME = 0.03  # in which it comes down [s]
 class Pace(NamedTuple):
     """How fast the loop may be."""
 
-    crossover: float
-    """w_c [rad/s]."""
-    observer: float
-    """w_o [rad/s]."""
+    crossover: float  #: w_c [rad/s]
+    observer: float  #: w_o [rad/s]
 
 
 @kernel
@@ -156,10 +154,8 @@ def under_way(memory: PressMemory, dt: float) -> float:
 class Sensed(NamedTuple):
     """Two signals as the sensor would show them now."""
 
-    path: float
-    """Travel into the part [m]."""
-    own: float
-    """The tool's own forces [N]."""
+    path: float  #: Travel into the part [m]
+    own: float  #: The tool's own forces [N]
 
 
 @kernel

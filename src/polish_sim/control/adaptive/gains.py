@@ -24,46 +24,26 @@ LAWS = ("touch-down", "stiffness", "inertia", "feed-forward", "feed", "learning"
 class AdaptiveGains(Record):
     """Beliefs about cell and sensor, limits, and which laws are on; see ``AdaptiveConfig``."""
 
-    stiffness: float
-    """Springs of head and pad in series [N/m]."""
-    damping: float
-    """The head's damper as the part feels it [N s/m]."""
-    damping_lag: float
-    """Time in which the damper's force builds up [s]."""
-    mass: float
-    """What the wrist sensor carries [kg]."""
-    mass_doubt: float
-    """Share of the carried mass the inertia law may be wrong by [-]."""
-    sensor_latency: float
-    """[s]"""
-    sensor_hz: float
-    """Corner of the sensor's low-pass [Hz]."""
-    noise: float
-    """Noise of a low-passed reading for which ``observer`` is meant, rms [N]."""
-    command_delay: float
-    """From command to motion, until it has been measured [s]."""
-    crossover: float
-    """Highest crossover of the force loop [rad/s]."""
-    observer: float
-    """Highest corner of the force observer [rad/s]."""
-    delay_share: float
-    """Crossover times command delay, at most [-]."""
-    speed: float
-    """Highest speed of the force loop [m/s]."""
-    acceleration: float
-    """The robot's [m/s^2]."""
-    force_rate: float
-    """Fastest rise of the force [N/s]."""
-    stiff_first: float
-    """Stiffness assumed at first touch, as a multiple of ``stiffness`` [-]."""
-    touch_down: bool
-    """Whether the law is on."""
-    estimates: bool
-    """Whether the law ``stiffness`` is on."""
-    inertia: bool
-    """Whether the law is on."""
-    mass_height: float
-    """Of the carried mass' centre above the tool point [m]."""
+    stiffness: float  #: Springs of head and pad in series [N/m]
+    damping: float  #: The head's damper as the part feels it [N s/m]
+    damping_lag: float  #: Time in which the damper's force builds up [s]
+    mass: float  #: What the wrist sensor carries [kg]
+    mass_doubt: float  #: Share of the carried mass the inertia law may be wrong by [-]
+    sensor_latency: float  #: [s]
+    sensor_hz: float  #: Corner of the sensor's low-pass [Hz]
+    noise: float  #: Noise of a low-passed reading for which ``observer`` is meant, rms [N]
+    command_delay: float  #: From command to motion, until it has been measured [s]
+    crossover: float  #: Highest crossover of the force loop [rad/s]
+    observer: float  #: Highest corner of the force observer [rad/s]
+    delay_share: float  #: Crossover times command delay, at most [-]
+    speed: float  #: Highest speed of the force loop [m/s]
+    acceleration: float  #: The robot's [m/s^2]
+    force_rate: float  #: Fastest rise of the force [N/s]
+    stiff_first: float  #: Stiffness assumed at first touch, as a multiple of ``stiffness`` [-]
+    touch_down: bool  #: Whether the law is on
+    estimates: bool  #: Whether the law ``stiffness`` is on
+    inertia: bool  #: Whether the law is on
+    mass_height: float  #: Of the carried mass' centre above the tool point [m]
 
 
 def adaptive_gains(config: AdaptiveConfig) -> AdaptiveGains:
@@ -99,105 +79,72 @@ def laws_of(config: AdaptiveConfig) -> frozenset[str]:
 
 # The memory of ``hybrid-adaptive`` along tool z, all zero after a reset.
 
-LINE = 64
-"""Cycles the delay lines hold."""
+LINE = 64  #: Cycles the delay lines hold
 Line = Annotated[Array, (LINE,)]
 
 
 class SensorCopy(Record):
     """A copy of the sensor's filter for what the host knows."""
 
-    paths: Line
-    """Travel into the part as the sensor's filter leaves it, the last cycles [m]."""
-    forces: Line
-    """The tool's own forces as the sensor's filter leaves them, the last cycles [N]."""
-    at: int
-    """Place in both."""
-    path: float
-    """Filtered travel [m]."""
-    force: float
-    """Filtered own force [N]."""
+    paths: Line  #: Travel into the part as the sensor's filter leaves it, the last cycles [m]
+    forces: Line  #: The tool's own forces as the sensor's filter leaves them, the last cycles [N]
+    at: int  #: Place in both
+    path: float  #: Filtered travel [m]
+    force: float  #: Filtered own force [N]
 
 
 class ToolMotion(Record):
     """The tool's speed along z."""
 
-    last_speed: float
-    """Of the last cycle [m/s]."""
-    moved: bool
-    """Whether there was a last cycle."""
-    damper_speed: float
-    """Low-passed speed of the head's damper [m/s]."""
+    last_speed: float  #: Of the last cycle [m/s]
+    moved: bool  #: Whether there was a last cycle
+    damper_speed: float  #: Low-passed speed of the head's damper [m/s]
 
 
 class CommandDelay(Record):
     """From command to motion."""
 
-    delay: float
-    """[s]; 0 before the first cycle."""
-    behind: float
-    """Commanded less done travel [m]."""
-    slowed: float
-    """Low-passed command [m/s]."""
-    last_command: float
-    """[m/s]"""
-    sent: Line
-    """Commanded speeds, the last cycles [m/s]."""
-    at: int
-    """Place in ``sent``."""
+    delay: float  #: [s]; 0 before the first cycle
+    behind: float  #: Commanded less done travel [m]
+    slowed: float  #: Low-passed command [m/s]
+    last_command: float  #: [m/s]
+    sent: Line  #: Commanded speeds, the last cycles [m/s]
+    at: int  #: Place in ``sent``
 
 
 class Air(Record):
     """What the reading is like in the air, and whether the tool touches."""
 
-    watched: float
-    """Time watched [s]."""
-    mean: float
-    """Of the reading [N]."""
-    variance: float
-    """Of its noise [N^2]."""
-    fast: float
-    """The reading at the faster low-pass [N]."""
-    slow: float
-    """At the slower one [N]."""
-    fast_variance: float
-    """Of the faster low-passed reading [N^2]."""
-    approach_speed: float
-    """Fastest approach [m/s]."""
+    watched: float  #: Time watched [s]
+    mean: float  #: Of the reading [N]
+    variance: float  #: Of its noise [N^2]
+    fast: float  #: The reading at the faster low-pass [N]
+    slow: float  #: At the slower one [N]
+    fast_variance: float  #: Of the faster low-passed reading [N^2]
+    approach_speed: float  #: Fastest approach [m/s]
     touches: bool
-    target_contact: bool
-    """The target's contact in the last cycle."""
+    target_contact: bool  #: The target's contact in the last cycle
 
 
 class SpringFit(Record):
     """Sums of the least squares of force over travel."""
 
     weight: float
-    mean_path: float
-    """[m]"""
-    mean_force: float
-    """[N]"""
-    spread: float
-    """Of the travel [m^2]."""
-    co_spread: float
-    """Of both [N m]."""
+    mean_path: float  #: [m]
+    mean_force: float  #: [N]
+    spread: float  #: Of the travel [m^2]
+    co_spread: float  #: Of both [N m]
 
 
 class ForceObserver(Record):
     """The observed force b + k z."""
 
-    at_no_travel: float
-    """b [N]."""
-    rate: float
-    """Of b [N/s]."""
-    travel: float
-    """z since contact [m]."""
-    stiffness: float
-    """k [N/m]."""
-    landed: float
-    """How far the landing is over, 0 to 1 [-]."""
-    age: float
-    """Time since contact [s]."""
+    at_no_travel: float  #: b [N]
+    rate: float  #: Of b [N/s]
+    travel: float  #: z since contact [m]
+    stiffness: float  #: k [N/m]
+    landed: float  #: How far the landing is over, 0 to 1 [-]
+    age: float  #: Time since contact [s]
 
 
 class PressMemory(Record):
@@ -231,11 +178,9 @@ class PathMemory(Record):
 
     learning: LearningMemory
     neighbour: NeighbourMemory
-    feed_error: float
-    """Averaged force error [N]."""
+    feed_error: float  #: Averaged force error [N]
     normal: NormalMemory
-    wanted: Matrix3
-    """Orientation the turning loop aims at, R_base_tool."""
+    wanted: Matrix3  #: Orientation the turning loop aims at, R_base_tool
 
 
 def path_gains(config: AdaptiveConfig) -> PathGains:

@@ -93,10 +93,8 @@ class AdaptiveContext(Record):
     hybrid: HybridGains
     press: AdaptiveGains
     path: PathGains
-    spacing: float
-    """Of the course's rows [m]."""
-    rows: int
-    """Of the course; 0 without one."""
+    spacing: float  #: Of the course's rows [m]
+    rows: int  #: Of the course; 0 without one
     memory: AdaptiveMemory
 
 

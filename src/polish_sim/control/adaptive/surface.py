@@ -17,36 +17,26 @@ from polish_sim.kernels import Record, kernel
 class LearningGains(Record):
     """Gains of the learning."""
 
-    length: float
-    """Length over which the offset is averaged, and its slope taken to either side [m]."""
-    sensor_delay: float
-    """Age of the measured force [s]."""
-    fade_s: float
-    """Time in which the feed-forward fades in where a neighbour is known and out where it is lost [s]."""
-    gain: float
-    """Share of the neighbour's slope that is fed forward [-]."""
-    on: bool
-    """False leaves the law out."""
+    length: float  #: Length over which the offset is averaged, and its slope taken to either side [m]
+    sensor_delay: float  #: Age of the measured force [s]
+    fade_s: float  #: Time in which the feed-forward fades in where a neighbour is known and out where it is lost [s]
+    gain: float  #: Share of the neighbour's slope that is fed forward [-]
+    on: bool  #: False leaves the law out
 
 
 class LearningMemory(Record):
     """Of ``learn``."""
 
-    average: float
-    """Averaged offset [m]."""
-    began: float
-    """Arc length where the average began [m]; 0: it does not run."""
-    last_row: int
-    """Last row written."""
+    average: float  #: Averaged offset [m]
+    began: float  #: Arc length where the average began [m]; 0: it does not run
+    last_row: int  #: Last row written
 
 
 class NeighbourMemory(Record):
     """Of ``learned_rate``."""
 
-    fading: float
-    """0 to 1 [-]."""
-    slope: float
-    """Of the neighbour turn, kept while it fades out [-]."""
+    fading: float  #: 0 to 1 [-]
+    slope: float  #: Of the neighbour turn, kept while it fades out [-]
 
 
 @kernel
@@ -131,28 +121,20 @@ def _neighbour(ahead: Ahead, s: float) -> int:
 class NormalGains(Record):
     """Gains of the normal's correction."""
 
-    rate: float
-    """Share of the angle seen that is taken back per time [1/s]."""
-    limit: float
-    """Largest correction of the planned axis [rad]."""
-    turning_limit: float
-    """Largest rate of the correction [rad/s]."""
-    head_stiffness: float
-    """Spring between tool point and pad [N/m]."""
-    pad_tilt_stiffness: float
-    """Of the whole disc on a flat part [N m/rad]."""
-    on: bool
-    """False leaves the law out."""
+    rate: float  #: Share of the angle seen that is taken back per time [1/s]
+    limit: float  #: Largest correction of the planned axis [rad]
+    turning_limit: float  #: Largest rate of the correction [rad/s]
+    head_stiffness: float  #: Spring between tool point and pad [N/m]
+    pad_tilt_stiffness: float  #: Of the whole disc on a flat part [N m/rad]
+    on: bool  #: False leaves the law out
 
 
 class NormalMemory(Record):
     """Correction of the planned axis."""
 
-    tilt_x: float
-    """About tool x [rad]."""
+    tilt_x: float  #: About tool x [rad]
     tilt_y: float
-    rate_x: float
-    """Its rate [rad/s]."""
+    rate_x: float  #: Its rate [rad/s]
     rate_y: float
 
 

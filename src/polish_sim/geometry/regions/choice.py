@@ -99,22 +99,17 @@ def _read(path: Path, content: str) -> str:
         raise InputError(f"{path}: is not a text file. Give a text file of {content}.") from None
 
 
-_ON_CONE = 1e-6
-"""Corners whose normal is this close to the cone lie on its edge."""
+_ON_CONE = 1e-6  #: Corners whose normal is this close to the cone lie on its edge
 
-_POINT_REACH = 0.1
-"""A chosen point may be off the part by this share of the part's size."""
+_POINT_REACH = 0.1  #: A chosen point may be off the part by this share of the part's size
 
 
 class Whole(NamedTuple):
     """The part a region is chosen from."""
 
-    surface: Surface
-    """Its surface, creases as the user wants them."""
-    up: Array
-    """Unit vector away from the table, shape (3,)."""
-    stl_facets: Ints
-    """Number of each facet in the file, -1 where there is none, shape (m,)."""
+    surface: Surface  #: Its surface, creases as the user wants them
+    up: Array  #: Unit vector away from the table, shape (3,)
+    stl_facets: Ints  #: Number of each facet in the file, -1 where there is none, shape (m,)
 
     @property
     def kept(self) -> Clipped:
@@ -202,8 +197,7 @@ def _flood(kept: Clipped, start: int) -> Clipped:
     return restricted(kept, np.flatnonzero(labels == labels[start]).astype(np.int32))
 
 
-_ON_OUTLINE = 1e-7
-"""Vertices this close to an outline lie on it [m]."""
+_ON_OUTLINE = 1e-7  #: Vertices this close to an outline lie on it [m]
 
 _MOST_CORNERS = 1000
 

@@ -23,22 +23,18 @@ from polish_sim.geometry.cut import (
 from polish_sim.geometry.regions.patches import connected
 from polish_sim.geometry.surface import Surface, enclosed, trace_border
 
-_SAMPLES_PER_REACH = 16.0
-"""The border is sampled this densely, in shares of the distance of interest."""
+_SAMPLES_PER_REACH = 16.0  #: The border is sampled this densely, in shares of the distance of interest
 
-_CHORD_ERROR = 1e-6
-"""The sampled border is this close to the curved one [m]."""
+_CHORD_ERROR = 1e-6  #: The sampled border is this close to the curved one [m]
 
 _MOST_SAMPLES = 400_000
 
-_ARCS = 4
-"""Pieces of the way to the border that are taken for circular arcs."""
+_ARCS = 4  #: Pieces of the way to the border that are taken for circular arcs
 
 _NEAR = (0.6, 1.001)
 """Outside these shares of the distance of interest the straight distance, which is never too long, does."""
 
-_FLAT = 5e-7
-"""A surface is flat when it leaves a plane by less than this share of its size (float32 noise)."""
+_FLAT = 5e-7  #: A surface is flat when it leaves a plane by less than this share of its size (float32 noise)
 
 
 class Room(Protocol):
@@ -58,20 +54,13 @@ class Room(Protocol):
 class BorderDistance(NamedTuple):
     """The border of a surface, ready to be asked for distances."""
 
-    starts: Array
-    """Where short pieces of the border start [m], shape (b, 3)."""
-    ends: Array
-    """Where they end [m], shape (b, 3)."""
-    tree: cKDTree
-    """Search tree over their middles."""
-    reach: float
-    """Distances about this are measured along the surface [m]."""
-    flat: bool
-    """Whether the surface is flat, and straight distances are all there is."""
-    length: float
-    """Length of the whole border [m]."""
-    surface: Surface
-    """The surface with that border."""
+    starts: Array  #: Where short pieces of the border start [m], shape (b, 3)
+    ends: Array  #: Where they end [m], shape (b, 3)
+    tree: cKDTree  #: Search tree over their middles
+    reach: float  #: Distances about this are measured along the surface [m]
+    flat: bool  #: Whether the surface is flat, and straight distances are all there is
+    length: float  #: Length of the whole border [m]
+    surface: Surface  #: The surface with that border
 
     def at(self, points: Array) -> Array:
         """Distances along the surface.
@@ -160,24 +149,20 @@ def _lengths_along(surface: Surface, starts: Array, ends: Array) -> Array:
     return np.asarray((length * stretch).sum(axis=0))
 
 
-_FACETS_PER_MARGIN = 8.0
-"""Facets that the new border crosses are cut down to this share of the margin where it bends."""
+_FACETS_PER_MARGIN = 8.0  #: Facets that the new border crosses are cut down to this share of the margin where it bends
 
-_FACETS_ALONG = 1500.0
-"""They are no smaller than this share of the border's length, however small the margin."""
+_FACETS_ALONG = 1500.0  #: They are no smaller than this share of the border's length, however small the margin
 
 _STRAIGHT = 5e-3
 """Where the distance is linear over a facet up to this share of the margin, the new border runs straight there."""
 
-_ON_LINE = 1e-4
-"""Corners this close to the new border lie on it, relative to the margin."""
+_ON_LINE = 1e-4  #: Corners this close to the new border lie on it, relative to the margin
 
 _ROUNDS = 40
 
 _ZERO_ROUNDS = 12
 
-_ZERO = 1e-7
-"""Cut points are found to this share of the margin."""
+_ZERO = 1e-7  #: Cut points are found to this share of the margin
 
 _HALVES = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
 

@@ -52,18 +52,15 @@ READERS: Mapping[str, Callable[[str], object]] = {
 }
 """How the argument of a choice is read."""
 
-SLIVER_SHARE = 1e-3
-"""Patches smaller than this share of the largest one are left out."""
+SLIVER_SHARE = 1e-3  #: Patches smaller than this share of the largest one are left out
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
     """What is to be polished."""
 
-    surface: Surface
-    """The surface restricted to the region; facets at its border may be cut."""
-    facets: Ints
-    """Facet of the whole surface each facet of the region belongs to, shape (k,)."""
+    surface: Surface  #: The surface restricted to the region; facets at its border may be cut
+    facets: Ints  #: Facet of the whole surface each facet of the region belongs to, shape (k,)
     boundary_loops: tuple[Array, ...]
     """Closed polylines [m], each (p, 3), first point repeated at the end, region on the left; component by
     component, of each the outer one first."""
@@ -71,8 +68,7 @@ class Region:
     up: Array
     """Unit vector from where the region is looked at: away from the table; for a connected region that does not
     look up, its mean normal. Shape (3,)."""
-    notes: tuple[str, ...] = ()
-    """What was left out or cut, for the user."""
+    notes: tuple[str, ...] = ()  #: What was left out or cut, for the user
 
     def components(self) -> tuple[Region, ...]:
         """Connected components, each with its own border, the largest first; itself if it is connected."""

@@ -21,11 +21,9 @@ from polish_sim.geometry.topology import (
     sorted_half_edges,
 )
 
-SMALL_HOLE = 0.05
-"""Holes up to this share of the part's size across are closed ..."""
+SMALL_HOLE = 0.05  #: Holes up to this share of the part's size across are closed ...
 
-LARGEST_CLOSED = 5e-3
-"""... if they are no wider than this [m]."""
+LARGEST_CLOSED = 5e-3  #: ... if they are no wider than this [m]
 
 MISSING_FACET = 0.2
 """Holes of three or four edges, where one facet or two are missing, are closed up to this share of the size."""
@@ -36,12 +34,9 @@ _SHOWN = 3
 class Hole(NamedTuple):
     """A closed line of border edges."""
 
-    vertices: Indices
-    """Vertices in the order that winds a patch like the facets around it, shape (k,)."""
-    width: float
-    """Longest side of its bounding box [m]."""
-    middle: Array
-    """Mean of its vertices [m], shape (3,)."""
+    vertices: Indices  #: Vertices in the order that winds a patch like the facets around it, shape (k,)
+    width: float  #: Longest side of its bounding box [m]
+    middle: Array  #: Mean of its vertices [m], shape (3,)
 
 
 def close_holes(skin: Skin) -> Skin:
@@ -141,8 +136,7 @@ def _describe(holes: list[Hole]) -> str:
     return shown + (f"; and {len(holes) - _SHOWN} more" if len(holes) > _SHOWN else "")
 
 
-SMALL_FIN = 0.01
-"""Loose fins up to this share of the part's area are dropped."""
+SMALL_FIN = 0.01  #: Loose fins up to this share of the part's area are dropped
 
 
 def separate_crowded(skin: Skin, path: Path) -> Skin:

@@ -12,11 +12,9 @@ from polish_sim.geometry.repair.skin import Skin
 from polish_sim.geometry.topology import find_adjacency
 from polish_sim.spatial import unit
 
-NOISY = 0.01
-"""A skin is noisy when its vertices scatter by more than this share of its edges about smooth pieces."""
+NOISY = 0.01  #: A skin is noisy when its vertices scatter by more than this share of its edges about smooth pieces
 
-FEWEST_VERTICES = 500
-"""Coarser parts are not looked at: what looks like noise may be their shape."""
+FEWEST_VERTICES = 500  #: Coarser parts are not looked at: what looks like noise may be their shape
 
 NEIGHBOURS = 32, 64, 128
 """Vertices a smooth piece is fitted to: the most about which they scatter no more than about few. The noise left is

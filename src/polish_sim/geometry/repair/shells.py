@@ -13,8 +13,7 @@ from polish_sim.errors import MeshError
 from polish_sim.geometry.repair.skin import Skin, place
 from polish_sim.geometry.topology import equal_pairs, facet_links, find_adjacency, label_pieces, sorted_half_edges
 
-MOST_FACETS = 400_000
-"""Larger parts are not searched for crossing facets, for the time it takes."""
+MOST_FACETS = 400_000  #: Larger parts are not searched for crossing facets, for the time it takes
 
 _MOST_PAIRS = 100_000
 _SHOWN = 6
@@ -25,16 +24,12 @@ _CHUNK = 200_000
 class Shells(NamedTuple):
     """Connected pieces of a skin."""
 
-    labels: Ints
-    """Piece of each facet, shape (m,)."""
-    closed: Bools
-    """Pieces without border, shape (k,)."""
+    labels: Ints  #: Piece of each facet, shape (m,)
+    closed: Bools  #: Pieces without border, shape (k,)
     volumes: Array
     """Volume a closed piece encloses, negative where its facets look inward; 0 for open ones [m^3], shape (k,)."""
-    low: Array
-    """Lower corners of their bounding boxes [m], shape (k, 3)."""
-    high: Array
-    """Upper corners, shape (k, 3)."""
+    low: Array  #: Lower corners of their bounding boxes [m], shape (k, 3)
+    high: Array  #: Upper corners, shape (k, 3)
 
 
 def wind_alike(skin: Skin, path: Path) -> Skin:

@@ -12,21 +12,16 @@ from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry.topology import find_edge_faults, label_pieces
 
-WELD = 1e-5
-"""Gaps up to this share of the part's size are closed when exact merging leaves the mesh open."""
+WELD = 1e-5  #: Gaps up to this share of the part's size are closed when exact merging leaves the mesh open
 
 
 class Skin(NamedTuple):
     """Vertices and facets, and the repairs made so far."""
 
-    vertices: Array
-    """Vertices [m], shape (n, 3); some may be unused."""
-    faces: Ints
-    """Vertex indices, shape (m, 3)."""
-    source: Ints
-    """The triangle of the file each facet stems from, -1 for facets that close holes, shape (m,)."""
-    notes: tuple[str, ...] = ()
-    """What was repaired, for the user."""
+    vertices: Array  #: Vertices [m], shape (n, 3); some may be unused
+    faces: Ints  #: Vertex indices, shape (m, 3)
+    source: Ints  #: The triangle of the file each facet stems from, -1 for facets that close holes, shape (m,)
+    notes: tuple[str, ...] = ()  #: What was repaired, for the user
 
     @property
     def size(self) -> float:

@@ -20,15 +20,12 @@ from polish_sim.motion.certified.connector import Ends, Peaks, connector_time
 from polish_sim.motion.certified.kernel import Corner, Figures, Kernel, Side, set_cubic
 from polish_sim.motion.certified.window import MOST_STRUNG, Lines, Segments, peaks_of
 
-LINE_SHARE = 0.8
-"""Share of acceleration and jerk limits that the law along a bent line may use."""
+LINE_SHARE = 0.8  #: Share of acceleration and jerk limits that the law along a bent line may use
 _BULGE = 1.15 / 12.0
 """What remains of the old chord at the vertex, as a share of the bend's length: 1/12 at constant speed, and a margin
 for speed that changes."""
-_NEAR_FULL = 0.9
-"""A bend passed at this share of full speed does not hold a line up."""
-_OVER_STOPS = 1.5
-"""Else it must be passed at so many times the mean speed from stop to stop on either side."""
+_NEAR_FULL = 0.9  #: A bend passed at this share of full speed does not hold a line up
+_OVER_STOPS = 1.5  #: Else it must be passed at so many times the mean speed from stop to stop on either side
 _ROUNDING = 1.0 - 1e-9
 
 

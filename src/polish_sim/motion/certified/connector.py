@@ -13,19 +13,15 @@ from typing import NamedTuple
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
 
-CONNECTOR_PIECES = 7
-"""Most pieces of constant jerk a connector has: up, hold, off; cruise; off, hold, down."""
-_STEPS = 60
-"""More bisections than a float has bits; Newton's method needs about five."""
-_PRECISION = 1e-10
-"""The peak speed is found to this share of itself."""
+CONNECTOR_PIECES = 7  #: Most pieces of constant jerk a connector has: up, hold, off; cruise; off, hold, down
+_STEPS = 60  #: More bisections than a float has bits; Newton's method needs about five
+_PRECISION = 1e-10  #: The peak speed is found to this share of itself
 
 
 class Peaks(NamedTuple):
     """Largest speed, acceleration and jerk, of a motion or allowed: along a line, of tip, axis or joints."""
 
-    speed: float
-    """[m/s] or [rad/s]."""
+    speed: float  #: [m/s] or [rad/s]
     acceleration: float
     jerk: float
 
@@ -33,14 +29,10 @@ class Peaks(NamedTuple):
 class Ends(NamedTuple):
     """How a connector begins and ends; no value is negative."""
 
-    v0: float
-    """Speed at its start [m/s]."""
-    a0: float
-    """Acceleration at its start [m/s^2]."""
-    v1: float
-    """Speed at its end [m/s]."""
-    a1: float
-    """Deceleration at its end [m/s^2]."""
+    v0: float  #: Speed at its start [m/s]
+    a0: float  #: Acceleration at its start [m/s^2]
+    v1: float  #: Speed at its end [m/s]
+    a1: float  #: Deceleration at its end [m/s^2]
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)

@@ -42,21 +42,16 @@ from polish_sim.motion.certified.kernel import (
 _HARDER = (1.5, 3.0, 6.0)
 """Values of speed jerk / acceleration^2 tried for kernels on short segments: the last is best with a wide tolerance,
 the first with a narrow one."""
-_SCALES = 5
-"""Sizes a kernel is tried in to compare it with others."""
+_SCALES = 5  #: Sizes a kernel is tried in to compare it with others
 
 
 class CornerShapes(NamedTuple):
     """Half kernels on a grid, at unit acceleration and jerk."""
 
-    angles: Array
-    """Turns of the path at the nodes [rad], rising, shape (p,)."""
-    tolerances: Array
-    """Logarithms of tolerance J^2/A^3, rising, shape (q,)."""
-    speeds: Array
-    """Logarithms of speed limit J/A^2, rising, shape (r,)."""
-    values: Array
-    """Half duration, X at knots 0 to HALF - 1, Y at knots 1 to HALF, shape (p, q, r, 1 + 2 HALF)."""
+    angles: Array  #: Turns of the path at the nodes [rad], rising, shape (p,)
+    tolerances: Array  #: Logarithms of tolerance J^2/A^3, rising, shape (q,)
+    speeds: Array  #: Logarithms of speed limit J/A^2, rising, shape (r,)
+    values: Array  #: Half duration, X at knots 0 to HALF - 1, Y at knots 1 to HALF, shape (p, q, r, 1 + 2 HALF)
 
 
 def corner_shapes() -> CornerShapes:

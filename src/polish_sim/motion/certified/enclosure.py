@@ -20,30 +20,21 @@ from polish_sim.kernel_cache import njit
 from polish_sim.motion.joint_rates import ArmState, new_arm_state
 
 MOST_GUESSES = 8
-HOPELESS = 2.5
-"""A guess that implies so many times itself will not settle."""
+HOPELESS = 2.5  #: A guess that implies so many times itself will not settle
 _ROUNDING = 1.0 + 1e-9
 
 
 class Enclosure(NamedTuple):
     """Work space of one arm and bounds on a piece."""
 
-    arm: ArmState
-    """The arm at the middle of the piece, with its rates by progress."""
-    T: Array
-    """T_base_tool there, shape (4, 4)."""
-    speeds: Array
-    """Norm of each link's angular velocity and its two derivatives at the middle, shape (3, 6)."""
-    gains: Array
-    """Norms of the inverse Jacobian's rows, linear and angular part, and of the links [m], shape (3, 6)."""
-    drift: Array
-    """Absolute values of inverse(J) J' at the middle, shape (6, 6)."""
-    fourth: Array
-    """Size of the fourth derivative of q at the middle, but for what the twist's own gives, shape (6,)."""
-    rates: Array
-    """Bounds of |q'|, |q''|, |q'''|, |q''''| on the piece, shape (4, 6)."""
-    implied: Array
-    """What a guess of |q''''| implies for it, shape (6,)."""
+    arm: ArmState  #: The arm at the middle of the piece, with its rates by progress
+    T: Array  #: T_base_tool there, shape (4, 4)
+    speeds: Array  #: Norm of each link's angular velocity and its two derivatives at the middle, shape (3, 6)
+    gains: Array  #: Norms of the inverse Jacobian's rows, linear and angular part, and of the links [m], shape (3, 6)
+    drift: Array  #: Absolute values of inverse(J) J' at the middle, shape (6, 6)
+    fourth: Array  #: Size of the fourth derivative of q at the middle, but for what the twist's own gives, shape (6,)
+    rates: Array  #: Bounds of |q'|, |q''|, |q'''|, |q''''| on the piece, shape (4, 6)
+    implied: Array  #: What a guess of |q''''| implies for it, shape (6,)
 
 
 def new_enclosure() -> Enclosure:

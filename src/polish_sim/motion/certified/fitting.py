@@ -33,10 +33,8 @@ from polish_sim.motion.certified.window import FULL_LEVELS, LEVELS, Corners, Lin
 from polish_sim.motion.rules.limits import Arm, LimitValues
 from polish_sim.motion.segment_rates import Segment
 
-_SHRINK, _SHRINKS = 0.8, 8
-"""Kernels nothing can be proven of are made smaller, next to singularities."""
-_REFITTED, _REFITS = 1.02, 2
-"""Kernels the joints slow down by more are made anew for less acceleration or jerk."""
+_SHRINK, _SHRINKS = 0.8, 8  #: Kernels nothing can be proven of are made smaller, next to singularities
+_REFITTED, _REFITS = 1.02, 2  #: Kernels the joints slow down by more are made anew for less acceleration or jerk
 _SLACK = 1.0 + 1e-9
 
 
@@ -44,10 +42,8 @@ class Course(NamedTuple):
     """What stays the same along a stream."""
 
     limits: LimitValues
-    bend_limits: LimitValues
-    """The same with the share of joint acceleration and jerk that is left for bends."""
-    tolerances: tuple[float, float]
-    """Of tip and axis [m, rad]."""
+    bend_limits: LimitValues  #: The same with the share of joint acceleration and jerk that is left for bends
+    tolerances: tuple[float, float]  #: Of tip and axis [m, rad]
     shares: Shares
     shapes: CornerShapes
     arm: Arm
@@ -56,16 +52,12 @@ class Course(NamedTuple):
 class Robot(NamedTuple):
     """Work space of proofs."""
 
-    vectors: Array
-    """Tip, direction and turn axis of two segments in the base frame, shape (2, 3, 3)."""
-    frames: Array
-    """Their start frames, shape (2, 3, 3)."""
+    vectors: Array  #: Tip, direction and turn axis of two segments in the base frame, shape (2, 3, 3)
+    frames: Array  #: Their start frames, shape (2, 3, 3)
     work: SegmentWork
     proof: ProofWork
-    kernel: Kernel
-    """A kernel or a bend to be looked at."""
-    scaled: Kernel
-    """Its smaller copies."""
+    kernel: Kernel  #: A kernel or a bend to be looked at
+    scaled: Kernel  #: Its smaller copies
 
 
 def new_course(limits: LimitValues, tolerances: tuple[float, float], shares: Shares, arm: Arm) -> Course:

@@ -18,14 +18,10 @@ from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.certified.connector import Peaks
 
-HALF = 6
-"""Pieces of half a kernel."""
-PIECES = 2 * HALF
-"""Pieces of a kernel."""
-FAR = (1e30, 1e30)
-"""Generalised lengths of segments whose other ends do not matter [m]."""
-ROUNDING = 1.0 - 1e-12
-"""Kept from limits and tolerances for rounding."""
+HALF = 6  #: Pieces of half a kernel
+PIECES = 2 * HALF  #: Pieces of a kernel
+FAR = (1e30, 1e30)  #: Generalised lengths of segments whose other ends do not matter [m]
+ROUNDING = 1.0 - 1e-12  #: Kept from limits and tolerances for rounding
 VERTEX_SHARE = 2.0
 """How many tolerances a corner's vertex may be missed by. Binds beyond turns of 120 deg, where staying close to the
 polyline alone would cut off the tip of a spike."""
@@ -34,17 +30,12 @@ polyline alone would cut off the tip of a spike."""
 class Side(NamedTuple):
     """Tip or tool axis at a corner: its rates r1, r2 per generalised length before and after it, and its limits."""
 
-    first: float
-    """|r1| [-] or [rad/m]."""
-    second: float
-    """|r2|."""
-    cosine: float
-    """Of the turn between them; 0 where one of them is zero."""
-    sine: float
-    """Of the turn, never less than it is."""
+    first: float  #: |r1| [-] or [rad/m]
+    second: float  #: |r2|
+    cosine: float  #: Of the turn between them; 0 where one of them is zero
+    sine: float  #: Of the turn, never less than it is
     limits: Peaks
-    tolerance: float
-    """[m] or [rad]."""
+    tolerance: float  #: [m] or [rad]
     is_axis: bool
 
 
@@ -53,34 +44,25 @@ class Corner(NamedTuple):
 
     tip: Side
     axis: Side
-    along: Peaks
-    """Limits along both segments: the smaller ones [m/s, m/s^2, m/s^3]."""
-    spans: tuple[float, float]
-    """Generalised lengths of both segments [m]."""
+    along: Peaks  #: Limits along both segments: the smaller ones [m/s, m/s^2, m/s^3]
+    spans: tuple[float, float]  #: Generalised lengths of both segments [m]
 
 
 class Figures(NamedTuple):
     """A kernel seen from outside."""
 
-    size: float
-    """Of either segment [m of generalised length]."""
-    speed: float
-    """At both ends [m/s]."""
-    acceleration: float
-    """Deceleration at its start, acceleration at its end [m/s^2], at least 0."""
-    duration: float
-    """[s]."""
+    size: float  #: Of either segment [m of generalised length]
+    speed: float  #: At both ends [m/s]
+    acceleration: float  #: Deceleration at its start, acceleration at its end [m/s^2], at least 0
+    duration: float  #: [s]
 
 
 class Kernel(NamedTuple):
     """Pieces of a corner's kernel or of a bend."""
 
-    durations: Array
-    """[s], shape (PIECES,); 0 for one that is not used."""
-    remaining: Array
-    """c0 .. c3 of a in each piece [m], shape (PIECES, 4)."""
-    gone: Array
-    """c0 .. c3 of b [m], shape (PIECES, 4)."""
+    durations: Array  #: [s], shape (PIECES,); 0 for one that is not used
+    remaining: Array  #: c0 .. c3 of a in each piece [m], shape (PIECES, 4)
+    gone: Array  #: c0 .. c3 of b [m], shape (PIECES, 4)
 
 
 def new_kernel() -> Kernel:

@@ -30,8 +30,7 @@ class Law(NamedTuple):
 
     starts: Array
     """When each piece begins and the last one ends, counted from the law's start [s], (CONNECTOR_PIECES + 1,)."""
-    cubics: Array
-    """c0..c3 in the time from the piece's start, shape (CONNECTOR_PIECES, 4)."""
+    cubics: Array  #: c0..c3 in the time from the piece's start, shape (CONNECTOR_PIECES, 4)
 
 
 class Motion(NamedTuple):
@@ -46,12 +45,9 @@ class Motion(NamedTuple):
 class Turning(NamedTuple):
     """The rate g of the new chord while a bend is passed: two parabolas of equal duration."""
 
-    begin: float
-    """In the law's time [s]."""
-    duration: float
-    """[s]; 0 if the bend does not fit in."""
-    jerks: tuple[float, float]
-    """g'' in both halves [m/s^3]."""
+    begin: float  #: In the law's time [s]
+    duration: float  #: [s]; 0 if the bend does not fit in
+    jerks: tuple[float, float]  #: g'' in both halves [m/s^3]
 
 
 _NO_TURN = Turning(0.0, 0.0, (0.0, 0.0))
@@ -221,47 +217,33 @@ def fill_bend_kernel(law: Law, turning: Turning, vertex: float, kernel: Kernel) 
 class MotionPieces(NamedTuple):
     """Segments of the merged chain that are decided on, and when each is passed (as in Schedule)."""
 
-    tips: Array
-    """Way points the segments end at [m], shape (m, 3)."""
-    rotations: Array
-    """Tool frames there, shape (m, 3, 3)."""
-    way_points: Indices
-    """Their numbers among the way points fed, shape (m,)."""
-    segments: Indices
-    """Segment of each row, counted from the path's start, shape (r,)."""
-    starts: Array
-    """[s], shape (r,)."""
-    durations: Array
-    """[s], shape (r,)."""
-    coefficients: Array
-    """Progress as a cubic in time, shape (r, 4)."""
+    tips: Array  #: Way points the segments end at [m], shape (m, 3)
+    rotations: Array  #: Tool frames there, shape (m, 3, 3)
+    way_points: Indices  #: Their numbers among the way points fed, shape (m,)
+    segments: Indices  #: Segment of each row, counted from the path's start, shape (r,)
+    starts: Array  #: [s], shape (r,)
+    durations: Array  #: [s], shape (r,)
+    coefficients: Array  #: Progress as a cubic in time, shape (r, 4)
 
 
 class Pen(NamedTuple):
     """What emission writes with, and to."""
 
-    outbox: MotionPieces
-    """Room for what waits to be taken away."""
+    outbox: MotionPieces  #: Room for what waits to be taken away
     law: Law
-    pieces: Array
-    """Durations and jerks of a connector, shape (2, CONNECTOR_PIECES)."""
+    pieces: Array  #: Durations and jerks of a connector, shape (2, CONNECTOR_PIECES)
     bends: Array
     """begin, duration and both jerks of the bend before each segment of a line, shape (MOST_STRUNG + 1, 4)."""
-    kernel: Kernel
-    """Work space."""
+    kernel: Kernel  #: Work space
 
 
 class Share(NamedTuple):
     """One segment's part of a line."""
 
-    number: int
-    """Of the segment, counted from the path's start."""
-    way: float
-    """Where it begins along the line [m]."""
-    span: float
-    """Its length [m]."""
-    start: float
-    """When the law begins [s]."""
+    number: int  #: Of the segment, counted from the path's start
+    way: float  #: Where it begins along the line [m]
+    span: float  #: Its length [m]
+    start: float  #: When the law begins [s]
 
 
 def new_pen(segments: int) -> Pen:

@@ -15,34 +15,25 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
 
-MOST_MERGED = 32
-"""Most way points a chord stands for."""
-WIDEST_TURN = 0.5
-"""Most the tool's axis turns along a chord, and its roll [rad]."""
+MOST_MERGED = 32  #: Most way points a chord stands for
+WIDEST_TURN = 0.5  #: Most the tool's axis turns along a chord, and its roll [rad]
 
 
 class Run(NamedTuple):
     """Way points since the last one that stays, oldest first."""
 
-    tips: Array
-    """[m], shape (MOST_MERGED + 1, 3)."""
-    rotations: Array
-    """Tool frames, shape (MOST_MERGED + 1, 3, 3)."""
-    feeds: Array
-    """Caps on the tip's speed on the way to them [m/s], shape (MOST_MERGED + 1,)."""
+    tips: Array  #: [m], shape (MOST_MERGED + 1, 3)
+    rotations: Array  #: Tool frames, shape (MOST_MERGED + 1, 3, 3)
+    feeds: Array  #: Caps on the tip's speed on the way to them [m/s], shape (MOST_MERGED + 1,)
 
 
 class Shares(NamedTuple):
     """What merging may use up."""
 
-    tip: float
-    """[m]."""
-    axis: float
-    """[rad]."""
-    length: float
-    """A chord and a segment are not joined if both are longer [m]."""
-    turn: float
-    """The same for turns of the tool's axis [rad]."""
+    tip: float  #: [m]
+    axis: float  #: [rad]
+    length: float  #: A chord and a segment are not joined if both are longer [m]
+    turn: float  #: The same for turns of the tool's axis [rad]
 
 
 def empty_run() -> Run:

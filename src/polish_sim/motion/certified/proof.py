@@ -29,8 +29,7 @@ from polish_sim.motion.rules.limits import Arm, LimitValues, is_there
 from polish_sim.motion.rules.schedule import roll_on, turn_on
 from polish_sim.motion.segment_rates import REACHED, Segment, reach_pose
 
-_FINEST = 1.0 / 16.0
-"""Share of a piece below which it is not cut further: the arm is singular there."""
+_FINEST = 1.0 / 16.0  #: Share of a piece below which it is not cut further: the arm is singular there
 _ROUNDING = 1.0 + 1e-9
 
 
@@ -39,31 +38,24 @@ class Sides(NamedTuple):
 
     old: Segment
     new: Segment
-    spans: tuple[float, float]
-    """Generalised lengths of both [m]."""
+    spans: tuple[float, float]  #: Generalised lengths of both [m]
 
 
 class ProofWork(NamedTuple):
     """Work space: the tool's motion in a kernel, and the joints'."""
 
     enclosure: Enclosure
-    rates: Array
-    """Progress of one segment and three derivatives, shape (4,)."""
-    axis: Array
-    """Tool axis and three derivatives, shape (4, 3)."""
-    R: Array
-    """R_base_tool, shape (3, 3)."""
-    spin: Array
-    """Angular velocity and two derivatives [rad/s..], shape (3, 3)."""
+    rates: Array  #: Progress of one segment and three derivatives, shape (4,)
+    axis: Array  #: Tool axis and three derivatives, shape (4, 3)
+    R: Array  #: R_base_tool, shape (3, 3)
+    spin: Array  #: Angular velocity and two derivatives [rad/s..], shape (3, 3)
 
 
 class Slowdown(NamedTuple):
     """What a kernel's times must be multiplied by."""
 
-    factor: float
-    """At least 1; infinite if nothing could be proven."""
-    joints: Peaks
-    """Shares of the joints' limits without it; zeros without an arm."""
+    factor: float  #: At least 1; infinite if nothing could be proven
+    joints: Peaks  #: Shares of the joints' limits without it; zeros without an arm
 
 
 def new_proof_work() -> ProofWork:

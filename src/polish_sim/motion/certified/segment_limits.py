@@ -23,22 +23,16 @@ from polish_sim.motion.rules.limits import Arm, LimitValues, is_there
 from polish_sim.motion.segment_rates import BEYOND, REACHED, SINGULAR, Segment, rates_at, within_range
 
 _SLACK = 1.0 - 1e-9
-_STILL = 1e-200
-"""Stands for the derivative of a joint that does not move."""
-_HALVINGS = 200
-"""Of the speed, until the time rises again."""
-_NARROWED = 24
-"""Steps of the golden section: speeds are then known to 1e-5."""
+_STILL = 1e-200  #: Stands for the derivative of a joint that does not move
+_HALVINGS = 200  #: Of the speed, until the time rises again
+_NARROWED = 24  #: Steps of the golden section: speeds are then known to 1e-5
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _LINES = 7
 MOST_PIECES = 20000
 """A segment that needs more pieces (some 50 ms of work) runs through a singularity: no speed can be proven."""
-FASTEST, SHARPEST = 1e3, 1e9
-"""Stand-ins for infinite limits [m/s, m/s^3]."""
-FEW_GUESSES = 2
-"""A piece confirmed so soon may be followed by one twice as wide, where a dyadic grid has one."""
-_AGAIN = 0.99
-"""A choice sooner than the last one by this much may be held up by pieces that did not count before."""
+FASTEST, SHARPEST = 1e3, 1e9  #: Stand-ins for infinite limits [m/s, m/s^3]
+FEW_GUESSES = 2  #: A piece confirmed so soon may be followed by one twice as wide, where a dyadic grid has one
+_AGAIN = 0.99  #: A choice sooner than the last one by this much may be held up by pieces that did not count before
 Grain = tuple[float, float, float]
 COARSE, FINE = (0.05, 1.0 / 64.0, 1.0), (0.002, 2.0**-13, 0.9)
 """How closely to bound, in a first round and again at the limits the one before found where the joints bind: a piece is
@@ -50,12 +44,9 @@ class SegmentWork(NamedTuple):
     """Work space of `segment_limits`, made once per stream."""
 
     enclosure: Enclosure
-    most: Array
-    """Largest bounds of |q'|, |q''|, |q'''| over the pieces seen, shape (3, 6)."""
-    middle: Array
-    """Largest of them in the middle of a piece, where they are exact, shape (3, 6)."""
-    excess: Array
-    """How far a piece's bounds are above these, shape (3, 6)."""
+    most: Array  #: Largest bounds of |q'|, |q''|, |q'''| over the pieces seen, shape (3, 6)
+    middle: Array  #: Largest of them in the middle of a piece, where they are exact, shape (3, 6)
+    excess: Array  #: How far a piece's bounds are above these, shape (3, 6)
 
 
 def new_segment_work() -> SegmentWork:

@@ -13,8 +13,7 @@ from polish_sim.motion.certified.stream import BLOCK, NO_LAW, make_room, new_str
 from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, arm_or_none
 from polish_sim.motion.segment_rates import REACHED, UNREACHABLE
 
-MERGING_SHARE = 0.5
-"""Share of either tolerance that merging short chords may use; what it leaves goes to the corners."""
+MERGING_SHARE = 0.5  #: Share of either tolerance that merging short chords may use; what it leaves goes to the corners
 
 
 class Smoother:

@@ -23,10 +23,8 @@ from polish_sim.motion.rules.chain import fill_segment
 from polish_sim.motion.rules.limits import Arm
 from polish_sim.motion.segment_rates import REACHED
 
-BLOCK = 128
-"""Way points taken in at once: the rows they give fit the outbox, their segments the buffers."""
-NO_LAW = 9
-"""Status: no law was found that keeps a line's bends in their limits."""
+BLOCK = 128  #: Way points taken in at once: the rows they give fit the outbox, their segments the buffers
+NO_LAW = 9  #: Status: no law was found that keeps a line's bends in their limits
 _ROOM = BLOCK + (LOOKAHEAD + 2) * MOST_STRUNG
 _SLOWINGS, _SLOWER = 25, 0.85
 _SHORTENINGS, _SHORTER = 3, 0.8
@@ -53,8 +51,7 @@ went wrong; whether a line is open; when the corner behind the next line to give
 class Stream(NamedTuple):
     """All a stream remembers."""
 
-    states: Any
-    """One record of `STATE`, shape (1,)."""
+    states: Any  #: One record of `STATE`, shape (1,)
     run: Run
     segments: Segments
     lines: Lines

@@ -24,12 +24,9 @@ from polish_sim.motion.certified.connector import Ends, Peaks, connector_time
 from polish_sim.motion.certified.kernel import PIECES, Figures, Kernel
 from polish_sim.motion.rules.chain import Chain
 
-LOOKAHEAD = 8
-"""A line of segments is given out once so many lines after it are known."""
-CAPACITY = 448
-"""Segments the buffers hold."""
-MOST_STRUNG = 12
-"""Most segments a line has."""
+LOOKAHEAD = 8  #: A line of segments is given out once so many lines after it are known
+CAPACITY = 448  #: Segments the buffers hold
+MOST_STRUNG = 12  #: Most segments a line has
 FULL_LEVELS, LEVELS = 4, 8
 """States a corner may be passed in: first exact stop to full kernel, then plain kernels up to their largest."""
 
@@ -42,51 +39,37 @@ class Segments(NamedTuple):
     """Generalised length l of each segment [m]: of the tip, or of a turn worth as much time, shape (CAPACITY,)."""
     limits: Array
     """Speed, acceleration and jerk along l [m/s, m/s^2, m/s^3], then those from rest to rest, shape (CAPACITY, 6)."""
-    bends: Array
-    """Length [m] and largest speed [m/s] of the bend before each segment, shape (CAPACITY, 2)."""
-    used: Array
-    """What merging has used of tip and axis tolerance [m, rad], shape (CAPACITY, 2)."""
-    raw_ends: Indices
-    """Number of the way point each segment ends at, shape (CAPACITY,)."""
-    q: Array
-    """Joint angles at the way points [rad], shape (CAPACITY + 1, 6)."""
+    bends: Array  #: Length [m] and largest speed [m/s] of the bend before each segment, shape (CAPACITY, 2)
+    used: Array  #: What merging has used of tip and axis tolerance [m, rad], shape (CAPACITY, 2)
+    raw_ends: Indices  #: Number of the way point each segment ends at, shape (CAPACITY,)
+    q: Array  #: Joint angles at the way points [rad], shape (CAPACITY + 1, 6)
 
 
 class Lines(NamedTuple):
     """Line k strings segments first[k] to first[k + 1] - 1 together; often it is just one."""
 
-    first: Indices
-    """Shape (CAPACITY + 1,)."""
-    spans: Array
-    """Generalised length [m], shape (CAPACITY,)."""
+    first: Indices  #: Shape (CAPACITY + 1,)
+    spans: Array  #: Generalised length [m], shape (CAPACITY,)
     limits: Array
     """Speed, acceleration and jerk of the law along it [m/s, m/s^2, m/s^3], then those from rest to rest,
     shape (CAPACITY, 6)."""
-    rooms: Array
-    """What corners may take of its start and of its end [m], shape (CAPACITY, 2)."""
+    rooms: Array  #: What corners may take of its start and of its end [m], shape (CAPACITY, 2)
 
 
 class Corners(NamedTuple):
     """Corner k lies between lines k - 1 and k."""
 
-    durations: Array
-    """Of the full kernel's pieces [s], shape (CAPACITY + 1, PIECES)."""
-    remaining: Array
-    """Their cubics: what remains of the old segment [m], shape (CAPACITY + 1, PIECES, 4)."""
-    gone: Array
-    """Their cubics: what is gone of the new segment [m], shape (CAPACITY + 1, PIECES, 4)."""
+    durations: Array  #: Of the full kernel's pieces [s], shape (CAPACITY + 1, PIECES)
+    remaining: Array  #: Their cubics: what remains of the old segment [m], shape (CAPACITY + 1, PIECES, 4)
+    gone: Array  #: Their cubics: what is gone of the new segment [m], shape (CAPACITY + 1, PIECES, 4)
     scales: Array
     """Factors on its lengths and times in each state; negative: the plain kernel, shape (CAPACITY + 1, LEVELS, 2)."""
-    states: Array
-    """`Figures` of each state, shape (CAPACITY + 1, LEVELS, 4)."""
-    levels: Indices
-    """Number of states in use, shape (CAPACITY + 1,)."""
+    states: Array  #: `Figures` of each state, shape (CAPACITY + 1, LEVELS, 4)
+    levels: Indices  #: Number of states in use, shape (CAPACITY + 1,)
     costs: Array
     """Least time up to the end of a corner passed in a state; infinite if impossible, shape (CAPACITY + 1, LEVELS)."""
-    origins: Indices
-    """State of the corner before on the way there, shape (CAPACITY + 1, LEVELS)."""
-    chosen: Indices
-    """The state that is decided on, -1 before that, shape (CAPACITY + 1,)."""
+    origins: Indices  #: State of the corner before on the way there, shape (CAPACITY + 1, LEVELS)
+    chosen: Indices  #: The state that is decided on, -1 before that, shape (CAPACITY + 1,)
 
 
 def new_buffers(q_start: Array) -> tuple[Segments, Lines, Corners]:

@@ -21,32 +21,21 @@ class Chain(NamedTuple):
     rate (paper 4, eq. 11), the roll about it is shared out evenly.
     """
 
-    tips: Array
-    """Way points [m], shape (n + 1, 3)."""
-    axes: Array
-    """Unit tool axes at the way points, pointing into the part (tool z), shape (n + 1, 3)."""
-    rotations: Array
-    """Tool frames at the way points, third column the axis, shape (n + 1, 3, 3)."""
-    lengths: Array
-    """[m], shape (n,)."""
-    directions: Array
-    """Unit directions of the tip; zero where the length is, shape (n, 3)."""
-    angles: Array
-    """Angle the tool axis turns by [rad], in [0, pi), shape (n,)."""
+    tips: Array  #: Way points [m], shape (n + 1, 3)
+    axes: Array  #: Unit tool axes at the way points, pointing into the part (tool z), shape (n + 1, 3)
+    rotations: Array  #: Tool frames at the way points, third column the axis, shape (n + 1, 3, 3)
+    lengths: Array  #: [m], shape (n,)
+    directions: Array  #: Unit directions of the tip; zero where the length is, shape (n, 3)
+    angles: Array  #: Angle the tool axis turns by [rad], in [0, pi), shape (n,)
     turn_axes: Array
     """Unit axis it turns about, at a right angle to both ends' tool axes; zero where the angle is, shape (n, 3)."""
-    rolls: Array
-    """Turn about the tool axis that is left to the next way point's frame [rad], shape (n,)."""
+    rolls: Array  #: Turn about the tool axis that is left to the next way point's frame [rad], shape (n,)
 
 
-SAME_PLACE = 1e-14
-"""Way points closer than this are one [m]: rounding of lengths of the size of a robot."""
-SAME_AXIS = 1e-13
-"""Tool axes closer than this are one [rad]."""
-HALF_TURN = math.pi - 1e-6
-"""A turn of the tool axis beyond this has no plane of its own [rad]."""
-STEEPEST = 0.99
-"""The tool's x axis must stay this far off every tool axis (cosine): 8 deg."""
+SAME_PLACE = 1e-14  #: Way points closer than this are one [m]: rounding of lengths of the size of a robot
+SAME_AXIS = 1e-13  #: Tool axes closer than this are one [rad]
+HALF_TURN = math.pi - 1e-6  #: A turn of the tool axis beyond this has no plane of its own [rad]
+STEEPEST = 0.99  #: The tool's x axis must stay this far off every tool axis (cosine): 8 deg
 
 
 def build_chain(tips: Array, rotations: Array) -> Chain:

@@ -26,13 +26,10 @@ from polish_sim.motion.rules.schedule import (
     tip_between,
 )
 
-SAMPLES = 12
-"""Of each cubic span, and of each overlap of two segments."""
-LONG_SAMPLES = 64
-"""Of two whole segments."""
+SAMPLES = 12  #: Of each cubic span, and of each overlap of two segments
+LONG_SAMPLES = 64  #: Of two whole segments
 GOLDEN = 0.6180339887498949
-STEPS = 50
-"""Of the golden section: a bracket shrinks by 4e-11."""
+STEPS = 50  #: Of the golden section: a bracket shrinks by 4e-11
 TIP, AXIS, NEARNESS = 0, 1, 2
 """What is made largest: distance of the tip from the polyline, angle of the axis to its arcs, minus the distance of the
 tip from one way point."""
@@ -41,41 +38,31 @@ tip from one way point."""
 class Place(NamedTuple):
     """A largest deviation and where it is."""
 
-    value: float
-    """[m] or [rad]."""
-    time: float
-    """[s]."""
-    point: int
-    """Way point it belongs to: for the contour the last one begun, counted from 0 in the raw chain."""
+    value: float  #: [m] or [rad]
+    time: float  #: [s]
+    point: int  #: Way point it belongs to: for the contour the last one begun, counted from 0 in the raw chain
 
 
 class Deviation(NamedTuple):
     """The three measures."""
 
-    contour: Place
-    """Largest distance of the tip's trajectory from the polyline [m]."""
-    vertex: Place
-    """Largest distance of a way point from the tip's trajectory [m]."""
-    axis: Place
-    """Largest angle of the tool axis from the arcs between way points' axes [rad]."""
+    contour: Place  #: Largest distance of the tip's trajectory from the polyline [m]
+    vertex: Place  #: Largest distance of a way point from the tip's trajectory [m]
+    axis: Place  #: Largest angle of the tool axis from the arcs between way points' axes [rad]
 
 
 class VertexDistances(NamedTuple):
     """Of every raw way point."""
 
-    distances: Array
-    """From the tip's trajectory [m], shape (m,)."""
-    times: Array
-    """When the tip is nearest [s], shape (m,)."""
+    distances: Array  #: From the tip's trajectory [m], shape (m,)
+    times: Array  #: When the tip is nearest [s], shape (m,)
 
 
 class DeviationCurve(NamedTuple):
     """Deviations at n times."""
 
-    tip: Array
-    """Distance of the tip from the polyline [m], shape (n,)."""
-    axis: Array
-    """Angle of the tool axis to its arcs [rad], shape (n,)."""
+    tip: Array  #: Distance of the tip from the polyline [m], shape (n,)
+    axis: Array  #: Angle of the tool axis to its arcs [rad], shape (n,)
 
 
 class _Motion(NamedTuple):
@@ -85,8 +72,7 @@ class _Motion(NamedTuple):
     schedule: Schedule
     lookup: ScheduleIndex
     raw: Chain
-    places: Indices
-    """Number of each of the chain's way points among the raw ones, shape (n + 1,)."""
+    places: Indices  #: Number of each of the chain's way points among the raw ones, shape (n + 1,)
 
 
 def measure_deviation(chain: Chain, schedule: Schedule, raw: Chain) -> Deviation:

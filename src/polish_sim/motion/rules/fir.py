@@ -17,8 +17,7 @@ from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.schedule import Schedule
 
-PIECES = 7
-"""Cubic pieces of one segment at most."""
+PIECES = 7  #: Cubic pieces of one segment at most
 
 
 def fir_schedule(starts: Array, triples: Array) -> Schedule:

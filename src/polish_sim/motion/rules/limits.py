@@ -18,8 +18,7 @@ from polish_sim.spatial import apply, inverse
 
 MM, DEG = 1e-3, math.radians(1.0)
 
-JOINT_SPEED = math.radians(180.0)
-"""UR5e, every joint, as the maker publishes it [rad/s]."""
+JOINT_SPEED = math.radians(180.0)  #: UR5e, every joint, as the maker publishes it [rad/s]
 JOINT_ACCELERATION = 5.0
 """UR5e [rad/s^2]. The maker publishes torques (150 and 28 N m), no accelerations. This is the value the maker's own
 public ROS driver gives to motion planners for all six joints and calls conservative."""
@@ -41,8 +40,7 @@ class LimitValues(NamedTuple):
     axis_speed: float
     axis_acceleration: float
     axis_jerk: float
-    joint: Array
-    """Speed, acceleration and jerk of the six joints, shape (3, 6)."""
+    joint: Array  #: Speed, acceleration and jerk of the six joints, shape (3, 6)
 
 
 def limit(default: float, unit: str, scale: float) -> Any:
@@ -63,24 +61,15 @@ class SmoothingLimits:
     spin, o x o', and of its first and second derivative. The tool's defaults are those of paper 4's trial.
     """
 
-    tip_speed: float = limit(50.0, "mm_s", MM)
-    """[m/s]."""
-    tip_acceleration: float = limit(500.0, "mm_s2", MM)
-    """[m/s^2]."""
-    tip_jerk: float = limit(10000.0, "mm_s3", MM)
-    """[m/s^3]."""
-    axis_speed: float = limit(10.0, "deg_s", DEG)
-    """[rad/s]."""
-    axis_acceleration: float = limit(100.0, "deg_s2", DEG)
-    """[rad/s^2]."""
-    axis_jerk: float = limit(2000.0, "deg_s3", DEG)
-    """[rad/s^3]."""
-    joint_speed: tuple[float, ...] = joint_limit(JOINT_SPEED, "deg_s")
-    """Six values [rad/s]."""
-    joint_acceleration: tuple[float, ...] = joint_limit(JOINT_ACCELERATION, "deg_s2")
-    """Six values [rad/s^2]."""
-    joint_jerk: tuple[float, ...] = joint_limit(JOINT_JERK, "deg_s3")
-    """Six values [rad/s^3]."""
+    tip_speed: float = limit(50.0, "mm_s", MM)  #: [m/s]
+    tip_acceleration: float = limit(500.0, "mm_s2", MM)  #: [m/s^2]
+    tip_jerk: float = limit(10000.0, "mm_s3", MM)  #: [m/s^3]
+    axis_speed: float = limit(10.0, "deg_s", DEG)  #: [rad/s]
+    axis_acceleration: float = limit(100.0, "deg_s2", DEG)  #: [rad/s^2]
+    axis_jerk: float = limit(2000.0, "deg_s3", DEG)  #: [rad/s^3]
+    joint_speed: tuple[float, ...] = joint_limit(JOINT_SPEED, "deg_s")  #: Six values [rad/s]
+    joint_acceleration: tuple[float, ...] = joint_limit(JOINT_ACCELERATION, "deg_s2")  #: Six values [rad/s^2]
+    joint_jerk: tuple[float, ...] = joint_limit(JOINT_JERK, "deg_s3")  #: Six values [rad/s^3]
 
     def __post_init__(self) -> None:
         for spec in fields(self):
@@ -102,8 +91,7 @@ class SmoothingLimits:
         return LimitValues._make([*numbers, joint])
 
 
-SECTIONS = ("tip", "axis", "joint")
-"""Of the TOML file, whose values have the units users of robots think in."""
+SECTIONS = ("tip", "axis", "joint")  #: Of the TOML file, whose values have the units users of robots think in
 
 
 def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLimits:
@@ -185,12 +173,9 @@ def _positive(where: str, value: Any, place: str) -> float:
 class Arm(NamedTuple):
     """A UR5e with a tool before a part; arrays a compiled kernel can take."""
 
-    T_base_work: Array
-    """Pose of the frame the chain is given in, shape (4, 4)."""
-    T_flange_tool: Array
-    """The tool on the flange, shape (4, 4)."""
-    T_tool_flange: Array
-    """Its inverse, shape (4, 4)."""
+    T_base_work: Array  #: Pose of the frame the chain is given in, shape (4, 4)
+    T_flange_tool: Array  #: The tool on the flange, shape (4, 4)
+    T_tool_flange: Array  #: Its inverse, shape (4, 4)
     q_start: Array
     """Joint angles at (or near) the first way point: says which of the arm's configurations is meant [rad], (6,)."""
 

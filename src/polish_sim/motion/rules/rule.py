@@ -63,19 +63,15 @@ RULES: Mapping[str, Rule] = {
 
 NODES = chebyshev_nodes(9)
 """Progress at which joint derivatives are taken; the paper differentiates forward between samples instead."""
-BLOCK = 4096
-"""Segments whose joint derivatives are in memory at once."""
+BLOCK = 4096  #: Segments whose joint derivatives are in memory at once
 
 
 class ProgressLimits(NamedTuple):
     """Largest rates of progress of n segments that tool (and feed) allow."""
 
-    speed: Array
-    """[1/s], shape (n,)."""
-    acceleration: Array
-    """[1/s^2], shape (n,)."""
-    jerk: Array
-    """[1/s^3], shape (n,)."""
+    speed: Array  #: [1/s], shape (n,)
+    acceleration: Array  #: [1/s^2], shape (n,)
+    jerk: Array  #: [1/s^3], shape (n,)
 
 
 def tool_limits(chain: Chain, limits: SmoothingLimits, feeds: Array | None) -> ProgressLimits:

@@ -23,16 +23,11 @@ class Schedule(NamedTuple):
     ``... exp(b n_2) exp(a n_1) R_0``, later segments on the left, rolls added up.
     """
 
-    segments: Indices
-    """Segment each piece belongs to, not falling, shape (m,)."""
-    starts: Array
-    """When each piece begins [s], rising within a segment, shape (m,)."""
-    durations: Array
-    """[s], shape (m,); a segment's pieces follow one another without a gap."""
-    coefficients: Array
-    """Progress c0 + c1 t + c2 t^2 + c3 t^3 with t from the piece's start, shape (m, 4)."""
-    end: float
-    """When the last segment has arrived [s]: the cycle time."""
+    segments: Indices  #: Segment each piece belongs to, not falling, shape (m,)
+    starts: Array  #: When each piece begins [s], rising within a segment, shape (m,)
+    durations: Array  #: [s], shape (m,); a segment's pieces follow one another without a gap
+    coefficients: Array  #: Progress c0 + c1 t + c2 t^2 + c3 t^3 with t from the piece's start, shape (m, 4)
+    end: float  #: When the last segment has arrived [s]: the cycle time
 
 
 def stretched(schedule: Schedule, factor: float) -> Schedule:
@@ -49,12 +44,9 @@ def stretched(schedule: Schedule, factor: float) -> Schedule:
 class Samples(NamedTuple):
     """Motion at n times."""
 
-    tips: Array
-    """Tip and its first three time derivatives [m/s^k], shape (n, 4, 3)."""
-    axes: Array
-    """Unit tool axis and its first three time derivatives [1/s^k], shape (n, 4, 3)."""
-    rotations: Array
-    """Tool frames, third column the tool axis, shape (n, 3, 3)."""
+    tips: Array  #: Tip and its first three time derivatives [m/s^k], shape (n, 4, 3)
+    axes: Array  #: Unit tool axis and its first three time derivatives [1/s^k], shape (n, 4, 3)
+    rotations: Array  #: Tool frames, third column the tool axis, shape (n, 3, 3)
     spins: Array
     """The tool's angular velocity, roll about its axis included, and its first two derivatives [rad/s^k], (n, 3, 3)."""
 
@@ -62,12 +54,9 @@ class Samples(NamedTuple):
 class ScheduleIndex(NamedTuple):
     """Where to find the pieces that matter at a time."""
 
-    first_pieces: Indices
-    """First piece of each segment and, last, the number of pieces, shape (segments + 1,)."""
-    all_ended: Array
-    """When the segment and all before it have ended [s], shape (segments,)."""
-    none_begun: Array
-    """Until when neither the segment nor any after it has begun [s], shape (segments,)."""
+    first_pieces: Indices  #: First piece of each segment and, last, the number of pieces, shape (segments + 1,)
+    all_ended: Array  #: When the segment and all before it have ended [s], shape (segments,)
+    none_begun: Array  #: Until when neither the segment nor any after it has begun [s], shape (segments,)
 
 
 def index_schedule(chain: Chain, schedule: Schedule) -> ScheduleIndex:

@@ -116,31 +116,24 @@ def near_chords(positions, normals, knots, count, closed, points, index):  # typ
     return s, foot, normal, gap
 
 
-SAME = 1e-9
-"""Distances that differ by less than this share are the same."""
+SAME = 1e-9  #: Distances that differ by less than this share are the same
 
 
 class Nearest(NamedTuple):
     """Nearest points of a curve."""
 
-    s: Array
-    """Arc length of the foot [m], shape (n,)."""
-    positions: Array
-    """Foot on the chord [m], shape (n, 3)."""
-    normals: Array
-    """Unit surface normal interpolated at the foot, shape (n, 3)."""
-    distances: Array
-    """Euclidean distance, inf beyond the limit asked for [m], shape (n,)."""
+    s: Array  #: Arc length of the foot [m], shape (n,)
+    positions: Array  #: Foot on the chord [m], shape (n, 3)
+    normals: Array  #: Unit surface normal interpolated at the foot, shape (n, 3)
+    distances: Array  #: Euclidean distance, inf beyond the limit asked for [m], shape (n,)
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
     """An open or closed polyline on the surface; closed ones run with the inside on the left."""
 
-    positions: Array
-    """Points [m], shape (n, 3); a closed curve does not repeat its first point."""
-    normals: Array
-    """Unit outward surface normals, shape (n, 3)."""
+    positions: Array  #: Points [m], shape (n, 3); a closed curve does not repeat its first point
+    normals: Array  #: Unit outward surface normals, shape (n, 3)
     closed: bool
 
     @cached_property

@@ -23,19 +23,15 @@ from polish_sim.spatial import unit
 # Lines of equal value of a field on a triangulation, as ordered point lists (vertex values -> polylines).
 
 
-ROUNDING = 1e-6
-"""Vertices above the level by no more than this share of the values' range lie on it."""
+ROUNDING = 1e-6  #: Vertices above the level by no more than this share of the values' range lie on it
 
 
 class LevelLine(NamedTuple):
     """A piece of a level line, the higher values on its left."""
 
-    positions: Array
-    """Points on edges of the triangulation [m], shape (n, 3); a closed line does not repeat its first."""
-    normals: Array
-    """Surface normals, not normalised, shape (n, 3)."""
-    vertices: Indices
-    """A vertex with a higher value beside each point, shape (n,)."""
+    positions: Array  #: Points on edges of the triangulation [m], shape (n, 3); a closed line does not repeat its first
+    normals: Array  #: Surface normals, not normalised, shape (n, 3)
+    vertices: Indices  #: A vertex with a higher value beside each point, shape (n,)
     closed: bool
 
 
@@ -109,30 +105,22 @@ def _walk(start, end, count):  # type: ignore[no-untyped-def]
     return order[:points], ends[:lines], heads
 
 
-COARSEST = 1.0 / 8.0
-"""Longest control-point spacing as a share of the step-over."""
+COARSEST = 1.0 / 8.0  #: Longest control-point spacing as a share of the step-over
 FINE_ENOUGH_M, COARSEST_OF_FINE = 5e-4, 1.0 / 4.0
 """Spacing no finer than this is needed but for curvature [m], up to this share of the step-over."""
-FINEST = 1.0 / 40.0
-"""Shortest control-point spacing as a share of the step-over."""
-CHORD_ERROR = 1.0 / 4000.0
-"""Chord error the spacing is adapted to, as a share of the step-over."""
+FINEST = 1.0 / 40.0  #: Shortest control-point spacing as a share of the step-over
+CHORD_ERROR = 1.0 / 4000.0  #: Chord error the spacing is adapted to, as a share of the step-over
 
-WHOLE = 1e-6
-"""A count this little above a whole number is that number: rounding must not add a point."""
-BACK = 1e-6
-"""Feet fall back only by more than this share of the distance; less is rounding."""
-ROUGHLY = 0.1
-"""Lower bounds of distances may be too low by this share."""
-OFF = 0.02
-"""Feet further than this share of the step-over from the surface are not on it."""
+WHOLE = 1e-6  #: A count this little above a whole number is that number: rounding must not add a point
+BACK = 1e-6  #: Feet fall back only by more than this share of the distance; less is rounding
+ROUGHLY = 0.1  #: Lower bounds of distances may be too low by this share
+OFF = 0.02  #: Feet further than this share of the step-over from the surface are not on it
 
 
 class Feet(NamedTuple):
     """Nearest points on the closest of several curves."""
 
-    curve: Indices
-    """Which curve, shape (n,)."""
+    curve: Indices  #: Which curve, shape (n,)
     nearest: Nearest
 
 

@@ -19,24 +19,18 @@ from polish_sim.planning.ground.triangulation import Triangulation
 # wait in the order in which their bounds fall due. So all turns together cost little more than a few looks per vertex.
 
 
-BEYOND = 0.6
-"""Distances are exact up to this many step-overs beyond the next turn; edges are a third of one long."""
-SCOUTS = 1.5
-"""Bounds far away are looked up for one vertex in each cell of so many step-overs."""
-FAR = 6.0
-"""Vertices that only see turns on the other side of the part are thought to be so many step-overs away."""
+BEYOND = 0.6  #: Distances are exact up to this many step-overs beyond the next turn; edges are a third of one long
+SCOUTS = 1.5  #: Bounds far away are looked up for one vertex in each cell of so many step-overs
+FAR = 6.0  #: Vertices that only see turns on the other side of the part are thought to be so many step-overs away
 
-Waiting = dict[int, list[Indices]]
-"""Vertices by the number of the turn at which they are to be looked at."""
+Waiting = dict[int, list[Indices]]  #: Vertices by the number of the turn at which they are to be looked at
 
 
 class Measured(NamedTuple):
     """The vertices near the turns so far."""
 
-    rows: Indices
-    """Their numbers, shape (k,)."""
-    distances: Array
-    """How far they are; lower bounds beyond the next turn [m], shape (k,)."""
+    rows: Indices  #: Their numbers, shape (k,)
+    distances: Array  #: How far they are; lower bounds beyond the next turn [m], shape (k,)
 
 
 class Front:
@@ -132,15 +126,12 @@ def _select_rows(waiting: Waiting, chosen: Bools) -> Waiting:
     return {turn: parts for turn, parts in picked.items() if any(len(part) for part in parts)}
 
 
-THIN = 1.1
-"""What is left inside a turn needs another one if its middle is further away than this many step-overs."""
+THIN = 1.1  #: What is left inside a turn needs another one if its middle is further away than this many step-overs
 
-EVEN = 0.5
-"""A ring's width may vary by this many step-overs for turns to run from border to border."""
+EVEN = 0.5  #: A ring's width may vary by this many step-overs for turns to run from border to border
 AT_BORDER = 0.05
 """The first turn may be further from half a step-over inside the border by this share before turns are stretched."""
-STRETCH = 0.03
-"""Turns of a ring may be further apart by this share of the step-over for one less of them to do."""
+STRETCH = 0.03  #: Turns of a ring may be further apart by this share of the step-over for one less of them to do
 
 Report = Callable[[float], None]
 
@@ -160,8 +151,7 @@ class Piece:
     """A connected part of the region not yet covered, and the turns around it."""
 
     turns: tuple[Turn, ...]
-    waiting: Waiting
-    """Its vertices."""
+    waiting: Waiting  #: Its vertices
 
 
 def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
@@ -227,10 +217,8 @@ def grow_turns(
 class RingTurns(NamedTuple):
     """How turns fill a ring evenly."""
 
-    first: float
-    """Distance of the first turn from the outer border, and of the last from the inner one [m]."""
-    pitch: float
-    """Distance from turn to turn [m]."""
+    first: float  #: Distance of the first turn from the outer border, and of the last from the inner one [m]
+    pitch: float  #: Distance from turn to turn [m]
 
 
 def ring_turns(

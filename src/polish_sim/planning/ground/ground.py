@@ -25,12 +25,9 @@ from polish_sim.spatial import perpendicular, unit
 class Bridged(NamedTuple):
     """A region without its small holes."""
 
-    region: Region
-    """The region; facets after its own ones close holes and lie on no part of the part."""
-    facets: int
-    """Number of facets that are the part's."""
-    holes: int
-    """Number of holes closed."""
+    region: Region  #: The region; facets after its own ones close holes and lie on no part of the part
+    facets: int  #: Number of facets that are the part's
+    holes: int  #: Number of holes closed
 
 
 class _Rim(NamedTuple):
@@ -143,25 +140,18 @@ class Piece(NamedTuple):
     """A connected component, its small holes closed."""
 
     region: Region
-    mesh: Triangulation
-    """Its fine triangulation."""
-    part_facets: int
-    """Number of facets that are the part's; those after them close holes."""
+    mesh: Triangulation  #: Its fine triangulation
+    part_facets: int  #: Number of facets that are the part's; those after them close holes
 
 
 class Ground(NamedTuple):
     """A region made ready to be planned on."""
 
-    region: Region
-    """The region, its small holes closed."""
-    mesh: Triangulation
-    """Its fine triangulation."""
-    part_facets: int
-    """Number of facets that are the part's; those after them close holes."""
-    holes: int
-    """Number of holes closed."""
-    pieces: tuple[Piece, ...]
-    """Its connected components, the largest first; a pattern covers one at a time."""
+    region: Region  #: The region, its small holes closed
+    mesh: Triangulation  #: Its fine triangulation
+    part_facets: int  #: Number of facets that are the part's; those after them close holes
+    holes: int  #: Number of holes closed
+    pieces: tuple[Piece, ...]  #: Its connected components, the largest first; a pattern covers one at a time
 
 
 def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
@@ -227,14 +217,10 @@ def _together(region: Region, pieces: Sequence[Piece], holes: int) -> Ground:
 class Footprint(NamedTuple):
     """A region's vertices seen along its up, and its widths square to each side of their convex hull."""
 
-    frame: Array
-    """Columns: the picture's two axes in the work frame, shape (3, 2); how they are turned means nothing."""
-    points: Array
-    """The vertices in the picture [m], shape (n, 2)."""
-    ways: Array
-    """Unit directions square to the hull's sides, in the picture, shape (k, 2)."""
-    widths: Array
-    """The region's width along each of them [m], shape (k,); the least of all widths is among them."""
+    frame: Array  #: Columns: the picture's two axes in the work frame, shape (3, 2); how they are turned means nothing
+    points: Array  #: The vertices in the picture [m], shape (n, 2)
+    ways: Array  #: Unit directions square to the hull's sides, in the picture, shape (k, 2)
+    widths: Array  #: The region's width along each of them [m], shape (k,); the least of all widths is among them
 
 
 def footprint(region: Region) -> Footprint:

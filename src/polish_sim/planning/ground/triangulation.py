@@ -15,10 +15,8 @@ from polish_sim.geometry.topology import counting_order, facets_at_edges
 from polish_sim.kernel_cache import njit
 
 MAX_TRIANGLES = 1_500_000
-ALIKE = 1.0 + 1e-9
-"""Lengths that differ by less are equal: rounding must not decide how patches are split."""
-MOST_ROUNDS = 40
-"""Every round halves the longest edges; patches that do not fit each other end the splitting here."""
+ALIKE = 1.0 + 1e-9  #: Lengths that differ by less are equal: rounding must not decide how patches are split
+MOST_ROUNDS = 40  #: Every round halves the longest edges; patches that do not fit each other end the splitting here
 
 
 @njit(cache=True, error_model="numpy")
@@ -65,16 +63,11 @@ def _root(parent, v):  # type: ignore[no-untyped-def]
 class Triangulation:
     """Triangles no longer than a chosen edge, their vertices exactly on the surface."""
 
-    vertices: Array
-    """Points on the surface [m], shape (n, 3)."""
-    normals: Array
-    """Unit outward normals, shape (n, 3)."""
-    triangles: Indices
-    """Vertex indices, counter-clockwise from outside, shape (m, 3)."""
-    areas: Array
-    """Areas [m^2], shape (m,)."""
-    owners: Indices
-    """Facet of the surface each triangle lies on, shape (m,)."""
+    vertices: Array  #: Points on the surface [m], shape (n, 3)
+    normals: Array  #: Unit outward normals, shape (n, 3)
+    triangles: Indices  #: Vertex indices, counter-clockwise from outside, shape (m, 3)
+    areas: Array  #: Areas [m^2], shape (m,)
+    owners: Indices  #: Facet of the surface each triangle lies on, shape (m,)
 
     @cached_property
     def edges(self) -> Indices:

@@ -18,25 +18,19 @@ from polish_sim.planning.curves.turns import Turn
 from polish_sim.planning.patterns.nested import nested_turns
 from polish_sim.planning.patterns.run import FINE, FURTHEST_M, ROUNDING, SHARPENING, PatternRequest, SurfaceRun
 
-STEP_LENGTH = 1.25
-"""Length of the step from loop to loop along them, in step-overs."""
-SHARE_OF_LOOP = 0.15
-"""It is at most this share of the smaller loop."""
-FURTHEST_STEP = 1.8
-"""Where a loop's neighbour is further away than this many step-overs the tool is lifted."""
+STEP_LENGTH = 1.25  #: Length of the step from loop to loop along them, in step-overs
+SHARE_OF_LOOP = 0.15  #: It is at most this share of the smaller loop
+FURTHEST_STEP = 1.8  #: Where a loop's neighbour is further away than this many step-overs the tool is lifted
 CANDIDATES = 96
-NEAR_START = 4
-"""A path may begin as many step-overs along the loop from where it is asked to."""
-CORNER = 30.0
-"""A wish to step far from corners: a corner costs as much as this many step-overs from the wanted start."""
+NEAR_START = 4  #: A path may begin as many step-overs along the loop from where it is asked to
+CORNER = 30.0  #: A wish to step far from corners: a corner costs as much as this many step-overs from the wanted start
 
 
 class _Order(NamedTuple):
     """How the loops are followed."""
 
     outward: bool
-    reverse: bool
-    """Whether loops run with the inside on their right."""
+    reverse: bool  #: Whether loops run with the inside on their right
 
 
 def contour_runs(request: PatternRequest) -> list[SurfaceRun]:

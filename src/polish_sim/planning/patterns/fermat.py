@@ -25,12 +25,9 @@ from polish_sim.planning.patterns.nested import all_turns, nested_turns
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
 from polish_sim.planning.quality.crossings import find_crossings
 
-TIP, CLEAR = 0.4, 0.45
-"""Width of a U-turn beside a line that crosses, and its distance from that line, in levels."""
-FREE = 0.4
-"""Levels a crossing line has sunk where the path begins or ends beside it."""
-TIPS_APART = 0.4
-"""Distance of two U-turns' tips that face each other, in step-overs."""
+TIP, CLEAR = 0.4, 0.45  #: Width of a U-turn beside a line that crosses, and its distance from that line, in levels
+FREE = 0.4  #: Levels a crossing line has sunk where the path begins or ends beside it
+TIPS_APART = 0.4  #: Distance of two U-turns' tips that face each other, in step-overs
 LINE_POINTS, TURN_POINTS = 64, 24
 
 
@@ -38,10 +35,8 @@ class End(NamedTuple):
     """One end of a turn at a cut."""
 
     turn: int
-    s: float
-    """Arc length on the turn [m]."""
-    onwards: bool
-    """Whether the turn goes on from here with growing arc length, not against it."""
+    s: float  #: Arc length on the turn [m]
+    onwards: bool  #: Whether the turn goes on from here with growing arc length, not against it
 
 
 class Link(NamedTuple):
@@ -49,16 +44,14 @@ class Link(NamedTuple):
 
     first: End
     second: End
-    line: Array
-    """Points between them, from the first to the second [m], shape (n, 3)."""
+    line: Array  #: Points between them, from the first to the second [m], shape (n, 3)
 
 
 class Seam(NamedTuple):
     """How the turns of a pocket are joined."""
 
     links: tuple[Link, ...]
-    free: tuple[End, ...]
-    """Ends where the whole path begins and ends: two, or none."""
+    free: tuple[End, ...]  #: Ends where the whole path begins and ends: two, or none
 
 
 class Levels(NamedTuple):
@@ -66,12 +59,9 @@ class Levels(NamedTuple):
 
     curves: tuple[Curve, ...]
     turns: tuple[int, ...]
-    s: tuple[float, ...]
-    """Arc length at the middle of the seam [m]."""
-    signs: tuple[float, ...]
-    """1, or -1 where a turn's arc length grows to the left."""
-    bands: tuple[float, ...]
-    """Length of the seam on each turn [m]."""
+    s: tuple[float, ...]  #: Arc length at the middle of the seam [m]
+    signs: tuple[float, ...]  #: 1, or -1 where a turn's arc length grows to the left
+    bands: tuple[float, ...]  #: Length of the seam on each turn [m]
 
     def at(self, level: int, x: Array | float) -> Array:
         """Points of a turn at distances to the right of the seam's middle [m], shape (n, 3)."""
@@ -131,10 +121,8 @@ def _crossing(levels: Levels, level: int) -> Link:
 class _Bow(NamedTuple):
     """A U-turn from one level, straight on to its tip and back to the next."""
 
-    u: Array
-    """Places along the seam, 0 at its left and 1 at its right end, shape (n,)."""
-    depth: Array
-    """From 0 at the level it begins on to 1 at the next, shape (n,)."""
+    u: Array  #: Places along the seam, 0 at its left and 1 at its right end, shape (n,)
+    depth: Array  #: From 0 at the level it begins on to 1 at the next, shape (n,)
 
 
 def _round(levels: Levels, stepover: float) -> _Bow:
@@ -177,10 +165,8 @@ def _free_ends(levels: Levels, stepover: float) -> tuple[End, End]:
     return levels.end(0, begin, True), levels.end(1, end, True)
 
 
-TRIES = 4
-"""How often loops beside crossings are left out before the path is taken as it is."""
-CROWDED = 1.0
-"""A loop is beside a crossing if it passes it within this many step-overs."""
+TRIES = 4  #: How often loops beside crossings are left out before the path is taken as it is
+CROWDED = 1.0  #: A loop is beside a crossing if it passes it within this many step-overs
 
 
 def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:

@@ -21,12 +21,9 @@ from polish_sim.planning.curves.curve import Curve
 # How closed turns hang together: who is beside whom, and the tree of the longest of these contacts (turns -> Tree).
 
 
-SAMPLES = 4
-"""Samples per step-over along the turns."""
-BESIDE = 1.3
-"""Turns nearer than this many step-overs are neighbours."""
-APART = 2.3
-"""Turns further apart than this many step-overs cannot be joined without a lift."""
+SAMPLES = 4  #: Samples per step-over along the turns
+BESIDE = 1.3  #: Turns nearer than this many step-overs are neighbours
+APART = 2.3  #: Turns further apart than this many step-overs cannot be joined without a lift
 
 
 class Contact(NamedTuple):
@@ -34,19 +31,15 @@ class Contact(NamedTuple):
 
     first: int
     second: int
-    length: float
-    """How far they do so [m]."""
+    length: float  #: How far they do so [m]
 
 
 class Tree(NamedTuple):
     """Turns that hang on one of them."""
 
-    children: tuple[tuple[int, ...], ...]
-    """The turns that hang on each directly."""
-    reached: tuple[int, ...]
-    """All turns of the tree, its root first, each after the one it hangs on."""
-    lengths: Array
-    """Length of each turn and of all that hang on it [m], shape (n,)."""
+    children: tuple[tuple[int, ...], ...]  #: The turns that hang on each directly
+    reached: tuple[int, ...]  #: All turns of the tree, its root first, each after the one it hangs on
+    lengths: Array  #: Length of each turn and of all that hang on it [m], shape (n,)
 
 
 def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
@@ -122,31 +115,21 @@ STEEPEST, GROWTH = 3.2, 1.0
 """Its length on the innermost turn, and on the outermost of a pocket that hangs on another one, in step-overs: where
 a U-turn lies in the wedge between two turns and a line that crosses them, the wedge had better be short. From turn to
 turn it grows by no more than the second, so that the lines that cross keep their distance."""
-NARROW, SHARE_OF_LOOP = 2.0, 0.5
-"""The same for two turns, which are joined by U-turns alone."""
-ROOM = 0.5
-"""Step-overs kept clear beside a seam."""
-SLACK = 0.25
-"""By how much turns may miss their distance where a seam crosses them, in step-overs."""
-FREE_HALF = 0.25
-"""Midway between two turns nothing is nearer than this share of their distance."""
-BLOCKED = 1e3
-"""Distance that stands for turns with another one between them, in step-overs."""
-TOLERABLE = 2.5
-"""A line is not followed where it misses by more than this many times as much."""
+NARROW, SHARE_OF_LOOP = 2.0, 0.5  #: The same for two turns, which are joined by U-turns alone
+ROOM = 0.5  #: Step-overs kept clear beside a seam
+SLACK = 0.25  #: By how much turns may miss their distance where a seam crosses them, in step-overs
+FREE_HALF = 0.25  #: Midway between two turns nothing is nearer than this share of their distance
+BLOCKED = 1e3  #: Distance that stands for turns with another one between them, in step-overs
+TOLERABLE = 2.5  #: A line is not followed where it misses by more than this many times as much
 
 
 class Pocket(NamedTuple):
     """Turns side by side, and the seam across them."""
 
-    parent: int
-    """Turn the pocket hangs on, -1 if it is the outermost; it is the first of the row then."""
-    turns: tuple[int, ...]
-    """Numbers of the turns, parent first."""
-    s: tuple[float, ...]
-    """Arc length at which the seam's middle crosses each [m]."""
-    bands: tuple[float, ...]
-    """Length of the seam on each [m]."""
+    parent: int  #: Turn the pocket hangs on, -1 if it is the outermost; it is the first of the row then
+    turns: tuple[int, ...]  #: Numbers of the turns, parent first
+    s: tuple[float, ...]  #: Arc length at which the seam's middle crosses each [m]
+    bands: tuple[float, ...]  #: Length of the seam on each [m]
 
 
 @dataclass(eq=False)
@@ -155,8 +138,7 @@ class Layout:
 
     curves: Sequence[Curve]
     stepover: float
-    start: Array
-    """Where the path should begin [m], shape (3,), or (0,)."""
+    start: Array  #: Where the path should begin [m], shape (3,), or (0,)
     taken: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     """Middle and half length of the stretches of each turn seams have used [m]."""
 
@@ -199,14 +181,10 @@ def split_pockets(layout: Layout, tree: Tree) -> list[Pocket]:
 class _Lines(NamedTuple):
     """Lines across a row of turns, tried side by side."""
 
-    s: Array
-    """Where they cross each turn [m], shape (n, k)."""
-    narrow: Array
-    """What a seam of two turns there would cost, shape (n,); inf where there is no room."""
-    wide: Array
-    """What a seam of more turns would cost, shape (n,)."""
-    away: Array
-    """What it costs to begin there, not where wanted, shape (n,)."""
+    s: Array  #: Where they cross each turn [m], shape (n, k)
+    narrow: Array  #: What a seam of two turns there would cost, shape (n,); inf where there is no room
+    wide: Array  #: What a seam of more turns would cost, shape (n,)
+    away: Array  #: What it costs to begin there, not where wanted, shape (n,)
 
     def best(self, price: Array) -> tuple[float, ...]:
         """The cheapest line."""

@@ -20,31 +20,19 @@ from polish_sim.planning.quality.crossings import count_self_crossings
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
 
-WORTH_A_LINK = 0.1
-"""Smallest uncovered area a run is led into, in squared step-overs."""
-WORTH_A_LIFT = 0.5
-"""Smallest uncovered area the tool is lifted for, in squared step-overs."""
-LONGEST_LINK = 12.0
-"""Longest way from a run's end into an uncovered place, in step-overs."""
-CLEAR = 0.2
-"""How near a link may pass other turns, in step-overs."""
-OFF = 0.4
-"""How far a link may be from the region's nearest vertex, in step-overs; vertices are a third of one apart."""
-DEEP = 0.8
-"""A line through the middle of a place ends where the nearest turn comes this much closer."""
-DEEPEST = 2.5
-"""Distances to turns are measured up to this many step-overs."""
-PAYS = 0.1
-"""A run goes on into a place that is at least this many step-overs wide on the average of the way it takes."""
+WORTH_A_LINK = 0.1  #: Smallest uncovered area a run is led into, in squared step-overs
+WORTH_A_LIFT = 0.5  #: Smallest uncovered area the tool is lifted for, in squared step-overs
+LONGEST_LINK = 12.0  #: Longest way from a run's end into an uncovered place, in step-overs
+CLEAR = 0.2  #: How near a link may pass other turns, in step-overs
+OFF = 0.4  #: How far a link may be from the region's nearest vertex, in step-overs; vertices are a third of one apart
+DEEP = 0.8  #: A line through the middle of a place ends where the nearest turn comes this much closer
+DEEPEST = 2.5  #: Distances to turns are measured up to this many step-overs
+PAYS = 0.1  #: A run goes on into a place that is at least this many step-overs wide on the average of the way it takes
 MOST_LINES = 64
-SAME = 1e-6
-"""Areas and ways that differ by less than this share are the same."""
-TRACE = 0.1
-"""Spacing of the points turns are compared by, in step-overs."""
-LEAN = 5
-"""Directions are those over so many points of a trace."""
-TAIL_POINTS = 15
-"""A link may pass this many of them at the end of its own run."""
+SAME = 1e-6  #: Areas and ways that differ by less than this share are the same
+TRACE = 0.1  #: Spacing of the points turns are compared by, in step-overs
+LEAN = 5  #: Directions are those over so many points of a trace
+TAIL_POINTS = 15  #: A link may pass this many of them at the end of its own run
 
 
 def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> list[Run]:

@@ -17,34 +17,26 @@ from polish_sim.planning.patterns.run import PatternRequest
 from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.spatial import unit
 
-WORTH_A_LOOP = 0.15
-"""Smallest uncovered area that gets a loop, in squared step-overs."""
+WORTH_A_LOOP = 0.15  #: Smallest uncovered area that gets a loop, in squared step-overs
 EDGE, DEEP_EDGE = 0.53, 0.68
 """Such a place begins this many step-overs from the turns, just more than the middle between two of them; where it is
 deep the loop lies further in, so that it also covers the middle, but no further than the second."""
-INNER = 0.5
-"""A loop leaves no more than this many step-overs to the middle of its place."""
-PASSES = 2
-"""Places are looked for so many times: what the first loops leave may be a place of its own."""
+INNER = 0.5  #: A loop leaves no more than this many step-overs to the middle of its place
+PASSES = 2  #: Places are looked for so many times: what the first loops leave may be a place of its own
 WIDER = 0.12
 """Its loop keeps outside it by this many step-overs, so that it does not run back on itself where the place is thin."""
 TAIL = 0.3
 """Where a turn runs back along itself nearer than this many step-overs, its tail is cut off; a loop covers it."""
-SLIVER = 0.1
-"""A turn is a sliver if its area is less than so many step-overs times its length."""
-SHORTEST = 1.0
-"""A loop is no shorter than this many step-overs."""
-FURTHEST = 3.0
-"""Distances are measured up to this many step-overs."""
+SLIVER = 0.1  #: A turn is a sliver if its area is less than so many step-overs times its length
+SHORTEST = 1.0  #: A loop is no shorter than this many step-overs
+FURTHEST = 3.0  #: Distances are measured up to this many step-overs
 
 
 class Nested(NamedTuple):
     """Turns that cover a region."""
 
-    roots: list[Turn]
-    """The outermost turns; the others hang below them."""
-    loops: list[Turn]
-    """Those of them that only close gaps in the middle."""
+    roots: list[Turn]  #: The outermost turns; the others hang below them
+    loops: list[Turn]  #: Those of them that only close gaps in the middle
 
 
 def nested_turns(request: PatternRequest) -> Nested:
@@ -70,12 +62,9 @@ def nested_turns(request: PatternRequest) -> Nested:
 class Grown(NamedTuple):
     """Turns from the borders inwards."""
 
-    roots: list[Turn]
-    """The outermost turns; the others hang below them."""
-    pitch: float
-    """Distance from turn to turn, on rings a little more or less than the step-over [m]."""
-    to_border: bool
-    """Whether the innermost turn follows a border too, as on a ring of even width."""
+    roots: list[Turn]  #: The outermost turns; the others hang below them
+    pitch: float  #: Distance from turn to turn, on rings a little more or less than the step-over [m]
+    to_border: bool  #: Whether the innermost turn follows a border too, as on a ring of even width
 
 
 def grown_turns(request: PatternRequest) -> Grown:

@@ -18,23 +18,17 @@ from polish_sim.planning.curves.curve import Curve, Nearest
 # Which places of neighbouring turns lie beside each other (two nested turns -> pairs in order).
 
 
-ODD = 0.1
-"""Feet whose distance differs from the step-over by more than this share belong to another turn."""
-ARM = 2.5
-"""Where neighbouring turns are further apart than this many step-overs, one of them runs into an arm."""
-SAME = 2e-3
-"""Pairs this near to each other, in step-overs, are one."""
+ODD = 0.1  #: Feet whose distance differs from the step-over by more than this share belong to another turn
+ARM = 2.5  #: Where neighbouring turns are further apart than this many step-overs, one of them runs into an arm
+SAME = 2e-3  #: Pairs this near to each other, in step-overs, are one
 
 
 class Match(NamedTuple):
     """Places of two turns beside each other, both growing from seam to seam."""
 
-    outer: Array
-    """Arc length from the seam on the outer turn [m], from 0 to its length, shape (n,)."""
-    inner: Array
-    """The same on the inner turn, shape (n,)."""
-    beside: Bools
-    """Whether the two places really lie beside each other, shape (n,)."""
+    outer: Array  #: Arc length from the seam on the outer turn [m], from 0 to its length, shape (n,)
+    inner: Array  #: The same on the inner turn, shape (n,)
+    beside: Bools  #: Whether the two places really lie beside each other, shape (n,)
 
 
 def match_turns(outer: Curve, inner: Curve, outer_seam: float, inner_seam: float, stepover: float) -> Match:
@@ -102,19 +96,15 @@ def _from_seam(curve: Curve, s: Array, seam: float) -> Array:
 
 SPREAD = 0.08
 """Share of the way inwards that moves from the band to the whole turn, per turn; spacing changes by half of it."""
-FLATTEST = 1e-3
-"""Smaller curvatures of a turn count as this one, times the step-over."""
-SAMPLES = 16
-"""Samples of the share per step-over along a turn."""
+FLATTEST = 1e-3  #: Smaller curvatures of a turn count as this one, times the step-over
+SAMPLES = 16  #: Samples of the share per step-over along a turn
 
 
 class Shares(NamedTuple):
     """Share of the way from one turn to the next, as a function of the place on the turn."""
 
-    values: Array
-    """At evenly spaced places from the seam to the seam again, shape (n + 1,)."""
-    length: float
-    """Length of the turn [m]."""
+    values: Array  #: At evenly spaced places from the seam to the seam again, shape (n + 1,)
+    length: float  #: Length of the turn [m]
 
     def at(self, s: Array) -> Array:
         """Shares at arc lengths from the seam [m], 0 to the length."""

@@ -29,14 +29,10 @@ from polish_sim.spatial import unit
 # distance on the surface, not in a projection.
 
 
-MOST = 1.55
-"""The first and the last line run no more than so many step-overs inside the border."""
-REACH = 6.0
-"""A line's ends are thought to go on straight for this many step-overs where its neighbour is longer."""
-ROUNDING = 1e-6
-"""Differences below this share of a step-over, or of a length, are rounding and decide nothing."""
-AS_NARROW = 1e-6
-"""Ways across a region that differ by less than this share of its size are equally narrow."""
+MOST = 1.55  #: The first and the last line run no more than so many step-overs inside the border
+REACH = 6.0  #: A line's ends are thought to go on straight for this many step-overs where its neighbour is longer
+ROUNDING = 1e-6  #: Differences below this share of a step-over, or of a length, are rounding and decide nothing
+AS_NARROW = 1e-6  #: Ways across a region that differ by less than this share of its size are equally narrow
 
 
 def _parallel_lines(request: PatternRequest) -> list[list[Curve]]:
@@ -149,22 +145,15 @@ def _extended(surface: Surface, line: Curve, length: float) -> Curve:
     )
 
 
-BORDER_TURN = 0.5
-"""Distance of the border turn from the border, in step-overs."""
+BORDER_TURN = 0.5  #: Distance of the border turn from the border, in step-overs
 GIVES_WAY = 0.5
 """A line that comes this much too near to a border in passing bends round it, in step-overs; else it is cut."""
-SHORTEST = 0.3
-"""A piece of a line shorter than this many step-overs is left out."""
-LEAD = 1.2
-"""Step-overs over which the border turn leads over into a line that runs the same way."""
-LATER = 0.4
-"""The border turn begins so much further on where it ends by leading over, in step-overs."""
-RASTER_REACH = 1.6
-"""A border turn this many step-overs from where a zig-zag begins is joined to it there."""
-GAP = 0.5
-"""Half the gap a turn around a hole is entered and left through, in step-overs."""
-SMALL = 0.25
-"""No gap is more than this share of a turn."""
+SHORTEST = 0.3  #: A piece of a line shorter than this many step-overs is left out
+LEAD = 1.2  #: Step-overs over which the border turn leads over into a line that runs the same way
+LATER = 0.4  #: The border turn begins so much further on where it ends by leading over, in step-overs
+RASTER_REACH = 1.6  #: A border turn this many step-overs from where a zig-zag begins is joined to it there
+GAP = 0.5  #: Half the gap a turn around a hole is entered and left through, in step-overs
+SMALL = 0.25  #: No gap is more than this share of a turn
 
 
 def raster_runs(request: PatternRequest) -> list[SurfaceRun]:

@@ -15,32 +15,25 @@ from polish_sim.planning.curves.offset_curve import nearest_of
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
 
-ENDS = 1.05
-"""Distance of the lines' ends from the border, in step-overs."""
-LINK = 8.0
-"""Longest way along the border from line to line, in step-overs."""
+ENDS = 1.05  #: Distance of the lines' ends from the border, in step-overs
+LINK = 8.0  #: Longest way along the border from line to line, in step-overs
 CLEAR = 0.3
 """Lines keep this far from the middle of such a way, in step-overs; one that bends round a border may be in it."""
-RADIUS = 0.5
-"""Radius of a U-turn between neighbouring lines, in step-overs."""
+RADIUS = 0.5  #: Radius of a U-turn between neighbouring lines, in step-overs
 
 
 class LinePiece(NamedTuple):
     """A piece of a line away from the border."""
 
-    line: int
-    """Number of the line, counted across the region."""
-    positions: Array
-    """Points [m], shape (n, 3)."""
+    line: int  #: Number of the line, counted across the region
+    positions: Array  #: Points [m], shape (n, 3)
 
 
 class ZigZag(NamedTuple):
     """Pieces walked one after the other."""
 
-    positions: Array
-    """Points [m], shape (n, 3)."""
-    passing: Array
-    """Middles of the ways between the pieces [m], shape (k, 3)."""
+    positions: Array  #: Points [m], shape (n, 3)
+    passing: Array  #: Middles of the ways between the pieces [m], shape (k, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +41,9 @@ class _Ends:
     """Ends of the pieces on the curves along the border: piece k begins at end 2 k and stops at end 2 k + 1."""
 
     curves: Sequence[Curve]
-    curve: Indices
-    """Which curve each end lies on, shape (n,)."""
-    s: Array
-    """Arc length there [m], shape (n,)."""
-    tree: cKDTree
-    """Search tree over the points of all pieces."""
+    curve: Indices  #: Which curve each end lies on, shape (n,)
+    s: Array  #: Arc length there [m], shape (n,)
+    tree: cKDTree  #: Search tree over the points of all pieces
 
     def beside(self, end: int) -> list[tuple[int, Array]]:
         """The next end either way round, and the points of the way there."""

@@ -16,14 +16,11 @@ from polish_sim.geometry import ClosestPoints, Region, Surface
 from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.toolpath import arc_length
 
-ROUNDING = 0.5
-"""A corner is rounded over this much on either side, as a share of the step-over."""
+ROUNDING = 0.5  #: A corner is rounded over this much on either side, as a share of the step-over
 SHARPENING = 2.0
 """How often what rounding takes off a corner is put on before; turns cut off less of the corners between them."""
-FINE = 1.0 / 40.0
-"""Spacing of the points that are smoothed, as a share of the step-over."""
-WHOLE = 1e-6
-"""Numbers of intervals this little above a whole one count as that one: rounding."""
+FINE = 1.0 / 40.0  #: Spacing of the points that are smoothed, as a share of the step-over
+WHOLE = 1e-6  #: Numbers of intervals this little above a whole one count as that one: rounding
 CHORD_ERROR_M = 5e-7
 CLOSEST_M, FURTHEST_M = 2.5e-4, 1e-3
 """Spacing of the finished path's points: equal chord error between these limits [m]."""
@@ -32,10 +29,8 @@ CLOSEST_M, FURTHEST_M = 2.5e-4, 1e-3
 class Run(NamedTuple):
     """A line on or very near the surface, followed without a lift."""
 
-    positions: Array
-    """Points [m], shape (n, 3)."""
-    pass_index: Indices
-    """Turn or line each belongs to, shape (n,)."""
+    positions: Array  #: Points [m], shape (n, 3)
+    pass_index: Indices  #: Turn or line each belongs to, shape (n,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,21 +128,16 @@ def _stations(s: Array, curvature: Array) -> Array:
 
 # What a pattern is asked to cover (region and plan -> pattern).
 
-Report = Callable[[float], None]
-"""Told the share of the work done, 0 to 1."""
+Report = Callable[[float], None]  #: Told the share of the work done, 0 to 1
 
 
 class PatternRequest(NamedTuple):
     """A connected region and how it is to be covered."""
 
-    region: Region
-    """What to cover, in one piece; small holes are closed."""
-    mesh: Triangulation
-    """Its fine triangulation."""
-    plan: PlanConfig
-    """Step-over, order, direction, start and other options of the pattern."""
-    report: Report
-    """Called with the share done."""
+    region: Region  #: What to cover, in one piece; small holes are closed
+    mesh: Triangulation  #: Its fine triangulation
+    plan: PlanConfig  #: Step-over, order, direction, start and other options of the pattern
+    report: Report  #: Called with the share done
 
     @property
     def stepover(self) -> float:

@@ -24,18 +24,12 @@ from polish_sim.planning.quality.crossings import count_self_crossings
 # Where a spiral steps from turn to turn: a line across all turns that keeps away from corners (turns -> seams).
 
 
-LONGEST, SHORTEST = 8.0, 2.5
-"""Limits of the length of the first step inwards, in step-overs."""
-SHARE_OF_PATH = 0.03
-"""The step takes this share of the whole path, within the limits."""
-SHARE_OF_TURN = 0.25
-"""And at most this share of the first turn."""
-ROOM = 0.5
-"""Step-overs kept between a step and a corner."""
-GOAL_PRICE = 1.0
-"""What a step-over away from where the spiral had better end is worth, in steps over corners."""
-START_PRICE = 30.0
-"""What a step-over away from where the path shall begin is worth."""
+LONGEST, SHORTEST = 8.0, 2.5  #: Limits of the length of the first step inwards, in step-overs
+SHARE_OF_PATH = 0.03  #: The step takes this share of the whole path, within the limits
+SHARE_OF_TURN = 0.25  #: And at most this share of the first turn
+ROOM = 0.5  #: Step-overs kept between a step and a corner
+GOAL_PRICE = 1.0  #: What a step-over away from where the spiral had better end is worth, in steps over corners
+START_PRICE = 30.0  #: What a step-over away from where the path shall begin is worth
 ODD, OVER_CORNER = 0.1, 0.5
 """A line across turns costs where its steps differ from a step-over by more than the first; where the path shall begin
 somewhere they may go over corners, where they are longer."""
@@ -43,20 +37,16 @@ HEAD = 0.3
 """Where beside its own first step inwards the line begins, as a share of the step, so that it does not touch itself."""
 NEAR_START = 4
 """A path may begin as many step-overs along the turn from where it is asked to, in corners the turns do not step in."""
-CORNER = np.radians(30.0)
-"""Turning within half a step-over that counts as a corner [rad]."""
+CORNER = np.radians(30.0)  #: Turning within half a step-over that counts as a corner [rad]
 CANDIDATES = 96
-SAME = 1e-6
-"""Prices this close are equal; the first place along the turn wins."""
+SAME = 1e-6  #: Prices this close are equal; the first place along the turn wins
 
 
 class Seams(NamedTuple):
     """Where the turns of a spiral begin and how long the first step to the next turn is."""
 
-    s: Array
-    """Arc length of each turn's beginning on its curve [m], shape (k,)."""
-    band: float
-    """Length of the step inwards, half of it on either side of the first seam [m]."""
+    s: Array  #: Arc length of each turn's beginning on its curve [m], shape (k,)
+    band: float  #: Length of the step inwards, half of it on either side of the first seam [m]
 
 
 def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: Array, inner: Array) -> Seams:
@@ -160,12 +150,9 @@ def _corners(curve: Curve, stepover: float) -> Array:
 
 # Nested turns joined to one line that winds inwards without a lift (turns and seams -> run; paper 1, fig. 6).
 
-GAP = 0.5
-"""The last turn ends where it comes this near to the turn before, in step-overs."""
-JOINING_ROOM = 0.3
-"""A step inwards needs this many step-overs more than its length beside the next turn."""
-JOINING_SAME = 1e-5
-"""Shares this little below nothing are nothing."""
+GAP = 0.5  #: The last turn ends where it comes this near to the turn before, in step-overs
+JOINING_ROOM = 0.3  #: A step inwards needs this many step-overs more than its length beside the next turn
+JOINING_SAME = 1e-5  #: Shares this little below nothing are nothing
 
 
 def _first_break(curves: Sequence[Curve], seams: Seams, stepover: float) -> int:
@@ -240,8 +227,7 @@ def _between(outer: Curve, inner: Curve, seams: Array, match: Match, share: Arra
     return np.asarray(start + share[:, None] * (inner.at(seams[1] + match.inner)[0] - start))
 
 
-SPIRAL_SHORTEST = 1.0
-"""Turns shorter than this many step-overs are left to what finishes the middle."""
+SPIRAL_SHORTEST = 1.0  #: Turns shorter than this many step-overs are left to what finishes the middle
 
 
 def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
