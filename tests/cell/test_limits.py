@@ -7,7 +7,7 @@ import re
 import pytest
 
 from polish_sim.cell.limits import check_rates, check_step_limits
-from polish_sim.errors import ConfigError, InputError, ReachError
+from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import run_experiment
 from polish_sim.experiments.assembly import modelled_depth
 from tests.cell.cells import cell_for, free_stroke, ideal, tool_pose
@@ -93,11 +93,6 @@ def test_a_command_must_outlive_the_control_cycle() -> None:
 def test_an_experiment_refuses_them_before_it_moves(change: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(change.partition("=")[0])):
         run_experiment(ideal("force", change))
-
-
-def test_a_robot_that_would_start_inside_the_fixture_is_refused_by_the_names_of_what_touches() -> None:
-    with pytest.raises(ReachError, match=r"link_2_collision and fixture.*--part-pose"):
-        run_experiment(ideal("force", "part.pose=[0.3,-0.3,0.2,0.3,0.2,0.5]"))
 
 
 def test_a_controller_that_cannot_be_reset_is_named() -> None:

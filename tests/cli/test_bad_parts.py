@@ -78,7 +78,7 @@ def test_a_bad_part_is_one_message_with_code_2_and_nothing_written(
 
 
 def test_a_part_out_of_reach_names_the_first_bad_point_and_what_to_do(polish_sim: Polish, tmp_path: Path) -> None:
-    code, _, err = polish_sim("run", "surface", "--part", "sphere_50", "--part-pose", "0,-2000,100,0,0,0")
+    code, _, err = polish_sim("run", "surface", "--part", "sphere_50", "--part-pose", "0,-950,400,0,0,0")
     assert code == 2
     assert "mm of the part" in err
     assert "--part-pose" in err

@@ -78,12 +78,13 @@ class _Seen(NamedTuple):
 
 @styled
 def plot_plan(result: PlanResult, name: str = "") -> Figure:
-    """Draw a plan in 3D and from above; ``name``: of the path, else its pattern or its file."""
+    """Draw a plan in 3D and from above (from below if the whole path looks down); ``name``: of the path, else its own."""
     figure = new_figure(12.0, 5.8)
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
     flat = figure.add_subplot(1, 2, 2)
-    frame = view_frame(result.mesh.up)
     path, mesh = result.path, result.mesh
+    looks_down = (path.axes_work[path.process] @ mesh.up).max() < -EDGE_ON
+    frame = view_frame(-mesh.up if looks_down else mesh.up)
     shown = path.positions_work @ frame.T * MM
     vertices = mesh.vertices @ frame.T * MM
     part = lighter_mesh(vertices, mesh.faces, MOST_FACETS)
@@ -190,6 +191,8 @@ def _draw_axes(solid: Any, path: ToolPath, shown: Array, seen: _Seen) -> None:
     s = path.s[process]
     rows = process[np.unique(np.searchsorted(s, np.linspace(s[0], s[-1], AXES_SHOWN)).clip(0, len(process) - 1))]
     rows = rows[seen.in_space[rows]]
+    if not len(rows):
+        return  # the part stands before all of them
     height = 0.06 * float(np.ptp(shown[process], axis=0).max())
     tips = shown[rows] + height * seen.towards[rows]
     lines = np.stack([shown[rows], tips], axis=1)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,15 +19,34 @@ from polish_sim.motion.kinematics import link_poses
 from polish_sim.spatial import apply, inverse, transform
 
 TABLE_TOP = 0.0  # z of the table in the base frame [m]
+_FROM_BELOW = -0.2  # z of a tool axis: the tool comes from below
+FIXTURE_NAMES = ("fixture", "fixture_arm")
+POST_AWAY, _POST = 0.15, 0.02  # of a post from the part it holds, half its thickness [m]
 
 
-def build_scene(scenario: Scenario, mesh: PartMesh | None, part: RealPart | None) -> mujoco.MjModel:
+class Box(NamedTuple):
+    """A box along the axes of the base frame."""
+
+    middle: Array
+    """[m], shape (3,)."""
+    half: Array
+    """Half its sides [m], shape (3,)."""
+
+
+TABLE = Box(np.array([0.0, -0.57, TABLE_TOP - 0.02]), np.array([0.5, 0.42, 0.02]))
+"""In front of the pedestal, its top level with the robot's base."""
+
+
+def build_scene(
+    scenario: Scenario, mesh: PartMesh | None, part: RealPart | None, held_behind: bool = False
+) -> mujoco.MjModel:
     """Compile the cell.
 
     Args:
         scenario: Head, pad, robot and time step.
         mesh: The part to show, or None for motion in free space.
         part: Where it really lies.
+        held_behind: Whether the fixture leaves the part's underside free, see ``fixture_of``.
 
     Returns:
         The compiled model. The part's mesh is drawn only; the pad's contact and the crash check are computed on
@@ -34,15 +54,15 @@ def build_scene(scenario: Scenario, mesh: PartMesh | None, part: RealPart | None
     """
     spec = robot_with_tool(scenario)
     if mesh is not None and part is not None:
-        lay_part(spec, mesh, transform(part.rotation, part.position))
+        lay_part(spec, mesh, transform(part.rotation, part.position), held_behind)
     return spec.compile()
 
 
-def lay_part(spec: Any, mesh: PartMesh, T_base_part: Array) -> None:
+def lay_part(spec: Any, mesh: PartMesh, T_base_part: Array, held_behind: bool = False) -> None:
     """Put a part on its fixture on the table; the part is drawn only."""
-    _add_table(spec)
+    add_table(spec)
     add_drawn_part(spec, spec.worldbody, mesh, T_base_part)
-    _add_fixture(spec, apply(T_base_part, mesh.vertices))
+    add_fixture(spec, fixture_of(apply(T_base_part, mesh.vertices), held_behind))
 
 
 def robot_with_tool(scenario: Scenario) -> Any:
@@ -90,9 +110,9 @@ def _fit_head(spec: Any, scenario: Scenario) -> None:
     pad.size = [scenario.pad.radius_m, *pad.size[1:]]
 
 
-def _add_table(spec: Any) -> None:
-    """A table in front of the pedestal, its top level with the robot's base."""
-    half, middle = np.array([0.5, 0.42, 0.02]), np.array([0.0, -0.57, TABLE_TOP - 0.02])
+def add_table(spec: Any) -> None:
+    """The table before the robot, on its feet."""
+    middle, half = TABLE
     box = mujoco.mjtGeom.mjGEOM_BOX
     spec.worldbody.add_geom(name="table", type=box, size=half, pos=middle, rgba=[0.60, 0.62, 0.64, 1.0])
     for x in (-1.0, 1.0):
@@ -118,15 +138,45 @@ def add_drawn_part(spec: Any, parent: Any, drawn: PartMesh, T_parent_part: Array
     return body
 
 
-def _add_fixture(spec: Any, corners: Array) -> None:
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    height = low[2] - TABLE_TOP
-    if height > 0.005:
+def add_fixture(spec: Any, boxes: Sequence[Box]) -> None:
+    """What carries the part."""
+    for name, box in zip(FIXTURE_NAMES, boxes, strict=False):
         spec.worldbody.add_geom(
-            name="fixture", type=mujoco.mjtGeom.mjGEOM_BOX, rgba=[0.35, 0.38, 0.42, 1.0],
-            size=[*(0.42 * (high - low)[:2]), 0.5 * height - 0.0005],
-            pos=[*(0.5 * (low + high)[:2]), TABLE_TOP + 0.5 * height - 0.0005],
-        )  # fmt: skip
+            name=name, type=mujoco.mjtGeom.mjGEOM_BOX, rgba=[0.35, 0.38, 0.42, 1.0], size=box.half, pos=box.middle
+        )
+
+
+def works_below(T_base_work: Array, axes_work: Array) -> bool:
+    """Whether the tool comes to a part from below anywhere, by its axes from the part to the tool, (n, 3)."""
+    return bool((axes_work @ T_base_work[2, :3]).min() < _FROM_BELOW)
+
+
+def fixture_of(corners: Array, held_behind: bool) -> list[Box]:
+    """What carries a part: a block under it, or a post behind it with an arm where the tool works from below.
+
+    Args:
+        corners: The part's vertices in the base frame [m], shape (n, 3).
+        held_behind: Whether it is the post.
+
+    Returns:
+        Its boxes; none if the part lies on the table.
+    """
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    if low[2] - TABLE_TOP <= 0.005:
+        return []
+    if not held_behind:
+        return [_standing(middle, 0.84 * half, low[2])]
+    back, width = low[1] - POST_AWAY, min(0.84 * half[0], POST_AWAY)
+    post = _standing(np.array([middle[0], back, 0.0]), np.array([width, _POST, 0.0]), middle[2])
+    arm = Box(np.array([middle[0], 0.5 * (back + low[1]), middle[2]]), np.array([width, 0.5 * POST_AWAY, _POST]))
+    return [post, arm]
+
+
+def _standing(middle: Array, half: Array, top: float) -> Box:
+    """A box on the table up to a height [m], a hair of room below and above."""
+    height = top - TABLE_TOP
+    return Box(np.array([*middle[:2], TABLE_TOP + 0.5 * height - 0.0005]), np.array([*half[:2], 0.5 * height - 0.0005]))
 
 
 @cache

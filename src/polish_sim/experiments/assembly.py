@@ -12,6 +12,7 @@ from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_s
 from polish_sim.cell.faults import check_events
 from polish_sim.cell.limits import check_contact_settings, check_rates
 from polish_sim.cell.real_part import PartFields, build_part_fields, depth_for
+from polish_sim.cell.scene import works_below
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError
 from polish_sim.experiments.part_setup import (
@@ -93,8 +94,9 @@ def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float
     streams = random_streams(scenario.seed)
     strokes = polishing_strokes(scenario, place.path, place.reach, hold, lift)
     controller = build_controller(scenario.controller)
+    held_behind = works_below(place.reach.T_base_work, place.path.axes_work)
     cell = Cell(
-        scenario, build_scene(scenario, place.shape.mesh, part), part, strokes,
+        scenario, build_scene(scenario, place.shape.mesh, part, held_behind), part, strokes,
         place.reach.q_start, controller, streams[SENSOR_STREAM], course_for(controller, scenario, place, strokes),
     )  # fmt: skip
     believe_tool(cell, streams[PAYLOAD_STREAM])

@@ -10,7 +10,8 @@ from polish_sim.analysis.metrics import measure_force
 from polish_sim.cell import Cell, CellRun, Observer, Silent
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
-from polish_sim.experiments.part_setup import part_file, reach_path, real_shape
+from polish_sim.experiments.part_pose import reach_path
+from polish_sim.experiments.part_setup import part_file, real_shape
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.geometry import Region, fit_surface, load_part, select_region
@@ -69,7 +70,7 @@ def place_force(scenario: Scenario, observer: Observer | None = None) -> Workpla
     surface = fit_surface(mesh, angle)
     region = select_region(surface, mesh, scenario.plan.region, angle)
     path = touch_path(region)
-    reach = reach_path(scenario, mesh, path)
+    reach = reach_path(scenario, mesh, surface, path)
     return Workplace(mesh, surface, region, path, reach, real_shape(scenario, mesh, surface, path))
 
 

@@ -15,14 +15,7 @@ from polish_sim.cell import Stroke, Touch, tool_on_flange
 from polish_sim.cell.stroke import TRAVEL_PACE, feed_pace
 from polish_sim.config import PartConfig, ProcessConfig, Scenario
 from polish_sim.errors import MeshError, PlanError, place_in_mm, unknown_name
-from polish_sim.experiments.placement import (
-    Reach,
-    check_whole_path,
-    default_placements,
-    find_reach,
-    given_placement,
-    tool_rotations,
-)
+from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.stroke_motion import StrokePath, stroke_motion
 from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part
 from polish_sim.models import part_path
@@ -78,24 +71,6 @@ def check_set_points(path: ToolPath) -> None:
                 f"point {wrong[0]} of the path asks for a {name} of {column[wrong[0]]:.4g} {unit}: it must be within "
                 f"{low:g} to {high:g} {unit}. Mend the path's file."
             )
-
-
-def reach_path(scenario: Scenario, mesh: PartMesh, path: ToolPath) -> Reach:
-    """Place the part and check that the arm does the whole path, pressed in and lifted off.
-
-    Raises:
-        ReachError: Naming the first point that cannot be done.
-    """
-    positions = pressed(path, pressing_depths(scenario, path)).positions_work
-    placements = (
-        given_placement(scenario.part.pose)
-        if scenario.part.pose
-        else default_placements(positions, mesh.up, float((mesh.vertices @ mesh.up).min()))
-    )
-    T_flange_tool = tool_on_flange()
-    reach = find_reach(positions, path.axes_work, placements, T_flange_tool, above_table=True)
-    joints = check_whole_path(reach, positions, path.axes_work, T_flange_tool)
-    return reach._replace(q_start=np.array(joints.q[0]))
 
 
 class PlacedTool(NamedTuple):

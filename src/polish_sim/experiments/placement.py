@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -28,7 +28,7 @@ GOOD_SINGULAR_VALUE = 0.08  # a placement this far from singularities is taken w
 _CLEARLY_BETTER = 1e-6  # the tool's spin alone changes nothing: rounding must not choose among the spins [-]
 _SAMPLES = 250
 _LARGEST_JUMP = 0.6  # between samples of the path [rad]
-_LOWEST_JOINT = 0.09  # z of elbow and wrist above the table [m]
+LOWEST_JOINT = 0.09  # z of elbow and wrist above the table [m]
 
 
 class Reach(NamedTuple):
@@ -88,6 +88,8 @@ def find_reach(
     T_flange_tool: Array,
     above_table: bool,
     otherwise: str = "or polish a smaller --region",
+    spins: Sequence[float] = SPINS,
+    hindrance: Callable[[Array, JointPath], Failure | None] | None = None,
 ) -> Reach:
     """Find a placement, tool spin and arm configuration that do a whole path.
 
@@ -98,6 +100,8 @@ def find_reach(
         T_flange_tool: The tool on the flange, shape (4, 4).
         above_table: Whether elbow and wrist must stay above the table.
         otherwise: What a user can do besides moving the part.
+        spins: Of the tool, to be tried [rad].
+        hindrance: Says for a pose of the part (4, 4) and a motion within the joints' ranges what forbids it, if any.
 
     Returns:
         The first way that keeps well away from singularities, else the best there is.
@@ -106,23 +110,32 @@ def find_reach(
         ReachError: If no way does the whole path; names the first bad point of the one that came furthest.
     """
     best: Reach | None = None
-    furthest = Failure(-1, "")
+    furthest, unturnable = Failure(-1, ""), None
     samples = np.unique(np.linspace(0, len(positions) - 1, _SAMPLES).astype(int))
     for T_base_work in placements:
-        for spin in SPINS:
-            rotations = tool_rotations(axes[samples] @ T_base_work[:3, :3].T, spin)
+        for spin in spins:
+            try:
+                rotations = tool_rotations(axes[samples] @ T_base_work[:3, :3].T, spin)
+            except ReachError as error:
+                unturnable = error
+                continue
             poses = transform(rotations, apply(T_base_work, positions[samples]))
             for q in _starts(poses[0] @ np.linalg.inv(T_flange_tool)):
                 joints = track(poses, T_flange_tool, q)
                 failure = failure_of(joints, above_table)
+                value = joints.smallest_singular_value
+                if failure is None and best is not None and value <= best.smallest_singular_value + _CLEARLY_BETTER:
+                    continue
+                if failure is None and hindrance is not None:
+                    failure = hindrance(T_base_work, joints)
                 if failure is None:
-                    value = joints.smallest_singular_value
-                    if best is None or value > best.smallest_singular_value + _CLEARLY_BETTER:
-                        best = Reach(T_base_work, spin, np.array(joints.q[0]), value)
+                    best = Reach(T_base_work, spin, np.array(joints.q[0]), value)
                 elif failure.point > furthest.point:
                     furthest = failure
         if best is not None and best.smallest_singular_value > GOOD_SINGULAR_VALUE:
             break
+    if best is None and furthest.point < 0 and unturnable is not None:
+        raise unturnable
     if best is None:
         point = positions[samples[max(furthest.point, 0)]] * 1e3
         raise ReachError(
@@ -200,7 +213,7 @@ def failure_of(joints: JointPath, above_table: bool) -> Failure | None:
         return Failure(joints.largest_step_index, "the arm would have to jump between configurations")
     if above_table:
         heights = np.array([link_frames(q)[1:6, 2, 3].min() for q in joints.q[:: max(1, len(joints.q) // 10)]])
-        if heights.min() < _LOWEST_JOINT:
+        if heights.min() < LOWEST_JOINT:
             return Failure(0, "elbow or wrist would touch the table")
     return None
 

@@ -14,11 +14,11 @@ from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
+from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import (
     RealShape,
     check_set_points,
     path_done,
-    reach_path,
     real_shape,
     shape_figures,
     touched,
@@ -127,7 +127,7 @@ def prepare_surface(
         plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     check_set_points(plan.path)
     observer.stage("check the reach")
-    reach = reach_path(scenario, plan.mesh, plan.path)
+    reach = reach_path(scenario, plan.mesh, plan.surface, plan.path)
     return SurfaceTask(plan, reach, real_shape(scenario, plan.mesh, plan.surface, plan.path))
 
 

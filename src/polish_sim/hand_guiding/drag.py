@@ -17,7 +17,8 @@ from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.config import DragConfig, HandConfig, Scenario
 from polish_sim.errors import PlanError
 from polish_sim.exchange import path_csv, read_path
-from polish_sim.experiments.part_setup import part_file, reach_path
+from polish_sim.experiments.part_pose import reach_path
+from polish_sim.experiments.part_setup import part_file
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.result import RunResult
 from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part, select_region
@@ -146,7 +147,7 @@ def prepare_drag(scenario: Scenario) -> DragTask:
         raise PlanError(f"'{scenario.drag.follow}' has no way on the part to be dragged along.")
     # Nothing is pressed while the hand teaches.
     unpressed = replace(scenario, process=replace(scenario.process, contact_force_n=1e-9))
-    return DragTask(mesh, surface, path, reach_path(unpressed, mesh, path))
+    return DragTask(mesh, surface, path, reach_path(unpressed, mesh, surface, path))
 
 
 def _rim(surface: Surface, loop: Array) -> ToolPath:

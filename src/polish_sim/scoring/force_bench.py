@@ -15,7 +15,7 @@ from polish_sim.config import Scenario
 from polish_sim.control import Controller, Course, Measurement, Target, build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
 from polish_sim.experiments.force import place_force
-from polish_sim.experiments.part_setup import reach_path
+from polish_sim.experiments.part_pose import reach_path
 from polish_sim.scenario_file import override
 from polish_sim.scoring.figures import LARGEST_OSCILLATION, LEAST_ALLOWED_N
 
@@ -97,7 +97,7 @@ def build_bench(scenario: Scenario) -> Bench:
     low = place.path.positions_work.copy()
     low[0] = low[1] + START_HEIGHT * place.path.axes_work[1]
     path = replace(place.path, positions_work=low, s=np.array([0.0, START_HEIGHT]))
-    place = replace(place, path=path, reach=reach_path(calm, place.mesh, path))
+    place = replace(place, path=path, reach=reach_path(calm, place.mesh, place.surface, path))
     return Bench(place, build_part(calm, place))
 
 

@@ -1,0 +1,135 @@
+"""What stands in the way before anything moves: whether a part has its place, and what the arm would touch there."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import mujoco
+import numpy as np
+
+from polish_sim.arrays import Array
+from polish_sim.cell.guards import crash_points
+from polish_sim.cell.scene import (
+    FIXTURE_NAMES,
+    TABLE,
+    TABLE_TOP,
+    add_fixture,
+    add_table,
+    fixture_of,
+    robot_with_tool,
+    works_below,
+)
+from polish_sim.config import Scenario
+from polish_sim.errors import place_in_mm
+from polish_sim.geometry import PartMesh, Surface
+from polish_sim.geometry.distance_field import signed_distances
+from polish_sim.spatial import apply, inverse
+
+CLEARANCE_M: Final = 0.005
+"""The arm keeps this far from table, fixture and part [m]."""
+BASE_RADIUS_M: Final = 0.11
+"""Of the robot's base and pedestal [m]."""
+_BASE_AXIS: Final = np.linspace([0.0, 0.0, -0.75], [0.0, 0.0, 0.1], 50)
+"""From the floor to the shoulder, base frame [m], shape (k, 3)."""
+_SUNK_M: Final = 1e-3
+_LINKS: Final = ("link_2", "link_3", "link_4", "link_5", "tool")
+_WRIST_AND_FOREARM: Final = ("link_5", "link_4", "link_3")
+
+
+def standing_fault(mesh: PartMesh, surface: Surface, T_base_work: Array) -> str:
+    """What is in the way of a part at a pose (4, 4), or that it is beside the table; empty if it can stand there."""
+    corners = apply(T_base_work, mesh.vertices)
+    low, middle = corners.min(axis=0), 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    if low[2] < _BASE_AXIS[0, 2] - _SUNK_M:
+        return f"it would be {1e3 * (_BASE_AXIS[0, 2] - low[2]):.0f} mm below the floor"
+    if signed_distances(surface, apply(inverse(T_base_work), _BASE_AXIS)).min() < BASE_RADIUS_M:
+        return "it would be in the robot's base or pedestal"
+    if (np.abs(middle - TABLE.middle) > TABLE.half)[:2].any():
+        (x0, y0, _), (x1, y1, _) = 1e3 * (TABLE.middle - TABLE.half), 1e3 * (TABLE.middle + TABLE.half)
+        return (
+            f"its middle, {place_in_mm(middle)} of the base, would be beside the table, where no fixture carries it "
+            f"(the table: x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f} mm)"
+        )
+    return f"it would be {1e3 * (TABLE_TOP - low[2]):.0f} mm inside the table" if low[2] < TABLE_TOP - _SUNK_M else ""
+
+
+class ArmTouch(NamedTuple):
+    """What touches or comes too close first along a motion of the arm."""
+
+    row: int
+    """Of the joint angles."""
+    names: str
+    """Of the two."""
+
+
+class ArmCheck:
+    """What the arm touches at given joint angles: itself, the table, the fixture or the part.
+
+    The tool's own clearance of the part is the path's affair: it is the same wherever the part stands.
+
+    Args:
+        scenario: The robot and its head.
+        mesh: The part.
+        surface: Its surface.
+        axes: Tool axes from the part to the tool, work frame, shape (n, 3).
+    """
+
+    def __init__(self, scenario: Scenario, mesh: PartMesh, surface: Surface, axes: Array) -> None:
+        self._mesh, self._surface, self._axes = mesh, surface, axes
+        spec = robot_with_tool(scenario)
+        add_table(spec)
+        add_fixture(spec, (TABLE, TABLE))  # of any size, see _place
+        self._model = spec.compile()
+        self._fixture = [self._model.geom(name).id for name in FIXTURE_NAMES]
+        self._model.geom_contype[self._fixture] = self._model.geom_conaffinity[self._fixture] = 0
+        self._data = mujoco.MjData(self._model)
+        crash, links = crash_points(self._model), [self._model.body(name).id for name in _WRIST_AND_FOREARM]
+        chosen = np.isin(crash.bodies, links)
+        self._points, self._bodies = crash.points[chosen], crash.bodies[chosen]
+
+    def first_touch(self, T_base_work: Array, q: Array) -> ArmTouch | None:
+        """Find what touches or comes too close first along a motion; None if nothing does.
+
+        Args:
+            T_base_work: Pose of the part, shape (4, 4).
+            q: Joint angles along the way [rad], shape (n, 6).
+        """
+        self._place(T_base_work)
+        near: list[Array] = []
+        for row, joints in enumerate(q):
+            names = self._touching(joints)
+            if names:
+                return ArmTouch(row, names)
+            R, x = self._data.xmat[self._bodies].reshape(-1, 3, 3), self._data.xpos[self._bodies]
+            near.append(x + np.einsum("kij,kj->ki", R, self._points))
+        points, rows = (
+            apply(inverse(T_base_work), np.concatenate(near)),
+            np.repeat(np.arange(len(q)), len(self._bodies)),
+        )
+        low, high = self._mesh.vertices.min(axis=0) - CLEARANCE_M, self._mesh.vertices.max(axis=0) + CLEARANCE_M
+        close = ((points > low) & (points < high)).all(axis=1)
+        if close.any():
+            close[close] = signed_distances(self._surface, points[close]) < CLEARANCE_M
+        return ArmTouch(int(rows[close][0]), "wrist or forearm and the part") if close.any() else None
+
+    def _place(self, T_base_work: Array) -> None:
+        """Put the fixture under the part, or out of the way where it needs none."""
+        held_behind = works_below(T_base_work, self._axes)
+        boxes = fixture_of(apply(T_base_work, self._mesh.vertices), held_behind)
+        for geom, box in zip(self._fixture, [*boxes, TABLE, TABLE], strict=False):
+            self._model.geom_pos[geom], self._model.geom_size[geom] = box
+            self._model.geom_rbound[geom] = np.linalg.norm(box.half)
+
+    def _touching(self, joints: Array) -> str:
+        model, data = self._model, self._data
+        data.qpos[:6] = joints
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        if data.ncon:
+            return " and ".join(model.geom(int(g)).name for g in data.contact[0].geom)
+        for link in _LINKS:
+            arm = model.geom(f"{link}_collision").id
+            for still in ("table", *FIXTURE_NAMES):
+                if mujoco.mj_geomDistance(model, data, arm, model.geom(still).id, CLEARANCE_M, None) < CLEARANCE_M:
+                    return f"{link}_collision and {still}"
+        return ""

@@ -1,0 +1,133 @@
+"""Where the part stands: the pose asked for, or one from which the arm does the whole path (path -> pose, joints)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from polish_sim.arrays import Array
+from polish_sim.cell import tool_on_flange
+from polish_sim.cell.arm_check import ArmCheck, standing_fault
+from polish_sim.config import Scenario
+from polish_sim.errors import ReachError
+from polish_sim.experiments.part_setup import pressing_depths
+from polish_sim.experiments.placement import (
+    SPINS,
+    Failure,
+    Reach,
+    check_whole_path,
+    default_placements,
+    find_reach,
+    given_placement,
+)
+from polish_sim.experiments.reach_map import ReachMap, map_reach
+from polish_sim.motion import JointPath
+from polish_sim.planning.toolpath import ToolPath, pressed
+
+if TYPE_CHECKING:
+    from polish_sim.geometry import PartMesh, Surface
+
+TRIED: Final = 150
+"""Poses of the reach map that are followed with the joints before the part is refused."""
+LOOKED_AT: Final = 60
+"""Places along the path at which the arm is checked against what stands around it."""
+SINGULAR_SHARE: Final = 1.25
+"""A path keeps this many times ``safety.singular_value_limit`` away from singularities [-]."""
+
+
+class PartPlacing:
+    """A path on a part, and what is needed to find the part's pose.
+
+    Args:
+        scenario: Force, pad, limits, and the pose if one is asked for.
+        mesh: The part.
+        surface: Its surface.
+        path: The path, not pressed.
+    """
+
+    def __init__(self, scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath) -> None:
+        self.scenario, self.mesh = scenario, mesh
+        self.positions = pressed(path, pressing_depths(scenario, path)).positions_work
+        self.axes = path.axes_work
+        self.lowest = float((mesh.vertices @ mesh.up).min())
+        self._surface, self._arm = surface, ArmCheck(scenario, mesh, surface, path.axes_work)
+
+    def map(self) -> ReachMap:
+        """How well the arm does the path wherever the part may stand."""
+        return map_reach(self.positions, self.axes, self.mesh.up, self.lowest, tool_on_flange())
+
+    def chosen(self) -> Reach:
+        """A pose in front of the robot; if none will do there, the first of the reach map's that does.
+
+        Raises:
+            ReachError: The arm does the path nowhere; names the first bad point where it came furthest.
+        """
+        try:
+            return self._reach(default_placements(self.positions, self.mesh.up, self.lowest))
+        except ReachError as error:
+            nowhere = error
+        for T_base_work, spin in islice(self.map().best_first(), TRIED):
+            try:
+                return self._reach(iter([T_base_work]), (spin,))
+            except ReachError:
+                continue
+        raise nowhere
+
+    def given(self) -> Reach:
+        """The pose asked for.
+
+        Raises:
+            ReachError: The part cannot stand there, or the arm does not do the path; names a pose that would do.
+        """
+        pose = self.scenario.part.pose
+        fault = standing_fault(self.mesh, self._surface, next(given_placement(pose)))
+        try:
+            if fault:
+                raise ReachError(f"the part cannot stand at the pose asked for: {fault}.")
+            return self._reach(given_placement(pose))
+        except ReachError as error:
+            raise ReachError(f"{error} {self._advice()}") from None
+
+    def _reach(self, placements: Iterator[Array], spins: Sequence[float] = SPINS) -> Reach:
+        tool = tool_on_flange()
+        reach = find_reach(
+            self.positions, self.axes, placements, tool, above_table=True, spins=spins, hindrance=self._hindrance
+        )
+        joints = check_whole_path(reach, self.positions, self.axes, tool)
+        return reach._replace(q_start=np.array(joints.q[0]))
+
+    def _hindrance(self, T_base_work: Array, joints: JointPath) -> Failure | None:
+        """Why the arm cannot follow joints that are within its range; None if it can."""
+        least = SINGULAR_SHARE * self.scenario.safety.singular_value_limit
+        if joints.smallest_singular_value < least:
+            return Failure(joints.smallest_singular_index, "the arm is near a singularity")
+        fault = standing_fault(self.mesh, self._surface, T_base_work)
+        if fault:
+            return Failure(0, f"the part cannot stand there: {fault}")
+        every = max(1, len(joints.q) // LOOKED_AT)
+        touch = self._arm.first_touch(T_base_work, joints.q[::every])
+        return None if touch is None else Failure(touch.row * every, f"{touch.names} would touch")
+
+    def _advice(self) -> str:
+        """A pose that would do, as the option takes it."""
+        try:
+            T = self.chosen().T_base_work
+        except ReachError as error:
+            return f"Nor is there another pose of it that would do: {error}"
+        turn = np.degrees(Rotation.from_matrix(T[:3, :3]).as_rotvec())
+        numbers = ",".join(f"{round(float(value), 3) + 0.0:.7g}" for value in [*(1e3 * T[:3, 3]), *turn])
+        return f"It fits with --part-pose {numbers}, or leave --part-pose out."
+
+
+def reach_path(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath) -> Reach:
+    """Place the part and check that the arm does the whole path, pressed in and lifted off.
+
+    Raises:
+        ReachError: Naming the first point that cannot be done.
+    """
+    placing = PartPlacing(scenario, mesh, surface, path)
+    return placing.given() if scenario.part.pose else placing.chosen()

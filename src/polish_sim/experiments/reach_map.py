@@ -1,0 +1,135 @@
+"""The reach map: how well the arm does a path at every distance, turn and height of the part (path -> map -> poses).
+
+The robot's first joint is vertical, so a part beside the robot is reached as one in front of it: the map holds parts
+whose path has its middle straight in front. Its value is Yoshikawa's manipulability, |det J|, at the path's worst
+point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from polish_sim.arrays import Array, Indices
+from polish_sim.errors import ReachError
+from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, tool_rotations, upright
+from polish_sim.kernel_cache import njit
+from polish_sim.motion.kinematics import DH_A, DH_D, inverse_all
+from polish_sim.spatial import inverse, transform
+
+DISTANCES: Final = np.arange(0.20, 0.96, 0.05)
+"""Of the path's middle from the base axis [m]."""
+HEIGHTS: Final = np.array([0.0, 0.03, 0.08, 0.16, 0.25, 0.35, 0.45, 0.6, 0.75])
+"""Of the part's lowest point above the table [m]."""
+TURNS: Final = np.radians(np.arange(0.0, 360.0, 15.0))
+"""Of the part about the vertical [rad]."""
+_SAMPLES: Final = 12
+"""Points along the path, besides the outermost ones."""
+_D1, _D5, _A2, _A3 = float(DH_D[0]), float(DH_D[4]), float(DH_A[1]), float(DH_A[2])
+
+
+class ReachMap(NamedTuple):
+    """How well the arm does a path, by where the part stands."""
+
+    values: Array
+    """Least |det J| over the path in the best configuration, 0 where a point is out of reach or a joint too low [m^3],
+    shape (heights, distances, turns, spins)."""
+    R_up: Array
+    """The part turned upright, R_base_work at turn 0, shape (3, 3)."""
+    middle: Array
+    """Of the path's box when upright [m], shape (3,)."""
+    lowest: float
+    """Extent of the part along its up side at its lowest [m]."""
+
+    def pose(self, height: int, distance: int, turn: int) -> Array:
+        """T_base_work of a cell of the map, shape (4, 4)."""
+        R_turn = Rotation.from_rotvec([0.0, 0.0, TURNS[turn]]).as_matrix()
+        x, y, _ = R_turn @ self.middle
+        place = np.array([-x, -DISTANCES[distance] - y, HEIGHTS[height] - self.lowest])
+        return transform(R_turn @ self.R_up, place)
+
+    def best_first(self) -> Iterator[tuple[Array, float]]:
+        """Poses within reach and their tool spin: the best of every height and distance, then their second best, ..."""
+        heights, distances, turns, spins = self.values.shape
+        flat = self.values.reshape(heights * distances, turns * spins)
+        order = np.argsort(-flat, axis=1, kind="stable")
+        for rank in range(turns * spins):
+            rows = np.arange(len(flat))
+            values = flat[rows, order[:, rank]]
+            if values.max() <= 0.0:
+                return
+            for row in np.argsort(-values, kind="stable"):
+                if values[row] > 0.0:
+                    turn, spin = divmod(int(order[row, rank]), spins)
+                    yield self.pose(*divmod(int(row), distances), turn), SPINS[spin]
+
+
+def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_tool: Array) -> ReachMap:
+    """Find out how well the arm does a path wherever the part may stand.
+
+    Args:
+        positions: Tool points in the work frame [m], shape (n, 3).
+        axes: Tool axes from the part to the tool, work frame, shape (n, 3).
+        up: Side of the part turned up, work frame, shape (3,).
+        lowest: Extent of the part along ``up`` at its lowest [m].
+        T_flange_tool: The tool on the flange, shape (4, 4).
+
+    Returns:
+        The map.
+    """
+    R_up, rows = upright(up), _outermost(positions, axes)
+    high, out = positions @ R_up.T, axes[rows] @ R_up.T
+    middle = 0.5 * (high.min(axis=0) + high.max(axis=0))
+    points = high[rows] - [*middle[:2], lowest]
+    grid = np.meshgrid(HEIGHTS, DISTANCES, indexing="ij")
+    shifts = np.stack([np.zeros(grid[0].size), -grid[1].ravel(), grid[0].ravel()], axis=1)
+    values, T_tool_flange = np.zeros((len(shifts), len(TURNS), len(SPINS))), inverse(T_flange_tool)
+    for turn, angle in enumerate(TURNS):
+        R_turn = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
+        for spin, around in enumerate(SPINS):
+            try:
+                rotations = tool_rotations(out @ R_turn.T, around)
+            except ReachError:
+                continue  # this spin fits no axis of the path
+            flanges = transform(rotations, points @ R_turn.T) @ T_tool_flange
+            values[:, turn, spin] = _least_manipulability(np.ascontiguousarray(flanges), shifts)
+    return ReachMap(values.reshape(*grid[0].shape, len(TURNS), len(SPINS)), R_up, middle, lowest)
+
+
+def _outermost(positions: Array, axes: Array) -> Indices:
+    """Rows of the path that go furthest in any direction, and some along it; the furthest from the middle first."""
+    directions = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z])
+    extreme = [(values @ directions.T).argmax(axis=0) for values in (positions, axes)]
+    rows = np.unique([*np.linspace(0, len(positions) - 1, _SAMPLES).astype(int), *extreme[0], *extreme[1]])
+    away = np.linalg.norm(positions[rows] - positions[rows].mean(axis=0), axis=1)
+    return np.asarray(rows[np.argsort(-away, kind="stable")])
+
+
+@njit(cache=True, error_model="numpy")
+def _least_manipulability(T_base_flange: Array, shifts: Array) -> Array:
+    """Least |det J| over poses (n, 4, 4) in the best configuration, after each of the shifts (k, 3) of all, (k,)."""
+    values, T = np.zeros(len(shifts)), np.eye(4)
+    for k in range(len(shifts)):
+        least = np.full(8, np.inf)
+        for i in range(len(T_base_flange)):
+            T[:3] = T_base_flange[i, :3]
+            T[:3, 3] += shifts[k]
+            q = inverse_all(T)
+            for row in range(8):
+                value = 0.0
+                if not math.isnan(q[row, 0]):
+                    q2, q23, q234 = q[row, 1], q[row, 1] + q[row, 2], q[row, 1] + q[row, 2] + q[row, 3]
+                    elbow = _D1 + _A2 * math.sin(q2)
+                    wrist = elbow + _A3 * math.sin(q23)
+                    if min(elbow, wrist, wrist - _D5 * math.cos(q234)) >= LOWEST_JOINT:
+                        reach = _A2 * math.cos(q2) + _A3 * math.cos(q23) + _D5 * math.sin(q234)
+                        value = abs(_A2 * _A3 * math.sin(q[row, 2]) * math.sin(q[row, 4]) * reach)
+                least[row] = min(least[row], value)
+            if least.max() == 0.0:
+                break
+        values[k] = least.max()
+    return values
