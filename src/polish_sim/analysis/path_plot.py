@@ -78,7 +78,7 @@ class _Seen(NamedTuple):
 
 @styled
 def plot_plan(result: PlanResult, name: str = "") -> Figure:
-    """Draw a plan in 3D and from above (from below if the whole path looks down); ``name``: of the path, else its own."""
+    """Draw a plan in 3D and from above, or below if the whole path looks down; ``name``: of the path, else its own."""
     figure = new_figure(12.0, 5.8)
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
     flat = figure.add_subplot(1, 2, 2)
