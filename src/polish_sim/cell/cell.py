@@ -62,19 +62,11 @@ class PayloadErrors(NamedTuple):
 
 
 class Cell:
-    """A scenario's cell, ready to run.
+    """A scenario's cell, ready to run: ``strokes`` in order on ``part`` (`no_part` for motion in free space).
 
-    Args:
-        scenario: Everything but the geometry.
-        model: The compiled scene.
-        part: What the pad touches; an empty one for motion in free space.
-        strokes: The strokes, in order.
-        q_start: Joint positions at the start [rad], shape (6,).
-        controller: The control law.
-        rng: Draws the sensor's bias, drift and noise.
-        course: What lies ahead on the path, for controllers that prepare for it.
-
-    The host compensates the tool as it is until ``compensate`` says otherwise.
+    The joints start at ``q_start`` [rad], shape (6,); ``rng`` draws the sensor's bias, drift and noise; ``course``
+    is for controllers that prepare for what lies ahead. The host compensates the tool as it is until ``compensate``
+    says otherwise.
     """
 
     arm = ""  #: Prefix of the names of the robot with the tool
@@ -153,11 +145,9 @@ class Cell:
         return self.state.sensor.tare.copy()
 
     def compensate(self, mass: float, center: Array) -> None:
-        """Let the host subtract the weight of a tool from every reading.
+        """Let the host subtract the weight of a tool, its ``center`` of mass in the sensor frame [m], shape (3,).
 
-        Args:
-            mass: [kg]; the scenario's ``sensor.payload_mass_error`` comes on top.
-            center: Its centre of mass in the sensor frame [m], shape (3,).
+        The scenario's ``sensor.payload_mass_error`` comes on top of ``mass`` [kg].
         """
         payload = self.state.payload
         payload.mass, payload.center = mass * (1.0 + self.scenario.sensor.payload_mass_error), center
@@ -173,18 +163,11 @@ class Cell:
     def read_at_rest(
         self, loads: Array, travel: Array, settle: float, average: float, rng: np.random.Generator, fresh: bool = True
     ) -> Array:
-        """Mean readings of this run's sensor in pose after pose, see `wrist_sensor.read_at_rest`.
+        """Mean readings of this run's sensor in pose after pose, shape (n, 6); arguments as of
+        `wrist_sensor.read_at_rest`.
 
-        Args:
-            loads: Exact wrench at the sensor in each pose [N, N m], shape (n, 6).
-            travel: Time before each pose in which the arm moves there [s], shape (n,).
-            settle: Time it then stands still before readings are taken [s].
-            average: Time over which readings are averaged [s].
-            rng: Draws noise and drift.
-            fresh: Before the run, without drift; else from where the run has left the sensor.
-
-        Returns:
-            Mean reading in each pose, shape (n, 6).
+        ``fresh`` readings are taken before the run, without drift; others go on from where the run has left the
+        sensor.
         """
         sensor, line = self.state.sensor, self.kernel.samples
         if fresh:
@@ -193,14 +176,7 @@ class Cell:
         return read_at_rest(sensor, line, loads, travel, settle, average, rng)
 
     def run(self, observer: Observer | None = None) -> CellRun:
-        """Run the strokes to their end, to a protective stop, or to an interrupt; what was recorded is returned.
-
-        Args:
-            observer: Gets the progress.
-
-        Returns:
-            The log, the trace and how it ended.
-        """
+        """Run the strokes to their end, to a protective stop, or to an interrupt; what was recorded is returned."""
         watcher = observer or Silent()
         status, dt = self.state.status, self.kernel.engine.dt
         chunk = max(1, round(watcher.frame_every_s / dt))

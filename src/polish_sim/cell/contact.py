@@ -86,18 +86,11 @@ def press_pad(
     force: Array,
     torque: Array,
 ) -> None:
-    """Contact force and torque of the part on the pad.
+    """Write force [N] and torque about the pad's centre [N m] of the part on the pad, base frame, shape (3,) each.
 
-    Args:
-        pad: The sampled disc; depth and slope of its points are written.
-        part: The real part.
-        spin: Spindle speed about pad z [rad/s].
-        R_base_pad: Pad frame, shape (3, 3).
-        pad_center: Centre of the face [m], base, shape (3,).
-        pad_velocity: Velocity of the centre [m/s], base, shape (3,).
-        pad_turning: Angular velocity of the head without the spindle [rad/s], base, shape (3,).
-        force: Written: force on the pad [N], base, shape (3,).
-        torque: Written: torque on the pad about its centre [N m], base, shape (3,).
+    Depth and slope of the pad's points are written too. ``spin`` is the spindle's speed about pad z [rad/s],
+    ``pad_center`` the centre of the face [m], ``pad_velocity`` its velocity [m/s], ``pad_turning`` the head's
+    angular velocity without the spindle [rad/s]; all in the base frame.
     """
     R, p, w = part.rotation, part.position, pad.motion
     center, x_axis, y_axis, velocity, turning = 0, 1, 2, 3, 4
@@ -210,12 +203,9 @@ def turn_spindle(spindle: Spindle, dt: float) -> None:
 
 @kernel
 def pull_of_imbalance(spindle: Spindle, R_base_head: Array, force: Array) -> None:
-    """Add the pull of the imbalance to a force on the head.
+    """Add the imbalance's pull to a ``force`` on the head's centre of mass [N], base, shape (3,).
 
-    Args:
-        spindle: The spindle.
-        R_base_head: Orientation of the head, its z axis the spindle's, shape (9,).
-        force: Changed: force on the head's centre of mass [N], base, shape (3,).
+    ``R_base_head`` is the head's orientation row by row, shape (9,); its z axis is the spindle's.
     """
     pull = spindle.imbalance * spindle.speed**2
     x, y = pull * math.cos(spindle.angle), pull * math.sin(spindle.angle)

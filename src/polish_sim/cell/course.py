@@ -63,16 +63,10 @@ class _Statics(NamedTuple):
 
 
 def build_course(scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceField, T_base_work: Array) -> Course:
-    """Work out what force, springs, pad and the drawn part ask for along the whole path.
+    """Work out what force, springs, pad and the drawn part ask for along the whole path of all ``strokes``.
 
-    Args:
-        scenario: Force, head, pad, step-over.
-        strokes: The strokes of the path, all of it.
-        drawn: Signed distance of the nominal part, work frame.
-        T_base_work: Nominal pose of the part, shape (4, 4).
-
-    Returns:
-        The course. Rows between two strokes, in the air, repeat the nearest row in contact.
+    ``drawn`` is the signed distance of the nominal part in the work frame, which lies at ``T_base_work``, shape (4,
+    4). Rows between two strokes, in the air, repeat the nearest row in contact.
     """
     rows = math.floor(max(stroke.start_s + stroke.process.length for stroke in strokes) / SPACING) + 2
     owner = _stroke_of_rows(strokes, rows)
@@ -106,15 +100,10 @@ def build_course(scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceF
 
 
 def nearest_earlier(points: Array, spacing: float, reach: float) -> Ints:
-    """Row of the nearest earlier point that is not of the same strand, -1 where there is none.
+    """Row of the nearest earlier point that is not of the same strand, -1 where there is none, shape (n,).
 
-    Args:
-        points: Places at equal steps of arc length [m], shape (n, 3).
-        spacing: The step [m].
-        reach: Furthest a neighbour may be [m].
-
-    Returns:
-        Rows, shape (n,).
+    ``points`` (n, 3) [m] lie at equal steps ``spacing`` [m] of arc length; a neighbour is no further than ``reach``
+    [m].
     """
     stride = max(1, int(reach / (6.0 * spacing)))
     few = np.arange(0, len(points), stride)
@@ -170,22 +159,12 @@ def _sample(table: PathTable, forces: Array, places: Array, poses: _Poses) -> No
 
 @njit(cache=True, error_model="numpy")
 def _solve(field, x, y, k_point, k_head, positions, rotations, forces):  # type: ignore[no-untyped-def]
-    """Depth beyond each pose at which head spring and pad press with the wanted force.
+    """Depth beyond each pose at which head spring and pad press with the wanted ``forces`` (n,) [N].
 
-    The pad's force grows convexly with its depth: Newton's method, begun from the row before.
-
-    Args:
-        field: Signed distance of the part.
-        x: Sample points of the disc [m], shape (p,).
-        y: [m], shape (p,)
-        k_point: Stiffness of one point [N/m].
-        k_head: Head spring [N/m].
-        positions: Tool points in the field's frame [m], shape (n, 3).
-        rotations: Tool frames in it, shape (n, 3, 3).
-        forces: Wanted [N], shape (n,).
-
-    Returns:
-        Surplus (n,) [m], stiffness (n,) [N/m], moment (n, 2) [N m], tilt stiffness (n, 2) [N m/rad].
+    The pad's force grows convexly with its depth: Newton's method, begun from the row before. The disc's points
+    ``x``, ``y`` (p,) [m] have stiffness ``k_point`` [N/m]; ``positions`` (n, 3) [m] and ``rotations`` (n, 3, 3) are
+    tool frames in the field's frame. Returns surplus (n,) [m], stiffness (n,) [N/m], moment (n, 2) [N m], tilt
+    stiffness (n, 2) [N m/rad].
     """
     count = len(positions)
     surplus, stiffness = np.empty(count), np.empty(count)

@@ -54,10 +54,7 @@ class EngineViews(NamedTuple):
 def engine_views(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> EngineViews:
     """Take addresses and live views once; they stay valid as long as model and data live.
 
-    Args:
-        model: The scene; the arm with the tool comes first in it.
-        data: Its state.
-        arm: Prefix of that arm's names.
+    ``arm`` is the prefix of the names of the arm with the tool, which comes first in the scene.
     """
     head = model.body(f"{arm}head").id
     own = {
@@ -89,7 +86,7 @@ mj_step2 = types.ExternalFunction("mj_step2", _STEP)
 
 @cache
 def register_engine() -> None:
-    """Make the engine's step functions known to the compiler; needed once per process before a kernel that steps.
+    """Make the engine's step functions known to the compiler, once per process before a kernel that steps.
 
     Raises:
         OSError: If the engine's library cannot be found beside the ``mujoco`` package.

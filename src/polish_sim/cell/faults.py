@@ -166,12 +166,7 @@ def parse_events(text: str) -> tuple[FaultEvent, ...]:
 
 
 def check_events(events: tuple[FaultEvent, ...], on_part: bool, two_robots: bool = False) -> None:
-    """Refuse faults that would change nothing.
-
-    Args:
-        events: The planned faults.
-        on_part: Whether there is a part to press on.
-        two_robots: Whether a second robot carries the part.
+    """Refuse faults that would change nothing without a part to press on, or without a second robot that carries it.
 
     Raises:
         ConfigError: Naming the first such fault.

@@ -126,16 +126,9 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
 def check_guards(
     e: EngineViews, state: CellState, part: RealPart, crash: CrashPoints, on_part: bool, planned: float, count: int
 ) -> int:
-    """Code of the first condition that is met, 0 if none; see ``REASONS``.
+    """Code of the first condition that is met after ``count`` steps, 0 if none; see ``REASONS``.
 
-    Args:
-        e: The engine.
-        state: The cell's state.
-        part: The real part.
-        crash: Points that must stay out of it.
-        on_part: Whether there is a part to press on.
-        planned: Planned depth of the target below the surface [m].
-        count: Steps taken.
+    ``on_part``: there is a part to press on; ``planned`` is the target's planned depth below its surface [m].
     """
     guards, dt, robot, w, target = state.guards, e.dt, state.speedl, state.measurement.wrench, state.target
     if math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2) > guards.force:
@@ -222,12 +215,7 @@ _AROUND = 12  # points of a ring around the shaft
 
 
 def crash_points(model: mujoco.MjModel, arm: str = "") -> CrashPoints:
-    """Points spread over the drawn meshes of the links behind the pad, and over the shaft it turns on.
-
-    Args:
-        model: The compiled scene.
-        arm: Prefix of the names of the arm with the tool.
-    """
+    """Points spread over the drawn meshes of the links behind the pad, and over the shaft it turns on."""
     on_shaft = _on_cylinder(model, model.geom(f"{arm}{_SHAFT}").id)
     points, bodies = [on_shaft], [np.full(len(on_shaft), model.body(f"{arm}head").id)]
     for body in (model.body(arm + name).id for name in BODIES):

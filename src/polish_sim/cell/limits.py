@@ -14,13 +14,10 @@ LEAST_ROOM = 1.2  # of the force at which the robot stops over the force it is t
 
 
 def check_step_limits(scenario: Scenario, force: float, tangential_mass: float, modelled: float) -> None:
-    """Refuse a scenario whose contact would be unstable at its time step.
+    """Refuse a scenario whose contact would be unstable at its time step, pressed with at most ``force`` [N].
 
-    Args:
-        scenario: The scenario.
-        force: Largest force to press with [N].
-        tangential_mass: Inertia of arm and tool against a push across the tool axis [kg].
-        modelled: How deep below its surface the part is modelled [m].
+    ``tangential_mass`` [kg] is the inertia of arm and tool against a push across the tool axis, ``modelled`` [m] how
+    deep below its surface the part is modelled.
 
     Raises:
         ConfigError: Naming the limit that is broken, by how much, and the keys that would mend it.
@@ -38,15 +35,7 @@ def check_step_limits(scenario: Scenario, force: float, tangential_mass: float, 
 
 
 def check_contact_settings(scenario: Scenario, force: float) -> None:
-    """The part of `check_step_limits` that follows from the settings alone, before anything is planned.
-
-    Args:
-        scenario: The scenario.
-        force: Largest force to press with [N].
-
-    Raises:
-        ConfigError: As there.
-    """
+    """The part of `check_step_limits` that follows from the settings alone, before anything is planned."""
     dt, pad, head = scenario.simulation.timestep_s, scenario.pad, scenario.head
     damping = pad.damping_s_m * scenario.safety.force_limit_n * dt / head.mass_kg
     if damping >= 1.0:
@@ -83,9 +72,6 @@ def _check_depth(scenario: Scenario, force: float, modelled: float) -> None:
 
 def check_rates(scenario: Scenario) -> None:
     """Refuse a sensor or a spindle faster than the physics, and timeouts shorter than the cycles they watch.
-
-    Args:
-        scenario: The scenario.
 
     Raises:
         ConfigError: Naming the keys that do not fit each other.

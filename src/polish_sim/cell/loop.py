@@ -61,14 +61,8 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
     """Run the cell for at most ``steps`` physics steps, or until the caller is needed.
 
     That is when the stroke is done, a guard has tripped, the robot stands after a stop, or at first contact if it is
-    waited for.
-
-    Args:
-        cell: The cell.
-        recorder: Buffers, at least ``steps`` long.
-        law: Compiled control law, see ``LAW_SIGNATURE``.
-        draws: Standard normal numbers, shape (steps, 12).
-        steps: Number of steps.
+    waited for. The recorder holds at least ``steps`` steps; ``law`` is a compiled law, see ``LAW_SIGNATURE``;
+    ``draws`` are standard normal numbers, shape (steps, 12).
     """
     e, state = cell.engine, cell.state
     recorder.filled.rows = recorder.filled.steps = 0
@@ -141,15 +135,10 @@ def moment_at(force: Array, torque: Array, old_point: Array, new_point: Array, o
 
 @kernel
 def see_tool(state: CellState, tool: Array, R: Array, anchors: Array, axes: Array, speeds: Array) -> None:
-    """Tool pose and twist as the host computes them from the encoders, and the Jacobian at the tool point.
+    """Write tool pose and twist as the host computes them from the encoders, and the Jacobian at the tool point.
 
-    Args:
-        state: Measurement and Jacobian are written.
-        tool: Tool point [m], shape (3,).
-        R: R_base_tool row by row, shape (9,).
-        anchors: Points on the joints' axes [m], shape (>= 6, 3).
-        axes: Unit axes, shape (>= 6, 3).
-        speeds: Joint speeds [rad/s], shape (>= 6,).
+    ``tool`` (3,) [m] is the tool point, ``R`` (9,) R_base_tool row by row; ``anchors`` [m] and unit ``axes`` (>= 6,
+    3) are those of the joints, ``speeds`` (>= 6,) theirs [rad/s].
     """
     m, jacobian = state.measurement, state.jacobian
     for i in range(3):
@@ -287,12 +276,9 @@ def _phase(stage: int, touched: bool) -> int:
 
 @kernel
 def is_over(cell: CellKernel, held_body: int, t: float) -> bool:
-    """Ask the guards; whether the run or the stroke ends with this step.
+    """Ask the guards; whether the run or the stroke ends with the step just finished, at ``t`` [s].
 
-    Args:
-        cell: The cell, its step at ``t`` finished.
-        held_body: Body of a part that is carried, 0 for none.
-        t: Time [s].
+    ``held_body`` is the body of a part that is carried, 0 for none.
     """
     state, e = cell.state, cell.engine
     status, count = state.status, state.status.steps - 1

@@ -69,11 +69,8 @@ class Interrupt:
 def interrupts_noted(observer: Observer | None = None) -> Iterator[Interrupt]:
     """Note the first Ctrl-C instead of raising it; a second one raises, and so does a controller that does not end.
 
-    Raised, the first could land inside a callback from compiled code, where Python can only print and drop it. Outside
-    the main thread, or where somebody else handles or ignores the signal, everything stays as it is.
-
-    Args:
-        observer: Gets the sentence that the run is stopping.
+    Raised, the first could land inside a callback from compiled code, where Python can only print and drop it.
+    Outside the main thread, or where somebody else handles or ignores the signal, everything stays as it is.
     """
     interrupt, before = Interrupt(), signal.getsignal(signal.SIGINT)
     ours = threading.current_thread() is threading.main_thread() and before is signal.default_int_handler
@@ -115,12 +112,7 @@ def _locked(views: Any) -> Any:
 
 
 def _numbers(answer: Any) -> Array:
-    """What ``step`` returned as an array.
-
-    Raises:
-        TypeError: It is no numbers.
-        ValueError: They are too few or too many.
-    """
+    """What ``step`` returned as an array; TypeError if it is no numbers, ValueError if they are too few or too many."""
     try:
         numbers = np.asarray(answer, dtype=float)
     except (TypeError, ValueError):

@@ -40,16 +40,11 @@ def play_joints(
     settle: float = 0.5,
     change: Callable[[mujoco.MjModel], None] | None = None,
 ) -> Played:
-    """Play joint targets on the robot of the cell, in free space, spindle at rest.
+    """Play joint targets, from rest to rest and one row a step, on the robot of the cell in free space, spindle at
+    rest.
 
-    Args:
-        scenario: Robot, head and time step; a row of the targets is one step.
-        targets: From rest to rest, free of jumps.
-        settle: The robot stands at the first target this long before [s], so that gravity has settled.
-        change: Changes the compiled scene first, e.g. adds a load to its last link.
-
-    Returns:
-        What the joints did.
+    The robot first stands at the first target for ``settle`` [s], so that gravity has settled. ``change`` changes the
+    compiled scene before, e.g. adds a load to its last link.
 
     Raises:
         ReachError: Links or head would touch each other on the way.

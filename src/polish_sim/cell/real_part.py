@@ -44,29 +44,18 @@ class Touch(NamedTuple):
 
 
 def depth_for(force: float, pad_stiffness: float) -> float:
-    """How deep a part has to be modelled for a pad that is pressed in by twice a force [m].
+    """How deep a part is modelled [m] for a pad of ``pad_stiffness`` [N/m] pressed in by twice a ``force`` [N].
 
-    Args:
-        force: Force to press with [N].
-        pad_stiffness: Of the whole disc, as it really is [N/m].
-
-    Returns:
-        Whole millimetres, between ``FIELD_BAND`` and ``DEEPEST_BAND``.
+    Whole millimetres, between ``FIELD_BAND`` and ``DEEPEST_BAND``.
     """
     needed = math.ceil(2e3 * force / pad_stiffness) * 1e-3
     return min(max(FIELD_BAND, needed), DEEPEST_BAND)
 
 
 def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> Callable[[Array], Array]:
-    """Draw a smooth form error: a sum of plane waves, scaled to its peak-to-peak size on some points.
+    """Draw a smooth form error: a sum of plane waves, scaled to its peak-to-peak size on some ``points`` (n, 3) [m].
 
-    Args:
-        config: Size of the form error.
-        points: Points of the region in the work frame [m], shape (n, 3).
-        rng: Draws the waves.
-
-    Returns:
-        Outward shift of the surface [m], (n,), at points (n, 3) of the work frame.
+    Returns the outward shift of the surface [m], (n,), as a function of points (n, 3), all in the work frame.
     """
     lengths = rng.uniform(*WAVELENGTHS, _WAVES)
     directions = rng.normal(size=(_WAVES, 3))
@@ -87,11 +76,8 @@ def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> Call
 def displacement_of(config: PartConfig, normal: Array, center: Array, rng: np.random.Generator) -> Array:
     """Draw where the part really sits: pose of the real work frame in the nominal one, shape (4, 4).
 
-    Args:
-        config: Size of the displacement and of the rotation.
-        normal: Mean outward normal of the region, work frame, shape (3,).
-        center: Point about which the part is turned, work frame [m], shape (3,).
-        rng: Draws the directions; at least 0.7 of the displacement is along the normal, up or down.
+    At least 0.7 of the displacement is along the region's mean outward ``normal``, up or down; the part is turned
+    about ``center`` [m]; both (3,) in the work frame.
     """
     along = rng.uniform(NORMAL_SHARE, 1.0) * rng.choice([-1.0, 1.0])
     across = np.cross(normal, rng.normal(size=3))
@@ -116,25 +102,12 @@ def build_part_fields(surface: Surface, touch: Touch) -> PartFields:
 
 
 def build_real_part(
-    fields: PartFields,
-    config: PartConfig,
-    T_base_work: Array,
-    region: Surface,
-    up: Array,
-    rng: np.random.Generator,
+    fields: PartFields, config: PartConfig, T_base_work: Array, region: Surface, up: Array, rng: np.random.Generator
 ) -> RealPart:
-    """Displace and bend the part.
+    """Displace and bend the part of ``fields``, whose work frame lies nominally at ``T_base_work`` (4, 4).
 
-    Args:
-        fields: The part without these errors, see ``build_part_fields``.
-        config: Sizes of the errors.
-        T_base_work: Nominal pose of the work frame, shape (4, 4).
-        region: The polished part of it; the errors are sized on it.
-        up: Direction of the displacement if the region's normals cancel out, work frame, shape (3,).
-        rng: Draws the errors.
-
-    Returns:
-        What the pad touches.
+    The errors are sized on the polished ``region``; where its normals cancel out, the displacement is along ``up``,
+    work frame, shape (3,).
     """
     points = region.vertices[region.faces].mean(axis=1)
     normal = (region.facet_areas[:, None] * region.closest(points).normals).sum(axis=0)
@@ -210,14 +183,7 @@ def build_part_motion(config: PartConfig, part: RealPart) -> PartMotion:
 
 @kernel
 def move_part(motion: PartMotion, t: float, dt: float, position: Array) -> None:
-    """Place the part for this instant.
-
-    Args:
-        motion: How it moves; shift and velocity are written.
-        t: Time [s].
-        dt: Physics step [s].
-        position: Written: origin of its work frame [m], shape (3,).
-    """
+    """Place the part for the instant ``t`` [s]: the origin of its work frame [m], (3,), and its shift and velocity."""
     phase = motion.frequency * (t - motion.start)
     height = motion.amplitude * math.sin(phase)
     speed = motion.amplitude * motion.frequency * math.cos(phase)

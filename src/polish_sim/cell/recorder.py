@@ -66,12 +66,8 @@ class Recorder(NamedTuple):
 
 
 def build_recorder(steps: int, every: int, extra: int = 0) -> Recorder:
-    """Buffers for chunks of at most ``steps`` steps, a row recorded every ``every`` steps.
-
-    Args:
-        steps: Longest chunk.
-        every: Steps per row.
-        extra: Columns behind the log's own.
+    """Buffers for chunks of at most ``steps`` steps, a row every ``every`` steps, ``extra`` columns behind the log's
+    own.
     """
     rows, trace = np.zeros((steps // every + 2, ROW_WIDTH + extra)), np.zeros(steps, TraceStep.dtype)
     return Recorder(rows, trace, every, Filled(force_range=(np.inf, -np.inf)))
@@ -88,16 +84,10 @@ def put(row: Array, start: int, values: Array, count: int) -> None:
 def record_state(
     recorder: Recorder, e: EngineViews, state: CellState, part_position: Array, turns: Ints, t: float, phase: int
 ) -> None:
-    """Record this instant, before the engine moves on; the sensor's raw reading follows in ``record_reading``.
+    """Record the instant ``t`` [s], before the engine moves on; the sensor's raw reading follows in ``record_reading``.
 
-    Args:
-        recorder: Buffers.
-        e: The engine.
-        state: The cell's state.
-        part_position: Origin of the part's frame [m], shape (3,).
-        turns: Turn of the path at the rows of the process table, shape (n,).
-        t: Time [s].
-        phase: Phase as in ``log.PHASES``.
+    ``part_position`` (3,) [m] is the origin of the part's frame, ``turns`` (n,) the turn of the path at the rows of
+    the process table, ``phase`` as in ``log.PHASES``.
     """
     filled, m, target, force = recorder.filled, state.measurement, state.target, state.wrench[2]
     filled.force_range[0] = min(filled.force_range[0], force)

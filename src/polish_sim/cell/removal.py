@@ -52,18 +52,10 @@ class PadMotion(NamedTuple):
 def pad_motion(
     log: RunLog, trace: Trace, part: RealPart, pad_radius: float, part_turns: Array | None = None
 ) -> PadMotion:
-    """Cut a run into steps.
+    """Cut a run into steps; those in contact, in order.
 
-    Args:
-        log: Its rows; only the tool's orientation is taken from them.
-        trace: Its exact quantities at every physics step.
-        part: The real part, for its pose at the start.
-        pad_radius: [m]
-        part_turns: How a part that is carried stands in the base at the log's rows, shape (n, 3, 3); None: as at the
-            start.
-
-    Returns:
-        The steps in contact, in order.
+    Of the log only the tool's orientation is taken, of ``part`` its pose at the start. ``part_turns`` (n, 3, 3) is
+    how a part that is carried stands in the base at the log's rows; None: as at the start.
     """
     time, force = trace.time_s, np.maximum(trace.normal_force_n, 0.0)
     touching = np.flatnonzero(force > 0.0)
@@ -153,15 +145,7 @@ class Nodes(NamedTuple):
 def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, edge: float = EDGE) -> Nodes:
     """Spread nodes over the region and over what else the pad comes to, and put them on the real part.
 
-    Args:
-        surface: The whole nominal surface.
-        region: The polished part of it.
-        part: The real part; what it differs by from the drawing is found along the drawing's normals.
-        touch: Where the pad goes.
-        edge: Longest edge of the triangles in pad radii.
-
-    Returns:
-        The nodes.
+    They are moved along the drawing's normals. ``edge`` is the longest edge of the region's triangles in pad radii.
     """
     area = float(region.surface.facet_areas.sum())
     longest = max(edge * touch.pad_radius, math.sqrt(4.0 * area / MOST_NODES))
@@ -220,15 +204,9 @@ def _halved(corners: Array, longest: Ints) -> Array:
 
 
 def on_real_part(field: DistanceField, positions: Array, normals: Array) -> tuple[Array, Array]:
-    """Move nodes of the drawing along its normals onto the real surface.
+    """Move nodes (n, 3) [m] of the drawing along its unit ``normals`` (n, 3) onto the real surface.
 
-    Args:
-        field: Signed distance of the real part.
-        positions: Nodes of the drawing [m], shape (n, 3).
-        normals: Unit normals there, shape (n, 3).
-
-    Returns:
-        Positions [m] and unit normals on the real surface, each (n, 3); a normal is zero where there is none.
+    Returns positions [m] and unit normals there, each (n, 3); a normal is zero where there is none.
     """
     found, slopes = positions.copy(), np.zeros_like(positions)
     _project(field, np.ascontiguousarray(normals), found, slopes)
@@ -273,16 +251,8 @@ class Removed(NamedTuple):
 
 
 def expose_nodes(nodes: PressedNodes, motion: PadMotion, pad_radius: float, stiffness: float) -> Removed:
-    """Carry the pad over the nodes.
-
-    Args:
-        nodes: Nodes of the real part.
-        motion: Steps of the pad, in the same frame.
-        pad_radius: [m]
-        stiffness: Of the whole disc pressed flat [N/m].
-
-    Returns:
-        What it took off, but for the wear coefficient.
+    """Carry a pad whose whole disc has ``stiffness`` [N/m] over the nodes: what it took off, but for the wear
+    coefficient.
     """
     grid = build_point_grid(nodes.positions, CELL * pad_radius)
     # Neighbours in space are neighbours in memory.

@@ -75,14 +75,9 @@ def build_request_line(robot: Speedl) -> RequestLine:
 
 @kernel
 def pass_request(robot: Speedl, line: RequestLine, requested: Array, number: int, dt: float) -> None:
-    """Send the newest request down the line and let the one that arrives act.
+    """Send the newest request down the line and let the one that arrives act: ``request``, its number and its age.
 
-    Args:
-        robot: The interface; ``request``, its number and age are written.
-        line: Requests under way.
-        requested: Twist the host asked for last, shape (>= 6,).
-        number: Counts the host's requests; an unchanged number ages.
-        dt: Physics step [s].
+    ``requested`` (>= 6,) is the twist the host asked for last, ``number`` counts its requests.
     """
     robot.steps += 1
     length = line.numbers.shape[0]
@@ -116,15 +111,10 @@ def limit_acceleration(robot: Speedl, dt: float, firmness: float = 1.0) -> None:
 
 @kernel
 def resolve_joints(robot: Speedl, jacobian: Array, dt: float) -> bool:
-    """Joint speeds for the commanded twist, and the joint positions they lead to.
+    """Joint speeds for the commanded twist, and the joint positions they lead to; also the smallest singular value.
 
-    Args:
-        robot: The interface; ``speeds``, ``joints`` and the smallest singular value are written.
-        jacobian: Geometric Jacobian at the tool point, base frame, shape (6, 6).
-        dt: Physics step [s].
-
-    Returns:
-        False if a joint would leave its range; it is held there.
+    ``jacobian`` (6, 6) is the geometric one at the tool point, base frame. Returns False if a joint would leave its
+    range; it is held there.
     """
     A, y = robot.gram, robot.solution
     if robot.steps % _PROBE_EVERY == 0:
@@ -194,12 +184,9 @@ def _solve(L: Array, b: Array, x: Array) -> None:
 
 @kernel
 def _weakest_direction(A: Array, probe: Array, x: Array) -> float:
-    """Smallest singular value of J from J J^T by one inverse iteration; ``probe`` remembers the direction.
+    """Smallest singular value of J from A = J J^T (6, 6), overwritten, by one inverse iteration; ``x`` (6,) is room.
 
-    Args:
-        A: J J^T, shape (6, 6); overwritten.
-        probe: Unit vector of the last iteration, shape (6,); overwritten.
-        x: Work array, shape (6,).
+    ``probe`` (6,) is the unit vector of the last iteration, then of this one.
     """
     _cholesky(A)
     _solve(A, probe, x)
@@ -258,11 +245,11 @@ def build_stop_motion(scenario: Scenario, clearance: float) -> StopMotion:
 def steer_stop(
     stop: StopMotion, robot: Speedl, m: Measurement, inside: bool, since_stop: float, t: float, dt: float
 ) -> float:
-    """Move the robot on after the stop.
+    """Move the robot on after the stop: from the brakes on its acting request is written.
 
     Args:
         stop: How it stops; its state is written.
-        robot: The velocity interface; from the brakes on its acting request is written.
+        robot: The velocity interface.
         m: Tool pose.
         inside: False if a joint was at the end of its range in the last step.
         since_stop: Time since the guard tripped [s].

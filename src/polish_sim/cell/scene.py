@@ -27,10 +27,8 @@ POST_AWAY, _POST = 0.15, 0.02  # of a post from the part it holds, half its thic
 class Box(NamedTuple):
     """A box along the axes of the base frame."""
 
-    middle: Array
-    """[m], shape (3,)."""
-    half: Array
-    """Half its sides [m], shape (3,)."""
+    middle: Array  #: [m], shape (3,)
+    half: Array  #: Half its sides [m], shape (3,)
 
 
 TABLE = Box(np.array([0.0, -0.57, TABLE_TOP - 0.02]), np.array([0.5, 0.42, 0.02]))
@@ -40,17 +38,10 @@ TABLE = Box(np.array([0.0, -0.57, TABLE_TOP - 0.02]), np.array([0.5, 0.42, 0.02]
 def build_scene(
     scenario: Scenario, mesh: PartMesh | None, part: RealPart | None, held_behind: bool = False
 ) -> mujoco.MjModel:
-    """Compile the cell.
+    """Compile the cell; without a mesh it is for motion in free space.
 
-    Args:
-        scenario: Head, pad, robot and time step.
-        mesh: The part to show, or None for motion in free space.
-        part: Where it really lies.
-        held_behind: Whether the fixture leaves the part's underside free, see ``fixture_of``.
-
-    Returns:
-        The compiled model. The part's mesh is drawn only; the pad's contact and the crash check are computed on
-        its signed distance, because the engine would take the convex hull.
+    ``held_behind``: the fixture leaves the part's underside free, see ``fixture_of``. The part's mesh is drawn only; the
+    pad's contact and the crash check are computed on its signed distance, because the engine would take the convex hull.
     """
     spec = robot_with_tool(scenario)
     if mesh is not None and part is not None:

@@ -136,15 +136,7 @@ def change_rate(state: Sequence, wanted: float, feed: float, dt: float) -> None:
 
 @kernel
 def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, target: Target) -> None:
-    """Move the target on by one step of its stage.
-
-    Args:
-        stroke: The stroke.
-        state: Where the run is in it.
-        granted: Share of the planned feed that is granted [-].
-        dt: Step [s].
-        target: Written.
-    """
+    """Move the target on by one step of its stage; ``granted`` is the share of the planned feed that is granted [-]."""
     stage = state.stage
     target.contact[0] = 1.0 if stroke.contact and stage in (TOUCH_DOWN, PROCESS) else 0.0
     fed = state.s if stage >= PROCESS else 0.0
@@ -236,18 +228,10 @@ LEAST_SHARE = 0.02  # of the planned feed a controller can slow it to: the run m
 def advance_sequence(
     stroke: Stroke, state: Sequence, measured_force: float, granted: float, dt: float, target: Target
 ) -> bool:
-    """Move the target on by one step.
+    """Move the target on by one step; False if contact was sought down to the search depth and not found.
 
-    Args:
-        stroke: The stroke.
-        state: Where the run is in it.
-        measured_force: Force the host believes it presses with [N].
-        granted: Share of the planned feed the controller grants [-]; limited to ``LEAST_SHARE`` to 1.
-        dt: Step [s].
-        target: Written.
-
-    Returns:
-        False if contact was sought down to the search depth and not found.
+    ``measured_force`` [N] is what the host believes it presses with, ``granted`` [-] the share of the planned feed
+    the controller grants, limited to ``LEAST_SHARE`` to 1.
     """
     state.time += dt
     stage = state.stage

@@ -57,12 +57,7 @@ class Payload(Record):
 
 
 def build_sensor(config: SensorConfig, rng: np.random.Generator) -> WristSensor:
-    """Make a sensor with a seeded bias, its memory fresh.
-
-    Args:
-        config: The sensor's figures.
-        rng: Draws the bias, uniform within its size on each axis.
-    """
+    """Make a sensor, its memory fresh; ``rng`` draws the bias, uniform within its size on each axis."""
     period = 1.0 / config.rate_hz
     errors = SensorErrors(
         bias=_per_axis(config.force_bias_n, config.torque_bias_nm) * rng.uniform(-1.0, 1.0, 6),
@@ -86,14 +81,10 @@ def _per_axis(force: float, torque: float) -> Array:
 
 @kernel
 def sample_sensor(sensor: WristSensor, line: Array, t: float, exact: Array, draws: Array) -> None:
-    """Take a sample if one is due and pass on the one that arrives.
+    """Take a sample if one is due at ``t`` [s] and pass on the one that arrives: ``sensor.reading`` is written.
 
-    Args:
-        sensor: The sensor; ``reading`` is written.
-        line: Samples under way, shape (delay + 1, 6).
-        t: Time [s].
-        exact: Exact wrench at the sensor plane (force [N]; torque [N m]), shape (6,).
-        draws: Standard normal numbers for noise and drift, shape (12,).
+    ``line`` (delay + 1, 6) holds samples under way, ``exact`` (6,) is the exact wrench at the sensor plane (force
+    [N]; torque [N m]), ``draws`` (12,) are standard normal numbers for noise and drift.
     """
     if t < sensor.next - 1e-9:
         return
@@ -157,14 +148,9 @@ def carried_payload(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -
 
 
 def weight_of(payload: Payload, R_base_sensor: Array) -> Array:
-    """What a tool at rest loads the sensor with.
+    """What a tool at rest loads a sensor that stands at ``R_base_sensor`` (n, 3, 3) with.
 
-    Args:
-        payload: The tool.
-        R_base_sensor: How the sensor stands, shape (n, 3, 3).
-
-    Returns:
-        Wrench in sensor axes about the sensor's origin [N, N m], shape (n, 6).
+    Wrench in sensor axes about the sensor's origin [N, N m], shape (n, 6).
     """
     force = payload.mass * GRAVITY * R_base_sensor[:, 2, :]
     return np.concatenate([force, np.cross(payload.center, force)], axis=1)

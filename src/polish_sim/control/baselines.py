@@ -76,18 +76,9 @@ _CONTEXT = BaselineContext.dtype
 
 @kernel
 def push(body: VirtualMass, error: float, dt: float, memory: BaselineMemory) -> float:
-    """Push a virtual mass by the force error for one step.
+    """Push a virtual mass by the force ``error`` Fd - Fe [N] for one step; its velocity [m/s].
 
     The damper is taken at the end of the step, so that no damping is too much for it.
-
-    Args:
-        body: The mass.
-        error: Fd - Fe [N].
-        dt: Step [s].
-        memory: Its velocity and offset.
-
-    Returns:
-        Its velocity [m/s].
     """
     speed = (body.mass * memory.velocity + (error - body.stiffness * memory.offset) * dt) / (
         body.mass + body.damping * dt
@@ -101,8 +92,7 @@ def push(body: VirtualMass, error: float, dt: float, memory: BaselineMemory) -> 
 def _begin(c: BaselineContext, m: Measurement, t: Target, out: Array) -> bool:
     """Everything but tool z, by ``hybrid-pi``'s loops; until contact tool z by position, too.
 
-    Returns:
-        Whether the force is to be controlled; at contact the law starts with the tool's measured speed along its axis.
+    Whether the force is to be controlled; at contact the law starts with the tool's measured speed along its axis.
     """
     gains, memory, dt = c.gains.hybrid, c.memory, m.clock[1]
     position_by_velocity(m, t, gains.position, dt, memory.hybrid, out)
@@ -195,17 +185,7 @@ STEP_S = 0.002  #: The mode's own cycle [s]
 
 @kernel
 def mode_speed(error: float, dt: float, gains: ForceMode, memory: BaselineMemory) -> float:
-    """Speed of the mode, renewed every 2 ms and held in between.
-
-    Args:
-        error: Fd - Fe [N].
-        dt: Control cycle [s].
-        gains: The mode's gains.
-        memory: Speed, and the readings since the last step.
-
-    Returns:
-        The speed [m/s].
-    """
+    """Speed of the mode [m/s] for the ``error`` Fd - Fe [N], renewed every 2 ms and held in between."""
     memory.passed += dt
     memory.sum += error
     memory.readings += 1

@@ -90,17 +90,9 @@ def turn_to_target(
     m: Measurement, R_wanted: Array, planned: Array, gains: OrientationGains, dt: float, free_y: bool,
     memory: HybridMemory, out: Array,
 ) -> None:  # fmt: skip
-    """Angular part of the twist by eq. 7.
+    """Angular part of the twist by eq. 7, towards ``R_wanted`` (3, 3) with ``planned`` the planned tool velocity (6,).
 
-    Args:
-        m: Measurement.
-        R_wanted: R_base_tool to turn to, shape (3, 3).
-        planned: Planned tool velocity, shape (6,).
-        gains: PID gains.
-        dt: Control cycle [s].
-        free_y: Tool y is left to the moment loop and takes no part in it.
-        memory: Memory; ``memory.error`` is left holding the rotation error [rad].
-        out: The twist, shape (6,).
+    With ``free_y`` tool y is left to the moment loop. ``memory.error`` is left holding the rotation error [rad].
     """
     rotation_error(m.rotation, R_wanted, memory.error)
     surplus = 0.0

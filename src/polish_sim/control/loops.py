@@ -50,15 +50,9 @@ def velocity_toward(position: Array, target: Array, feed: Array, look_ahead: flo
 def velocity_pd(
     wanted: Array, actual: Array, gains: PositionGains, dt: float, state: PositionMemory, out: Array
 ) -> None:
-    """Command v = v01 + kpp v_err + kpd d/dt v_err (paper 1, eq. 6).
+    """Command v = v01 + kpp v_err + kpd d/dt v_err [m/s] (paper 1, eq. 6).
 
-    Args:
-        wanted: v01 [m/s], shape (3,).
-        actual: Measured tool velocity [m/s], shape (3,).
-        gains: The gains.
-        dt: Control cycle [s].
-        state: Memory.
-        out: The command [m/s], shape (3,).
+    ``wanted`` is v01, ``actual`` the measured tool velocity [m/s], shape (3,) each.
     """
     for i in range(3):
         error = wanted[i] - actual[i]
@@ -140,15 +134,10 @@ def rotation_error(R_actual: Array, R_wanted: Array, out: Array) -> None:
 def angular_pid(
     wanted: Array, actual: Array, gains: OrientationGains, dt: float, state: OrientationMemory, out: Array
 ) -> None:
-    """Angular velocity command f = f01 + PID(f01 - f0) (paper 1, eq. 7).
+    """Angular velocity command f = f01 + PID(f01 - f0) [rad/s] (paper 1, eq. 7).
 
-    Args:
-        wanted: f01, planned turning rate plus error over the look-ahead [rad/s], shape (3,).
-        actual: Measured angular velocity [rad/s], shape (3,).
-        gains: The gains.
-        dt: Control cycle [s].
-        state: Memory.
-        out: The command [rad/s], shape (3,).
+    ``wanted`` is f01, the planned turning rate plus the error over the look-ahead, ``actual`` the measured angular
+    velocity f0 [rad/s], shape (3,) each.
     """
     for i in range(3):
         error = wanted[i] - actual[i]
@@ -187,17 +176,10 @@ class PiMemory(Record):
 
 @kernel
 def force_pi(wanted: float, measured: float, gains: PiGains, dt: float, state: PiMemory) -> float:
-    """Rate kfp (Fd - Fe) + kfi integral (Fd - Fe) dt, limited, without wind-up (paper 1, eq. 5).
+    """Rate kfp (Fd - Fe) + kfi integral (Fd - Fe) dt, limited, without wind-up [m/s] or [rad/s] (paper 1, eq. 5).
 
-    Args:
-        wanted: Fd [N] or [N m].
-        measured: Fe [N] or [N m].
-        gains: The gains.
-        dt: Control cycle [s].
-        state: Memory. The integral rests while the rate is at its limit and would grow further.
-
-    Returns:
-        The rate [m/s] or [rad/s].
+    ``wanted`` is Fd, ``measured`` Fe [N] or [N m]. The integral rests while the rate is at its limit and would grow
+    further.
     """
     state.measured = low_pass_step(state.measured, measured, gains.filter_hz, dt) if state.started else measured
     state.started = True

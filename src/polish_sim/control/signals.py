@@ -112,10 +112,8 @@ class Controller(Protocol):
 class CompiledController:
     """A shipped controller: gains and memory in one record, its law compiled.
 
-    Args:
-        context: What the law reads and writes; its field ``memory`` is zero after a reset.
-        law: The compiled law.
-        course: What lies ahead on the path as the law has it, an array of records; None for a law that does not ask.
+    The field ``memory`` of ``context`` is zero after a reset. ``course`` is what lies ahead on the path as the law
+    has it, an array of records; None for a law that does not ask.
     """
 
     def __init__(self, context: Any, law: Any, course: Any = None) -> None:

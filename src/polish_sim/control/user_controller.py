@@ -17,14 +17,9 @@ from polish_sim.errors import InputError, unknown_name
 
 
 def tell_error(error: BaseException, file: str | Path | None) -> str:
-    """An exception in one line: its kind, its message, and where in the user's file it came from.
+    """An exception in one line: its kind, its message, and its place in the user's file if one of its lines took part.
 
-    Args:
-        error: What was raised.
-        file: The user's file; None if it is not known.
-
-    Returns:
-        E.g. ``ValueError: negative gain (mine.py, line 12)``; without a place if none of its lines took part.
+    E.g. ``ValueError: negative gain (mine.py, line 12)``.
     """
     text = f"{type(error).__name__}: {' '.join(str(error).split())}"
     if file is None:
@@ -40,13 +35,7 @@ def file_of(thing: object) -> str | None:
 
 
 def build_controller(config: ControllerConfig) -> Controller:
-    """Make the controller a scenario names.
-
-    Args:
-        config: Name and gains; the name is a shipped one or ``FILE.py:CLASS``.
-
-    Returns:
-        The controller, not yet reset.
+    """Make the controller a scenario names, a shipped one or ``FILE.py:CLASS``; it is not yet reset.
 
     Raises:
         InputError: If the name is unknown, or the file has no such class, or the class lacks a method.

@@ -18,19 +18,10 @@ _AGREEMENT = np.cos(np.radians(15.0))
 
 
 def edge_middle(start: Array, end: Array, start_way: Array, end_way: Array) -> Array:
-    """Middle of the cubic Hermite curve between points whose end tangents are as long as the chord (paper 1, eq. 3, 4).
+    """Middle (..., 3) [m] of the cubic Hermite curve whose end tangents are as long as the chord (paper 1, eq. 3, 4).
 
-    On a circle it is off by R phi^4 / 8, phi half the angle; with tangents as long as the chord's projection by three
-    times that.
-
-    Args:
-        start: Where curves start [m], shape (..., 3).
-        end: Where they end [m].
-        start_way: Unit tangents at their starts.
-        end_way: Unit tangents at their ends.
-
-    Returns:
-        Mid-points [m], shape (..., 3).
+    On a circle it is off by R phi^4 / 8, phi half the angle; with tangents as long as the chord's projection by
+    three times that. Points are (..., 3) [m], ``start_way`` and ``end_way`` unit tangents there.
     """
     length = np.linalg.norm(end - start, axis=-1, keepdims=True)
     return 0.5 * (start + end) + 0.125 * (length * start_way - length * end_way)
@@ -58,15 +49,9 @@ def basis(u: float, v: float, w: float) -> Any:
 
 @njit(cache=True)
 def blend(control, facets, barycentric):  # type: ignore[no-untyped-def]
-    """Evaluate quadratic triangles: positions, normals or other values.
+    """Evaluate quadratic triangles ``facets`` (n,) at ``barycentric`` (n, 3): positions, normals or other values.
 
-    Args:
-        control: Control values, shape (m, 6, d).
-        facets: Which triangle, shape (n,).
-        barycentric: Where in it, shape (n, 3).
-
-    Returns:
-        Values, shape (n, d).
+    From the control values (m, 6, d) of all triangles, shape (n, d).
     """
     count, size = len(facets), control.shape[2]
     out = np.empty((count, size))
@@ -111,14 +96,8 @@ def quadratic_normals(corners: Array, normals: Array) -> Array:
     """Normal field that is quadratic over each triangle (not normalised), continuous across shared edges.
 
     In the middle of an edge stands the mean of its ends' normals mirrored at the plane across the edge, which is
-    exact on spheres, cylinders and cones; it is one order more accurate there than normals varying linearly.
-
-    Args:
-        corners: Corners of the triangles [m], shape (m, 3, 3).
-        normals: Unit normals at them, shape (m, 3, 3).
-
-    Returns:
-        Control values, shape (m, 6, 3).
+    exact on spheres, cylinders and cones; it is one order more accurate there than normals varying linearly. From
+    corners (m, 3, 3) [m] and unit normals there, the control values (m, 6, 3).
     """
     edges = np.roll(corners, -1, axis=1) - corners
     both = normals + np.roll(normals, -1, axis=1)

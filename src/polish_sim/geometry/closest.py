@@ -30,11 +30,7 @@ class BoxTree(NamedTuple):
 
 
 def build_box_tree(control: Array) -> BoxTree:
-    """Build the tree over patches; a Bezier patch lies within the box of its control points.
-
-    Args:
-        control: Control points [m], shape (m, 6, 3).
-    """
+    """Build the tree over patches with control points (m, 6, 3) [m]; a Bezier patch lies within the box of these."""
     # P - flat = sum of 2 u v e with e an edge's control point beside its middle, and u v + v w + w u <= 1/3.
     middles = 0.5 * (control[:, :3] + np.roll(control[:, :3], -1, axis=1))
     bulge = 2.0 / 3.0 * np.linalg.norm(control[:, 3:] - middles, axis=2).max(axis=1)
@@ -103,10 +99,8 @@ def _enclose(items, begin, end, lows, highs, low, high):  # type: ignore[no-unty
 def _split(items, begin, end, centers, lows, highs):  # type: ignore[no-untyped-def]
     """Sort items to two sides such that the boxes' areas, weighted by their items, are smallest.
 
-    Large facets beside small ones (a part's flat bottom under its freeform top) end in boxes of their own.
-
-    Returns:
-        Where the second side begins; ``begin`` if all centers coincide.
+    Large facets beside small ones (a part's flat bottom under its freeform top) end in boxes of their own. Returns
+    where the second side begins; ``begin`` if all centers coincide.
     """
     low, high = np.empty(3), np.empty(3)
     _enclose(items, begin, end, centers, centers, low, high)
@@ -195,21 +189,10 @@ _CANDIDATES = 32
 
 @njit(cache=True)
 def closest_in_tree(control, tree, x, y, z, hint, limit):  # type: ignore[no-untyped-def]
-    """Closest point of all patches.
+    """Closest point of all patches (m, 6, 3) to (x, y, z) [m]: squared distance [m^2], facet (-1 if none), u, v.
 
-    Flat triangles, which bound the patches' distances from both sides, sort out all but a few patches.
-
-    Args:
-        control: Control points [m], shape (m, 6, 3).
-        tree: Boxes over the patches.
-        x: Point [m].
-        y: Point [m].
-        z: Point [m].
-        hint: A patch that may be close, or -1.
-        limit: Distance beyond which nothing is looked for [m].
-
-    Returns:
-        Squared distance [m^2], facet (-1 if none within the limit), u, v.
+    Flat triangles, which bound the patches' distances from both sides, sort out all but a few patches. ``hint`` is a
+    patch that may be close, or -1; beyond ``limit`` [m] nothing is looked for.
     """
     best, facet, best_u, best_v = limit * limit, -1, 0.0, 0.0
     if hint >= 0:

@@ -13,18 +13,9 @@ _NEWTON_DONE = 1e-8  # the next step would be of the order of its square
 
 @njit(cache=True)
 def closest_on_patch(patch, x, y, z):  # type: ignore[no-untyped-def]
-    """Closest point of one patch.
+    """Closest point of one patch (6, 3) to (x, y, z) [m]: squared distance [m^2] and barycentric coordinates u, v.
 
     Newton's method on the whole quadratic first; where it ends outside the triangle, the three edges.
-
-    Args:
-        patch: Control points [m], shape (6, 3).
-        x: Point [m].
-        y: Point [m].
-        z: Point [m].
-
-    Returns:
-        Squared distance [m^2] and barycentric coordinates u, v.
     """
     u, v, settled = _newton(patch, x, y, z)
     w = 1.0 - u - v

@@ -35,15 +35,10 @@ class Cut(NamedTuple):
 
 
 def clip(surface: Surface, values: Array, on: float = 0.0) -> Clipped:
-    """Keep the part of a surface where a quantity is positive.
+    """Keep the part of a surface where a quantity is positive, and the facets it came from.
 
-    Args:
-        surface: The surface.
-        values: The quantity as a quadratic over each patch, shape (m, 6); equal along shared edges.
-        on: Corners where its magnitude is at most this lie on the cut.
-
-    Returns:
-        The part where it is positive, and the facets it came from.
+    ``values`` (m, 6) are the quantity as a quadratic over each patch, equal along shared edges; corners where its
+    magnitude is at most ``on`` lie on the cut.
     """
     sign = _corner_signs(values, on)
     whole = ~(sign < 0).any(axis=1)
@@ -202,16 +197,7 @@ def find_edges(faces: Ints) -> Edges:
 
 
 def spread_to_longest(edges: Edges, lengths: Array, marked: Bools) -> Bools:
-    """Mark the longest edge of every facet with a marked edge too, so that facets stay well shaped.
-
-    Args:
-        edges: The edges.
-        lengths: Their lengths [m], shape (e,).
-        marked: Edges to be halved, shape (e,).
-
-    Returns:
-        The edges to be halved, shape (e,).
-    """
+    """Mark (e,) the longest edge of every facet with a marked edge too, so that facets stay well shaped when halved."""
     of_facet = lengths[edges.of_facet]
     longest = edges.of_facet[np.arange(len(of_facet)), (of_facet * _EQUAL >= of_facet.max(axis=1)[:, None]).argmax(1)]
     marked = marked.copy()
@@ -223,17 +209,11 @@ def spread_to_longest(edges: Edges, lengths: Array, marked: Bools) -> Bools:
 
 
 def halve_edges(cut: Cut, places: Array, edges: Edges, marked: Bools) -> tuple[Cut, Indices]:
-    """Halve the marked edges and split the triangles beside them.
+    """Halve the marked edges (e,) and split the triangles beside them.
 
-    Args:
-        cut: The triangles.
-        places: Positions of their vertices, which decide between diagonals [m], shape (n, 3).
-        edges: Their edges.
-        marked: Edges to be halved, shape (e,).
-
-    Returns:
-        The triangles, and where the middle of each halved edge is found: rows of (facet, edge) of the triangles
-        given, shape (k, 2). New vertices are numbered in that order after the n old ones.
+    ``places`` (n, 3) [m] are the vertices' positions, which decide between diagonals. Returns the triangles, and
+    where the middle of each halved edge is found: rows of (facet, edge) of the triangles given, shape (k, 2). New
+    vertices are numbered in that order after the n old ones.
     """
     number = np.full(len(marked), -1, dtype=np.int64)
     number[marked] = len(places) + np.arange(int(marked.sum()))

@@ -48,14 +48,9 @@ def _build_skin(surface: Surface) -> Skin:
 
 
 def signed_distances(surface: Surface, points: Array) -> Array:
-    """Signed distance of points to a surface, negative inside.
+    """Signed distance (n,) of points (n, 3) to a surface [m], negative inside.
 
-    Args:
-        surface: The surface. Points whose closest point is on a border of an open one count as outside.
-        points: Points [m], shape (n, 3).
-
-    Returns:
-        Distances [m], shape (n,).
+    Points whose closest point is on a border of an open surface count as outside.
     """
     return np.asarray(
         _signed_distances(_build_skin(surface), np.ascontiguousarray(points, dtype=np.float64), np.inf)[0]
@@ -148,18 +143,11 @@ def build_distance_field(
     bounds: Array | None = None,
     offset: Callable[[Array], Array] | None = None,
 ) -> DistanceField:
-    """Sample the signed distance of a surface in a narrow band.
+    """Sample the signed distance of a part's whole surface in a band of half width ``band`` [m], every ``spacing`` [m].
 
-    Args:
-        surface: The part's whole surface. On an open one the sign follows the closest point's normal, and
-            beyond the border everything is outside.
-        spacing: Distance between nodes [m].
-        band: Half width of the band around the surface [m].
-        bounds: Box to sample, corners (2, 3) [m]; default the whole surface. Beyond it all is "outside".
-        offset: Outward shift of the surface [m], (n,), at points (n, 3): bends the part by a form error.
-
-    Returns:
-        The field.
+    On an open surface the sign follows the closest point's normal; beyond the border, and beyond the box ``bounds`` (2,
+    3) [m], everything is outside. ``offset`` bends the part by a form error: an outward shift [m], (n,), at points (n,
+    3).
 
     Raises:
         ConfigError: The band is narrower than two spacings, or the field would take too much memory.

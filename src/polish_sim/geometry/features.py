@@ -44,19 +44,10 @@ def smooth_edges(normals: Array, adjacency: Adjacency, feature_angle: float = FE
 
 
 def smooth_corners(vertices: Array, faces: Ints, adjacency: Adjacency, smooth: Bools) -> SmoothCorners:
-    """Gather facet corners across smooth edges and give each gathering one normal.
+    """Gather facet corners across smooth edges (m, 3) and give each gathering one normal.
 
-    Weights sin(angle) / (|e1| |e2|) make the normals exact on a sphere (Max 1999); where a much larger
-    flat face meets a rounding, the flat face's own normal is kept so that it stays flat.
-
-    Args:
-        vertices: Vertices [m], shape (n, 3).
-        faces: Vertex indices, shape (m, 3).
-        adjacency: Neighbours across edges.
-        smooth: Which edges are smooth, shape (m, 3).
-
-    Returns:
-        Smooth vertices with their normals.
+    Weights sin(angle) / (|e1| |e2|) make the normals exact on a sphere (Max 1999); where a much larger flat face
+    meets a rounding, the flat face's own normal is kept so that it stays flat.
     """
     count, index = _gather_corners(adjacency, smooth)
     normals = _sum_over(index, _max_weights(vertices, faces), count)
@@ -140,9 +131,8 @@ def _widths(vertices: Array, faces: Ints, adjacency: Adjacency, labels: Ints, ar
 def flat_faces(vertices: Array, faces: Ints, adjacency: Adjacency) -> tuple[Ints, Array, Array]:
     """Gather coplanar neighbouring facets to flat faces.
 
-    Returns:
-        Each facet's face, shape (m,); the faces' areas [m^2], shape (k,), and unit normals, shape (k, 3).
-        A gathering that is bent after all is left apart: each of its facets is a face.
+    Returns each facet's face (m,), the faces' areas (k,) [m^2] and unit normals (k, 3). A gathering that is bent
+    after all is left apart: each of its facets is a face.
     """
     normals, areas = facet_normals(vertices, faces)
     tolerance = FLAT_TOLERANCE * float(np.ptp(vertices, axis=0).max())
@@ -192,19 +182,11 @@ class CreaseTangents(NamedTuple):
 
 
 def crease_tangents(vertices: Array, faces: Ints, neighbours: Ints, smooth: Bools) -> CreaseTangents:
-    """Find the direction of creases and borders at the ends of each edge.
+    """Find the direction of creases and borders at the ends of each edge; on smooth edges it is the chord's.
 
     Where a crease runs through a vertex its direction is that of the circle through the vertex and its two
-    neighbours; at a corner it mirrors the edge's other end, so that the edge is an arc.
-
-    Args:
-        vertices: Vertices [m], shape (n, 3).
-        faces: Vertex indices, shape (m, 3).
-        neighbours: Facets across edges, -1 at borders, shape (m, 3).
-        smooth: Edges that are neither crease nor border, shape (m, 3).
-
-    Returns:
-        Directions; on smooth edges they are the chord's.
+    neighbours; at a corner it mirrors the edge's other end, so that the edge is an arc. ``neighbours`` (m, 3) are
+    the facets across edges, -1 at borders; ``smooth`` (m, 3) the edges that are neither crease nor border.
     """
     low = np.minimum(faces, np.roll(faces, -1, axis=1))
     high = np.maximum(faces, np.roll(faces, -1, axis=1))

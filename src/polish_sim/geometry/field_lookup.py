@@ -36,14 +36,7 @@ class DistanceField(NamedTuple):
 
 @njit(cache=True)
 def field_distance(field, x, y, z):  # type: ignore[no-untyped-def]
-    """Signed distance at a point [m], clipped to the band; "outside" beyond the grid.
-
-    Args:
-        field: The field.
-        x: Point, in the frame of the surface [m].
-        y: Point [m].
-        z: Point [m].
-    """
+    """Signed distance [m] at (x, y, z) [m] in the surface's frame, clipped to the band; "outside" beyond the grid."""
     per_metre = 1.0 / field.spacing
     fx, fy, fz = (x - field.origin[0]) * per_metre, (y - field.origin[1]) * per_metre, (z - field.origin[2]) * per_metre
     nx, ny, nz = field.table.shape
@@ -78,13 +71,7 @@ def field_gradient(field, x, y, z):  # type: ignore[no-untyped-def]
 def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
     """As ``field_gradient``, several times as fast in a loop over points: flat nodes, unsigned indices.
 
-    Args:
-        field: The field.
-        nodes: ``field.bricks`` flattened.
-        per_metre: One over the spacing [1/m].
-        x: Point, in the frame of the surface [m].
-        y: Point [m].
-        z: Point [m].
+    ``nodes`` are the ``field.bricks`` flattened, ``per_metre`` is one over the spacing [1/m].
     """
     fx, fy, fz = (x - field.origin[0]) * per_metre, (y - field.origin[1]) * per_metre, (z - field.origin[2]) * per_metre
     nx, ny, nz = field.table.shape

@@ -31,14 +31,9 @@ STEEPEST = np.radians(45.0)
 
 
 def fit_surface(mesh: PartMesh, feature_angle: float = FEATURE_ANGLE) -> Surface:
-    """Fit one quadratic Bezier triangle to each facet (paper 1, eq. 1-4).
+    """Fit one quadratic Bezier triangle to each facet (paper 1, eq. 1-4), in the work frame.
 
-    Args:
-        mesh: The part.
-        feature_angle: Edges that bend more stay sharp [rad].
-
-    Returns:
-        The surface, in the work frame.
+    Edges that bend more than ``feature_angle`` [rad] stay sharp.
     """
     return fit_triangles(mesh.vertices, mesh.faces, feature_angle)
 

@@ -45,17 +45,9 @@ class _Links(NamedTuple):
 def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bools) -> VertexJets:
     """Refine the normals of smooth vertices and find how the surface bends there.
 
-    A vertex at a crease or border starts from a one-sided average; its normal is not used by others before it
-    has been fitted to at least two trusted neighbours itself. Normals of flat faces stay as they are.
-
-    Args:
-        vertices: Vertices [m], shape (n, 3).
-        faces: Vertex indices, shape (m, 3).
-        corners: Smooth vertices with their first normals.
-        smooth: Edges that are neither crease nor border, shape (m, 3).
-
-    Returns:
-        Normals and shape operators.
+    A vertex at a crease or border starts from a one-sided average; its normal is not used by others before it has
+    been fitted to at least two trusted neighbours itself. Normals of flat faces stay as they are. ``smooth`` (m, 3)
+    are the edges that are neither crease nor border.
     """
     links, size = _find_links(vertices, faces, corners, smooth)
     lonely = np.bincount(links.here, minlength=len(size)) < _LINKS_NEEDED
@@ -155,8 +147,7 @@ def tangent_frames(normals: Array) -> Array:
 def _fit_heights(links: _Links, normals: Array, frames: Array, trusted: Bools) -> tuple[Array, Indices]:
     """Fit z = p x + q y + A x^2/2 + B x y + C y^2/2 + cubic terms around each vertex, lengths in mean edges.
 
-    Returns:
-        Coefficients, shape (k, 9), and how many trusted neighbours each vertex has, shape (k,).
+    Returns coefficients (k, 9), and how many trusted neighbours each vertex has (k,).
     """
     sums, seen = np.zeros((len(normals), 9, 10)), np.zeros(len(normals), np.int64)
     _add_equations(links.here, links.there, links.steps, normals, frames, trusted, sums, seen)
@@ -211,10 +202,9 @@ def _add_row(sums, at, row, weight):  # type: ignore[no-untyped-def]
 
 
 def solve_symmetric(systems: Array) -> Array:
-    """Solve many symmetric positive systems, lower triangles and right sides (k, n, n + 1), by Cholesky's method.
+    """Solve many symmetric positive systems by Cholesky's method, shape (k, n).
 
-    Returns:
-        Solutions, shape (k, n).
+    Lower triangles and right sides are given together, shape (k, n, n + 1).
     """
     size = systems.shape[1]
     rows = np.moveaxis(systems, 0, -1).copy()  # (n, n + 1, k)

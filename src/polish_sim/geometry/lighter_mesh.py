@@ -17,15 +17,9 @@ class LighterMesh(NamedTuple):
 
 
 def lighter_mesh(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:
-    """Collapse edges, those that change the shape least first, until a fine mesh has no more facets than wanted.
+    """Collapse edges of a fine mesh (n, 3) [m], (m, 3), those that change the shape least first, to ``most_facets``.
 
-    Args:
-        vertices: [m], shape (n, 3).
-        faces: Vertex indices, shape (m, 3).
-        most_facets: How many facets are wanted at most.
-
-    Returns:
-        The mesh as it is if it is light enough, else a lighter copy.
+    A mesh that is light enough stays as it is.
     """
     if len(faces) <= most_facets:
         return LighterMesh(vertices, faces)

@@ -82,16 +82,10 @@ class PartMesh:
 
 
 def load_part(path: str | Path, unit: str = "mm", up: str = "auto") -> PartMesh:
-    """Load a part from a mesh file, check it and repair what can be repaired without guessing.
+    """Load a part from an STL, PLY or OBJ file in ``unit`` (mm, cm, m or inch), in metres.
 
-    Args:
-        path: STL or PLY (binary or ASCII) or OBJ file; several bodies and polygons are fine.
-        unit: Unit of the file's numbers: mm, cm, m or inch.
-        up: Side that looks away from the table: x, y, z, -x, -y, -z, or auto for the side with the
-            largest smooth face.
-
-    Returns:
-        The mesh in metres, with notes about what was assumed and repaired.
+    It is checked, and what can be repaired without guessing is repaired and noted. ``up`` is the side that looks away
+    from the table: x, y, z, -x, -y, -z, or auto for the side with the largest smooth face.
 
     Raises:
         MeshError: The file is no usable part; the message says why and what to do.
@@ -106,17 +100,9 @@ def load_part(path: str | Path, unit: str = "mm", up: str = "auto") -> PartMesh:
 def part_from_arrays(
     vertices: ArrayLike, faces: ArrayLike, unit: str = "m", up: str = "auto", name: str = "part"
 ) -> PartMesh:
-    """Make a part from a mesh in memory, at full precision; checked and repaired as a file's.
+    """Make a part in metres of a mesh in memory, (n, 3) in ``unit`` and (m, 3), at full precision; else as `load_part`.
 
-    Args:
-        vertices: Vertices in the unit given, shape (n, 3).
-        faces: Vertex indices, shape (m, 3).
-        unit: Unit of the vertices: m, mm, cm or inch.
-        up: As in :func:`load_part`.
-        name: What messages and files call the part.
-
-    Returns:
-        The mesh in metres.
+    ``name`` is what messages and files call the part.
 
     Raises:
         MeshError: The arrays are no usable part.
@@ -163,15 +149,10 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
 
 
 def mend(triangles: Array, path: Path) -> Skin:
-    """Repair what can be repaired without guessing; note what was done and what was left.
+    """Repair what can be repaired of triangles (m, 3, 3) [m] without guessing; note what was done and what was left.
 
-    Args:
-        triangles: Corners [m], shape (m, 3, 3).
-        path: The file, for messages.
-
-    Returns:
-        The skin: every edge has one or two facets, wound alike, closed pieces outward. Borders, bodies and facets
-        that pass through each other are left and noted.
+    Every edge of the skin has one or two facets, wound alike, closed pieces outward. Borders, bodies and facets that
+    pass through each other are left and noted. Messages name the file ``path``.
 
     Raises:
         MeshError: Inside and outside are not defined; names the place.

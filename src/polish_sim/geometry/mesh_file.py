@@ -28,15 +28,9 @@ _VERTEX = re.compile(rb"^[ \t]*vertex\b(.*)$", re.IGNORECASE | re.MULTILINE)
 
 
 def read_mesh_file(path: Path) -> tuple[FileTriangles, bytes]:
-    """Read the facets of an STL, PLY or OBJ file in the file's own unit.
+    """Read the facets of an STL, PLY or OBJ file in the file's own unit, and the file's bytes.
 
     The content decides; the name's ending helps where the content is no proof (or broken).
-
-    Args:
-        path: The file.
-
-    Returns:
-        Triangles, and the file's bytes.
 
     Raises:
         MeshError: The file is missing, a folder, empty, cut short, too large or no mesh; says which.

@@ -179,18 +179,11 @@ _AXIS_NOISE = 1e-6  #: A direction this close to an axis is that axis: rounding 
 
 
 def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:
-    """Find the direction a user's choice means.
+    """Find the direction a user's choice means: unit vector (3,), and a note for the user.
 
-    Args:
-        vertices: Vertices [m], shape (n, 3).
-        faces: Vertex indices, shape (m, 3).
-        up: One of the six sides; a vector "X,Y,Z"; or "auto": the part's largest smooth face looks up.
-            If a large flat face is (nearly) parallel to the mean of that face, the part stands straight on it,
-            as it would on a table. The choice turns with the part, but where a curved face looks the same from
-            one of the file's own axes that axis is taken.
-
-    Returns:
-        Unit vector, shape (3,), and a note for the user.
+    One of the six sides; a vector "X,Y,Z"; or "auto": the part's largest smooth face looks up. If a large flat face is
+    (nearly) parallel to the mean of that face, the part stands straight on it, as it would on a table. The choice turns
+    with the part, but where a curved face looks the same from one of the file's own axes that axis is taken.
 
     Raises:
         InputError: Neither a side nor a vector; lists what is.

@@ -26,13 +26,8 @@ class Split(NamedTuple):
 def split_polygons(points: Array, indices: Indices, sizes: Indices) -> Split:
     """Split polygons, each by cutting off its best-shaped corner again and again.
 
-    Args:
-        points: Vertices, shape (n, 3).
-        indices: Vertex numbers of all polygons one after the other, shape (sum of sizes,).
-        sizes: Corners of each polygon, shape (k,); below three gives no triangle.
-
-    Returns:
-        The triangles.
+    ``indices`` are the vertex numbers of all polygons one after the other, ``sizes`` their corners; below three
+    gives no triangle.
     """
     if len(sizes) and (sizes == 3).all():
         return Split(indices.reshape(-1, 3), np.arange(len(sizes), dtype=np.int32), -1)
@@ -167,19 +162,10 @@ class FileTriangles(NamedTuple):
 
 
 def gather_triangles(points: Array, indices: Indices, sizes: Indices, path: object) -> FileTriangles:
-    """Build triangles from indexed polygons.
-
-    Args:
-        points: Vertices, shape (n, 3).
-        indices: Vertex numbers of all polygons one after the other, shape (sum of sizes,).
-        sizes: Corners of each polygon, shape (k,).
-        path: The file, for messages.
-
-    Returns:
-        Triangles; polygons with fewer than three corners are left out and noted.
+    """Build triangles from indexed polygons, see `split_polygons`; those with fewer than three corners are noted.
 
     Raises:
-        MeshError: A polygon refers to a vertex that does not exist, or cannot be split.
+        MeshError: A polygon refers to a vertex that does not exist, or cannot be split; names the file ``path``.
     """
     bad = np.flatnonzero((indices < 0) | (indices >= len(points)))
     if len(bad):

@@ -98,14 +98,9 @@ class Surface:
         return SurfacePoints(blend(self.control, facets, barycentric), unit(normals))
 
     def closest(self, points: Array, hint: Ints | None = None) -> ClosestPoints:
-        """Closest point of the surface to each point.
+        """Closest point of the surface to each of some points (n, 3) [m] in the work frame.
 
-        Args:
-            points: Points in the work frame [m], shape (n, 3).
-            hint: Facets that may be close, shape (n,); they save time, never change the answer.
-
-        Returns:
-            Positions, normals, facets and barycentric coordinates.
+        ``hint`` (n,) names facets that may be close; it saves time, never changes the answer.
         """
         points = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
         hints = np.full(len(points), -1, dtype=np.int32) if hint is None else np.asarray(hint, dtype=np.int32)
@@ -193,15 +188,11 @@ CHORD_ERROR = 1e-5  #: Curved border edges are divided until the polyline is thi
 
 
 def boundary_loops(surface: Surface) -> tuple[Array, ...]:
-    """Trace the border.
+    """Trace the border of an open surface, in one or several pieces; no loops for a closed one.
 
-    Args:
-        surface: An open surface, in one or several pieces.
-
-    Returns:
-        Closed polylines [m], each (p, 3) with the first point repeated at the end, the surface to the left
-        seen from outside; piece by piece, of each the outer loop first, the one that encloses the largest area
-        seen from where that looks largest. None for a closed surface.
+    Closed polylines [m], each (p, 3) with the first point repeated at the end, the surface to the left seen from
+    outside; piece by piece, of each the outer loop first, the one that encloses the largest area seen from where
+    that looks largest.
     """
     traced = trace_border(surface)
     loops = [_sample(surface, loop) for loop in traced]
@@ -219,9 +210,7 @@ def boundary_loops(surface: Surface) -> tuple[Array, ...]:
 def connected_facets(surface: Surface, passable: Bools | None = None) -> Ints:
     """Number of the connected piece each facet belongs to, shape (m,); the largest piece is 0.
 
-    Args:
-        surface: The surface.
-        passable: Edges across which pieces hang together, shape (m, 3); None for all.
+    Pieces hang together across the ``passable`` edges (m, 3); None for all.
     """
     adjacency = Adjacency(surface.neighbours, surface.neighbour_edges)
     count, labels = label_pieces(facet_links(adjacency, passable), len(surface.faces))

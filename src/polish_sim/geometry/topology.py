@@ -28,14 +28,9 @@ class EdgeFaults(NamedTuple):
 
 
 def find_adjacency(faces: Ints) -> Adjacency:
-    """Find the neighbour of each facet across each edge.
+    """Find the neighbour of each of some consistently wound facets (m, 3) across each edge, and that edge, (m, 3) each.
 
-    Args:
-        faces: Vertex indices, shape (m, 3), consistently wound. Edges that are not shared by exactly two
-            oppositely running facets count as borders.
-
-    Returns:
-        Neighbouring facets and their edges, each (m, 3).
+    Edges that are not shared by exactly two oppositely running facets count as borders.
     """
     start, end, order, key = sorted_half_edges(faces)
     first, second = equal_pairs(key)
@@ -71,15 +66,7 @@ def facets_at_edges(faces: Ints | Indices) -> Indices:
 
 
 def label_pieces(links: Indices, count: int) -> tuple[int, Ints]:
-    """Label connected pieces of a graph.
-
-    Args:
-        links: Linked pairs of nodes, shape (k, 2).
-        count: Number of nodes.
-
-    Returns:
-        Number of pieces and each node's label, shape (count,).
-    """
+    """Label connected pieces of a graph of ``count`` nodes by its links (k, 2): how many, and each node's label."""
     graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(count, count))
     pieces, labels = connected_components(graph, directed=False)
     return int(pieces), labels.astype(np.int32)

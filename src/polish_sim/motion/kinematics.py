@@ -44,13 +44,7 @@ def joint_rows(table: Array) -> Array:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def advance_frame(T: Array, row: Array, angle: float) -> None:
-    """Carry a frame over one joint, in place.
-
-    Args:
-        T: Pose of frame i - 1, becomes that of frame i, shape (3, 4) or (4, 4).
-        row: Of `joint_rows`, shape (5,).
-        angle: Joint angle [rad].
-    """
+    """Carry frame i - 1, (3, 4) or (4, 4), over one joint at an ``angle`` [rad], in place; ``row`` of `joint_rows`."""
     c, s = math.cos(angle + row[0]), math.sin(angle + row[0])
     for i in range(3):
         x, y, z = T[i, 0], T[i, 1], T[i, 2]
@@ -81,42 +75,20 @@ def _frames(q: Array, table: Array, count: int) -> Array:
 
 
 def link_frames(q: Array, table: Array = NOMINAL) -> Array:
-    """Poses of all DH frames in the base frame.
-
-    Args:
-        q: Joint angles [rad], shape (..., 6).
-        table: The arm's, shape (4, 6).
-
-    Returns:
-        Frames 0 (base) to 6 (flange), shape (..., 7, 4, 4).
-    """
+    """Poses of DH frames 0 (base) to 6 (flange) in the base, (..., 7, 4, 4), at joint angles ``q`` (..., 6) [rad]."""
     return _frames(q, table, 7)
 
 
 def forward(q: Array, table: Array = NOMINAL) -> Array:
-    """Pose of the flange in the base frame.
-
-    Args:
-        q: Joint angles [rad], shape (..., 6).
-        table: The arm's, shape (4, 6).
-
-    Returns:
-        T_base_flange, shape (..., 4, 4).
-    """
+    """Pose of the flange T_base_flange, (..., 4, 4), at angles ``q`` (..., 6) [rad] of an arm with a table (4, 6)."""
     return np.asarray(_frames(q, table, 1)[..., 0, :, :])
 
 
 def jacobian(q: Array, point_flange: Array, table: Array = NOMINAL) -> Array:
-    """Geometric Jacobian of a point that moves with the flange.
+    """Geometric Jacobian (..., 6, 6), base frame, of a point fixed in the flange, ``point_flange`` (3,) [m].
 
-    Args:
-        q: Joint angles [rad], shape (..., 6).
-        point_flange: The point in the flange frame [m], shape (3,).
-        table: The arm's, shape (4, 6).
-
-    Returns:
-        Matrices (..., 6, 6) that map joint speeds [rad/s] to the point's velocity [m/s] (rows 0-2) and the flange's
-        angular velocity [rad/s] (rows 3-5), both in the base frame.
+    It maps joint speeds [rad/s] at angles ``q`` (..., 6) [rad] to the point's velocity [m/s] (rows 0-2) and the
+    flange's angular velocity [rad/s] (rows 3-5).
     """
     return _jacobian_of(link_frames(q, table), point_flange)
 
@@ -129,14 +101,10 @@ def _jacobian_of(frames: Array, point_flange: Array) -> Array:
 
 
 def smallest_singular_values(q: Array, point_flange: Array) -> Array:
-    """Smallest singular value of the Jacobian, in its mixed units of metres and radians: 0 at a singularity.
+    """Smallest singular value (n,) of the Jacobian, in its mixed units of metres and radians: 0 at a singularity.
 
-    Args:
-        q: Joint angles [rad], shape (n, 6).
-        point_flange: The tool point in the flange frame [m], shape (3,).
-
-    Returns:
-        Singular values, shape (n,). A tool twist of size v can need joint speeds of v divided by it.
+    At angles ``q`` (n, 6) [rad] and the tool point ``point_flange`` (3,) [m]. A tool twist of size v can need joint
+    speeds of v divided by it.
     """
     return np.asarray(np.linalg.svd(jacobian(q, point_flange), compute_uv=False)[:, 5])
 
@@ -153,16 +121,10 @@ def link_poses(table: Array) -> Array:
 
 
 def table_slopes(frames: Array, points: Array) -> Array:
-    """Derivative of points that move with the flange with respect to the table's 24 numbers, row by row.
+    """Derivative (n, 3, 24) of points (n, 3) [m] that move with the flange with respect to the table's 24 numbers.
 
-    Offset and d act about and along z of the frame before, a and alpha along and about x of the frame behind.
-
-    Args:
-        frames: As from `link_frames`, in any common frame, shape (n, 7, 4, 4).
-        points: The point in every pose, same frame [m], shape (n, 3).
-
-    Returns:
-        Shape (n, 3, 24).
+    The table is taken row by row. Offset and d act about and along z of the frame before, a and alpha along and
+    about x of the frame behind. ``frames`` are those of `link_frames`, (n, 7, 4, 4), in the points' frame.
     """
     z, x = frames[:, :6, :3, 2], frames[:, 1:, :3, 0]
     about_z = np.cross(z, points[:, None] - frames[:, :6, :3, 3])
@@ -231,15 +193,9 @@ def _near(angle: float, reference: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def inverse_on_branch(T: Array, q_near: Array, q: Array) -> bool:
-    """Joint angles that bring the flange to a pose, on the branch of a configuration (closed form).
+    """Write joint angles ``q`` (6,) [rad] that bring the flange to ``T`` (4, 4), closed form; False if there are none.
 
-    Args:
-        T: T_base_flange, shape (4, 4).
-        q_near: Configuration that says which branch, and which full turns [rad], shape (6,).
-        q: Written: joint angles [rad], shape (6,); may be ``q_near`` itself.
-
-    Returns:
-        Whether the pose can be reached; ``q`` is untouched if not.
+    ``q_near`` (6,) [rad], which may be ``q`` itself, says which branch and which full turns.
     """
     side = _A2 * math.cos(q_near[1]) + _A3 * math.cos(q_near[1] + q_near[2])
     side += _D5 * math.sin(q_near[1] + q_near[2] + q_near[3])
@@ -252,15 +208,11 @@ def inverse_on_branch(T: Array, q_near: Array, q: Array) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def inverse_all(T_base_flange: Array, q6_if_aligned: float = 0.0) -> Array:
-    """All joint angles that bring the flange to a pose (closed form).
+    """All joint angles (8, 6), in [-pi, pi], that bring the flange to a pose (4, 4), in closed form; NaN where none.
 
-    Args:
-        T_base_flange: Wanted pose, shape (4, 4).
-        q6_if_aligned: Angle of wrist 3 where the pose leaves it free (wrist 2 at 0 or 180 deg) [rad].
-
-    Returns:
-        Joint angles in [-pi, pi], shape (8, 6); rows of solutions that do not exist are NaN. Rows 0-3 and 4-7 have
-        the two pan angles, within them rows 0-1 and 2-3 the two signs of wrist 2, even and odd rows those of the elbow.
+    Rows 0-3 and 4-7 have the two pan angles, within them rows 0-1 and 2-3 the two signs of wrist 2, even and odd
+    rows those of the elbow. ``q6_if_aligned`` is wrist 3 where the pose leaves it free (wrist 2 at 0 or 180 deg)
+    [rad].
     """
     solutions = np.empty((8, 6))
     for row in range(8):
@@ -273,15 +225,9 @@ def inverse_all(T_base_flange: Array, q6_if_aligned: float = 0.0) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def nearest_solution(T_base_flange: Array, q_near: Array, within_limits: bool) -> Array:
-    """The solution closest to a configuration, in the sum of squared joint differences.
+    """The solution (6,) [rad] closest to ``q_near`` (6,) [rad] in the sum of squared differences; NaN if there is none.
 
-    Args:
-        T_base_flange: Wanted pose, shape (4, 4).
-        q_near: Configuration to stay close to [rad], shape (6,).
-        within_limits: Whether only configurations inside the joint limits count.
-
-    Returns:
-        Joint angles [rad], shape (6,); NaN if there is no solution.
+    Only those inside the joint limits count if ``within_limits``.
     """
     best, best_distance = np.full(6, np.nan), np.inf
     solutions = inverse_all(T_base_flange, q_near[5])
@@ -308,14 +254,7 @@ def _into_limits(angle: float, lowest: float, highest: float) -> float:
 
 
 def inverse_near(T_base_flange: Array, q_near: Array) -> Array:
-    """Joint angles inside the limits that bring the flange to a pose, closest to a configuration.
-
-    Args:
-        T_base_flange: Wanted pose, shape (4, 4).
-        q_near: Configuration to stay close to [rad], shape (6,).
-
-    Returns:
-        Joint angles [rad], shape (6,).
+    """Joint angles (6,) [rad] inside the limits that bring the flange to T_base_flange (4, 4), closest to ``q_near``.
 
     Raises:
         ReachError: The flange cannot be brought there.
@@ -332,15 +271,9 @@ def inverse_near(T_base_flange: Array, q_near: Array) -> Array:
 
 
 def inverse_with_table(table: Array, T_base_flange: Array, q: Array) -> Array:
-    """Joint angles that bring the flange of an arm as built to poses: Newton's method from the nominal solution.
+    """Joint angles (n, 6) [rad] that bring the flange of an arm as built to poses (n, 4, 4).
 
-    Args:
-        table: The arm's table, shape (4, 6).
-        T_base_flange: Wanted poses, shape (n, 4, 4).
-        q: Where to start, of the configuration wanted [rad], shape (n, 6).
-
-    Returns:
-        Joint angles [rad], shape (n, 6).
+    Newton's method from ``q`` (n, 6) [rad], the nominal solutions of the configuration wanted.
 
     Raises:
         ReachError: A pose is not reached: near a singularity, or the start was not close.
@@ -402,17 +335,9 @@ def _first(mask: Bools) -> int | None:
 
 
 def track(T_base_tool: Array, T_flange_tool: Array, q_start: Array) -> JointPath:
-    """Follow a sequence of tool poses, staying in the arm configuration nearest to the start.
+    """Follow tool poses (n, 4, 4), staying in the arm configuration nearest to ``q_start`` (6,) [rad].
 
     Joint limits are reported, not enforced, so that a path that leaves them shows where.
-
-    Args:
-        T_base_tool: Tool poses in order, shape (n, 4, 4), n at least 1.
-        T_flange_tool: Where the tool sits on the flange, shape (4, 4).
-        q_start: Configuration to start near [rad], shape (6,).
-
-    Returns:
-        The joint path and its worst points.
     """
     T_tool_flange: Array = np.linalg.inv(np.asarray(T_flange_tool, dtype=float))
     start: Array = np.asarray(q_start, dtype=float)

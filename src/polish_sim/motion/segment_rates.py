@@ -158,15 +158,9 @@ def _fill_rates(chain: Chain, nodes: Array, arm: Arm, state: ArmState, out: Join
 
 
 def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
-    """Joint angles and their derivatives by progress at the same nodes of every segment.
+    """Joint angles and derivatives by progress at the same ``nodes`` (m,) of each of n segments, shape (n, m, 6).
 
-    Args:
-        chain: In the work frame, n segments.
-        nodes: Progress of the places, rising, shape (m,); see `chebyshev_nodes`.
-        arm: Tool and robot.
-
-    Returns:
-        Arrays of shape (n, m, 6), per unit of progress: divide by length^k for derivatives by arc length.
+    The chain is in the work frame; see `chebyshev_nodes`. Divide by length^k for derivatives by arc length.
 
     Raises:
         ReachError: A place cannot be reached, is singular, or has a joint beyond its range.
@@ -186,17 +180,11 @@ def chebyshev_nodes(count: int) -> Array:
 
 
 def joint_motion(tips: Array, rotations: Array, linear: Array, angular: Array, arm: Arm) -> JointRates:
-    """Joint motion of a tool motion given with its derivatives in time, exact at every sample.
+    """Joint motion (n, 6) of a tool motion given with its derivatives in time, exact at every sample.
 
-    Args:
-        tips: Tool points in the work frame [m], shape (n, 3), dense enough to stay on one branch of the arm.
-        rotations: R_work_tool, shape (n, 3, 3).
-        linear: Velocity, acceleration and jerk of the tool point [m/s..], shape (3, n, 3).
-        angular: Spatial angular velocity and its first two derivatives [rad/s..], work frame, shape (3, n, 3).
-        arm: Tool and robot.
-
-    Returns:
-        q [rad] and its derivatives in time, shape (n, 6) each.
+    Tool points (n, 3) [m] and R_work_tool (n, 3, 3) are dense enough to stay on one branch of the arm. ``linear`` holds
+    velocity, acceleration and jerk of the tool point, ``angular`` the spatial angular velocity and its first two
+    derivatives, (3, n, 3) each, SI, work frame.
 
     Raises:
         ReachError: A sample cannot be reached, or is singular.

@@ -45,15 +45,9 @@ class SerialChain(NamedTuple):
 
 
 def link_parameters(mass: float, center: Array, inertia: Array) -> Array:
-    """Ten parameters of a link from mass, centre and inertia about the centre.
+    """Ten parameters (10,) of a link about its frame's origin from mass [kg], centre and inertia about the centre.
 
-    Args:
-        mass: [kg].
-        center: In the link's frame [m], shape (3,).
-        inertia: About the centre, in the link's axes [kg m^2], shape (3, 3).
-
-    Returns:
-        Parameters about the frame's origin, shape (10,).
+    ``center`` (3,) [m] and ``inertia`` (3, 3) [kg m^2] are in the link's axes.
     """
     I = inertia + mass * (float(center @ center) * np.eye(3) - np.outer(center, center))  # noqa: E741
     first = mass * center

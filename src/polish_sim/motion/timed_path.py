@@ -60,12 +60,8 @@ class Pace(NamedTuple):
 def time_path(table: PathTable, pace: Pace) -> TimedPath:
     """Follow a path at constant speed, from rest to rest with limited jerk along it.
 
-    Args:
-        table: The path; where its feed share is below its greatest one, the motion's rates say so.
-        pace: Speed at a feed share of 1; the path's bends are not slowed for.
-
-    Returns:
-        The motion.
+    The pace's speed is that at a feed share of 1; the path's bends are not slowed for. Where the feed share is below
+    its greatest one, the motion's rates say so.
     """
     top = pace.speed * float(table.feed_share.max())
     if table.length > 0.0:
@@ -85,15 +81,9 @@ def time_path(table: PathTable, pace: Pace) -> TimedPath:
 
 
 def with_feed(motion: TimedPath, feed: Array, rate_change: float) -> TimedPath:
-    """Play a motion no faster than a feed that changes along it.
+    """Play a motion no faster than a positive ``feed`` (n,) [m/s] along the path at its rows.
 
-    Args:
-        motion: The motion.
-        feed: Wanted speed along the path at the motion's rows [m/s], positive, shape (n,).
-        rate_change: How fast the rate may fall [1/s]; before a slow place it falls early enough.
-
-    Returns:
-        The motion with rates.
+    The rate falls by ``rate_change`` [1/s] at most; before a slow place it falls early enough.
     """
     rates = np.minimum(1.0, feed / np.maximum(motion.speeds, 1e-12))
     return motion._replace(rates=slowed_before(rates, 2.0 * rate_change * motion.spacing))
@@ -136,14 +126,8 @@ def sample_motion(
 ) -> None:
     """Evaluate a motion at its own time ``clock`` [s] (clamped to its ends).
 
-    Args:
-        motion: The motion.
-        clock: Time of the motion [s].
-        position: Written: tool point [m], shape (3,).
-        velocity: Written: its derivative [m/s], shape (3,).
-        quaternion: Written: R_base_tool as unit quaternion wxyz, shape (4,).
-        spin: Written: angular velocity [rad/s], shape (3,).
-        place: Written: arc length [m] and its rate [m/s], shape (2,) or longer.
+    Written are the tool point [m] and its velocity [m/s], (3,) each, R_base_tool as unit quaternion wxyz (4,),
+    angular velocity ``spin`` [rad/s], (3,), and arc length [m] and its rate [m/s], ``place`` (2,) or longer.
     """
     share = min(max(clock, 0.0), motion.duration) / motion.spacing
     row = min(int(share), motion.positions.shape[0] - 2)
@@ -168,16 +152,10 @@ def sample_rate(motion: TimedPath, clock: float) -> float:
 
 
 def time_schedule(chain: Chain, schedule: Schedule, marks: Array) -> TimedPath:
-    """Sample a schedule densely.
+    """Sample a schedule of a chain in the base frame densely.
 
-    Args:
-        chain: The segments, base frame, at least one.
-        schedule: When they are passed.
-        marks: Arc length at the chain's way points [m], rising, shape (segments + 1,): the motion's places go from
-            mark to mark as its segments progress.
-
-    Returns:
-        The motion.
+    ``marks`` (segments + 1,) [m], rising, are the arc lengths at the chain's way points: the motion's places go from
+    mark to mark as its segments progress.
     """
     clock = row_times(schedule.end)
     motion = sample_schedule(chain, schedule, clock)
@@ -204,16 +182,10 @@ def places_at(chain: Chain, schedule: Schedule, marks: Array, times: Array) -> A
 
 
 def marks_on(chain: Chain, tips: Array, rotations: Array, s: Array) -> Array:
-    """Arc lengths of a chain's way points, each of which is one of the points it was made of, in the same order.
+    """Arc lengths of a chain's way points [m], shape (segments + 1,).
 
-    Args:
-        chain: The chain.
-        tips: Points it was made of [m], shape (m, 3).
-        rotations: Tool frames there, shape (m, 3, 3).
-        s: Arc length there [m], shape (m,).
-
-    Returns:
-        [m], shape (segments + 1,).
+    Each is one of the points the chain was made of, in order: ``tips`` (m, 3) [m], ``rotations`` (m, 3, 3), at arc
+    lengths ``s`` (m,) [m].
     """
     own, raw = (np.hstack([p, R.reshape(-1, 9)]) for p, R in ((chain.tips, chain.rotations), (tips, rotations)))
     return s[rows_among(own, raw)]

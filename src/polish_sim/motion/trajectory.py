@@ -37,17 +37,10 @@ def build_path_table(
 ) -> PathTable:
     """Resample poses to equal steps of arc length; cubic in position, shortest turn in orientation.
 
-    Args:
-        positions: Tool points [m], shape (n, 3); repeated points are dropped.
-        rotations: R_base_tool, shape (n, 3, 3).
-        s: Arc length to go by [m], strictly increasing, shape (n,): a pressed path keeps that of the surface;
-            the points' own if not given.
-        curvature: Normal curvature along the path [1/m], shape (n,); zero if not given.
-        pass_index: Turn of each point, shape (n,); zero if not given.
-        spacing: Wanted arc length between rows [m].
-
-    Returns:
-        The table.
+    ``positions`` are (n, 3) [m], repeated points are dropped; ``rotations`` R_base_tool (n, 3, 3). ``s`` (n,) [m],
+    strictly increasing, is the arc length to go by: a pressed path keeps that of the surface; the points' own if not
+    given. ``curvature`` (n,) [1/m] is the normal curvature along the path, ``pass_index`` (n,) the turn of each
+    point; zero if not given. Rows are about ``spacing`` [m] apart.
     """
     own = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
     place = own if s is None else s - s[0]
@@ -77,28 +70,15 @@ def build_path_table(
 
 
 def at_rows(table: PathTable, s: Array, values: Array) -> Array:
-    """Values given at the points a table was made of, at its rows, linear in between.
-
-    Args:
-        table: The path.
-        s: Arc length of the points [m], shape (n,).
-        values: Shape (n,).
-    """
+    """``values`` (n,) at arc lengths ``s`` (n,) [m] of the points a table was made of, linear in between, by row."""
     return np.interp(np.arange(len(table.positions)) * table.spacing, s - s[0], values)
 
 
 def with_feed_share(table: PathTable, s: Array, feed_share: Array, braking: float = math.inf) -> PathTable:
-    """Give a table a feed that changes along the path, linear between the points.
+    """Give a table a feed that changes along the path, linear between the points it was made of, at ``s`` (n,) [m].
 
-    Args:
-        table: The path.
-        s: Arc length of the points the table was made of [m], shape (n,).
-        feed_share: Feed at the points as a share of the stroke's [-], positive, shape (n,).
-        braking: Largest decrease of half the squared feed share per length [1/m]: before a slow place the feed
-            falls early enough.
-
-    Returns:
-        The table.
+    ``feed_share`` (n,) is positive, a share of the stroke's feed. Half its square falls by ``braking`` per length
+    [1/m] at most: before a slow place the feed falls early enough.
     """
     feed = at_rows(table, s, feed_share)
     return table._replace(feed_share=slowed_before(feed, 2.0 * braking * table.spacing))
@@ -170,18 +150,10 @@ def normalize(quaternion: Array) -> None:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def sample_path(table: PathTable, s: float, position: Array, tangent: Array, quaternion: Array, turning: Array) -> int:
-    """Evaluate a path at arc length ``s`` [m] (clamped to its ends).
+    """Evaluate a path at arc length ``s`` [m] (clamped to its ends); returns the row of the table at or before it.
 
-    Args:
-        table: The path.
-        s: Arc length [m].
-        position: Written: tool point [m], shape (3,).
-        tangent: Written: derivative of the position [-], shape (3,).
-        quaternion: Written: R_base_tool as unit quaternion wxyz, shape (4,).
-        turning: Written: rotation per arc length [rad/m], shape (3,).
-
-    Returns:
-        Row of the table at or before ``s``.
+    Written are the tool point [m] and its derivative ``tangent``, (3,) each, R_base_tool as unit quaternion wxyz
+    (4,), and the rotation per arc length ``turning`` [rad/m], (3,).
     """
     place = min(max(s, 0.0), table.length) / table.spacing
     row = min(int(place), table.positions.shape[0] - 2)

@@ -48,12 +48,7 @@ class Ahead(NamedTuple):
 
 
 def rows_ahead(course: Course, share: Array) -> NDArray[np.void]:
-    """A course for the compiled laws, shape (n,) of ``AheadRow``.
-
-    Args:
-        course: The course.
-        share: Share of the planned feed that can be followed, see ``followable_share``, shape (n,).
-    """
+    """A course for the compiled laws, shape (n,) of ``AheadRow``, with the ``share`` (n,) of `followable_share`."""
     rows = np.zeros(len(course.depth), AheadRow.dtype)
     smooth = gaussian_filter1d(course.surplus, SMOOTHING_M / course.spacing, mode="nearest")
     rows["surplus"], rows["stiffness"], rows["share"] = smooth, course.stiffness, share
@@ -105,19 +100,11 @@ def _scale(ratio: float) -> float:
 def planned_press_rate(
     ahead: Ahead, m: Measurement, t: Target, wanted: Array, look_ahead: float, ratio: float, gains: FeedForwardGains
 ) -> float:
-    """Velocity along the tool's own z that keeps the force as the path is followed [m/s].
+    """Velocity along the tool's own z that keeps the force as the path is followed, ``look_ahead`` [s] from now [m/s].
 
     Two parts: the depth that changes along the path, and the planned motion seen along an axis that is not where it
-    should be; a tool that lags behind a bend runs out of, or into, the part.
-
-    Args:
-        ahead: What lies ahead.
-        m: Measurement.
-        t: Target.
-        wanted: Orientation the turning loop aims at, R_base_tool, shape (3, 3).
-        look_ahead: How long from now the velocity is wanted [s].
-        ratio: Drawn stiffness by the real one [-].
-        gains: The gains.
+    should be; a tool that lags behind a bend runs out of, or into, the part. ``wanted`` (3, 3) is the R_base_tool
+    the turning loop aims at, ``ratio`` the drawn stiffness by the real one.
     """
     speed = t.path[2]
     if speed <= 0.0 or t.contact[0] == 0.0 or not gains.on:
@@ -209,13 +196,8 @@ def _eased(share: Array, gain: Array) -> Array:
 def granted_feed(ahead: Ahead, t: Target, error: float, gains: FeedGains) -> float:
     """Share of the planned feed to grant now, 0 to 1.
 
-    The drawing's share, lowered while the averaged force error is beyond the budget: twice the budget halves it.
-
-    Args:
-        ahead: What lies ahead.
-        t: Target.
-        error: Averaged force error, see ``averaged_error`` [N].
-        gains: The gains.
+    The drawing's share, lowered while the averaged force ``error`` [N] is beyond the budget: twice the budget halves
+    it.
     """
     if not gains.on or t.contact[0] == 0.0:
         return 1.0

@@ -40,14 +40,9 @@ class Pace(NamedTuple):
 def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age: float) -> Pace:
     """Crossover and observer corner the loop can afford.
 
-    w_c delay <= ``delay_share``; 2 w_c w_o m / k <= 1/2 for a mass m that may be unaccounted for; w_o falls with noise.
-
-    Args:
-        g: Gains.
-        stiffness: k [N/m].
-        delay: Of the command [s].
-        noise: Deviation of a reading in the air [N].
-        age: Time since contact [s]; at first the observer is quick.
+    w_c delay <= ``delay_share``; 2 w_c w_o m / k <= 1/2 for a mass m that may be unaccounted for; w_o falls with
+    ``noise``, the deviation of a reading in the air [N]. At first, by ``age`` since contact [s], the observer is
+    quick.
     """
     crossover = min(g.crossover, g.delay_share / delay)
     observer = g.observer * min(1.0, (g.noise / max(noise, 1e-3)) ** _NOISE_POWER)
@@ -76,15 +71,9 @@ def change_stiffness(memory: PressMemory, stiffness: float, path: float) -> None
 
 @kernel
 def observe_force(memory: PressMemory, corner: float, path: float, reading: float, landed: float, dt: float) -> float:
-    """Take in one reading and return the force pressed with now [N].
+    """Take in one ``reading`` [N], less the tool's own forces, at travel ``path`` [m] as sensed; the force now [N].
 
-    Args:
-        memory: The observer's.
-        corner: w_o [rad/s].
-        path: Travel as sensed [m].
-        reading: Without the tool's own forces [N].
-        landed: Weight of the rate's learning, 0 to 1 [-].
-        dt: Control cycle [s].
+    ``corner`` is w_o [rad/s], ``landed`` the weight of the rate's learning, 0 to 1.
     """
     state = memory.force
     surprise = reading - (state.at_no_travel + state.stiffness * path)

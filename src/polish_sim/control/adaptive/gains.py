@@ -47,11 +47,7 @@ class AdaptiveGains(Record):
 
 
 def adaptive_gains(config: AdaptiveConfig) -> AdaptiveGains:
-    """The gains a configuration asks for.
-
-    Raises:
-        ConfigError: If it names a law that does not exist.
-    """
+    """The gains a configuration asks for; raises as `laws_of`."""
     on = laws_of(config)
     return AdaptiveGains(
         stiffness=config.stiffness_n_m, damping=config.damping_n_s_m, damping_lag=config.damping_lag_s,
@@ -184,11 +180,7 @@ class PathMemory(Record):
 
 
 def path_gains(config: AdaptiveConfig) -> PathGains:
-    """The gains a configuration asks for.
-
-    Raises:
-        ConfigError: If it names a law that does not exist.
-    """
+    """The gains a configuration asks for; raises as `laws_of`."""
     on = laws_of(config)
     return PathGains(
         FeedForwardGains(config.command_delay_s, "feed-forward" in on),

@@ -158,20 +158,10 @@ def restart_fit(memory: PressMemory, path: float, force: float) -> None:
 def refine_stiffness(
     g: AdaptiveGains, memory: PressMemory, nominal: float, path: float, force: float, pressing: float, dt: float
 ) -> float:
-    """Take in one reading.
+    """Take in travel ``path`` [m] and ``force`` [N] as sensed; upper end of what the stiffness may be [N/m].
 
-    Args:
-        g: Gains.
-        memory: The sums.
-        nominal: Springs as drawn [N/m].
-        path: Travel as sensed [m].
-        force: Reading without the tool's own forces [N].
-        pressing: Present speed into the part [m/s].
-        dt: Control cycle [s].
-
-    Returns:
-        Upper end of what the stiffness may be [N/m], within 0.1 to 10 times the nominal one, and while the
-        travel says nothing ``stiff_first`` times it.
+    It is within 0.1 to 10 times the ``nominal`` one, and ``stiff_first`` times it while the travel says nothing.
+    ``pressing`` is the present speed into the part [m/s].
     """
     fit = memory.fit
     if abs(pressing) > _EXCITED:
@@ -207,15 +197,9 @@ def refine_stiffness(
 
 @kernel
 def own_force(g: AdaptiveGains, memory: PressMemory, m: Measurement, speed: float, pressing: float, dt: float) -> float:
-    """Force along tool z that the sensor reads from the tool's motion alone [N].
+    """Force along tool z that the sensor reads from the tool's motion alone [N], at a ``speed`` along its axis [m/s].
 
-    Args:
-        g: Mass, damper and its lag.
-        memory: Last speed and the damper's.
-        m: Measurement.
-        speed: Of the tool along its axis [m/s].
-        pressing: Speed at which the head is pressed in, 0 in the air [m/s].
-        dt: Control cycle [s].
+    ``pressing`` is the speed at which the head is pressed in, 0 in the air [m/s].
     """
     motion = memory.motion
     acceleration = (speed - motion.last_speed) / dt if motion.moved else 0.0

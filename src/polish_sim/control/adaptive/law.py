@@ -183,15 +183,8 @@ def press(
 ) -> float:
     """Speed along tool z [m/s]: the laws along z in turn.
 
-    Args:
-        g: Gains.
-        memory: Memory.
-        m: Measurement.
-        t: Target.
-        by_position: Speed the position law asks for, the answer in the air [m/s].
-        expected: Speed along z that the path asks for at this moment to keep the force [m/s].
-        expected_then: The same when today's command acts [m/s].
-        dt: Control cycle [s].
+    ``by_position`` is what the position law asks for, the answer in the air; ``expected`` is the speed the path asks
+    for at this moment to keep the force, ``expected_then`` the same when today's command acts [m/s].
     """
     expect_delay(g, memory)
     speed = along_z(m, m.twist)
@@ -254,14 +247,7 @@ def _touches(
 
 
 class AdaptiveController(CompiledController):
-    """The composed laws, and what lies ahead on the path.
-
-    Args:
-        config: Gains and the laws that are on.
-
-    Raises:
-        ConfigError: If it names a law that does not exist.
-    """
+    """The composed laws, and what lies ahead on the path."""
 
     def __init__(self, config: ControllerConfig) -> None:
         laws = config.adaptive
@@ -281,9 +267,5 @@ class AdaptiveController(CompiledController):
 
 
 def hybrid_adaptive(config: ControllerConfig) -> AdaptiveController:
-    """The controller for a real polishing cell, of laws that `controller.adaptive.laws` can leave out one by one.
-
-    Raises:
-        ConfigError: If it names a law that does not exist.
-    """
+    """The controller for a real polishing cell, of laws that `controller.adaptive.laws` can leave out one by one."""
     return AdaptiveController(config)

@@ -44,15 +44,8 @@ def learn(ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: floa
     """Remember how much deeper than planned the real surface lies at the present place.
 
     The average lags its length behind, and the force is as old as the sensor's delay: it is stored where it belongs.
-
-    Args:
-        ahead: Its memory is written.
-        t: Target.
-        offset: Tool beyond the target along the planned axis, plus (wanted - measured force) / stiffness, less what was
-            planned, see ``planned_surplus`` [m].
-        gains: The gains.
-        dt: Control cycle [s].
-        state: Memory.
+    ``offset`` [m] is the tool beyond the target along the planned axis, plus (wanted - measured force) / stiffness,
+    less what was planned, see ``planned_surplus``.
     """
     speed = t.path[2]
     if t.contact[0] == 0.0 or speed <= 0.0 or ahead.rows.shape[0] < 2:
@@ -76,15 +69,9 @@ def learn(ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: floa
 def learned_rate(
     ahead: Ahead, t: Target, look_ahead: float, gains: LearningGains, dt: float, state: NeighbourMemory
 ) -> float:
-    """Velocity along the tool axis that the neighbouring turn says will be needed [m/s].
+    """Velocity along the tool axis that the neighbouring turn says will be needed ``look_ahead`` [s] from now [m/s].
 
-    Args:
-        ahead: What was learned.
-        t: Target.
-        look_ahead: How long from now the velocity is wanted [s].
-        gains: The gains.
-        dt: Control cycle [s]; 0 leaves the fading as it is.
-        state: Memory.
+    A cycle ``dt`` of 0 leaves the fading as it is.
     """
     speed, n = t.path[2], ahead.rows.shape[0]
     if not gains.on or n < 2 or t.contact[0] == 0.0:
@@ -142,16 +129,7 @@ class NormalMemory(Record):
 def level_by_moment(
     ahead: Ahead, m: Measurement, t: Target, gains: NormalGains, dt: float, state: NormalMemory
 ) -> None:
-    """Move the correction of the planned axis on by one cycle.
-
-    Args:
-        ahead: What moment to expect.
-        m: Measurement.
-        t: Target.
-        gains: The gains.
-        dt: Control cycle [s].
-        state: Memory.
-    """
+    """Move the correction of the planned axis on by one cycle."""
     if not gains.on or t.contact[0] == 0.0 or m.wrench[2] < 0.25 * t.force[0]:
         state.rate_x = state.rate_y = 0.0
         if t.contact[0] == 0.0:

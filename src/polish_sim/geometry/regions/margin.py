@@ -10,16 +10,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import PlanError
-from polish_sim.geometry.cut import (
-    Clipped,
-    Cut,
-    build_cut,
-    clip,
-    find_edges,
-    halve_edges,
-    spread_to_longest,
-    then,
-)
+from polish_sim.geometry.cut import Clipped, Cut, build_cut, clip, find_edges, halve_edges, spread_to_longest, then
 from polish_sim.geometry.regions.patches import connected
 from polish_sim.geometry.surface import Surface, enclosed, trace_border
 
@@ -63,16 +54,10 @@ class BorderDistance(NamedTuple):
     surface: Surface  #: The surface with that border
 
     def at(self, points: Array) -> Array:
-        """Distances along the surface.
+        """Distances along the surface (n,) of points (n, 3) on it [m]; far from the reach straight ones.
 
-        The way is the straight line to the nearest point of the border, brought down to the surface at a few
-        places between which it is an arc; its length differs from the shortest way's in higher order only.
-
-        Args:
-            points: Points on the surface [m], shape (n, 3).
-
-        Returns:
-            Distances [m], shape (n,); far from the reach straight ones.
+        The way is the straight line to the nearest point of the border, brought down to the surface at a few places
+        between which it is an arc; its length differs from the shortest way's in higher order only.
         """
         feet = self._nearest(points)
         distances = np.linalg.norm(points - feet, axis=1)
@@ -168,15 +153,7 @@ _HALVES = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
 
 
 def trim(patches: Sequence[Clipped], margin: float, hole_margin: float) -> list[Clipped]:
-    """Cut every patch back from its borders.
-
-    Args:
-        patches: Connected patches.
-        margin: Distance kept from the outer border, along the surface [m].
-        hole_margin: Distance kept from the borders of holes [m].
-
-    Returns:
-        What is left, connected piece by piece.
+    """Cut every patch back from its borders, by ``hole_margin`` [m] from those of holes; what is left, piece by piece.
 
     Raises:
         PlanError: Nothing is left.
@@ -289,12 +266,7 @@ def _beyond_margin(surface: Surface, distance: Room, margin: float) -> Array:
 
 
 def _zero_along(
-    surface: Surface,
-    facets: Ints,
-    edge: Indices,
-    ends: tuple[Array, Array],
-    distance: Room,
-    margin: float,
+    surface: Surface, facets: Ints, edge: Indices, ends: tuple[Array, Array], distance: Room, margin: float
 ) -> Array:
     """Where along edges the distance is the margin, by false position (Illinois), shape (k,)."""
     corners = np.eye(3)

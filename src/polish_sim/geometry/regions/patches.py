@@ -60,15 +60,9 @@ def restricted(kept: Clipped, facets: Ints) -> Clipped:
 def coverable(kept: Clipped, up: Array) -> list[Clipped]:
     """Take a surface apart into patches that lie open.
 
-    Pieces that are joined over gentle creases stay whole if they lie open; otherwise they are taken apart at
-    every crease, and what still goes round is cut along lines where it looks as much to one side as to the next.
-
-    Args:
-        kept: The surface.
-        up: One of the six directions the last step sorts by, shape (3,).
-
-    Returns:
-        The patches.
+    Pieces that are joined over gentle creases stay whole if they lie open; otherwise they are taken apart at every
+    crease, and what still goes round is cut along lines where it looks as much to one side as to the next, of the
+    six directions about ``up``.
     """
     patches: list[Clipped] = []
     for piece in connected(kept, _gentle_edges(kept.surface)):

@@ -37,12 +37,7 @@ from polish_sim.geometry.topology import Adjacency
 Pick = Callable[[Whole, str], list[Clipped]]
 
 PLAIN: Mapping[str, Pick] = {"auto": pick_auto, "top": pick_top, "all": pick_all}
-WITH_ARGUMENT: Mapping[str, Pick] = {
-    "point": pick_point,
-    "box": pick_box,
-    "polygon": pick_polygon,
-    "faces": pick_faces,
-}
+WITH_ARGUMENT: Mapping[str, Pick] = {"point": pick_point, "box": pick_box, "polygon": pick_polygon, "faces": pick_faces}
 
 READERS: Mapping[str, Callable[[str], object]] = {
     "point": parse_point,
@@ -90,7 +85,7 @@ def select_region(
     edge_margin: float = 0.0,
     hole_margin: float = 0.0,
 ) -> Region:
-    """Select the region to polish.
+    """Select the region to polish, with clean borders; several components are possible.
 
     Args:
         surface: The whole part's surface.
@@ -103,9 +98,6 @@ def select_region(
         feature_angle: Edges that bend more are creases [rad]; None for the creases of the surface.
         edge_margin: How far the region keeps from its outer borders, measured along the surface [m].
         hole_margin: How far it keeps from the borders of holes [m].
-
-    Returns:
-        The region, with clean borders; box, polygon, faces, all and a margin may give several components.
 
     Raises:
         InputError: The choice cannot be understood; lists the valid ones.
@@ -126,15 +118,9 @@ def select_region(
 
 
 def cut_region(region: Region, room: Room, margin: float) -> Region | None:
-    """Keep what of a region has more room than a margin.
+    """Keep what of a region has more ``room`` than a margin [m], patches tiny beside it left out.
 
-    Args:
-        region: The region.
-        room: How much there is.
-        margin: How much there must be [m].
-
-    Returns:
-        The rest, patches tiny beside it left out; the region itself if it is all there, None if nothing is.
+    The region itself if it is all there, None if nothing is.
     """
     patches = connected(Clipped(region.surface, region.facets))
     left = [piece for patch in patches for piece in keep_roomy(patch, room, margin)[0]]
@@ -145,13 +131,10 @@ def cut_region(region: Region, room: Room, margin: float) -> Region | None:
 
 
 def check_choice(choice: str) -> None:
-    """Refuse an invalid choice of a region before the part is loaded.
-
-    Args:
-        choice: As in `select_region`; a file it names is read.
+    """Refuse an invalid choice of a region, see `select_region`, before the part is loaded; a file it names is read.
 
     Raises:
-        InputError: They cannot be understood; lists the valid ones.
+        InputError: It cannot be understood; lists the valid ones.
     """
     name, _, argument = choice.partition(":")
     if name not in (WITH_ARGUMENT if argument else PLAIN) or choice.endswith(":"):
@@ -174,16 +157,7 @@ def _build_region(surface: Surface, facets: Ints, up: Array, notes: tuple[str, .
 
 
 def merge_regions(components: Sequence[Region], up: Array, notes: tuple[str, ...] = ()) -> Region:
-    """Make one region of several unconnected ones of a part.
-
-    Args:
-        components: At least one.
-        up: Unit vector away from the table, shape (3,).
-        notes: What the user should know.
-
-    Returns:
-        The region; they are its components.
-    """
+    """Make one region of several unconnected ones of a part; they are its components."""
     kept = join([Clipped(component.surface, component.facets) for component in components])
     return _build_region(kept.surface, kept.parents, up, notes)
 

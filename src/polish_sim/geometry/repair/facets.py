@@ -125,13 +125,10 @@ def _area_vectors(vertices: Array, faces: Ints) -> Array:
 
 
 def flip_needles(skin: Skin) -> Skin:
-    """Connect the corner of a needle that lies near its long edge with the facet beyond that edge instead.
+    """Connect the corner of a needle that lies near its long edge with the facet beyond that edge instead; noted.
 
     A needle's normal is far off on a curved face. Edges are flipped only where both facets become rounder and the
     sharpest bend around them clearly smaller: at creases nothing changes. No vertex is moved.
-
-    Returns:
-        The skin, with a note of how many edges were flipped, and where the first is.
     """
     faces, flipped = skin.faces.copy(), []
     for _ in range(_ROUNDS):
@@ -222,12 +219,9 @@ def _bend(a: Array, b: Array) -> Array:
 
 
 def split_t_junctions(skin: Skin) -> Skin:
-    """Split border edges at border vertices that lie on them, where that makes the skin less open.
+    """Split border edges at border vertices that lie on them, where that makes the skin less open; noted.
 
     Only edges with one facet are looked at: a vertex on an edge inside the skin opens no gap.
-
-    Returns:
-        The skin, with a note of how many edges were split, and where the first is.
     """
     facet, at = np.nonzero(facets_at_edges(skin.faces) == 1)
     border = 3 * facet + at

@@ -40,12 +40,9 @@ class Hole(NamedTuple):
 
 
 def close_holes(skin: Skin) -> Skin:
-    """Close small holes with plane-like patches; leave the larger ones open, with a note.
+    """Close small holes with plane-like patches; leave the larger ones open, with a note of place and size.
 
     The longest border of each open piece is its rim, not a hole, unless the piece is closed but for small holes.
-
-    Returns:
-        The skin, with notes of place and size of what was closed and what was left.
     """
     holes = find_holes(skin)
     if not holes:
@@ -199,10 +196,7 @@ def _part_vertices(skin: Skin) -> Skin:
     ahead_a, ahead_b = 3 * (a // 3) + (a + 1) % 3, 3 * (b // 3) + (b + 1) % 3
     alike = start[a] == start[b]
     corners = np.concatenate(
-        [
-            np.column_stack([a, np.where(alike, b, ahead_b)]),
-            np.column_stack([ahead_a, np.where(alike, ahead_b, b)]),
-        ]
+        [np.column_stack([a, np.where(alike, b, ahead_b)]), np.column_stack([ahead_a, np.where(alike, ahead_b, b)])]
     )
     number, labels = label_pieces(corners, 3 * len(skin.faces))
     vertices = np.empty((number, 3))

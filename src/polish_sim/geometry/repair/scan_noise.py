@@ -32,13 +32,10 @@ _BATCH = 2000
 
 
 def smooth_noise(skin: Skin) -> Skin:
-    """Move the vertices of a noisy skin onto smooth pieces fitted to their neighbours.
+    """Move the vertices of a noisy skin onto smooth pieces fitted to their neighbours; a note says how far.
 
-    Each vertex is moved along its normal onto a quadratic height function fitted to the vertices around it.
-    Vertices far from the fit (beyond an edge of the part, outliers) are left out of it step by step.
-
-    Returns:
-        The skin, unchanged where it is not noisy; a note of the noise and of how far vertices were moved.
+    Each vertex is moved along its normal onto a quadratic height function fitted to the vertices around it. Vertices
+    far from the fit (beyond an edge of the part, outliers) are left out of it step by step.
     """
     used = np.unique(skin.faces)
     if len(used) < FEWEST_VERTICES:

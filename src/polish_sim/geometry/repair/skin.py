@@ -39,13 +39,9 @@ def place(points: Array) -> str:
 
 
 def merge_vertices(triangles: Array) -> tuple[Array, Ints, tuple[str, ...]]:
-    """Merge equal corners of a triangle soup; weld tiny gaps if that makes the mesh less open.
+    """Merge equal corners of a triangle soup (m, 3, 3) [m]; weld tiny gaps if that makes the mesh less open.
 
-    Args:
-        triangles: Corners [m], shape (m, 3, 3).
-
-    Returns:
-        Vertices [m] in the order of their first appearance, shape (n, 3); faces, shape (m, 3); notes.
+    The vertices (n, 3) [m] are in the order of their first appearance.
     """
     corners = np.ascontiguousarray(triangles.reshape(-1, 3)) + 0.0  # -0.0 and 0.0 are the same place
     first, index = number_rows(corners.view(np.uint64))

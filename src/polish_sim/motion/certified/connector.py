@@ -86,12 +86,9 @@ def least_distance(ends: Ends, limits: Peaks) -> float:
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def connect(ends: Ends, distance: float, limits: Peaks) -> tuple[float, float]:
-    """Fastest connector over a distance [m].
+    """Peak speed of the fastest connector over a distance [m], NaN if it is too short, and how long that is kept [s].
 
     Both ends are within the limits, also once their acceleration has faded out.
-
-    Returns:
-        Its peak speed [m/s], NaN if the distance is too short, and how long that is kept [s].
     """
     low, high = least_peak(ends, limits), limits.speed
     nearest = _distance_at(ends, low, limits)

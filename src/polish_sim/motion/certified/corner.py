@@ -103,16 +103,7 @@ def time_lost(figures: Figures, along: Peaks) -> float:
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def corner_kernel(corner: Corner, shapes: CornerShapes, kernel: Kernel) -> Figures:
-    """Round a corner.
-
-    Args:
-        corner: What changes there and what may be done.
-        shapes: The table.
-        kernel: Filled.
-
-    Returns:
-        Its figures; all but the speed are 0 if nothing turns, all of them if a tolerance is 0.
-    """
+    """Round a corner: fill the kernel; its figures: all but the speed 0 if nothing turns, all 0 if a tolerance is 0."""
     tip, axis = corner.tip, corner.axis
     top = min(corner.along.speed, _top_speed(tip), _top_speed(axis))
     straight = goes_straight(tip) and goes_straight(axis)

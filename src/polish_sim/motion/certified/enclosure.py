@@ -181,15 +181,10 @@ def imply_fourth(e: Enclosure, r: float, fourth_twist: float) -> None:
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def enclose(e: Enclosure, r: float, fourth_twist: float) -> int:
-    """Bound the joint derivatives within r of the middle.
+    """Bound the joint derivatives within ``r`` (progress) of the middle, where the arm is placed and its rates known.
 
-    Args:
-        e: Work space with the arm placed and its rates known at the middle; ``rates`` is written.
-        r: Half width of the piece, in progress [-].
-        fourth_twist: Bound of the angular part of x'''' on the piece [rad].
-
-    Returns:
-        After how many guesses one was confirmed; 0 if none was, a smaller piece may do then.
+    ``fourth_twist`` bounds the angular part of x'''' on the piece [rad]. Returns after how many guesses one was
+    confirmed; 0 if none was, a smaller piece may do then.
     """
     measure_gains(e)
     measure_link_speeds(e)

@@ -116,14 +116,9 @@ def set_knot(kernel: Kernel, k: int, acceleration: float) -> None:
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def integrate_knots(kernel: Kernel) -> Figures:
-    """Cubic pieces from accelerations at the knots; a = a' = a'' = 0 at the end.
+    """Write cubic pieces from accelerations at the knots; a = a' = a'' = 0 at the end. Returns the kernel's figures.
 
-    Args:
-        kernel: Durations are symmetric, columns 0 and 1 of ``remaining`` hold a'' at both ends of every piece; its
-            cubics are written.
-
-    Returns:
-        Its figures.
+    Durations are symmetric, columns 0 and 1 of ``remaining`` hold a'' at both ends of every piece.
     """
     durations, remaining, gone = kernel
     position = rate = time = 0.0
@@ -273,8 +268,7 @@ def rescale(figures: Figures, length: float, time: float, kernel: Kernel) -> Fig
 def fit_limits(corner: Corner, figures: Figures, kernel: Kernel) -> tuple[Figures, bool]:
     """Scale a kernel to full jerk, as large as speeds and tolerances allow, as slow as accelerations require.
 
-    Returns:
-        Its figures, and whether the axis required the scaling.
+    Returns its figures, and whether the axis required the scaling.
     """
     tip, axis, along = corner.tip, corner.axis, corner.along
     one, two = _asked(tip, kernel), _asked(axis, kernel)

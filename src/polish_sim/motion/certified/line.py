@@ -194,9 +194,8 @@ def left_at(law: Law, turning: Turning, time: float, then: float, way: float) ->
 def fill_bend_kernel(law: Law, turning: Turning, vertex: float, kernel: Kernel) -> float:
     """Write a bend as it lies in the law as pieces of a kernel.
 
-    Returns:
-        What is left of the old chord or gone of the new one in the middle, the larger [m]; infinite if there are not
-        enough pieces.
+    Returns what is left of the old chord or gone of the new one in the middle, the larger [m]; infinite if there are
+    not enough pieces.
     """
     time, end, p = turning.begin, turning.begin + turning.duration, 0
     while time < end and p < PIECES:
@@ -256,10 +255,9 @@ def new_pen(segments: int) -> Pen:
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def lay_law(lines: Lines, corners: Corners, k: int, limits: Peaks, pen: Pen) -> float:
-    """Fill the law of line ``k`` between its two decided corners.
+    """Fill the law of line ``k`` between its two decided corners; its duration [s].
 
-    Returns:
-        Its duration [s], NaN if the line is too short for the corners' speeds under these limits.
+    NaN if the line is too short for the corners' speeds under these limits.
     """
     first, second = decided(corners, k), decided(corners, k + 1)
     ends = Ends(first.speed, first.acceleration, second.speed, second.acceleration)
@@ -286,10 +284,8 @@ def emit_line(
 ) -> tuple[int, float]:
     """Write the rows of line ``k`` whose law and bends are laid, from row ``row`` and [s] ``time`` on.
 
-    ``number`` is that of the buffers' first segment, counted from the path's start.
-
-    Returns:
-        The next free row, and when the corner before the line begins [s].
+    ``number`` is that of the buffers' first segment, counted from the path's start. Returns the next free row, and
+    when the corner before the line begins [s].
     """
     first, last, way = lines.first[k], lines.first[k + 1] - 1, 0.0
     row, time = _emit_kernel(corners, k, 0.0, Share(number + first, 0.0, segments.spans[first], time), pen, row)
@@ -355,8 +351,7 @@ def _write(rows: MotionPieces, row: int, share: Share, time: float, duration: fl
 def _emit_kernel(corners: Corners, k: int, end: float, share: Share, pen: Pen, row: int) -> tuple[int, float]:
     """Write the kernel of corner ``k``: what is gone of a line's first segment (``end`` 0) or the end of its last (1).
 
-    Returns:
-        The next free row, and when the kernel ends [s].
+    Returns the next free row, and when the kernel ends [s].
     """
     kernel, rows, chosen, time = pen.kernel, pen.outbox, corners.chosen[k], share.start
     state, length = decided(corners, k), corners.scales[k, chosen, 0]

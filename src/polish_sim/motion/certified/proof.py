@@ -69,14 +69,9 @@ def prove_kernel(
 ) -> Slowdown:
     """Factor on a kernel's times with which it keeps the limits of tool axis and joints at every instant, proven.
 
-    Args:
-        axis: The corner as the tool axis sees it; its own limits do not count.
-        sides: The corner in the base frame.
-        kernel: How it is passed.
-        limits: Of axis and joints; the tip's are not looked at.
-        arm: Tool and robot; `arm_or_none`: the axis alone.
-        q: Joint angles at the corner, or near on the same branch [rad], shape (6,).
-        work: Work space.
+    ``axis`` is the corner as the tool axis sees it, ``sides`` the corner in the base frame, ``q`` (6,) the joint
+    angles at the corner, or near on the same branch [rad]. The tip's limits are not looked at; `arm_or_none`: the
+    axis alone.
     """
     peaks, joints = axis_peaks(axis, kernel), Peaks(0.0, 0.0, 0.0)
     speed, acceleration = peaks.speed / limits.axis_speed, peaks.acceleration / limits.axis_acceleration

@@ -146,17 +146,10 @@ def _choice_at(most: Array, joint: Array, way: float, v: float, motion: Array) -
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def choose_limits(most: Array, scale: float, joint: Array, way: float, motion: Array) -> bool:
-    """Lower speed, acceleration and jerk along l until the joints are in limits too.
+    """Lower speed, acceleration and jerk along l in ``motion`` (3,) until the joints are in limits too, if they can be.
 
-    Args:
-        most: Bounds of the joint derivatives by progress, shape (3, 6).
-        scale: Generalised length l [m].
-        joint: Limits, shape (3, 6).
-        way: What is to be passed from rest to rest in least time [m].
-        motion: V, A, J that the tool allows, shape (3,), finite; lowered, unless there is no such motion.
-
-    Returns:
-        Whether there is one.
+    ``most`` (3, 6) bounds the joint derivatives by progress, ``scale`` is the generalised length l [m], ``joint``
+    (3, 6) are the limits, ``way`` is to be passed from rest to rest in least time [m].
     """
     if not binds(most, scale, joint, motion):
         return True

@@ -28,11 +28,8 @@ class Smoother:
     ) -> None:
         """Begin a path at rest.
 
-        Args:
-            limits: Of tool and joints.
-            tolerance: Largest distance of the tip from the path [m]; 0: exact stops.
-            axis_tolerance: The same for the tool's axis [rad].
-            arm: The robot; None: tool limits only.
+        ``tolerance`` [m] is the largest distance of the tip from the path (0: exact stops), ``axis_tolerance`` [rad]
+        that of the tool's axis. Without an arm only the tool's limits count.
         """
         if not (tolerance >= 0.0 and axis_tolerance >= 0.0):
             raise SmoothingError(f"tolerances are {tolerance:g} m and {axis_tolerance:g} rad: 0 or more is needed.")
@@ -47,16 +44,10 @@ class Smoother:
         return float(self._stream.states[0]["clock"])
 
     def feed(self, tips: Array, rotations: Array, feeds: Array | None = None) -> MotionPieces:
-        """Take in way points.
+        """Take in way points and give out what has become certain.
 
-        Args:
-            tips: [m], shape (n, 3).
-            rotations: Tool frames there, third column the axis into the part, shape (n, 3, 3).
-            feeds: Cap on the tip's speed on the way to each of them [m/s], shape (n,); the path's first one counts
-                for nothing. None: only the limits count.
-
-        Returns:
-            What has become certain, often nothing.
+        ``tips`` are (n, 3) [m], ``rotations`` tool frames (n, 3, 3), third column the axis into the part; ``feeds``
+        (n,) [m/s] cap the tip's speed on the way to each of them, the path's first one counts for nothing.
 
         Raises:
             ReachError: The robot cannot go to a way point, or not at any speed that can be proven.
@@ -71,11 +62,7 @@ class Smoother:
         return pieces[0] if len(pieces) == 1 else join_pieces(pieces)
 
     def finish(self) -> MotionPieces:
-        """End the path at rest.
-
-        Returns:
-            All that is left.
-        """
+        """End the path at rest; all that is left of the motion."""
         return self._take(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0), True)
 
     def _take(self, tips: Array, rotations: Array, caps: Array, ends: bool) -> MotionPieces:

@@ -81,15 +81,8 @@ def make_room(stream: Stream) -> None:
 def take_points(stream: Stream, course: Course, tips: Array, rotations: Array, feeds: Array, ends: bool) -> None:
     """Take in way points, at most BLOCK; the outbox is emptied first.
 
-    Every large step stands here once, so that it is compiled once.
-
-    Args:
-        stream: Changed.
-        course: What stays the same.
-        tips: [m], shape (n, 3).
-        rotations: Tool frames, shape (n, 3, 3).
-        feeds: Cap on the tip's speed on the way to each of them [m/s], shape (n,).
-        ends: Whether the path ends after them: two more steps then close the last run and the last line.
+    Every large step stands here once, so that it is compiled once. Arguments as of `Smoother.feed`; if the path
+    ``ends`` after these points, two more steps close the last run and the last line.
     """
     state, count = stream.states[0], tips.shape[0]
     state.out_segments = state.out_rows = 0
@@ -197,10 +190,9 @@ def _close_line(stream: Stream, course: Course, last: int) -> None:
 
 @njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _decide(stream: Stream, ends: bool) -> int:
-    """Decide on the oldest open corner once the look-ahead is full, on all if the path ends.
+    """Decide on the oldest open corner once the look-ahead is full, on all if the path ends; returns a line.
 
-    Returns:
-        Which line to give out lines up to.
+    Lines up to that one can be given out.
     """
     state, lines, corners = stream.states[0], stream.lines, stream.corners
     given, last = state.given, state.lines - 1

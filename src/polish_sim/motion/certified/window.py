@@ -91,11 +91,7 @@ def new_buffers(q_start: Array) -> tuple[Segments, Lines, Corners]:
 
 
 def move_to_front(segments: Segments, lines: Lines, corners: Corners, line: int, last: int) -> int:
-    """Drop the lines before ``line``; ``last`` is the one that may be open.
-
-    Returns:
-        How many segments were dropped.
-    """
+    """Drop the lines before ``line``; ``last`` is the one that may be open. Returns how many segments were dropped."""
     moved = int(lines.first[line])
     for rows in (*segments.chain, *segments[1:]):
         rows[: len(rows) - moved] = rows[moved:].copy()

@@ -23,18 +23,9 @@ def plan_certified(
     arm: Arm | None,
     feeds: Array | None = None,
 ) -> Smoothed:
-    """Schedule a chain within all limits and tolerances, proven on intervals.
+    """Schedule a chain within all limits and tolerances, proven on intervals; arguments as of `Rule`.
 
-    Args:
-        chain: The path.
-        limits: Of tool and joints.
-        tolerance: Largest distance of the tip from the path [m].
-        axis_tolerance: The same for the tool's axis [rad].
-        arm: The robot; None: tool only.
-        feeds: Cap on the tip's speed on each segment [m/s], shape (n,); None: only the limits count.
-
-    Returns:
-        The chain with short segments merged, its way points a part of the given ones; its schedule.
+    Returns the chain with short segments merged, its way points a part of the given ones, and its schedule.
 
     Raises:
         ReachError: A place out of reach or singular.

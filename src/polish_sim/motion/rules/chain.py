@@ -39,14 +39,9 @@ STEEPEST = 0.99  #: The tool's x axis must stay this far off every tool axis (co
 
 
 def build_chain(tips: Array, rotations: Array) -> Chain:
-    """Join way points to a chain; repeated points (tip and tool axis the same) are left out.
+    """Join way points (m, 3) [m] with tool frames (m, 3, 3), third column the axis into the part, to a chain.
 
-    Args:
-        tips: Way points in order [m], shape (m, 3), m at least 1.
-        rotations: Tool frames there, third column the tool axis into the part, shape (m, 3, 3).
-
-    Returns:
-        The chain through the points ``~repeated_points(tips, rotations)``.
+    Repeated points (tip and tool axis the same) are left out: it goes through ``~repeated_points(tips, rotations)``.
 
     Raises:
         SmoothingError: Wrong shapes, values that are not finite, no rotations, or a tool axis that turns by 180 deg.
@@ -70,14 +65,9 @@ def build_chain(tips: Array, rotations: Array) -> Chain:
 
 
 def chain_from_axes(tips: Array, axes: Array) -> Chain:
-    """Join way points of a round tool: its frames are turned about their axes as little as can be.
+    """Join way points (m, 3) [m] of a round tool with axes (m, 3) into the part: its frames turn about them least.
 
-    Args:
-        tips: Way points in order [m], shape (m, 3).
-        axes: Tool axes there, pointing into the part, of any length but zero, shape (m, 3).
-
-    Returns:
-        The chain; the tool's x axis stays near that axis of the frame the points are in which suits all best.
+    The tool's x axis stays near that axis of the frame the points are in which suits all best.
 
     Raises:
         SmoothingError: As `build_chain`; an axis of no length; axes that point along x, y and z.

@@ -76,15 +76,7 @@ class _Motion(NamedTuple):
 
 
 def measure_deviation(chain: Chain, schedule: Schedule, raw: Chain) -> Deviation:
-    """Measure a smoothed motion against its way points.
-
-    Args:
-        chain: The segments the schedule passes; each way point one of the raw chain's, in order.
-        schedule: When they are passed.
-        raw: The way points as given.
-
-    Returns:
-        The largest deviations; zero where nothing strays.
+    """Measure the motion along a chain, each way point one of the raw chain's in order, against the raw way points.
 
     Raises:
         SmoothingError: The chain is not made of the raw chain's way points.

@@ -139,19 +139,11 @@ def _rise(b: float, c: float, t: float, rates: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def stop_times(length: float, speed: float, acceleration: float, jerk: float) -> tuple[float, float, float]:
-    """Filter times of the time-optimal rest-to-rest motion.
+    """Filter times a >= b >= c [s] of the time-optimal motion from rest to rest over a length; it takes their sum.
 
     The shortest profile is a three-box profile a >= b + c: c = acceleration / jerk; or c = b = cbrt(length / 2 jerk)
-    and a = 2 c, 4 cbrt(length / 2 jerk) in all, where neither acceleration nor speed is reached.
-
-    Args:
-        length: Way to go, positive; its unit is the caller's (u).
-        speed: Limit [u/s].
-        acceleration: Limit [u/s^2].
-        jerk: Limit [u/s^3]; limits may be infinite.
-
-    Returns:
-        The times a >= b >= c [s]; the motion takes their sum.
+    and a = 2 c, 4 cbrt(length / 2 jerk) in all, where neither acceleration nor speed is reached. Limits may be
+    infinite.
     """
     ramp = c = 0.0
     if math.isfinite(jerk):

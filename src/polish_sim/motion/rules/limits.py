@@ -95,15 +95,10 @@ SECTIONS = ("tip", "axis", "joint")  #: Of the TOML file, whose values have the 
 
 
 def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLimits:
-    """Read limits: sections [tip], [axis], [joint]; one left out keeps its defaults, one given must be whole.
+    """Read limits: sections [tip], [axis], [joint]; one left out keeps those of ``base`` or the defaults.
 
-    Args:
-        path: The file, e.g. with ``[tip]`` and ``speed_mm_s = 50``, ``acceleration_mm_s2``, ``jerk_mm_s3``; [axis] and
-            [joint] have ``speed_deg_s``, ``acceleration_deg_s2``, ``jerk_deg_s3``, of the joints one number or six.
-        base: Limits of sections the file leaves out; the defaults if not given.
-
-    Returns:
-        The limits.
+    A section given must be whole: [tip] has ``speed_mm_s``, ``acceleration_mm_s2`` and ``jerk_mm_s3``; [axis] and
+    [joint] have ``speed_deg_s``, ``acceleration_deg_s2``, ``jerk_deg_s3``, of the joints one number or six.
 
     Raises:
         ConfigError: The file cannot be read, or a key is unknown, missing, of the wrong type, zero or negative.

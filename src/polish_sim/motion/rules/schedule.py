@@ -73,18 +73,10 @@ def index_schedule(chain: Chain, schedule: Schedule) -> ScheduleIndex:
 
 
 def sample_schedule(chain: Chain, schedule: Schedule, times: Array) -> Samples:
-    """Pose and rates of the tool at times (before the start: at the first way point, after the end: at the last).
+    """Pose and rates of the tool at ``times`` (n,) [s]; at rest before the start and after the end.
 
-    The composition is exact however many segments overlap: with A = exp(phi n) the angular velocity grows by
-    ``w -> n phi' + A w``, differentiated twice in closed form.
-
-    Args:
-        chain: The segments.
-        schedule: When they are passed.
-        times: [s], in any order, shape (n,).
-
-    Returns:
-        The motion.
+    The composition is exact however many segments overlap: with A = exp(phi n) the angular velocity grows by ``w ->
+    n phi' + A w``, differentiated twice in closed form.
     """
     times = np.ascontiguousarray(times, dtype=float)
     n = len(times)

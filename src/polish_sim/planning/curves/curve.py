@@ -32,20 +32,11 @@ class SurfaceQuery(Protocol):
 def step_on_surface(
     surface: SurfaceQuery, start: Array, normals: Array, directions: Array, distance: Array | float
 ) -> ClosestPoints:
-    """From points on the surface go along directions to the points at an exact Euclidean distance.
+    """From points P (n, 3) on the surface go along ``directions`` (n, 3) to the points at a Euclidean distance S [m].
 
-    The end point lies in the plane spanned by direction t and normal n of the start, at
-    P + a t + h n with a^2 + h^2 = S^2; Newton's method finds the height h at which it meets the surface.
-
-    Args:
-        surface: Where to stay.
-        start: Points P on the surface [m], shape (n, 3).
-        normals: Unit outward normals there, shape (n, 3).
-        directions: Directions t, any length and with any normal part, shape (n, 3).
-        distance: S [m], one or shape (n,).
-
-    Returns:
-        The end points; where the surface ends before S its closest border point. Zero distances stay.
+    The end point lies in the plane spanned by direction t and normal n of the start, at P + a t + h n with a^2 + h^2
+    = S^2; Newton's method finds the height h at which it meets the surface. Directions have any length and any
+    normal part. Where the surface ends before S its closest border point is the end; zero distances stay.
     """
     step = np.broadcast_to(np.asarray(distance, dtype=float), (len(start),))
     tangents = directions - normals * (directions * normals).sum(axis=1, keepdims=True)
@@ -76,19 +67,11 @@ TINY = 1e-300
 
 @njit(cache=True, error_model="numpy")
 def near_chords(positions, normals, knots, count, closed, points, index):  # type: ignore[no-untyped-def]
-    """Nearest points on the chords before and behind given points of a polyline.
+    """Nearest points on the chords before and behind the points ``index`` (n,) of a polyline of ``count`` points.
 
-    Args:
-        positions: Its points [m], a closed one's first repeated at the end, shape (k, 3).
-        normals: Normals there, shape (k, 3).
-        knots: Arc lengths there [m], shape (k,).
-        count: Number of points, the repeated one not counted.
-        closed: Whether it is closed.
-        points: Where from [m], shape (n, 3).
-        index: Between which chords to look: the point of the polyline they meet in, shape (n,).
-
-    Returns:
-        Arc lengths (n,), feet (n, 3), normals there, not normalised, (n, 3), and distances (n,).
+    A closed polyline's ``positions`` (k, 3) [m], ``normals`` and arc lengths ``knots`` (k,) [m] repeat the first
+    point at the end. Returns arc lengths (n,), feet (n, 3), normals there, not normalised, (n, 3), and distances
+    (n,).
     """
     n = len(points)
     s, gap, foot, normal = np.empty(n), np.empty(n), np.empty((n, 3)), np.empty((n, 3))
@@ -193,15 +176,7 @@ class Curve:
         return self.at(np.concatenate([[first], inner, [last]]))
 
     def nearest(self, points: Array, limit: float = np.inf) -> Nearest:
-        """Nearest point of the curve, on its chords.
-
-        Args:
-            points: Where from [m], shape (n, 3).
-            limit: Do not look further than this [m].
-
-        Returns:
-            Feet and distances; beyond the limit the distance is inf and the foot is meaningless.
-        """
+        """Nearest points of the curve, on its chords, to points (n, 3) [m]; beyond the limit [m] distances are inf."""
         both, order = self.tree.query(points, k=2, distance_upper_bound=limit)
         # Of two points equally far away the first, whichever rounding puts nearer.
         tie = np.isfinite(both[:, 1]) & (both[:, 1] < (1.0 + SAME) * both[:, 0])

@@ -36,16 +36,10 @@ class LevelLine(NamedTuple):
 
 
 def level_lines(mesh: Triangulation, values: Array, level: float, among: Indices | None = None) -> list[LevelLine]:
-    """Trace the lines on which a field interpolated over the triangles has a value.
+    """Trace the lines on which a field interpolated over the triangles has the value ``level``.
 
-    Args:
-        mesh: The triangulation.
-        values: Field at the vertices, shape (n,).
-        level: The value; vertices exactly on it count as lower.
-        among: Triangles to look at, shape (k,); all if not given.
-
-    Returns:
-        Closed lines, and open ones that end at the border.
+    Its ``values`` (n,) are given at the vertices, those exactly on the level count as lower; only triangles
+    ``among`` (k,) are looked at. Closed lines, and open ones that end at the border.
     """
     triangles = mesh.triangles if among is None else mesh.triangles[among]
     found = values[triangles]
@@ -167,18 +161,9 @@ def nearest_of(curves: Sequence[Curve], points: Array, limit: float = np.inf) ->
 
 
 def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLine, distance: float) -> Curve:
-    """Put a trial line exactly one offset away from the curves it lies beside.
+    """Put a trial line, roughly the offset curve in order, exactly ``distance`` [m] away from the nearest curves.
 
     First with even control points; then with a spacing of equal chord error for the curvature found.
-
-    Args:
-        surface: Where to stay.
-        curves: The curves to offset; each trial point belongs to the nearest.
-        trial: Roughly the offset curve, in order.
-        distance: Offset l [m].
-
-    Returns:
-        The offset curve.
     """
     around = CurveSet(tuple(curves))
     even = Curve(trial.positions, unit(trial.normals), trial.closed)
@@ -188,14 +173,9 @@ def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLin
 
 
 def adapted_spacing(curve: Curve, distance: float) -> Array:
-    """Chord lengths of equal chord error, s = sqrt(8 e / curvature), that add up to the curve's length.
+    """Chord lengths of equal chord error, s = sqrt(8 e / curvature), in order, that add up to the curve's length [m].
 
-    Args:
-        curve: A curve with evenly spaced points.
-        distance: Step-over, which sets the scale of e and the limits of s [m].
-
-    Returns:
-        Chord lengths in order [m].
+    The step-over ``distance`` [m] sets the scale of e and the limits of s.
     """
     reach = COARSEST * distance
     ahead, behind = curve.tangents(curve.knots + 0.5 * reach, reach), curve.tangents(curve.knots - 0.5 * reach, reach)

@@ -170,17 +170,7 @@ def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
 
 
 def distance_to(mesh: Triangulation, rows: Indices, curves: Sequence[Curve], limit: float) -> Array:
-    """Distance from vertices to the nearest curve on the same side of the part.
-
-    Args:
-        mesh: The triangulation.
-        rows: Vertices to look at, shape (k,).
-        curves: The curves.
-        limit: Distances beyond it are inf [m].
-
-    Returns:
-        Distances [m], shape (k,).
-    """
+    """Distance (k,) from vertices ``rows`` to the nearest curve on the same side of the part, inf beyond it [m]."""
     feet = nearest_of(curves, mesh.vertices[rows], limit).nearest
     same_side = (feet.normals * mesh.normals[rows]).sum(axis=1) > 0.0
     return np.where(same_side, feet.distances, np.inf)
@@ -189,18 +179,10 @@ def distance_to(mesh: Triangulation, rows: Indices, curves: Sequence[Curve], lim
 def grow_turns(
     surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Curve], first: float, stepover: float, report: Report
 ) -> list[Turn]:
-    """Offset the borders inwards, turn after turn, until nothing is left.
+    """Offset the borders inwards, turn after turn, until nothing is left; the outermost turns, the others below them.
 
-    Args:
-        surface: The region's surface.
-        mesh: Its fine triangulation.
-        borders: Closed curves to start from.
-        first: Distance of the first turn from the border [m].
-        stepover: Distance from turn to turn [m].
-        report: Called with the share of the area done.
-
-    Returns:
-        The outermost turns; the others hang below them.
+    The first turn runs ``first`` [m] from the border, the others a step-over [m] apart; ``report`` is called with
+    the share of the area done.
     """
     roots = [Turn(curve) for curve in borders]
     front = Front(mesh, first, stepover)
@@ -224,19 +206,10 @@ class RingTurns(NamedTuple):
 def ring_turns(
     surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Curve], stepover: float
 ) -> RingTurns | None:
-    """Turns that fill a ring of even width from its outer to its inner border.
+    """Turns that fill a ring of even width from its outer to its inner border, half a step-over inside both.
 
-    The first and the last run half a step-over inside the borders; for a whole number of turns to fit they are a little
-    further apart than a step-over, or closer.
-
-    Args:
-        surface: The region's surface.
-        mesh: Its fine triangulation.
-        borders: Outer and inner border.
-        stepover: Distance from turn to turn [m].
-
-    Returns:
-        Their distances; None if the ring's width varies by more than half a step-over.
+    For a whole number of turns to fit they are a little further apart than a step-over, or closer. None if the
+    ring's width varies by more than half a step-over.
     """
     outer, inner = borders
     if np.ptp(outer.nearest(inner.positions).distances) > 2.0 * EVEN * stepover:

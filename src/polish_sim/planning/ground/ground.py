@@ -38,15 +38,7 @@ class _Rim(NamedTuple):
 
 
 def bridge_holes(region: Region, widest: float) -> Bridged:
-    """Close the holes a pad bridges.
-
-    Args:
-        region: What is to be polished.
-        widest: Diameter up to which holes are closed [m].
-
-    Returns:
-        The region with the holes closed; the same region if there are none.
-    """
+    """Close the holes of a region a pad bridges, up to the diameter ``widest`` [m]."""
     surface = region.surface
     rims = [rim for rim in _rims(surface) if _diameter(surface, rim) <= widest]
     if not rims or len(rims) == len(region.boundary_loops):
@@ -224,14 +216,7 @@ class Footprint(NamedTuple):
 
 
 def footprint(region: Region) -> Footprint:
-    """Look at a region along its up.
-
-    Args:
-        region: The region.
-
-    Returns:
-        The picture; a region that is a line in it has one width, zero.
-    """
+    """Look at a region along its up; one that is a line in this picture has one width, zero."""
     first = perpendicular(region.up)
     frame = np.stack([first, np.cross(region.up, first)], axis=1)
     flat = region.surface.vertices @ frame

@@ -21,14 +21,9 @@ MOST_ROUNDS = 40  #: Every round halves the longest edges; patches that do not f
 
 @njit(cache=True, error_model="numpy")
 def label_pieces(triangles, inside):  # type: ignore[no-untyped-def]
-    """Number the connected pieces of a set of vertices, in the order of their first vertices.
+    """Number the connected pieces of a set ``inside`` (n,) of vertices, in the order of their first vertices.
 
-    Args:
-        triangles: Vertex indices, shape (m, 3).
-        inside: The set, shape (n,).
-
-    Returns:
-        The number of pieces, and each vertex's piece, -1 outside, shape (n,).
+    How many there are, and each vertex's piece, -1 outside, shape (n,).
     """
     parent = np.arange(len(inside))
     for t in range(len(triangles)):
@@ -112,14 +107,7 @@ class Triangulation:
 
 
 def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
-    """Split the patches of a surface until no edge is longer than asked for, without gaps.
-
-    Args:
-        surface: The region's surface.
-        longest_edge: Length no edge exceeds [m].
-
-    Returns:
-        The triangulation.
+    """Split the patches of a surface without gaps until no edge is longer than ``longest_edge`` [m].
 
     Raises:
         PlanError: It would need too many triangles.

@@ -34,14 +34,7 @@ class _Order(NamedTuple):
 
 
 def contour_runs(request: PatternRequest) -> list[SurfaceRun]:
-    """Cover a region with closed loops.
-
-    Args:
-        request: What to cover and how; its plan says inward or outward, conventional or climb, and where to start.
-
-    Returns:
-        One run for each chain of loops inside one another.
-    """
+    """Cover a region with closed loops; one run for each chain of loops inside one another."""
     plan, surface = request.plan, request.region.surface
     outward = plan.order == "outward"
     # With what is not done yet on the left, loops that go inwards have the inside on their left.

@@ -73,16 +73,7 @@ class Levels(NamedTuple):
 
 
 def build_seam(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Seam:
-    """Join the turns of a pocket to a double spiral.
-
-    Args:
-        curves: All turns.
-        pocket: The row of turns and where the seam crosses them.
-        stepover: [m].
-
-    Returns:
-        The links, and the ends left free.
-    """
+    """Join the turns of a pocket to a double spiral: the links, and the ends left free."""
     levels = _levels(curves, pocket, stepover)
     last = len(levels.turns) - 1
     if last == 0:
@@ -172,11 +163,7 @@ CROWDED = 1.0  #: A loop is beside a crossing if it passes it within this many s
 def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
     """Cover a region with one connected Fermat spiral.
 
-    Args:
-        request: What to cover and how.
-
-    Returns:
-        One run; more only where a part of the region lies apart from all turns of the rest.
+    More runs only where a part of the region lies apart from all turns of the rest.
     """
     surface, stepover = request.region.surface, request.stepover
     nested = nested_turns(request)
@@ -203,15 +190,9 @@ def _is_near(curve: Curve, points: Array, distance: float) -> bool:
 
 
 def connect(curves: Sequence[Curve], stepover: float, start: Sequence[float] = ()) -> list[Run]:
-    """Join closed turns to as few lines as may be.
+    """Join closed turns, an outermost one first and a step-over [m] apart, to as few open lines as may be.
 
-    Args:
-        curves: The turns, an outermost one first.
-        stepover: Distance between neighbours [m].
-        start: Where to begin, about [m]; empty = anywhere.
-
-    Returns:
-        Open lines.
+    They begin near ``start`` [m]; empty = anywhere.
     """
     contacts = find_contacts(curves, stepover)
     layout = Layout(curves, stepover, np.array(start, dtype=float))

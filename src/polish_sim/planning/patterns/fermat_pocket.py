@@ -43,15 +43,7 @@ class Tree(NamedTuple):
 
 
 def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
-    """Which turns are neighbours, and for how long.
-
-    Args:
-        curves: Closed turns.
-        stepover: [m].
-
-    Returns:
-        Every pair once.
-    """
+    """Which of some closed turns a step-over [m] apart are neighbours, every pair once, and for how long."""
     points, owner = sample_turns(curves, stepover)
     pairs = cKDTree(points).query_pairs(APART * stepover, output_type="ndarray")
     pairs = pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]]
@@ -78,16 +70,7 @@ def sample_turns(curves: Sequence[Curve], stepover: float) -> tuple[Array, Indic
 
 
 def grow_tree(curves: Sequence[Curve], contacts: Sequence[Contact], root: int) -> Tree:
-    """The tree of longest contacts that hangs on one turn.
-
-    Args:
-        curves: All turns.
-        contacts: Their neighbourhoods.
-        root: Turn to start from.
-
-    Returns:
-        The tree.
-    """
+    """The tree of longest contacts that hangs on the turn ``root``."""
     beside: list[list[tuple[float, int]]] = [[] for _ in curves]
     for contact in contacts:
         beside[contact.first].append((contact.length, contact.second))
@@ -152,14 +135,9 @@ class Layout:
 
 
 def split_pockets(layout: Layout, tree: Tree) -> list[Pocket]:
-    """Cut a tree of turns into rows with a seam across each.
+    """Cut a tree of turns into rows with a seam across each; the seams' places are entered in the layout.
 
-    Args:
-        layout: The turns; the seams' places are entered.
-        tree: How they hang together.
-
-    Returns:
-        Pockets, each after the one it hangs on.
+    Each pocket comes after the one it hangs on.
     """
     pockets = []
     waiting = [(-1, tree.reached[0])]

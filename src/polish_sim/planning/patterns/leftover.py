@@ -38,13 +38,7 @@ TAIL_POINTS = 15  #: A link may pass this many of them at the end of its own run
 def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> list[Run]:
     """Lead runs through what they left uncovered, along its middle; lift only where no run ends nearby.
 
-    Args:
-        mesh: The region.
-        runs: Lines that cover most of it.
-        stepover: [m].
-
-    Returns:
-        The runs, some longer, and new ones at the end.
+    Some runs become longer, new ones come at the end.
     """
     out, traces = list(runs), [dense(run.positions, TRACE * stepover) for run in runs]
     everything = np.concatenate(traces) if traces else np.empty((0, 3))

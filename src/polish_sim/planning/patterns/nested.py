@@ -43,12 +43,6 @@ def nested_turns(request: PatternRequest) -> Nested:
     """Turns from all borders inwards; on a ring of even width from the outer border to the inner one.
 
     What the turns leave uncovered in the middle gets a loop of its own, closer to them than a step-over.
-
-    Args:
-        request: What to cover and how.
-
-    Returns:
-        The turns.
     """
     mesh, stepover = request.mesh, request.stepover
     roots = grown_turns(request).roots
@@ -90,15 +84,7 @@ def all_turns(roots: Sequence[Turn]) -> Iterator[Turn]:
 
 
 def without_tails(curve: Curve, width: float) -> Curve:
-    """A closed curve without the parts that run out and back along themselves.
-
-    Args:
-        curve: The curve.
-        width: Both sides of a tail are nearer to each other than this [m].
-
-    Returns:
-        The curve, shorter where it had tails.
-    """
+    """A closed curve without the parts that run out and back along themselves, both sides nearer than ``width`` [m]."""
     while len(curve.positions) > 8:
         pairs = cKDTree(curve.positions).query_pairs(width, output_type="ndarray")
         along = np.abs(np.diff(curve.knots[pairs], axis=1)[:, 0])

@@ -34,20 +34,13 @@ class Match(NamedTuple):
 def match_turns(outer: Curve, inner: Curve, outer_seam: float, inner_seam: float, stepover: float) -> Match:
     """Pair the points of an inner turn with their nearest points on the outer one, and the other way round.
 
-    Round a corner the outer turn has points that are nearest to none of the inner one's; they all belong to
-    the inner corner. So a share of the way from each pair's outer to its inner place is again a parallel turn.
-    Where the outer turn runs into an arm the inner one does not follow, or the inner one is the offset of yet
-    another turn, the places between are shared out evenly and marked.
+    Round a corner the outer turn has points that are nearest to none of the inner one's; they all belong to the inner
+    corner. So a share of the way from each pair's outer to its inner place is again a parallel turn. Where the outer
+    turn runs into an arm the inner one does not follow, or the inner one is the offset of yet another turn, the places
+    between are shared out evenly and marked.
 
-    Args:
-        outer: A turn.
-        inner: The next one inside it.
-        outer_seam: Where the outer turn begins, arc length [m].
-        inner_seam: Where the inner turn begins [m]; its nearest point on the outer turn is that seam.
-        stepover: Distance between both [m].
-
-    Returns:
-        The pairs, every point of both turns among them.
+    The turns begin at arc lengths ``outer_seam`` and ``inner_seam`` [m], whose nearest point on the outer turn is
+    the first. Every point of both turns is among the pairs.
     """
     feet, heads = outer.nearest(inner.positions), inner.nearest(outer.positions)
     on_outer = _from_seam(outer, np.concatenate([feet.s, outer.knots[:-1]]), outer_seam) / outer.length
@@ -121,17 +114,10 @@ class Shares(NamedTuple):
 def spread_shares(
     lengths: Sequence[float], matches: Sequence[Match], band: float, to_border: bool, stepover: float
 ) -> list[Shares]:
-    """Shares of all turns of a spiral.
+    """Shares of all turns of a spiral, from their ``lengths`` [m], outermost first, and the matches of neighbours.
 
-    Args:
-        lengths: Length of each turn, outermost first [m].
-        matches: Places of each turn and the next one, one less.
-        band: Length around the first seam in which the spiral leaves its first turn [m].
-        to_border: Whether the last turn follows a border too.
-        stepover: [m].
-
-    Returns:
-        Shares of each turn.
+    The spiral leaves its first turn within the length ``band`` [m] around the first seam; the last turn may follow a
+    border too (``to_border``).
     """
     amounts = _amounts([bool(match.beside.all()) for match in matches], to_border)
     step = _first_step(_grid(lengths[0], stepover), band)
@@ -186,19 +172,10 @@ def _seen_from(outer: Shares, match: Match, grid: Array) -> Shares:
 
 
 def _parallel(step: Shares, match: Match, height: float, stepover: float) -> Shares:
-    """A step that keeps one step-over from the step on the turn outside it.
+    """A step that keeps one step-over [m] from the step on the turn outside it.
 
-    Its line is the upper envelope of circles around the outer one. Where turns get shorter inwards they bend
-    about a middle: the circles are laid down in polar coordinates.
-
-    Args:
-        step: The outer step, carried over to this turn.
-        match: Places of the outer turn and this one.
-        height: Height of the step [step-overs].
-        stepover: [m].
-
-    Returns:
-        The parallel step.
+    Its line is the upper envelope of circles around the outer one. Where turns get shorter inwards they bend about a
+    middle: the circles are laid down in polar coordinates. ``height`` is the step's, in step-overs.
     """
     grid = np.linspace(0.0, step.length, len(step.values))
     beside = Shares(np.interp(grid, match.inner, match.outer) / match.outer[-1], step.length)

@@ -159,12 +159,6 @@ SMALL = 0.25  #: No gap is more than this share of a turn
 def raster_runs(request: PatternRequest) -> list[SurfaceRun]:
     """Cover a region with a zig-zag and a turn along its border, in one stroke where the region allows.
 
-    Args:
-        request: What to cover and how; its plan may set the direction of the lines and the start.
-
-    Returns:
-        The strokes, on the surface.
-
     Raises:
         PlanError: No line runs across the region.
     """

@@ -62,16 +62,10 @@ class _Ends:
 
 
 def walk(pieces: Sequence[LinePiece], curves: Sequence[Curve], stepover: float, start: Sequence[float]) -> list[ZigZag]:
-    """Walk the pieces line by line, turning round along the border.
+    """Walk the pieces of lines, by the number of their line, turning round along the border curves on which they end.
 
-    Args:
-        pieces: Pieces of lines, by the number of their line.
-        curves: The curves along the border on which they end.
-        stepover: [m].
-        start: Where to begin, about [m], shape (3,); empty = at the first line.
-
-    Returns:
-        Strokes; each ends where no piece of a neighbouring line begins nearby.
+    The walk begins near ``start`` (3,) [m]; empty = at the first line. Each stroke ends where no piece of a
+    neighbouring line begins nearby.
     """
     if not pieces:
         return []

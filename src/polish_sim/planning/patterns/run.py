@@ -69,16 +69,7 @@ def dense(positions: Array, spacing: float) -> Array:
 
 
 def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
-    """Round the corners, space the points for equal chord error and put them on the surface.
-
-    Args:
-        surface: The region's surface.
-        run: The line.
-        stepover: Step-over [m]; corners are rounded over half of it.
-
-    Returns:
-        The finished run.
-    """
+    """Round the corners over half a step-over [m], space the points for equal chord error, put them on the surface."""
     knots = arc_length(run.positions)
     distinct = np.concatenate([[True], np.diff(knots) > 1e-9])
     knots, positions, passes = knots[distinct], run.positions[distinct], run.pass_index[distinct]

@@ -50,20 +50,13 @@ class Seams(NamedTuple):
 
 
 def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: Array, inner: Array) -> Seams:
-    """Find a line across all turns along which their steps inwards avoid corners.
+    """Find a line across all nested turns, outermost first, along which their steps inwards avoid corners.
 
-    Lines are traced outwards from points of the innermost turn, nearest point to nearest point; outwards they
-    never run into a corner. The one furthest from corners wins.
+    Lines are traced outwards from points of the innermost turn, nearest point to nearest point; outwards they never run
+    into a corner. The one furthest from corners wins. The innermost turn had better end near one of ``goals`` (g, 3)
+    [m]; ``outer`` and ``inner``, (1, 3) or (0, 3) [m], are where the outermost turn shall begin and the innermost end.
 
-    Args:
-        curves: Nested turns, outermost first.
-        stepover: Distance between them [m].
-        goals: Places near which the innermost turn had better end [m], shape (g, 3); none is fine.
-        outer: Place near which the outermost turn shall begin [m], shape (1, 3) or (0, 3).
-        inner: Place near which the innermost turn shall end, likewise.
-
-    Returns:
-        Beginnings and the length of the first step.
+    Returns beginnings and the length of the first step.
     """
     total = sum(curve.length for curve in curves)
     longest = float(np.clip(SHARE_OF_PATH * total, SHORTEST * stepover, LONGEST * stepover))
@@ -233,15 +226,9 @@ SPIRAL_SHORTEST = 1.0  #: Turns shorter than this many step-overs are left to wh
 def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     """Cover a region with spirals between its border and its middle, one where the region allows.
 
-    Spirals are laid inwards, counter-clockwise seen from outside; then what is not done yet lies on the left.
-    Walked backwards they lead outwards, and what is not done yet still lies on the left. To have it on the right
-    (climb) they are laid clockwise.
-
-    Args:
-        request: What to cover and how; its plan says inward or outward, conventional or climb, and where to start.
-
-    Returns:
-        The spirals, on the surface.
+    Spirals are laid inwards, counter-clockwise seen from outside; then what is not done yet lies on the left. Walked
+    backwards they lead outwards, and what is not done yet still lies on the left. To have it on the right (climb)
+    they are laid clockwise.
     """
     plan, mesh, stepover = request.plan, request.mesh, request.stepover
     roots, pitch, to_border = grown_turns(request)
