@@ -70,7 +70,7 @@ def build_path_table(
 
 
 def at_rows(table: PathTable, s: Array, values: Array) -> Array:
-    """``values`` (n,) at arc lengths ``s`` (n,) [m] of the points a table was made of, linear in between, by row."""
+    """Values (n,) given at arc lengths ``s`` (n,) [m] of a table's points, interpolated linearly at its rows."""
     return np.interp(np.arange(len(table.positions)) * table.spacing, s - s[0], values)
 
 

@@ -170,7 +170,7 @@ def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
 
 
 def distance_to(mesh: Triangulation, rows: Indices, curves: Sequence[Curve], limit: float) -> Array:
-    """Distance (k,) from vertices ``rows`` to the nearest curve on the same side of the part, inf beyond it [m]."""
+    """Distance (k,) [m] of vertices ``rows`` to the nearest curve on the same side of the part; inf past the limit."""
     feet = nearest_of(curves, mesh.vertices[rows], limit).nearest
     same_side = (feet.normals * mesh.normals[rows]).sum(axis=1) > 0.0
     return np.where(same_side, feet.distances, np.inf)
