@@ -40,8 +40,9 @@ def build_scene(
 ) -> mujoco.MjModel:
     """Compile the cell; without a mesh it is for motion in free space.
 
-    ``held_behind``: the fixture leaves the part's underside free, see ``fixture_of``. The part's mesh is drawn only; the
-    pad's contact and the crash check are computed on its signed distance, because the engine would take the convex hull.
+    ``held_behind``: the fixture leaves the part's underside free, see ``fixture_of``. The part's mesh is drawn only;
+    the pad's contact and the crash check are computed on its signed distance, because the engine would take the
+    convex hull.
     """
     spec = robot_with_tool(scenario)
     if mesh is not None and part is not None:
