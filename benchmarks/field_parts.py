@@ -272,7 +272,7 @@ def main() -> None:
             plan = _command(["plan", str(file), *options], Path(name) / f"plan_{file.stem}")
             run = None
             if asked.run and plan.code == 0:
-                path = ["--path", str(Path(name) / f"plan_{file.stem}")]
+                path = ["--part", str(file), "--path", str(Path(name) / f"plan_{file.stem}"), *options]
                 run = _command(["run", "surface", *path], Path(name) / f"run_{file.stem}")
             print(_line(file.stem, plan, run, unit), flush=True)
 
