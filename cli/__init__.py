@@ -1,1 +1,14 @@
 """The command line."""
+
+from __future__ import annotations
+
+import os
+
+
+def start() -> None:
+    """Load and run the command line of this process; an interrupt while it loads ends it quietly, too."""
+    try:
+        from polish_sim.cli.main import app
+    except KeyboardInterrupt:
+        os._exit(130)
+    app()

@@ -34,6 +34,9 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
 
     Returns:
         How it ended; what is checked is the worst seed of each figure.
+
+    Raises:
+        KeyboardInterrupt: The user broke off before any seed was done.
     """
     from polish_sim.analysis.run_record import METRICS, package_versions, read_record, write_json
     from polish_sim.cli.outcome import Outcome, other_conditions
@@ -42,6 +45,8 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
     from polish_sim.experiments.report import draw_seeds, save_plots
 
     runs, interrupted = _run_all(scenario, plan, seeds, draft)
+    if interrupted and not runs:
+        raise KeyboardInterrupt  # no folder is left behind
     claims = claims_shown([scenario])
     mean, worst = aggregate(claims, list(runs.values()))
     table = {"experiment": scenario.experiment, "seeds": list(runs), "mean": mean, "worst": worst}
@@ -110,7 +115,8 @@ def _run_all(
                     observer.progress(len(runs), len(seeds))
         except KeyboardInterrupt:
             interrupted = True
-            console.note("interrupted: the seeds that are done are kept.")
+            if runs:
+                console.note("interrupted: the seeds that are done are kept.")
     for seed in set(seeds) - set(runs):
         shutil.rmtree(draft / _name(seed), ignore_errors=True)
     return {seed: runs[seed] for seed in seeds if seed in runs}, interrupted

@@ -7,6 +7,7 @@ import math
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -48,6 +49,7 @@ def broken_off(words: list[str], folder: Path, ready: Callable[[Path], bool], th
         ["smooth", "path.csv"],
         ["run", "smooth"],
         ["identify", "--starts", "50"],
+        ["run", "force", "--seeds", "2", "--set", "process.hold_s=600"],
     ],
     ids=" ".join,
 )
@@ -56,6 +58,14 @@ def test_ctrl_c_of_what_records_nothing_on_the_way_leaves_nothing(words: list[st
     err = broken_off(words, tmp_path, lambda draft: draft.exists(), 1.0)
     assert err.splitlines()[-1].startswith("error: interrupted")
     assert [path.name for path in tmp_path.iterdir()] == ["path.csv"]
+
+
+def test_ctrl_c_while_the_program_is_loaded_ends_it_quietly() -> None:
+    loading = "import builtins; real = builtins.__import__\n"
+    loading += "def load(name, *rest):\n  if name == 'polish_sim.cli.main': raise KeyboardInterrupt\n"
+    loading += "  return real(name, *rest)\nbuiltins.__import__ = load\nfrom polish_sim.cli import start; start()"
+    run = subprocess.run([sys.executable, "-c", loading], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout, run.stderr) == (130, "", "")
 
 
 @pytest.mark.parametrize("what", ["tcp", "base", "payload"])
