@@ -9,7 +9,6 @@ where b_u and b_uu are derivatives to u: but for u', linear in b.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -75,8 +74,8 @@ def at_ends(quantity: Bounded) -> Bounded:
     return Bounded(quantity.rates[:, [0, -1]], quantity.limits)
 
 
-def time_factor(quantity: Bounded, speed: Array, acceleration: Array, jerk: Array) -> float:
-    """How much more time a passage must take for a quantity to keep its limits, wholly used.
+def time_factors(quantity: Bounded, speed: Array, acceleration: Array, jerk: Array) -> Array:
+    """How much more time a passage must take for a quantity to keep its limits, wholly used, place by place.
 
     Args:
         quantity: At n places.
@@ -85,15 +84,13 @@ def time_factor(quantity: Bounded, speed: Array, acceleration: Array, jerk: Arra
         jerk: Third derivative [m/s^3], shape (n,).
 
     Returns:
-        The factor; up to 1 it keeps them.
+        The factors, shape (n,); up to 1 it keeps them.
     """
     x1, x2, x3 = quantity.rates
     v, a, j = speed[:, None], acceleration[:, None], jerk[:, None]
     moved = (x1 * v, x2 * v**2 + x1 * a, x3 * v**3 + 3.0 * x2 * v * a + x1 * j)
-    over = [
-        float(np.linalg.norm(each, axis=1).max()) / limit for each, limit in zip(moved, quantity.limits, strict=True)
-    ]
-    return max(over[0], math.sqrt(PLANNED_SHARE * over[1]), float(np.cbrt(PLANNED_SHARE * over[2])))
+    over = [np.linalg.norm(each, axis=1) / limit for each, limit in zip(moved, quantity.limits, strict=True)]
+    return np.asarray(np.maximum.reduce([over[0], np.sqrt(PLANNED_SHARE * over[1]), np.cbrt(PLANNED_SHARE * over[2])]))
 
 
 def _bounded(rates: Array, speed: float, acceleration: float, jerk: float) -> Bounded:

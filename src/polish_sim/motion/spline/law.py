@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.motion.spline.bounded import (
@@ -20,9 +21,8 @@ from polish_sim.motion.spline.bounded import (
     jerk_from_rest,
     speed_cap,
     steady_cap,
-    time_factor,
+    time_factors,
 )
-from polish_sim.motion.spline.curve import Curve
 from polish_sim.motion.spline.program import Rows, join_rows, maximize
 
 # The square of the parameter's speed as a quadratic spline of the parameter (knots -> stencils).
@@ -163,6 +163,10 @@ def _both_signs(terms: Terms, numbers: Indices, ways: Array) -> Cuts:
 
 
 MOST_ROUNDS = 20
+LEAST_ROUNDS = 3
+"""Of laws with many knots: what these leave beyond a limit is little, and slowed down for (``keep_limits``)."""
+ROUND_KNOTS = 20_000
+"""Knots of all further rounds together."""
 KEPT = 1.01
 """Excess over what is planned with at which the rounds end."""
 LEAST = 1e-6
@@ -192,6 +196,10 @@ class Launch(NamedTuple):
         """At its end [m/s^2]."""
         return self.jerk * self.duration
 
+    def slowed(self, factor: float) -> Launch:
+        """The same way in ``factor`` times the time."""
+        return Launch(self.jerk / factor**3, self.duration * factor)
+
 
 class Law(NamedTuple):
     """b(u) between the launches."""
@@ -200,6 +208,8 @@ class Law(NamedTuple):
     controls: Array
     """Its control values [m^2/s^2], shape (n + 1,)."""
     launch: Launch
+    landing: Launch
+    """Played backwards."""
 
 
 def plan_law(knots: Array, caps: Array, quantities: list[Bounded], launch: Launch) -> Law:
@@ -212,32 +222,58 @@ def plan_law(knots: Array, caps: Array, quantities: list[Bounded], launch: Launc
         launch: How the motion begins; the landing is its mirror image.
 
     Returns:
-        The law; it keeps the limits at the knots but for ``KEPT``.
+        The law; it keeps the limits at the knots, most often within ``KEPT``.
     """
     squares = squares_on(knots)
     caps = np.minimum.reduce([caps, *(speed_cap(each) for each in quantities)])
-    most = np.concatenate([caps[:1], np.minimum(caps[:-1], caps[1:]), caps[-1:]]) ** 2
+    most = _most(caps)
     size = np.minimum(most, control_values(squares, envelope(knots, caps, quantities, launch) ** 2))
     fixed = np.zeros(len(size), dtype=bool)
     for two, span in (([0, 1], knots[1] - knots[0]), ([-1, -2], knots[-1] - knots[-2])):
         # Value and slope where the launch hands over.
         size[two] = launch.speed**2 + np.array([0.0, launch.acceleration * span])
         fixed[two] = True
-    most = np.maximum(most, size)
+    return _within_limits(Law(squares, size, launch, launch), np.maximum(most, size), quantities, fixed, False)
+
+
+def refine_law(law: Law, knots: Array, caps: Array, quantities: list[Bounded]) -> Law:
+    """Plan a law again on more knots; arguments as of `plan_law`, the law's own knots are among them."""
+    squares, old = squares_on(knots), law.squares
+    # A control value is the value between two knots that a tangent at the first has there.
+    i = np.clip(np.searchsorted(old.knots, knots[:-1], side="right") - 1, 0, len(old.knots) - 2)
+    past, bend = knots[:-1] - old.knots[i], around(old.bends, law.controls)[i]
+    slope = around(old.slopes, law.controls)[i] + bend * past
+    value = around(old.values, law.controls)[i] + (slope - 0.5 * bend * past) * past
+    size = np.concatenate([law.controls[:1], value + 0.5 * slope * np.diff(knots), law.controls[-1:]])
+    fixed = np.isin(np.arange(len(size)), [0, 1, len(size) - 2, len(size) - 1])
+    most = np.maximum(_most(np.minimum.reduce([caps, *(speed_cap(each) for each in quantities)])), size)
+    return _within_limits(law._replace(squares=squares, controls=size), most, quantities, fixed, True)
+
+
+def _within_limits(law: Law, most: Array, quantities: list[Bounded], fixed: Bools, known: bool) -> Law:
+    """The fastest law near one, with control values up to ``most`` (n + 1,) and some that are fixed (n + 1,).
+
+    Where the law is ``known`` to be near, what it is beyond is asked for at once.
+    """
+    squares, size = law.squares, law.controls
     terms: list[Terms] = [each for quantity in quantities for each in terms_of(squares, quantity)]
-    asked = [along_the_way(each) for each in terms]
-    controls = size
-    for _ in range(MOST_ROUNDS):
-        rows = join_rows([rows_of(each, controls, size, fixed) for each in asked])
-        shares = maximize(np.ones(len(size)), _bounds(most, size, fixed), rows, controls / size)
+    asked = [along_the_way(each) for each in terms] + [beyond(each, size)[1] for each in terms if known]
+    for _ in range(min(MOST_ROUNDS, LEAST_ROUNDS + ROUND_KNOTS // len(size))):
+        rows = join_rows([rows_of(each, law.controls, size, fixed) for each in asked])
+        shares = maximize(np.ones(len(size)), _bounds(most, size, fixed), rows, law.controls / size)
         if shares is None:
             break
-        controls = size * np.where(fixed, 1.0, np.maximum(shares, LEAST))
-        found = [beyond(each, controls) for each in terms]
+        law = law._replace(controls=size * np.where(fixed, 1.0, np.maximum(shares, LEAST)))
+        found = [beyond(each, law.controls) for each in terms]
         asked += [cuts for _, cuts in found]
         if max(excess for excess, _ in found) <= KEPT:
             break
-    return Law(squares, controls, launch)
+    return law
+
+
+def _most(caps: Array) -> Array:
+    """Largest control values with which u' stays below caps at the knots [m/s] (n,), shape (n + 1,)."""
+    return np.asarray(np.concatenate([caps[:1], np.minimum(caps[:-1], caps[1:]), caps[-1:]]) ** 2)
 
 
 def envelope(u: Array, caps: Array, quantities: list[Bounded], launch: Launch) -> Array:
@@ -260,12 +296,81 @@ def _bounds(most: Array, size: Array, fixed: Bools) -> Rows:
     return Rows(np.concatenate([n, n]), factors, np.concatenate([np.ones(len(n)), np.zeros(len(n))]))
 
 
-# Where along a curve the law of time is solved for (Curve -> knots of the law).
+# Between the knots: a law is slowed down where it goes beyond a limit, and for a while before and after.
+
+LOOKS = 4
+"""Places in every span of the law at which limits are looked at."""
+MOST_SLOWED = 1.0005
+"""A law that keeps its limits when it takes this much more time is slowed as a whole."""
+MOST_DIPS = 16
+DIP_TIME = 0.05
+"""Before and after a place at which the law is slowed down; twice as long after every ``DIPS`` tries [s]."""
+DIPS = 2
+DIP_STEP = 0.005
+"""Of the clock that dips are drawn on [s]."""
+DIP_MORE = 1.002
+"""A dip is deeper than needed by this factor: its own slopes take some of the limits."""
+
+
+def keep_limits(law: Law, quantities: list[Bounded]) -> tuple[Law, float]:
+    """Slow a law down where it is beyond a limit; elsewhere it stays as fast as it is.
+
+    Args:
+        law: The law, n knots.
+        quantities: At the knots ``divided`` by ``LOOKS``.
+
+    Returns:
+        The law, and how much more time it must take to keep every limit between launch and landing: hardly more than 1
+        but for laws that need more than ``MOST_DIPS`` tries.
+    """
+    for attempt in range(MOST_DIPS):
+        factors = factors_of_spans(law, quantities)
+        if not (np.isfinite(factors).all() and factors.max() > MOST_SLOWED):
+            break
+        law = _with_dips(law, factors, DIP_TIME * 2.0 ** (attempt // DIPS))
+    return law, float(factors_of_spans(law, quantities).max())
+
+
+def factors_of_spans(law: Law, quantities: list[Bounded]) -> Array:
+    """How much more time each span must take to keep the limits, both its ends looked at, shape (n - 1,)."""
+    squares, controls = law.squares, law.controls
+    spans = np.diff(squares.knots)[:, None]
+    bend, slope = around(squares.bends, controls)[:, None], around(squares.slopes, controls)[:-1, None]
+    past = np.arange(LOOKS + 1) / LOOKS * spans
+    speed = np.sqrt(around(squares.values, controls)[:-1, None] + (slope + 0.5 * bend * past) * past).ravel()
+    acceleration, jerk = 0.5 * (slope + bend * past).ravel(), 0.5 * speed * np.repeat(bend, LOOKS + 1)
+    places = (LOOKS * np.arange(len(spans))[:, None] + np.arange(LOOKS + 1)).ravel()
+    here = [each._replace(rates=each.rates[:, places]) for each in quantities]
+    factors = [time_factors(each, speed, acceleration, jerk) for each in here]
+    return np.asarray(np.max(factors, axis=0).reshape(len(spans), -1).max(axis=1))
+
+
+def _with_dips(law: Law, factors: Array, width: float) -> Law:
+    """The law slowed by factors of its spans (n - 1,), and less and less within a time before and after each [s]."""
+    squares = law.squares
+    speeds = np.sqrt(around(squares.values, law.controls))
+    times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(squares.knots) / (speeds[1:] + speeds[:-1]))])
+    clock = np.arange(0.0, times[-1] + 2.0 * DIP_STEP, DIP_STEP)
+    wanted, depth = np.maximum(1.0 - 1.0 / (DIP_MORE * factors), 0.0) * (factors > 1.0), np.zeros(len(clock))
+    for at in (times[:-1] / DIP_STEP, times[1:] / DIP_STEP + 1.0):
+        np.maximum.at(depth, at.astype(int), wanted)
+    box = 2 * int(width / DIP_STEP / 3.0) + 1
+    depth = maximum_filter1d(depth, 3 * box, mode="nearest")
+    for _ in range(3):
+        depth = uniform_filter1d(depth, box, mode="nearest")
+    kept = 1.0 - np.interp(times, clock, depth)
+    shares = control_values(squares, kept)
+    shares[:2], shares[-2:] = kept[0], kept[-1]
+    launch, landing = law.launch.slowed(1.0 / float(kept[0])), law.landing.slowed(1.0 / float(kept[-1]))
+    return Law(squares, law.controls * shares**2, launch, landing)
+
+
+# Where along a curve the law of time is solved for (knots of the curve -> knots of the law).
 
 KNOT_TIME = 0.02
 """Most time between knots: short against the time in which a limit's acceleration is built up [s]."""
 KNOTS_PER_SPAN = 4
-"""Least number of knots of the law in a span between knots of the curve, at the first try."""
+"""Least number of knots of the law in a span between knots of the curve."""
 LAUNCH_TIME = 0.005
 """Of constant jerk from rest, at most [s]."""
 LAUNCH_SHARE = 0.9
@@ -278,10 +383,9 @@ SAME_KNOT = 2e-5
 """Knots nearer than this are not told apart [m]."""
 
 
-def coarse_knots(curve: Curve, refinement: int) -> Array:
-    """Some parameters in every span between knots of the curve, ends included [m], shape (n,)."""
-    knots, count = curve.knots, refinement * KNOTS_PER_SPAN
-    shares = np.arange(count) / count
+def divided(knots: Array, parts: int) -> Array:
+    """The knots and ``parts`` - 1 places in each of the spans between them [m], shape (spans * parts + 1,)."""
+    shares = np.arange(parts) / parts
     return np.append((knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel(), knots[-1])
 
 
@@ -296,7 +400,7 @@ def launch_of(length: float, slowest: float, quantities: list[Bounded]) -> Launc
     ends = [at_ends(each) for each in quantities]
     moved = np.ones(2)
     while 2.0 * launch.speed > BEFORE_LIMITS * slowest or max(
-        time_factor(each, launch.speed * moved, launch.acceleration * moved, jerk * moved) for each in ends
+        time_factors(each, launch.speed * moved, launch.acceleration * moved, jerk * moved).max() for each in ends
     ) > BEFORE_LIMITS:  # fmt: skip
         launch = launch._replace(duration=0.7 * launch.duration)
     return launch
@@ -309,23 +413,22 @@ def with_feed_changes(coarse: Array, changes: Array) -> Array:
     return np.union1d(coarse, changes[apart > SAME_KNOT])
 
 
-def law_knots(coarse: Array, speeds: Array, launch: Launch, refinement: int) -> Array:
+def law_knots(coarse: Array, speeds: Array, launch: Launch) -> Array:
     """Knots from launch to landing, close together where the motion is slow.
 
     Args:
         coarse: First knots [m], from 0, shape (n,).
         speeds: Largest u' expected there [m/s], shape (n,).
         launch: From rest.
-        refinement: Divides ``KNOT_TIME``.
 
     Returns:
         Knots [m], rising.
     """
-    steps, length, most = np.diff(coarse), float(coarse[-1]), KNOT_TIME / refinement
-    parts = np.maximum(1, np.ceil(steps / (most * np.maximum(speeds[1:], speeds[:-1])))).astype(int)
+    steps, length = np.diff(coarse), float(coarse[-1])
+    parts = np.maximum(1, np.ceil(steps / (KNOT_TIME * np.maximum(speeds[1:], speeds[:-1])))).astype(int)
     counted = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
     inner = np.repeat(coarse[:-1], parts) + counted * np.repeat(steps / parts, parts)
-    last = max(most / (LAUNCH_GROWTH - 1.0) / launch.duration, LAUNCH_GROWTH**2)
+    last = max(KNOT_TIME / (LAUNCH_GROWTH - 1.0) / launch.duration, LAUNCH_GROWTH**2)
     times = launch.duration * LAUNCH_GROWTH ** np.arange(1 + int(np.log(last) / np.log(LAUNCH_GROWTH)))
     first = launch.jerk / 6.0 * times**3
     first = first[first < 0.3 * length]

@@ -11,17 +11,23 @@ from polish_sim.arrays import Array
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
-from polish_sim.motion.spline.bounded import bounded_quantities, time_factor
+from polish_sim.motion.spline.bounded import Bounded, bounded_quantities, time_factors
 from polish_sim.motion.spline.curve import Curve, Polyline, curve_rates, fit_curve, polyline_of
 from polish_sim.motion.spline.law import (
+    KNOTS_PER_SPAN,
+    LOOKS,
+    MOST_SLOWED,
     Launch,
     Law,
     around,
-    coarse_knots,
+    divided,
     envelope,
+    factors_of_spans,
+    keep_limits,
     launch_of,
     law_knots,
     plan_law,
+    refine_law,
     with_feed_changes,
 )
 from polish_sim.motion.timed_path import TimedPath, row_times
@@ -36,6 +42,8 @@ class Passage(NamedTuple):
     """Spans of u'' = a + beta (u - u0) between launch and landing."""
 
     launch: Launch
+    landing: Launch
+    """Played backwards."""
     times: Array
     """When each begins and, last, when the landing does [s], shape (n,)."""
     places: Array
@@ -50,12 +58,12 @@ class Passage(NamedTuple):
     @property
     def duration(self) -> float:
         """[s]."""
-        return float(self.times[-1]) + self.launch.duration
+        return float(self.times[-1]) + self.landing.duration
 
 
 def pass_by(law: Law) -> Passage:
     """When the parameter is where."""
-    squares, controls, launch = law
+    squares, controls, launch, landing = law
     speeds = np.sqrt(around(squares.values, controls))
     bends = 0.5 * around(squares.bends, controls)
     # The way over the sum of both speeds is tan(w T / 2) / w, with w^2 = -beta, or tanh.
@@ -63,7 +71,7 @@ def pass_by(law: Law) -> Passage:
     angles = np.where(bends > 0.0, np.arctanh(np.minimum(rate * share, 1.0 - 1e-15)), np.arctan(rate * share))
     spans = 2.0 * np.where(rate * share > 1e-6, angles / np.maximum(rate, 1e-300), share)
     return Passage(
-        launch, launch.duration + np.concatenate([[0.0], np.cumsum(spans)]), squares.knots, speeds,
+        launch, landing, launch.duration + np.concatenate([[0.0], np.cumsum(spans)]), squares.knots, speeds,
         0.5 * around(squares.slopes, controls), bends,
     )  # fmt: skip
 
@@ -78,21 +86,20 @@ def passage_at(passage: Passage, times: Array) -> Array:
         passage.places[i] + v * sine + a * rise, v * cosine + a * sine, v * beta * sine + a * cosine,
         beta * (v * cosine + a * sine),
     ])  # fmt: skip
-    jerk, end = passage.launch.jerk, passage.duration
-    length = passage.places[-1] + passage.launch.way
+    end, length = passage.duration, passage.places[-1] + passage.landing.way
     early, late = times < passage.times[0], times > passage.times[-1]
     left = end - times
-    first = _launched(times, jerk)
-    last = _launched(left, jerk) * np.array([[-1.0], [1.0], [-1.0], [1.0]]) + np.array([[length], [0.0], [0.0], [0.0]])
+    first = _launched(times, passage.launch.jerk)
+    last = _launched(left, passage.landing.jerk) * np.array([[-1.0], [1.0], [-1.0], [1.0]])
+    last[0] += length
     return np.where(early, first, np.where(late, last, between))
 
 
 def slowed(passage: Passage, factor: float) -> Passage:
     """The same way in ``factor`` times the time."""
-    launch = Launch(passage.launch.jerk / factor**3, passage.launch.duration * factor)
     return Passage(
-        launch, passage.times * factor, passage.places, passage.speeds / factor, passage.accelerations / factor**2,
-        passage.bends / factor**2,
+        passage.launch.slowed(factor), passage.landing.slowed(factor), passage.times * factor, passage.places,
+        passage.speeds / factor, passage.accelerations / factor**2, passage.bends / factor**2,
     )  # fmt: skip
 
 
@@ -111,12 +118,10 @@ def _waves(t: Array, beta: Array) -> tuple[Array, Array]:
     return np.where(small, t * (1.0 + beta * t * t / 6.0), sine), np.where(small, 0.5 * t * t, rise)
 
 
-REFINEMENTS = (1, 2, 4)
-"""How finely the law is solved for, one after the other while limits are broken between its knots."""
-MOST_SLOWED = 1.005
-"""A motion that keeps its limits when slowed by no more than this is slowed, not planned again."""
-LOOKS = 4
-"""Places at which limits are looked at in every span of the law."""
+MOST_HALVINGS = 6
+"""How often spans of the law that are beyond a limit between their knots are halved, of laws with few knots."""
+HALVED_KNOTS = 10_000
+"""Knots of all halvings but the first together."""
 
 
 class Feed(NamedTuple):
@@ -126,6 +131,16 @@ class Feed(NamedTuple):
     """[m], rising, shape (n,)."""
     speeds: Array
     """[m/s], positive, shape (n,)."""
+
+
+class _Look(NamedTuple):
+    """What bounds the speed along a curve."""
+
+    caps: Array
+    """Largest u' by the feed, at the knots [m/s], shape (n,)."""
+    at_knots: list[Bounded]
+    between: list[Bounded]
+    """At the knots divided by ``LOOKS``."""
 
 
 class SplineMotion(NamedTuple):
@@ -156,27 +171,23 @@ def plan_spline(
         ReachError: The arm cannot follow it; names a place.
     """
     line = polyline_of(chain, places)
-    curve, changes = fit_curve(line, *tolerances), _changes(feed, line)
-    for refinement in REFINEMENTS:
-        coarse = with_feed_changes(coarse_knots(curve, refinement), changes)
-        passage = _fastest(curve, coarse, feed, limits, arm, refinement)
-        factor = time_needed(curve, passage, limits, arm)
-        if factor <= MOST_SLOWED:
-            break
+    curve = fit_curve(line, *tolerances)
+    coarse = with_feed_changes(divided(curve.knots, KNOTS_PER_SPAN), _changes(feed, line))
+    law, factor = _fastest(curve, coarse, feed, limits, arm)
+    passage = pass_by(law)
+    factor = max(factor, _time_at_ends(curve, passage, limits, arm))
     if not np.isfinite(factor):
         start = place_in_mm(chain.tips[0])
         raise SmoothingError(f"no law of time was found from {start} on. Set smoothing.rule to certified.")
     return SplineMotion(curve, slowed(passage, max(factor, 1.0)))
 
 
-def time_needed(curve: Curve, passage: Passage, limits: SmoothingLimits, arm: Arm | None) -> float:
-    """How much more time a passage must take to keep every limit at ``LOOKS`` places in each of its spans."""
-    shares = np.arange(LOOKS) / LOOKS
-    times = np.concatenate([[0.0], passage.times, [passage.duration]])
-    times = np.append((times[:-1, None] + shares * np.diff(times)[:, None]).ravel(), times[-1])
-    u, *moved = passage_at(passage, times)
+def _time_at_ends(curve: Curve, passage: Passage, limits: SmoothingLimits, arm: Arm | None) -> float:
+    """How much more time a passage must take to keep every limit at ``LOOKS`` places of launch and of landing."""
+    share = np.linspace(0.0, passage.times[0], LOOKS, endpoint=False)
+    u, *moved = passage_at(passage, np.concatenate([share, passage.duration - share]))
     rates = curve_rates(curve, np.clip(u, 0.0, curve.length))
-    return max(time_factor(each, *moved) for each in bounded_quantities(rates, limits, arm))
+    return max(float(time_factors(each, *moved).max()) for each in bounded_quantities(rates, limits, arm))
 
 
 def _changes(feed: Feed, line: Polyline) -> Array:
@@ -185,17 +196,31 @@ def _changes(feed: Feed, line: Polyline) -> Array:
     return np.interp(feed.places[bent], line.values[:, 9], line.u)
 
 
-def _fastest(
-    curve: Curve, coarse: Array, feed: Feed, limits: SmoothingLimits, arm: Arm | None, refinement: int
-) -> Passage:
-    """The fastest passage by what is so at its knots: coarse ones and those between, the more the higher refinement."""
+def _fastest(curve: Curve, coarse: Array, feed: Feed, limits: SmoothingLimits, arm: Arm | None) -> tuple[Law, float]:
+    """The fastest law through coarse knots and those between, and how much more time it needs (``keep_limits``)."""
     rates = curve_rates(curve, coarse)
     bounded = bounded_quantities(rates, limits, arm)
     launch = launch_of(curve.length, float(_feed_cap(rates.places, feed)[[0, -1]].min()), bounded)
     speeds = envelope(coarse, _feed_cap(rates.places, feed), bounded, launch)
-    knots = law_knots(coarse, speeds, launch, refinement)
-    rates = curve_rates(curve, knots)
-    return pass_by(plan_law(knots, _feed_cap(rates.places, feed), bounded_quantities(rates, limits, arm), launch))
+    knots = law_knots(coarse, speeds, launch)
+    looked = _look(curve, knots, feed, limits, arm)
+    law = plan_law(knots, looked.caps, looked.at_knots, launch)
+    for _ in range(min(MOST_HALVINGS, 1 + HALVED_KNOTS // len(knots))):
+        over = factors_of_spans(law, looked.between) > MOST_SLOWED
+        if not over.any():
+            break
+        near = np.convolve(over, np.ones(3), "same") > 0.5
+        knots = np.union1d(knots, 0.5 * (knots[:-1] + knots[1:])[near])
+        looked = _look(curve, knots, feed, limits, arm)
+        law = refine_law(law, knots, looked.caps, looked.at_knots)
+    return keep_limits(law, looked.between)
+
+
+def _look(curve: Curve, knots: Array, feed: Feed, limits: SmoothingLimits, arm: Arm | None) -> _Look:
+    rates = curve_rates(curve, divided(knots, LOOKS))
+    between = bounded_quantities(rates, limits, arm)
+    at_knots = [each._replace(rates=np.ascontiguousarray(each.rates[:, ::LOOKS])) for each in between]
+    return _Look(_feed_cap(rates.places[:, ::LOOKS], feed), at_knots, between)
 
 
 def time_spline(motion: SplineMotion) -> TimedPath:

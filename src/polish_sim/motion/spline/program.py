@@ -11,7 +11,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, solveh_banded
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+from scipy.sparse import csc_array, csr_array
 
 from polish_sim.arrays import Array, Bools, Indices
 
@@ -22,7 +23,7 @@ LIKELY: Final = 0.5
 """Rows beyond this share of their end at ``guess`` are asked for from the first round on."""
 BESIDE: Final = 16
 """Around a broken row all rows this many unknowns to either side are asked for as well."""
-MOST_ROUNDS: Final = 50
+MOST_ROUNDS: Final = 12
 
 
 class Rows(NamedTuple):
@@ -73,28 +74,27 @@ class _Matrix:
     """The rows' matrix A: products with it, and the bands of ``A' D A``."""
 
     def __init__(self, rows: Rows, size: int) -> None:
-        self.centers, self.size = rows.centers, size
-        column = rows.centers[:, None] + np.arange(-1, 2)
-        self.factors = np.where((column >= 0) & (column < size), rows.factors, 0.0).T.copy()
+        m, columns = len(rows.ends), rows.centers[:, None] + np.arange(3)
+        inside = (columns > 0) & (columns <= size)
+        factors = np.where(inside, rows.factors, 0.0)
+        self.matrix = csr_array((factors.ravel(), columns.ravel(), 3 * np.arange(m + 1)), (m, size + 3))
+        # Products of two factors of a row, by where they go: the diagonal, the one below it, and the next.
+        products = [factors[:, k] * factors[:, k + below] for below in range(3) for k in range(3 - below)]
+        places = [columns[:, k] + below * (size + 3) for below in range(3) for k in range(3 - below)]
+        shape = (3 * (size + 3), m)
+        self.squares = csc_array(
+            (np.stack(products, 1).ravel(), np.stack(places, 1).ravel(), 6 * np.arange(m + 1)), shape
+        )
 
     def times(self, x: Array) -> Array:
-        padded = np.pad(x, (1, 2))
-        return np.asarray(sum(self.factors[k] * padded[self.centers + k] for k in range(3)))
+        return np.asarray(self.matrix @ np.pad(x, (1, 2)))
 
     def transposed(self, y: Array) -> Array:
-        out = np.zeros(self.size + 3)
-        for k in range(3):
-            out[k : k + self.size + 1] += np.bincount(self.centers, self.factors[k] * y, self.size + 1)
-        return out[1:-2]
+        return np.asarray((self.matrix.T @ y)[1:-2])
 
     def normal(self, weights: Array) -> Array:
         """Lower bands of ``A' D A`` for D's diagonal, as LAPACK wants them, shape (3, size)."""
-        bands = np.zeros((3, self.size + 3))
-        for below in range(3):
-            for k in range(3 - below):
-                product = weights * self.factors[k] * self.factors[k + below]
-                bands[below, k : k + self.size + 1] += np.bincount(self.centers, product, self.size + 1)
-        return bands[:, 1:-2]
+        return np.asarray((self.squares @ weights).reshape(3, -1)[:, 1:-2])
 
 
 @np.errstate(over="ignore", invalid="ignore")  # rows that contradict each other end in no number, which is looked for
@@ -103,25 +103,32 @@ def _interior_point(gains: Array, rows: Rows, x: Array) -> Array | None:
     matrix = _Matrix(rows, len(gains))
     s, z = np.maximum(rows.ends - matrix.times(x), 0.1), np.full(len(rows.ends), gains.mean())
     for step in range(MOST_STEPS):
-        primal, dual, mean = rows.ends - matrix.times(x) - s, gains - matrix.transposed(z), s @ z / len(s)
-        if len(s) * mean < TOLERANCE * (1.0 + abs(gains @ x)) and np.abs(primal).max() < TOLERANCE:
+        primal, dual, mean = rows.ends - matrix.times(x) - s, gains - matrix.transposed(z), _dot(s, z) / len(s)
+        if len(s) * mean < TOLERANCE * (1.0 + abs(_dot(gains, x))) and np.abs(primal).max() < TOLERANCE:
             return x
         bands = matrix.normal(z / s)
         bands[0] *= 1.0 + 1e-12
+        try:
+            factored = cholesky_banded(bands, lower=True)
+        except (LinAlgError, ValueError):
+            return None
 
         def direction(
-            wanted: Array, bands: Array = bands, s: Array = s, z: Array = z, primal: Array = primal, dual: Array = dual
+            wanted: Array,
+            factored: Array = factored,
+            s: Array = s,
+            z: Array = z,
+            primal: Array = primal,
+            dual: Array = dual,
         ) -> tuple[Array, Array, Array]:
-            dx = solveh_banded(bands, dual - matrix.transposed((wanted - z * primal) / s), lower=True)
+            right = dual - matrix.transposed((wanted - z * primal) / s)
+            dx = cho_solve_banded((factored, True), right, check_finite=False)
             ds = primal - matrix.times(dx)
             return dx, ds, (wanted - z * ds) / s
 
-        try:
-            _, ds, dz = direction(-s * z)
-            left = (s + _longest(s, ds) * ds) @ (z + _longest(z, dz) * dz) / (len(s) * mean)
-            dx, ds, dz = direction(left**3 * mean - s * z - ds * dz)
-        except (LinAlgError, ValueError):
-            return None
+        _, ds, dz = direction(-s * z)
+        left = _dot(s + _longest(s, ds) * ds, z + _longest(z, dz) * dz) / (len(s) * mean)
+        dx, ds, dz = direction(left**3 * mean - s * z - ds * dz)
         part = 0.95 if step < 6 else 0.995
         by_s, by_z = min(1.0, part * _longest(s, ds)), min(1.0, part * _longest(z, dz))
         x, s, z = x + by_s * dx, s + by_s * ds, z + by_z * dz
@@ -144,5 +151,9 @@ def _values(rows: Rows, x: Array) -> Array:
 
 def _longest(values: Array, changes: Array) -> float:
     """Largest share, up to 1, of changes that keeps positive values positive."""
-    shrinking = changes < 0.0
-    return min(1.0, float((-values[shrinking] / changes[shrinking]).min(initial=1.0)))
+    return 1.0 / max(1.0, -float((changes / values).min()))
+
+
+def _dot(a: Array, b: Array) -> float:
+    """Scalar product without the threads of a BLAS: they cost more than they save here."""
+    return float(np.einsum("i,i", a, b))
