@@ -351,7 +351,7 @@ def _with_dips(law: Law, factors: Array, width: float) -> Law:
     speeds = np.sqrt(around(squares.values, law.controls))
     times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(squares.knots) / (speeds[1:] + speeds[:-1]))])
     clock = np.arange(0.0, times[-1] + 2.0 * DIP_STEP, DIP_STEP)
-    wanted, depth = np.maximum(1.0 - 1.0 / (DIP_MORE * factors), 0.0) * (factors > 1.0), np.zeros(len(clock))
+    wanted, depth = np.maximum(1.0 - 1.0 / (DIP_MORE * factors), 0.0) * (factors > MOST_SLOWED), np.zeros(len(clock))
     for at in (times[:-1] / DIP_STEP, times[1:] / DIP_STEP + 1.0):
         np.maximum.at(depth, at.astype(int), wanted)
     box = 2 * int(width / DIP_STEP / 3.0) + 1
