@@ -1,4 +1,4 @@
-"""The figures of runs whose truth is known in closed form."""
+"""Figures of arc, force, surface and taught paths from synthetic traces with known answers."""
 
 from __future__ import annotations
 
@@ -7,8 +7,20 @@ import math
 import numpy as np
 import pytest
 
-from polish_sim.analysis.metrics import PAPER_ARC, distance_to_circle, measure_arc, measure_force, measure_surface
+from polish_sim.analysis.metrics import (
+    PAPER_ARC,
+    distance_to_circle,
+    first_contact,
+    measure_arc,
+    measure_force,
+    measure_surface,
+    moving_average,
+    rise_time,
+    settling_time,
+)
 from polish_sim.analysis.peaks import WINDOW_M, curvature_peaks, errors_at_peaks
+from polish_sim.hand_guiding.figures import distance_to_line, measure_taught
+from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, surface_trace, trace_of
 
 
@@ -125,3 +137,75 @@ def test_a_run_without_process_has_no_surface_figures() -> None:
     assert math.isnan(figures["force_rms_error_n"])
     assert math.isnan(figures["force_error_at_peaks_n"])
     assert figures["curvature_peaks"] == 0
+
+
+TIME = np.arange(0.0, 3.0, 1e-3)
+TAU = 0.2
+
+
+def test_a_first_order_response_settles_after_tau_times_the_log_of_step_over_band() -> None:
+    error = -20.0 * np.exp(-TIME / TAU)
+    assert abs(settling_time(TIME, error, 3.0) - TAU * math.log(20.0 / 3.0)) <= 1e-3
+
+
+def test_settling_counts_from_the_last_excursion_not_the_first_entry() -> None:
+    error = np.where((TIME > 1.0) & (TIME < 1.5), 5.0, 0.0)
+    assert abs(settling_time(TIME, error, 3.0) - 1.5) <= 1e-3
+
+
+def test_settling_is_zero_when_the_error_never_leaves_the_band() -> None:
+    assert settling_time(TIME, np.full_like(TIME, 3.0), 3.0) == 0.0
+
+
+def test_settling_is_undefined_when_the_error_ends_outside_or_is_not_a_number() -> None:
+    assert math.isnan(settling_time(TIME, np.linspace(0.0, 10.0, len(TIME)), 3.0))
+    assert math.isnan(settling_time(TIME, np.full_like(TIME, math.nan), 3.0))
+    assert math.isnan(settling_time(np.empty(0), np.empty(0), 3.0))
+
+
+def test_a_first_order_response_rises_in_tau_times_the_log_of_nine() -> None:
+    value = 20.0 * (1.0 - np.exp(-TIME / TAU))
+    assert abs(rise_time(TIME, value, 20.0) - TAU * math.log(9.0)) <= 2e-3
+
+
+def test_a_response_that_stays_below_90_percent_has_no_rise_time() -> None:
+    assert math.isnan(rise_time(TIME, np.full_like(TIME, 17.9), 20.0))
+
+
+def test_first_contact_is_the_first_sample_above_half_a_newton() -> None:
+    assert first_contact(np.array([0.0, 0.5, 0.6, 0.0])) == 2
+    assert first_contact(np.array([0.0, 0.5])) is None
+
+
+def test_a_sine_averaged_over_its_period_vanishes_and_over_a_window_shrinks_by_sinc() -> None:
+    wave = np.sin(2 * np.pi * 20.0 * TIME)
+    assert np.abs(moving_average(TIME, wave, 0.05)).max() < 1e-12
+    assert abs(moving_average(TIME, wave, 0.025).max() - 2.0 / np.pi) < 2e-3
+
+
+def test_the_average_of_a_signal_shorter_than_the_window_is_empty() -> None:
+    assert moving_average(TIME[:20], TIME[:20], 0.05).size == 0
+
+
+def straight(height: float, last: float = 0.1, tilt: float = 0.0) -> ToolPath:
+    x = np.arange(0.0, last + 1e-9, 0.001)
+    positions = np.stack([x, np.zeros_like(x), np.full_like(x, height)], axis=1)
+    axes = np.tile([0.0, np.sin(tilt), np.cos(tilt)], (len(x), 1))
+    n = len(x)
+    codes = np.full(n, PROCESS, np.int8)
+    return ToolPath(positions, axes, arc_length(positions), np.zeros(n, np.int64), codes, np.zeros(n))
+
+
+def test_distance_to_a_line_is_square_to_it_and_round_its_ends() -> None:
+    line = straight(0.0).positions_work
+    points = np.array([[0.05037, 0.003, 0.004], [0.103, 0.004, 0.0], [0.02, 0.0, 0.0]])
+    np.testing.assert_allclose(distance_to_line(points, line), [0.005, 0.005, 0.0], atol=1e-12)
+
+
+def test_a_path_taught_two_millimetres_high_and_too_short() -> None:
+    meant, taught = straight(0.0), straight(0.002, last=0.09, tilt=0.1)
+    figures = measure_taught(taught.positions_work, taught, meant)
+    assert figures["taught_deviation_max_m"] == pytest.approx(0.002)
+    assert figures["recorded_deviation_rms_m"] == pytest.approx(0.002)
+    assert figures["taught_missed_max_m"] == pytest.approx(np.hypot(0.01, 0.002))
+    assert figures["taught_axis_error_max_rad"] == pytest.approx(0.1)

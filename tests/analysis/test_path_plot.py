@@ -1,4 +1,4 @@
-"""The picture of a plan: what it must show."""
+"""Pictures of plans and inspected paths: what is drawn where, and what the part hides."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import trimesh
 from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from polish_sim.analysis.inspect_plot import plot_distributions
 from polish_sim.analysis.path_plot import plot_plan
-from polish_sim.analysis.style import axis_name
+from polish_sim.analysis.style import axis_name, depth_picture, seen_in
 from polish_sim.config import PartConfig, PlanConfig
-from polish_sim.planning import plan_part
+from polish_sim.planning import inspect_path, plan_part
 
 
 @pytest.fixture(scope="module")
@@ -97,3 +98,66 @@ def test_part_and_path_fill_the_view_in_space_and_stay_within_it(result):
 )
 def test_a_direction_is_called_by_the_part_s_axis_it_is_along(direction, name):
     assert axis_name(np.array(direction)) == name
+
+
+def from_above(points):
+    return points
+
+
+def test_a_box_hides_what_is_below_it_and_nothing_above_or_beside_it():
+    box = trimesh.creation.box((2.0, 2.0, 2.0))
+    picture = depth_picture(np.asarray(box.triangles), from_above)
+    across = np.random.default_rng(0).uniform(-0.95, 0.95, (500, 2))
+    up = np.tile([0.0, 0.0, 1.0], (500, 1))
+    for height, seen in ((1.0, True), (3.0, True), (0.0, False), (-1.0, False), (-3.0, False)):
+        points = np.column_stack([across, np.full(500, height)])
+        assert (seen_in(picture, points, up if height > 0.0 else -up) == seen).all()
+    beside = np.column_stack([across + [2.5, 0.0], np.full(500, -3.0)])
+    assert seen_in(picture, beside, up).all()
+
+
+@pytest.mark.parametrize("towards", [(0.0, 0.0, 1.0), (0.6, -0.48, 0.64)])
+def test_of_a_sphere_the_half_that_faces_the_viewer_is_seen(towards):
+    ball = trimesh.creation.icosphere(4)
+    third = np.asarray(towards)
+    first = np.cross([0.0, 1.0, 0.0], third)
+    first /= np.linalg.norm(first)
+    frame = np.stack([first, np.cross(third, first), third])
+    picture = depth_picture(np.asarray(ball.triangles), lambda points: points @ frame.T)
+    normals = np.random.default_rng(1).standard_normal((2000, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    facing = normals @ third
+    # What is lifted by 3% of the radius looks over the rim from 0.23 behind it.
+    clear = np.abs(facing) > 0.25
+    assert (seen_in(picture, normals, normals) == (facing > 0.0))[clear].all()
+
+
+def test_long_thin_facets_hide_as_well_as_square_ones():
+    low, high = np.array([0.0, 0.0, 0.0]), np.array([10.0, 0.02, 0.0])
+    strip = np.array([[low, [10.0, 0.0, 0.0], high], [low, high, [0.0, 0.02, 0.0]]])
+    picture = depth_picture(strip, from_above)
+    along = np.column_stack([np.linspace(0.01, 9.99, 999), np.full(999, 0.01), np.full(999, -1.0)])
+    assert not seen_in(picture, along, np.tile([0.0, 0.0, -1.0], (999, 1))).any()
+
+
+@pytest.fixture(scope="module")
+def found():
+    part, plan = PartConfig("sphere_100"), PlanConfig(stepover_m=0.016)
+    return inspect_path(plan_part(part, plan).path, part, plan)
+
+
+def test_turns_of_the_tool_axis_are_in_the_unit_of_the_table(found):
+    rate = plot_distributions(found).axes[2]
+    assert rate.get_ylabel().endswith("[deg/mm]")
+    # On a sphere of 100 mm the normal turns by 1 rad in 100 mm whichever way one goes.
+    drawn = rate.lines[0].get_ydata()
+    assert np.median(drawn) == pytest.approx(np.degrees(1.0) / 100.0, rel=0.02)
+    assert drawn.max() == pytest.approx(np.degrees(found.figures["max_axis_rate_rad_m"]) * 1e-3)
+
+
+def test_shares_end_at_all_of_it_and_legends_stand_below_the_panels(found):
+    figure = plot_distributions(found)
+    figure.draw_without_rendering()
+    assert figure.axes[0].get_ylim() == (0.0, 100.0)
+    for axes in figure.axes:
+        assert axes.get_legend().get_window_extent().y1 < axes.get_window_extent().y0

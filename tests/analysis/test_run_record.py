@@ -1,4 +1,4 @@
-"""A run written to disk reads back as it was."""
+"""Saved runs read back, and what is said of them side by side."""
 
 from __future__ import annotations
 
@@ -6,14 +6,27 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from polish_sim.analysis.run_record import RunRecord, package_versions, read_record, write_json, write_record
+from polish_sim.analysis.run_record import (
+    RunRecord,
+    differences,
+    ending,
+    notes_of,
+    package_versions,
+    read_record,
+    read_records,
+    setting_rows,
+    write_json,
+    write_record,
+)
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
-from tests.analysis.synthetic import bumpy_path, log_of, surface_trace
+from polish_sim.scenario_file import merge
+from tests.analysis.synthetic import bumpy_path, log_of, surface_trace, trace_of
 
 
 @pytest.fixture
@@ -62,3 +75,75 @@ def test_a_truncated_file_is_refused_by_name(record: RunRecord, tmp_path: Path, 
 
 def test_the_versions_name_the_engine_and_ourselves() -> None:
     assert {"python", "polish-sim", "mujoco", "numpy"} <= set(package_versions())
+
+
+def run(name: str = "run", metrics: dict[str, Any] | None = None, **sections: Any) -> RunRecord:
+    scenario = merge(Scenario(), dict(sections), "")
+    log = log_of(trace_of(np.zeros(4, np.int8)))
+    return RunRecord(name, scenario, {"path_done": 1.0} | (metrics or {}), log, None)
+
+
+def row(records: list[RunRecord], label: str) -> list[str]:
+    (found,) = [row for row in setting_rows(records) if row[0] == label]
+    return found[2:]
+
+
+def test_part_force_and_feed_of_every_run_stand_in_its_own_column() -> None:
+    runs = [run(), run(part={"file": "my/bowl.stl"}, process={"contact_force_n": 12.0, "feed_m_s": 0.04})]
+    assert row(runs, "part") == ["freeform", "bowl.stl"]
+    assert row(runs, "set force") == ["20", "12"]
+    assert row(runs, "feed") == ["10", "40"]
+
+
+def test_a_given_path_has_a_name_and_no_step_over() -> None:
+    runs = [run(), run(plan={"file": "plans/mine.csv"})]
+    assert row(runs, "path") == ["spiral", "mine.csv"]
+    assert row(runs, "step-over") == ["8", "-"]
+
+
+def test_a_path_that_is_taught_is_led_in_one_mode() -> None:
+    runs = [run(experiment="teach"), run(experiment="teach", drag={"follow": "rim"})]
+    assert row(runs, "along") == ["the trial's moves", "rim"]
+    assert row(runs, "mode") == ["every", "default"]
+
+
+@pytest.mark.parametrize(
+    ("metrics", "said"),
+    [
+        ({}, "whole"),
+        ({"path_done": 0.351, "interrupted": True}, "interrupted at 35.1%"),
+        ({"path_done": 0.5, "protective_stop": "the force was too large"}, "stopped at 50.0%"),
+        ({"path_done": 0.25}, "cut short at 25.0%"),
+    ],
+)
+def test_how_a_run_ended_is_said(metrics: dict[str, Any], said: str) -> None:
+    assert ending(run(metrics=metrics)) == said
+
+
+def test_runs_that_differ_in_seed_and_controller_alone_need_no_note() -> None:
+    other = replace(run(controller={"name": "position", "force_p_m_sn": 0.001}).scenario, seed=7)
+    assert differences([run().scenario, other]) == []
+    assert notes_of([run(), replace(run(), scenario=other)]) == []
+
+
+def test_what_else_runs_differ_in_is_named_key_by_key() -> None:
+    runs = [run(), run(), run(part={"file": "plate"}, sensor={"force_noise_n": 1.0})]
+    (note,) = notes_of(runs)
+    assert note.endswith("they differ in part.file, sensor.force_noise_n.")
+
+
+def test_a_run_that_is_not_whole_is_named_with_its_reason() -> None:
+    stopped = run("b", {"path_done": 0.5, "protective_stop": "the force was too large"})
+    (note,) = notes_of([run("a"), stopped])
+    assert note.startswith("'b' stopped at 50.0% (the force was too large)")
+
+
+def test_runs_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    folders = [tmp_path / "first" / "seed-0000", tmp_path / "second" / "seed-0000"]
+    for folder in folders:
+        folder.mkdir(parents=True)
+        write_record(folder, run())
+    assert [record.name for record in read_records(folders)] == [str(folder) for folder in folders]
+    twice = [record.name for record in read_records([folders[0], folders[0]])]
+    assert len(set(twice)) == 2
+    assert [record.name for record in read_records(folders[:1])] == ["seed-0000"]

@@ -1,6 +1,8 @@
-"""Plant a tool and a bias, recover them: exactly without noise, as well as can be with it."""
+"""Plant a tool and a sensor's bias, take readings, recover them; wrong readings are left out and named."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +13,17 @@ from polish_sim.calibration import (
     GRAVITY,
     PayloadReadings,
     fit_payload,
+    fit_without_outliers,
     payload_regressor,
     plan_payload_poses,
+    read_readings,
+    residual_table,
 )
-from polish_sim.errors import CalibrationError
+from polish_sim.calibration.payload_file import TIME, WRENCH
+from polish_sim.calibration.tables import MATRIX, QUATERNION, ROTATION_VECTOR
+from polish_sim.errors import CalibrationError, InputError
 
 Array = NDArray[np.float64]
-
 MASS, CENTER = 2.0, np.array([0.002, -0.0013, 0.0896])
 BIAS = np.array([1.5, -2.4, 2.9, 0.08, -0.05, 0.02])
 THETA = np.concatenate([[MASS], MASS * CENTER, BIAS])
@@ -130,3 +136,124 @@ def test_a_mirror_is_no_orientation() -> None:
     mirrored[2] = -mirrored[2]
     with pytest.raises(CalibrationError, match="reading 3 is not a rotation"):
         PayloadReadings(np.zeros(12), mirrored, np.zeros((12, 6)))
+
+
+def knocked(rng: np.random.Generator, knocks: dict[int, Array]) -> PayloadReadings:
+    errors = NOISE * rng.standard_normal((12, 6))
+    for reading, knock in knocks.items():
+        errors[reading] += knock
+    return readings_in(POSES, errors=errors)
+
+
+PUSH, TWIST = np.array([0.0, 1.0, 0.0, 0, 0, 0]), np.array([0, 0, 0, 0.0, 0.0, 0.05])
+
+
+@pytest.mark.parametrize("knocks", [{4: PUSH}, {9: TWIST}, {0: PUSH, 7: TWIST}, {2: PUSH, 3: -PUSH, 11: TWIST}])
+def test_touched_readings_are_left_out_and_named(knocks: dict[int, Array]) -> None:
+    found = [fit_without_outliers(knocked(np.random.default_rng(seed), knocks)) for seed in range(40)]
+    right = [set(np.flatnonzero(~one.used)) == set(knocks) for one in found]
+    assert np.mean(right) > 0.9
+    assert max(abs(one.mass - MASS) for one, good in zip(found, right, strict=True) if good) < 0.01
+
+
+@pytest.mark.parametrize("knock", [1e2, 1e4, 1e6])
+def test_a_reading_however_far_off_is_left_out_and_the_tool_is_found(knock: float) -> None:
+    found = fit_without_outliers(knocked(np.random.default_rng(0), {4: knock * PUSH}))
+    assert set(np.flatnonzero(~found.used)) == {4}
+    assert found.mass == pytest.approx(MASS, rel=0.01)
+
+
+def test_honest_readings_are_kept() -> None:
+    found = [fit_without_outliers(knocked(np.random.default_rng(seed), {})) for seed in range(300)]
+    assert np.mean([one.used.all() for one in found]) > 0.99
+
+
+def test_exact_readings_are_kept() -> None:
+    found = fit_without_outliers(readings_in(POSES))
+    assert found.used.all()
+    np.testing.assert_allclose(found.theta, THETA, atol=1e-9)
+
+
+def test_when_too_many_disagree_nobody_is_believed() -> None:
+    rng = np.random.default_rng(0)
+    knocks = {reading: rng.uniform(2.0, 9.0) * np.roll(PUSH, reading) for reading in range(5)}
+    with pytest.raises(CalibrationError, match="more than 25% of the 12 readings"):
+        fit_without_outliers(knocked(rng, knocks))
+
+
+def test_of_a_few_readings_none_is_left_out() -> None:
+    first = knocked(np.random.default_rng(1), {0: PUSH})
+    assert fit_without_outliers(first.rows(np.arange(12) < 6)).used.all()
+
+
+TURNS = Rotation.from_matrix(POSES)
+FORMS = {
+    QUATERNION: TURNS.as_quat(scalar_first=True),
+    ROTATION_VECTOR: TURNS.as_rotvec(),
+    MATRIX: POSES.reshape(-1, 9),
+}
+
+
+def written(folder: Path, names: tuple[str, ...], values: Array) -> Path:
+    file = folder / "readings.csv"
+    rows = [",".join(names), *(",".join(f"{value:.12g}" for value in row) for row in values)]
+    file.write_text("# of our robot\n\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_way_to_write_an_orientation_gives_the_same_tool(tmp_path: Path, form: tuple[str, ...]) -> None:
+    first = readings_in(POSES)
+    file = written(tmp_path, (*WRENCH, *form, TIME), np.column_stack([first.wrenches, FORMS[form], first.time]))
+    np.testing.assert_allclose(fit_payload(read_readings(file)).theta, THETA, atol=1e-8)
+
+
+def test_what_we_write_we_read(tmp_path: Path) -> None:
+    first = readings_in(POSES, errors=NOISE * np.random.default_rng(0).standard_normal((12, 6)))
+    found = fit_without_outliers(first)
+    file = tmp_path / "residuals.csv"
+    file.write_text(residual_table(first, found, np.zeros((12, 6))), encoding="utf-8")
+    again = fit_without_outliers(read_readings(file))
+    np.testing.assert_allclose(again.theta, found.theta, atol=1e-7)
+    np.testing.assert_allclose(again.residuals, found.residuals, atol=1e-6)
+
+
+def test_columns_of_no_interest_and_capitals_do_no_harm(tmp_path: Path) -> None:
+    first = readings_in(POSES)
+    names = ("Temperature", *(name.upper() for name in (*QUATERNION, *WRENCH)))
+    file = written(tmp_path, names, np.column_stack([np.full(12, 21.0), FORMS[QUATERNION], first.wrenches]))
+    np.testing.assert_allclose(read_readings(file).wrenches, first.wrenches, atol=1e-9)
+
+
+HEADER = ",".join((*QUATERNION, *WRENCH))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "holds no readings"),
+        (HEADER + "\n", "holds no readings"),
+        ("qw,qx,qy,qz,fx_n,fy_n,fz_n,tx_nm,ty_nm\n1,0,0,0,1,2,3,4,5\n", "lacks the column tz_nm"),
+        ("fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm\n1,2,3,4,5,6\n", "says nowhere how the sensor stood.*rx_rad"),
+        (HEADER + "\n1,0,0,0,1,2,3,4,5,6\n1,0,0,0,1,2,nan,4,5,6\n", "line 3: fz_n is 'nan'"),
+        (HEADER + "\n1,0,0,0,1,2,,4,5,6\n", "line 2: fz_n is ''"),
+        (HEADER + "\n\n1,0,0,0,1,2,3 N,4,5,6\n", "line 3: fz_n is '3 N'"),
+        (HEADER + "\n1,0,0,0,1,2,3,4,5\n", "line 2: 9 values, the header names 10"),
+        (HEADER + "\n1,0,0,0,1,2,3,4,5,6\n0.9,0.1,0,0,1,2,3,4,5,6\n", "line 3: qw to qz are not a unit quaternion"),
+        (HEADER + "\n0,0,0,0,1,2,3,4,5,6\n", "line 2: qw to qz are not a unit quaternion"),
+        (",".join((*MATRIX, *WRENCH)) + "\n1,0,0,0,1,0,0,0,1.1,1,2,3,4,5,6\n", "line 2: r11 to r33.*orthonormal"),
+        (",".join((*MATRIX, *WRENCH)) + "\n1,0,0,0,1,0,0,0,-1,1,2,3,4,5,6\n", "line 2: r11 to r33.*right-handed"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, said: str) -> None:
+    file = tmp_path / "readings.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=said):
+        read_readings(file)
+
+
+def test_a_picture_is_no_csv(tmp_path: Path) -> None:
+    file = tmp_path / "readings.csv"
+    file.write_bytes(b"\x89PNG\xff\xfe\x00")
+    with pytest.raises(InputError, match="not a text file"):
+        read_readings(file)

@@ -1,17 +1,26 @@
-"""The compiled cell holds what the scenario says."""
+"""The compiled scene: what stands where, its file, the world turned."""
 
 from __future__ import annotations
+
+import shutil
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
 
-from polish_sim.cell import build_scene, no_part, tool_on_flange
+from polish_sim.cell import CellRun, build_scene, no_part, tool_on_flange
 from polish_sim.config import Scenario
+from polish_sim.control import CONTROLLERS
 from polish_sim.geometry import load_part
+from polish_sim.identification.model_file import write_portable
 from polish_sim.models import workpiece_names, workpiece_path
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, transform
+from tests.cell.cells import EVERY_STEP, TOUCH, along_tool, cell_for, ideal, joints_at, part_under, pressing_stroke
+from tests.cell.fields import sphere
 
 HEAD = ["head.stiffness_n_m=4000", "head.damping_n_s_m=33", "head.mass_kg=0.5", "head.travel_m=0.02"]
 
@@ -86,3 +95,56 @@ def test_a_part_on_the_table_needs_no_fixture() -> None:
 
 def test_the_tool_sits_220_mm_out_of_the_flange_along_its_axis() -> None:
     np.testing.assert_allclose(tool_on_flange(), transform(np.eye(3), np.array([0.0, 0.0, 0.22])), atol=1e-12)
+
+
+def test_meshes_of_one_name_and_a_texture_travel_with_the_model(tmp_path: Path) -> None:
+    one, two = tmp_path / "one", tmp_path / "two"
+    for folder, name in ((one, "plate"), (two, "saddle")):
+        folder.mkdir()
+        shutil.copyfile(workpiece_path(name), folder / "part.stl")
+    Image.fromarray(np.zeros((4, 4, 3), dtype=np.uint8)).save(one / "skin.png")
+    xml = (
+        f'<mujoco><compiler meshdir="{one}" texturedir="{one}"/><asset><mesh file="part.stl" scale=".001 .001 .001"/>'
+        f'<mesh name="other" file="{two / "part.stl"}" scale=".001 .001 .001"/><texture type="2d" file="skin.png"/>'
+        '</asset><worldbody><geom type="mesh" mesh="part"/><geom type="mesh" mesh="other"/></worldbody></mujoco>'
+    )
+    before = mujoco.MjModel.from_xml_string(xml)
+    written = tmp_path / "written"
+    written.mkdir()
+    write_portable(written / "model.xml", xml)
+    shutil.rmtree(one)
+    shutil.rmtree(two)
+    after = mujoco.MjModel.from_xml_path(str(written.rename(tmp_path / "moved") / "model.xml"))
+    np.testing.assert_array_equal(after.mesh_vertnum, before.mesh_vertnum)
+    assert after.ntex == 1
+
+
+def run_turned(angle: float, controller: str) -> CellRun:
+    """Press on a ball that lies 2 mm aside and 1 mm low, and slide over it, with noise and spindle on."""
+    turn = transform(Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix(), np.zeros(3))
+    stroke = pressing_stroke(turn @ TOUCH, slide=0.01, lift=0.005)
+    part = part_under(sphere(0.1), turn @ along_tool(TOUCH, x=0.002, y=0.001, z=0.001))
+    noise = ["sensor.force_noise_n=0.5", "sensor.force_bias_n=3", "spindle.speed_rpm=6000"]
+    cell = cell_for(ideal("force", EVERY_STEP, f"controller.name={controller}", *noise), stroke, part=part)
+    straight = joints_at(along_tool(TOUCH, z=-0.005))
+    np.testing.assert_allclose(cell.data.qpos[:6] - straight, [angle, 0, 0, 0, 0, 0], atol=1e-9)
+    return cell.run()
+
+
+@pytest.mark.parametrize("controller", [*CONTROLLERS])
+@pytest.mark.parametrize("angle", [-1.0, 0.3])
+def test_every_quantity_in_tool_and_joint_space_is_the_same(controller: str, angle: float) -> None:
+    here, there = run_turned(0.0, controller), run_turned(angle, controller)
+    assert here.stop_reason is None
+    assert here.steps == there.steps
+    np.testing.assert_array_equal(here.trace.phase, there.trace.phase)
+    np.testing.assert_allclose(here.trace.normal_force_n, there.trace.normal_force_n, atol=1e-6)
+    np.testing.assert_allclose(here.trace.tangential_error_m, there.trace.tangential_error_m, atol=1e-9)
+    np.testing.assert_allclose(here.log["wrench_true_tool"], there.log["wrench_true_tool"], atol=1e-5)
+    np.testing.assert_allclose(here.log["q_rad"][:, 1:], there.log["q_rad"][:, 1:], atol=1e-6)
+
+
+def test_the_path_turns_with_the_world() -> None:
+    here, there = run_turned(0.0, "hybrid-pi"), run_turned(-0.7, "hybrid-pi")
+    turned = Rotation.from_rotvec([0.0, 0.0, -0.7]).apply(here.trace.tcp_position_m)
+    np.testing.assert_allclose(there.trace.tcp_position_m, turned, atol=1e-9)

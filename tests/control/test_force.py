@@ -1,14 +1,15 @@
-"""The PI force law through an elastic contact against the closed forms of the loop."""
+"""The force loop and its low-pass against their closed forms."""
 
 from __future__ import annotations
 
 import cmath
+import math
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from polish_sim.control.loops import PiGains, PiMemory, force_pi
+from polish_sim.control.loops import PiGains, PiMemory, force_pi, low_pass_step
 
 STIFFNESS = 5000.0  # of head and pad in series [N/m]
 FORCE = 20.0  # [N]
@@ -95,3 +96,27 @@ def test_the_low_pass_starts_at_the_first_reading_not_at_zero() -> None:
 
 def test_pressing_too_hard_moves_the_tool_back() -> None:
     assert force_pi(FORCE, 30.0, PiGains(0.004, 0.012, 0.05, 10.0), 0.001, PiMemory()) < 0.0
+
+
+@pytest.mark.parametrize("dt", [1e-4, 1e-3, 0.02])
+@pytest.mark.parametrize("corner_hz", [1.0, 10.0, 80.0])
+def test_a_step_is_answered_exactly_at_any_sampling(dt: float, corner_hz: float) -> None:
+    output = 0.0
+    for n in range(1, 200):
+        output = low_pass_step(output, 1.0, corner_hz, dt)
+        assert output == pytest.approx(1.0 - math.exp(-2.0 * math.pi * corner_hz * n * dt), abs=1e-12)
+
+
+def test_a_sine_at_the_corner_is_halved_in_power() -> None:
+    dt, corner_hz = 1e-5, 10.0
+    output, outputs = 0.0, []
+    for n in range(100_000):
+        output = low_pass_step(output, math.sin(2.0 * math.pi * corner_hz * n * dt), corner_hz, dt)
+        outputs.append(output)
+    amplitude = max(outputs[-20_000:])
+    assert amplitude == pytest.approx(1.0 / math.sqrt(2.0), rel=1e-3)
+
+
+def test_a_constant_passes_unchanged() -> None:
+    assert low_pass_step(3.25, 3.25, 10.0, 0.001) == 3.25
+    assert np.isfinite(low_pass_step(0.0, 1.0, 1e9, 1.0))

@@ -1,17 +1,22 @@
-"""Plans on disk: what was written is read back; what cannot be read is one clear message."""
+"""Plan folders and exports: written, read back, refused with the place."""
 
 from __future__ import annotations
 
 import csv
 import json
-from dataclasses import fields
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.errors import InputError
-from polish_sim.exchange import read_path, write_plan
-from polish_sim.planning.toolpath import PROCESS
+from polish_sim.errors import InputError, PlanError
+from polish_sim.exchange import FORMATS, ExportSetup, RobotTool, check_formats, export_plan, read_path, write_plan
+from polish_sim.models import robot_model_path
+from polish_sim.planning.toolpath import PROCESS, RETRACT
+from tests.cli.conftest import polish_sim
 from tests.planning.shapes import shipped_plan
 
 
@@ -111,3 +116,84 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot write the plan"):
         write_plan(tmp_path / "file" / "plan", shipped_plan("sphere_100"))
+
+
+__all__ = ["polish_sim"]
+Polish = Callable[..., tuple[int, str, str]]
+
+
+def test_all_means_every_format_once(tmp_path):
+    files = export_plan(tmp_path, shipped_plan("sphere_100"), ["html", "all", "html"])
+    assert sorted(file.name for file in tmp_path.iterdir()) == sorted(known.file for known in FORMATS.values())
+    assert len(files) == len(FORMATS)
+    assert all(file.stat().st_size > 1000 for file in files)
+
+
+def test_names_are_kept_in_order_and_unknown_ones_refused():
+    assert check_formats(["ply", "apt", "ply"]) == ("ply", "apt")
+    with pytest.raises(InputError, match=r"unknown export format 'step'. Known: all, apt, csv, glb"):
+        check_formats(["apt", "step"])
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_same_plan_gives_the_same_bytes(tmp_path, name):
+    for folder in ("one", "two"):
+        export_plan(tmp_path / folder, shipped_plan("sphere_100"), [name])
+    one, two = (next((tmp_path / folder).iterdir()).read_bytes() for folder in ("one", "two"))
+    assert one == two
+
+
+@pytest.mark.parametrize("name", ["csv", "json", "apt"])
+def test_what_is_exported_is_read_by_the_one_reader(tmp_path, name):
+    path = shipped_plan("sphere_100").path
+    (file,) = export_plan(tmp_path, shipped_plan("sphere_100"), [name])
+    back = read_path(file)
+    assert back.positions_work[back.process] == pytest.approx(path.positions_work[path.process], abs=1e-9)
+
+
+def test_a_path_that_touches_nothing_is_no_robot_program(tmp_path):
+    result = shipped_plan("sphere_100")
+    path = replace(result.path, segment=np.full(len(result.path.s), RETRACT, dtype=np.int8))
+    with pytest.raises(PlanError, match="no process point"):
+        export_plan(tmp_path, replace(result, path=path), ["urscript"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_line_writes_what_is_asked_for(polish_sim: Polish) -> None:
+    words = ("--export", "urscript", "--export", "html", "--set", "part.pose=[0.4, 0, 0.1, 0, 0, 0]")
+    assert polish_sim("plan", "sphere_100", *words, "--contact-force", "12", "--out", "plan")[0] == 0
+    assert {"path.script", "path.html", "path.csv", "path.png"} <= {file.name for file in Path("plan").iterdir()}
+    script = Path("plan/path.script").read_text()
+    assert "global T_base_work = p[0.4, 0, 0.1, 0, 0, 0]" in script
+    assert "global part_is_placed = True" in script
+    assert "global force_n = 12 " in script
+
+
+def test_an_unknown_export_is_one_message_and_nothing_is_written(polish_sim: Polish) -> None:
+    code, _, err = polish_sim("plan", "sphere_100", "--export", "step", "--out", "plan")
+    assert code == 2
+    assert "unknown export format 'step'" in err
+    assert not Path("plan").exists()
+
+
+def test_the_default_tool_is_that_of_the_shipped_cell():
+    model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    bodies = [model.body(name).id for name in ("tool_mount", "head")]
+    mass = model.body_mass[bodies]
+    flange = data.site("flange")
+    middle = flange.xmat.reshape(3, 3).T @ ((mass @ data.xipos[bodies]) / mass.sum() - flange.xpos)
+    tcp = flange.xmat.reshape(3, 3).T @ (data.site("tool").xpos - flange.xpos)
+    tool = RobotTool()
+    assert tool.payload_kg == pytest.approx(mass.sum())
+    assert tool.payload_center_m == pytest.approx(middle, abs=1e-4)
+    assert tool.tcp_pose == pytest.approx([*tcp, 0.0, 0.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("pose", [(0.1, 0.2, 0.3), (0.0,) * 5 + (np.nan,)])
+def test_half_a_pose_is_refused(pose):
+    with pytest.raises(InputError, match=r"part_pose .* is no pose"):
+        ExportSetup(part_pose=pose)
+    with pytest.raises(InputError, match=r"tool\.tcp_pose .* is no pose"):
+        ExportSetup(tool=RobotTool(tcp_pose=pose))

@@ -1,12 +1,17 @@
-"""A step of 20 N from first contact."""
+"""Experiment force: steps with every law, rigid blocks, the linear model's border."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from polish_sim.config import Scenario
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.scenario_file import override
+from polish_sim.scoring.border import analytic_margins, measure_border
+from polish_sim.scoring.force_bench import Bench, build_bench, press
 
 
 @pytest.fixture(scope="module", params=[101, 102, 103])
@@ -64,3 +69,135 @@ def test_half_the_physics_step_gives_the_same_response() -> None:
     after = [trace.normal_force_n[int(np.argmax(trace.phase == 1)) :] for trace in (one, half)]
     n = min(len(after[0]), len(after[1]) // 2)
     np.testing.assert_allclose(after[0][:n], after[1][: 2 * n : 2], atol=0.6)
+
+
+def pressed(*settings: str) -> RunResult:
+    base = override(
+        default_scenario("force"),
+        ["controller.name=hybrid-adaptive", "process.approach_speed_m_s=0.02", "process.hold_s=1.2", *settings],
+    )
+    return run_experiment(base)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("extra", [(), ("spindle.speed_rpm=6000.0", "spindle.imbalance_m_s=0.0063")])
+def test_a_step_of_20_n_settles_in_a_quarter_second_and_stays(seed: int, extra: tuple[str, ...]) -> None:
+    figures = pressed(f"seed={seed}", *extra).figures
+    assert figures["settling_time_1n_s"] < 0.25
+    assert figures["overshoot_n"] < 1.0
+    assert figures["steady_std_n"] < 0.3
+    assert figures["steady_max_deviation_n"] < 1.0
+
+
+@pytest.mark.parametrize("scale", [0.2, 5.0])
+@pytest.mark.parametrize(("sensor", "command"), [(0.001, 0.001), (0.005, 0.015)])
+def test_springs_and_latency_it_was_not_told_of(scale: float, sensor: float, command: float) -> None:
+    result = pressed(f"head.spring_scale={scale}", f"sensor.latency_s={sensor}", f"robot.command_latency_s={command}")
+    assert result.stop_reason is None
+    assert result.figures["settling_time_1n_s"] < 0.6
+    assert result.figures["steady_std_n"] < 0.3
+
+
+def test_a_payload_taken_for_a_fifth_too_heavy_does_not_show() -> None:
+    wrong, right = pressed("sensor.payload_mass_error=0.2").figures, pressed().figures
+    assert wrong["settling_time_1n_s"] == pytest.approx(right["settling_time_1n_s"], abs=0.02)
+    assert wrong["steady_std_n"] < 0.3
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+def test_the_noise_sets_how_still_the_force_stands(noise: float) -> None:
+    result = pressed(f"sensor.force_noise_n={noise}")
+    assert result.stop_reason is None
+    assert result.figures["settling_time_1n_s"] < 0.3
+    assert result.figures["steady_std_n"] < 0.05 + 0.15 * noise
+
+
+FINE = ("simulation.timestep_s=0.0005", "simulation.control_every=2", "process.approach_speed_m_s=0.02")
+
+
+def pressed_on(stiffer: float, *changes: str) -> RunResult:
+    """Force mode on springs so many times as stiff as drawn."""
+    asked = ["controller.name=force-mode", "process.contact_force_n=10", "safety.force_limit_n=80", *FINE, *changes]
+    return run_experiment(override(default_scenario("force"), [f"head.spring_scale={stiffer}", *asked]))
+
+
+def late(run: RunResult) -> np.ndarray:
+    """Exact force in the last two seconds [N]."""
+    force = np.asarray(run.trace.normal_force_n)
+    return force[-4000:]
+
+
+@pytest.fixture(scope="module")
+def bouncing() -> RunResult:
+    return pressed_on(10.0, "process.hold_s=4")
+
+
+def test_on_a_block_ten_times_as_stiff_force_mode_bounces_off_and_on_and_does_not_come_to_rest(
+    bouncing: RunResult,
+) -> None:
+    force = late(bouncing)
+    assert bouncing.stop_reason is None
+    assert force.max() > 30.0
+    assert 0.4 < np.mean(force < 0.01) < 0.8
+    landings = np.sum((force[1:] > 0.5) & (force[:-1] <= 0.5))
+    assert 3 * 2 <= landings <= 6 * 2  # slow: some four times a second
+
+
+def test_on_the_springs_as_drawn_it_comes_to_rest() -> None:
+    force = late(pressed_on(1.0, "process.hold_s=4"))
+    assert force.mean() == pytest.approx(10.0, abs=0.2)
+    assert force.std() < 0.3
+
+
+def test_more_damping_lowers_the_bounce(bouncing: RunResult) -> None:
+    damped = late(pressed_on(10.0, "process.hold_s=4", "controller.baselines.mode_damping=0.1"))
+    assert damped.std() < 0.1 * late(bouncing).std()
+
+
+def test_the_bounce_is_the_loops_delay_not_the_noise() -> None:
+    quiet = ("sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_quantum_n=0")
+    assert late(pressed_on(10.0, "process.hold_s=4", *quiet)).max() > 30.0
+    prompt = ("robot.command_latency_s=0", "sensor.latency_s=0", "sensor.bandwidth_hz=0")
+    assert late(pressed_on(10.0, "process.hold_s=4", *prompt)).min() > 2.0
+
+
+FORCE = default_scenario("force")
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return build_bench(FORCE)
+
+
+def _later(delay: float) -> Scenario:
+    return replace(FORCE, robot=replace(FORCE.robot, command_latency_s=FORCE.robot.command_latency_s + delay))
+
+
+def test_a_loop_within_its_margins_comes_to_rest_at_the_wanted_force(bench: Bench) -> None:
+    rest = press(bench, FORCE)
+    assert rest.resting
+    assert rest.offset == pytest.approx(0.0, abs=0.1)
+
+
+def test_gain_margin_of_the_model_holds_in_the_cell_within_8_percent(bench: Bench) -> None:
+    margins = analytic_margins(FORCE)
+    assert press(bench, FORCE, 0.92 * margins.gain, friction=False).resting
+    beyond = press(bench, FORCE, 1.08 * margins.gain, friction=False)
+    assert not beyond.resting
+    assert beyond.frequency == pytest.approx(margins.phase_crossover, rel=0.1)
+
+
+def test_delay_margin_of_the_model_holds_in_the_cell_within_5_percent(bench: Bench) -> None:
+    margins = analytic_margins(FORCE)
+    assert press(bench, _later(0.95 * margins.delay), friction=False).resting
+    beyond = press(bench, _later(1.05 * margins.delay), friction=False)
+    assert not beyond.stable
+    assert beyond.frequency == pytest.approx(margins.crossover, rel=0.1)
+
+
+def test_border_of_the_cell_lies_on_the_border_of_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("polish_sim.scoring.border.FINE_SCALES", (1.0, 3.0))
+    border = measure_border(FORCE, ["hybrid-pi"], None, (1.0, 3.0), (0.008, 0.06))
+    line = dict(zip(border.line_scales, border.lines["hybrid-pi"], strict=True))
+    stable = [[rest.stable for rest in row] for row in border.rests["hybrid-pi"]]
+    assert stable == [[latency <= line[scale] for scale in (1.0, 3.0)] for latency in (0.008, 0.06)]

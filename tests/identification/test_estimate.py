@@ -1,14 +1,17 @@
-"""A planted robot is recovered: exactly without noise, at the statistical bound with it."""
+"""Estimates at the Cramér-Rao bound, intervals that hold the truth, whatever the noise's colour."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.estimate import (
     estimate,
+    estimate_widened,
     held_out_error,
+    inefficiency,
     information,
     inverse_of,
     require_rank,
@@ -100,3 +103,35 @@ def test_poses_at_rest_tell_sixteen_numbers_and_six_offsets() -> None:
     assert step.base.rank == 22
     truth = step.base.combination @ KNOWN.model.truth()
     assert np.abs((step.found.theta - truth) / step.found.std).max() < 4.5
+
+
+KNOWN_COLOURED = known_robot(4000)
+
+
+def _noise(keep: float, rng: np.random.Generator, samples: int = 4000) -> np.ndarray:
+    """Noise of unit variance of which each sample keeps a share of the one before."""
+    white = rng.normal(size=(samples, 6))
+    return np.asarray(lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white, axis=0))
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.5, 0.9])
+def test_the_inefficiency_is_that_of_the_noise(keep: float) -> None:
+    rng = np.random.default_rng(0)
+    told = rng.random((100_000, 6)) > 0.1
+    found = inefficiency(_noise(keep, rng, 100_000) * [1.0, 2.0, 3.0, 1.0, 1.0, 1.0], told)
+    np.testing.assert_allclose(found, (1.0 + keep) / (1.0 - keep), rtol=0.15)
+
+
+@pytest.mark.parametrize(("keep", "white_covers"), [(0.0, 0.93), (0.9, 0.0)])
+def test_intervals_hold_the_truth_whatever_the_noises_colour(keep: float, white_covers: float) -> None:
+    rng = np.random.default_rng(1)
+    white, widened = [], []
+    for _draw in range(20):
+        torque = KNOWN_COLOURED.torque + _noise(keep, rng) * SIGMA
+        sums = sum_samples(KNOWN_COLOURED.model, KNOWN_COLOURED.base, KNOWN_COLOURED.states, torque)
+        white.append(estimate(sums).covers(KNOWN_COLOURED.truth))
+        found = estimate_widened(KNOWN_COLOURED.model, KNOWN_COLOURED.base, sums, KNOWN_COLOURED.states, torque)
+        widened.append(found.covers(KNOWN_COLOURED.truth))
+        np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.25)
+    assert 0.90 < float(np.mean(widened)) < 0.99
+    assert white_covers <= float(np.mean(white)) < max(2.0 * white_covers, 0.6)

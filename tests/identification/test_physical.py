@@ -1,14 +1,19 @@
-"""Full parameters a body can have: always consistent, and as good as the estimate they come from."""
+"""Bodies: identified parameters that can exist, and payloads."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from polish_sim.identification.estimate import estimate, held_out_error, sum_samples
+from polish_sim.errors import IdentificationError
+from polish_sim.identification.estimate import INTERVAL_95, estimate, held_out_error, sum_samples
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
+from polish_sim.identification.payload import Payload, body_of, fit_payload, fit_payload_on_known_arm
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent, parameters_of, pseudo_inertia
-from tests.identification.chains import ARM, arm_chain
+from polish_sim.identification.regressor import States
+from polish_sim.identification.robot_model import CarriedLoad, carry, read_chain
+from polish_sim.motion.serial_chain import link_parameters
+from tests.identification.chains import ARM, arm_chain, arm_model
 from tests.identification.motions import known_robot, noisy
 
 KNOWN = known_robot()
@@ -61,3 +66,78 @@ def _own() -> np.ndarray:
     from tests.identification.chains import arm_model
 
     return own_parameters(arm_model(), ARM)
+
+
+ORIGIN = KNOWN.model.chain.origins[-1]
+LOAD = CarriedLoad(1.5, np.array([0.02, -0.01, 0.08]), np.diag([0.002, 0.003, 0.004]))
+PLANTED = link_parameters(LOAD.mass, LOAD.center - ORIGIN, LOAD.inertia)
+TORQUE = KNOWN.torque + KNOWN.model.regressor(KNOWN.states)[:, :, 50:60] @ PLANTED
+
+
+def _found(rng: np.random.Generator) -> Payload:
+    empty = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, noisy(KNOWN.torque, rng))
+    return fit_payload(KNOWN.model, KNOWN.base, empty, KNOWN.states, noisy(TORQUE, rng))
+
+
+def test_a_load_made_part_of_a_body_is_a_body_more_in_the_chain() -> None:
+    model = arm_model()
+    before = read_chain(model, ARM).parameters
+    carry(model, "link_6", LOAD)
+    added = read_chain(model, ARM).parameters - before
+    np.testing.assert_allclose(added[5], PLANTED, atol=1e-12)
+    np.testing.assert_allclose(added[:5], 0.0, atol=1e-15)
+
+
+def test_mass_centre_and_inertia_come_back_where_there_is_hardly_any_noise() -> None:
+    slight = 1e-4 * (noisy(TORQUE, np.random.default_rng(3)) - TORQUE)
+    empty = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, KNOWN.torque + slight[::-1])
+    found = fit_payload(KNOWN.model, KNOWN.base, empty, KNOWN.states, TORQUE + slight)
+    np.testing.assert_allclose(found.parameters, PLANTED, atol=2e-6)
+    I = LOAD.inertia  # noqa: E741
+    np.testing.assert_allclose(
+        found.body().values,
+        [1.5, *LOAD.center, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]], atol=2e-6,
+    )  # fmt: skip
+
+
+def test_intervals_of_mass_centre_and_inertia_hold_the_truth_in_95_of_100_draws() -> None:
+    rng, truth = np.random.default_rng(0), body_of(PLANTED, ORIGIN)
+    covered, off = [], []
+    for _draw in range(60):
+        values, std = _found(rng).body()
+        covered.append(np.abs(values - truth) <= INTERVAL_95 * std)
+        off.append((values - truth) / std)
+    # Six hundred correlated intervals.
+    assert 0.91 < float(np.mean(covered)) < 0.985
+    assert 0.9 < float(np.sqrt(np.mean(np.square(off)))) < 1.1
+
+
+def test_a_known_arm_tells_its_payload_from_one_run_and_more_surely() -> None:
+    rng = np.random.default_rng(1)
+    alone = fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, KNOWN.states, noisy(TORQUE, rng))
+    assert np.abs((alone.parameters - PLANTED) / alone.std).max() < 4.0
+    assert np.all(alone.std < _found(rng).std)
+
+
+def test_what_noise_makes_of_a_small_payload_becomes_the_nearest_body() -> None:
+    rng = np.random.default_rng(2)
+    impossible = 0
+    for _draw in range(5):
+        found = fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, KNOWN.states, noisy(KNOWN.torque, rng))
+        impossible += not is_consistent(found.parameters[None])
+        nearest = found.nearest_body()
+        assert is_consistent(nearest[None])
+        # No body at all is nearer to what was found than twice the noise; the nearest body is nearer still.
+        weight = np.linalg.inv(found.covariance)
+        off, none = nearest - found.parameters, found.parameters
+        assert off @ weight @ off <= none @ weight @ none + 1e-3
+    assert impossible > 0
+
+
+def test_a_payload_on_a_wrist_that_holds_is_not_told() -> None:
+    still = KNOWN.motion.coefficients.copy()
+    still[1:, 1:] = 0.0
+    states: States = type(KNOWN.motion)(still)(np.arange(1000) / 100.0)
+    torque = KNOWN.model.torque(states, KNOWN.model.truth())
+    with pytest.raises(IdentificationError, match=r"payload mcz"):
+        fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, states, torque)

@@ -1,11 +1,22 @@
-"""Forward kinematics and Jacobian of the UR5e against the manufacturer's table and finite differences."""
+"""UR5e kinematics, forward and inverse, against the table and each other."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from polish_sim.motion import forward, jacobian, link_frames, smallest_singular_values
+from polish_sim.errors import ReachError
+from polish_sim.motion import (
+    JOINT_LIMITS,
+    forward,
+    inverse_all,
+    inverse_near,
+    jacobian,
+    link_frames,
+    nearest_solution,
+    smallest_singular_values,
+    track,
+)
 
 # a [m], d [m], alpha [deg] as published.
 TABLE = [
@@ -91,3 +102,135 @@ def test_the_jacobian_s_determinant_has_its_closed_form():
     radius = -0.425 * np.cos(q[:, 1]) - 0.3922 * np.cos(q[:, 1] + q[:, 2]) + 0.0997 * np.sin(q[:, 1:4].sum(axis=1))
     expected = np.abs(0.425 * 0.3922 * np.sin(q[:, 2]) * np.sin(q[:, 4]) * radius)
     np.testing.assert_allclose(np.abs(np.linalg.det(jacobian(q, TOOL_POINT))), expected, atol=1e-15)
+
+
+HOME = np.array([1.30, -1.59, 1.51, -1.49, -1.57, -0.27])
+T_FLANGE_TOOL = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.22], [0, 0, 0, 1]])
+
+
+def angle_difference(q, reference):
+    return np.abs(np.angle(np.exp(1j * (q - reference))))
+
+
+def reachable(solutions):
+    return solutions[~np.isnan(solutions[:, 0])]
+
+
+@pytest.fixture
+def configurations():
+    return np.random.default_rng(4).uniform(-np.pi, np.pi, (1000, 6))
+
+
+def test_all_solutions_reach_the_pose_and_one_is_the_configuration_it_came_from(configurations):
+    for q in configurations:
+        T = forward(q)
+        solutions = reachable(inverse_all(T))
+        np.testing.assert_allclose(forward(solutions), np.broadcast_to(T, (len(solutions), 4, 4)), atol=1e-9)
+        assert angle_difference(solutions, q).max(axis=1).min() < 1e-9
+
+
+def test_solutions_are_distinct_and_inside_half_a_turn(configurations):
+    eight = 0
+    for q in configurations[:200]:
+        solutions = reachable(inverse_all(forward(q)))
+        eight += len(solutions) == 8
+        assert np.abs(solutions).max() <= np.pi
+        for i in range(len(solutions) - 1):
+            assert angle_difference(solutions[i + 1 :], solutions[i]).max(axis=1).min() > 1e-6
+    assert eight > 100
+
+
+@pytest.mark.parametrize("aligned", [0.0, np.pi])
+def test_an_aligned_wrist_keeps_wrist_3_where_it_was(aligned):
+    q = np.array([0.5, -1.2, 1.4, 0.3, aligned, 0.9])
+    found = inverse_near(forward(q), q)
+    np.testing.assert_allclose(found, q, atol=1e-7)
+    np.testing.assert_allclose(forward(found), forward(q), atol=1e-9)
+
+
+def test_a_fully_stretched_arm_is_still_found():
+    q = np.array([0.5, -1.2, 0.0, 0.3, 1.1, 0.9])
+    np.testing.assert_allclose(forward(inverse_near(forward(q), q)), forward(q), atol=1e-9)
+
+
+def test_the_nearest_solution_keeps_full_turns():
+    q = HOME + 2 * np.pi * np.array([-1, 0, 0, 1, 0, 1])
+    np.testing.assert_allclose(inverse_near(forward(q), q + 0.05), q, atol=1e-9)
+
+
+def nearest_by_listing(T, q_near):
+    """The nearest configuration among all solutions with every joint turned by -2 to 2 full turns."""
+    turns = 2 * np.pi * np.arange(-2, 3)
+    listed = []
+    for solution in reachable(inverse_all(T)):
+        angles = solution[:, None] + turns
+        inside = (angles >= JOINT_LIMITS[:, :1]) & (angles <= JOINT_LIMITS[:, 1:])
+        nearest = np.argmin(np.where(inside, np.abs(angles - q_near[:, None]), np.inf), axis=1)
+        listed.append(angles[np.arange(6), nearest])
+    return min(listed, key=lambda q: np.sum((q - q_near) ** 2))
+
+
+def test_the_choice_is_the_nearest_of_all_configurations_inside_the_limits():
+    rng = np.random.default_rng(8)
+    for _ in range(300):
+        q_near = rng.uniform(JOINT_LIMITS[:, 0], JOINT_LIMITS[:, 1])
+        T = forward(q_near + rng.normal(0, 0.3, 6))
+        np.testing.assert_allclose(inverse_near(T, q_near), nearest_by_listing(T, q_near), atol=1e-12)
+
+
+def test_out_of_reach_says_where_and_what_to_do():
+    T = forward(HOME)
+    T[:3, 3] = [0.0, -1.2, 0.2]
+    assert np.isnan(nearest_solution(T, HOME, True)).all()
+    with pytest.raises(ReachError, match=r"\(0\.0, -1200\.0, 200\.0\) mm.*Move the part"):
+        inverse_near(T, HOME)
+
+
+def tool_poses(q):
+    return forward(q) @ T_FLANGE_TOOL
+
+
+def test_track_follows_a_smooth_joint_motion_back_to_itself():
+    t = np.linspace(0, 1, 2000)[:, None]
+    q = HOME + 0.4 * np.sin(2 * np.pi * t * np.array([1, 2, 1, 3, 1, 2]))
+    path = track(tool_poses(q), T_FLANGE_TOOL, HOME)
+    np.testing.assert_allclose(path.q, q, atol=1e-9)
+    assert path.first_unreachable is path.first_beyond_limit is path.limit_joint is None
+    assert path.largest_step < 0.01
+    assert path.smallest_singular_value > 0.01
+
+
+def test_track_names_the_first_pose_out_of_reach_and_keeps_what_came_before():
+    poses = np.repeat(tool_poses(HOME[None]), 100, axis=0)
+    poses[:, 1, 3] -= np.linspace(0, 1, 100)
+    path = track(poses, T_FLANGE_TOOL, HOME)
+    distance = np.linalg.norm(poses[:, :3, 3], axis=1)
+    assert path.first_unreachable is not None
+    assert 0.7 < distance[path.first_unreachable] < 0.95
+    assert np.isnan(path.q[path.first_unreachable :]).all()
+    np.testing.assert_allclose(tool_poses(path.q[: path.first_unreachable]), poses[: path.first_unreachable], atol=1e-9)
+    assert path.smallest_singular_value < 0.1
+
+
+def test_track_names_the_joint_that_leaves_its_limits():
+    q = np.repeat(HOME[None], 100, axis=0)
+    q[:, 5] = np.linspace(5.8, 6.8, 100)
+    path = track(tool_poses(q), T_FLANGE_TOOL, q[0])
+    assert path.first_beyond_limit == np.argmax(q[:, 5] > 2 * np.pi)
+    assert path.limit_joint == 5
+
+
+def test_a_sweep_over_the_wrist_singularity_is_reported():
+    q = np.repeat(HOME[None], 101, axis=0)
+    q[:, 4] = np.linspace(-0.5, 0.5, 101)
+    path = track(tool_poses(q), T_FLANGE_TOOL, q[0])
+    assert path.smallest_singular_index == 50
+    assert path.smallest_singular_value < 1e-6
+
+
+def test_a_path_that_cannot_even_start_is_reported_without_numbers():
+    poses = tool_poses(HOME[None])
+    poses[:, 1, 3] -= 2.0
+    path = track(poses, T_FLANGE_TOOL, HOME)
+    assert path.first_unreachable == 0
+    assert path.largest_step == 0.0

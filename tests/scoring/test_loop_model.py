@@ -1,4 +1,4 @@
-"""The linear force loop: statics, eigenvalues against Nyquist, and against the same loop stepped in time."""
+"""The linear force loop against closed forms, eigenvalues, the compiled laws and the cell."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.force_theory import noise_rms, surface_error
+from polish_sim.control import CONTROLLERS, Measurement, Target, build_controller
 from polish_sim.control.loops import PiGains, PiMemory, force_pi
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
@@ -20,7 +22,22 @@ from polish_sim.scoring.loop_model import (
     plant_response,
     setup_of,
 )
-from polish_sim.scoring.margins import closed_loop_matrix, force_loop, growing_modes, growth, margins, response_of
+from polish_sim.scoring.margins import (
+    SLOWEST,
+    closed_loop_matrix,
+    design_gains,
+    force_loop,
+    growing_modes,
+    growth,
+    longest_latency,
+    margins,
+    pi_on_spring,
+    response_of,
+    share_latency,
+    with_latency,
+    with_springs,
+)
+from polish_sim.scoring.measured_law import measure_law
 
 FORCE = default_scenario("force")
 
@@ -112,3 +129,119 @@ def test_the_filter_is_what_keeps_the_tools_inertia_from_chattering() -> None:
     assert growth(closed_loop_matrix(setup, law), setup.dt) < 0.0 < growth(closed_loop_matrix(setup, bare), setup.dt)
     weightless = setup._replace(arm=Arm(mount_mass=0.0))
     assert growth(closed_loop_matrix(weightless, bare), setup.dt) < 0.0
+
+
+def test_noise_through_the_loop_has_the_rms_of_a_run() -> None:
+    setup = setup_of(FORCE)
+    law, plant, rng = hybrid_pi_linear(FORCE.controller, setup.dt), build_plant(setup), np.random.default_rng(0)
+    s, q, noisy = np.zeros(7), np.zeros(2), 0.0
+    samples, commands, forces = [0.0] * (setup.sensor_steps + 1), [0.0] * (setup.command_steps + 1), []
+    for draw in rng.normal(0.0, 0.5, 60_000):
+        noisy += setup.sensor_blend * (draw - noisy)
+        samples = [plant.reading @ s + noisy, *samples[:-1]]
+        speed = law.C @ q + law.D * samples[-1]
+        q = law.A @ q + law.B * samples[-1]
+        commands = [speed, *commands[:-1]]
+        forces.append(plant.force @ s)
+        s = plant.A @ s + plant.B * commands[-1]
+    assert noise_rms(setup, law, 0.5) == pytest.approx(np.std(forces[5000:]), rel=0.08)
+
+
+def test_slow_waves_are_taken_out_and_quick_ones_pass_to_the_springs() -> None:
+    setup = setup_of(FORCE)
+    error = np.abs(surface_error(setup, hybrid_pi_linear(FORCE.controller, setup.dt))(np.array([0.1, 100.0])))
+    assert error[0] < 0.01 * 5000.0
+    assert error[1] > 0.9 * 5000.0
+
+
+@pytest.mark.parametrize(("crossover", "delay"), [(5.0, 0.02), (20.0, 0.01), (60.0, 0.004)])
+def test_integrator_with_delay_has_the_margins_of_the_textbook(crossover: float, delay: float) -> None:
+    found = margins(pi_on_spring(crossover / 5000.0, 0.0, 5000.0, delay))
+    assert found.crossover == pytest.approx(crossover, rel=1e-4)
+    assert found.gain == pytest.approx(0.5 * math.pi / (crossover * delay), rel=1e-4)
+    assert found.phase == pytest.approx(0.5 * math.pi - crossover * delay, abs=1e-4)
+    assert found.delay == pytest.approx(found.phase / crossover, rel=1e-4)
+    assert found.phase_crossover == pytest.approx(0.5 * math.pi / delay, rel=1e-3)
+
+
+def test_a_loop_without_delay_has_no_gain_margin_to_lose() -> None:
+    assert margins(pi_on_spring(0.004, 0.0, 5000.0, 0.0)).gain == math.inf
+
+
+@pytest.mark.parametrize("stiffness", [1000.0, 5000.0, 25000.0])
+@pytest.mark.parametrize("delay", [0.003, 0.012, 0.04])
+@pytest.mark.parametrize("felt_mass", [0.0, 0.7, 2.75])
+def test_designed_gains_keep_the_margins_asked_for(stiffness: float, delay: float, felt_mass: float) -> None:
+    gains = design_gains(stiffness, delay, (80.0, 30.0), math.radians(55.0), gain_margin=2.5, felt_mass=felt_mass)
+    assert gains.margins.gain > 2.5 * 0.999
+    assert gains.margins.phase > math.radians(54.9)
+    assert gains.margins.delay > 0.0
+
+
+def test_designed_gains_are_the_fastest_that_keep_them() -> None:
+    wanted = math.radians(60.0)
+    gains = design_gains(5000.0, 0.012, (80.0,), wanted)
+    faster = margins(pi_on_spring(1.1 * gains.p, 1.1 * gains.i, 5000.0, 0.012, (80.0,)))
+    assert faster.phase < wanted
+
+
+def test_designed_gains_scale_with_the_spring() -> None:
+    soft, stiff = design_gains(1000.0, 0.01), design_gains(25000.0, 0.01)
+    assert soft.p / stiff.p == pytest.approx(25.0)
+    assert soft.margins.crossover == pytest.approx(stiff.margins.crossover)
+
+
+def test_more_delay_makes_the_loop_slower_in_proportion() -> None:
+    quick, late = design_gains(5000.0, 0.01, ()), design_gains(5000.0, 0.03, ())
+    assert quick.margins.crossover / late.margins.crossover == pytest.approx(3.0, rel=1e-3)
+    assert np.isfinite(late.i)
+
+
+Z = np.exp(1j * np.geomspace(0.5, 3000.0, 9) * 1e-3)
+
+
+class PressByPlace:
+    """No force at all: takes the tool's place back to its target in 0.1 s."""
+
+    def reset(self, cycle_s: float) -> None:
+        pass
+
+    def step(self, measurement: Measurement, target: Target) -> np.ndarray:
+        return np.concatenate([10.0 * (target.position - measurement.position), np.zeros(3)])
+
+
+def test_measured_hybrid_pi_is_its_formula() -> None:
+    setup = setup_of(FORCE)
+    law = measure_law(build_controller(FORCE.controller), setup, 20.0, 5000.0)
+    formula = hybrid_pi_linear(FORCE.controller, setup.dt)
+    assert law.by_force(Z) == pytest.approx(formula.by_force(Z), rel=1e-6)
+    assert np.abs(law.by_motion(Z)).max() < 1e-9
+
+
+def test_a_law_on_the_place_answers_to_motion_only() -> None:
+    law = measure_law(PressByPlace(), setup_of(FORCE), 20.0, 5000.0)
+    assert np.abs(law.by_force(Z)).max() < 1e-12
+    assert law.by_motion(Z) == pytest.approx(-10.0 * 1e-3 / (1.0 - 1.0 / Z), rel=1e-6)  # the sum of velocity
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 3.0])
+def test_longest_latency_is_where_the_eigenvalues_say(scale: float) -> None:
+    setup, law = with_springs(setup_of(FORCE), scale), hybrid_pi_linear(FORCE.controller, 0.001)
+    totals = [0.001 * n for n in range(1, 200)]
+    longest = longest_latency(setup, law, totals)
+    rates = [growth(closed_loop_matrix(with_latency(setup, share_latency(t)), law), 0.001) for t in totals]
+    unstable = next(t for t, rate in zip(totals, rates, strict=True) if rate > SLOWEST)
+    assert longest == pytest.approx(unstable - 0.001, abs=1e-9)
+
+
+def test_latency_is_shared_as_in_the_default_cell() -> None:
+    assert share_latency(0.008) == pytest.approx((FORCE.sensor.latency_s, FORCE.robot.command_latency_s))
+    assert share_latency(0.001) == pytest.approx((0.001, 0.0))
+
+
+@pytest.mark.parametrize("name", ["hybrid-pi", "admittance", "impedance-position"])
+def test_every_force_controller_is_stable_as_delivered(name: str) -> None:
+    assert name in CONTROLLERS
+    scenario = override(FORCE, [f"controller.name={name}"])
+    law = measure_law(build_controller(scenario.controller), setup_of(scenario), 20.0, 5000.0)
+    assert longest_latency(setup_of(scenario), law, [0.008]) > 0.0

@@ -1,4 +1,4 @@
-"""One path played with every rule on the servos: figures hang together, and the run is a run like any other."""
+"""One path played by every rule: peaks, deviations, tracking."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
+from polish_sim.motion.rules.chain import chain_from_axes
+from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.rule import RULES
+from polish_sim.motion.rules.schedule import Schedule
 from polish_sim.smoothing.experiment import CLAIMS
+from polish_sim.smoothing.figures import find_peaks, stretch_times
+from polish_sim.smoothing.tracking import PlayedRule, at_peaks, compare_tracking, jerk_peaks, measure_tracking
 from polish_sim.smoothing.trial import LENGTH
 
 
@@ -61,3 +66,94 @@ def test_its_path_and_reach_can_be_checked_without_playing() -> None:
     path, reach, _ = check_experiment(default_scenario("smooth"))
     assert path.length_m == pytest.approx(LENGTH, abs=1e-6)
     assert reach.smallest_singular_value > 0.05
+
+
+DOWN = np.array([0.0, 0.0, -1.0])
+TIMES = np.array([[2.0, 0.5, 0.1]])
+
+
+def corner(starts: list[float]) -> tuple[object, Schedule]:
+    """100 mm along x, then 100 mm along y, each a box of 2 s filtered by 0.5 and 0.1 s."""
+    chain = chain_from_axes(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0]]), np.tile(DOWN, (3, 1)))
+    return chain, fir_schedule(np.array(starts), np.repeat(TIMES, 2, axis=0))
+
+
+def test_a_filtered_box_has_the_peaks_of_its_closed_form() -> None:
+    peaks = find_peaks(*corner([0.0, 2.6]), None)
+    assert [peak.value for peak in peaks.tip] == pytest.approx([0.05, 0.1, 1.0], rel=1e-6)
+    assert [peak.value for peak in peaks.axis] == pytest.approx([0.0, 0.0, 0.0])
+    assert peaks.joints == ()
+
+
+def test_overlapping_segments_add_their_jerks() -> None:
+    # For 0.1 s the last ramp of the old segment and the first one of the new, square to it, are one.
+    peaks = find_peaks(*corner([0.0, 2.5]), None)
+    assert peaks.tip[2].value == pytest.approx(np.sqrt(2.0), rel=1e-9)
+    assert 2.5 < peaks.tip[2].time < 2.6
+
+
+@pytest.mark.parametrize("overlap", [1e-15, 1e-12, 4e-11])
+def test_segments_that_overlap_by_rounding_only_do_not(overlap: float) -> None:
+    assert find_peaks(*corner([0.0, 2.6 - overlap]), None).tip[2].value == pytest.approx(1.0, rel=1e-9)
+
+
+def test_times_rise_and_fill_every_stretch() -> None:
+    _, schedule = corner([0.0, 2.6])
+    times = np.concatenate(list(stretch_times(schedule)))
+    assert np.all(np.diff(times) > 0.0)
+    assert np.diff(times).max() <= 0.01 + 1e-12
+    assert times[0] == pytest.approx(0.0, abs=1e-7)
+    assert times[-1] == pytest.approx(schedule.end, abs=1e-7)
+
+
+LIMITS = np.full(6, 10.0)
+WAY = 0.1
+
+
+def played(rule: str, duration: float, heights: dict[int, float], jerk: float = 30.0) -> PlayedRule:
+    """Constant speed; a bump of error and jerk at the middle of the path for the joints named."""
+    time = np.arange(0.0, duration, 0.001)
+    place = WAY * time / duration
+    bump = np.exp(-(((time - 0.5 * duration) / 0.01) ** 2))
+    error, jerks = np.full((len(time), 6), 1e-6), np.zeros((len(time), 6))
+    for joint, height in heights.items():
+        error[:, joint] += height * bump
+        jerks[:, joint] = jerk * bump
+    return PlayedRule(rule, time, place, error, jerks)
+
+
+def test_a_jerk_peak_is_found_once_and_only_where_the_limit_breaks() -> None:
+    play = played("joint-acceleration", 4.0, {2: 1e-4})
+    rows = jerk_peaks(play, 2, 10.0)
+    np.testing.assert_allclose(play.time[rows], [2.0], atol=0.002)
+    calm = played("joint-acceleration", 4.0, {2: 1e-4}, jerk=8.0)
+    assert len(jerk_peaks(calm, 2, 10.0)) == 1  # none breaks it: the largest counts
+
+
+def test_half_the_error_at_the_same_place_is_a_reduction_of_a_half_whatever_the_time() -> None:
+    reference = played("joint-acceleration", 4.0, {1: 1e-4 - 1e-6})
+    for duration in (3.0, 4.0, 6.0):
+        other = played("certified", duration, {1: 5e-5 - 1e-6})
+        (peak,) = [found for found in at_peaks(other, reference, LIMITS) if found.joint == 1]
+        assert peak.place == pytest.approx(0.5 * WAY, abs=1e-4)
+        assert peak.reduction == pytest.approx(0.5, abs=0.02)
+
+
+def test_the_largest_reduction_names_its_joint_and_rises_are_told() -> None:
+    reference = played("joint-acceleration", 4.0, {0: 1e-4, 3: 1e-4, 5: 1e-4})
+    other = played("certified", 4.0, {0: 0.9e-4, 3: 0.2e-4, 5: 1.3e-4})
+    figures = compare_tracking(other, reference, LIMITS)
+    assert figures["jerk_peaks"] == 3
+    assert figures["reduction_largest_joint"] == 4
+    assert figures["reduction_largest"] == pytest.approx(0.79, abs=0.01)
+    assert figures["reduction_median"] == pytest.approx(0.099, abs=0.01)
+    assert figures["rise_largest"] == pytest.approx(0.297, abs=0.01)
+    assert figures["peaks_reduced"] == pytest.approx(2 / 3)
+    assert figures["reduction_max"][3] == pytest.approx(0.79, abs=0.01)
+
+
+def test_largest_and_rms_are_of_the_whole_path() -> None:
+    play = played("certified", 4.0, {4: 1e-4})
+    figures = measure_tracking(play)
+    assert figures["tracking_error_max_rad"][4] == pytest.approx(1.01e-4, rel=1e-3)
+    assert figures["tracking_error_rms_rad"][0] == pytest.approx(1e-6)

@@ -25,21 +25,3 @@ if TYPE_CHECKING:
     from polish_sim.calibration.tables import calibration_kind
 else:
     __getattr__ = names_on_use(__name__)
-
-__all__ = [
-    "GRAVITY",
-    "CalibratedTool",
-    "PayloadEstimate",
-    "PayloadReadings",
-    "PosePlan",
-    "calibration_kind",
-    "estimate_figures",
-    "fit_payload",
-    "fit_without_outliers",
-    "payload_regressor",
-    "plan_payload_poses",
-    "read_calibrated_tool",
-    "read_readings",
-    "residual_table",
-    "write_calibration",
-]

@@ -16,23 +16,3 @@ if TYPE_CHECKING:
     from polish_sim.cell.wrist_sensor import weight_of
 else:
     __getattr__ = names_on_use(__name__)
-
-__all__ = [
-    "FAULTS",
-    "Cell",
-    "CellRun",
-    "Observer",
-    "RealPart",
-    "Silent",
-    "Stroke",
-    "Touch",
-    "build_course",
-    "build_pad",
-    "build_real_part",
-    "build_scene",
-    "no_part",
-    "parse_events",
-    "press_pad",
-    "tool_on_flange",
-    "weight_of",
-]

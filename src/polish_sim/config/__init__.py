@@ -19,27 +19,3 @@ from polish_sim.config.cell import (
 from polish_sim.config.control import AdaptiveConfig, BaselinesConfig, ControllerConfig
 from polish_sim.config.scenario import Scenario
 from polish_sim.config.work import PartConfig, PlanConfig, ProcessConfig, SmoothingConfig
-
-__all__ = [
-    "AdaptiveConfig",
-    "BaselinesConfig",
-    "ControllerConfig",
-    "DragConfig",
-    "DualConfig",
-    "FaultsConfig",
-    "GuideConfig",
-    "HandConfig",
-    "HeadConfig",
-    "PadConfig",
-    "PartConfig",
-    "PayloadConfig",
-    "PlanConfig",
-    "ProcessConfig",
-    "RobotConfig",
-    "SafetyConfig",
-    "Scenario",
-    "SensorConfig",
-    "SimulationConfig",
-    "SmoothingConfig",
-    "SpindleConfig",
-]

@@ -12,19 +12,3 @@ if TYPE_CHECKING:
     from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_unknown
 else:
     __getattr__ = names_on_use(__name__)
-
-__all__ = [
-    "FORMATS",
-    "READERS",
-    "ExportSetup",
-    "RobotTool",
-    "Unknown",
-    "WayPoints",
-    "check_formats",
-    "export_plan",
-    "path_csv",
-    "read_path",
-    "read_way_points",
-    "refuse_unknown",
-    "write_plan",
-]

@@ -13,21 +13,3 @@ if TYPE_CHECKING:
     from polish_sim.geometry.surface import ClosestPoints, Curvature, Surface, SurfacePoints
 else:
     __getattr__ = names_on_use(__name__)
-
-__all__ = [
-    "ClosestPoints",
-    "Curvature",
-    "DistanceField",
-    "PartMesh",
-    "Region",
-    "Surface",
-    "SurfacePoints",
-    "build_distance_field",
-    "field_distance",
-    "field_gradient",
-    "fit_surface",
-    "load_part",
-    "merge_regions",
-    "part_from_arrays",
-    "select_region",
-]

@@ -13,17 +13,3 @@ from polish_sim.motion.kinematics import (
     smallest_singular_values,
     track,
 )
-
-__all__ = [
-    "JOINT_LIMITS",
-    "JOINT_SPEED_LIMIT",
-    "JointPath",
-    "forward",
-    "inverse_all",
-    "inverse_near",
-    "jacobian",
-    "link_frames",
-    "nearest_solution",
-    "smallest_singular_values",
-    "track",
-]

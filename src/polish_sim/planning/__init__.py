@@ -24,25 +24,3 @@ if TYPE_CHECKING:
     from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed
 else:
     __getattr__ = names_on_use(__name__)
-
-__all__ = [
-    "PATTERNS",
-    "SEGMENTS",
-    "Inspection",
-    "PlanObserver",
-    "PlanResult",
-    "ToolPath",
-    "coverage_until",
-    "guessed_stepover",
-    "inspect_path",
-    "measure_given_path",
-    "measure_path",
-    "plan_contour",
-    "plan_fermat",
-    "plan_mesh",
-    "plan_part",
-    "plan_path",
-    "plan_raster",
-    "plan_spiral",
-    "pressed",
-]

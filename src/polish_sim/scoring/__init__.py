@@ -23,33 +23,3 @@ if TYPE_CHECKING:
     )
 else:
     __getattr__ = names_on_use(__name__)
-
-__all__ = [
-    "BATTERY",
-    "BATTERY_ASKED",
-    "REACH",
-    "REACH_CASES",
-    "Case",
-    "Entry",
-    "Score",
-    "Task",
-    "Verdict",
-    "ablation_ratios",
-    "ablation_table",
-    "ablations",
-    "asked_for",
-    "breaking",
-    "check_entries",
-    "choose_cases",
-    "judge",
-    "locked",
-    "markdown",
-    "measure_row",
-    "overview",
-    "run_score",
-    "summarize",
-    "user_entry",
-    "verdict_table",
-    "worst_case",
-    "worst_line",
-]

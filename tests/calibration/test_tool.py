@@ -1,24 +1,35 @@
-"""Plant a tool's tip, touch a point with it, recover it: exactly without noise, at the Cramér-Rao bound with it."""
+"""Plant a tool, touch a point and move along its axes, recover tip and axes; read the touches from a file."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.dual.calibration.tool import fit_tool_point, fit_tool_point_without_outliers
+from polish_sim.dual.calibration.tool import (
+    ToolMeasurements,
+    fit_tool_frame,
+    fit_tool_point,
+    fit_tool_point_without_outliers,
+    orientation_from_moves,
+    orientation_from_three_points,
+    read_tool_measurements,
+    tip_positions_flange,
+    tool_table,
+)
 from polish_sim.dual.calibration.tool_checks import (
     ToolTouches,
     orientation_spread,
     plan_touch_orientations,
     point_error_bound,
 )
-from polish_sim.errors import CalibrationError
-from polish_sim.spatial import transform
+from polish_sim.errors import CalibrationError, InputError
+from polish_sim.spatial import from_pose, transform
 
 Array = NDArray[np.float64]
-
 TIP, POINT = np.array([0.03, -0.02, 0.21]), np.array([-0.4, 0.1, 0.3])
 SIGMA = 5e-5
 
@@ -141,3 +152,111 @@ def test_a_left_handed_orientation_is_named() -> None:
     R[3] = R[3][:, [1, 0, 2]]
     with pytest.raises(CalibrationError, match="orientation of touch 4 is not a right-handed rotation"):
         touches(R)
+
+
+R_FLANGE_TOOL = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
+TIP_MOVES, SIGMA_MOVES = np.array([0.03, -0.02, 0.21]), 5e-5
+MOVES = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.1]])
+
+
+def test_exact_moves_give_the_axes() -> None:
+    for moves in (MOVES, np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [-0.04, 0.0, 0.08]])):
+        R = orientation_from_three_points(moves @ R_FLANGE_TOOL.T, SIGMA_MOVES).R_flange_tool
+        np.testing.assert_allclose(R, R_FLANGE_TOOL, atol=1e-12)
+    many = np.concatenate([MOVES, [[0.0, 0.1, 0.0], [0.05, 0.05, 0.0]]])
+    np.testing.assert_allclose(
+        orientation_from_moves(many @ R_FLANGE_TOOL.T, many, SIGMA_MOVES).R_flange_tool, R_FLANGE_TOOL, atol=1e-12
+    )
+
+
+def test_positions_come_from_flange_poses_that_also_turned_a_little() -> None:
+    turns = Rotation.from_rotvec([[0.5, 0.2, 1.0], [0.51, 0.2, 1.0], [0.5, 0.22, 1.01]]).as_matrix()
+    tips = (MOVES @ R_FLANGE_TOOL.T) @ turns[0].T + [0.4, 0.2, 0.1]
+    T_base_flange = transform(turns, tips - turns @ TIP_MOVES)
+    np.testing.assert_allclose(tip_positions_flange(T_base_flange, TIP_MOVES), MOVES @ R_FLANGE_TOOL.T, atol=1e-12)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.04])
+def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so_stated(tilt: float) -> None:
+    rng, moves = np.random.default_rng(1), MOVES + np.array([[0.0], [0.0], [1.0]]) * [tilt, 0.0, 0.0]
+    errors = []
+    for _ in range(3000):
+        points = moves @ R_FLANGE_TOOL.T + SIGMA_MOVES * rng.standard_normal((3, 3))
+        found = orientation_from_three_points(points, SIGMA_MOVES)
+        errors.append(Rotation.from_matrix(R_FLANGE_TOOL.T @ found.R_flange_tool).as_rotvec())
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    np.testing.assert_allclose(rms, np.sqrt(np.diag(found.covariance)), rtol=0.05)
+    np.testing.assert_allclose(np.cov(np.array(errors).T), found.covariance, atol=0.06 * found.covariance.max())
+    if tilt == 0.0:
+        assert np.degrees(rms.max()) <= 0.045
+
+
+def test_more_moves_tell_more_and_their_covariance_is_right() -> None:
+    rng = np.random.default_rng(2)
+    many = np.concatenate([MOVES, [[0.0, 0.1, 0.0], [-0.1, 0.0, 0.0], [0.0, -0.1, 0.0]]])
+    errors = []
+    for _ in range(2000):
+        found = orientation_from_moves(
+            many @ R_FLANGE_TOOL.T + SIGMA_MOVES * rng.standard_normal((6, 3)), many, SIGMA_MOVES
+        )
+        errors.append(Rotation.from_matrix(R_FLANGE_TOOL.T @ found.R_flange_tool).as_rotvec())
+    np.testing.assert_allclose(np.cov(np.array(errors).T), found.covariance, atol=0.08 * found.covariance.max())
+    three = orientation_from_three_points(MOVES @ R_FLANGE_TOOL.T, SIGMA_MOVES)
+    assert np.trace(found.covariance) < np.trace(three.covariance)
+
+
+@pytest.mark.parametrize(
+    ("moves", "said"),
+    [
+        (np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.0, 0.0, 0.1]]), "too short to tell a direction"),
+        (np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.005]]), "nearly parallel"),
+    ],
+)
+def test_moves_that_cannot_tell_are_refused(moves: np.ndarray, said: str) -> None:
+    with pytest.raises(CalibrationError, match=said):
+        orientation_from_three_points(moves, SIGMA_MOVES)
+
+
+T_FLANGE_TOOL = from_pose([0.01, -0.02, 0.2, 0.1, -0.2, 0.3])
+POINT_FILE = np.array([-0.4, 0.1, 0.3])
+MOVES_FILE = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1.0], [-1, 0, 0]])
+
+
+def flange_at(R: np.ndarray, tips: np.ndarray) -> np.ndarray:
+    return transform(R, tips - R @ T_FLANGE_TOOL[:3, 3])
+
+
+R_TOUCHES = plan_touch_orientations(8, 0.8)
+R_MOVES = np.tile(R_TOUCHES[2], (5, 1, 1))
+MEASURED = ToolMeasurements(
+    ToolTouches(flange_at(R_TOUCHES, np.tile(POINT_FILE, (8, 1)))),
+    flange_at(R_MOVES, POINT_FILE + MOVES_FILE @ (R_MOVES[0] @ T_FLANGE_TOOL[:3, :3]).T),
+    MOVES_FILE,
+)
+
+
+def test_any_moves_by_known_amounts_read_back_and_give_the_axes(tmp_path: Path) -> None:
+    file = tmp_path / "moves.csv"
+    file.write_text(tool_table(MEASURED, fit_tool_frame(MEASURED)), encoding="utf-8")
+    found = fit_tool_frame(read_tool_measurements(file))
+    np.testing.assert_allclose(found.T_flange_tool, T_FLANGE_TOOL, atol=1e-8)
+
+
+def test_metres_and_rotation_vectors_as_a_ur_shows_them(tmp_path: Path) -> None:
+    rows = ["X_m, y_m, z_m, rx_rad, ry_rad, rz_rad"]
+    for T in MEASURED.touches.T_base_flange:
+        values = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
+        rows.append(", ".join(f"{value:.10f}" for value in values))
+    file = tmp_path / "ur.csv"
+    file.write_text("\n".join(rows), encoding="utf-8")
+    found = fit_tool_frame(read_tool_measurements(file))
+    np.testing.assert_allclose(found.tip.point, T_FLANGE_TOOL[:3, 3], atol=1e-8)
+    assert found.orientation is None
+
+
+def test_an_unknown_kind_names_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "kind.csv"
+    text = tool_table(MEASURED, fit_tool_frame(MEASURED)).replace("3,touch", "3,poke", 1)
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="line 4: unknown kind 'poke'"):
+        read_tool_measurements(file)

@@ -1,0 +1,231 @@
+"""Where two robots hold a part: chain, gripper, marks, rim."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from polish_sim.dual.chain import ClosedChain, follow_joints, limit_margin
+from polish_sim.dual.frames import marks_on
+from polish_sim.dual.gripper import seat_part, seat_text
+from polish_sim.dual.rim import fit_closed_spline
+from polish_sim.errors import PlanError, ReachError, SmoothingError
+from polish_sim.experiments import default_scenario
+from polish_sim.experiments.part_setup import part_file
+from polish_sim.experiments.placement import check_shaft
+from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, part_from_arrays, select_region
+from polish_sim.models import workpiece_path
+from polish_sim.motion import forward
+from polish_sim.planning.toolpath import PROCESS, ToolPath
+from polish_sim.spatial import apply, from_pose, rotation_to_axis, transform
+
+CHAIN = ClosedChain(
+    from_pose([-1.15, 0.0, 0.0, 0.0, 0.0, np.pi]),
+    from_pose([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]),
+    from_pose([0.0, 0.0, 0.05, 0.0, 0.0, 0.3]),
+    from_pose([0.0, 0.0, 0.18, 0.02, -0.01, 0.4]),
+)
+Q_MASTER, Q_FOLLOWER = np.array([0.2, -1.7, 1.9, -1.7, -1.5, 0.0]), np.array([-0.2, -1.6, 1.8, -1.8, -1.6, 0.0])
+
+
+def motion(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The hub moves along the master's y with constant orientation; the tool goes once round its face."""
+    angle = np.linspace(0.0, 2.0 * np.pi, count)
+    points = 0.08 * np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
+    places = np.array([-0.55, -0.1, 0.45]) + np.outer(np.linspace(0.0, 0.1, count), [0.0, 1.0, 0.0])
+    # The hub's face looks towards the follower, along -x of the master.
+    R_master_work = rotation_to_axis(np.array([[-1.0, 0.0, 0.0]]), np.array([0.0, 1.0, 0.0]))[0]
+    spin = Rotation.from_euler("z", 1.5).as_matrix()
+    R_work_tool = np.tile(np.diag([1.0, -1.0, -1.0]) @ spin, (count, 1, 1))
+    return transform(np.tile(R_master_work, (count, 1, 1)), places), transform(R_work_tool, points)
+
+
+def test_the_chain_of_the_followed_joints_closes_to_a_nanometre() -> None:
+    T_master_work, T_work_tool = motion(60)
+    q_master = follow_joints(CHAIN.master_flange(T_master_work), Q_MASTER, "master")
+    q_follower = follow_joints(CHAIN.follower_flange(T_master_work, T_work_tool), Q_FOLLOWER, "follower")
+    assert np.abs(CHAIN.residual(forward(q_master), forward(q_follower), T_work_tool)).max() <= 1e-9
+    assert np.abs(np.diff(q_master, axis=0)).max() < 0.1
+    assert np.abs(np.diff(q_follower, axis=0)).max() < 0.25
+    assert min(limit_margin(q_master), limit_margin(q_follower)) > 0.0
+
+
+def test_a_wrong_chain_shows_as_it_is() -> None:
+    T_master_work, T_work_tool = motion(5)
+    first, second = CHAIN.master_flange(T_master_work), CHAIN.follower_flange(T_master_work, T_work_tool)
+    moved = CHAIN._replace(T_flange_tool=CHAIN.T_flange_tool @ from_pose([0.0, 0.0, 1e-3, 0.0, 2e-3, 0.0]))
+    np.testing.assert_allclose(CHAIN.residual(first, second, T_work_tool), 0.0, atol=1e-12)
+    off = moved.residual(first, second, T_work_tool)
+    np.testing.assert_allclose(off, np.tile([0, 0, 1e-3, 0, 2e-3, 0], (5, 1)), atol=1e-12)
+
+
+def test_turning_the_world_changes_nothing() -> None:
+    T_master_work, T_work_tool = motion(5)
+    turn = transform(Rotation.from_euler("z", 0.5).as_matrix(), np.zeros(3))
+    turned = CHAIN._replace(T_master_follower=turn @ CHAIN.T_master_follower)
+    np.testing.assert_allclose(
+        turned.follower_flange(turn @ T_master_work, T_work_tool),
+        CHAIN.follower_flange(T_master_work, T_work_tool),
+        atol=1e-12,
+    )
+
+
+def test_a_hub_out_of_reach_names_the_arm() -> None:
+    T_master_work, T_work_tool = motion(5)
+    away = transform(np.eye(3), np.array([0.0, 0.0, 2.0])) @ T_master_work
+    with pytest.raises(ReachError, match="the master cannot bring its flange to point 1 of 5"):
+        follow_joints(CHAIN.master_flange(away), Q_MASTER, "master")
+    far = CHAIN._replace(T_master_follower=from_pose([-3.0, 0.0, 0.0, 0.0, 0.0, np.pi]))
+    with pytest.raises(ReachError, match="the follower cannot"):
+        follow_joints(far.follower_flange(T_master_work, T_work_tool), Q_FOLLOWER, "follower")
+
+
+Array = NDArray[np.float64]
+UP = np.array([0.0, 0.0, 1.0])
+ANGLE = default_scenario("dual").plan.feature_angle_rad
+
+
+@cache
+def hub() -> PartMesh:
+    return load_part(workpiece_path("wheel_hub_rim"))
+
+
+def fitted(mesh: trimesh.Trimesh) -> Surface:
+    return fit_surface(part_from_arrays(mesh.vertices, mesh.faces), ANGLE)
+
+
+def test_the_hub_sits_on_its_ring_and_the_gripper_goes_on_to_its_web() -> None:
+    seat = seat_part(fit_surface(hub(), ANGLE), UP)
+    np.testing.assert_array_equal(seat.T_gripper_work, np.eye(4))
+    assert seat.nose == pytest.approx(0.008, abs=2e-4)
+    assert (
+        seat_text(seat.T_gripper_work)
+        == "held by the gripper at (0, 0, 0) mm of its own frame, gripper's axis (0, 0, 1)"
+    )
+
+
+@pytest.mark.parametrize("pose", [[0.2, -0.1, 0.05, 0.0, 0.0, 0.0], [0.01, 0.3, 0.0, 0.0, 1.2, 0.4]])
+def test_a_part_sits_the_same_wherever_its_file_has_its_origin(pose: list[float]) -> None:
+    T_file_hub = from_pose(pose)
+    moved = part_from_arrays(apply(T_file_hub, hub().vertices), hub().faces)
+    seat = seat_part(fit_surface(moved, ANGLE), T_file_hub[:3, 2])
+    on_gripper = apply(seat.T_gripper_work, moved.vertices)
+    np.testing.assert_allclose(on_gripper[:, 2], hub().vertices[:, 2], atol=1e-6)
+    np.testing.assert_allclose(on_gripper[:, :2].max(axis=0) + on_gripper[:, :2].min(axis=0), 0.0, atol=3e-4)
+    assert seat.nose == pytest.approx(0.008, abs=2e-4)
+
+
+def test_a_part_the_gripper_would_not_meet_is_refused_and_can_be_put_on_it() -> None:
+    ring = fitted(trimesh.creation.annulus(0.06, 0.09, 0.03))
+    with pytest.raises(
+        ReachError, match=r"80 mm wide, would hold nothing: .* \(0, 0, -15\) mm of the part.*part_on_gripper"
+    ):
+        seat_part(ring, UP)
+    on_wall = (0.075, 0.0, 0.015, 0.0, 0.0, 0.0)
+    seat = seat_part(ring, UP, on_wall)
+    np.testing.assert_allclose(seat.T_gripper_work, from_pose(on_wall))
+    assert seat.nose == 0.0
+    with pytest.raises(ReachError, match="would hold nothing"):
+        seat_part(ring, UP, (0.3, 0.0, 0.015, 0.0, 0.0, 0.0))
+
+
+def beside_wall(distance: float) -> ToolPath:
+    """A path along a wall at x = 0, on a floor at z = 0."""
+    y = np.linspace(-0.02, 0.02, 41)
+    points = np.stack([np.full(41, distance), y, np.zeros(41)], axis=1)
+    kind = np.full(41, PROCESS, dtype=np.int8)
+    return ToolPath(points, np.tile(UP, (41, 1)), y - y[0], np.zeros(41, dtype=np.int64), kind, np.zeros(41))
+
+
+def test_the_shaft_keeps_its_clearance_from_what_stands_beside_the_pad() -> None:
+    """The shaft's radius is 9 mm: beside a wall it keeps its distance less that."""
+    profile = np.array([[-20, -10], [60, -10], [60, 0], [0, 0], [0, 80], [-20, 80]]) * 1e-3
+    solid = trimesh.creation.extrude_polygon(trimesh.path.polygons.Polygon(profile), 0.1)
+    turn = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    solid.apply_transform(transform(turn, np.array([0.0, 0.05, 0.0])))
+    wall = fitted(solid)
+    check_shaft(beside_wall(0.0145), wall, 0.005)
+    with pytest.raises(PlanError, match=r"shaft comes within 4\.[0-9] mm of the part where the pad is at \(13"):
+        check_shaft(beside_wall(0.0135), wall, 0.005)
+
+
+def part(name: str, choice: str = "auto") -> tuple[Region, Surface]:
+    mesh = load_part(part_file(name))
+    surface = fit_surface(mesh)
+    return select_region(surface, mesh, choice), surface
+
+
+@pytest.mark.parametrize("name", ["wheel_hub_rim", "plate", "freeform"])
+@pytest.mark.parametrize("count", [3, 7])
+def test_marks_lie_on_the_region_with_the_tool_into_the_part(name: str, count: int) -> None:
+    region, surface = part(name)
+    T = marks_on(region, surface, count)
+    there = region.surface.closest(T[:, :3, 3])
+    np.testing.assert_allclose(there.positions, T[:, :3, 3], atol=1e-9)
+    np.testing.assert_allclose(T[:, :3, 2], -there.normals, atol=1e-6)
+    np.testing.assert_allclose(
+        np.swapaxes(T[:, :3, :3], 1, 2) @ T[:, :3, :3], np.tile(np.eye(3), (count, 1, 1)), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("name", ["wheel_hub_rim", "plate", "freeform"])
+def test_three_marks_span_a_good_part_of_the_region(name: str) -> None:
+    """The triangle they make is not much narrower than what they lie on."""
+    region, surface = part(name)
+    points = marks_on(region, surface, 3)[:, :3, 3]
+    size = np.ptp(region.surface.vertices[np.unique(region.surface.faces)], axis=0).max()
+    sides = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)
+    assert sides.min() > 0.4 * size
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    assert spread[1] > 0.3 * spread[0]
+
+
+def test_on_a_rim_three_marks_are_a_third_of_a_turn_apart() -> None:
+    points = marks_on(*part("wheel_hub_rim"), 3)[:, :2, 3]
+    angles = np.sort(np.degrees(np.arctan2(points[:, 1], points[:, 0])))
+    np.testing.assert_allclose(np.diff([*angles, angles[0] + 360.0]), 120.0, atol=4.0)
+
+
+def test_a_narrow_strip_is_found_by_marks_all_over_the_part() -> None:
+    region, surface = part("plate", "box:-100,-2,-50,100,2,50")
+    points = marks_on(region, surface, 3)[:, :3, 3]
+    assert np.ptp(points[:, 1]) > 0.03
+
+
+RADIUS = 0.2
+
+
+def rim(radius: float, count: int = 12) -> np.ndarray:
+    angle = 2.0 * np.pi * np.arange(count) / count
+    return radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
+
+
+def test_twelve_points_of_a_rim_give_a_circle_to_a_third_of_a_micrometre() -> None:
+    spline = fit_closed_spline(rim(RADIUS))
+    u = np.linspace(0.0, spline.length, 4001)
+    assert np.abs(np.linalg.norm(spline(u), axis=1) - RADIUS).max() <= 3.2e-7
+    chord_middle = 0.5 * (rim(RADIUS)[0] + rim(RADIUS)[1])
+    assert RADIUS - np.linalg.norm(chord_middle) == pytest.approx(6.8e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize("derivative", range(5))
+def test_the_rim_is_smooth_to_its_fourth_derivative_also_where_it_closes(derivative: int) -> None:
+    spline = fit_closed_spline(rim(RADIUS) + np.random.default_rng(1).normal(0.0, 0.01, (12, 3)))
+    knots = np.unique(spline.curve.t[5:-5])
+    before, behind = spline(knots - 1e-9, derivative), spline(knots + 1e-9, derivative)
+    scale = np.abs(spline(np.linspace(0.0, spline.length, 500), derivative)).max()
+    np.testing.assert_allclose(before, behind, atol=1e-5 * scale)
+
+
+def test_points_of_no_rim_are_refused() -> None:
+    with pytest.raises(SmoothingError, match="needs 6 points"):
+        fit_closed_spline(rim(RADIUS, 5))
+    points = rim(RADIUS)
+    points[4] = points[3]
+    with pytest.raises(SmoothingError, match="points 4 and 5 are in one place"):
+        fit_closed_spline(points)
