@@ -21,15 +21,7 @@ from polish_sim.scoring.force_bench import Border
 
 
 def search_border(entries: Sequence[Entry], folder: Path) -> int:
-    """Search the border of stability in the cell and in the linear model, draw and show it.
-
-    Args:
-        entries: The controllers; as they ship.
-        folder: Existing folder to write into, locked.
-
-    Returns:
-        The exit code.
-    """
+    """Search the border of stability in the cell and in the linear model, draw and show it, into a locked folder."""
     with console.progress() as observer:
         found = measure_border(default_scenario("force"), [entry.name for entry in entries], observer)
         border = _labelled(found, entries)

@@ -18,15 +18,10 @@ NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG)
 
 
 def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
-    """Run one command line.
+    """Run one command line, the words behind `polish-sim`.
 
-    Args:
-        commands: The app.
-        arguments: What stands behind `polish-sim`.
-
-    Returns:
-        The exit code: 0 done, 1 a figure falls short, 2 bad input or usage, 3 protective stop, 130 interrupted,
-        70 an error of ours.
+    Returns the exit code: 0 done, 1 a figure falls short, 2 bad input or usage, 3 protective stop, 130 interrupted, 70
+    an error of ours.
     """
     prepare_headless()
     # More threads would mostly wait for each other: the systems solved here are small.

@@ -11,8 +11,7 @@ from polish_sim.cli import console
 from polish_sim.errors import unknown_name
 
 KINDS: Final = ("parts", "controllers", "experiments", "patterns", "faults")
-LIMITS: Final = "limits"
-"""Not an experiment, but a file of defaults as well."""
+LIMITS: Final = "limits"  #: Not an experiment, but a file of defaults as well
 
 Kind = Annotated[
     str | None,

@@ -24,15 +24,13 @@ from polish_sim.kernel_cache import is_warm, kernels_under
 FIRST_START: Final = "compiling kernels: at the first start only, they are kept"
 REHEARSED: Final = ("arc", "force", "surface")
 """Experiments whose simulation is compiled ahead: with the types of the arc's."""
-QUIET_S: Final = 10.0
-"""Least time between two lines where no bar can be shown [s]."""
+QUIET_S: Final = 10.0  #: Least time between two lines where no bar can be shown [s]
 
 
 class CompileProgress(event.Listener):  # type: ignore[misc]
     """Counts the kernels that this process and the one ahead of it compile.
 
-    Args:
-        show: Called with "12/57", kernels compiled and known to be needed, whenever either changes.
+    ``show`` is called with "12/57", kernels compiled and known to be needed, whenever either changes.
     """
 
     def __init__(self, show: Callable[[str], None]) -> None:
@@ -64,11 +62,7 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
 
     @contextmanager
     def ahead(self, scenario: Scenario) -> Iterator[None]:
-        """Compile the simulation's kernels in another process while the block runs, if there is need and room.
-
-        Args:
-            scenario: What is going to be simulated.
-        """
+        """Compile the kernels of a scenario in another process while the block runs, if there is need and room."""
         if scenario.experiment not in REHEARSED or is_warm() or _processors() < 2:
             yield
             return

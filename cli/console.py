@@ -18,10 +18,8 @@ if TYPE_CHECKING:
     from polish_sim.cli.pictures import FrameSink
     from polish_sim.cli.progress import ProgressObserver
 
-PLAIN_WIDTH = 160
-"""Width of tables when the output is not a terminal: wide enough not to wrap."""
-LABEL_WIDTH = 14
-"""Of the labels that stand before names."""
+PLAIN_WIDTH = 160  #: Width of tables when the output is not a terminal: wide enough not to wrap
+LABEL_WIDTH = 14  #: Of the labels that stand before names
 
 
 def say(text: str = "") -> None:
@@ -77,11 +75,7 @@ def number_or_dash(value: float, scale: float, form: str) -> str:
 def progress(sinks: Sequence[FrameSink] = ()) -> Iterator[ProgressObserver]:
     """Show the stages of a run and a bar on stderr while the block runs; plain lines when it is not a terminal.
 
-    Args:
-        sinks: Who gets the frames of the run.
-
-    Yields:
-        The observer to hand to the run.
+    Yields the observer to hand to the run; ``sinks`` get its frames.
     """
     from polish_sim.cli.progress import ProgressObserver
 

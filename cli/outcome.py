@@ -28,32 +28,20 @@ CHOSEN: Final = ("pad.radius_m", "simulation.log_rate_hz", "spindle.speed_rpm")
 class Outcome:
     """One run or calibration, or several seeds of one: the figures that count."""
 
-    claims: Sequence[Claim]
-    """The figures to show and what is asked of them."""
+    claims: Sequence[Claim]  #: The figures to show and what is asked of them
     title: str
     columns: Mapping[str, Mapping[str, Any]]
     """Columns of figures to show by heading; the last one is the one that is checked."""
-    stops: tuple[str, ...] = ()
-    """Protective stops, each with its reason."""
+    stops: tuple[str, ...] = ()  #: Protective stops, each with its reason
     interrupted: bool = False
-    undrawn: str = ""
-    """How to draw the pictures that are missing because of an interrupt after all was measured."""
-    notes: tuple[str, ...] = ()
-    """Lines to print above the table."""
+    undrawn: str = ""  #: How to draw the pictures that are missing because of an interrupt after all was measured
+    notes: tuple[str, ...] = ()  #: Lines to print above the table
     conditions: tuple[str, ...] = ()
     """Conditions that differ from those the figures are asked for; nothing is called met or not met then."""
 
     def finish(self, folder: Path, check: bool, more: str = "") -> int:
-        """Show the outcome and its folder.
-
-        Args:
-            folder: Where the files are.
-            check: Whether falling short counts.
-            more: A line before the folder.
-
-        Returns:
-            The exit code.
-        """
+        """Show the outcome, perhaps a line more, and its folder; returns the exit code, falling short counts if
+        ``check``."""
         self.show()
         if more:
             console.say(more)
@@ -126,15 +114,10 @@ def show_figures(
     settings: Sequence[Sequence[str]] = (),
     caption: str = "",
 ) -> None:
-    """Print figures beside the paper's and what is asked of them.
+    """Print figures by heading beside the paper's and what is asked of them.
 
-    Args:
-        claims: The figures to show.
-        title: Of the table.
-        columns: Figures by heading.
-        checked: Whose verdict stands at the end; none where None.
-        settings: Rows above the figures: label, unit, a value for each column.
-        caption: A line below the table.
+    ``checked``: whose verdict stands at the end; ``settings``: rows above the figures: label, unit, a value for each
+    column; ``caption``: a line below the table.
     """
     headings = ["figure", "unit", *columns, "paper", "asked"] + (["met"] if checked is not None else [])
     above = [[*row, *[""] * (len(headings) - len(row))] for row in settings]

@@ -23,30 +23,19 @@ class OutputFolder:
 
 
 def refuse_taken(out: Path | None, overwrite: bool) -> None:
-    """Refuse an output folder that exists, before anything is read; `claimed` does so as well.
-
-    Args:
-        out: The folder asked for, if any.
-        overwrite: Whether its files may be replaced.
-
-    Raises:
-        InputError: It exists (without ``overwrite``), or is no folder.
-    """
+    """Refuse an output folder that exists or is no folder, before anything is read; `claimed` does so as well."""
     if out is not None and out.exists() and not (overwrite and out.is_dir()):
         raise InputError(_taken(out))
 
 
 @contextmanager
 def claimed(out: Path | None, kind: str, overwrite: bool = False) -> Iterator[OutputFolder]:
-    """Claim an output folder for a block of work.
+    """Claim an output folder for a block of work; when the block raises, nothing is left behind.
 
     Args:
         out: The folder asked for; None means a new ``results/<kind>/<yyyymmdd-hhmmss>``.
         kind: Command and experiment, e.g. ``run-surface``.
         overwrite: Whether files of the same names in an existing folder may be replaced. Other files stay.
-
-    Yields:
-        The folder to fill. When the block raises, nothing is left behind.
 
     Raises:
         InputError: At once, if the folder exists (without ``overwrite``) or cannot be written.

@@ -28,8 +28,7 @@ CELL_PICTURE: Final = "cell.png"
 class FrameSink(AbstractContextManager[Any], Protocol):
     """Takes moments of a simulation; a context manager that lives as long as the run."""
 
-    every_s: float
-    """Simulated time between frames [s]."""
+    every_s: float  #: Simulated time between frames [s]
 
     def take(self, model: Any, data: Any) -> None:
         """Take one moment; model and data are not to be changed."""
@@ -40,10 +39,8 @@ class Quality(NamedTuple):
 
     width: int
     height: int
-    samples: int
-    """Samples per pixel against jagged edges."""
-    shadow: int
-    """Resolution of the shadows."""
+    samples: int  #: Samples per pixel against jagged edges
+    shadow: int  #: Resolution of the shadows
 
 
 STILL: Final = Quality(960, 720, 4, 2048)
@@ -52,8 +49,7 @@ LOOK_AT: Final = (0.0, -0.32, 0.28)
 DISTANCE: Final = 1.65
 AZIMUTH, ELEVATION = 125.0, -22.0
 PAIR_DISTANCE: Final = 2.0
-PAIR_AZIMUTH, PAIR_ELEVATION = 70.0, -18.0
-"""Of two robots, seen from the side."""
+PAIR_AZIMUTH, PAIR_ELEVATION = 70.0, -18.0  #: Of two robots, seen from the side
 
 
 def prepare_headless() -> None:
@@ -121,11 +117,7 @@ def save_image(file: Path, image: Image) -> None:
 
 
 class Snapshot:
-    """Remembers the joint positions on the way and renders the middle one when the run ends.
-
-    Args:
-        file: Where the PNG goes.
-    """
+    """Remembers the joint positions on the way and renders the middle one as a PNG when the run ends."""
 
     every_s = 0.5
 
@@ -158,10 +150,8 @@ class Snapshot:
 
 
 FILM_FRAMES_PER_S: Final = 16
-SPEED_UP: Final = 4.0
-"""Simulated seconds per second of film."""
-GIF_FRAMES: Final = 600
-"""A GIF holds all its frames in memory; longer films are thinned to this many."""
+SPEED_UP: Final = 4.0  #: Simulated seconds per second of film
+GIF_FRAMES: Final = 600  #: A GIF holds all its frames in memory; longer films are thinned to this many
 
 
 class Video:

@@ -14,10 +14,8 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from polish_sim.cli.compiling import CompileProgress, compiling_shown, now_and_then
 from polish_sim.cli.pictures import FrameSink
 
-QUIET_S: Final = 20.0
-"""How long a stage may be quiet where no bar can be shown [s]."""
-IDLE_FRAME_S: Final = 0.1
-"""Simulated time between looks at the run when nobody asked for frames [s]."""
+QUIET_S: Final = 20.0  #: How long a stage may be quiet where no bar can be shown [s]
+IDLE_FRAME_S: Final = 0.1  #: Simulated time between looks at the run when nobody asked for frames [s]
 
 
 class ProgressObserver:

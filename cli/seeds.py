@@ -24,19 +24,10 @@ Figures = Mapping[str, Any]
 
 
 def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], draft: Path) -> Outcome:
-    """Run a scenario with each seed and write the run folders, the aggregated figures and a plot of all.
+    """Run a scenario with each seed and write the run folders, the aggregated figures and a plot of all into ``draft``.
 
-    Args:
-        scenario: What to run.
-        plan: The path to run, or None to plan one.
-        seeds: The seeds.
-        draft: Existing folder to fill.
-
-    Returns:
-        How it ended; what is checked is the worst seed of each figure.
-
-    Raises:
-        KeyboardInterrupt: The user broke off before any seed was done.
+    A path is planned unless one is given; what is checked is the worst seed of each figure.
+    Raises KeyboardInterrupt if the user broke off before any seed was done.
     """
     from polish_sim.analysis.run_record import METRICS, package_versions, read_record, write_json
     from polish_sim.cli.outcome import Outcome, other_conditions

@@ -63,16 +63,13 @@ class _Worker:
 def work_off(
     tasks: Sequence[Any], work: Callable[[Any], Any], group_of: Callable[[Any], Hashable], workers: int
 ) -> Generator[Result]:
-    """Do tasks in processes; results come in the order they are done.
+    """Do tasks in processes; results come in the order they are done, one without a value whenever a process died.
 
     Args:
         tasks: Hashable, and sent to another process.
         work: Called with one task.
         group_of: Tasks of the same group are done by the same process where that costs no waiting.
         workers: Number of processes.
-
-    Yields:
-        One result per task, and one without a value whenever a process died.
 
     Raises:
         CrewError: If processes die one after the other.
@@ -125,11 +122,7 @@ def _next_task(waiting: dict[Hashable, list[Any]], begun: set[Hashable], group: 
 
 
 def _death(error: BaseException, deaths: int, again: bool) -> str:
-    """A line on a process that died.
-
-    Raises:
-        CrewError: Too many have in a row.
-    """
+    """A line on a process that died; CrewError if too many have in a row."""
     code = re.search(r"(?:SIG\w+|EXIT)\((-?\d+)\)", str(error))  # as loky writes exit codes
     number = int(code[1]) if code else 0
     cause = f"was killed (signal {-number})" if number < 0 else f"ended with code {number}"

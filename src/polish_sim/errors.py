@@ -54,16 +54,10 @@ class ProtectiveStop(PolishSimError):
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], others: Mapping[str, str] | None = None) -> InputError:
-    """Build the error for a name that is not in a list of known ones.
+    """The error for a name of a kind, e.g. "controller", that is not known, with the nearest valid name and the list of
+    all.
 
-    Args:
-        kind: What the name stands for, e.g. ``"controller"``.
-        name: What was given.
-        known: The valid names.
-        others: Other words for some of them, e.g. ``{"metre": "m"}``.
-
-    Returns:
-        The error, with the nearest valid name and the list of all.
+    ``others``: other words for some of them, e.g. ``{"metre": "m"}``.
     """
     names = sorted(known)
     meant = (others or {}).get(name.lower(), "")

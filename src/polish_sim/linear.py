@@ -10,11 +10,9 @@ from polish_sim.kernel_cache import njit
 
 @njit(cache=True, error_model="numpy")
 def solve_symmetric(system: Array, out: Array) -> None:
-    """Solve symmetric positive definite equations by Cholesky's method.
+    """Solve symmetric positive definite equations by Cholesky's method; ``out`` (n,) is written.
 
-    Args:
-        system: Matrix, of which the lower triangle counts, and right side, shape (n, n + 1); overwritten.
-        out: The solution is written, shape (n,).
+    ``system``: matrix, of which the lower triangle counts, and right side, shape (n, n + 1); overwritten.
     """
     n = system.shape[0]
     for i in range(n):
@@ -37,15 +35,9 @@ def solve_symmetric(system: Array, out: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def invert(matrix: Array, inverse: Array, scratch: Array) -> bool:
-    """Invert a 6x6 matrix by Gauss-Jordan elimination with row pivoting.
+    """Invert a 6x6 matrix by Gauss-Jordan elimination with row pivoting; ``scratch``: (6, 12).
 
-    Args:
-        matrix: Shape (6, 6), kept.
-        inverse: Written, shape (6, 6).
-        scratch: Work array, shape (6, 12).
-
-    Returns:
-        Whether all pivots were above 1e-12.
+    Returns whether all pivots were above 1e-12.
     """
     for i in range(6):
         for j in range(6):

@@ -127,11 +127,7 @@ def write_log(path: Path, log: RunLog) -> None:
 
 
 def read_log(path: Path) -> RunLog:
-    """Read a log written by ``write_log``.
-
-    Raises:
-        InputError: If the file is missing, damaged, or lacks a column of the contract.
-    """
+    """Read a log written by ``write_log``; InputError if it is missing, damaged, or lacks a column of the contract."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             columns = {name: archive[name] for name in archive.files}
@@ -232,11 +228,7 @@ def write_removal(file: Path, removal: RemovalMap) -> None:
 
 
 def read_removal(file: Path) -> RemovalMap:
-    """Read a map written by ``write_removal``.
-
-    Raises:
-        InputError: If the file is damaged or lacks an entry.
-    """
+    """Read a map written by ``write_removal``; InputError if the file is damaged or lacks an entry."""
     try:
         with np.load(file, allow_pickle=False) as archive:
             found = {name: archive[name].astype(np.float64) for name in archive.files}

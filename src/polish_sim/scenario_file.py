@@ -22,15 +22,7 @@ _COUNTS = {3: "three", 6: "six"}
 def load_scenario(path: Path, base: Scenario) -> Scenario:
     """Read a TOML file on top of a base scenario.
 
-    Args:
-        path: The file.
-        base: Values of the keys the file does not name.
-
-    Returns:
-        The scenario.
-
-    Raises:
-        ConfigError: If the file cannot be read, or names an unknown key or a value of the wrong type or out of range.
+    Raises ConfigError if the file cannot be read, or names an unknown key or a value of the wrong type or out of range.
     """
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))

@@ -19,15 +19,7 @@ _IMPORT = re.compile(rf"^(    )?(?:from {_NAME} import (\([^)]*\)|.*)|import {_N
 
 @cache
 def source_stamp(module: str, compiler: str) -> str:
-    """Hash of the files a module's kernels are compiled from.
-
-    Args:
-        module: Full name of one of this package's modules.
-        compiler: Versions that the machine code depends on too.
-
-    Returns:
-        16 hexadecimal digits.
-    """
+    """Hash (16 hex digits) of the files a module's kernels are compiled from, and of the compiler's versions."""
     digest = hashlib.sha256(compiler.encode())
     for name in sorted(_dependencies(module) - _NOT_COMPILED_IN):
         digest.update(name.encode())

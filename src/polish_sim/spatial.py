@@ -102,15 +102,8 @@ def rotation_angle(R_a: Array, R_b: Array) -> float:
 
 
 def rotation_to_axis(z_axis: Array, x_hint: Array) -> Array:
-    """Frames whose z axis is given and whose x axis is as near to a hint as can be.
-
-    Args:
-        z_axis: Unit z axes, shape (n, 3).
-        x_hint: Wanted x direction, shape (3,); must not be parallel to any z axis.
-
-    Returns:
-        Rotation matrices with columns x, y, z, shape (n, 3, 3).
-    """
+    """Rotations (n, 3, 3) with given unit z axes (n, 3) and x as near as can be to a hint (3,), parallel to none
+    of them."""
     x_axis = x_hint - (z_axis @ x_hint)[:, None] * z_axis
     x_axis /= np.linalg.norm(x_axis, axis=1, keepdims=True)
     y_axis = np.cross(z_axis, x_axis)

@@ -36,19 +36,11 @@ class Columns:
         return f"line {self.lines[row]}"
 
     def numbers(self, names: Sequence[str]) -> Array:
-        """Columns of finite numbers, shape (n, len(names)).
-
-        Raises:
-            InputError: A value is no finite number.
-        """
+        """Columns of finite numbers, shape (n, len(names)); InputError if a value is none."""
         return np.stack([finite_column(self.file, name, self.texts[name], self.place) for name in names], axis=1)
 
     def need(self, names: Sequence[str], meaning: str = "") -> None:
-        """Refuse a file that lacks columns.
-
-        Raises:
-            InputError: Names the missing columns, their meaning and the columns there are.
-        """
+        """Refuse a file that lacks columns: names them, their meaning and the columns there are."""
         missing = [name for name in names if name not in self.texts]
         if missing:
             raise InputError(
@@ -66,13 +58,8 @@ class Columns:
     def read(cls, file: Path, kind: str, content: str) -> Self:
         """Read a CSV with a header; blank lines and lines that begin with # are left out.
 
-        Args:
-            file: The file.
-            kind: What a line of it is, e.g. ``"reading"``.
-            content: What it should hold, e.g. ``"poses and readings"``.
-
-        Raises:
-            InputError: No such file, no text, no CSV, or no lines.
+        ``kind``: what a line is, e.g. "reading"; ``content``: what the file should hold, e.g. "poses and readings".
+        InputError for no such file, no text, no CSV, or no lines.
         """
         try:
             text = file.read_text(encoding="utf-8-sig")
@@ -84,16 +71,10 @@ class Columns:
 
     @classmethod
     def parse(cls, file: Path, text: str, kind: str) -> Self:
-        """Take the text of a CSV apart, without spaces around its values.
+        """Take the text of a CSV apart, without spaces around its values; ``kind``: what a line of it is, e.g. "point".
 
-        Args:
-            file: Where the text is from, for messages.
-            text: The file's text.
-            kind: What a line of it is, e.g. ``"point"``.
-
-        Raises:
-            InputError: Not CSV, separators that are no commas, no rows, a row of another length, a name that stands
-                twice; names the line.
+        Raises InputError, naming the line, for no CSV, separators that are no commas, no rows, a row of another length,
+        a name that stands twice.
         """
         rows, lines = _rows(file, text)
         if len(rows) < 2:
@@ -132,11 +113,7 @@ def _rows(file: Path, text: str) -> tuple[list[list[str]], list[int]]:
 
 
 def finite_column(file: Path, name: str, texts: Sequence[str], place: Place) -> Array:
-    """Numbers of a column of text, shape (n,).
-
-    Raises:
-        InputError: A value is no finite number.
-    """
+    """Numbers of a column of text, shape (n,); InputError if a value is none."""
     try:
         values = np.array(texts, dtype=np.float64)
     except ValueError:

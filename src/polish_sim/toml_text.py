@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 
-def toml_text(values: Mapping[str, Any], comments: Mapping[str, str] | None = None) -> str:
-    """Write a nested table as TOML.
+def toml_text(values: Mapping[str, Any], comments: Mapping[str, str] | None = None, head: Sequence[str] = ()) -> str:
+    """Write a nested table as TOML, keys before sections, in the order given.
 
     Args:
         values: Text, numbers, booleans, lists and numpy arrays of them by name; a mapping becomes a section.
         comments: By dotted name; each stands behind its key or section.
-
-    Returns:
-        The text, keys before sections, in the order given.
+        head: Lines of comment at the top.
     """
     import tomlkit
 
     document = tomlkit.document()
+    for line in head:
+        document.add(tomlkit.comment(line))
     _fill(document, values, comments or {}, "")
     return tomlkit.dumps(document)
 

@@ -3,43 +3,112 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from benchmarks.force_theory import noise_rms, surface_error
+from polish_sim.arrays import Array
+from polish_sim.config import ControllerConfig
 from polish_sim.control import CONTROLLERS, Measurement, Target, build_controller
 from polish_sim.control.loops import PiGains, PiMemory, force_pi
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from polish_sim.scoring.loop_model import (
     Arm,
-    PiLaw,
+    Complex,
     Setup,
     build_plant,
-    hybrid_pi_linear,
-    pi_law,
     plant_response,
     setup_of,
 )
 from polish_sim.scoring.margins import (
     SLOWEST,
-    closed_loop_matrix,
+    contour,
     design_gains,
     force_loop,
-    growing_modes,
-    growth,
     longest_latency,
     margins,
     pi_on_spring,
     response_of,
     share_latency,
+    turns_about_minus_one,
     with_latency,
     with_springs,
 )
 from polish_sim.scoring.measured_law import measure_law
 
 FORCE = default_scenario("force")
+
+
+class PiLaw(NamedTuple):
+    """State space of a filtered PI law on the force reading r: s' = A s + B r, speed = C s + D r."""
+
+    A: Array  #: Shape (n, n)
+    B: Array  #: Shape (n,)
+    C: Array  #: Shape (n,)
+    D: float
+
+    def by_force(self, z: Complex) -> Complex:
+        systems = z[:, None, None] * np.eye(len(self.B)) - self.A
+        states = np.linalg.solve(systems, np.broadcast_to(self.B[:, None], (len(z), len(self.B), 1)))
+        return states[:, :, 0] @ self.C + self.D
+
+    def by_motion(self, z: Complex) -> Complex:
+        return np.zeros_like(z)
+
+
+def pi_law(p: float, i: float, filter_hz: float, dt: float) -> PiLaw:
+    """The law of ``control.loops.force_pi`` within its limits; states: the filtered reading and its sum over time.
+
+    ``p`` [m/(s N)], ``i`` [m/(s^2 N)], the low-pass' corner [Hz], the control cycle [s].
+    """
+    blend = 1.0 - math.exp(-2.0 * math.pi * filter_hz * dt)
+    A = np.array([[1.0 - blend, 0.0], [dt * (1.0 - blend), 1.0]])
+    B = np.array([blend, dt * blend])
+    C = np.array([-p, -i])
+    return PiLaw(A, B, C @ A, float(C @ B))
+
+
+def hybrid_pi_linear(config: ControllerConfig, dt: float) -> PiLaw:
+    """The force loop of ``hybrid-pi`` (paper 1, eq. 5 behind a low-pass)."""
+    return pi_law(config.force_p_m_sn, config.force_i_m_s2n, config.force_filter_hz, dt)
+
+
+def closed_loop_matrix(setup: Setup, law: PiLaw) -> Array:
+    """One step of the closed loop, its eigenvalues the poles: plant, law, samples and commands under way."""
+    plant = build_plant(setup)
+    n, m, late, far = len(plant.B), len(law.B), setup.sensor_steps, setup.command_steps
+    size = n + m + late + far
+    laws, samples, commands = n, n + m, n + m + late
+    read = np.zeros(size)
+    if late:
+        read[samples + late - 1] = 1.0
+    else:
+        read[:n] = plant.reading
+    answer = law.D * read
+    answer[laws:samples] += law.C
+    acting = answer
+    if far:
+        acting = np.zeros(size)
+        acting[commands + far - 1] = 1.0
+    step = np.zeros((size, size))
+    step[:n, :n] = plant.A
+    step[:n] += np.outer(plant.B, acting)
+    step[laws:samples, laws:samples] = law.A
+    step[laws:samples] += np.outer(law.B, read)
+    if late:
+        step[samples, :n] = plant.reading
+        step[samples + 1 : commands, samples : commands - 1] = np.eye(late - 1)
+    if far:
+        step[commands] = answer
+        step[commands + 1 :, commands:-1] = np.eye(far - 1)
+    return step
+
+
+def growth(matrix: Array, dt: float) -> float:
+    return math.log(max(float(np.abs(np.linalg.eigvals(matrix)).max()), 1e-12)) / dt
 
 
 def _scaled(law: PiLaw, gain: float) -> PiLaw:
@@ -88,7 +157,7 @@ def test_eigenvalues_and_nyquist_agree_on_both_sides_of_the_border(changes: list
     for factor, stable in ((0.97, True), (1.03, False)):
         scaled = _scaled(law, gain * factor)
         assert (growth(closed_loop_matrix(setup, scaled), setup.dt) < 0.0) == stable
-        assert (growing_modes(force_loop(setup, scaled), setup.dt) == 0) == stable
+        assert (turns_about_minus_one(force_loop(setup, scaled)(contour(setup.dt))) == 0) == stable
 
 
 def test_delay_margin_is_where_the_eigenvalues_cross() -> None:

@@ -17,6 +17,7 @@ from polish_sim.arrays import Array, Bools
 from polish_sim.errors import CalibrationError, InputError, near_file
 from polish_sim.spatial import transform
 from polish_sim.tables import Columns
+from polish_sim.toml_text import toml_text
 
 ROTATION_TOLERANCE: Final = 1e-3  #: How far R^T R may be from one: the rounding of printed digits
 QUATERNION: Final = ("qw", "qx", "qy", "qz")
@@ -126,15 +127,8 @@ class Kind(NamedTuple):
 
 def write_table(file: Path, kind: Kind, figures: Mapping[str, Any]) -> None:
     """Write a calibration as one flat table under its comment."""
-    # Lazy: only this needs it.
-    import tomlkit
-
-    document = tomlkit.document()
-    for line in wrap(kind.head, 116):
-        document.add(tomlkit.comment(line))
-    for name, value in ({"kind": kind.name} | dict(figures)).items():
-        document.add(name, tomlkit.item(value.item() if isinstance(value, np.generic) else value))
-    file.write_text(tomlkit.dumps(document), encoding="utf-8")
+    text = toml_text({"kind": kind.name} | dict(figures), head=wrap(kind.head, 116))
+    file.write_text(text, encoding="utf-8")
 
 
 def read_table(file: Path, kind: Kind) -> Calibration:

@@ -64,15 +64,7 @@ def key(
     length: int = 0,
     option: Option | None = None,
 ) -> Any:
-    """Declare a field.
-
-    Args:
-        default: Its value where a file does not name it.
-        text: Its meaning, with the unit in brackets.
-        low: Least allowed value.
-        high: Largest allowed value.
-        length: How many numbers a list has.
-        option: Its option on the command line.
-    """
+    """Declare a field: default, meaning with the unit in brackets, range, length of a list, option on the command
+    line."""
     metadata = {"text": text, "low": low, "high": high, "length": length, "option": option}
     return field(default=default, metadata=metadata)

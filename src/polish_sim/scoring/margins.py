@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.scoring.loop_model import LinearLaw, PiLaw, Setup, build_plant, plant_response
+from polish_sim.scoring.loop_model import LinearLaw, Setup, build_plant, plant_response
 
 Complex = NDArray[np.complex128]
 NYQUIST = 3141.0  #: Highest frequency a host at 1 kHz can act at [rad/s]
@@ -177,63 +177,6 @@ def force_loop(setup: Setup, law: LinearLaw) -> Loop:
 def response_of(loop: Loop, dt: float) -> Response:
     """A loop over frequency [rad/s], as ``margins`` wants it."""
     return lambda omega: loop(np.exp(1j * omega * dt))
-
-
-def closed_loop_matrix(setup: Setup, law: PiLaw) -> Array:
-    """One step of the closed loop: plant, law, samples under way to the host, commands under way to the servos.
-
-    Args:
-        setup: The plant.
-        law: A law with a state space.
-
-    Returns:
-        The matrix; its eigenvalues are the loop's poles.
-    """
-    plant = build_plant(setup)
-    n, m, late, far = len(plant.B), len(law.B), setup.sensor_steps, setup.command_steps
-    size = n + m + late + far
-    laws, samples, commands = n, n + m, n + m + late
-    read = np.zeros(size)
-    if late:
-        read[samples + late - 1] = 1.0
-    else:
-        read[:n] = plant.reading
-    answer = law.D * read
-    answer[laws:samples] += law.C
-    acting = answer
-    if far:
-        acting = np.zeros(size)
-        acting[commands + far - 1] = 1.0
-    step = np.zeros((size, size))
-    step[:n, :n] = plant.A
-    step[:n] += np.outer(plant.B, acting)
-    step[laws:samples, laws:samples] = law.A
-    step[laws:samples] += np.outer(law.B, read)
-    if late:
-        step[samples, :n] = plant.reading
-        step[samples + 1 : commands, samples : commands - 1] = np.eye(late - 1)
-    if far:
-        step[commands] = answer
-        step[commands + 1 :, commands:-1] = np.eye(far - 1)
-    return step
-
-
-def growth(matrix: Array, dt: float) -> float:
-    """Rate at which the slowest mode of a closed loop dies away; positive when it grows [1/s]."""
-    return math.log(max(float(np.abs(np.linalg.eigvals(matrix)).max()), 1e-12)) / dt
-
-
-def growing_modes(loop: Loop, dt: float) -> int:
-    """Number of closed-loop poles that grow, by counting turns about -1 (Nyquist).
-
-    Args:
-        loop: L(z); its own poles must be inside ``contour``.
-        dt: Control cycle [s].
-
-    Returns:
-        How many; 0 means stable but for modes slower than ``SLOWEST``.
-    """
-    return turns_about_minus_one(loop(contour(dt)))
 
 
 def contour(dt: float) -> Complex:
