@@ -15,19 +15,7 @@ from polish_sim.errors import InputError, ReachError
 from polish_sim.experiments import default_scenario
 from polish_sim.geometry import load_part
 from polish_sim.hand_guiding.arm import HOME, LaidPart, believe, chain_of_file, guided_arm, home_pose, torque_arm
-from polish_sim.hand_guiding.cell import (
-    BRAKED_S,
-    FORCE,
-    QD,
-    RAW,
-    TOOL,
-    TORQUE,
-    GuidingRun,
-    Hand,
-    HandMotion,
-    Q,
-    run_guided,
-)
+from polish_sim.hand_guiding.cell import BRAKED_S, GuidingRun, Hand, HandMotion, run_guided
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.models import workpiece_path
@@ -81,34 +69,34 @@ def test_a_part_before_the_arm_lies_where_it_is_put_and_weighs_on_nothing() -> N
 
 def test_the_believed_weight_carries_the_arm() -> None:
     run = guide(np.zeros(3), 2.0, "gravity", Hand(0.0, 0.0, 0.0, 0.0))
-    assert np.abs(run.rows[-1, Q : Q + 6] - HOME).max() < 1e-6
+    assert np.abs(run.rows["q"][-1] - HOME).max() < 1e-6
     assert run.stop_reason is None
 
 
 def test_the_first_pull_is_spring_times_way() -> None:
     run = guide(np.array([0.0, 0.002, 0.0]), 0.01, "gravity")
-    np.testing.assert_allclose(run.rows[0, FORCE : FORCE + 3], [0.0, 8.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(run.rows["force"][0], [0.0, 8.0, 0.0], atol=1e-6)
 
 
 def test_below_break_away_the_hand_only_feels_its_own_spring() -> None:
     """2 N are less than what the joints' dry friction holds: the tool only creeps."""
     run = guide(np.array([0.0005, 0.0, 0.0]), 0.05, "gravity")
-    assert np.linalg.norm(run.rows[-1, TOOL : TOOL + 3] - run.rows[0, TOOL : TOOL + 3]) < 1e-4
+    assert np.linalg.norm(run.rows["tool"][-1] - run.rows["tool"][0]) < 1e-4
 
 
 def test_the_wrist_sensor_feels_the_hand() -> None:
     """Between a pull of 8 N and none the sensor's plane sees 8 N less carried by the arm, in base axes."""
     pulled, free = (guide(np.array([way, 0.0, 0.0]), 0.2, "gravity") for way in (0.002, 0.0))
-    R = pulled.rotations[-1]
-    change = R @ (pulled.rows[-1, RAW : RAW + 3] - free.rows[-1, RAW : RAW + 3])
-    np.testing.assert_allclose(change, -pulled.rows[-1, FORCE : FORCE + 3], atol=0.05)
+    R = pulled.rows["R_base_tool"][-1]
+    change = R @ (pulled.rows["raw"][-1] - free.rows["raw"][-1])
+    np.testing.assert_allclose(change, -pulled.rows["force"][-1], atol=0.05)
 
 
 def test_what_the_model_lacks_is_tared_while_the_servos_hold() -> None:
     """2 kg nobody was told of: the arm stays when the servos let go, and sinks without the tare."""
     free = Hand(0.0, 0.0, 0.0, 0.0)
     tared, bare = (guide(np.zeros(3), 1.5, "gravity", free, held=0.5, payload_kg=2.0, tare=tare) for tare in (1.0, 0.0))
-    moved = [np.abs(run.rows[-1, Q : Q + 6] - run.rows[500, Q : Q + 6]).max() for run in (tared, bare)]
+    moved = [np.abs(run.rows["q"][-1] - run.rows["q"][500]).max() for run in (tared, bare)]
     assert moved[0] < 2e-3
     assert moved[1] > 0.05
 
@@ -117,9 +105,9 @@ def test_too_fast_an_arm_is_braked_and_the_log_kept() -> None:
     run = guide(np.array([0.0, 0.2, 0.0]), 2.0, "gravity", joint_speed_limit_rad_s=0.5)
     assert run.stop_reason == "a joint is faster than guide.joint_speed_limit_rad_s"
     assert len(run.rows) == pytest.approx(run.stop_step + BRAKED_S / 0.001, abs=2)
-    assert np.abs(run.rows[-1, QD : QD + 6]).max() < 0.02
-    assert np.all(run.rows[run.stop_step + 1 :, FORCE : FORCE + 3] == 0.0)
-    assert np.isfinite(run.rows[:, TORQUE : TORQUE + 6]).all()
+    assert np.abs(run.rows["qd"][-1]).max() < 0.02
+    assert np.all(run.rows["force"][run.stop_step + 1 :] == 0.0)
+    assert np.isfinite(run.rows["torque"]).all()
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -127,7 +115,7 @@ def test_the_brakes_end_the_motion_in_every_mode(mode: str) -> None:
     """Even where the law does not carry the arm; 2 kg nobody was told of are tared in 0.5 s and held then."""
     run = guide(np.array([0.0, 0.2, 0.0]), 2.0, mode, held=0.5, joint_speed_limit_rad_s=0.5, payload_kg=2.0)
     assert run.stop_reason == "a joint is faster than guide.joint_speed_limit_rad_s"
-    assert np.abs(run.rows[-1, QD : QD + 6]).max() < 0.02
+    assert np.abs(run.rows["qd"][-1]).max() < 0.02
 
 
 def test_links_that_touch_stop_the_arm_and_are_named() -> None:

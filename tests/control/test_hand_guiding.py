@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from polish_sim.config import GuideConfig
 from polish_sim.errors import InputError
-from polish_sim.hand_guiding.guard import ENERGY, JOINT_SPEED, TOOL_SPEED, GuidingLimits, fade_out, watch_guiding
+from polish_sim.hand_guiding.guard import ENERGY, JOINT_SPEED, TOOL_SPEED, GuidingLimits, Lent, fade_out, watch_guiding
 from polish_sim.hand_guiding.law import (
     MODES,
     Belief,
@@ -56,7 +56,7 @@ def torque_at(belief: Belief, mode: str, q: float, qd: float, qdd: float = 0.0) 
 
 def limits(**changed: float) -> GuidingLimits:
     usual = {"joint_speed": 3.0, "tool_speed": 1.5, "energy": 40.0} | changed
-    return GuidingLimits(**usual, lent=np.zeros(2))
+    return GuidingLimits(**usual, lent=Lent())
 
 
 @pytest.mark.parametrize("q", [0.0, 0.7, -1.2])
@@ -141,14 +141,14 @@ def lend(belief: Belief, law: GuidingGains, seconds: float) -> tuple[GuidingMemo
 
 def test_compensating_less_than_friction_takes_lends_nothing(belief: Belief) -> None:
     _, watched, code = lend(belief, gains("classical"), 10.0)
-    assert (watched.lent[1], code) == (0.0, 0)
+    assert (watched.lent.most, code) == (0.0, 0)
 
 
 def test_compensating_more_than_friction_takes_is_counted_and_stopped(belief: Belief) -> None:
     law = gains("classical", coulomb_share=1.5, viscous_share=1.5)
     _, watched, code = lend(belief, law, 1.0)
     assert code == 0
-    assert watched.lent[1] == pytest.approx(0.5 * (COULOMB + VISCOUS), rel=1e-9)
+    assert watched.lent.most == pytest.approx(0.5 * (COULOMB + VISCOUS), rel=1e-9)
     assert lend(belief, law, 10.0)[2] == ENERGY
 
 

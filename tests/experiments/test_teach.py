@@ -12,7 +12,7 @@ from polish_sim.config import DragConfig, GuideConfig, HandConfig, Scenario
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.hand_guiding.arm import home_pose, torque_arm
-from polish_sim.hand_guiding.cell import WIDTH, GuidingRun
+from polish_sim.hand_guiding.cell import GuidingRow, GuidingRun
 from polish_sim.hand_guiding.drag import drag_table
 from polish_sim.hand_guiding.experiment import CLAIMS, kind_of
 from polish_sim.hand_guiding.figures import compare_modes
@@ -106,7 +106,9 @@ def cut(rows: int, stop_step: int = 0, interrupted: bool = False) -> PlayedMove:
     move = moves_of(asked.guide, asked.hand)[0]
     table = move_table(move, asked.hand, home_pose(), 0.001)
     reason = "links touch" if stop_step else None
-    run = GuidingRun(np.zeros((rows, WIDTH)), np.tile(np.eye(3), (rows, 1, 1)), reason, stop_step, interrupted, 0.0)
+    recorded = np.zeros(rows, GuidingRow.dtype)
+    recorded["R_base_tool"] = np.eye(3)
+    run = GuidingRun(recorded, reason, stop_step, interrupted, 0.0)
     return PlayedMove(move, table, run)
 
 

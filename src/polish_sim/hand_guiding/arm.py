@@ -18,7 +18,7 @@ from polish_sim.config import HandConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.hand_guiding.cell import GuidedArm, Hand
-from polish_sim.hand_guiding.guard import GuidingLimits
+from polish_sim.hand_guiding.guard import GuidingLimits, Lent
 from polish_sim.hand_guiding.law import Belief, gains_of
 from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
 from polish_sim.motion import forward, inverse_near
@@ -113,7 +113,7 @@ def believe(scenario: Scenario) -> Belief:
 def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: Hand) -> GuidedArm:
     """The arm with its law in a mode and fresh limits; InputError for an unknown mode."""
     guide = scenario.guide
-    limits = GuidingLimits(guide.joint_speed_limit_rad_s, guide.tool_speed_limit_m_s, guide.energy_limit_j, np.zeros(2))
+    limits = GuidingLimits(guide.joint_speed_limit_rad_s, guide.tool_speed_limit_m_s, guide.energy_limit_j, Lent())
     return GuidedArm(model, belief, gains_of(mode, guide, scenario.simulation.timestep_s), limits, hand)
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array
 from polish_sim.cell.engine import (
     EngineViews,
     correct_reading,
@@ -23,6 +24,7 @@ from polish_sim.errors import ReachError
 from polish_sim.hand_guiding.guard import GUARDS, JOINT_END, TOUCH, UNSTABLE, GuidingLimits, fade_out, watch_guiding
 from polish_sim.hand_guiding.law import Belief, GuidingGains, GuidingMemory, build_memory, guide_by_hand, read_encoders
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Matrix3, Record, Vector3, Vector6
 
 # The simulated hand: a spring and a damper between where it wants the tool and where the tool is.
 
@@ -83,16 +85,34 @@ HOLD_RAD, HOLD_RAD_S, BRAKE_RAD_S = 0.04, 1.2, 1.0
 """Error and speed at which the holding servos, and speed at which the brakes, take all of a motor's torque."""
 TARE_HZ: Final = 5.0
 TARE_STEPS: Final = 4.0  #: A tare below what so many steps of the encoder make the servos pull is taken for none
-WIDTH: Final = 40
-TIME, Q, QD, TORQUE, TOOL, SPEED, FORCE, RAW, EXTERNAL, LENT = 0, 1, 7, 13, 19, 22, 23, 26, 32, 38
-STEP, STOP, STOP_STEP = 0, 1, 2
+
+
+class GuidingRow(Record):
+    """What is recorded of a physics step."""
+
+    time: float  #: [s]
+    q: Vector6  #: [rad]
+    qd: Vector6  #: [rad/s]
+    torque: Vector6  #: Of the motors [N m]
+    tool: Vector3  #: Tool point, base frame [m]
+    R_base_tool: Matrix3
+    speed: float  #: Of the tool point [m/s]
+    force: Vector3  #: The hand's on the tool, base frame [N]
+    raw: Vector6  #: Reading of the wrist sensor [N, N m]
+    external: Vector6  #: Torque of the hand as the law observes it [N m]
+    lent: float  #: Energy the compensation has lent [J]
+
+
+class _Status(Record):
+    step: int  #: Steps taken
+    stop: int  #: Code of the protective stop, 0 before
+    stop_step: int
 
 
 class GuidingRun(NamedTuple):
     """What happened, one row a physics step."""
 
-    rows: Array  #: Packed as the constants of this file say, shape (n, WIDTH)
-    rotations: Array  #: Tool frame in the base frame, shape (n, 3, 3)
+    rows: NDArray[Any]  #: Records of `GuidingRow`, shape (n,)
     stop_reason: str | None
     stop_step: int
     interrupted: bool
@@ -111,7 +131,7 @@ class _Kernel(NamedTuple):
     start: Array  #: Joint angles the servos hold [rad], shape (6,)
     ranges: Array  #: Joint ranges [rad], shape (6, 2)
     scratch: Array  #: Work array, shape (2, 3)
-    status: Indices  #: STEP steps taken, STOP code of the protective stop, STOP_STEP when, shape (3,)
+    status: _Status
 
 
 class GuidedArm(NamedTuple):
@@ -140,31 +160,29 @@ def run_guided(
         raise ReachError("the arm cannot be guided from here: its links touch. Choose another start.")
     kernel = _build(arm, data, q_start, motion, servos)
     steps = len(servos)
-    rows, rotations = np.zeros((steps, WIDTH)), np.zeros((steps, 3, 3))
-    chunk, touching = max(1, round(watcher.frame_every_s / kernel.engine.dt)), ""
+    rows, touching = np.zeros(steps, GuidingRow.dtype), ""
+    chunk = max(1, round(watcher.frame_every_s / kernel.engine.dt))
     with interrupts_noted(watcher) as interrupt:
-        while kernel.status[STEP] < steps and not interrupt.seen:
-            last = min(int(kernel.status[STEP]) + chunk, steps)
-            _advance(kernel, rows, rotations, last)
-            if kernel.status[STOP] == TOUCH and not touching:
+        while kernel.status.step < steps and not interrupt.seen:
+            last = min(int(kernel.status.step) + chunk, steps)
+            _advance(kernel, rows, last)
+            if kernel.status.stop == TOUCH and not touching:
                 # Half a second later, braked, they may be apart again.
                 touching = _links_that_touch(arm.model, data)
-            watcher.progress(float(kernel.status[STEP]), float(steps))
+            watcher.progress(float(kernel.status.step), float(steps))
             watcher.frame(arm.model, data)
             if _is_over(kernel):
                 break
-    done, code = int(kernel.status[STEP]), int(kernel.status[STOP])
+    done, code = int(kernel.status.step), int(kernel.status.stop)
     reason = GUARDS[code] + touching if code else None
-    return GuidingRun(
-        rows[:done], rotations[:done], reason, int(kernel.status[STOP_STEP]), interrupt.seen, float(arm.limits.lent[1])
-    )
+    return GuidingRun(rows[:done], reason, int(kernel.status.stop_step), interrupt.seen, float(arm.limits.lent.most))
 
 
 def _build(arm: GuidedArm, data: mujoco.MjData, q_start: Array, motion: HandMotion, servos: Array) -> _Kernel:
     joints = arm.model.actuator_trnid[:6, 0]
     return _Kernel(
         engine_views(arm.model, data), arm.belief, arm.gains, build_memory(6), arm.limits, arm.hand, motion, servos,
-        np.array(q_start), np.array(arm.model.jnt_range[joints]), np.zeros((2, 3)), np.zeros(3, np.int64),
+        np.array(q_start), np.array(arm.model.jnt_range[joints]), np.zeros((2, 3)), _Status(),
     )  # fmt: skip
 
 
@@ -177,28 +195,28 @@ def _links_that_touch(model: mujoco.MjModel, data: mujoco.MjData) -> str:
 
 
 def _is_over(kernel: _Kernel) -> bool:
-    step, stopped = kernel.status[STEP], kernel.status[STOP_STEP]
-    return bool(kernel.status[STOP]) and (step - stopped) * kernel.engine.dt >= BRAKED_S
+    step, stopped = kernel.status.step, kernel.status.stop_step
+    return bool(kernel.status.stop) and (step - stopped) * kernel.engine.dt >= BRAKED_S
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _advance(k: _Kernel, rows: Array, rotations: Array, last: int) -> None:
+def _advance(k: _Kernel, rows: NDArray[Any], last: int) -> None:
     """Run up to step ``last``; returns earlier when the arm stands after a stop or the simulation broke."""
     e, memory, status, velocity, force = k.engine, k.memory, k.status, k.scratch[0], k.scratch[1]
-    for step in range(status[STEP], last):
+    for step in range(status.step, last):
         mj_step1(e.model, e.data)
         tool_velocity(e, velocity)
         speed = math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
         read_encoders(k.gains, memory, e.qpos, e.dt, step == 0)
         granted = (1.0 - k.servos[step]) * fade_out(k.limits, memory.qd, speed)
         guide_by_hand(k.belief, k.gains, memory, granted, e.dt)
-        if status[STOP] == 0:
+        if status.stop == 0:
             code = watch_guiding(k.limits, k.belief, k.gains, memory, speed, e.dt)
             if code == 0 and not _moves_finitely(e):
                 code = UNSTABLE
             if code:
-                status[STOP], status[STOP_STEP] = code, step
-        if status[STOP] == 0:
+                status.stop, status.stop_step = code, step
+        if status.stop == 0:
             _hold(k, k.servos[step])
         else:
             _brake(k)
@@ -206,19 +224,19 @@ def _advance(k: _Kernel, rows: Array, rotations: Array, last: int) -> None:
         pull_by_hand(k.hand, k.motion, step, e, velocity, force)
         for j in range(6):
             e.ctrl[j] = memory.torque[j]
-        _record(k, rows[step], rotations[step], step, speed)
+        _record(k, rows[step], step, speed)
         keep_speeds(e)
         mj_step2(e.model, e.data)
         correct_reading(e)
         for i in range(6):
-            rows[step, RAW + i] = e.sensordata[i]
-        status[STEP] = step + 1
-        if status[STOP] == 0:
+            rows[step].raw[i] = e.sensordata[i]
+        status.step = step + 1
+        if status.stop == 0:
             code = _touches(e, k.ranges)
             if code:
-                status[STOP], status[STOP_STEP] = code, step + 1
+                status.stop, status.stop_step = code, step + 1
                 return
-        if status[STOP] == UNSTABLE or (status[STOP] and (step - status[STOP_STEP]) * e.dt >= BRAKED_S):
+        if status.stop == UNSTABLE or (status.stop and (step - status.stop_step) * e.dt >= BRAKED_S):
             return
 
 
@@ -258,16 +276,15 @@ def _brake(k: _Kernel) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _record(k: _Kernel, row: Array, rotation: Array, step: int, speed: float) -> None:
+def _record(k: _Kernel, row: Any, step: int, speed: float) -> None:
     e, memory, R = k.engine, k.memory, k.engine.site_xmat[k.engine.tool_site]
-    row[TIME], row[SPEED], row[LENT] = step * e.dt, speed, k.limits.lent[0]
+    row.time, row.speed, row.lent = step * e.dt, speed, k.limits.lent.now
     for j in range(6):
-        row[Q + j], row[QD + j], row[TORQUE + j] = e.qpos[j], e.qvel[j], memory.torque[j]
-        row[EXTERNAL + j] = memory.external[j]
+        row.q[j], row.qd[j], row.torque[j], row.external[j] = e.qpos[j], e.qvel[j], memory.torque[j], memory.external[j]
     for i in range(3):
-        row[TOOL + i], row[FORCE + i] = e.site_xpos[e.tool_site, i], k.scratch[1, i]
+        row.tool[i], row.force[i] = e.site_xpos[e.tool_site, i], k.scratch[1, i]
         for j in range(3):
-            rotation[i, j] = R[3 * i + j]
+            row.R_base_tool[i, j] = R[3 * i + j]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -23,7 +23,7 @@ from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.result import RunResult
 from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part, select_region
 from polish_sim.hand_guiding.arm import LaidPart, believe, guided_arm, hand_of, torque_arm
-from polish_sim.hand_guiding.cell import HandMotion, Q, run_guided
+from polish_sim.hand_guiding.cell import HandMotion, run_guided
 from polish_sim.hand_guiding.figures import measure_taught
 from polish_sim.hand_guiding.teach import (
     HELD,
@@ -201,7 +201,7 @@ def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     meant = play._replace(table=dragged.table._replace(motion=dragged.meant))
     path: ToolPath | None = None
     if run.stop_reason is None and not run.interrupted:
-        taught, more = _teach(scenario, task, dragged, run.rows[:, Q : Q + 6])
+        taught, more = _teach(scenario, task, dragged, run.rows["q"])
         path, figures = taught.path, figures | more
     files = {} if path is None else {TAUGHT: path_csv(path)}
     return RunResult(

@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 from polish_sim.arrays import Array
 from polish_sim.hand_guiding.law import Belief, GuidingGains, GuidingMemory
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Record
 
 JOINT_SPEED, TOOL_SPEED, ENERGY, UNSTABLE, TOUCH, JOINT_END = 1, 2, 3, 4, 5, 6
 GUARDS: Final[Mapping[int, str]] = MappingProxyType(
@@ -31,13 +32,20 @@ FADE_FROM: Final = 0.9
 """Share of a speed limit from which compensation fades, so that the joints' own friction brakes [-]."""
 
 
+class Lent(Record):
+    """Energy the compensation has lent [J]."""
+
+    now: float
+    most: float  #: Largest value so far
+
+
 class GuidingLimits(NamedTuple):
     """What is never exceeded for long."""
 
     joint_speed: float  #: [rad/s]
     tool_speed: float  #: [m/s]
     energy: float  #: [J]
-    lent: Array  #: Memory: energy lent and its largest value so far [J], shape (2,)
+    lent: Lent  #: Memory
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -65,10 +73,10 @@ def watch_guiding(
         power += qd * (memory.torque[j] - carried - lost)
         if abs(qd) > limits.joint_speed:
             code = JOINT_SPEED
-    limits.lent[0] = max(limits.lent[0] + dt * power, 0.0)
-    limits.lent[1] = max(limits.lent[1], limits.lent[0])
+    limits.lent.now = max(limits.lent.now + dt * power, 0.0)
+    limits.lent.most = max(limits.lent.most, limits.lent.now)
     if tool_speed > limits.tool_speed:
         code = TOOL_SPEED
-    if limits.lent[0] > limits.energy:
+    if limits.lent.now > limits.energy:
         code = ENERGY
     return code

@@ -26,20 +26,7 @@ from polish_sim.hand_guiding.arm import (
     joints_for,
     torque_arm,
 )
-from polish_sim.hand_guiding.cell import (
-    FORCE,
-    LENT,
-    QD,
-    RAW,
-    SPEED,
-    TIME,
-    TOOL,
-    TORQUE,
-    GuidingRun,
-    HandMotion,
-    Q,
-    run_guided,
-)
+from polish_sim.hand_guiding.cell import GuidingRun, HandMotion, run_guided
 from polish_sim.hand_guiding.figures import GuidedMove, compare_modes, measure_drift, measure_move
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
@@ -129,8 +116,8 @@ def log_of_moves(played: Sequence[PlayedMove], scenario: Scenario) -> RunLog:
     every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
     log = from_rows(np.concatenate([_rows(play, every) for play in played]))
     parts = [play.run.rows[::every] for play in played]
-    log = with_column(log, "hand_force_n", np.concatenate([part[:, FORCE : FORCE + 3] for part in parts]))
-    log = with_column(log, "lent_j", np.concatenate([part[:, LENT] for part in parts]))
+    log = with_column(log, "hand_force_n", np.concatenate([part["force"] for part in parts]))
+    log = with_column(log, "lent_j", np.concatenate([part["lent"] for part in parts]))
     return with_column(log, "case", np.concatenate([np.full(len(part), float(k)) for k, part in enumerate(parts)]))
 
 
@@ -138,13 +125,13 @@ def trace_of_move(play: PlayedMove) -> Trace:
     """The exact trace of one move, with no contact."""
     rows = play.run.rows
     n, nothing = len(rows), np.zeros(len(rows))
-    error = play.table.motion.positions[:n] - rows[:, TOOL : TOOL + 3]
+    error = play.table.motion.positions[:n] - rows["tool"]
     off = np.linalg.norm(error, axis=1)
-    turned = Rotation.from_matrix(play.table.motion.rotations[:n]) * Rotation.from_matrix(play.run.rotations).inv()
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rows[:, TOOL : TOOL + 3], axis=0), axis=1))])
+    turned = Rotation.from_matrix(play.table.motion.rotations[:n]) * Rotation.from_matrix(rows["R_base_tool"]).inv()
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rows["tool"], axis=0), axis=1))])
     return Trace(
-        rows[:, TIME], play.table.phase[:n], nothing, off, off, turned.magnitude(), rows[:, TOOL : TOOL + 3],
-        rows[:, SPEED], way, np.zeros((n, 3)), nothing, nothing, error, np.zeros((n, 3)),
+        rows["time"], play.table.phase[:n], nothing, off, off, turned.magnitude(), rows["tool"],
+        rows["speed"], way, np.zeros((n, 3)), nothing, nothing, error, np.zeros((n, 3)),
     )  # fmt: skip
 
 
@@ -153,16 +140,16 @@ def _rows(play: PlayedMove, every: int) -> Array:
     n = len(play.run.rows)
     part, motion = play.run.rows[::every], play.table.motion
     known = {
-        "time_s": part[:, TIME],
-        "q_rad": part[:, Q : Q + 6],
-        "qd_rad_s": part[:, QD : QD + 6],
-        "torque_nm": part[:, TORQUE : TORQUE + 6],
-        "tcp_position_m": part[:, TOOL : TOOL + 3],
-        "tcp_quaternion_wxyz": Rotation.from_matrix(play.run.rotations[::every]).as_quat(scalar_first=True),
+        "time_s": part["time"],
+        "q_rad": part["q"],
+        "qd_rad_s": part["qd"],
+        "torque_nm": part["torque"],
+        "tcp_position_m": part["tool"],
+        "tcp_quaternion_wxyz": Rotation.from_matrix(part["R_base_tool"]).as_quat(scalar_first=True),
         "target_position_m": motion.positions[:n:every],
         "target_quaternion_wxyz": Rotation.from_matrix(motion.rotations[:n:every]).as_quat(scalar_first=True),
-        "tcp_speed_m_s": part[:, SPEED],
-        "wrench_raw_sensor": part[:, RAW : RAW + 6],
+        "tcp_speed_m_s": part["speed"],
+        "wrench_raw_sensor": part["raw"],
         "phase": play.table.phase[:n:every].astype(float),
     }
     rows = np.zeros((len(part), row_width()))
@@ -191,7 +178,7 @@ def figures_of_moves(scenario: Scenario, played: Sequence[PlayedMove], asked: in
 def _seen(play: PlayedMove) -> GuidedMove:
     rows, phase = play.run.rows, play.table.phase[: len(play.run.rows)]
     return GuidedMove(
-        rows[:, TIME], rows[:, FORCE : FORCE + 3], rows[:, Q : Q + 6], phase == MOVING, phase == OFF, _is_whole(play),
+        rows["time"], rows["force"], rows["q"], phase == MOVING, phase == OFF, _is_whole(play),
         play.run.lent_j,
     )  # fmt: skip
 
