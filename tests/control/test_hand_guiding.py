@@ -10,16 +10,22 @@ from numpy.typing import NDArray
 
 from polish_sim.config import GuideConfig
 from polish_sim.errors import InputError
-from polish_sim.hand_guiding.guard import ENERGY, JOINT_SPEED, TOOL_SPEED, GuidingLimits, Lent, fade_out, watch_guiding
 from polish_sim.hand_guiding.law import (
+    ENERGY,
+    JOINT_SPEED,
     MODES,
+    TOOL_SPEED,
     Belief,
     GuidingGains,
+    GuidingLimits,
     GuidingMemory,
+    Lent,
     build_memory,
+    fade_out,
     gains_of,
     guide_by_hand,
     read_encoders,
+    watch_guiding,
 )
 from polish_sim.motion.serial_chain import HINGE, ChainGeometry, SerialChain, chain_model, link_parameters
 

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
-from polish_sim.exchange.setup import ExportSetup
+from polish_sim.exchange.strokes import ExportSetup
 from polish_sim.exchange.urscript import urscript_text
 from polish_sim.geometry import fit_surface, load_part
 from polish_sim.planning import inspect_path, plan_part

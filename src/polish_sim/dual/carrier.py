@@ -21,7 +21,7 @@ from polish_sim.cell.robot import brakes_of
 from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Target
-from polish_sim.dual.host_arm import HostArm, build_host_arm, read_encoders
+from polish_sim.dual.chain import HostArm, build_host_arm, read_encoders
 from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, kernel
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import inverse, transform

@@ -46,7 +46,7 @@ from polish_sim.dual.carrier import (
     drive_master,
     see_tool_on_part,
 )
-from polish_sim.dual.host_arm import HostArm, read_encoders
+from polish_sim.dual.chain import HostArm, read_encoders
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
 from polish_sim.log import RunLog, with_column

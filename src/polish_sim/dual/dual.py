@@ -14,10 +14,10 @@ from polish_sim.cell import CellRun, Observer, RealPart, Silent, Stroke, build_r
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.cell import PairCell
+from polish_sim.dual.chain import build_host_arm
 from polish_sim.dual.figures import WantedTool, measure_pair, pair_errors
 from polish_sim.dual.frames import settled_bases
 from polish_sim.dual.gripper import seat_text
-from polish_sim.dual.host_arm import build_host_arm
 from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.experiments.assembly import course_for

@@ -15,8 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from polish_sim.errors import InputError
-from polish_sim.exchange.setup import ExportSetup, feeds_of
-from polish_sim.exchange.strokes import rows_without_straight_air
+from polish_sim.exchange.strokes import ExportSetup, feeds_of, rows_without_straight_air
 from polish_sim.exchange.way_points import (
     Unknown,
     WayPoints,

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.errors import unknown_name
 from polish_sim.exchange.apt import apt_text
 from polish_sim.exchange.plan_folder import PATH_CSV, PATH_JSON, csv_text, json_text, write_files
-from polish_sim.exchange.setup import ExportSetup, feeds_of, forces_of
-from polish_sim.exchange.strokes import feed_frames, rows_without_straight_air
+from polish_sim.exchange.strokes import ExportSetup, feed_frames, feeds_of, forces_of, rows_without_straight_air
 from polish_sim.exchange.urscript import urscript_text
 from polish_sim.exchange.viewers import glb_bytes, html_text, ply_bytes
 from polish_sim.planning import PlanResult

@@ -1,4 +1,4 @@
-"""A plan as a folder of files: path.csv, path.json and metrics.json, written whole or not at all (plan -> files)."""
+"""Plan folders: path.csv and path.json read and written, plain CSVs read."""
 
 from __future__ import annotations
 
@@ -7,13 +7,146 @@ import io
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+import numpy as np
+
+from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
-from polish_sim.exchange.columns import path_columns
+from polish_sim.exchange.way_points import (
+    Unknown,
+    WayPoints,
+    checked_length,
+    positive_column,
+    refuse_unsorted,
+    unit_axes,
+)
+from polish_sim.planning.toolpath import PROCESS, SEGMENTS, ToolPath
+from polish_sim.tables import Columns, Place, finite_column
+
+OWN: Final = ("s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz", "pass_index", "segment")
+PLAIN: Final = ("x", "y", "z", "i", "j", "k")
+CURVATURE: Final = "curvature_1_m"
+FORCE, FEED = "force_n", "feed_m_s"
+PLAIN_FORCE, PLAIN_FEED = "force", "feed"
+MM: Final = 1e-3
+
+
+class Table(NamedTuple):
+    """Columns of text with the places their rows came from."""
+
+    file: Path
+    columns: Mapping[str, Sequence[str]]
+    place: Place
+
+    def numbers(self, *names: str) -> Array:
+        """The finite numbers of some columns, shape (n, k)."""
+        return np.stack([finite_column(self.file, name, self.columns[name], self.place) for name in names], axis=1)
+
+
+def read_csv(file: Path, text: str, unknown: Unknown) -> WayPoints:
+    """Read path.csv or a plain CSV without blank lines and # comments; InputError names a wrong line or column."""
+    columns = Columns.parse(file, text, "point")
+    return _path_of(Table(file, columns.texts, lambda row: f"{columns.place(row)}, point {row + 1}"))
+
+
+def read_json(file: Path, text: str, unknown: Unknown) -> WayPoints:
+    """Read a path.json; InputError for no JSON, or no path in it."""
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"'{file}' is not JSON ({error}). Give a path.json made by 'plan'.") from None
+    table = document.get("path") if isinstance(document, dict) else None
+    if not isinstance(table, dict) or not all(isinstance(column, list) for column in table.values()):
+        raise InputError(f"'{file}' holds no path. Give a path.json made by 'plan'.")
+    lengths = {name: len(column) for name, column in table.items()}
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{name} has {count}" for name, count in lengths.items())
+        raise InputError(f"'{file}': columns of unequal length ({said}). Give a path.json made by 'plan'.")
+    columns = {str(name): [str(value) for value in column] for name, column in table.items()}
+    return _path_of(Table(file, columns, lambda row: f"point {row + 1}"))
+
+
+def path_columns(path: ToolPath) -> dict[str, list[Any]]:
+    """The columns of path.csv and path.json; force and feed only where the path has its own."""
+    table: dict[str, list[Any]] = {"s_m": path.s.tolist()}
+    table |= {name: path.positions_work[:, k].tolist() for k, name in enumerate(OWN[1:4])}
+    table |= {name: path.axes_work[:, k].tolist() for k, name in enumerate(OWN[4:7])}
+    table["pass_index"] = path.pass_index.tolist()
+    table["segment"] = [SEGMENTS[code] for code in path.segment]
+    table[CURVATURE] = path.curvature.tolist()
+    table |= {} if path.force is None else {FORCE: path.force.tolist()}
+    table |= {} if path.feed is None else {FEED: path.feed.tolist()}
+    return table
+
+
+def _path_of(table: Table) -> WayPoints:
+    readers: dict[tuple[str, ...], Callable[[Table], ToolPath]] = {OWN: _own_path, PLAIN: _plain_path}
+    for names, reader in readers.items():
+        if set(names) <= set(table.columns):
+            return WayPoints(reader(table), table.file, table.place)
+    raise InputError(
+        f"'{table.file}' has the columns {', '.join(table.columns)}. Wanted: {', '.join(PLAIN)} "
+        f"(mm, unit tool axis from the part to the tool), or {', '.join(OWN)}."
+    )
+
+
+def _own_path(table: Table) -> ToolPath:
+    positions = table.numbers(*OWN[1:4])
+    refuse_unsorted(table.file, OWN[0], table.numbers(OWN[0])[:, 0], table.place)
+    axes = unit_axes(table.file, OWN[4:7], table.numbers(*OWN[4:7]), table.place)
+    names = [name.strip() for name in table.columns["segment"]]
+    for row, name in enumerate(names):
+        if name not in SEGMENTS:
+            known = ", ".join(SEGMENTS)
+            raise InputError(f"'{table.file}', {table.place(row)}: unknown segment '{name}'. Known: {known}.")
+    curvature = table.numbers(CURVATURE)[:, 0] if CURVATURE in table.columns else np.zeros(len(positions))
+    return ToolPath(
+        positions,
+        axes,
+        checked_length(table.file, positions, table.place),
+        _pass_numbers(table),
+        np.array([SEGMENTS.index(name) for name in names], dtype=np.int8),
+        curvature,
+        _wish(table, FORCE, 1.0),
+        _wish(table, FEED, 1.0),
+    )
+
+
+def _plain_path(table: Table) -> ToolPath:
+    positions = table.numbers(*PLAIN[:3]) * MM
+    axes = unit_axes(table.file, PLAIN[3:], table.numbers(*PLAIN[3:]), table.place)
+    count = len(positions)
+    return ToolPath(
+        positions,
+        axes,
+        checked_length(table.file, positions, table.place),
+        np.zeros(count, dtype=np.int64),
+        np.full(count, PROCESS, dtype=np.int8),
+        np.zeros(count),
+        _wish(table, PLAIN_FORCE, 1.0),
+        _wish(table, PLAIN_FEED, MM),
+    )
+
+
+def _wish(table: Table, name: str, unit: float) -> Array | None:
+    """Force or feed of every point where the file has that column."""
+    if name not in table.columns:
+        return None
+    return unit * positive_column(table.file, name, table.numbers(name)[:, 0], table.place)
+
+
+def _pass_numbers(table: Table) -> Indices:
+    values = table.numbers("pass_index")[:, 0]
+    wrong = np.flatnonzero((values != np.round(values)) | (np.abs(values) > 2**31))
+    if len(wrong):
+        where, text = table.place(int(wrong[0])), table.columns["pass_index"][wrong[0]]
+        raise InputError(f"'{table.file}', {where}: pass_index is '{text}', wanted a whole number.")
+    return values.astype(np.int64)
+
 
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult, ToolPath

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 from polish_sim.errors import InputError, near_file
 from polish_sim.exchange.apt import read_apt
-from polish_sim.exchange.columns import read_csv, read_json
 from polish_sim.exchange.gcode import read_gcode
-from polish_sim.exchange.plan_folder import PATH_JSON
+from polish_sim.exchange.plan_folder import PATH_JSON, read_csv, read_json
 from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_repeats, refuse_unknown
 
 if TYPE_CHECKING:

@@ -14,8 +14,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Bools
-from polish_sim.exchange.setup import ExportSetup, feeds_of, forces_of
-from polish_sim.exchange.strokes import StrokeRows, needed_rows, steady_frames, strokes_of
+from polish_sim.exchange.strokes import (
+    ExportSetup,
+    StrokeRows,
+    feeds_of,
+    forces_of,
+    needed_rows,
+    steady_frames,
+    strokes_of,
+)
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.quality.pad_fit import pad_in_part_warning
 from polish_sim.planning.toolpath import APPROACH, RETRACT

@@ -18,8 +18,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
-from polish_sim.exchange.setup import ExportSetup
-from polish_sim.exchange.strokes import needed_rows
+from polish_sim.exchange.strokes import ExportSetup, needed_rows
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.toolpath import LINK, PROCESS

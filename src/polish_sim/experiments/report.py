@@ -40,7 +40,7 @@ def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
 
 def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:
     """Draw the pictures of many seeds of one scenario, by file name."""
-    from polish_sim.analysis.seeds_plot import plot_seeds
+    from polish_sim.analysis.run_plots import plot_seeds
 
     scenario = records[0].scenario
     row = experiment(scenario.experiment)

@@ -60,8 +60,8 @@ ARC: Final = Experiment(
     run="polish_sim.experiments.arc:run_arc",
     prepare="polish_sim.experiments.arc:prepare_arc",
     claims=always(ARC_CLAIMS),
-    plots=always({"arc.png": "polish_sim.analysis.arc_plot:plot_arc"}),
-    comparisons={"arc.png": "polish_sim.analysis.arc_plot:plot_arc_runs"},
+    plots=always({"arc.png": "polish_sim.analysis.run_plots:plot_arc"}),
+    comparisons={"arc.png": "polish_sim.analysis.run_plots:plot_arc_runs"},
     options=("--feed", *TRIAL_OPTIONS, *WATCH_OPTIONS),
     paper={"process.feed_m_s": 0.01},
 )
@@ -72,9 +72,9 @@ FORCE: Final = Experiment(
     run="polish_sim.experiments.force:run_force",
     prepare="polish_sim.experiments.force:check_force_point",
     claims=always(FORCE_CLAIMS),
-    plots=always({"force.png": "polish_sim.analysis.force_plot:plot_force"}),
-    comparisons={"force.png": "polish_sim.analysis.force_plot:plot_force_runs"},
-    seeds_plots={"force.png": "polish_sim.analysis.force_plot:plot_force_runs"},
+    plots=always({"force.png": "polish_sim.analysis.run_plots:plot_force"}),
+    comparisons={"force.png": "polish_sim.analysis.run_plots:plot_force_runs"},
+    seeds_plots={"force.png": "polish_sim.analysis.run_plots:plot_force_runs"},
     options=(
         *(*PART_OPTIONS, "--real-part", "--region", "--feature-angle"),
         *(*TOOL_OPTIONS, *TRIAL_OPTIONS, *WATCH_OPTIONS),

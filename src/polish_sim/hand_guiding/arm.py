@@ -18,8 +18,7 @@ from polish_sim.config import HandConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.hand_guiding.cell import GuidedArm, Hand
-from polish_sim.hand_guiding.guard import GuidingLimits, Lent
-from polish_sim.hand_guiding.law import Belief, gains_of
+from polish_sim.hand_guiding.law import Belief, GuidingLimits, Lent, gains_of
 from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
 from polish_sim.motion import forward, inverse_near
 from polish_sim.motion.serial_chain import SerialChain, chain_model

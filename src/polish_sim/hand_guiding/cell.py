@@ -21,8 +21,21 @@ from polish_sim.cell.engine import (
 )
 from polish_sim.cell.observer import Observer, Silent, interrupts_noted
 from polish_sim.errors import ReachError
-from polish_sim.hand_guiding.guard import GUARDS, JOINT_END, TOUCH, UNSTABLE, GuidingLimits, fade_out, watch_guiding
-from polish_sim.hand_guiding.law import Belief, GuidingGains, GuidingMemory, build_memory, guide_by_hand, read_encoders
+from polish_sim.hand_guiding.law import (
+    GUARDS,
+    JOINT_END,
+    TOUCH,
+    UNSTABLE,
+    Belief,
+    GuidingGains,
+    GuidingLimits,
+    GuidingMemory,
+    build_memory,
+    fade_out,
+    guide_by_hand,
+    read_encoders,
+    watch_guiding,
+)
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Matrix3, Record, Vector3, Vector6
 
