@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
@@ -16,7 +17,7 @@ from matplotlib.patches import Circle, Patch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, head, new_figure, styled, view_frame
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, head, heading, new_figure, styled, view_frame
 from polish_sim.arrays import Array, Bools, Indices
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 HOLLOW = (204, 121, 167)  #: Colour of places the pad cannot touch
 BARE = (213, 94, 0)  #: Colour of places it never reaches
 
+Columns = Mapping[str, tuple[str, NDArray[Any]]]  #: Columns of a PLY file by name: numpy type and values, (v,)
 COMMENT = (
     "lengths in mm; exposure_s: seconds under the pad; strict: within 0.55 step-overs of the path; "
     "hollow: tighter than the pad"
@@ -36,24 +38,9 @@ COMMENT = (
 
 def write_coverage_mesh(file: Path, found: Inspection) -> None:
     """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_s, strict and hollow."""
-    mesh, quality = found.ground.mesh, found.quality
-    hollow = hollow_vertices(found)
-    vertices = np.zeros(
-        len(mesh.vertices),
-        dtype=[(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
-        + [(name, "u1") for name in ("red", "green", "blue")]
-        + [("exposure_s", "<f4"), ("strict", "u1"), ("hollow", "u1")],
-    )
-    for k, name in enumerate("xyz"):
-        vertices[name], vertices["n" + name] = 1e3 * mesh.vertices[:, k], mesh.normals[:, k]
-    colors = _colors(quality.exposure.times, hollow)
-    for k, name in enumerate(("red", "green", "blue")):
-        vertices[name] = colors[:, k]
-    vertices["exposure_s"], vertices["strict"], vertices["hollow"] = quality.exposure.times, found.strict, hollow
-    triangles = np.zeros(len(mesh.triangles), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
-    triangles["count"], triangles["corners"] = 3, mesh.triangles
-    header = ply_header(vertices, len(triangles), COMMENT)
-    file.write_bytes(header.encode("ascii") + vertices.tobytes() + triangles.tobytes())
+    mesh, times, hollow = found.ground.mesh, found.quality.exposure.times, hollow_vertices(found)
+    columns: Columns = {"exposure_s": ("<f4", times), "strict": ("u1", found.strict), "hollow": ("u1", hollow)}
+    write_ply(file, COMMENT, (mesh.vertices, mesh.normals, mesh.triangles), _colors(times, hollow), columns)
 
 
 def hollow_vertices(found: Inspection) -> Bools:
@@ -73,21 +60,35 @@ def _colors(times: Array, hollow: Bools) -> NDArray[np.uint8]:
     return colors
 
 
-def ply_header(vertices: NDArray[np.void], faces: int, comment: str) -> str:
-    """Header of a binary PLY file with these vertices, so many triangles and a comment of one line."""
+def write_ply(
+    file: Path, comment: str, mesh: tuple[Array, Array, Indices], colors: NDArray[np.uint8], columns: Columns
+) -> None:
+    """Write vertices [m], normals and triangles as binary PLY in mm, with colours (v, 3) and columns per vertex."""
+    points, normals, corners = mesh
+    vertices = np.zeros(
+        len(points),
+        dtype=[(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
+        + [(name, "u1") for name in ("red", "green", "blue")]
+        + [(name, kind) for name, (kind, _) in columns.items()],
+    )
+    for k, (name, color) in enumerate((("x", "red"), ("y", "green"), ("z", "blue"))):
+        vertices[name], vertices["n" + name], vertices[color] = 1e3 * points[:, k], normals[:, k], colors[:, k]
+    for name, (_, values) in columns.items():
+        vertices[name] = values
+    triangles = np.zeros(len(corners), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
+    triangles["count"], triangles["corners"] = 3, corners
     kinds = {"f": "float", "u": "uchar"}
-    names = vertices.dtype.names or ()
     lines = [
         "ply",
         "format binary_little_endian 1.0",
         f"comment {comment}",
         f"element vertex {len(vertices)}",
-        *(f"property {kinds[vertices.dtype[name].kind]} {name}" for name in names),
-        f"element face {faces}",
+        *(f"property {kinds[vertices.dtype[name].kind]} {name}" for name in vertices.dtype.names or ()),
+        f"element face {len(triangles)}",
         "property list uchar int vertex_indices",
-        "end_header",
+        "end_header\n",
     ]
-    return "\n".join(lines) + "\n"
+    file.write_bytes("\n".join(lines).encode("ascii") + vertices.tobytes() + triangles.tobytes())
 
 
 MM = 1e3
@@ -130,7 +131,7 @@ def plot_maps(found: Inspection) -> Figure:
     time.set_ylabel("to the back [mm]")
     # Maps of equal scale leave the engine no room of their own for the heading.
     figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.95))
-    figure.suptitle(f"Path on {found.mesh.name}, seen from above", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    heading(figure, f"Path on {found.mesh.name}, seen from above")
     return figure
 
 

@@ -25,6 +25,7 @@ from polish_sim.analysis.style import (
     DepthPicture,
     axis_name,
     depth_picture,
+    heading,
     new_figure,
     seen_in,
     styled,
@@ -242,13 +243,7 @@ def _head(figure: Figure, result: PlanResult, name: str) -> None:
         f"{100.0 * m['coverage']:.1f}% covered",
     )
     # Over a narrow map the facts would be cut off: they have a line of their own.
-    figure.suptitle(
-        f"{name} on {result.mesh.name}\n",
-        x=0.01,
-        ha="left",
-        fontsize=11.5,
-        fontweight="bold",
-    )
+    heading(figure, f"{name} on {result.mesh.name}\n")
     figure.text(0.01, FACTS_AT, "     ".join(facts), fontsize=9.0, color="#444444", va="top")
 
 
@@ -276,7 +271,7 @@ def plot_cell(record: RunRecord) -> Figure:
     axes.view_init(elev=22.0, azim=-55.0)
     axes.legend(loc="upper left")
     text = f"The cell in the middle of the run, {record.scenario.experiment}"
-    figure.suptitle(text, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    heading(figure, text)
     return figure
 
 

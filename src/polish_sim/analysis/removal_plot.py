@@ -20,10 +20,10 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
-from polish_sim.analysis.inspect_plot import ply_header
+from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.metrics import OVER, UNDER
 from polish_sim.analysis.path_plot import AMBIENT, FACTS_AT, LIGHT, TICKS, TOWARDS_VIEWER, fill_view
-from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, axis_name, new_figure, styled, view_frame
+from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, axis_name, heading, new_figure, styled, view_frame
 from polish_sim.arrays import Array
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.spatial import unit
@@ -60,10 +60,7 @@ def plot_removal(record: RunRecord) -> Figure:
     _draw_flat(flat, removal, frame)
     _color_bar(figure, flat, removal)
     _draw_shares(share, record)
-    figure.suptitle(
-        f"Removal, {record.scenario.controller.label}, {_pattern(record)}\n",
-        x=0.01, ha="left", fontsize=11.5, fontweight="bold",
-    )  # fmt: skip
+    heading(figure, f"Removal, {record.scenario.controller.label}, {_pattern(record)}\n")
     figure.text(0.01, FACTS_AT, "     ".join(_facts(record)), fontsize=9.0, color="#444444", va="top")
     return figure
 
@@ -92,7 +89,7 @@ def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
     _mark_bands(share)
     share.set_title("colours as over the maps", fontsize=9.0, fontweight="normal")
     share.set(xlabel=RELATIVE, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.5), ylim=(0.0, None))
-    figure.suptitle("Removal, side by side", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    heading(figure, "Removal, side by side")
     return figure
 
 
@@ -243,21 +240,9 @@ COMMENT = (
 
 def write_removal_mesh(file: Path, removal: RemovalMap) -> None:
     """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_n_m, relative and removal_m."""
-    vertices = np.zeros(
-        len(removal.vertices),
-        dtype=[(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
-        + [(name, "u1") for name in ("red", "green", "blue")]
-        + [(name, "<f4") for name in ("exposure_n_m", "relative", "removal_m")],
-    )
-    for k, name in enumerate("xyz"):
-        vertices[name], vertices["n" + name] = 1e3 * removal.vertices[:, k], removal.normals[:, k]
     colors = np.asarray(removal_colors()(SCALE(removal.relative), bytes=True))[:, :3].copy()
     colors[removal.exposure <= 0.0] = BARE_COLOUR
-    for k, name in enumerate(("red", "green", "blue")):
-        vertices[name] = colors[:, k]
-    vertices["exposure_n_m"], vertices["relative"] = removal.exposure, removal.relative
-    vertices["removal_m"] = removal.preston_1_pa * removal.exposure
-    triangles = np.zeros(len(removal.triangles), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
-    triangles["count"], triangles["corners"] = 3, removal.triangles
-    header = ply_header(vertices, len(triangles), COMMENT)
-    file.write_bytes(header.encode("ascii") + vertices.tobytes() + triangles.tobytes())
+    depth = removal.preston_1_pa * removal.exposure
+    columns = {"exposure_n_m": removal.exposure, "relative": removal.relative, "removal_m": depth}
+    mesh = (removal.vertices, removal.normals, removal.triangles)
+    write_ply(file, COMMENT, mesh, colors, {name: ("<f4", values) for name, values in columns.items()})

@@ -23,7 +23,7 @@ from polish_sim.analysis.metrics import (
     steady_feed,
 )
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, heading, new_figure, shade_band, styled
 from polish_sim.arrays import Array, Bools
 from polish_sim.log import RunLog
 
@@ -247,7 +247,7 @@ def plot_seeds(records: Sequence[RunRecord], claims: Sequence[Claim]) -> Figure:
     panels[-1].set_xlabel("seed")
     panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     name = records[0].scenario.controller.label
-    figure.suptitle(f"{experiment}, {name}: {len(records)} seeds", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    heading(figure, f"{experiment}, {name}: {len(records)} seeds")
     return figure
 
 

@@ -70,9 +70,14 @@ def new_figure(width: float = 8.0, height: float = 4.5) -> Figure:
     return Figure(figsize=(width, height), dpi=150, layout="constrained")
 
 
+def heading(figure: Figure, text: str) -> None:
+    """Head a figure with what it shows."""
+    figure.suptitle(text, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+
+
 def head(figure: Figure, axes: Axes, text: str, facts: Sequence[str]) -> None:
     """Head a figure with what it shows and, over its first axes in small print, its figures."""
-    figure.suptitle(text, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    heading(figure, text)
     axes.set_title("     ".join(facts), loc="left", fontsize=9.0, fontweight="normal", color="#444444")
 
 

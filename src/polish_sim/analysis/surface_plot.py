@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from polish_sim.analysis.metrics import fed, numbers
 from polish_sim.analysis.peaks import FLAT_1_M, SHARP_1_M, WINDOW_M, curvature_peaks
 from polish_sim.analysis.run_record import WHOLE, RunRecord, ending
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, new_figure, shade_band, styled
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, heading, new_figure, shade_band, styled
 from polish_sim.arrays import Array
 from polish_sim.planning.toolpath import ToolPath
 
@@ -69,7 +69,7 @@ def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
         share.set_xticks([])
     grid[-1, 0].set(xlabel="along the path [m]")
     grid[-1, 1].set(xlabel="share of the time")
-    figure.suptitle("Force along the path, side by side", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    heading(figure, "Force along the path, side by side")
     return figure
 
 

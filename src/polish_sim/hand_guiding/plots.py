@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import PROCESS, fed, numbers
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, SERIES, head, new_figure, styled
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, SERIES, head, heading, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.hand_guiding.figures import distance_to_line
 from polish_sim.planning.toolpath import arc_length
@@ -51,7 +51,7 @@ def plot_guiding(record: RunRecord) -> Figure:
     title = "Force of a hand that guides the arm, and its peaks while it moves"
     dashed = any(axes.lines for axes in grid.flat) and not PAPER_N.keys().isdisjoint(mode for mode, *_ in names)
     title += "\n(dashed: paper 3, another robot)" if dashed else ""
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    heading(figure, title)
     return figure
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from polish_sim.analysis.style import GREEN, GREY, SERIES, new_figure, styled
+from polish_sim.analysis.style import GREEN, GREY, SERIES, heading, new_figure, styled
 
 
 class Limit(NamedTuple):
@@ -57,7 +57,7 @@ def plot_score(rows: Sequence[Mapping[str, Any]], cases: Mapping[str, bool], lim
         _draw_limits(axes, panel, list(cases), limits)
     panels[0].set_yticks(range(len(cases)), list(cases))
     panels[0].set_ylim(len(cases) - 0.4, -0.6)
-    figure.suptitle(f"Score: {' and '.join(labels)}", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    heading(figure, f"Score: {' and '.join(labels)}")
     figure.legend(handles=_legend(labels, bool(limits)), loc="outside lower center", ncols=len(labels) + 3)
     return figure
 
@@ -82,7 +82,7 @@ def plot_ablation(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Fi
         axes.set_xlabel(f"{panel.label.partition(' [')[0]}, without / with")
     panels[0].set_yticks(range(len(laws)), laws)
     panels[0].set_ylim(len(laws) - 0.4, -0.6)
-    figure.suptitle("What each law is worth: it is left out", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    heading(figure, "What each law is worth: it is left out")
     return figure
 
 

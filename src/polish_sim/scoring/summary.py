@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, count_text
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import Case, Entry
@@ -195,14 +195,8 @@ def markdown(score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) 
 def _intro(score: Score) -> str:
     missing = score.wanted - len(score.rows)
     note = f" **{missing} of {score.wanted} rows are missing.**" if missing else ""
-    seeds = _count(score.seeds, "seed")
-    return (
-        f"{_count(len(score.rows), 'run')}, {seeds} per case; mean / worst over the seeds, exact contact force.{note}"
-    )
-
-
-def _count(number_of: int, thing: str) -> str:
-    return f"{number_of} {thing}" if number_of == 1 else f"{number_of} {thing}s"
+    runs, seeds = count_text(len(score.rows), "run"), count_text(score.seeds, "seed")
+    return f"{runs}, {seeds} per case; mean / worst over the seeds, exact contact force.{note}"
 
 
 def _case_part(score: Score, summaries: Sequence[Summary], index: int) -> str:
@@ -262,11 +256,7 @@ COMPOSED: Final = "hybrid-adaptive"  #: The controller whose laws can be left ou
 KEY: Final = "controller.adaptive.laws"
 
 _ABLATION_KEYS: Final = {
-    "settling_1n_s": "settling [s]",
-    "overshoot_n": "overshoot [N]",
-    "rms_error_n": "RMS [N]",
-    "max_error_n": "max [N]",
-    "slowed": "slowed [-]",
+    name: SHOWN[name] for name in ("settling_1n_s", "overshoot_n", "rms_error_n", "max_error_n", "slowed")
 }
 _WITHOUT: Final = "without "
 _NOTHING: Final = 5e-4  # a smaller change is none

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, new_figure, styled
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, heading, new_figure, styled
 from polish_sim.arrays import Array, Indices
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
@@ -128,7 +128,7 @@ def _finish(figure: Figure, grid: Any, curves: Sequence[Curves], title: str, fac
 
 def _close(figure: Figure, title: str, facts: Sequence[str], handles: Sequence[Any], labels: Sequence[str]) -> None:
     """Title above; at the foot facts in small print and the legend, beside the figure if that is narrow."""
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    heading(figure, title)
     if figure.get_figwidth() < NARROW:
         figure.legend(handles, labels, loc="outside right upper")
         figure.supxlabel("     ".join(facts), x=0.01, ha="left", fontsize=9.0, color="#444444")

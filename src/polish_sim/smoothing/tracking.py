@@ -13,7 +13,7 @@ from scipy.signal import find_peaks
 
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, new_figure, styled
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, heading, new_figure, styled
 from polish_sim.arrays import Array, Indices
 
 REFERENCE = "joint-acceleration"  #: The rule the others are compared with
@@ -157,7 +157,7 @@ def plot_tracking_bars(record: RunRecord) -> Figure:
             axes.set(ylabel="error [µrad]" if column == 0 else None)
             axes.set_xticks(range(6), TICKS)
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    figure.suptitle("Tracking error by joint and rule", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    heading(figure, "Tracking error by joint and rule")
     return figure
 
 
