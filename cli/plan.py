@@ -45,7 +45,7 @@ def plan(part: PartFile, given: Given) -> None:
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import ExportSetup, check_formats, export_plan, write_plan
-    from polish_sim.experiments import time_law
+    from polish_sim.experiments import time_law, within_noise
     from polish_sim.experiments.report import save_plots
     from polish_sim.planning import PATTERNS, plan_part
 
@@ -56,7 +56,7 @@ def plan(part: PartFile, given: Given) -> None:
         asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
         result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
         observer.stage("time the motion")
-        result.figures.update(time_law(scenario, result.path))
+        result.figures.update(time_law(within_noise(scenario, result.mesh.noise), result.path))
         write_plan(folder.draft, result)
         export_plan(folder.draft, result, formats, setup)
         observer.stage("draw")
@@ -127,6 +127,8 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ],
         ["least feed, starts and stops left out", "mm/s", console.number_or_dash(m["feed_least_m_s"], mm, ".2f")],
         ["  at, along the path with its leads", "m", console.number_or_dash(m["feed_least_at_m"], 1.0, ".3f")],
+        ["motion beside the path, at most", "mm", console.number_or_dash(m["smoothed_off_max_m"], mm, ".2g")],
+        ["  tool axis", "deg", console.number_or_dash(m["smoothed_axis_off_max_rad"], math.degrees(1.0), ".2g")],
         ["step-over, mean", "mm", console.number_or_dash(m["stepover_mean_m"], mm, ".2f")],
         ["step-over, p5 / p95", "mm", spread],
         ["region covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],

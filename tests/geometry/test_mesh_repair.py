@@ -161,6 +161,8 @@ def test_scanned_noise_is_measured_smoothed_and_said(noise):
     points, normals = surface.evaluate(facets, np.full((len(facets), 3), 1.0 / 3.0))
     tilt = np.arccos(np.clip((normals * points).sum(axis=1) / np.linalg.norm(points, axis=1), -1.0, 1.0))
     assert np.degrees(np.sqrt(np.mean(tilt**2))) < 0.4 * noise / 0.00005
+    assert part.noise.slope == pytest.approx(np.sqrt(np.mean(tilt**2)), rel=0.35)
+    assert np.sqrt(np.mean((radius - 0.1) ** 2)) < part.noise.offset < noise
     assert surface.smooth[facets].all()  # noise makes no creases
 
 
@@ -168,6 +170,7 @@ def test_a_part_without_noise_is_left_as_it_is():
     points, faces = dome(0.0)
     part = part_from_arrays(points, faces, up="z")
     assert not said(part, "noise")
+    assert part.noise == (0.0, 0.0)
     assert np.abs(part.vertices[part.faces] - points[faces]).max() == 0.0
 
 

@@ -28,6 +28,7 @@ _HOME = {
     "run_payload_calibration": "payload",
     "run_surface": "surface",
     "time_law": "stroke_motion",
+    "within_noise": "stroke_motion",
 }
 
 __all__ = list(_HOME)

@@ -26,6 +26,7 @@ from polish_sim.experiments.part_setup import (
     touched,
 )
 from polish_sim.experiments.payload import believe_tool
+from polish_sim.experiments.stroke_motion import within_noise
 from polish_sim.models import part_path
 from polish_sim.planning.request import check_asked, check_part_words
 
@@ -92,7 +93,7 @@ def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float
         The cell, not yet run; its host believes the payload it has calibrated.
     """
     streams = random_streams(scenario.seed)
-    strokes = polishing_strokes(scenario, place.path, place.reach, hold, lift)
+    strokes = polishing_strokes(within_noise(scenario, place.mesh.noise), place.path, place.reach, hold, lift)
     controller = build_controller(scenario.controller)
     held_behind = works_below(place.reach.T_base_work, place.path.axes_work)
     cell = Cell(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.cell.stroke import feed_pace
@@ -23,10 +24,11 @@ from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline
 from polish_sim.motion.timed_path import TimedPath, marks_on, row_times, time_path, time_schedule, with_feed
 from polish_sim.motion.trajectory import build_path_table, with_feed_share
-from polish_sim.spatial import rotation_to_axis
+from polish_sim.spatial import rotation_to_axis, unit
 
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke
+    from polish_sim.geometry.repair.skin import Noise
     from polish_sim.motion.rules.rule import Rule
     from polish_sim.planning.toolpath import ToolPath
 
@@ -102,6 +104,13 @@ def stroke_motion(scenario: Scenario, stroke: StrokePath, arm: Arm | None) -> Ti
     check_stroke_rule(scenario)
     chain = build_chain(stroke.tips, stroke.rotations)
     return STROKE_RULES[scenario.smoothing.rule](scenario, stroke, chain, arm) if len(chain.lengths) else None
+
+
+def within_noise(scenario: Scenario, noise: Noise) -> Scenario:
+    """The scenario for a surface that is known within a noise only: its strokes may be as far from the path as that."""
+    asked = scenario.smoothing
+    tip, axis = max(asked.tolerance_m, noise.offset), max(asked.axis_tolerance_rad, noise.slope)
+    return replace(scenario, smoothing=replace(asked, tolerance_m=tip, axis_tolerance_rad=axis))
 
 
 def along_a_curve(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
@@ -182,6 +191,9 @@ END_M = 0.001
 """At the ends of a stroke the tool comes from rest and goes to rest: so far the least feed is not looked for [m]."""
 
 
+OFF = ("smoothed_off_max_m", "smoothed_axis_off_max_rad")
+
+
 class FedStroke(NamedTuple):
     """The motion of one stroke and where it begins."""
 
@@ -223,6 +235,15 @@ def feed_figures(strokes: Sequence[FedStroke]) -> dict[str, float]:
     }
 
 
+def _deviations(path: StrokePath, motion: TimedPath) -> tuple[float, float]:
+    """Largest distance of a motion from its path at the same place of it [m], and angle between the axes [rad]."""
+    columns = np.concatenate([path.tips, path.rotations[:, :, 2]], axis=1).T
+    wanted = np.stack([np.interp(motion.places, path.s, column) for column in columns], axis=1)
+    axes = Rotation.from_quat(motion.quaternions, scalar_first=True).apply([0.0, 0.0, 1.0])
+    turned = 2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(axes - unit(wanted[:, 3:]), axis=1), 1.0))
+    return float(np.linalg.norm(motion.positions - wanted[:, :3], axis=1).max()), float(turned.max())
+
+
 def feed_of_strokes(strokes: Sequence[Stroke]) -> dict[str, float]:
     """``feed_figures`` of the strokes a cell is given."""
     return feed_figures([FedStroke(stroke.motion, stroke.start_s, stroke.feed) for stroke in strokes])
@@ -236,9 +257,11 @@ def time_law(scenario: Scenario, path: ToolPath) -> dict[str, float]:
         path: The path.
 
     Returns:
-        The figures; undefined ones for a path that cannot be smoothed.
+        The figures, and smoothed_off_max_m and smoothed_axis_off_max_rad: how far the motion is from the path, lead-ins
+        and lead-outs left out; undefined ones for a path that cannot be smoothed.
     """
     strokes: list[FedStroke] = []
+    off: list[tuple[float, float]] = [(0.0, 0.0)]
     for rows in _stretches(path):
         feed = np.full(len(rows), scenario.process.feed_m_s) if path.feed is None else path.feed[rows]
         tips, into = path.positions_work[rows], -path.axes_work[rows]
@@ -247,10 +270,11 @@ def time_law(scenario: Scenario, path: ToolPath) -> dict[str, float]:
             stroke = StrokePath(tips, rotation_to_axis(into, hint), path.s[rows] - path.s[rows[0]], feed)
             motion = stroke_motion(scenario, stroke, None)
         except SmoothingError:
-            return dict.fromkeys(feed_figures(()), math.nan)
+            return dict.fromkeys((*feed_figures(()), *OFF), math.nan)
         if motion is not None:
             strokes.append(FedStroke(motion, float(path.s[rows[0]]), scenario.process.feed_m_s))
-    return feed_figures(strokes)
+            off.append(_deviations(stroke, motion))
+    return feed_figures(strokes) | dict(zip(OFF, np.max(off, axis=0).tolist(), strict=True))
 
 
 def _stretches(path: ToolPath) -> list[Indices]:

@@ -18,7 +18,7 @@ from polish_sim.geometry.repair.facets import drop_bad_facets, flip_needles, fli
 from polish_sim.geometry.repair.holes import close_holes, separate_crowded
 from polish_sim.geometry.repair.scan_noise import smooth_noise
 from polish_sim.geometry.repair.shells import describe_crossing_facets, describe_shells, turn_outward, wind_alike
-from polish_sim.geometry.repair.skin import Skin, merge_vertices
+from polish_sim.geometry.repair.skin import NOISELESS, Noise, Skin, merge_vertices
 
 METRES_PER_UNIT = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254}  #: Length of one file unit [m]
 
@@ -79,6 +79,7 @@ class PartMesh:
     unit: str  #: Unit the file was read in
     stl_facets: Ints  #: Number of each facet in the file, -1 where it closes a hole, shape (m,)
     notes: tuple[str, ...]  #: What was assumed or repaired, for the user
+    noise: Noise = NOISELESS  #: Of a scan, what smoothing left of it
 
 
 def load_part(path: str | Path, unit: str = "mm", up: str = "auto") -> PartMesh:
@@ -145,6 +146,7 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
         unit=unit,
         stl_facets=stl_facets,
         notes=(_size_note(vertices, faces, unit), *triangles.notes, *skin.notes, up_note),
+        noise=skin.noise,
     )
 
 

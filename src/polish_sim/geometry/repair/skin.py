@@ -15,6 +15,18 @@ from polish_sim.geometry.topology import find_edge_faults, label_pieces
 WELD = 1e-5  #: Gaps up to this share of the part's size are closed when exact merging leaves the mesh open
 
 
+class Noise(NamedTuple):
+    """What a scan leaves unknown of a surface after smoothing, rms; 0 of one that is not scanned."""
+
+    offset: float = 0.0
+    """Of its places along the normal [m]."""
+    slope: float = 0.0
+    """Of its normals [rad]."""
+
+
+NOISELESS = Noise()
+
+
 class Skin(NamedTuple):
     """Vertices and facets, and the repairs made so far."""
 
@@ -22,6 +34,7 @@ class Skin(NamedTuple):
     faces: Ints  #: Vertex indices, shape (m, 3)
     source: Ints  #: The triangle of the file each facet stems from, -1 for facets that close holes, shape (m,)
     notes: tuple[str, ...] = ()  #: What was repaired, for the user
+    noise: Noise = NOISELESS  #: Of a scan, what smoothing left of it
 
     @property
     def size(self) -> float:

@@ -120,8 +120,8 @@ def _waves(t: Array, beta: Array) -> tuple[Array, Array]:
 
 MOST_HALVINGS = 6
 """How often spans of the law that are beyond a limit between their knots are halved, of laws with few knots."""
-HALVED_KNOTS = 10_000
-"""Knots of all halvings but the first together."""
+HALVED_KNOTS = 8_000
+"""Knots of all halvings together."""
 
 
 class Feed(NamedTuple):
@@ -205,7 +205,7 @@ def _fastest(curve: Curve, coarse: Array, feed: Feed, limits: SmoothingLimits, a
     knots = law_knots(coarse, speeds, launch)
     looked = _look(curve, knots, feed, limits, arm)
     law = plan_law(knots, looked.caps, looked.at_knots, launch)
-    for _ in range(min(MOST_HALVINGS, 1 + HALVED_KNOTS // len(knots))):
+    for _ in range(min(MOST_HALVINGS, HALVED_KNOTS // len(knots))):
         over = factors_of_spans(law, looked.between) > MOST_SLOWED
         if not over.any():
             break
