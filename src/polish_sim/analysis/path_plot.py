@@ -46,7 +46,8 @@ if TYPE_CHECKING:
 MM = 1e3
 COLORS = "viridis"
 LANDING, LEAVING = ORANGE, PINK
-MOST_FACETS = 30_000  #: Finer parts are drawn by a lighter copy: matplotlib takes a second for so many
+MOST_FACETS = 8_000  #: Finer parts are drawn by a lighter copy: matplotlib takes 20 us for each, twice
+MOST_CHORDS = 3_000  #: So many draw the path in contact, for the same reason
 AXES_SHOWN = 90
 EDGE_ON = 0.05
 """Cosine between tool axis and viewer below which the strokes of a wall, seen from above, lie over each other."""
@@ -89,10 +90,11 @@ def plot_plan(result: PlanResult, name: str = "") -> Figure:
     shown = path.positions_work @ frame.T * MM
     vertices = mesh.vertices @ frame.T * MM
     part = lighter_mesh(vertices, mesh.faces, MOST_FACETS)
-    _draw_part(solid, flat, part.vertices[part.faces])
+    corners = part.vertices[part.faces]
+    _draw_part(solid, flat, corners)
     fill_view(solid, np.concatenate([vertices, shown]))
     scale = Normalize(0.0, float(path.s[-1]))
-    seen = _look(solid, vertices[mesh.faces], path, shown, frame)
+    seen = _look(solid, corners, path, shown, frame)
     _draw_contact(solid, flat, path, shown, seen, scale)
     _draw_leads(solid, flat, path, shown, seen)
     _draw_axes(solid, path, shown, seen)
@@ -131,7 +133,7 @@ def _draw_part(solid: Any, flat: Axes, corners: Array) -> None:
     near, colors = _shaded(corners, TOWARDS_VIEWER)
     solid.add_collection3d(Poly3DCollection(near, facecolors=colors, edgecolors=colors, lw=0.3, zorder=1))
     near, colors = _shaded(corners, np.array([0.0, 0.0, 1.0]))
-    flat.add_collection(PolyCollection(list(near[..., :2]), facecolors=colors, edgecolors=colors, lw=0.3))
+    flat.add_collection(PolyCollection(list(near[..., :2]), facecolors=colors, edgecolors=colors, lw=0.7))
 
 
 def _stretches(mask: Bools) -> Iterator[tuple[int, int]]:
@@ -151,9 +153,11 @@ def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _S
 
 def _chords(rows: Bools, shown: Array, s: Array) -> Iterator[tuple[Array, Array]]:
     """Chords of each stretch of rows, (k, 2, 3), and where along the path they are, (k,)."""
+    apart = max(1, np.count_nonzero(rows) // MOST_CHORDS)
     for first, last in _stretches(rows):
         if last - first > 1:
-            yield np.stack([shown[first : last - 1], shown[first + 1 : last]], axis=1), s[first : last - 1]
+            at = np.unique(np.append(np.arange(first, last, apart), last - 1))
+            yield np.stack([shown[at[:-1]], shown[at[1:]]], axis=1), s[at[:-1]]
 
 
 def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _Seen) -> None:
