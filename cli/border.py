@@ -13,8 +13,9 @@ import numpy as np
 from polish_sim.analysis.run_record import package_versions
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
-from polish_sim.cli.score import png_of, put
+from polish_sim.cli.score import put
 from polish_sim.experiments import default_scenario
+from polish_sim.experiments.report import save_plots
 from polish_sim.scoring import Entry
 from polish_sim.scoring.border import measure_border, plot_border
 from polish_sim.scoring.force_bench import Border
@@ -27,12 +28,9 @@ def search_border(entries: Sequence[Entry], folder: Path) -> int:
         border = _labelled(found, entries)
         observer.stage("draw")
         facts = _facts(border)
-        put(
-            folder,
-            "border.json",
-            json.dumps(facts | {"versions": package_versions()}, indent=1, allow_nan=False) + "\n",
-        )
-        put(folder, "border.png", png_of(plot_border(border)))
+        text = json.dumps(facts | {"versions": package_versions()}, indent=1, allow_nan=False)
+        put(folder, "border.json", text + "\n")
+        save_plots(folder, {"border.png": plot_border(border)})
     for entry in entries:
         console.table(
             f"stable up to this latency, {entry.label}", ["springs", "in the cell [ms]", "linear model [ms]"],

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -262,16 +260,7 @@ def _show_parameters(found: Identification) -> None:
     truth = None if found.truth is None else found.model.truth()
     rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
     alone = [row for row in rows if row.identifiable == "alone"]
-    table = [
-        [
-            row.name,
-            row.unit,
-            f"{row.value:.5g}",
-            f"{row.std:.2g}",
-            _or_dash(row.true_value),
-        ]
-        for row in alone
-    ]
+    table = [[r.name, r.unit, f"{r.value:.5g}", f"{r.std:.2g}", _or_dash(r.true_value)] for r in alone]
     console.table("parameters identified alone", ["parameter", "unit", "value", "std", "true"], table)
     console.say(f"all {len(rows)} numbers, base parameters with 95% intervals: parameters.csv")
 
@@ -312,19 +301,17 @@ def write_payload(folder: Path, weighed: Weighed) -> None:
     """Write ``payload.csv``: mass, centre and inertia about it in the last link's frame, with intervals."""
     from polish_sim.identification.estimate import INTERVAL_95
     from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, body_of
+    from polish_sim.tables import csv_text
 
-    out = io.StringIO()
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow(PAYLOAD_COLUMNS)
-    payload = weighed.payload
+    payload, rows = weighed.payload, []
     values, std = payload.body()
     nearest = body_of(payload.nearest_body(), payload.origin)
     for k, (name, unit) in enumerate(zip(BODY_NAMES, BODY_UNITS, strict=True)):
         half = INTERVAL_95 * std[k]
         numbers = [f"{x:.9g}" for x in (values[k] - half, values[k] + half, nearest[k])]
         true = "" if weighed.truth is None else f"{body_of(weighed.truth, payload.origin)[k]:.9g}"
-        table.writerow([name, f"{values[k]:.9g}", unit, f"{std[k]:.4g}", *numbers, true])
-    (folder / PAYLOAD_FILE).write_text(out.getvalue(), encoding="utf-8")
+        rows.append([name, f"{values[k]:.9g}", unit, f"{std[k]:.4g}", *numbers, true])
+    (folder / PAYLOAD_FILE).write_text(csv_text(PAYLOAD_COLUMNS, rows), encoding="utf-8")
 
 
 def show_payload(weighed: Weighed) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import sys
@@ -21,8 +20,6 @@ from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from polish_sim.scoring import Case, Entry, Score, Verdict
 
 SEEDS: Final = 5
@@ -133,6 +130,7 @@ def _run(request: Request, folder: Path) -> Score:
 
 def _write(folder: Path, request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) -> None:
     from polish_sim.analysis.run_record import package_versions
+    from polish_sim.experiments.report import save_plots
     from polish_sim.scoring import BATTERY_ASKED, REACH, ablation_ratios, markdown
     from polish_sim.scoring.figures import DEFINITIONS
     from polish_sim.scoring.plot import Limit, plot_ablation, plot_score
@@ -165,7 +163,7 @@ def _write(folder: Path, request: Request, score: Score, verdicts: Sequence[tupl
         page += _ablation_page(request, score)
     put(folder, "score.md", page)
     if score.rows and request.ablate:
-        put(folder, "score.png", png_of(plot_ablation(ablation_ratios(score))))
+        save_plots(folder, {"score.png": plot_ablation(ablation_ratios(score))})
     elif score.rows:
         moving = {case.name: case.moving for case in score.cases}
         limits = [
@@ -174,7 +172,7 @@ def _write(folder: Path, request: Request, score: Score, verdicts: Sequence[tupl
             for case in score.cases
             if asked.applies(case.name)
         ]
-        put(folder, "score.png", png_of(plot_score(score.rows, moving, limits)))
+        save_plots(folder, {"score.png": plot_score(score.rows, moving, limits)})
 
 
 def _facts(score: Score) -> dict[str, Any]:
@@ -219,13 +217,6 @@ def _ablation_page(request: Request, score: Score) -> str:
     lines = [headings, ["---"] * len(headings), *rows]
     grid = "\n".join("| " + " | ".join(line) + " |" for line in lines)
     return f"\n## What each law of `{request.entries[0].label}` is worth\n\n{grid}\n"
-
-
-def png_of(figure: Figure) -> bytes:
-    """A figure as the bytes of a PNG."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
 
 
 @contextmanager

@@ -7,8 +7,6 @@ on torques stay at the drawing.
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -19,6 +17,7 @@ from polish_sim.arrays import Array
 from polish_sim.identification.estimate import INTERVAL_95, BaseParameters, Estimate, base_names, identifiable
 from polish_sim.identification.regressor import TorqueModel
 from polish_sim.motion.serial_chain import inertia_at_origin
+from polish_sim.tables import csv_text
 
 _FLOOR: Final = 1e-3  #: Share of the drawing's pseudo-inertia every link keeps
 _THIN: Final = 1e-9  #: Share of its size a drawn body is thickened by, so that it has a root
@@ -185,13 +184,11 @@ def alone_std(base: BaseParameters, found: Estimate) -> Array:
 
 def parameters_csv(rows: list[ParameterRow]) -> str:
     """The rows as CSV; what is not known is empty."""
-    out = io.StringIO()
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow(COLUMNS)
+    table = []
     for row in rows:
         half = INTERVAL_95 * row.std
         ends = (row.value - half, row.value + half, row.true_value)
         low, high, true = ("" if np.isnan(value) else f"{value:.9g}" for value in ends)
         std = "" if np.isnan(row.std) else f"{row.std:.4g}"
-        table.writerow([row.name, f"{row.value:.9g}", row.unit, std, row.identifiable, low, high, true])
-    return out.getvalue()
+        table.append([row.name, f"{row.value:.9g}", row.unit, std, row.identifiable, low, high, true])
+    return csv_text(COLUMNS, table)
