@@ -103,127 +103,80 @@ def latency_settings(total_ms: float) -> tuple[str, str]:
     return f"sensor.latency_s={shared.sensor}", f"robot.command_latency_s={shared.command}"
 
 
-def _steps() -> list[Case]:
-    return [
-        _hold("step-10", "10 N on a flat plate, approach 5 mm/s, held 4 s", "process.contact_force_n=10"),
-        _hold("step-20", "20 N on a flat plate, approach 5 mm/s, held 4 s"),
-        _hold(
-            "step-50", "50 N on a flat plate, approach 5 mm/s, held 4 s, force limit 80 N",
-            "process.contact_force_n=50", "safety.force_limit_n=80", "pad.friction_smoothing_m_s=0.01",
-        ),
-    ]  # fmt: skip
-
-
-def _approaches() -> list[Case]:
-    return [
+BATTERY: Final = (
+    _hold("step-10", "10 N on a flat plate, approach 5 mm/s, held 4 s", "process.contact_force_n=10"),
+    _hold("step-20", "20 N on a flat plate, approach 5 mm/s, held 4 s"),
+    _hold(
+        "step-50", "50 N on a flat plate, approach 5 mm/s, held 4 s, force limit 80 N",
+        "process.contact_force_n=50", "safety.force_limit_n=80", "pad.friction_smoothing_m_s=0.01",
+    ),
+    *(
         _hold(f"approach-{v}", f"20 N on a flat plate, approach {v} mm/s", f"process.approach_speed_m_s={v / 1e3}")
         for v in (2, 5, 20)
-    ]
-
-
-def _feeds() -> list[Case]:
-    flat = [
+    ),
+    *(
         _flat(f"flat-{v}", f"flat plate, strokes along x 25 mm apart, 20 N at {v} mm/s for {t} s", v, t)
         for v, t in ((10, 30), (30, 12), (100, 6))
-    ]
-    freeform = [
+    ),
+    *(
         _freeform(f"freeform-{v}", f"freeform part, whole spiral with 16 mm step-over, 20 N at {v} mm/s", v)
         for v in (10, 30, 60)
-    ]
-    return flat + freeform
-
-
-def _springs() -> list[Case]:
-    return [
+    ),
+    _flat(
+        "edge-1mm", "plate at 30 mm/s, the real one with a 1 mm edge across the strokes", 30, 18,
+        "part.real_file=plate_step",
+    ),
+    _flat(
+        "ramp-8deg", "plate at 30 mm/s, the real one with an 8 deg ramp across the strokes", 30, 18,
+        "part.real_file=plate_ramp", _FAR_OFF,
+    ),
+    _hold(
+        "moving-1hz", "20 N on a plate that moves up and down by 0.5 mm at 1 Hz, held 6 s", "part.motion_m=0.0005",
+        "part.motion_hz=1", "process.hold_s=6", APPROACH_20,
+    ),
+    *(
         _hold(
             f"stiffness-{x:g}", f"springs of head and pad {x:g} x what the controller takes them for, approach 20 mm/s",
             *spring_settings(x), APPROACH_20,
         )
         for x in (0.2, 0.5, 2.0, 5.0)
-    ]  # fmt: skip
-
-
-def _latencies() -> list[Case]:
-    return [
+    ),
+    _hold(
+        "rigid-block", "10 N on a block that hardly gives: springs 10 x, 50 kN/m in all; 2 kHz physics, held 6 s",
+        "process.contact_force_n=10", "head.spring_scale=10", "process.hold_s=6", "safety.force_limit_n=80",
+        "safety.jump_limit_n=0", "simulation.timestep_s=0.0005", "simulation.control_every=2",
+    ),
+    *(
         _hold(
             f"latency-{ms}", f"{ms} ms from contact to motion, sensor and command 1:3, approach 20 mm/s",
             *latency_settings(ms), APPROACH_20,
         )
         for ms in (2, 4, 12, 20)
-    ]  # fmt: skip
-
-
-def _noises() -> list[Case]:
-    return [
+    ),
+    *(
         _hold(
             f"noise-{n}", f"sensor noise {n} N rms per sample, approach 20 mm/s", f"sensor.force_noise_n={n}",
             APPROACH_20,
         )
         for n in (0, 1, 2)
-    ]  # fmt: skip
-
-
-def _surprises() -> list[Case]:
-    return [
-        _flat(
-            "edge-1mm", "plate at 30 mm/s, the real one with a 1 mm edge across the strokes", 30, 18,
-            "part.real_file=plate_step",
-        ),
-        _flat(
-            "ramp-8deg", "plate at 30 mm/s, the real one with an 8 deg ramp across the strokes", 30, 18,
-            "part.real_file=plate_ramp", _FAR_OFF,
-        ),
-        _hold(
-            "moving-1hz", "20 N on a plate that moves up and down by 0.5 mm at 1 Hz, held 6 s", "part.motion_m=0.0005",
-            "part.motion_hz=1", "process.hold_s=6", APPROACH_20,
-        ),
-    ]  # fmt: skip
-
-
-def _spindles() -> list[Case]:
-    return [
-        _hold(
-            "spindle-6000", "spindle at 6000 rpm, friction 0.3, imbalance G6.3, approach 20 mm/s",
-            "spindle.speed_rpm=6000", "spindle.imbalance_m_s=0.0063", APPROACH_20,
-        ),
-        _freeform(
-            "alias-125hz", "freeform at 30 mm/s, sensor at 125 Hz: the spindle's 100 Hz shows as 25 Hz", 30,
-            "sensor.rate_hz=125",
-        ),
-    ]  # fmt: skip
-
-
-def _rigid() -> list[Case]:
-    return [
-        _hold(
-            "rigid-block", "10 N on a block that hardly gives: springs 10 x, 50 kN/m in all; 2 kHz physics, held 6 s",
-            "process.contact_force_n=10", "head.spring_scale=10", "process.hold_s=6", "safety.force_limit_n=80",
-            "safety.jump_limit_n=0", "simulation.timestep_s=0.0005", "simulation.control_every=2",
-        ),
-    ]  # fmt: skip
-
-
-def _errors() -> list[Case]:
-    return [
-        _freeform(
-            "part-3mm", "freeform at 30 mm/s, the part 3 mm off its place", 30, "part.displacement_m=0.003", _FAR_OFF
-        ),
-        _freeform(
-            "part-2deg",
-            "freeform at 30 mm/s, the part turned by 2 deg",
-            30,
-            f"part.rotation_rad={math.radians(2.0)}",
-            _FAR_OFF,
-        ),
-        _freeform(
-            "payload-20", "freeform at 30 mm/s, payload taken for 20% too heavy", 30, "sensor.payload_mass_error=0.2"
-        ),
-    ]
-
-
-BATTERY: Final = tuple(
-    case
-    for group in (_steps, _approaches, _feeds, _surprises, _springs, _rigid, _latencies, _noises, _errors, _spindles)
-    for case in group()
-)
+    ),
+    _freeform(
+        "part-3mm", "freeform at 30 mm/s, the part 3 mm off its place", 30, "part.displacement_m=0.003", _FAR_OFF
+    ),
+    _freeform(
+        "part-2deg", "freeform at 30 mm/s, the part turned by 2 deg", 30, f"part.rotation_rad={math.radians(2.0)}",
+        _FAR_OFF,
+    ),
+    _freeform(
+        "payload-20", "freeform at 30 mm/s, payload taken for 20% too heavy", 30, "sensor.payload_mass_error=0.2"
+    ),
+    _hold(
+        "spindle-6000", "spindle at 6000 rpm, friction 0.3, imbalance G6.3, approach 20 mm/s",
+        "spindle.speed_rpm=6000", "spindle.imbalance_m_s=0.0063", APPROACH_20,
+    ),
+    _freeform(
+        "alias-125hz", "freeform at 30 mm/s, sensor at 125 Hz: the spindle's 100 Hz shows as 25 Hz", 30,
+        "sensor.rate_hz=125",
+    ),
+)  # fmt: skip
 """All cases, in the order they are shown."""

@@ -69,7 +69,7 @@ def measure_score(trace: Trace, wanted: Array, moving: bool, whole: bool) -> dic
     fed = trace.phase[held] == PROCESS
     contact = first_contact(force)
     if contact is None:
-        return dict.fromkeys(_FIGURES) | {"stable": False}
+        return dict.fromkeys(FIGURES) | {"stable": False}
     since = np.arange(len(time)) >= contact
     window = fed if moving else since & (time >= time[contact] + STEADY_AFTER_S)
     landing = since & ~fed if moving else since
@@ -105,10 +105,11 @@ def oscillation(time: Array, error: Array) -> tuple[float, float, float]:
     return _amplitude(fast[half:]), _amplitude(fast[half:-quarter]), _amplitude(fast[-quarter:])
 
 
-_FIGURES: Final = (
+FIGURES: Final = (
     "settling_1n_s", "overshoot_n", "rms_error_n", "p95_error_n", "max_error_n", "peak_force_n", "contact_lost_s",
     "oscillation_n", "mean_error_n", "std_n",
 )  # fmt: skip
+"""What `measure_score` measures beside ``stable``."""
 
 
 def _errors(error: Array) -> dict[str, float]:

@@ -30,7 +30,7 @@ from polish_sim.experiments.part_setup import path_done
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.scenario_file import to_toml
 from polish_sim.scoring.battery import Case, Entry
-from polish_sim.scoring.figures import measure_score
+from polish_sim.scoring.figures import FIGURES, measure_score
 
 # One row of the scorecard: a case, a controller and a seed become figures.
 #
@@ -93,9 +93,7 @@ def _measure(task: Task) -> Row:
 
 
 def _place(scenario: Scenario) -> Workplace:
-    if scenario.experiment == "surface":
-        return prepare_surface(scenario).place
-    return place_force(scenario)
+    return prepare_surface(scenario).place if scenario.experiment == "surface" else place_force(scenario)
 
 
 def _figures(task: Task, scenario: Scenario, place: Workplace, run: CellRun) -> Row:
@@ -151,12 +149,7 @@ class _Memory:
 
 _PLACES, _PARTS = _Memory(), _Memory()
 
-_NOTHING: Final[Row] = dict.fromkeys(
-    (
-        "settling_1n_s", "overshoot_n", "rms_error_n", "p95_error_n", "max_error_n", "peak_force_n", "contact_lost_s",
-        "mean_error_n", "std_n", "oscillation_n", "peaks_error_n", "slowed",
-    )
-) | {"stable": False}  # fmt: skip
+_NOTHING: Final[Row] = dict.fromkeys((*FIGURES, "peaks_error_n", "slowed")) | {"stable": False}
 
 
 ROWS: Final = "rows.jsonl"

@@ -80,12 +80,7 @@ def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
 
 
 def run_score(
-    cases: Sequence[Case],
-    entries: Sequence[Entry],
-    seeds: int,
-    folder: Path,
-    heard: Heard,
-    workers: int | None = None,
+    cases: Sequence[Case], entries: Sequence[Entry], seeds: int, folder: Path, heard: Heard, workers: int | None = None
 ) -> Score:
     """Measure all rows that are not there yet; Ctrl-C ends it early with what is there.
 
@@ -97,9 +92,13 @@ def run_score(
     rows = {task: row for task in tasks if (row := journal.row(task)) is not None}
     missing = [task for task in tasks if task not in rows]
     interrupted = False
+
+    def group_of(task: Task) -> object:
+        return setup_key(task.scenario)
+
     heard(len(rows), len(tasks), None)
     try:
-        with closing(work_off(missing, measure_row, _group_of, workers or os.cpu_count() or 1)) as results:
+        with closing(work_off(missing, measure_row, group_of, workers or os.cpu_count() or 1)) as results:
             for result in results:
                 if result.value is not None:
                     journal.add(result.task, result.value)
@@ -121,10 +120,6 @@ def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Ent
     if separator and Path(file).is_file():  # one that is missing is named as it was given
         name = f"{Path(file).resolve()}:{class_name}"
     return Entry(label, name, tuple(settings))
-
-
-def _group_of(task: Task) -> object:
-    return setup_key(task.scenario)
 
 
 def _told(task: Task | None, trouble: str | None) -> str | None:
