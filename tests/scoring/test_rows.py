@@ -119,7 +119,7 @@ def test_a_user_s_controller_that_fails_is_a_protective_stop_and_not_stable(tmp_
 def test_a_case_that_cannot_be_set_up_says_so_and_has_no_figures() -> None:
     far = Case("far", "out of reach", "force", ("part.pose=[3.0, 0.0, 0.0, 0.0, 0.0, 0.0]",))
     row = measure_row(Task(far, PI, 0))
-    assert row["protective_stop"].startswith("not run: the robot cannot do this path")
+    assert row["protective_stop"].startswith("not run: the part cannot stand at the pose asked for")
     assert not row["stable"]
     assert row["max_error_n"] is None
 
