@@ -56,14 +56,7 @@ def prepare_arc(scenario: Scenario | None = None, observer: Observer | None = No
 
 
 def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
-    """Follow the circle and measure speed and distance from it.
-
-    Args:
-        scenario: The scenario; part, plan, pad and spindle play no role.
-        observer: Receives the progress.
-
-    Returns:
-        Log, trace and figures.
+    """Follow the circle and measure speed and distance from it; part, plan, pad and spindle play no role.
 
     Raises:
         ReachError: If the arm cannot do the circle.

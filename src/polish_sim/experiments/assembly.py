@@ -80,17 +80,9 @@ def modelled_depth(scenario: Scenario, force: float) -> float:
 
 
 def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float, lift: float) -> Cell:
-    """Set the cell up for a path.
+    """Set the cell up for a path on a part of ``build_part``, not yet run; its host believes its calibrated payload.
 
-    Args:
-        scenario: The scenario.
-        place: Part, path and reach.
-        part: What the pad touches, see ``build_part``.
-        hold: Time to stay at the end of a stroke [s].
-        lift: Height of the retract [m]; 0 for none.
-
-    Returns:
-        The cell, not yet run; its host believes the payload it has calibrated.
+    The tool stays ``hold`` [s] at the end of a stroke and is lifted by ``lift`` [m]; 0 for no retract.
     """
     streams = random_streams(scenario.seed)
     strokes = polishing_strokes(within_noise(scenario, place.mesh.noise), place.path, place.reach, hold, lift)
@@ -122,11 +114,7 @@ ON_PART: Final = ("force", "surface", "dual")
 
 
 def check_settings(scenario: Scenario, plans: bool) -> None:
-    """Refuse a scenario that could not be run on any part.
-
-    Args:
-        scenario: What is to be run.
-        plans: Whether a path is planned over the part's region.
+    """Refuse a scenario that could not be run on any part, or whose path could not be planned on any (``plans``).
 
     Raises:
         PolishSimError: Naming what is wrong and what to do.
@@ -148,11 +136,7 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
 
 
 def check_force(scenario: Scenario, path: ToolPath | None) -> None:
-    """Refuse a force that pad, head and guards cannot bear.
-
-    Args:
-        scenario: What is to be run.
-        path: A path made before, which may say its own forces; None if it is planned.
+    """Refuse a force that pad, head and guards cannot bear; a ``path`` made before may say its own forces.
 
     Raises:
         ConfigError: Naming the limit that is broken.

@@ -50,14 +50,7 @@ class ForceTask(NamedTuple):
 
 
 def place_force(scenario: Scenario, observer: Observer | None = None) -> Workplace:
-    """Load the part, choose the point to press on and check the reach.
-
-    Args:
-        scenario: The scenario.
-        observer: Receives the progress.
-
-    Returns:
-        The workplace; its path is one point with the way down to it.
+    """Load the part, choose the point to press on and check the reach; the path is one point with the way down to it.
 
     Raises:
         PolishSimError: If the part cannot be used or the point not reached.
@@ -75,18 +68,7 @@ def place_force(scenario: Scenario, observer: Observer | None = None) -> Workpla
 
 
 def prepare_force(scenario: Scenario, observer: Observer | None = None) -> ForceTask:
-    """Load the part, choose the point, check the reach and set the cell up.
-
-    Args:
-        scenario: The scenario.
-        observer: Receives the progress.
-
-    Returns:
-        The cell, not yet run.
-
-    Raises:
-        PolishSimError: If the part cannot be used or the point not reached.
-    """
+    """Load the part, choose the point, check the reach and set the cell up, not yet run; raises as `place_force`."""
     observer = observer or Silent()
     place = place_force(scenario, observer)
     observer.stage("prepare the cell")
@@ -95,27 +77,15 @@ def prepare_force(scenario: Scenario, observer: Observer | None = None) -> Force
 
 
 def check_force_point(scenario: Scenario, observer: Observer | None = None) -> CheckedPath:
-    """The point to press on and how the arm reaches it, the cell set up but not run.
-
-    Raises:
-        PolishSimError: If the part cannot be used or the point not reached.
-    """
+    """The point to press on and how the arm reaches it, the cell set up but not run; raises as `place_force`."""
     task = prepare_force(scenario, observer)
     return CheckedPath(task.path, task.reach)
 
 
 def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult:
-    """Press on one point, hold, and measure the step response from first contact.
+    """Press on one point, hold, and measure the step response from first contact; raises as `place_force`.
 
-    Args:
-        scenario: The scenario; the path's pattern and feed play no role. The default leaves the spindle off.
-        observer: Receives the progress.
-
-    Returns:
-        Log, trace and figures.
-
-    Raises:
-        PolishSimError: If the part cannot be used or the point not reached.
+    The path's pattern and feed play no role. The default leaves the spindle off.
     """
     observer = observer or Silent()
     cell, path, reach = prepare_force(scenario, observer)

@@ -85,32 +85,17 @@ class PlacedTool(NamedTuple):
 
 
 def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: float, lift: float) -> list[Stroke]:
-    """The strokes of a path on a part that stands still, see ``placed_strokes``.
-
-    Args:
-        scenario: Force, feed, approach.
-        path: The path, work frame, not pressed.
-        reach: Placement and tool spin.
-        hold: Time to stay at the end of a stroke [s].
-        lift: Height of the retract [m]; 0 for none.
-    """
+    """The strokes of a path on a part that stands still, see ``placed_strokes``."""
     rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
     arm = build_arm(np.eye(4), tool_on_flange(), reach.q_start)
     return placed_strokes(scenario, path, PlacedTool(reach.T_base_work, rotations, arm), hold, lift)
 
 
 def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float) -> list[Stroke]:
-    """The strokes of a path: for each stretch in contact the way down to it and the stretch itself, pressed in.
+    """The strokes of a path, base frame: for each stretch in contact the way down to it and the stretch, pressed in.
 
-    Args:
-        scenario: Force, feed, approach.
-        path: The path, work frame, not pressed.
-        placed: Where it is, and how the tool stands.
-        hold: Time to stay at the end of a stroke [s].
-        lift: Height of the retract [m]; 0 for none.
-
-    Returns:
-        The strokes in order, in the base frame.
+    The path is in the work frame, not pressed. The tool stays ``hold`` [s] at the end of a stroke and is lifted by
+    ``lift`` [m]; 0 for no retract.
     """
     process, depths, rotations = scenario.process, pressing_depths(scenario, path), placed.rotations
     if process.tare not in TARES:
@@ -171,9 +156,7 @@ def stretches_in_contact(path: ToolPath) -> list[tuple[int, int]]:
 def path_done(path: ToolPath, fed_s: Array) -> float:
     """Share of the path in contact that was fed along, 0 to 1.
 
-    Args:
-        path: The path.
-        fed_s: Arc length of the plan at the steps of the process phase [m], shape (n,).
+    ``fed_s`` (n,) [m] is the arc length of the plan at the steps of the process phase.
     """
     if not len(fed_s):
         return 0.0
@@ -235,16 +218,9 @@ class RealShape(NamedTuple):
 
 
 def real_shape(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath) -> RealShape:
-    """Load the real part's mesh, if the scenario names one, and check that it is where the path is.
+    """Load the real part's mesh, if the scenario names one, and check that it is where the path on the nominal one is.
 
-    Args:
-        scenario: Names the real part; it is read as the nominal one is.
-        mesh: The nominal part.
-        surface: Its surface.
-        path: The path planned on it.
-
-    Returns:
-        The shape; without a mesh of its own the nominal one.
+    It is read as the nominal one is, which is the shape if none is named.
 
     Raises:
         MeshError: If it cannot be read, or does not lie where the drawing says.
@@ -261,14 +237,7 @@ def real_shape(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolP
 def touched(shape: RealShape, path: ToolPath, pad_radius: float, depth: float) -> Touch:
     """Where the pad goes: on the path, and where the real surface lies above or below it, there too.
 
-    Args:
-        shape: The real part.
-        path: The path on the nominal one.
-        pad_radius: Radius of the pad [m].
-        depth: How deep the part is to be modelled [m].
-
-    Returns:
-        Places and axes.
+    The part is to be modelled ``depth`` [m] deep.
     """
     positions, axes = path.positions_work[path.process], path.axes_work[path.process]
     if not shape.given:
@@ -280,13 +249,7 @@ def touched(shape: RealShape, path: ToolPath, pad_radius: float, depth: float) -
 def shape_figures(shape: RealShape, path: ToolPath) -> dict[str, Any]:
     """How far the real part, before it is displaced and bent, lies from the drawing along the path.
 
-    Args:
-        shape: The real part.
-        path: The path on the nominal one.
-
-    Returns:
-        ``real_part``: lowest and highest place above the path [m] and what its mesh needed; empty without a mesh of
-        its own.
+    ``real_part``: lowest and highest place above the path [m] and what its mesh needed; empty without its own mesh.
     """
     if not shape.given:
         return {}

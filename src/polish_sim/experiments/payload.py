@@ -82,13 +82,8 @@ def run_payload_calibration(
 ) -> PayloadCalibration:
     """Visit poses in free space, return to the first, and estimate tool and bias from readings at rest.
 
-    Args:
-        scenario: Sensor, robot and ``payload`` section; part, plan, process and spindle play no role.
-        drift: Whether to fit a linear drift of the bias.
-        observer: Receives the progress.
-
-    Returns:
-        Readings, estimate and figures, the latter against the truth.
+    Part, plan, process and spindle play no role; with ``drift`` a linear drift of the bias is fitted too. The figures
+    are against the truth.
 
     Raises:
         CalibrationError: If the readings do not tell the tool.
@@ -220,15 +215,11 @@ def idle_force(cell: Cell, rng: np.random.Generator) -> LongRun:
 
 
 def believe_tool(cell: Cell, rng: np.random.Generator) -> None:
-    """Let a cell's host learn its tool as the scenario's ``payload`` section says.
+    """Let the host of a cell, not yet run, learn its tool as the scenario's ``payload`` section says.
 
-    Without a file the tool is calibrated: this run's sensor, with its bias, noise, drift, filter and quantisation,
-    is read at rest in the poses of ``calibrate payload`` and the same estimator fits the readings. The arm's way
-    between the poses is not simulated; the drift of that time is.
-
-    Args:
-        cell: The cell, not yet run.
-        rng: Draws the noise of the calibration.
+    Without a file the tool is calibrated: this run's sensor, with its bias, noise, drift, filter and quantisation, is
+    read at rest in the poses of ``calibrate payload`` and the same estimator fits the readings. The arm's way between
+    the poses is not simulated; the drift of that time is.
 
     Raises:
         InputError: If the file cannot be used.

@@ -53,14 +53,10 @@ class Failure(NamedTuple):
 
 
 def tool_rotations(axes_base: Array, spin: float) -> Array:
-    """Tool frames with z against the given axes and a spin that follows no turn of the path.
+    """Tool frames R_base_tool (n, 3, 3) with z against unit axes (n, 3) from the part to the tool.
 
-    Args:
-        axes_base: Unit axes from the part to the tool, shape (n, 3).
-        spin: Turn of tool x about the tool axis, from the base's x direction [rad].
-
-    Returns:
-        R_base_tool, shape (n, 3, 3). A spin along the feed would wind the last joint up, turn after turn.
+    ``spin`` turns tool x about the tool axis, from the base's x direction [rad]. It follows no turn of the path: a
+    spin along the feed would wind the last joint up, turn after turn.
     """
     return rotations_towards(axes_base, spin_direction(axes_base, spin))
 
@@ -239,12 +235,7 @@ EVERY: Final = 0.002
 
 
 def check_shaft(path: ToolPath, surface: Surface, clearance: float) -> None:
-    """Refuse a path on which the shaft comes too close to the part the pad works on.
-
-    Args:
-        path: Where the pad goes.
-        surface: The part.
-        clearance: What the shaft keeps from it [m].
+    """Refuse a path on which the shaft comes closer than a clearance [m] to the part the pad works on.
 
     Raises:
         PlanError: Says where.

@@ -155,13 +155,8 @@ def check_experiment(
 ) -> CheckedPath:
     """Plan the path of an experiment and check that the arm can do it, without simulating anything.
 
-    Args:
-        scenario: The scenario.
-        plan: A plan made before, where the experiment runs along one; planned if not given.
-        observer: Hears of the progress.
-
-    Returns:
-        The path (of ``arc`` in the base frame, else in the work frame) and its reach.
+    ``plan`` is one made before, where the experiment runs along one; planned if not given. The path of ``arc`` is in
+    the base frame, others are in the work frame.
 
     Raises:
         PolishSimError: If the scenario cannot be run.
@@ -171,15 +166,9 @@ def check_experiment(
 
 
 def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
-    """Run the experiment a scenario names.
+    """Run the experiment a scenario names, on a ``plan`` made before if one is given.
 
-    Args:
-        scenario: The scenario.
-        plan: A plan made before, where the experiment runs along one; planned if not given.
-        observer: Hears of the progress.
-
-    Returns:
-        The finished run; a protective stop or an interrupt is noted there, not raised.
+    A protective stop or an interrupt is noted in the finished run, not raised.
 
     Raises:
         PolishSimError: If the scenario cannot be run.

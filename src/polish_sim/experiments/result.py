@@ -37,17 +37,11 @@ class RunResult:
 
 
 def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None) -> dict[str, Any]:
-    """Figures every experiment reports.
+    """Figures every experiment reports; ``path_done`` is the share of the path (or of the holding time), 0 to 1.
 
-    Args:
-        run: The run.
-        scenario: Its scenario.
-        path_done: Share of the path (or of the holding time) that was done, 0 to 1.
-        T_base_work: Nominal pose of the part, shape (4, 4), or None without a part.
-
-    Returns:
-        path_done, protective_stop, what ``SafetyRecord`` names, peak_force_n (of the whole run), interrupted,
-        T_base_work, simulated_s, wall_s, real_time_factor, steps, seed.
+    ``T_base_work`` (4, 4) is the nominal pose of the part, None without one. They are path_done, protective_stop,
+    what ``SafetyRecord`` names, peak_force_n (of the whole run), interrupted, T_base_work, simulated_s, wall_s,
+    real_time_factor, steps, seed.
     """
     simulated = run.steps * scenario.simulation.timestep_s
     return {

@@ -48,16 +48,9 @@ def patience(robot: RobotConfig) -> float:
 
 
 def plan_visit(q: Array, settle: float, average: float, patience: float = 1.0) -> Visit:
-    """Through poses, standing still in each.
+    """A way through poses ``q`` (n, 6) [rad] in time, standing still in each: ``settle``, then ``average`` [s].
 
-    Args:
-        q: Joint angles of the poses [rad], shape (n, 6).
-        settle: Time to stand still before readings are taken [s].
-        average: Time over which they are taken [s].
-        patience: Factor on the time of the ways [-].
-
-    Returns:
-        The way, the tool's path as a function of time.
+    ``patience`` is a factor on the time of the ways [-].
     """
     rows, windows, now = [q[:1]], [], START_S
     times: list[Array] = [np.zeros(1)]

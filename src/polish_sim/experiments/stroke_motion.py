@@ -87,15 +87,9 @@ def check_stroke_rule(scenario: Scenario) -> None:
 
 
 def stroke_motion(scenario: Scenario, stroke: StrokePath, arm: Arm | None) -> TimedPath | None:
-    """Smooth a stroke with the scenario's rule.
+    """Smooth a stroke with the scenario's rule; None if the stroke stays at one place.
 
-    Args:
-        scenario: Rule, tolerances and limits.
-        stroke: The stroke.
-        arm: The robot; None: only the tool's limits count.
-
-    Returns:
-        The motion; None if the stroke stays at one place.
+    Without an arm only the tool's limits count.
 
     Raises:
         InputError: The rule is not known.
@@ -205,15 +199,11 @@ class FedStroke(NamedTuple):
 
 
 def feed_figures(strokes: Sequence[FedStroke]) -> dict[str, float]:
-    """Figures of the time law of all strokes.
+    """Figures of the time law of all strokes, in order.
 
-    Args:
-        strokes: The strokes in order.
-
-    Returns:
-        motion_time_s: of the strokes in contact; feed_kept: share of the way at ``KEPT`` of the feed or more;
-        feed_least_m_s and feed_least_at_m: least feed away from the strokes' ends, and the first place on the path
-        with it.
+    motion_time_s: of the strokes in contact; feed_kept: share of the way at ``KEPT`` of the feed or more;
+    feed_least_m_s and feed_least_at_m: least feed away from the strokes' ends, and the first place on the path with
+    it.
     """
     times, lengths, kept, slowest = 0.0, 0.0, 0.0, (math.nan, math.nan)
     for motion, start, feed in strokes:
@@ -252,13 +242,8 @@ def feed_of_strokes(strokes: Sequence[Stroke]) -> dict[str, float]:
 def time_law(scenario: Scenario, path: ToolPath) -> dict[str, float]:
     """``feed_figures`` of a path on the part without a robot: limits of the tool alone, the path not pressed in.
 
-    Args:
-        scenario: Feed, smoothing.
-        path: The path.
-
-    Returns:
-        The figures, and smoothed_off_max_m and smoothed_axis_off_max_rad: how far the motion is from the path, lead-ins
-        and lead-outs left out; undefined ones for a path that cannot be smoothed.
+    And smoothed_off_max_m and smoothed_axis_off_max_rad: how far the motion is from the path, lead-ins and lead-outs
+    left out. Figures are undefined for a path that cannot be smoothed.
     """
     strokes: list[FedStroke] = []
     off: list[tuple[float, float]] = [(0.0, 0.0)]

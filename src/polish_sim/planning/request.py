@@ -20,11 +20,6 @@ DIRECTIONS: Final = ("climb", "conventional")
 def check_asked(part: PartConfig, plan: PlanConfig, pad: PadConfig) -> None:
     """Refuse a request no part could meet, before anything is loaded.
 
-    Args:
-        part: File, unit, side turned up.
-        plan: Region, pattern, step-over.
-        pad: The pad.
-
     Raises:
         InputError: An unknown name.
         PlanError: A step-over wider than the pad.
@@ -36,10 +31,6 @@ def check_asked(part: PartConfig, plan: PlanConfig, pad: PadConfig) -> None:
 
 def check_part_words(part: PartConfig, plan: PlanConfig) -> None:
     """Refuse unknown names of part, unit, side and region before the part is loaded.
-
-    Args:
-        part: File, unit, side turned up.
-        plan: Region.
 
     Raises:
         InputError: Naming what is valid.
@@ -67,11 +58,7 @@ def check_plan_words(plan: PlanConfig) -> None:
 
 
 def check_stepover(plan: PlanConfig, pad: PadConfig) -> None:
-    """Refuse a step-over wider than the pad.
-
-    Raises:
-        PlanError: It is.
-    """
+    """Refuse a step-over wider than the pad with a PlanError."""
     diameter = 2.0 * pad.radius_m
     if plan.stepover_m > diameter:
         raise PlanError(

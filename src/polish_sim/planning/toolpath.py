@@ -68,14 +68,7 @@ class ToolPath:
 
 
 def arc_length(positions: Array) -> Array:
-    """Sum the chords of a polyline.
-
-    Args:
-        positions: Points [m], shape (n, 3).
-
-    Returns:
-        Length from the first point [m], shape (n,).
-    """
+    """Length of a polyline (n, 3) [m] from its first point, along its chords [m], shape (n,)."""
     chords = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(chords)])
 
@@ -83,12 +76,7 @@ def arc_length(positions: Array) -> Array:
 def pressed(path: ToolPath, depth: float | Array) -> ToolPath:
     """Move the process points into the part against the tool axis: D = F / k (paper 1, section 1.5).
 
-    Args:
-        path: A path on the surface.
-        depth: D [m], positive into the part; one for all points or one each, shape (n,).
-
-    Returns:
-        The nominal path that presses; lead-in and lead-out stay where they are.
+    ``depth`` is D [m], positive into the part, one for all points or (n,). Lead-in and lead-out stay where they are.
     """
     moved = path.positions_work - np.where(path.process, depth, 0.0)[:, None] * path.axes_work
     return replace(path, positions_work=moved, s=arc_length(moved))

@@ -29,20 +29,11 @@ PER_WINDOW = 64
 
 
 def lean(normals: Array, tangents: Array, lead: float, tilt: float) -> Array:
-    """Turn the normals by a lead angle towards the feed and a tilt angle to its left.
+    """Turn unit normals (n, 3) by an angle ``lead`` [rad] towards the feed and ``tilt`` [rad] to its left: tool axes.
 
     A positive lead tips the tool's body forward, the way it is fed, so that the pad's heel presses more; a positive
     tilt tips it to the left of the feed seen from outside. Each angle is seen square to the other one's plane: the
-    axis is n + tan(lead) t + tan(tilt) (n x t).
-
-    Args:
-        normals: Unit outward normals, shape (n, 3).
-        tangents: Feed directions, shape (n, 3).
-        lead: Angle [rad].
-        tilt: Angle [rad].
-
-    Returns:
-        Unit tool axes from the part to the tool, shape (n, 3).
+    axis is n + tan(lead) t + tan(tilt) (n x t), t the feed directions (n, 3).
     """
     along = unit(tangents - normals * (tangents * normals).sum(axis=1, keepdims=True))
     across = np.cross(normals, along)
@@ -50,15 +41,9 @@ def lean(normals: Array, tangents: Array, lead: float, tilt: float) -> Array:
 
 
 def soften_creases(normals: Array, s: Array, reach: float) -> Array:
-    """Let the axis turn over a crease on a stretch instead of at a point; elsewhere it stays the normal.
+    """Let the axis turn over a crease on a stretch instead of at a point; elsewhere it stays the normal (n, 3).
 
-    Args:
-        normals: Unit normals along the path, shape (n, 3).
-        s: Arc length [m], shape (n,).
-        reach: The turn begins and ends this far from the crease [m].
-
-    Returns:
-        Unit axes, shape (n, 3).
+    Along arc lengths ``s`` (n,) [m] the turn begins and ends ``reach`` [m] from the crease.
     """
     turn = np.linalg.norm(np.diff(normals, axis=0), axis=1)
     jumps = 0.5 * (s[1:] + s[:-1])[turn > CREASE]
@@ -76,18 +61,10 @@ def soften_creases(normals: Array, s: Array, reach: float) -> Array:
 
 
 def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: float) -> Array:
-    """Average the axes over a length of the path, no axis turned by more than a bound.
+    """Average unit tool axes (n, 3) along one run over a length [m] of the path; 0 leaves them as they are.
 
-    Args:
-        axes: Unit tool axes along one run, shape (n, 3).
-        normals: Unit surface normals there, shape (n, 3).
-        s: Arc length [m], shape (n,).
-        length: Length over which is averaged [m]; 0 leaves the axes as they are.
-        bound: Largest angle between an axis and its smoothed one [rad]. It is tightened where the axis would
-            otherwise lean further than `STEEPEST` from the normal, so that smoothing turns no tool into the part.
-
-    Returns:
-        Unit axes, shape (n, 3).
+    No axis is turned by more than ``bound`` [rad], less where it would otherwise lean further than `STEEPEST` from
+    the surface's normal, so that smoothing turns no tool into the part. ``s`` (n,) [m] are the arc lengths.
     """
     if length <= 0.0 or bound <= 0.0:
         return axes
@@ -135,14 +112,7 @@ class Stroke(NamedTuple):
 def give_axes(run: SurfaceRun, surface: Surface, plan: PlanConfig, first_pass: int) -> Stroke:
     """Set the tool on a run: along the normal, softened over creases, leaned by lead and tilt, smoothed.
 
-    Args:
-        run: Points on the surface, in the direction they are walked.
-        surface: The surface.
-        plan: Lead, tilt, smoothing.
-        first_pass: Number of the first of its passes.
-
-    Returns:
-        The stroke.
+    The run is in the direction it is walked; ``first_pass`` numbers the first of its passes.
     """
     s = arc_length(run.positions)
     tangents = unit(np.gradient(run.positions, axis=0))

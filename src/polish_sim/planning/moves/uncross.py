@@ -63,15 +63,7 @@ class Cut(NamedTuple):
 
 
 def uncross(runs: Sequence[tuple[SurfaceRun, Surface]], stepover: float) -> Uncrossed:
-    """Cut a short stretch out of one of two strands wherever runs cross.
-
-    Args:
-        runs: Finished runs and the surface each lies on.
-        stepover: [m].
-
-    Returns:
-        The runs, and where they were cut.
-    """
+    """Cut a short stretch out of one of two strands wherever finished runs cross; tells where they were cut."""
     items = [OnSurface(run, surface, k) for k, (run, surface) in enumerate(runs)]
     places = np.empty((0, 3))
     for number in range(ROUNDS):

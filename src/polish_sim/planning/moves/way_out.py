@@ -40,18 +40,10 @@ def height_to_keep(part: Surface, tops: Array, clearance: float) -> float:
 
 
 def way_out(part: Surface, ball: Ball, point: Array, axis: Array, up: Array, kept: float) -> Array | None:
-    """Find a straight way from a place to outside the ball around the part.
+    """Find a straight way from a lifted tool at ``point`` (3,) [m] to outside the ball around the part.
 
-    Args:
-        part: The whole part.
-        ball: Around it.
-        point: Where the lifted tool is [m], shape (3,).
-        axis: Its unit axis, away from the part, shape (3,).
-        up: Unit vector away from the table, shape (3,).
-        kept: Distance from the part to keep [m].
-
-    Returns:
-        A unit direction, shape (3,): up if that is free, else the axis, else the one nearest to it; None without any.
+    Returns a unit direction (3,): up if that is free, else the tool's axis, else the one nearest to it; None without
+    any. The tool keeps ``kept`` [m] from the part.
     """
     if kept <= 0.0:
         return None
@@ -90,16 +82,9 @@ RIM_POINTS = 24
 
 
 def rim_depths(surface: Surface, positions: Array, axes: Array, radius: float) -> Array:
-    """How deep the middle or the rim of the pad's face stands in the part.
+    """How deep the middle or the rim of the pad's face stands in the part [m], 0 where it is clear, shape (n,).
 
-    Args:
-        surface: The part.
-        positions: Tool points [m], shape (n, 3).
-        axes: Unit tool axes, shape (n, 3).
-        radius: The pad's [m]; 0 looks at the tool point only.
-
-    Returns:
-        Depths [m], 0 where it is clear, shape (n,).
+    Tool points and unit axes are (n, 3) each; a ``radius`` of 0 looks at the tool point only.
     """
     points = positions[:, None]
     if radius > 0.0:

@@ -42,15 +42,9 @@ class Contacts(NamedTuple):
 def _crossings_through_contacts(
     chords: Segments, i: Indices, j: Indices, proper: Bools, contact: Bools, places: Array
 ) -> Contacts:
-    """Judge every chain of contacts.
+    """Judge every chain of contacts between segments ``i`` and ``j`` (n,) [m], the second one later along the path.
 
-    Args:
-        chords: The segments.
-        i: First segment of each pair, shape (n,).
-        j: Second one, later along the path, shape (n,).
-        proper: Pairs that cross each other's inside, shape (n,).
-        contact: Pairs that meet in any other way, shape (n,).
-        places: Where [m], shape (n, 3).
+    ``proper`` pairs cross each other's inside, ``contact`` pairs meet in any other way, at ``places`` (n, 3) [m].
     """
     rows = np.flatnonzero(proper | contact)
     label = _chains(chords, i[rows], j[rows])
@@ -205,14 +199,7 @@ def count_self_crossings(runs: Sequence[Curve]) -> int:
 
 
 def find_crossings(runs: Sequence[Curve]) -> Crossings:
-    """Find every place where runs cross themselves or each other.
-
-    Args:
-        runs: Each run in contact, an open curve.
-
-    Returns:
-        The crossings; none without runs.
-    """
+    """Find every place where runs in contact, open curves, cross themselves or each other."""
     if not runs:
         return Crossings(np.empty((0, 3)))
     chords = segments_of(runs)
@@ -250,9 +237,8 @@ def _near_pairs(chords: Segments) -> tuple[Indices, Indices]:
 def _classify(chords: Segments, i: Indices, j: Indices) -> tuple[Indices, Bools, Array]:
     """How pairs lie to each other in the plane across their mean normal.
 
-    Returns:
-        On which side of the other segment's line i's ends and j's ends lie, (n, 4) of -1, 0 and 1; whether the
-        segments come within a micron of each other, on the same sheet and side; where [m], (n, 3).
+    Returns on which side of the other segment's line i's ends and j's ends lie, (n, 4) of -1, 0 and 1; whether the
+    segments come within a micron of each other, on the same sheet and side; where [m], (n, 3).
     """
     mean_i = unit(chords.start_normals[i] + chords.end_normals[i])
     mean_j = unit(chords.start_normals[j] + chords.end_normals[j])

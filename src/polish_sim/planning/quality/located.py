@@ -52,13 +52,7 @@ class PathOnSurface(NamedTuple):
 def locate(ground: Ground, path: ToolPath, process: ProcessConfig | None = None) -> PathOnSurface:
     """Find the surface under the points in contact, and between them where they lie far apart.
 
-    Args:
-        ground: The region.
-        path: The path; its own forces and feeds count before those of the process.
-        process: Force and feed.
-
-    Returns:
-        The path in contact.
+    The path's own forces and feeds count before those of the process.
 
     Raises:
         PlanError: No two neighbouring points are in contact.

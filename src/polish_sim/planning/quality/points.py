@@ -38,15 +38,7 @@ class PointGrid(NamedTuple):
 
 
 def build_point_grid(points: Array, cell: float) -> PointGrid:
-    """Sort points into cells.
-
-    Args:
-        points: Where they are [m], shape (n, 3), at least one.
-        cell: Wanted side of a cell [m]; larger where the points spread too far for it.
-
-    Returns:
-        The grid.
-    """
+    """Sort points (n, 3) [m], at least one, into cells of a side [m]; larger ones where they spread too far for it."""
     low = points.min(axis=0)
     spread = points.max(axis=0) - low
     cell = max(cell, float(spread.max()) / MOST_ACROSS, 1e-9)
@@ -68,15 +60,7 @@ class Thinned(NamedTuple):
 
 
 def thin(points: Array, spacing: float) -> Thinned:
-    """Keep points no closer than a spacing to each other, every other one within it of one kept.
-
-    Args:
-        points: [m], shape (n, 3).
-        spacing: [m].
-
-    Returns:
-        The choice.
-    """
+    """Keep points (n, 3) [m] no closer than a spacing [m] to each other, every other one within it of one kept."""
     grid = build_point_grid(points, spacing)
     cells = ((points - grid.low) / grid.cell).astype(np.int64)
     kept = np.flatnonzero(_keep(points, cells, grid.size, spacing))

@@ -42,14 +42,9 @@ class Stepover(NamedTuple):
 
 
 def measure_stepover(runs: Sequence[Curve], stepover: float) -> Stepover:
-    """Distances from points of the path to the adjacent turn on either side.
+    """Distances from points of the path's runs in contact to the adjacent turn on either side.
 
-    Args:
-        runs: Each run in contact, an open curve.
-        stepover: What was planned, or expected [m].
-
-    Returns:
-        The distribution.
+    ``stepover`` [m] is what was planned, or expected.
     """
     strands = Strands(runs)
     path = strands.sample(stepover / SAMPLES)
@@ -193,14 +188,7 @@ LOOP = 3.0
 
 
 def guess_stepover(path: ToolPath) -> float | None:
-    """Median distance between neighbouring turns of a path.
-
-    Args:
-        path: Any path.
-
-    Returns:
-        The distance [m]; None if no stretch of it runs beside another.
-    """
+    """Median distance between neighbouring turns of a path [m]; None if no stretch of it runs beside another."""
     index = np.flatnonzero(path.process)
     stretches = [
         rows
