@@ -21,7 +21,6 @@ from polish_sim.motion.trajectory import PathTable, sample_column, sample_path
 from polish_sim.spatial import rotation_from_quaternion
 
 Ints = NDArray[np.int64]
-
 SPACING = 0.0005  # of the rows [m]
 REACH = 1.5  # step-overs within which a turn counts as neighbour
 APART = 2.5  # times that reach along the path: nearer places are the same strand

@@ -27,7 +27,6 @@ LATENCY_S = 0.040
 SLOW = 0.5
 NOISE_TIMES, FRICTION_TIMES = 10.0, 2.0
 _AWAY_M = 10.0  # where a missing part goes: out of reach
-
 Inject = Callable[[CellKernel], None]
 
 

@@ -9,7 +9,6 @@ from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError
 
 TURNS_PER_STEP = 0.2  # of the spindle, at most: its imbalance must be seen five times a turn
-
 LEAST_ROOM = 1.2  # of the force at which the robot stops over the force it is to hold
 
 

@@ -100,7 +100,6 @@ def interrupts_noted(observer: Observer | None = None) -> Iterator[Interrupt]:
 # A user's Python controller as a law the compiled loop can call.
 
 EXPECTED: Final = "(6,), or (7,) with the feed's share"  #: Shape of an answer
-
 _CALLBACK = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)
 
 

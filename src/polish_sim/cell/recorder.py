@@ -17,7 +17,6 @@ from polish_sim.log import Trace, row_layout, row_width
 from polish_sim.spatial import quaternion_from_rotation, rotation_angle
 
 ROW_WIDTH = row_width()
-
 _AT = {name: start for name, (start, _width) in row_layout().items()}
 # Constants, because a compiled kernel cannot read a dictionary.
 _TIME, _Q, _QD, _TORQUE = _AT["time_s"], _AT["q_rad"], _AT["qd_rad_s"], _AT["torque_nm"]

@@ -32,7 +32,6 @@ from polish_sim.spatial import unit
 #
 # The force's impulse over each step is the sum over every physics step, so nothing of it depends on the log's rate.
 
-
 STEP = 0.02  # way of the pad in one step, in pad radii
 LONGEST_S, SHORTEST_S = 0.05, 0.001  # of a step
 
@@ -115,7 +114,6 @@ def _turned(rows: Array, turns: Rotation, moments: Array) -> Rotation:
 # The region is one conforming triangulation; what lies beside it and is pressed all the same is cut into small pieces.
 
 Ints = NDArray[np.int64]
-
 EDGE = 0.08  #: Longest edge of the nodes' triangles in pad radii; they lie about 0.6 of it apart
 ACROSS_BORDER = 0.5
 MOST_NODES = 300_000

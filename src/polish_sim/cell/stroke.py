@@ -13,7 +13,6 @@ from polish_sim.motion.trajectory import PathTable, sample_column, sample_path
 from polish_sim.spatial import rotation_from_quaternion
 
 TARE, TRAVEL, APPROACH, SEEK, TOUCH_DOWN, PROCESS, RETRACT, DONE = range(8)
-
 TARE_START = 0.15  # the robot stands still this long before the sensor is zeroed [s]
 TARE_TIME = 0.25  # readings averaged for zeroing [s]
 TOUCH_DOWN_TIME = 0.35  # from measured contact to the start of the feed [s]
@@ -93,7 +92,6 @@ LONGEST_RAMP = 0.5  # from rest to full speed along the path [s]
 BUILD_UP = 0.04  # in which the acceleration along the path is built up [s]
 FALL = 4.0  # times as fast as it rises the rate of the motion may fall
 TRAVEL_SPEED = 0.05  # between two strokes, in free space [m/s]
-
 TRAVEL_PACE = Pace(TRAVEL_SPEED, 0.5, 5.0)
 
 

@@ -27,7 +27,6 @@ HERTZ_OR_FULL: Final = Unit("Hz", 1.0, {"full": 0.0})
 DIAMETER: Final = Unit("mm", 0.5e-3)  #: A diameter in mm, where the key is a radius
 DIRECTION: Final = Unit("", 1.0)
 POSE: Final = (MM, MM, MM, DEG, DEG, DEG)
-
 PANELS: Final = (
     "Part and region",
     "Path",

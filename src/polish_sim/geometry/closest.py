@@ -11,9 +11,7 @@ from polish_sim.geometry.closest_on_patch import closest_on_patch, flat_distance
 from polish_sim.kernel_cache import njit
 
 LEAF_SIZE = 2
-
 BINS = 12  #: Places along each axis where a split is tried
-
 DEEPEST = 24  #: Beyond this depth nodes are halved, which bounds the depth of the whole tree to about 45
 
 

@@ -15,11 +15,8 @@ from polish_sim.arrays import Array, Ints
 from polish_sim.kernel_cache import njit
 
 CELLS = 8  #: Cells of a brick along each axis
-
 NODES = CELLS + 1  #: Nodes of a brick along each axis; neighbouring bricks share their outer ones
-
 OUTSIDE, INSIDE = -1, -2  #: Entries of the table where there is no brick
-
 _THREE, _SEVEN, _NODES = np.uint64(3), np.uint64(7), np.uint64(NODES)
 _X, _Y, _Z = np.uint64(NODES * NODES), np.uint64(NODES), np.uint64(1)
 

@@ -17,7 +17,6 @@ from polish_sim.kernel_cache import njit
 from polish_sim.spatial import perpendicular, unit
 
 SWEEPS = 6  #: Repetitions; the error left over shrinks about threefold with each
-
 _HEIGHT_WEIGHT = 9.0  # of a height against a slope, squared
 _QUADRATIC_RIDGE = 1e-6
 _CUBIC_RIDGE = 3e-2  # keeps the cubic terms small where there are too few neighbours

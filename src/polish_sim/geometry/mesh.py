@@ -21,9 +21,7 @@ from polish_sim.geometry.repair.shells import describe_crossing_facets, describe
 from polish_sim.geometry.repair.skin import NOISELESS, Noise, Skin, merge_vertices
 
 METRES_PER_UNIT = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254}  #: Length of one file unit [m]
-
 SMALLEST_PART = 5e-3  #: Largest extent of the smallest part one could polish [m]
-
 UNIT_WORDS = {
     **dict.fromkeys(("millimetre", "millimeter", "millimetres", "millimeters"), "mm"),
     **dict.fromkeys(("centimetre", "centimeter", "centimetres", "centimeters"), "cm"),
@@ -32,7 +30,6 @@ UNIT_WORDS = {
 }
 """Other words for the units, asked back."""
 LARGEST_PART = 2.0  #: Largest extent of the largest part [m]
-
 _ROUNDING = 1e-6  #: Of numbers in a file, relative
 
 

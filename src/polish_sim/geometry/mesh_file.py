@@ -19,7 +19,6 @@ from polish_sim.geometry.ply_file import is_ply, parse_ply
 from polish_sim.geometry.polygon import FileTriangles
 
 LARGEST_FILE = 600_000_000  #: Files larger than this are refused, so that memory does not run out [bytes]
-
 _COMPANIONS = {".mtl": "the materials of an OBJ file; name the .obj file itself"}
 _HEADER_BYTES = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

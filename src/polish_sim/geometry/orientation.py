@@ -17,19 +17,12 @@ from polish_sim.geometry.topology import Adjacency, facet_links, find_adjacency,
 # (most programs write the bottom first). From a dome with a hole in it many directions see as much: the one the whole
 # smooth surface looks in, its axis of symmetry if it has one, is taken before the others.
 
-
 _SAMPLE = 20_000  #: Facets from which candidate directions are drawn
-
 _LEADER_ANGLE = np.radians(23.7)  #: Every facet of the sample looks within this angle of a candidate [rad]
-
 _APART = np.radians(5.0)  #: Candidates closer than this are one [rad]
-
 _BUCKET = 1.05  #: Candidates whose bounds differ by less than this factor are tried in the order of the file
-
 _SAME = 1e-3  #: Areas this close are equal, relative
-
 _TRIES = 8  #: Candidates tried on the whole mesh at most
-
 _SHIFTS = 3  #: Times a direction is moved to the mean normal of what it sees
 
 
@@ -168,7 +161,6 @@ SIDES = {
 """Unit vectors of the six sides."""
 
 UP_CONE = np.radians(46.0)  #: A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does
-
 REST_ANGLE = np.radians(20.0)
 """A part rests on a flat face when that turns its largest smooth face away from straight up by no more [rad]."""
 

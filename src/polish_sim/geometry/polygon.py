@@ -11,7 +11,6 @@ from polish_sim.errors import MeshError
 from polish_sim.kernel_cache import njit
 
 MOST_CORNERS = 1000  #: Hollow polygons with more corners than this are not split
-
 LARGEST_CUT = 64  #: Convex polygons with more corners than this are split as a fan
 
 

@@ -100,7 +100,6 @@ def _read(path: Path, content: str) -> str:
 
 
 _ON_CONE = 1e-6  #: Corners whose normal is this close to the cone lie on its edge
-
 _POINT_REACH = 0.1  #: A chosen point may be off the part by this share of the part's size
 
 
@@ -198,7 +197,6 @@ def _flood(kept: Clipped, start: int) -> Clipped:
 
 
 _ON_OUTLINE = 1e-7  #: Vertices this close to an outline lie on it [m]
-
 _MOST_CORNERS = 1000
 
 

@@ -15,13 +15,9 @@ from polish_sim.geometry.regions.patches import connected
 from polish_sim.geometry.surface import Surface, enclosed, trace_border
 
 _SAMPLES_PER_REACH = 16.0  #: The border is sampled this densely, in shares of the distance of interest
-
 _CHORD_ERROR = 1e-6  #: The sampled border is this close to the curved one [m]
-
 _MOST_SAMPLES = 400_000
-
 _ARCS = 4  #: Pieces of the way to the border that are taken for circular arcs
-
 _NEAR = (0.6, 1.001)
 """Outside these shares of the distance of interest the straight distance, which is never too long, does."""
 
@@ -135,20 +131,14 @@ def _lengths_along(surface: Surface, starts: Array, ends: Array) -> Array:
 
 
 _FACETS_PER_MARGIN = 8.0  #: Facets that the new border crosses are cut down to this share of the margin where it bends
-
 _FACETS_ALONG = 1500.0  #: They are no smaller than this share of the border's length, however small the margin
-
 _STRAIGHT = 5e-3
 """Where the distance is linear over a facet up to this share of the margin, the new border runs straight there."""
 
 _ON_LINE = 1e-4  #: Corners this close to the new border lie on it, relative to the margin
-
 _ROUNDS = 40
-
 _ZERO_ROUNDS = 12
-
 _ZERO = 1e-7  #: Cut points are found to this share of the margin
-
 _HALVES = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
 
 

@@ -13,9 +13,7 @@ from polish_sim.geometry.surface import Surface, SurfacePoints, build_surface, c
 from polish_sim.geometry.topology import Adjacency, label_pieces
 
 OPEN_ANGLE = np.radians(80.0)  #: A patch lies open when its normals are within this angle of their mean [rad]
-
 _OPEN_SHARE = 0.995  #: This share of its area is enough
-
 SHARP_ANGLE = np.radians(60.0)  #: The tool does not go over creases that bend more, unless asked to [rad]
 
 

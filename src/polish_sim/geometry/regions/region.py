@@ -35,10 +35,8 @@ from polish_sim.geometry.surface import Surface, boundary_loops, connected_facet
 from polish_sim.geometry.topology import Adjacency
 
 Pick = Callable[[Whole, str], list[Clipped]]
-
 PLAIN: Mapping[str, Pick] = {"auto": pick_auto, "top": pick_top, "all": pick_all}
 WITH_ARGUMENT: Mapping[str, Pick] = {"point": pick_point, "box": pick_box, "polygon": pick_polygon, "faces": pick_faces}
-
 READERS: Mapping[str, Callable[[str], object]] = {
     "point": parse_point,
     "box": parse_box,

@@ -22,11 +22,8 @@ from polish_sim.geometry.topology import (
 )
 
 SLIVER = 1e-6  #: Facets lower than this share of the part's size have no meaningful normal
-
 NEEDLE = 0.1  #: A facet lower than this share of its longest edge is a needle
-
 ON_EDGE = 1e-5  #: A vertex closer to an edge than this share of the part's size lies on it
-
 _ROUNDS = 10
 _CALMER = 0.5  # the sharpest edge around must get this much smaller [rad / rad], so that creases stay where they are
 _DEEPEST = 0.03  # the new edge passes the old one at most at this share of its length

@@ -13,9 +13,7 @@ from polish_sim.geometry.topology import find_adjacency
 from polish_sim.spatial import unit
 
 NOISY = 0.01  #: A skin is noisy when its vertices scatter by more than this share of its edges about smooth pieces
-
 FEWEST_VERTICES = 500  #: Coarser parts are not looked at: what looks like noise may be their shape
-
 NEIGHBOURS = 32, 64, 128
 """Vertices a smooth piece is fitted to: the most about which they scatter no more than about few. The noise left is
 about sqrt(6 / neighbours) of what it was."""

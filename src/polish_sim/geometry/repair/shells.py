@@ -14,7 +14,6 @@ from polish_sim.geometry.repair.skin import Skin, place
 from polish_sim.geometry.topology import equal_pairs, facet_links, find_adjacency, label_pieces, sorted_half_edges
 
 MOST_FACETS = 400_000  #: Larger parts are not searched for crossing facets, for the time it takes
-
 _MOST_PAIRS = 100_000
 _SHOWN = 6
 _MOST_NESTED = 2000  # with more closed pieces than this none is taken for a hollow

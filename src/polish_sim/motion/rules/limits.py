@@ -17,7 +17,6 @@ from polish_sim.motion.rules.chain import Chain
 from polish_sim.spatial import apply, inverse
 
 MM, DEG = 1e-3, math.radians(1.0)
-
 JOINT_SPEED = math.radians(180.0)  #: UR5e, every joint, as the maker publishes it [rad/s]
 JOINT_ACCELERATION = 5.0
 """UR5e [rad/s^2]. The maker publishes torques (150 and 28 N m), no accelerations. This is the value the maker's own

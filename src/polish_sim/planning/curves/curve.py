@@ -16,7 +16,6 @@ from polish_sim.spatial import unit
 
 # Equal-distance stepping on a surface (paper 1, section 1.2, fig. 4): the one primitive all turns are built from.
 
-
 ITERATIONS = 20
 TOLERANCE_M = 1e-11
 

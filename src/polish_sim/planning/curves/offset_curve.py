@@ -22,7 +22,6 @@ from polish_sim.spatial import unit
 
 # Lines of equal value of a field on a triangulation, as ordered point lists (vertex values -> polylines).
 
-
 ROUNDING = 1e-6  #: Vertices above the level by no more than this share of the values' range lie on it
 
 
@@ -104,7 +103,6 @@ FINE_ENOUGH_M, COARSEST_OF_FINE = 5e-4, 1.0 / 4.0
 """Spacing no finer than this is needed but for curvature [m], up to this share of the step-over."""
 FINEST = 1.0 / 40.0  #: Shortest control-point spacing as a share of the step-over
 CHORD_ERROR = 1.0 / 4000.0  #: Chord error the spacing is adapted to, as a share of the step-over
-
 WHOLE = 1e-6  #: A count this little above a whole number is that number: rounding must not add a point
 BACK = 1e-6  #: Feet fall back only by more than this share of the distance; less is rounding
 ROUGHLY = 0.1  #: Lower bounds of distances may be too low by this share

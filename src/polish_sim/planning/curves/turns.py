@@ -18,11 +18,9 @@ from polish_sim.planning.ground.triangulation import Triangulation
 # A vertex is looked at only when the turns come near it: until then a lower bound of its distance is kept, and vertices
 # wait in the order in which their bounds fall due. So all turns together cost little more than a few looks per vertex.
 
-
 BEYOND = 0.6  #: Distances are exact up to this many step-overs beyond the next turn; edges are a third of one long
 SCOUTS = 1.5  #: Bounds far away are looked up for one vertex in each cell of so many step-overs
 FAR = 6.0  #: Vertices that only see turns on the other side of the part are thought to be so many step-overs away
-
 Waiting = dict[int, list[Indices]]  #: Vertices by the number of the turn at which they are to be looked at
 
 
@@ -127,12 +125,10 @@ def _select_rows(waiting: Waiting, chosen: Bools) -> Waiting:
 
 
 THIN = 1.1  #: What is left inside a turn needs another one if its middle is further away than this many step-overs
-
 EVEN = 0.5  #: A ring's width may vary by this many step-overs for turns to run from border to border
 AT_BORDER = 0.05
 """The first turn may be further from half a step-over inside the border by this share before turns are stretched."""
 STRETCH = 0.03  #: Turns of a ring may be further apart by this share of the step-over for one less of them to do
-
 Report = Callable[[float], None]
 
 

@@ -21,7 +21,6 @@ LEAD_SHARE = 1.0 / 3.0
 RAMP = np.radians(20.0)
 """Angle of the tangent lead-in to the surface [rad]."""
 SPACING_M = 1e-3
-
 LeadShape = Callable[[float], Array]
 """Maps a height [m] to points (distance back along the path, height above the part) [m], shape (n, 2), top first."""
 

@@ -17,7 +17,6 @@ from polish_sim.spatial import unit
 
 # The tool axis at every point: the normal, turned gradually over creases, leaned by lead and tilt, smoothed.
 
-
 CREASE = np.radians(4.0)
 """Between neighbouring points a smooth part never turns by as much [rad]."""
 SAMPLES = 32

@@ -20,7 +20,6 @@ from polish_sim.planning.curves.curve import Curve
 
 # How closed turns hang together: who is beside whom, and the tree of the longest of these contacts (turns -> Tree).
 
-
 SAMPLES = 4  #: Samples per step-over along the turns
 BESIDE = 1.3  #: Turns nearer than this many step-overs are neighbours
 APART = 2.3  #: Turns further apart than this many step-overs cannot be joined without a lift

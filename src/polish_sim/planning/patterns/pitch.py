@@ -17,7 +17,6 @@ from polish_sim.planning.curves.curve import Curve, Nearest
 
 # Which places of neighbouring turns lie beside each other (two nested turns -> pairs in order).
 
-
 ODD = 0.1  #: Feet whose distance differs from the step-over by more than this share belong to another turn
 ARM = 2.5  #: Where neighbouring turns are further apart than this many step-overs, one of them runs into an arm
 SAME = 2e-3  #: Pairs this near to each other, in step-overs, are one

@@ -28,7 +28,6 @@ from polish_sim.spatial import unit
 # The middle line is a plane section; every other one is the offset of its neighbour, so that lines keep their
 # distance on the surface, not in a projection.
 
-
 MOST = 1.55  #: The first and the last line run no more than so many step-overs inside the border
 REACH = 6.0  #: A line's ends are thought to go on straight for this many step-overs where its neighbour is longer
 ROUNDING = 1e-6  #: Differences below this share of a step-over, or of a length, are rounding and decide nothing

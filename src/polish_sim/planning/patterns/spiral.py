@@ -23,7 +23,6 @@ from polish_sim.planning.quality.crossings import count_self_crossings
 
 # Where a spiral steps from turn to turn: a line across all turns that keeps away from corners (turns -> seams).
 
-
 LONGEST, SHORTEST = 8.0, 2.5  #: Limits of the length of the first step inwards, in step-overs
 SHARE_OF_PATH = 0.03  #: The step takes this share of the whole path, within the limits
 SHARE_OF_TURN = 0.25  #: And at most this share of the first turn
