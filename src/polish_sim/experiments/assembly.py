@@ -107,10 +107,8 @@ def course_for(
 
 # Settings that are wrong for any part are refused before anything is loaded, planned or simulated.
 
-CONTROLLED: Final = ("arc", "force", "surface", "dual")
-"""Experiments in which a controller drives the cell."""
-ON_PART: Final = ("force", "surface", "dual")
-"""Those with a part to press on."""
+CONTROLLED: Final = ("arc", "force", "surface", "dual")  #: Experiments in which a controller drives the cell
+ON_PART: Final = ("force", "surface", "dual")  #: Those with a part to press on
 
 
 def check_settings(scenario: Scenario, plans: bool) -> None:

@@ -76,12 +76,9 @@ def check_set_points(path: ToolPath) -> None:
 class PlacedTool(NamedTuple):
     """A path before the robot, and how the tool stands at its points."""
 
-    T_base_work: Array
-    """Pose of the work frame, shape (4, 4)."""
-    rotations: Array
-    """R_base_tool at every point of the path, shape (n, 3, 3)."""
-    arm: Arm | None
-    """The robot, for strokes that keep the limits of its joints; None: only the tool's count."""
+    T_base_work: Array  #: Pose of the work frame, shape (4, 4)
+    rotations: Array  #: R_base_tool at every point of the path, shape (n, 3, 3)
+    arm: Arm | None  #: The robot, for strokes that keep the limits of its joints; None: only the tool's count
 
 
 def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: float, lift: float) -> list[Stroke]:
@@ -202,19 +199,15 @@ def travel_to(strokes: list[Stroke], way: Array, rotations: Array) -> TimedPath:
 # A plan is made on the drawing, what is polished is a casting with an edge too many. The mesh of the real part lies in
 # the drawing's frame and unit; displacement, rotation and form error come on top.
 
-FAR_M = 0.02
-"""A real part farther than this from most of the path is another part, or lies in another frame [m]."""
+FAR_M = 0.02  #: A real part farther than this from most of the path is another part, or lies in another frame [m]
 
 
 class RealShape(NamedTuple):
     """What stands in the cell before it is displaced and bent; work frame."""
 
-    mesh: PartMesh
-    """The mesh that is drawn."""
-    surface: Surface
-    """The whole of it."""
-    given: bool
-    """Whether it has a mesh of its own."""
+    mesh: PartMesh  #: The mesh that is drawn
+    surface: Surface  #: The whole of it
+    given: bool  #: Whether it has a mesh of its own
 
 
 def real_shape(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath) -> RealShape:

@@ -38,30 +38,22 @@ LONG_RUN_S, RETARE_S, VALUE_S = 600.0, 60.0, 5.0
 class LongRun(NamedTuple):
     """The force an idle host reads over a long time, sensor axes, one value every five seconds."""
 
-    time: Array
-    """[s], shape (n,)."""
-    tared_once: Array
-    """Tared at the start only [N], shape (n, 3)."""
-    tared_again: Array
-    """Tared anew every minute [N], shape (n, 3)."""
-    retare: float
-    """Time between tares [s]."""
-    walk: float
-    """The sensor's drift, rms after one second [N/sqrt(s)]."""
+    time: Array  #: [s], shape (n,)
+    tared_once: Array  #: Tared at the start only [N], shape (n, 3)
+    tared_again: Array  #: Tared anew every minute [N], shape (n, 3)
+    retare: float  #: Time between tares [s]
+    walk: float  #: The sensor's drift, rms after one second [N/sqrt(s)]
 
 
 @dataclass(frozen=True)
 class PayloadCalibration:
     """What a calibration leaves behind."""
 
-    scenario: Scenario | None
-    """None for readings of a real robot."""
+    scenario: Scenario | None  #: None for readings of a real robot
     readings: PayloadReadings
     estimate: PayloadEstimate
-    figures: dict[str, Any]
-    """The keys of metrics.json."""
-    q: Array | None = None
-    """Joint angles of the poses [rad], shape (n, 6)."""
+    figures: dict[str, Any]  #: The keys of metrics.json
+    q: Array | None = None  #: Joint angles of the poses [rad], shape (n, 6)
     long_run: LongRun | None = None
 
 

@@ -56,8 +56,7 @@ class Excludes(NamedTuple):
     """An option beside which others change nothing."""
 
     option: str
-    why: str
-    """What goes on in the sentence that begins with the option."""
+    why: str  #: What goes on in the sentence that begins with the option
     others: tuple[str, ...]
 
 
@@ -66,36 +65,25 @@ class Experiment:
     """One experiment. A function is named ``module:function``."""
 
     name: str
-    text: str
-    """What it is, in one line."""
+    text: str  #: What it is, in one line
     defaults: Scenario
-    run: str
-    """(scenario, observer) or, where it runs along a plan, (scenario, plan, observer) -> RunResult."""
-    claims: Callable[[Scenario], tuple[Claim, ...]]
-    """The figures shown of a run, and what is asked of them."""
-    plots: Callable[[RunRecord], Mapping[str, str]]
-    """Pictures of one run: by file name, (RunRecord) -> Figure."""
-    comparisons: Mapping[str, str]
-    """Pictures of several runs side by side: by file name, (RunRecords) -> Figure."""
+    run: str  #: (scenario, observer) or, where it runs along a plan, (scenario, plan, observer) -> RunResult
+    claims: Callable[[Scenario], tuple[Claim, ...]]  #: The figures shown of a run, and what is asked of them
+    plots: Callable[[RunRecord], Mapping[str, str]]  #: Pictures of one run: by file name, (RunRecord) -> Figure
+    comparisons: Mapping[str, str]  #: Pictures of several runs side by side: by file name, (RunRecords) -> Figure
     options: tuple[str, ...]
     """Options of ``run`` that change something here; checks, config and output are taken everywhere."""
-    prepare: str = ""
-    """Arguments as of ``run`` -> CheckedPath: everything but the simulation; empty: nothing to check."""
-    along_plan: bool = False
-    """Whether it can run along a finished plan."""
-    plans: bool = False
-    """Whether a plan is made before it where none is given."""
+    prepare: str = ""  #: Arguments as of ``run`` -> CheckedPath: everything but the simulation; empty: nothing to check
+    along_plan: bool = False  #: Whether it can run along a finished plan
+    plans: bool = False  #: Whether a plan is made before it where none is given
     paper: Mapping[str, Any] = field(default_factory=dict)
     """Settings that make a run the paper's own trial, so that the paper's figures stand beside it."""
     only_with: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Options that change something beside another one only, by that one."""
-    not_with: tuple[Excludes, ...] = ()
-    """Options that change nothing beside another one."""
-    seeds_plots: Mapping[str, str] = field(default_factory=dict)
-    """More pictures of many seeds, as ``comparisons``."""
+    not_with: tuple[Excludes, ...] = ()  #: Options that change nothing beside another one
+    seeds_plots: Mapping[str, str] = field(default_factory=dict)  #: More pictures of many seeds, as ``comparisons``
     title: Callable[[Scenario], str] = _usual_title
-    notes: str = ""
-    """(figures) -> lines to print beside the table of a run; empty: none."""
+    notes: str = ""  #: (figures) -> lines to print beside the table of a run; empty: none
 
     def is_paper_trial(self, scenario: Scenario) -> bool:
         """Whether part, path, force and feed of a run are those of the paper's trial."""
@@ -146,8 +134,7 @@ class CheckedPath(NamedTuple):
 
     path: ToolPath
     reach: Reach
-    held: str = ""
-    """How a second robot holds the part, for the user."""
+    held: str = ""  #: How a second robot holds the part, for the user
 
 
 def check_experiment(

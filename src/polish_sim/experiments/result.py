@@ -23,17 +23,12 @@ class RunResult:
     scenario: Scenario
     log: RunLog
     trace: Trace
-    figures: dict[str, Any]
-    """The keys of metrics.json for this experiment."""
-    stop_reason: str | None
-    """Why the robot stopped itself, or None."""
+    figures: dict[str, Any]  #: The keys of metrics.json for this experiment
+    stop_reason: str | None  #: Why the robot stopped itself, or None
     interrupted: bool
-    path: ToolPath | None = None
-    """The path that was run, work frame."""
-    removal: RemovalMap | None = None
-    """What it took off the part, of ``surface`` and of ``dual`` in contact."""
-    files: Mapping[str, str] = field(default_factory=dict)
-    """More text files of the run, by name."""
+    path: ToolPath | None = None  #: The path that was run, work frame
+    removal: RemovalMap | None = None  #: What it took off the part, of ``surface`` and of ``dual`` in contact
+    files: Mapping[str, str] = field(default_factory=dict)  #: More text files of the run, by name
 
 
 def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None) -> dict[str, Any]:

@@ -55,16 +55,11 @@ AXIS_SHARES = (1.0, 0.5)
 class StrokePath(NamedTuple):
     """A stretch of path in contact, n points, in the frame the robot is given in."""
 
-    tips: Array
-    """Tool points, pressed in [m], shape (n, 3)."""
-    rotations: Array
-    """Tool frames, shape (n, 3, 3)."""
-    s: Array
-    """Arc length on the part from the stroke's start [m], never falling, shape (n,)."""
-    feed: Array
-    """Wanted rate of it [m/s], shape (n,)."""
-    limits: SmoothingLimits = CELL_LIMITS
-    """Where the scenario's file sets no others."""
+    tips: Array  #: Tool points, pressed in [m], shape (n, 3)
+    rotations: Array  #: Tool frames, shape (n, 3, 3)
+    s: Array  #: Arc length on the part from the stroke's start [m], never falling, shape (n,)
+    feed: Array  #: Wanted rate of it [m/s], shape (n,)
+    limits: SmoothingLimits = CELL_LIMITS  #: Where the scenario's file sets no others
 
 
 def check_stroke_rule(scenario: Scenario) -> None:
@@ -178,8 +173,7 @@ def cell_limits(scenario: Scenario, otherwise: SmoothingLimits, feed: float) -> 
 
 # How long the smoothed motion along a path takes and where it is slower than the feed.
 
-KEPT = 0.99
-"""Share of the feed from which it counts as kept [-]."""
+KEPT = 0.99  #: Share of the feed from which it counts as kept [-]
 SAME = 1.0 + 1e-6  # feeds within this ratio are equal
 END_M = 0.001
 """At the ends of a stroke the tool comes from rest and goes to rest: so far the least feed is not looked for [m]."""
@@ -192,10 +186,8 @@ class FedStroke(NamedTuple):
     """The motion of one stroke and where it begins."""
 
     motion: TimedPath
-    start_s: float
-    """Arc length of the path [m]."""
-    feed: float
-    """Feed of the process [m/s]."""
+    start_s: float  #: Arc length of the path [m]
+    feed: float  #: Feed of the process [m/s]
 
 
 def feed_figures(strokes: Sequence[FedStroke]) -> dict[str, float]:

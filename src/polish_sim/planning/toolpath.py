@@ -19,22 +19,14 @@ APPROACH, LEAD_IN, PROCESS, LINK, LEAD_OUT, RETRACT = range(len(SEGMENTS))
 class ToolPath:
     """The path of the tool point on the nominal surface, with lead-in and lead-out; not pressed into the part."""
 
-    positions_work: Array
-    """Tool point in the work frame [m], shape (n, 3)."""
-    axes_work: Array
-    """Unit tool axis from the part to the tool (the outward normal unless tilted), shape (n, 3)."""
-    s: Array
-    """Arc length from the first point [m], strictly increasing, shape (n,)."""
-    pass_index: Indices
-    """Turn of the spiral or line of the raster the point belongs to, shape (n,)."""
-    segment: NDArray[np.int8]
-    """Code of the segment, an index into `SEGMENTS`, shape (n,)."""
-    curvature: Array
-    """Normal curvature of the surface along the path [1/m], positive on a convex part, shape (n,)."""
-    force: Array | None = None
-    """Contact force to hold at each point [N], shape (n,); None: as the process says."""
-    feed: Array | None = None
-    """Feed at each point [m/s], shape (n,); None: as the process says."""
+    positions_work: Array  #: Tool point in the work frame [m], shape (n, 3)
+    axes_work: Array  #: Unit tool axis from the part to the tool (the outward normal unless tilted), shape (n, 3)
+    s: Array  #: Arc length from the first point [m], strictly increasing, shape (n,)
+    pass_index: Indices  #: Turn of the spiral or line of the raster the point belongs to, shape (n,)
+    segment: NDArray[np.int8]  #: Code of the segment, an index into `SEGMENTS`, shape (n,)
+    curvature: Array  #: Normal curvature of the surface along the path [1/m], positive on a convex part, shape (n,)
+    force: Array | None = None  #: Contact force to hold at each point [N], shape (n,); None: as the process says
+    feed: Array | None = None  #: Feed at each point [m/s], shape (n,); None: as the process says
 
     def __post_init__(self) -> None:
         n = len(self.positions_work)

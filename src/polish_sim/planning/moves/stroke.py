@@ -17,14 +17,10 @@ from polish_sim.spatial import unit
 
 # The tool axis at every point: the normal, turned gradually over creases, leaned by lead and tilt, smoothed.
 
-CREASE = np.radians(4.0)
-"""Between neighbouring points a smooth part never turns by as much [rad]."""
-SAMPLES = 32
-"""Samples on the way over which a crease is rounded."""
-STEEPEST = np.radians(75.0)
-"""Smoothing never turns the axis further from the surface normal than this [rad]."""
-PER_WINDOW = 64
-"""Samples on the length over which axes are averaged."""
+CREASE = np.radians(4.0)  #: Between neighbouring points a smooth part never turns by as much [rad]
+SAMPLES = 32  #: Samples on the way over which a crease is rounded
+STEEPEST = np.radians(75.0)  #: Smoothing never turns the axis further from the surface normal than this [rad]
+PER_WINDOW = 64  #: Samples on the length over which axes are averaged
 
 
 def lean(normals: Array, tangents: Array, lead: float, tilt: float) -> Array:
@@ -87,18 +83,15 @@ def angles_between(first: Array, second: Array) -> Array:
     return np.arctan2(across, (first * second).sum(axis=1))
 
 
-CREASE_REACH = 0.5
-"""The tool axis turns over a crease within this many step-overs on either side."""
+CREASE_REACH = 0.5  #: The tool axis turns over a crease within this many step-overs on either side
 
 
 class Stroke(NamedTuple):
     """A run in contact."""
 
     process: Move
-    curvature: Array
-    """Normal curvature of the surface along it [1/m], shape (n,)."""
-    axis_deviation_rad: float
-    """Largest angle by which smoothing turned an axis [rad]."""
+    curvature: Array  #: Normal curvature of the surface along it [1/m], shape (n,)
+    axis_deviation_rad: float  #: Largest angle by which smoothing turned an axis [rad]
 
     def rows(self, first: int, last: int) -> Stroke:
         """The stroke from one of its points to another, both included."""

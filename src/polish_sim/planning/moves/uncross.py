@@ -26,14 +26,10 @@ from polish_sim.spatial import unit
 CUT = 0.15
 """A strand is cut this far on either side of a crossing at first, in step-overs; twice as far in every round after."""
 ROUNDS = 6
-AT_PLACE = 0.1
-"""Strands that pass a crossing within this many step-overs are looked at."""
-FINE = 0.02
-"""Spacing at which they are looked for, in step-overs."""
-DEAD_END = 3.0
-"""Pieces shorter than this many step-overs are dropped if others cover what they do."""
-BESIDE = 0.5
-"""A piece covers what lies within this many step-overs of it."""
+AT_PLACE = 0.1  #: Strands that pass a crossing within this many step-overs are looked at
+FINE = 0.02  #: Spacing at which they are looked for, in step-overs
+DEAD_END = 3.0  #: Pieces shorter than this many step-overs are dropped if others cover what they do
+BESIDE = 0.5  #: A piece covers what lies within this many step-overs of it
 
 
 class OnSurface(NamedTuple):
@@ -47,18 +43,15 @@ class OnSurface(NamedTuple):
 class Uncrossed(NamedTuple):
     """Runs that cross neither themselves nor each other."""
 
-    runs: tuple[OnSurface, ...]
-    """What is left, in the order given, pieces of one run one after the other."""
-    cuts: Array
-    """Where a strand was cut [m], shape (k, 3)."""
+    runs: tuple[OnSurface, ...]  #: What is left, in the order given, pieces of one run one after the other
+    cuts: Array  #: Where a strand was cut [m], shape (k, 3)
 
 
 class Cut(NamedTuple):
     """A stretch to take out of a run."""
 
     run: int
-    first: float
-    """Arc lengths [m]."""
+    first: float  #: Arc lengths [m]
     last: float
 
 

@@ -26,17 +26,14 @@ from polish_sim.spatial import perpendicular, unit
 # it comes from one side and leaves to the other; if either path begins or ends there, it only touches.
 
 
-END_PAIRS = 60
-"""Pairs of segments looked at from either end of a place where paths meet."""
+END_PAIRS = 60  #: Pairs of segments looked at from either end of a place where paths meet
 
 
 class Contacts(NamedTuple):
     """Crossings, contacts judged."""
 
-    alone: Indices
-    """Pairs that cross properly, away from contacts."""
-    through: Array
-    """Where paths cross through contacts [m], shape (k, 3)."""
+    alone: Indices  #: Pairs that cross properly, away from contacts
+    through: Array  #: Where paths cross through contacts [m], shape (k, 3)
 
 
 def _crossings_through_contacts(
@@ -189,8 +186,7 @@ def _side(one: _Line, other: _Line, s: float, ahead: bool) -> int:
 class Crossings(NamedTuple):
     """Where paths cross."""
 
-    places: Array
-    """Points [m], shape (k, 3)."""
+    places: Array  #: Points [m], shape (k, 3)
 
 
 def count_self_crossings(runs: Sequence[Curve]) -> int:

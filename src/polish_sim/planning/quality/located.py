@@ -16,37 +16,24 @@ from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.toolpath import ToolPath, arc_length
 from polish_sim.spatial import unit
 
-LONGEST_M = 2e-3
-"""Chords in contact longer than this are looked at in between as well [m]."""
+LONGEST_M = 2e-3  #: Chords in contact longer than this are looked at in between as well [m]
 
 
 class PathOnSurface(NamedTuple):
     """Points in contact beside the surface they belong to."""
 
-    positions: Array
-    """Tool points [m], shape (n, 3)."""
-    axes: Array
-    """Unit tool axes, shape (n, 3)."""
-    normals: Array
-    """Surface normals at the closest points, shape (n, 3)."""
-    curvatures: Array
-    """Principal curvatures there [1/m], shape (n, 2)."""
-    principal: Array
-    """Unit direction of the first one, shape (n, 3)."""
-    distances: Array
-    """Distance to the part's surface [m], 0 over closed holes, shape (n,)."""
-    heights: Array
-    """The same along the normal [m], positive outside, shape (n,)."""
-    forces: Array
-    """Contact force [N], shape (n,)."""
-    feeds: Array
-    """Feed [m/s], shape (n,)."""
-    stretch_of: Indices
-    """Number of the stretch between lifts each point is in, shape (n,)."""
-    stretches: tuple[Indices, ...]
-    """Rows of each stretch of two points or more."""
-    runs: tuple[Curve, ...]
-    """The same stretches as curves, with surface normals."""
+    positions: Array  #: Tool points [m], shape (n, 3)
+    axes: Array  #: Unit tool axes, shape (n, 3)
+    normals: Array  #: Surface normals at the closest points, shape (n, 3)
+    curvatures: Array  #: Principal curvatures there [1/m], shape (n, 2)
+    principal: Array  #: Unit direction of the first one, shape (n, 3)
+    distances: Array  #: Distance to the part's surface [m], 0 over closed holes, shape (n,)
+    heights: Array  #: The same along the normal [m], positive outside, shape (n,)
+    forces: Array  #: Contact force [N], shape (n,)
+    feeds: Array  #: Feed [m/s], shape (n,)
+    stretch_of: Indices  #: Number of the stretch between lifts each point is in, shape (n,)
+    stretches: tuple[Indices, ...]  #: Rows of each stretch of two points or more
+    runs: tuple[Curve, ...]  #: The same stretches as curves, with surface normals
 
 
 def locate(ground: Ground, path: ToolPath, process: ProcessConfig | None = None) -> PathOnSurface:
@@ -121,23 +108,17 @@ def with_points_between(path: ToolPath, longest: float = LONGEST_M) -> ToolPath:
 
 # The stretches of a path in contact as one set of arrays, read anywhere along them (runs -> Strands).
 
-_BETWEEN = 1.0
-"""Length left between runs on the common scale [m], so that none reads into the next."""
+_BETWEEN = 1.0  #: Length left between runs on the common scale [m], so that none reads into the next
 
 
 class Samples(NamedTuple):
     """Evenly spaced points of all runs, run after run."""
 
-    run: Indices
-    """Which run, shape (n,)."""
-    s: Array
-    """Arc length from the run's start [m], shape (n,)."""
-    points: Array
-    """[m], shape (n, 3)."""
-    normals: Array
-    """Unit surface normals, shape (n, 3)."""
-    first: Indices
-    """Number of each run's first sample, one more at the end, shape (runs + 1,)."""
+    run: Indices  #: Which run, shape (n,)
+    s: Array  #: Arc length from the run's start [m], shape (n,)
+    points: Array  #: [m], shape (n, 3)
+    normals: Array  #: Unit surface normals, shape (n, 3)
+    first: Indices  #: Number of each run's first sample, one more at the end, shape (runs + 1,)
 
 
 class Strands:
@@ -177,21 +158,17 @@ class Strands:
 
 # The chords of a path, each with its normals: what crossings are looked for among (runs -> Segments).
 
-SAME_PLACE_M = 1e-6
-"""Points closer than this are the same place [m]."""
+SAME_PLACE_M = 1e-6  #: Points closer than this are the same place [m]
 
 
 class Segments(NamedTuple):
     """All chords of all runs."""
 
-    start: Array
-    """[m], shape (n, 3)."""
+    start: Array  #: [m], shape (n, 3)
     end: Array
-    start_normals: Array
-    """Unit surface normals, shape (n, 3)."""
+    start_normals: Array  #: Unit surface normals, shape (n, 3)
     end_normals: Array
-    number: Indices
-    """Follow each other by one only where segments share a point, shape (n,)."""
+    number: Indices  #: Follow each other by one only where segments share a point, shape (n,)
 
 
 def segments_of(runs: Sequence[Curve]) -> Segments:

@@ -18,23 +18,17 @@ from polish_sim.kernel_cache import njit
 # The grid only speeds a search up: every visitor tests exact distances, so no answer depends on where cells begin.
 
 
-MOST_ACROSS = 96
-"""Cells along the longest side: beyond so many the table itself would cost more than it saves."""
+MOST_ACROSS = 96  #: Cells along the longest side: beyond so many the table itself would cost more than it saves
 
 
 class PointGrid(NamedTuple):
     """Numbers of points, cell by cell."""
 
-    low: Array
-    """Corner of the first cell [m], shape (3,)."""
-    cell: float
-    """Side of a cell [m]."""
-    size: Indices
-    """Cells along x, y and z, shape (3,)."""
-    first: Indices
-    """Where each cell's points begin in `items`, one more at the end, shape (cells + 1,)."""
-    items: Indices
-    """Numbers of the points, sorted by cell, shape (n,)."""
+    low: Array  #: Corner of the first cell [m], shape (3,)
+    cell: float  #: Side of a cell [m]
+    size: Indices  #: Cells along x, y and z, shape (3,)
+    first: Indices  #: Where each cell's points begin in `items`, one more at the end, shape (cells + 1,)
+    items: Indices  #: Numbers of the points, sorted by cell, shape (n,)
 
 
 def build_point_grid(points: Array, cell: float) -> PointGrid:
@@ -53,10 +47,8 @@ def build_point_grid(points: Array, cell: float) -> PointGrid:
 class Thinned(NamedTuple):
     """Which points were kept, and which of them stands for each."""
 
-    kept: Indices
-    """Numbers of the points kept, shape (k,)."""
-    stands_for: Indices
-    """Place in `kept` of the one nearest to each point, shape (n,)."""
+    kept: Indices  #: Numbers of the points kept, shape (k,)
+    stands_for: Indices  #: Place in `kept` of the one nearest to each point, shape (n,)
 
 
 def thin(points: Array, spacing: float) -> Thinned:

@@ -17,14 +17,10 @@ from polish_sim.planning.quality.points import build_point_grid
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import unit
 
-SAMPLES = 8
-"""Samples per step-over along the path."""
-OWN_STRETCH = 2.0
-"""Points closer than this many step-overs along the path belong to the same turn."""
-FURTHEST = 2.0
-"""A neighbour further away than this many step-overs is no neighbour; the coverage shows such gaps."""
-SHARP = np.radians(60.0)
-"""Change of direction of a corner of 120 deg [rad]."""
+SAMPLES = 8  #: Samples per step-over along the path
+OWN_STRETCH = 2.0  #: Points closer than this many step-overs along the path belong to the same turn
+FURTHEST = 2.0  #: A neighbour further away than this many step-overs is no neighbour; the coverage shows such gaps
+SHARP = np.radians(60.0)  #: Change of direction of a corner of 120 deg [rad]
 
 
 class Stepover(NamedTuple):
@@ -35,10 +31,8 @@ class Stepover(NamedTuple):
     mean_m: float
     p95_m: float
     max_m: float
-    excluded: float
-    """Share of the path left out: corners sharper than 120 deg and the last half turn of each run."""
-    distances_m: Array
-    """All of them, shape (k,)."""
+    excluded: float  #: Share of the path left out: corners sharper than 120 deg and the last half turn of each run
+    distances_m: Array  #: All of them, shape (k,)
 
 
 def measure_stepover(runs: Sequence[Curve], stepover: float) -> Stepover:
@@ -172,19 +166,15 @@ def _refine(strands: Strands, path: Samples, beside: Indices, wanted: Bools, ste
 
 # The step-over a path of unknown origin was made with, from the path itself (ToolPath -> metres).
 
-ASKED = 2000
-"""Places along the path at which its neighbours are looked for."""
+ASKED = 2000  #: Places along the path at which its neighbours are looked for
 NEIGHBOURS = 64
 COARSER = (1.0, 4.0, 16.0)
 """Where neighbours are further away than that many samples of the own turn, fewer samples are tried."""
 ROUNDS = 8
-FINE = 0.25
-"""Samples are fine enough at this share of the step-over."""
+FINE = 0.25  #: Samples are fine enough at this share of the step-over
 MOST_SAMPLES = 500_000
-SIDEWAYS = 0.5
-"""Largest share of the way to a neighbour that may lie along the path."""
-LOOP = 3.0
-"""A neighbour on the same run is at least so many times as far along the path as straight across."""
+SIDEWAYS = 0.5  #: Largest share of the way to a neighbour that may lie along the path
+LOOP = 3.0  #: A neighbour on the same run is at least so many times as far along the path as straight across
 
 
 def guess_stepover(path: ToolPath) -> float | None:
