@@ -242,8 +242,7 @@ class SafetyRecord(NamedTuple):
     stop_delay_s: float | None  #: From then to the brakes [s]
     fault_time_s: float | None  #: When the first fault was injected [s]
     fault_to_stop_s: float | None  #: From that fault to the guard [s]; None if the stop came first
-    retracted: bool | None
-    """Whether the tool was taken off as far as it should; None if nothing was to be retracted from."""
+    retracted: bool | None  #: Whether the tool was taken off as far as it should; None: nothing to retract from
     retract_m: float | None  #: How far it was taken [m]
     faults_missed: tuple[str, ...]  #: Planned faults whose time did not come
 

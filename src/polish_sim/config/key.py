@@ -49,8 +49,7 @@ class Option(NamedTuple):
     name: str
     panel: str
     metavar: str
-    unit: Unit | tuple[Unit, ...] | None = None
-    """What the user writes numbers in, one for each number of a list; None for text and counts."""
+    unit: Unit | tuple[Unit, ...] | None = None  #: What each number is written in; None for text and counts
     help: str = ""  #: Where the meaning of the key does not say enough
     repeat: bool = False  #: Whether it may be given several times; a text then
 

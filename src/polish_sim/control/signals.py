@@ -37,8 +37,7 @@ class Target(NamedTuple):
     twist: Array  #: Planned tool velocity (linear [m/s]; angular [rad/s]), shape (6,)
     force: Array  #: Force to press with [N] and moment wanted about tool y [N m], shape (2,)
     contact: Array  #: 1 while the force is to be controlled, 0 in free space, shape (1,)
-    path: Array
-    """Place on the path [m], normal curvature there along the path [1/m] and speed of the place [m/s], shape (3,)."""
+    path: Array  #: Place on the path [m], its normal curvature there [1/m] and speed of the place [m/s], shape (3,)
 
 
 class MeasurementRecord(Record):
@@ -148,21 +147,15 @@ class Course(NamedTuple):
     """Rows at equal steps of the plan's arc length; ``target.path[0]`` divided by ``spacing`` is the row."""
 
     spacing: float  #: Arc length between rows [m]
-    depth: Array
-    """Depth along the tool axis, from the unpressed surface, at which springs and pad press with the wanted force [m],
-    shape (n,)."""
-    surplus: Array
-    """That depth beyond the planned target's [m], shape (n,); zero where the whole pad lies flat on the part."""
-    stiffness: Array
-    """Change of the force with that depth, head spring and touching part of the pad in series [N/m], shape (n,)."""
+    depth: Array  #: Depth along the tool axis, from the unpressed surface, that presses with the wanted force [m], (n,)
+    surplus: Array  #: That depth beyond the planned target's [m], shape (n,); 0 where the pad lies flat on the part
+    stiffness: Array  #: Change of the force with that depth, head spring and touching pad in series [N/m], shape (n,)
     moment: Array
     """Moment of the pad's pressure on the part about tool x and y through the middle of the pad's face [N m], shape
     (n, 2). Friction acts in that face and has no part in it."""
-    tilt_stiffness: Array
-    """Change of that moment with a tilt of the tool about its own axis at the same force [N m/rad], shape (n, 2)."""
+    tilt_stiffness: Array  #: Change of that moment with a tilt of the tool at the same force [N m/rad], shape (n, 2)
     curvature: Array  #: Normal curvature along the path [1/m], shape (n,)
     bending: Array  #: Curvature of the planned path in space [1/m], shape (n,)
     turning: Array  #: Planned rotation of the tool per arc length, base frame [rad/m], shape (n, 3)
     feed: Array  #: Speed of the planned motion along the path, slowed where its limits ask for it [m/s], shape (n,)
-    neighbour: NDArray[np.int64]
-    """Row of the nearest place on an earlier turn, -1 where there is none within about a step-over, shape (n,)."""
+    neighbour: NDArray[np.int64]  #: Row of the nearest place on an earlier turn, -1 without one nearby, shape (n,)

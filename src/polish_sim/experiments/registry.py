@@ -71,8 +71,7 @@ class Experiment:
     claims: Callable[[Scenario], tuple[Claim, ...]]  #: The figures shown of a run, and what is asked of them
     plots: Callable[[RunRecord], Mapping[str, str]]  #: Pictures of one run: by file name, (RunRecord) -> Figure
     comparisons: Mapping[str, str]  #: Pictures of several runs side by side: by file name, (RunRecords) -> Figure
-    options: tuple[str, ...]
-    """Options of ``run`` that change something here; checks, config and output are taken everywhere."""
+    options: tuple[str, ...]  #: Options of ``run`` that change something here, besides checks, config and output
     prepare: str = ""  #: Arguments as of ``run`` -> CheckedPath: everything but the simulation; empty: nothing to check
     along_plan: bool = False  #: Whether it can run along a finished plan
     plans: bool = False  #: Whether a plan is made before it where none is given

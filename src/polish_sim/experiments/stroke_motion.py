@@ -48,8 +48,7 @@ their jerk (no maker publishes one) high enough that the tool's limits decide at
 
 SPLINE = "spline"
 
-AXIS_SHARES = (1.0, 0.5)
-"""Shares of the axis's acceleration that are tried before the joints' own bounds, which are proven but cautious."""
+AXIS_SHARES = (1.0, 0.5)  #: Shares of the axis's acceleration tried before the joints' own, cautious bounds
 
 
 class StrokePath(NamedTuple):
@@ -175,8 +174,7 @@ def cell_limits(scenario: Scenario, otherwise: SmoothingLimits, feed: float) -> 
 
 KEPT = 0.99  #: Share of the feed from which it counts as kept [-]
 SAME = 1.0 + 1e-6  # feeds within this ratio are equal
-END_M = 0.001
-"""At the ends of a stroke the tool comes from rest and goes to rest: so far the least feed is not looked for [m]."""
+END_M = 0.001  #: So far from the ends of a stroke, where the tool is at rest, the least feed is not looked for [m]
 
 
 OFF = ("smoothed_off_max_m", "smoothed_axis_off_max_rad")

@@ -23,8 +23,7 @@ from polish_sim.spatial import unit
 FLAT_TILT = 1e-7  #: A facet is flat when its corners' normals differ from its own by less than this [rad]
 FOLDED = -1e-3  #: A patch folds where its area element, seen along the facet's normal, turns negative by this share
 UNFOLD_ROUNDS = 4
-STEEPEST = np.radians(45.0)
-"""An edge whose end tangents leave the chord by more than this stays straight: its normals mean nothing [rad]."""
+STEEPEST = np.radians(45.0)  #: An edge whose end tangents leave the chord by more stays straight [rad]
 
 
 def fit_surface(mesh: PartMesh, feature_angle: float = FEATURE_ANGLE) -> Surface:

@@ -40,8 +40,7 @@ class Face(NamedTuple):
 
     direction: Array  #: Unit mean normal, shape (3,)
     area: float  #: Area [m^2]
-    doubt: float
-    """How well its area is known: that of the facets the cone ends at, which are seen whole or not at all [m^2]."""
+    doubt: float  #: Uncertainty of its area: the facets the cone ends at, seen whole or not at all [m^2]
     facets: Indices  #: Its facets, shape (k,)
 
 
@@ -161,8 +160,7 @@ SIDES = {
 """Unit vectors of the six sides."""
 
 UP_CONE = np.radians(46.0)  #: A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does
-REST_ANGLE = np.radians(20.0)
-"""A part rests on a flat face when that turns its largest smooth face away from straight up by no more [rad]."""
+REST_ANGLE = np.radians(20.0)  #: Resting on a flat face turns the largest smooth face by no more [rad]
 
 REST_SHARE = 0.2  #: A flat face counts when its area is at least this share of the largest smooth face's
 

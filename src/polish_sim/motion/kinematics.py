@@ -140,8 +140,7 @@ _D1, _D4, _D5, _D6 = float(DH_D[0]), float(DH_D[3]), float(DH_D[4]), float(DH_D[
 _A2, _A3 = float(DH_A[1]), float(DH_A[2])
 _TURN = 2.0 * math.pi
 _REACH_SLACK = 1e-9  #: How far a squared sine may be negative by rounding before a pose counts as out of reach [-]
-_WRIST_ALIGNED = 1e-9
-"""Sine of wrist 2 below which wrist 1 and wrist 3 turn about one line, so that only their sum is given [-]."""
+_WRIST_ALIGNED = 1e-9  #: Sine of wrist 2 below which only the sum of wrist 1 and wrist 3 is given [-]
 
 
 @njit(cache=True, error_model="numpy")
@@ -308,11 +307,9 @@ class JointPath(NamedTuple):
     first_unreachable: int | None  #: Index of the first pose out of reach, or None
     first_beyond_limit: int | None  #: Index of the first pose at which a joint is outside its limits, or None
     limit_joint: int | None  #: The joint (0-5) that is outside its limits there, or None
-    largest_step: float
-    """Largest change of one joint between neighbouring poses [rad]; a large one is a jump near a singularity."""
+    largest_step: float  #: Largest change of a joint between neighbouring poses [rad]; large near a singularity
     largest_step_index: int  #: Index of the pose that this step ends at (0: `q_start` to the first pose)
-    smallest_singular_value: float
-    """Least of the Jacobian's smallest singular values at the tool point, mixed units (see kinematics)."""
+    smallest_singular_value: float  #: Least of the Jacobian's at the tool point, mixed units
     smallest_singular_index: int  #: Index of the pose closest to a singularity
 
 

@@ -15,8 +15,7 @@ from polish_sim.motion.kinematics import JOINT_LIMITS, inverse_on_branch
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, chain_in_base
 
-REACHED, UNREACHABLE, SINGULAR, BEYOND = 0, 1, 2, 3
-"""How a place was: within reach, out of reach, singular, reached with a joint beyond its range."""
+REACHED, UNREACHABLE, SINGULAR, BEYOND = 0, 1, 2, 3  #: Of a place; BEYOND: a joint is out of its range
 
 
 class JointRates(NamedTuple):

@@ -131,8 +131,7 @@ def lead_turning(ahead: Ahead, t: Target, gains: FeedForwardGains, out: Array) -
 
 # Slow the feed where the loops could not follow: what the drawing says, and what the force says.
 
-UNFORESEEN = 0.3
-"""Share of a planned motion that a real part, displaced and bent, makes differently from its drawing [-]."""
+UNFORESEEN = 0.3  #: Share of a planned motion that a displaced and bent part makes differently from its drawing [-]
 OF_LIMIT = 0.5  #: Share of the robot's acceleration limits the path may use; the rest is for the force loop [-]
 
 

@@ -17,8 +17,7 @@ from polish_sim.control.adaptive.surface import (
 from polish_sim.errors import ConfigError
 from polish_sim.kernels import Matrix3, Record
 
-LAWS = ("touch-down", "stiffness", "inertia", "feed-forward", "feed", "learning", "normal")
-"""Names of the laws; without one of them the others go on."""
+LAWS = ("touch-down", "stiffness", "inertia", "feed-forward", "feed", "learning", "normal")  #: Each may be left out
 
 
 class AdaptiveGains(Record):

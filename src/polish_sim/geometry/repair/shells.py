@@ -25,8 +25,7 @@ class Shells(NamedTuple):
 
     labels: Ints  #: Piece of each facet, shape (m,)
     closed: Bools  #: Pieces without border, shape (k,)
-    volumes: Array
-    """Volume a closed piece encloses, negative where its facets look inward; 0 for open ones [m^3], shape (k,)."""
+    volumes: Array  #: Volume a closed piece encloses, negative where it looks inward; 0 for open ones [m^3], shape (k,)
     low: Array  #: Lower corners of their bounding boxes [m], shape (k, 3)
     high: Array  #: Upper corners, shape (k, 3)
 

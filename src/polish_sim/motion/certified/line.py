@@ -21,15 +21,13 @@ from polish_sim.motion.certified.window import MOST_STRUNG, Corners, Lines, Segm
 _STEPS = 60
 _SHRINKS = 40
 _SHRINK = 0.9
-_SEGMENT_ROWS = 2 * CONNECTOR_PIECES + 4
-"""Most rows of one segment without kernels: into it by two, along it, out of it."""
+_SEGMENT_ROWS = 2 * CONNECTOR_PIECES + 4  #: Most rows of a segment without kernels: into it by two, along it, out of it
 
 
 class Law(NamedTuple):
     """Way s along a line over time, as cubic pieces that follow one another."""
 
-    starts: Array
-    """When each piece begins and the last one ends, counted from the law's start [s], (CONNECTOR_PIECES + 1,)."""
+    starts: Array  #: Begin of each piece and end of the last, from the law's start [s], (CONNECTOR_PIECES + 1,)
     cubics: Array  #: c0..c3 in the time from the piece's start, shape (CONNECTOR_PIECES, 4)
 
 
@@ -231,8 +229,7 @@ class Pen(NamedTuple):
     outbox: MotionPieces  #: Room for what waits to be taken away
     law: Law
     pieces: Array  #: Durations and jerks of a connector, shape (2, CONNECTOR_PIECES)
-    bends: Array
-    """begin, duration and both jerks of the bend before each segment of a line, shape (MOST_STRUNG + 1, 4)."""
+    bends: Array  #: Begin, duration and both jerks of the bend before each segment of a line, (MOST_STRUNG + 1, 4)
     kernel: Kernel  #: Work space
 
 

@@ -28,8 +28,7 @@ _HALVINGS = 200  #: Of the speed, until the time rises again
 _NARROWED = 24  #: Steps of the golden section: speeds are then known to 1e-5
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _LINES = 7
-MOST_PIECES = 20000
-"""A segment that needs more pieces (some 50 ms of work) runs through a singularity: no speed can be proven."""
+MOST_PIECES = 20000  #: A segment of more pieces (some 50 ms of work) runs through a singularity
 FASTEST, SHARPEST = 1e3, 1e9  #: Stand-ins for infinite limits [m/s, m/s^3]
 FEW_GUESSES = 2  #: A piece confirmed so soon may be followed by one twice as wide, where a dyadic grid has one
 _AGAIN = 0.99  #: A choice sooner than the last one by this much may be held up by pieces that did not count before

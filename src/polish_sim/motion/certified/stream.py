@@ -27,8 +27,7 @@ BLOCK = 128  #: Way points taken in at once: the rows they give fit the outbox, 
 NO_LAW = 9  #: Status: no law was found that keeps a line's bends in their limits
 _ROOM = BLOCK + (LOOKAHEAD + 2) * MOST_STRUNG
 _SLOWINGS, _SLOWER = 25, 0.85
-_SHORTENINGS, _SHORTER = 3, 0.8
-"""Where speed changes along a bend it bulges more than planned for: it is laid shorter before the line is slowed."""
+_SHORTENINGS, _SHORTER = 3, 0.8  #: Where speed changes a bend bulges: it is laid shorter before its line is slowed
 _COUNTERS = (
     "held",
     "raw",

@@ -27,16 +27,14 @@ from polish_sim.motion.rules.chain import Chain
 LOOKAHEAD = 8  #: A line of segments is given out once so many lines after it are known
 CAPACITY = 448  #: Segments the buffers hold
 MOST_STRUNG = 12  #: Most segments a line has
-FULL_LEVELS, LEVELS = 4, 8
-"""States a corner may be passed in: first exact stop to full kernel, then plain kernels up to their largest."""
+FULL_LEVELS, LEVELS = 4, 8  #: States of a corner: exact stop to full kernel, then plain kernels up to their largest
 
 
 class Segments(NamedTuple):
     """The merged chain as far as it is kept, and what may be done along each of its segments."""
 
     chain: Chain
-    spans: Array
-    """Generalised length l of each segment [m]: of the tip, or of a turn worth as much time, shape (CAPACITY,)."""
+    spans: Array  #: Generalised length l of each segment [m]: of the tip, or a turn worth as much time, (CAPACITY,)
     limits: Array
     """Speed, acceleration and jerk along l [m/s, m/s^2, m/s^3], then those from rest to rest, shape (CAPACITY, 6)."""
     bends: Array  #: Length [m] and largest speed [m/s] of the bend before each segment, shape (CAPACITY, 2)
@@ -62,12 +60,10 @@ class Corners(NamedTuple):
     durations: Array  #: Of the full kernel's pieces [s], shape (CAPACITY + 1, PIECES)
     remaining: Array  #: Their cubics: what remains of the old segment [m], shape (CAPACITY + 1, PIECES, 4)
     gone: Array  #: Their cubics: what is gone of the new segment [m], shape (CAPACITY + 1, PIECES, 4)
-    scales: Array
-    """Factors on its lengths and times in each state; negative: the plain kernel, shape (CAPACITY + 1, LEVELS, 2)."""
+    scales: Array  #: Factors on its lengths and times in each state; negative: plain kernel, (CAPACITY + 1, LEVELS, 2)
     states: Array  #: `Figures` of each state, shape (CAPACITY + 1, LEVELS, 4)
     levels: Indices  #: Number of states in use, shape (CAPACITY + 1,)
-    costs: Array
-    """Least time up to the end of a corner passed in a state; infinite if impossible, shape (CAPACITY + 1, LEVELS)."""
+    costs: Array  #: Least time to the end of a corner passed in a state, or infinite, shape (CAPACITY + 1, LEVELS)
     origins: Indices  #: State of the corner before on the way there, shape (CAPACITY + 1, LEVELS)
     chosen: Indices  #: The state that is decided on, -1 before that, shape (CAPACITY + 1,)
 

@@ -27,8 +27,7 @@ class Chain(NamedTuple):
     lengths: Array  #: [m], shape (n,)
     directions: Array  #: Unit directions of the tip; zero where the length is, shape (n, 3)
     angles: Array  #: Angle the tool axis turns by [rad], in [0, pi), shape (n,)
-    turn_axes: Array
-    """Unit axis it turns about, at a right angle to both ends' tool axes; zero where the angle is, shape (n, 3)."""
+    turn_axes: Array  #: Unit axis it turns about, square to both ends' tool axes; zero where the angle is, shape (n, 3)
     rolls: Array  #: Turn about the tool axis that is left to the next way point's frame [rad], shape (n,)
 
 

@@ -21,8 +21,7 @@ JOINT_SPEED = math.radians(180.0)  #: UR5e, every joint, as the maker publishes 
 JOINT_ACCELERATION = 5.0
 """UR5e [rad/s^2]. The maker publishes torques (150 and 28 N m), no accelerations. This is the value the maker's own
 public ROS driver gives to motion planners for all six joints and calls conservative."""
-JOINT_JERK = 100.0
-"""UR5e [rad/s^3]. None is published. Chosen: the acceleration is reached in 0.05 s, as the tool's is in paper 4."""
+JOINT_JERK = 100.0  #: UR5e [rad/s^3]; none is published. Reaches the acceleration in 0.05 s, as paper 4's tool does
 
 
 def six(value: float) -> tuple[float, ...]:
@@ -170,8 +169,7 @@ class Arm(NamedTuple):
     T_base_work: Array  #: Pose of the frame the chain is given in, shape (4, 4)
     T_flange_tool: Array  #: The tool on the flange, shape (4, 4)
     T_tool_flange: Array  #: Its inverse, shape (4, 4)
-    q_start: Array
-    """Joint angles at (or near) the first way point: says which of the arm's configurations is meant [rad], (6,)."""
+    q_start: Array  #: Joint angles at or near the first way point, which say the arm's configuration [rad], (6,)
 
 
 def build_arm(T_base_work: Array, T_flange_tool: Array, q_start: Array) -> Arm:

@@ -198,5 +198,4 @@ def third_time(speed: Array, acceleration: Array, rates: JointRates, limits: Smo
 
 plan_joint_acceleration = fir_rule(block_triples)
 """The method paper 4 compares with ([18] there): eq. 18-20 for T1, 25 for T2; joint jerk is not limited."""
-plan_joint_jerk = fir_rule(partial(block_triples, jerk=True))
-"""Paper 4's own rule: eq. 18-20 for T1, 24 for T2 and 30 for T3."""
+plan_joint_jerk = fir_rule(partial(block_triples, jerk=True))  #: Paper 4's rule: eq. 18-20, 24, 30

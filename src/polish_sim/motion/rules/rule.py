@@ -61,8 +61,7 @@ RULES: Mapping[str, Rule] = {
 }
 """Name -> plan function."""
 
-NODES = chebyshev_nodes(9)
-"""Progress at which joint derivatives are taken; the paper differentiates forward between samples instead."""
+NODES = chebyshev_nodes(9)  #: Progress at which joint derivatives are taken; the paper takes forward differences
 BLOCK = 4096  #: Segments whose joint derivatives are in memory at once
 
 

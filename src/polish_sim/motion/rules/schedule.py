@@ -47,8 +47,7 @@ class Samples(NamedTuple):
     tips: Array  #: Tip and its first three time derivatives [m/s^k], shape (n, 4, 3)
     axes: Array  #: Unit tool axis and its first three time derivatives [1/s^k], shape (n, 4, 3)
     rotations: Array  #: Tool frames, third column the tool axis, shape (n, 3, 3)
-    spins: Array
-    """The tool's angular velocity, roll about its axis included, and its first two derivatives [rad/s^k], (n, 3, 3)."""
+    spins: Array  #: Angular velocity, roll included, and its first two derivatives [rad/s^k], shape (n, 3, 3)
 
 
 class ScheduleIndex(NamedTuple):

@@ -126,8 +126,7 @@ def _select_rows(waiting: Waiting, chosen: Bools) -> Waiting:
 
 THIN = 1.1  #: What is left inside a turn needs another one if its middle is further away than this many step-overs
 EVEN = 0.5  #: A ring's width may vary by this many step-overs for turns to run from border to border
-AT_BORDER = 0.05
-"""The first turn may be further from half a step-over inside the border by this share before turns are stretched."""
+AT_BORDER = 0.05  #: The first turn may be off by this share of half a step-over before turns are stretched
 STRETCH = 0.03  #: Turns of a ring may be further apart by this share of the step-over for one less of them to do
 Report = Callable[[float], None]
 

@@ -23,8 +23,7 @@ from polish_sim.planning.quality.located import Strands
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
 
-CUT = 0.15
-"""A strand is cut this far on either side of a crossing at first, in step-overs; twice as far in every round after."""
+CUT = 0.15  #: A strand is cut this far on either side of a crossing, in step-overs; twice as far every round after
 ROUNDS = 6
 AT_PLACE = 0.1  #: Strands that pass a crossing within this many step-overs are looked at
 FINE = 0.02  #: Spacing at which they are looked for, in step-overs

@@ -91,8 +91,7 @@ def grow_tree(curves: Sequence[Curve], contacts: Sequence[Contact], root: int) -
     return Tree(tuple(map(tuple, children)), tuple(parent_of), lengths)
 
 
-BAND, SHARE_OF_TURN = 8.0, 0.35
-"""Length of a seam along a turn: no more than so many step-overs and this share of the turn."""
+BAND, SHARE_OF_TURN = 8.0, 0.35  #: Length of a seam along a turn: at most so many step-overs and this share of the turn
 STEEPEST, GROWTH = 3.2, 1.0
 """Its length on the innermost turn, and on the outermost of a pocket that hangs on another one, in step-overs: where
 a U-turn lies in the wedge between two turns and a line that crosses them, the wedge had better be short. From turn to

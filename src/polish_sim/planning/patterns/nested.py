@@ -23,10 +23,8 @@ EDGE, DEEP_EDGE = 0.53, 0.68
 deep the loop lies further in, so that it also covers the middle, but no further than the second."""
 INNER = 0.5  #: A loop leaves no more than this many step-overs to the middle of its place
 PASSES = 2  #: Places are looked for so many times: what the first loops leave may be a place of its own
-WIDER = 0.12
-"""Its loop keeps outside it by this many step-overs, so that it does not run back on itself where the place is thin."""
-TAIL = 0.3
-"""Where a turn runs back along itself nearer than this many step-overs, its tail is cut off; a loop covers it."""
+WIDER = 0.12  #: Its loop keeps outside it by so many step-overs: it must not run back on itself where it is thin
+TAIL = 0.3  #: Where a turn runs back along itself nearer than this many step-overs, a loop replaces its tail
 SLIVER = 0.1  #: A turn is a sliver if its area is less than so many step-overs times its length
 SHORTEST = 1.0  #: A loop is no shorter than this many step-overs
 FURTHEST = 3.0  #: Distances are measured up to this many step-overs

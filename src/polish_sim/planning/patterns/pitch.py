@@ -86,8 +86,7 @@ def _from_seam(curve: Curve, s: Array, seam: float) -> Array:
     return np.asarray(np.mod(s - seam, curve.length))
 
 
-SPREAD = 0.08
-"""Share of the way inwards that moves from the band to the whole turn, per turn; spacing changes by half of it."""
+SPREAD = 0.08  #: Share of the way inwards that moves from band to whole turn, per turn; spacing changes by half of it
 FLATTEST = 1e-3  #: Smaller curvatures of a turn count as this one, times the step-over
 SAMPLES = 16  #: Samples of the share per step-over along a turn
 

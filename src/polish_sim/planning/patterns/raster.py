@@ -145,8 +145,7 @@ def _extended(surface: Surface, line: Curve, length: float) -> Curve:
 
 
 BORDER_TURN = 0.5  #: Distance of the border turn from the border, in step-overs
-GIVES_WAY = 0.5
-"""A line that comes this much too near to a border in passing bends round it, in step-overs; else it is cut."""
+GIVES_WAY = 0.5  #: A line this much too near to a border in passing bends round it, in step-overs; else it is cut
 SHORTEST = 0.3  #: A piece of a line shorter than this many step-overs is left out
 LEAD = 1.2  #: Step-overs over which the border turn leads over into a line that runs the same way
 LATER = 0.4  #: The border turn begins so much further on where it ends by leading over, in step-overs

@@ -17,8 +17,7 @@ from polish_sim.spatial import unit
 
 ENDS = 1.05  #: Distance of the lines' ends from the border, in step-overs
 LINK = 8.0  #: Longest way along the border from line to line, in step-overs
-CLEAR = 0.3
-"""Lines keep this far from the middle of such a way, in step-overs; one that bends round a border may be in it."""
+CLEAR = 0.3  #: Step-overs from lines to the middle of such a way; one that bends round a border may be in it
 RADIUS = 0.5  #: Radius of a U-turn between neighbouring lines, in step-overs
 
 

@@ -15,8 +15,7 @@ class Pattern(NamedTuple):
     """A way to cover a region, and what the planner may do with its runs."""
 
     plan: Callable[[PatternRequest], list[SurfaceRun]]  #: Maps a request to runs on the surface, one lift after each
-    listens: tuple[str, ...] = ()
-    """The keys of `PlanConfig` it obeys among order, direction, start and raster_direction; others change nothing."""
+    listens: tuple[str, ...] = ()  #: Which of order, direction, start and raster_direction of `PlanConfig` it obeys
     one_way: bool = True  #: Whether each of its runs must be walked the way it is; the first given stays the first
 
 

@@ -17,13 +17,11 @@ from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.toolpath import arc_length
 
 ROUNDING = 0.5  #: A corner is rounded over this much on either side, as a share of the step-over
-SHARPENING = 2.0
-"""How often what rounding takes off a corner is put on before; turns cut off less of the corners between them."""
+SHARPENING = 2.0  #: How often what rounding takes off a corner is put on before; so turns cut off less of it
 FINE = 1.0 / 40.0  #: Spacing of the points that are smoothed, as a share of the step-over
 WHOLE = 1e-6  #: Numbers of intervals this little above a whole one count as that one: rounding
 CHORD_ERROR_M = 5e-7
-CLOSEST_M, FURTHEST_M = 2.5e-4, 1e-3
-"""Spacing of the finished path's points: equal chord error between these limits [m]."""
+CLOSEST_M, FURTHEST_M = 2.5e-4, 1e-3  #: Equal chord error within these limits of the finished path's spacing [m]
 
 
 class Run(NamedTuple):

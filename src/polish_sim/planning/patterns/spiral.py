@@ -32,10 +32,8 @@ START_PRICE = 30.0  #: What a step-over away from where the path shall begin is 
 ODD, OVER_CORNER = 0.1, 0.5
 """A line across turns costs where its steps differ from a step-over by more than the first; where the path shall begin
 somewhere they may go over corners, where they are longer."""
-HEAD = 0.3
-"""Where beside its own first step inwards the line begins, as a share of the step, so that it does not touch itself."""
-NEAR_START = 4
-"""A path may begin as many step-overs along the turn from where it is asked to, in corners the turns do not step in."""
+HEAD = 0.3  #: Where beside its first step inwards the line begins, as a share of the step: it must not touch itself
+NEAR_START = 4  #: Step-overs along the turn from the start asked for within which a path may begin, to avoid corners
 CORNER = np.radians(30.0)  #: Turning within half a step-over that counts as a corner [rad]
 CANDIDATES = 96
 SAME = 1e-6  #: Prices this close are equal; the first place along the turn wins

@@ -168,8 +168,7 @@ def _refine(strands: Strands, path: Samples, beside: Indices, wanted: Bools, ste
 
 ASKED = 2000  #: Places along the path at which its neighbours are looked for
 NEIGHBOURS = 64
-COARSER = (1.0, 4.0, 16.0)
-"""Where neighbours are further away than that many samples of the own turn, fewer samples are tried."""
+COARSER = (1.0, 4.0, 16.0)  #: With neighbours further away than so many samples of the own turn, fewer samples do
 ROUNDS = 8
 FINE = 0.25  #: Samples are fine enough at this share of the step-over
 MOST_SAMPLES = 500_000
