@@ -9,19 +9,9 @@ from __future__ import annotations
 import math
 
 from polish_sim.arrays import Array, Ints
+from polish_sim.cell import guards
 from polish_sim.cell.contact import Pad, RealPart, press_pad, pull_of_imbalance, turn_spindle
 from polish_sim.cell.engine import EngineViews, correct_reading, keep_speeds, mj_step1, mj_step2
-from polish_sim.cell.guards import (
-    CONTROLLER_ERROR,
-    CONTROLLER_NAN,
-    ENGINE_CONTACT,
-    JOINT_LIMIT,
-    MISSING,
-    NO_STOP,
-    UNSTABLE,
-    check_guards,
-    check_reading,
-)
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Status
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, record_reading, record_state
@@ -161,20 +151,20 @@ def read_sensor(state: CellState, samples: Array, exact: Array, dt: float, t: fl
     """The wrench as the host has it, and whether the reading can be trusted; arguments as of ``sample_sensor``."""
     sample_sensor(state.sensor, samples, t, exact, draws)
     tool_wrench(state.payload, state.sensor, state.measurement.rotation, state.measurement.wrench)
-    if state.status.stop == NO_STOP:
-        trip(state.status, check_reading(state, dt, t), t)
+    if state.status.stop == guards.NO_STOP:
+        trip(state.status, guards.check_reading(state, dt, t), t)
 
 
 @kernel
 def host_is_due(status: Status, every: int) -> bool:
     """Whether the host acts at this step; its cycle is ``every`` steps."""
-    return status.stop == NO_STOP and status.steps % every == 0
+    return status.stop == guards.NO_STOP and status.steps % every == 0
 
 
 @kernel
 def trip(status: Status, code: int, t: float) -> None:
     """Latch a protective stop, if there is a reason for one: the first stays."""
-    if code != NO_STOP and status.stop == NO_STOP:
+    if code != guards.NO_STOP and status.stop == guards.NO_STOP:
         status.stop, status.stop_time = code, t
 
 
@@ -189,7 +179,7 @@ def move_target(state: CellState, stroke: Stroke, dt: float, t: float) -> None:
         else:
             state.status.tares, state.status.spread = 0, 0.0
     if not advance_sequence(stroke, sequence, m.wrench[2], state.answer.feed, dt, state.target):
-        trip(state.status, MISSING, t)
+        trip(state.status, guards.MISSING, t)
 
 
 @kernel
@@ -219,10 +209,10 @@ def ask_law(state: CellState, memory: LawMemory, law, t: float) -> None:  # type
     for i in range(6):
         finite = finite and math.isfinite(answer.twist[i])
     if not finite:
-        trip(status, CONTROLLER_NAN, t)
+        trip(status, guards.CONTROLLER_NAN, t)
     if status.python_error:
-        trip(status, CONTROLLER_ERROR, t)
-    if status.stop == NO_STOP and not status.mute:
+        trip(status, guards.CONTROLLER_ERROR, t)
+    if status.stop == guards.NO_STOP and not status.mute:
         status.requests += 1
 
 
@@ -230,14 +220,14 @@ def ask_law(state: CellState, memory: LawMemory, law, t: float) -> None:  # type
 def command(state: CellState, requests: RequestLine, ctrl: Array, dt: float, t: float) -> None:
     """The robot's part: the request that arrives now, or the protective stop; down to the joint servos."""
     status, robot, stop, firmness = state.status, state.speedl, state.stop, 1.0
-    if status.stop == NO_STOP or stop.stage == SENT:
+    if status.stop == guards.NO_STOP or stop.stage == SENT:
         pass_request(robot, requests, state.answer.twist, status.requests, dt)
-    if status.stop != NO_STOP:
+    if status.stop != guards.NO_STOP:
         firmness = steer_stop(stop, robot, state.measurement, not status.blocked, t - status.stop_time, t, dt)
     limit_acceleration(robot, dt, firmness)
     status.blocked = not resolve_joints(robot, state.jacobian, dt)
     if status.blocked:
-        trip(status, JOINT_LIMIT, t)
+        trip(status, guards.JOINT_LIMIT, t)
     for j in range(6):
         ctrl[2 * j] = robot.joints[j]
         ctrl[2 * j + 1] = robot.speeds[j]
@@ -255,7 +245,7 @@ def finish_step(
         status.touched = True
         if status.contact_time == 0.0:
             status.contact_time = t
-    phase = 3 if status.stop != NO_STOP else _phase(stage, status.touched)
+    phase = 3 if status.stop != guards.NO_STOP else _phase(stage, status.touched)
     record_state(recorder, e, state, part_position, turns, t, phase)
     keep_speeds(e)
     mj_step2(e.model, e.data)
@@ -283,21 +273,21 @@ def is_over(cell: CellKernel, held_body: int, t: float) -> bool:
     state, e = cell.state, cell.engine
     status, count = state.status, state.status.steps - 1
     if not math.isfinite(e.qvel[0] + e.qvel[6]):
-        status.stop, status.stop_time, status.ended = UNSTABLE, t, True
-    elif status.stop == NO_STOP and count % LOOK_EVERY == 0 and _links_touch(e, held_body):
-        trip(status, ENGINE_CONTACT, t)
-    elif status.stop == NO_STOP:
+        status.stop, status.stop_time, status.ended = guards.UNSTABLE, t, True
+    elif status.stop == guards.NO_STOP and count % LOOK_EVERY == 0 and _links_touch(e, held_body):
+        trip(status, guards.ENGINE_CONTACT, t)
+    elif status.stop == guards.NO_STOP:
         trip(
             status,
-            check_guards(e, state, cell.part, cell.crash_points, cell.stroke.contact, cell.stroke.depth, count),
+            guards.check_guards(e, state, cell.part, cell.crash_points, cell.stroke.contact, cell.stroke.depth, count),
             t,
         )
-    if status.stop != NO_STOP:
+    if status.stop != guards.NO_STOP:
         status.ended = status.ended or state.stop.stage == STANDING
     elif state.sequence.stage == DONE:
         status.arrived = True
     just_touched = status.pause_at_contact and status.contact_time == t
-    just_stopped = status.stop != NO_STOP and status.stop_time == t
+    just_stopped = status.stop != guards.NO_STOP and status.stop_time == t
     return status.ended or status.arrived or just_touched or just_stopped
 
 

@@ -6,21 +6,7 @@ from numba import carray
 
 from polish_sim.arrays import Array
 from polish_sim.config import ControllerConfig
-from polish_sim.control.loops import (
-    OrientationGains,
-    OrientationMemory,
-    PiGains,
-    PiMemory,
-    PositionGains,
-    PositionMemory,
-    PositionRateGains,
-    angular_pid,
-    force_pi,
-    position_pd,
-    rotation_error,
-    velocity_pd,
-    velocity_toward,
-)
+from polish_sim.control import loops
 from polish_sim.control.signals import (
     ANSWER,
     LAW_SIGNATURE,
@@ -37,21 +23,21 @@ from polish_sim.kernels import Record, Vector3, kernel
 class HybridGains(Record):
     """Gains of the loops."""
 
-    position: PositionGains
-    position_rate: PositionRateGains
-    orientation: OrientationGains
-    force: PiGains
-    moment: PiGains
+    position: loops.PositionGains
+    position_rate: loops.PositionRateGains
+    orientation: loops.OrientationGains
+    force: loops.PiGains
+    moment: loops.PiGains
     tilt_limit: float  #: Largest turn of the moment loop about tool y away from the planned axis [rad]
 
 
 class HybridMemory(Record):
     """Memory of the loops, all zero after a reset."""
 
-    position: PositionMemory
-    orientation: OrientationMemory
-    force: PiMemory
-    moment: PiMemory
+    position: loops.PositionMemory
+    orientation: loops.OrientationMemory
+    force: loops.PiMemory
+    moment: loops.PiMemory
     wanted: Vector3  #: Wanted velocity, linear or angular
     error: Vector3  #: Rotation error [rad]
 
@@ -67,34 +53,36 @@ def hybrid_gains(config: ControllerConfig) -> HybridGains:
     """The gains a configuration asks for."""
     look_ahead, filter_hz = config.look_ahead_s, config.force_filter_hz
     return HybridGains(
-        position=PositionGains(look_ahead, config.position_p, config.position_d_s),
-        position_rate=PositionRateGains(config.position_rate_p, config.position_rate_d),
-        orientation=OrientationGains(look_ahead, config.orientation_p, config.orientation_i_hz, config.orientation_d_s),
-        force=PiGains(config.force_p_m_sn, config.force_i_m_s2n, config.force_limit_m_s, filter_hz),
-        moment=PiGains(config.moment_p_rad_snm, config.moment_i_rad_s2nm, config.moment_limit_rad_s, filter_hz),
+        position=loops.PositionGains(look_ahead, config.position_p, config.position_d_s),
+        position_rate=loops.PositionRateGains(config.position_rate_p, config.position_rate_d),
+        orientation=loops.OrientationGains(
+            look_ahead, config.orientation_p, config.orientation_i_hz, config.orientation_d_s
+        ),
+        force=loops.PiGains(config.force_p_m_sn, config.force_i_m_s2n, config.force_limit_m_s, filter_hz),
+        moment=loops.PiGains(config.moment_p_rad_snm, config.moment_i_rad_s2nm, config.moment_limit_rad_s, filter_hz),
         tilt_limit=config.moment_tilt_limit_rad,
     )
 
 
 @kernel
 def position_by_velocity(
-    m: Measurement, t: Target, gains: PositionGains, dt: float, memory: HybridMemory, out: Array
+    m: Measurement, t: Target, gains: loops.PositionGains, dt: float, memory: HybridMemory, out: Array
 ) -> None:
     """Linear part of the twist by eq. 6: PD on the velocity error, position through the look-ahead."""
-    velocity_toward(m.position, t.position, t.twist[0:3], gains.look_ahead, memory.wanted)
-    velocity_pd(memory.wanted, m.twist[0:3], gains, dt, memory.position, out[0:3])
+    loops.velocity_toward(m.position, t.position, t.twist[0:3], gains.look_ahead, memory.wanted)
+    loops.velocity_pd(memory.wanted, m.twist[0:3], gains, dt, memory.position, out[0:3])
 
 
 @kernel
 def turn_to_target(
-    m: Measurement, R_wanted: Array, planned: Array, gains: OrientationGains, dt: float, free_y: bool,
+    m: Measurement, R_wanted: Array, planned: Array, gains: loops.OrientationGains, dt: float, free_y: bool,
     memory: HybridMemory, out: Array,
 ) -> None:  # fmt: skip
     """Angular part of the twist by eq. 7, towards ``R_wanted`` (3, 3) with ``planned`` the planned tool velocity (6,).
 
     With ``free_y`` tool y is left to the moment loop. ``memory.error`` is left holding the rotation error [rad].
     """
-    rotation_error(m.rotation, R_wanted, memory.error)
+    loops.rotation_error(m.rotation, R_wanted, memory.error)
     surplus = 0.0
     for i in range(3):
         memory.wanted[i] = planned[3 + i] + memory.error[i] / gains.look_ahead
@@ -102,7 +90,7 @@ def turn_to_target(
     if free_y:
         for i in range(3):
             memory.wanted[i] -= surplus * m.rotation[i, 1]
-    angular_pid(memory.wanted, m.twist[3:6], gains, dt, memory.orientation, out[3:6])
+    loops.angular_pid(memory.wanted, m.twist[3:6], gains, dt, memory.orientation, out[3:6])
 
 
 @kernel
@@ -123,7 +111,7 @@ def level_about_y(m: Measurement, t: Target, gains: HybridGains, dt: float, memo
     moment would otherwise roll the tool over the edge.
     """
     y, look_ahead = m.rotation[:, 1], gains.position.look_ahead
-    rate = force_pi(t.force[1], m.wrench[4], gains.moment, dt, memory.moment)
+    rate = loops.force_pi(t.force[1], m.wrench[4], gains.moment, dt, memory.moment)
     tilt = along = planned = 0.0
     for i in range(3):
         tilt += y[i] * memory.error[i]
@@ -148,7 +136,7 @@ def turn_and_level(m: Measurement, t: Target, gains: HybridGains, dt: float, mem
 
 
 @kernel
-def _forget(memory: PiMemory) -> None:
+def _forget(memory: loops.PiMemory) -> None:
     memory.integral, memory.measured, memory.started = 0.0, 0.0, False
 
 
@@ -158,7 +146,7 @@ def _press(m: Measurement, t: Target, context: HybridContext, out: Array) -> Non
     gains, memory = context.gains, context.memory
     turn_and_level(m, t, gains, m.clock[1], memory, out)
     if t.contact[0] > 0.0:
-        replace_along_z(m, force_pi(t.force[0], m.wrench[2], gains.force, m.clock[1], memory.force), out)
+        replace_along_z(m, loops.force_pi(t.force[0], m.wrench[2], gains.force, m.clock[1], memory.force), out)
     else:
         _forget(memory.force)
 
@@ -182,7 +170,7 @@ def _hybrid_pi_position_law(context, _course, measurement, target, answer):  # t
     """As ``hybrid-pi`` with the position loop of eq. 5."""
     c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
     m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
-    position_pd(m.position, t.position, m.twist[0:3], t.twist[0:3], c.gains.position_rate, out.twist[0:3])
+    loops.position_pd(m.position, t.position, m.twist[0:3], t.twist[0:3], c.gains.position_rate, out.twist[0:3])
     _press(m, t, c, out.twist)
 
 

@@ -9,17 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from polish_sim import calibration
 from polish_sim.arrays import Array
-from polish_sim.calibration import (
-    PayloadEstimate,
-    PayloadReadings,
-    estimate_figures,
-    fit_payload,
-    fit_without_outliers,
-    payload_regressor,
-    plan_payload_poses,
-    read_calibrated_tool,
-)
 from polish_sim.calibration.payload import refuse_doubtful, refuse_swapped_columns
 from polish_sim.cell import Cell, Observer, Silent, weight_of
 from polish_sim.cell.stroke import TARE_TIME
@@ -50,23 +41,23 @@ class PayloadCalibration:
     """What a calibration leaves behind."""
 
     scenario: Scenario | None  #: None for readings of a real robot
-    readings: PayloadReadings
-    estimate: PayloadEstimate
+    readings: calibration.PayloadReadings
+    estimate: calibration.PayloadEstimate
     figures: dict[str, Any]  #: The keys of metrics.json
     q: Array | None = None  #: Joint angles of the poses [rad], shape (n, 6)
     long_run: LongRun | None = None
 
 
-def calibrate_from(readings: PayloadReadings, drift: bool) -> PayloadCalibration:
+def calibrate_from(readings: calibration.PayloadReadings, drift: bool) -> PayloadCalibration:
     """Calibrate from readings of a real robot; there is no truth to compare with.
 
     Raises:
         CalibrationError: If they do not tell the tool.
     """
     refuse_swapped_columns(readings)
-    estimate = fit_without_outliers(readings, drift)
+    estimate = calibration.fit_without_outliers(readings, drift)
     refuse_doubtful(readings, estimate)
-    return PayloadCalibration(None, readings, estimate, estimate_figures(estimate))
+    return PayloadCalibration(None, readings, estimate, calibration.estimate_figures(estimate))
 
 
 def run_payload_calibration(
@@ -84,7 +75,7 @@ def run_payload_calibration(
     observer = observer or Silent()
     observer.stage("plan the poses")
     streams, payload = random_streams(scenario.seed), scenario.payload
-    poses = plan_payload_poses(payload.poses)
+    poses = calibration.plan_payload_poses(payload.poses)
     q = np.concatenate([poses.q, poses.q[:1]])
     visit = plan_visit(q, payload.settle_s, payload.average_s, patience(scenario.robot))
     cell = visiting_cell(_in_free_space(scenario), visit, q[0], streams[SENSOR_STREAM])
@@ -92,8 +83,8 @@ def run_payload_calibration(
     run, readings = run_visit(cell, visit, observer)
     _check_range(cell, readings)
     observer.stage("estimate")
-    estimate = fit_without_outliers(readings, drift, cell_gravity(cell))
-    figures = estimate_figures(estimate) | _errors(cell, estimate)
+    estimate = calibration.fit_without_outliers(readings, drift, cell_gravity(cell))
+    figures = calibration.estimate_figures(estimate) | _errors(cell, estimate)
     figures |= _return_figures(readings, estimate) | _residual_figures(cell, estimate, streams[PAYLOAD_STREAM])
     long_run = idle_force(cell, streams[PAYLOAD_STREAM])
     figures |= {
@@ -119,7 +110,7 @@ def _in_free_space(scenario: Scenario) -> Scenario:
     )
 
 
-def _check_range(cell: Cell, readings: PayloadReadings) -> None:
+def _check_range(cell: Cell, readings: calibration.PayloadReadings) -> None:
     """Refuse readings at the end of the sensor's range: a saturated axis hides part of the weight."""
     full = np.abs(readings.wrenches) > 0.98 * cell.sensor.range
     if full.any():
@@ -131,7 +122,7 @@ def _check_range(cell: Cell, readings: PayloadReadings) -> None:
         )
 
 
-def _errors(cell: Cell, estimate: PayloadEstimate) -> dict[str, Any]:
+def _errors(cell: Cell, estimate: calibration.PayloadEstimate) -> dict[str, Any]:
     """Estimate minus truth; the bias is compared with that at the start of the run, before it drifted."""
     carried = cell.carried
     off = estimate.bias_at(0.0) - cell.sensor.bias
@@ -151,13 +142,13 @@ def cell_gravity(cell: Cell) -> float:
     return float(-cell.model.opt.gravity[2])
 
 
-def _bias_error(cell: Cell, estimate: PayloadEstimate) -> Array:
+def _bias_error(cell: Cell, estimate: calibration.PayloadEstimate) -> Array:
     """Estimated force bias minus what bias and drift have become [N], shape (3,)."""
     now = cell.sensor.bias + cell.state.sensor.drift
     return np.asarray((estimate.bias_at(float(cell.data.time)) - now)[:3])
 
 
-def _return_figures(readings: PayloadReadings, estimate: PayloadEstimate) -> dict[str, Any]:
+def _return_figures(readings: calibration.PayloadReadings, estimate: calibration.PayloadEstimate) -> dict[str, Any]:
     """What the first pose reads at the end against what it read at the beginning: drift, and noise twice."""
     return {
         "drift_return_n": (readings.wrenches[-1, :3] - readings.wrenches[0, :3]).tolist(),
@@ -168,13 +159,13 @@ def _return_figures(readings: PayloadReadings, estimate: PayloadEstimate) -> dic
     }
 
 
-def _residual_figures(cell: Cell, estimate: PayloadEstimate, rng: np.random.Generator) -> dict[str, Any]:
+def _residual_figures(cell: Cell, estimate: calibration.PayloadEstimate, rng: np.random.Generator) -> dict[str, Any]:
     """The force left after compensation in random poses right after the calibration, with and without a tare."""
     R = Rotation.random(CHECK_POSES, random_state=rng).as_matrix()
     load = weight_of(cell.carried, R)
     read = cell.read_at_rest(load, np.zeros(len(R)), CHECK_SETTLE_S, CHECK_AVERAGE_S, rng, fresh=False)
     theta = np.concatenate([estimate.theta[:4], estimate.bias_at(float(cell.data.time))])
-    left = (read - payload_regressor(R[:, 2, :], None, cell_gravity(cell)) @ theta)[:, :3]
+    left = (read - calibration.payload_regressor(R[:, 2, :], None, cell_gravity(cell)) @ theta)[:, :3]
     # The tare is taken in the first pose; tool axes turn with the sensor's.
     return {
         "residual_poses": CHECK_POSES,
@@ -219,18 +210,18 @@ def believe_tool(cell: Cell, rng: np.random.Generator) -> None:
     """
     config = cell.scenario.payload
     if config.file:
-        mass, center = read_calibrated_tool(Path(config.file))
+        mass, center = calibration.read_calibrated_tool(Path(config.file))
     else:
-        estimate = fit_payload(readings_at_rest(cell, rng))
+        estimate = calibration.fit_payload(readings_at_rest(cell, rng))
         mass, center = estimate.mass, estimate.center
     cell.compensate(mass, center)
 
 
-def readings_at_rest(cell: Cell, rng: np.random.Generator) -> PayloadReadings:
+def readings_at_rest(cell: Cell, rng: np.random.Generator) -> calibration.PayloadReadings:
     """Readings of a cell's sensor in the calibration's poses, the robot not simulated."""
     config = cell.scenario.payload
-    poses = plan_payload_poses(config.poses)
+    poses = calibration.plan_payload_poses(config.poses)
     loads = weight_of(cell.carried, poses.R_base_sensor)
     wrenches = cell.read_at_rest(loads, poses.move_times, config.settle_s, config.average_s, rng)
     time = np.cumsum(poses.move_times + config.settle_s + config.average_s) - 0.5 * config.average_s
-    return PayloadReadings(time, poses.R_base_sensor.copy(), wrenches)
+    return calibration.PayloadReadings(time, poses.R_base_sensor.copy(), wrenches)

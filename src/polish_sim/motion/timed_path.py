@@ -9,18 +9,10 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
+from polish_sim.motion import trajectory
 from polish_sim.motion.rules.chain import Chain, rows_among
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.schedule import Schedule, ScheduleIndex, index_schedule, progress_at, sample_schedule
-from polish_sim.motion.trajectory import (
-    PathTable,
-    blend_cubic,
-    blend_linear,
-    continuous_quaternions,
-    normalize,
-    sample_path,
-    slowed_before,
-)
 
 ROW_S = 0.005  # between rows; short against a jerk-limited corner [s]
 MOST_ROWS = 400_000  # longer motions get longer rows
@@ -57,7 +49,7 @@ class Pace(NamedTuple):
     jerk: float  #: [m/s^3]
 
 
-def time_path(table: PathTable, pace: Pace) -> TimedPath:
+def time_path(table: trajectory.PathTable, pace: Pace) -> TimedPath:
     """Follow a path at constant speed, from rest to rest with limited jerk along it.
 
     The pace's speed is that at a feed share of 1; the path's bends are not slowed for. Where the feed share is below
@@ -86,7 +78,7 @@ def with_feed(motion: TimedPath, feed: Array, rate_change: float) -> TimedPath:
     The rate falls by ``rate_change`` [1/s] at most; before a slow place it falls early enough.
     """
     rates = np.minimum(1.0, feed / np.maximum(motion.speeds, 1e-12))
-    return motion._replace(rates=slowed_before(rates, 2.0 * rate_change * motion.spacing))
+    return motion._replace(rates=trajectory.slowed_before(rates, 2.0 * rate_change * motion.spacing))
 
 
 def row_times(duration: float) -> Array:
@@ -110,9 +102,9 @@ def _rest_to_rest(t: Array, length: float, boxes: tuple[float, float, float]) ->
 
 
 @njit(cache=True)
-def _fill(table: PathTable, motion: TimedPath) -> None:
+def _fill(table: trajectory.PathTable, motion: TimedPath) -> None:
     for i in range(len(motion.places)):
-        sample_path(
+        trajectory.sample_path(
             table, motion.places[i], motion.positions[i], motion.velocities[i], motion.quaternions[i], motion.spins[i]
         )
         for axis in range(3):
@@ -132,10 +124,10 @@ def sample_motion(
     share = min(max(clock, 0.0), motion.duration) / motion.spacing
     row = min(int(share), motion.positions.shape[0] - 2)
     u = share - row
-    blend_cubic(motion.positions, motion.velocities, row, u, motion.spacing, position, velocity)
-    blend_linear(motion.spins, row, u, spin)
-    blend_linear(motion.quaternions, row, u, quaternion)
-    normalize(quaternion)
+    trajectory.blend_cubic(motion.positions, motion.velocities, row, u, motion.spacing, position, velocity)
+    trajectory.blend_linear(motion.spins, row, u, spin)
+    trajectory.blend_linear(motion.quaternions, row, u, quaternion)
+    trajectory.normalize(quaternion)
     place[0] = (1.0 - u) * motion.places[row] + u * motion.places[row + 1]
     place[1] = (1.0 - u) * motion.speeds[row] + u * motion.speeds[row + 1]
 
@@ -166,7 +158,7 @@ def time_schedule(chain: Chain, schedule: Schedule, marks: Array) -> TimedPath:
         schedule.end,
         np.ascontiguousarray(motion.tips[:, 0]),
         np.ascontiguousarray(motion.tips[:, 1]),
-        continuous_quaternions(motion.rotations),
+        trajectory.continuous_quaternions(motion.rotations),
         np.ascontiguousarray(motion.spins[:, 0]),
         np.maximum.accumulate(places),
         speeds,

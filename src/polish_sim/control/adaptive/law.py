@@ -9,28 +9,8 @@ from numba import carray
 
 from polish_sim.arrays import Array
 from polish_sim.config import ControllerConfig
-from polish_sim.control.adaptive.drawing import (
-    Ahead,
-    AheadRow,
-    averaged_error,
-    followable_share,
-    granted_feed,
-    lead_turning,
-    planned_press_rate,
-    planned_surplus,
-    rows_ahead,
-)
-from polish_sim.control.adaptive.force_loop import (
-    as_sensed,
-    begin_contact,
-    change_stiffness,
-    expect_delay,
-    measure_delay,
-    observe_force,
-    pace_of,
-    remember_command,
-    under_way,
-)
+from polish_sim.control.adaptive import drawing, force_loop, landing
+from polish_sim.control.adaptive.drawing import Ahead
 from polish_sim.control.adaptive.gains import (
     AdaptiveGains,
     PathGains,
@@ -39,19 +19,6 @@ from polish_sim.control.adaptive.gains import (
     abilities,
     adaptive_gains,
     path_gains,
-)
-from polish_sim.control.adaptive.landing import (
-    fell_back,
-    is_armed,
-    note_landing,
-    own_force,
-    quickest_stop,
-    refine_stiffness,
-    restart_fit,
-    seek_speed,
-    smooth_reading,
-    speed_limit,
-    watch_air,
 )
 from polish_sim.control.adaptive.surface import learn, learned_rate, level_by_moment, tilted_target
 from polish_sim.control.hybrid import (
@@ -98,7 +65,7 @@ class AdaptiveContext(Record):
     memory: AdaptiveMemory
 
 
-_CONTEXT, _ROW = AdaptiveContext.dtype, AheadRow.dtype
+_CONTEXT, _ROW = AdaptiveContext.dtype, drawing.AheadRow.dtype
 
 
 @cfunc(LAW_SIGNATURE)
@@ -116,7 +83,7 @@ def _hybrid_adaptive_law(context, course, measurement, target, answer):  # type:
     expected_then = expected_rate(p, ahead, path, m, t, press_memory.delay.delay, ratio, 0.0)
     speed = press(g, press_memory, m, t, by_position, expected, expected_then, dt)
     replace_along_z(m, speed, twist)
-    remember_command(press_memory, speed)
+    force_loop.remember_command(press_memory, speed)
     out.feed = look_back(p, press_memory, ahead, path, m, t, ratio, dt)
 
 
@@ -132,7 +99,7 @@ def turn(
         turn_to_target(m, path.wanted, t.twist, h.orientation, dt, False, hybrid, twist)
     else:
         turn_and_level(m, t, h, dt, hybrid, twist)
-    lead_turning(ahead, t, p.forward, twist)
+    drawing.lead_turning(ahead, t, p.forward, twist)
 
 
 @kernel
@@ -140,7 +107,7 @@ def expected_rate(
     p: PathGains, ahead: Ahead, path: PathMemory, m: Measurement, t: Target, look_ahead: float, ratio: float, dt: float
 ) -> float:
     """Speed along tool z that drawing and neighbour turn say the path asks for ``look_ahead`` [s] from now [m/s]."""
-    planned = planned_press_rate(ahead, m, t, path.wanted, look_ahead, ratio, p.forward)
+    planned = drawing.planned_press_rate(ahead, m, t, path.wanted, look_ahead, ratio, p.forward)
     return planned + learned_rate(ahead, t, look_ahead, p.learning, dt, path.neighbour)
 
 
@@ -157,10 +124,10 @@ def look_back(
     height = 0.0
     for i in range(3):
         height += t.rotation[i, 2] * (m.position[i] - t.position[i])
-    offset = height + error / state.stiffness - planned_surplus(ahead, t, ratio, p.forward)
+    offset = height + error / state.stiffness - drawing.planned_surplus(ahead, t, ratio, p.forward)
     learn(ahead, t, offset, p.learning, dt, path.learning)
-    path.feed_error = averaged_error(path.feed_error, error, t, p.feed, dt)
-    return granted_feed(ahead, t, path.feed_error, p.feed)
+    path.feed_error = drawing.averaged_error(path.feed_error, error, t, p.feed, dt)
+    return drawing.granted_feed(ahead, t, path.feed_error, p.feed)
 
 
 @kernel
@@ -186,29 +153,29 @@ def press(
     ``by_position`` is what the position law asks for, the answer in the air; ``expected`` is the speed the path asks
     for at this moment to keep the force, ``expected_then`` the same when today's command acts [m/s].
     """
-    expect_delay(g, memory)
+    force_loop.expect_delay(g, memory)
     speed = along_z(m, m.twist)
     pressing = speed - expected
     memory.force.travel += pressing * dt
-    own = own_force(g, memory, m, speed, pressing if memory.air.touches else 0.0, dt)
-    seen = as_sensed(g, memory, memory.force.travel, own, dt)
+    own = landing.own_force(g, memory, m, speed, pressing if memory.air.touches else 0.0, dt)
+    seen = force_loop.as_sensed(g, memory, memory.force.travel, own, dt)
     reading = m.wrench[2] - seen.own
     if not _touches(g, memory, t, along_z(m, t.twist), seen.path, reading, dt):
-        measure_delay(g, memory, speed, dt)
-        return by_position if t.contact[0] == 0.0 else seek_speed(memory)
+        force_loop.measure_delay(g, memory, speed, dt)
+        return by_position if t.contact[0] == 0.0 else landing.seek_speed(memory)
     state = memory.force
     state.age += dt
     if g.estimates and state.landed < _LANDING:
-        stiffness = refine_stiffness(g, memory, g.stiffness, seen.path, reading, pressing, dt)
-        change_stiffness(memory, stiffness, seen.path)
-    pace = pace_of(g, state.stiffness, memory.delay.delay, math.sqrt(memory.air.variance), state.age)
-    force = observe_force(memory, pace.observer, seen.path, reading, state.landed, dt)
+        stiffness = landing.refine_stiffness(g, memory, g.stiffness, seen.path, reading, pressing, dt)
+        force_loop.change_stiffness(memory, stiffness, seen.path)
+    pace = force_loop.pace_of(g, state.stiffness, memory.delay.delay, math.sqrt(memory.air.variance), state.age)
+    force = force_loop.observe_force(memory, pace.observer, seen.path, reading, state.landed, dt)
     rate = state.landed * state.rate
     # What the path will have asked for until then is no travel into the part.
     asked = 0.5 * (expected + expected_then) * memory.delay.delay
-    travel = (t.force[0] - force) / state.stiffness - (under_way(memory, dt) - asked)
-    wanted = quickest_stop(g, travel, pace.crossover, speed_limit(g, memory, state.stiffness))
-    note_landing(g, memory, wanted, dt)
+    travel = (t.force[0] - force) / state.stiffness - (force_loop.under_way(memory, dt) - asked)
+    wanted = landing.quickest_stop(g, travel, pace.crossover, landing.speed_limit(g, memory, state.stiffness))
+    landing.note_landing(g, memory, wanted, dt)
     wanted += expected_then - rate / state.stiffness
     step = g.acceleration * dt
     return min(max(wanted, memory.delay.last_command - step), memory.delay.last_command + step)
@@ -227,19 +194,19 @@ def _touches(
         first = controlled and not air.touches
         air.touches = controlled
     elif air.touches:
-        smooth_reading(memory, reading, dt)
-        air.touches = not fell_back(memory)
+        landing.smooth_reading(memory, reading, dt)
+        air.touches = not landing.fell_back(memory)
         first = False
     else:
         if not controlled:
             air.approach_speed = max(air.approach_speed, planned)
-        noticed = watch_air(memory, reading, planned > 1e-5 or controlled, dt)
-        first = noticed or (controlled and not is_armed(memory))
+        noticed = landing.watch_air(memory, reading, planned > 1e-5 or controlled, dt)
+        first = noticed or (controlled and not landing.is_armed(memory))
         air.touches = first
     if first:
         force = max(air.fast, 0.0) if g.touch_down else reading
-        begin_contact(memory, g.stiffness * (g.stiff_first if g.estimates else 1.0), path, force)
-        restart_fit(memory, path, force)
+        force_loop.begin_contact(memory, g.stiffness * (g.stiff_first if g.estimates else 1.0), path, force)
+        landing.restart_fit(memory, path, force)
     return air.touches
 
 
@@ -252,12 +219,12 @@ class AdaptiveController(CompiledController):
     def __init__(self, config: ControllerConfig) -> None:
         laws = config.adaptive
         context = AdaptiveContext(hybrid_gains(config), adaptive_gains(laws), path_gains(laws), spacing=1.0)
-        super().__init__(context, _hybrid_adaptive_law, np.zeros(1, AheadRow.dtype))
+        super().__init__(context, _hybrid_adaptive_law, np.zeros(1, drawing.AheadRow.dtype))
         self._abilities = abilities(laws)
 
     def prepare(self, course: Course) -> None:
         """Take in what lies ahead on the path."""
-        self.course = rows_ahead(course, followable_share(course, self._abilities))
+        self.course = drawing.rows_ahead(course, drawing.followable_share(course, self._abilities))
         self.context.spacing, self.context.rows = course.spacing, len(self.course)
 
     def reset(self, cycle_s: float) -> None:

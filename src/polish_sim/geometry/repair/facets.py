@@ -10,16 +10,9 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.errors import MeshError
+from polish_sim.geometry import topology
 from polish_sim.geometry.polygon import split_polygons
 from polish_sim.geometry.repair.skin import Skin, number_rows, place
-from polish_sim.geometry.topology import (
-    facet_links,
-    facets_at_edges,
-    find_adjacency,
-    find_edge_faults,
-    label_pieces,
-    sorted_half_edges,
-)
 
 SLIVER = 1e-6  #: Facets lower than this share of the part's size have no meaningful normal
 NEEDLE = 0.1  #: A facet lower than this share of its longest edge is a needle
@@ -60,12 +53,12 @@ def drop_bad_facets(skin: Skin, path: Path) -> Skin:
 
 def _drop_walls(skin: Skin, double: Bools) -> Skin:
     """Drop pieces of double facets whose rim others share, so that inside and outside are defined again."""
-    crowded = facets_at_edges(skin.faces) > 2
+    crowded = topology.facets_at_edges(skin.faces) > 2
     if not crowded.any():
         return skin
-    adjacency = find_adjacency(skin.faces)
+    adjacency = topology.find_adjacency(skin.faces)
     both = double[:, None] & double[adjacency.facets]
-    count, labels = label_pieces(facet_links(adjacency, both), len(skin.faces))
+    count, labels = topology.label_pieces(topology.facet_links(adjacency, both), len(skin.faces))
     wall = np.zeros(count, dtype=bool)
     wall[labels[double & crowded.any(axis=1)]] = True
     inner = wall[labels] & double
@@ -84,7 +77,7 @@ def flip_slivers(skin: Skin) -> Skin:
     for _ in range(_ROUNDS):
         heights = _facet_heights(vertices, faces)
         slivers = np.flatnonzero(heights <= limit)
-        adjacency = find_adjacency(faces) if len(slivers) else None
+        adjacency = topology.find_adjacency(faces) if len(slivers) else None
         done: set[int] = set()
         for facet in slivers:
             assert adjacency is not None
@@ -146,7 +139,7 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
     facet = np.flatnonzero(shape < NEEDLE)
     if len(facet) == 0:
         return []
-    adjacency = find_adjacency(faces)
+    adjacency = topology.find_adjacency(faces)
     facet = facet[adjacency.facets[facet, edge[facet]] >= 0]
     edge = edge[facet]
     other, back = adjacency.facets[facet, edge], adjacency.edges[facet, edge]
@@ -176,7 +169,7 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
     wanted &= after <= _CALMER * before
     if not wanted.any():
         return []
-    start, end, _, _ = sorted_half_edges(faces)
+    start, end, _, _ = topology.sorted_half_edges(faces)
     size = len(vertices)
     key = np.minimum(r, s).astype(np.int64) * size + np.maximum(r, s)
     wanted &= ~np.isin(key, np.minimum(start, end) * size + np.maximum(start, end))
@@ -220,7 +213,7 @@ def split_t_junctions(skin: Skin) -> Skin:
 
     Only edges with one facet are looked at: a vertex on an edge inside the skin opens no gap.
     """
-    facet, at = np.nonzero(facets_at_edges(skin.faces) == 1)
+    facet, at = np.nonzero(topology.facets_at_edges(skin.faces) == 1)
     border = 3 * facet + at
     if len(border) == 0:
         return skin
@@ -230,7 +223,7 @@ def split_t_junctions(skin: Skin) -> Skin:
         return skin
     edge = border[edge]
     faces, source, split = _split_facets(skin, edge, vertex, along)
-    if find_edge_faults(faces).open >= len(border):
+    if topology.find_edge_faults(faces).open >= len(border):
         return skin
     where = place(skin.vertices[[start[edge[0]], end[edge[0]]]])
     notes = (*skin.notes, f"split {split} facets at T-junctions (vertices on their edges), the first at {where}")

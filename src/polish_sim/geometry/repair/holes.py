@@ -9,17 +9,10 @@ import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.errors import MeshError
+from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.polygon import MOST_CORNERS, split_polygons
 from polish_sim.geometry.repair.skin import Skin, place
-from polish_sim.geometry.topology import (
-    facet_links,
-    facets_at_edges,
-    find_adjacency,
-    find_edge_faults,
-    label_pieces,
-    sorted_half_edges,
-)
 
 SMALL_HOLE = 0.05  #: Holes up to this share of the part's size across are closed ...
 LARGEST_CLOSED = 5e-3  #: ... if they are no wider than this [m]
@@ -65,7 +58,7 @@ def close_holes(skin: Skin) -> Skin:
 
 def find_holes(skin: Skin) -> list[Hole]:
     """Borders of the skin as closed lines, the widest first; lines through a vertex twice are cut there."""
-    facet, edge = np.nonzero(find_adjacency(skin.faces).facets < 0)
+    facet, edge = np.nonzero(topology.find_adjacency(skin.faces).facets < 0)
     # A patch runs along the border the other way than the facets beside it.
     start, end = skin.faces[facet, (edge + 1) % 3], skin.faces[facet, edge]
     ahead: dict[int, list[int]] = {}
@@ -143,13 +136,13 @@ def separate_crowded(skin: Skin, path: Path) -> Skin:
     Raises:
         MeshError: Edges are left that belong to more than two facets; names how many, and where the first is.
     """
-    if find_edge_faults(skin.faces).crowded == 0:
+    if topology.find_edge_faults(skin.faces).crowded == 0:
         return skin
     skin = _drop_fins(skin)
-    if find_edge_faults(skin.faces).crowded == 0:
+    if topology.find_edge_faults(skin.faces).crowded == 0:
         return skin
     skin = _part_vertices(skin)
-    faults = find_edge_faults(skin.faces)
+    faults = topology.find_edge_faults(skin.faces)
     if faults.crowded:
         raise MeshError(
             f"{path}: the mesh is broken: {faults.crowded} edges are shared by more than two facets, the first "
@@ -161,8 +154,8 @@ def separate_crowded(skin: Skin, path: Path) -> Skin:
 
 def _drop_fins(skin: Skin) -> Skin:
     """Drop small pieces between a crowded edge and the open."""
-    count, labels = label_pieces(facet_links(find_adjacency(skin.faces)), len(skin.faces))
-    shared = facets_at_edges(skin.faces)
+    count, labels = topology.label_pieces(topology.facet_links(topology.find_adjacency(skin.faces)), len(skin.faces))
+    shared = topology.facets_at_edges(skin.faces)
     hangs, ends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     hangs[labels[(shared > 2).any(axis=1)]] = True
     ends[labels[(shared == 1).any(axis=1)]] = True
@@ -179,7 +172,7 @@ def _drop_fins(skin: Skin) -> Skin:
 
 def _part_vertices(skin: Skin) -> Skin:
     """Give facets their own vertices where they only touch along an edge or at a point."""
-    start, end, order, key = sorted_half_edges(skin.faces)
+    start, end, order, key = topology.sorted_half_edges(skin.faces)
     new = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
     counts = np.diff(new, append=len(key))
     two = new[counts == 2]
@@ -195,7 +188,7 @@ def _part_vertices(skin: Skin) -> Skin:
     corners = np.concatenate(
         [np.column_stack([a, np.where(alike, b, ahead_b)]), np.column_stack([ahead_a, np.where(alike, ahead_b, b)])]
     )
-    number, labels = label_pieces(corners, 3 * len(skin.faces))
+    number, labels = topology.label_pieces(corners, 3 * len(skin.faces))
     vertices = np.empty((number, 3))
     vertices[labels] = skin.vertices[skin.faces.ravel()]
     note = (
