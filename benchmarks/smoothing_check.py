@@ -110,7 +110,7 @@ def judge_path(number: int, task: Task) -> list[Judged]:
     rows = []
     for rule in task.rules:
         try:
-            chain, schedule = RULES[rule](path.chain, task.limits, TOLERANCE, AXIS_TOLERANCE, path.arm)
+            chain, schedule = RULES[rule](path.chain, task.limits, TOLERANCE, AXIS_TOLERANCE, path.arm, None)
         except PolishSimError as error:
             rows.append(Judged(rule, path.kind, number, np.full(11, np.nan), math.nan, str(error)))
             continue

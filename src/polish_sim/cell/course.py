@@ -68,8 +68,11 @@ def build_course(scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceF
     4). Rows between two strokes, in the air, repeat the nearest row in contact.
     """
     rows = math.floor(max(stroke.start_s + stroke.process.length for stroke in strokes) / SPACING) + 2
-    owner = _stroke_of_rows(strokes, rows)
     s = np.arange(rows) * SPACING
+    # Rows in the air belong to the nearer stroke.
+    starts = np.array([stroke.start_s for stroke in strokes])
+    ends = starts + [stroke.process.length for stroke in strokes]
+    owner = np.searchsorted(0.5 * (ends[:-1] + starts[1:]), s)
     parts = [_poses(stroke, s[owner == k]) for k, stroke in enumerate(strokes)]
     poses = _Poses(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     R, p = T_base_work[:3, :3], T_base_work[:3, 3]
@@ -123,14 +126,6 @@ def _refined(points: Array, coarse: Ints, stride: int) -> Ints:
     distance = np.linalg.norm(points[tried] - points[:, None], axis=2)
     best = tried[np.arange(len(points)), distance.argmin(axis=1)]
     return np.asarray(np.where(coarse < 0, -1, best), dtype=np.int64)
-
-
-def _stroke_of_rows(strokes: Sequence[Stroke], rows: int) -> Ints:
-    """Number of the stroke each row belongs to; rows in the air belong to the nearer one, shape (rows,)."""
-    s = np.arange(rows) * SPACING
-    starts = np.array([stroke.start_s for stroke in strokes])
-    ends = starts + [stroke.process.length for stroke in strokes]
-    return np.searchsorted(0.5 * (ends[:-1] + starts[1:]), s).astype(np.int64)
 
 
 def _poses(stroke: Stroke, s: Array) -> _Poses:

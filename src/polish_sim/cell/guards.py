@@ -221,9 +221,12 @@ def crash_points(model: mujoco.MjModel, arm: str = "") -> CrashPoints:
         drawn = (model.geom_bodyid == body) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
         for geom in np.flatnonzero(drawn):
             R = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
-            spread = _thinned(R.apply(_vertices(model, int(model.geom_dataid[geom]))) + model.geom_pos[geom])
-            points.append(spread)
-            bodies.append(np.full(len(spread), body))
+            mesh = int(model.geom_dataid[geom])
+            start = model.mesh_vertadr[mesh]
+            spread = R.apply(model.mesh_vert[start : start + model.mesh_vertnum[mesh]]) + model.geom_pos[geom]
+            _, kept = np.unique(np.round(spread / _SPACING).astype(int), axis=0, return_index=True)
+            points.append(spread[kept])
+            bodies.append(np.full(len(kept), body))
     return CrashPoints(np.concatenate(points), np.concatenate(bodies).astype(np.int64))
 
 
@@ -245,13 +248,3 @@ def _on_cylinder(model: mujoco.MjModel, geom: int) -> Array:
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
     R = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
     return np.asarray(R.apply(points) + model.geom_pos[geom])
-
-
-def _vertices(model: mujoco.MjModel, mesh: int) -> Array:
-    start = model.mesh_vertadr[mesh]
-    return np.asarray(model.mesh_vert[start : start + model.mesh_vertnum[mesh]], dtype=np.float64)
-
-
-def _thinned(points: Array) -> Array:
-    _, kept = np.unique(np.round(points / _SPACING).astype(int), axis=0, return_index=True)
-    return points[kept]

@@ -64,7 +64,9 @@ def pad_motion(
     # The force of an instant acts until the next one.
     clock = np.append(time, 2.0 * time[-1] - time[-2])
     impulse = np.concatenate([[0.0], np.cumsum(force * np.diff(clock))])
-    speeds = trace.tcp_speed_m_s if part_turns is None else _speeds_on_part(trace)
+    speeds = trace.tcp_speed_m_s
+    if part_turns is not None:
+        speeds = np.linalg.norm(np.gradient(trace.tool_on_part_m, time, axis=0), axis=1)
     marks = _marks(clock[touching[0]], clock[touching[-1] + 1], speeds[touching], pad_radius)
     gained, times = np.diff(np.interp(marks, clock, impulse)), np.diff(marks)
     R_base_part = part.rotation[None] if part_turns is None else part_turns
@@ -76,11 +78,6 @@ def pad_motion(
     turning = (turns[1:] * turns[:-1].inv()).as_rotvec() / times[:, None] - spin[:, None] * axes
     columns = (marks[1:], centers, axes, velocities, turning, times, gained)
     return PadMotion(*(np.ascontiguousarray(column[gained > 0.0]) for column in columns))
-
-
-def _speeds_on_part(trace: Trace) -> Array:
-    """Of the tool point over a part that is carried [m/s], shape (n,)."""
-    return np.asarray(np.linalg.norm(np.gradient(trace.tool_on_part_m, trace.time_s, axis=0), axis=1))
 
 
 def _marks(first: float, last: float, speeds: Array, pad_radius: float) -> Array:

@@ -108,12 +108,6 @@ def feed_pace(feed: float) -> Pace:
 
 
 @kernel
-def stopping_time(feed: float, rate: float) -> float:
-    """How long it takes to bring a motion at a feed [m/s] from a rate [-] to rest [s]."""
-    return rate * feed / (FALL * feed_acceleration(feed)) + BUILD_UP
-
-
-@kernel
 def change_rate(state: Sequence, wanted: float, feed: float, dt: float) -> None:
     """Lead the rate of a motion towards the ``wanted`` one; its first and second derivative stay limited."""
     rise = feed_acceleration(feed) / feed
@@ -145,7 +139,11 @@ def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, tar
         _play(stroke.travel, state, dt, target)
     elif stage <= APPROACH:
         if stage == APPROACH:
-            _move_on(state, stroke.lead_in.length, stroke.approach_speed, dt)
+            # Up to speed, which is kept to the end: the robot's own limits do the stopping.
+            length, speed = stroke.lead_in.length, stroke.approach_speed
+            faster = min(speed, state.speed + feed_acceleration(speed) * dt)
+            state.speed = faster if state.s < length else 0.0
+            state.s = min(state.s + state.speed * dt, length)
             state.depth = state.s - stroke.lead_in.length
         _follow(stroke.lead_in, state, target)
     elif stage == SEEK:
@@ -158,7 +156,8 @@ def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, tar
         _sink(stroke.process, 0.0, state, state.depth - stroke.depth, speed, target)
     elif stage == PROCESS:
         most = sample_rate(stroke.motion, state.clock)
-        if state.time >= stroke.feed_time - stopping_time(stroke.feed, state.rate):
+        stopping = state.rate * stroke.feed / (FALL * feed_acceleration(stroke.feed)) + BUILD_UP
+        if state.time >= stroke.feed_time - stopping:
             most = 0.0
         change_rate(state, granted * most, stroke.feed, dt)
         _play(stroke.motion, state, dt, target)
@@ -171,14 +170,6 @@ def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, tar
         _sink(stroke.process, state.s, state, -state.depth, -speed, target)
         target.path[0] = stroke.start_s + state.s
     target.path[2] = state.speed
-
-
-@kernel
-def _move_on(state: Sequence, length: float, speed: float, dt: float) -> None:
-    """Advance along a table: ramp up to ``speed`` and keep it to the end; the robot's own limits do the stopping."""
-    gained = feed_acceleration(speed) * dt
-    state.speed = min(speed, state.speed + gained) if state.s < length else 0.0
-    state.s = min(state.s + state.speed * dt, length)
 
 
 @kernel

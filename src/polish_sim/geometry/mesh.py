@@ -129,7 +129,8 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
     _check_size(float(np.ptp(triangles.corners.reshape(-1, 3), axis=0).max()), unit, path)
     skin = mend(triangles.corners * scale, path)
     direction, up_note = choose_up(skin.vertices, skin.faces, up)
-    vertices, faces = _compact(skin.vertices, skin.faces)
+    used, compact = np.unique(skin.faces, return_inverse=True)
+    vertices, faces = skin.vertices[used], compact.reshape(-1, 3).astype(np.int32)
     stl_facets = np.where(skin.source >= 0, triangles.numbers[skin.source], -1).astype(np.int32)
     for array in (vertices, faces, direction, stl_facets):
         array.setflags(write=False)
@@ -165,12 +166,6 @@ def mend(triangles: Array, path: Path) -> Skin:
     skin = turn_outward(skin)
     skin = smooth_noise(skin)
     return skin._replace(notes=(*skin.notes, *describe_shells(skin), *describe_crossing_facets(skin)))
-
-
-def _compact(vertices: Array, faces: Ints) -> tuple[Array, Ints]:
-    """Leave out vertices no facet uses."""
-    used, compact = np.unique(faces, return_inverse=True)
-    return vertices[used], compact.reshape(-1, 3).astype(np.int32)
 
 
 def _size_note(vertices: Array, faces: Ints, unit: str) -> str:

@@ -92,7 +92,8 @@ def _seen_from(graph: FacetGraph, direction: Array, cone: float) -> Face:
     ends = looks[graph.links]
     labels = label_pieces(graph.links[ends.all(axis=1)], len(looks))[1]
     sizes: Array = np.bincount(labels, weights=np.where(looks, graph.areas, 0.0)).astype(np.float64)
-    facets = np.flatnonzero(labels == _first_largest(sizes))
+    # The first of the (nearly) largest: rounding must not choose.
+    facets = np.flatnonzero(labels == np.argmax(sizes >= (1.0 - _SAME) * sizes.max()))
     rim = np.zeros(len(looks), dtype=bool)
     rim[graph.links[ends[:, 0] != ends[:, 1]]] = True
     doubt = float(graph.areas[facets] @ rim[facets])
@@ -136,11 +137,6 @@ def _whole_direction(graph: FacetGraph, face: Face) -> Array | None:
     total = weights @ graph.normals
     length = float(np.linalg.norm(total))
     return np.asarray(total / length) if length > _SAME * float(weights.sum()) else None
-
-
-def _first_largest(sizes: Array) -> int:
-    """The first of the (nearly) largest, so that rounding does not choose."""
-    return int(np.flatnonzero(sizes >= (1.0 - _SAME) * sizes.max())[0])
 
 
 def _mean(normals: Array, weights: Array, otherwise: Array) -> Array:

@@ -102,16 +102,12 @@ def flip_slivers(skin: Skin) -> Skin:
 def _facet_heights(vertices: Array, faces: Ints) -> Array:
     """Smallest height of each facet [m], shape (m,)."""
     longest = _edge_lengths(vertices, faces).max(axis=-1)
-    return np.linalg.norm(_area_vectors(vertices, faces), axis=1) / np.maximum(longest, 1e-300)
+    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300)
 
 
 def _edge_lengths(vertices: Array, faces: Ints) -> Array:
     return np.linalg.norm(vertices[np.roll(faces, -1, axis=-1)] - vertices[faces], axis=-1)
-
-
-def _area_vectors(vertices: Array, faces: Ints) -> Array:
-    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
-    return np.cross(b - a, c - a)
 
 
 def flip_needles(skin: Skin) -> Skin:

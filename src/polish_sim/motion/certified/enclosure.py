@@ -49,16 +49,6 @@ def _norm(x: float, y: float, z: float) -> float:
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def measure_gains(e: Enclosure) -> None:
-    """Fill ``gains`` from the arm's inverse Jacobian and links."""
-    inverse, links = e.arm.inverse, e.arm.links
-    for i in range(6):
-        e.gains[0, i] = _norm(inverse[i, 0], inverse[i, 1], inverse[i, 2])
-        e.gains[1, i] = _norm(inverse[i, 3], inverse[i, 4], inverse[i, 5])
-        e.gains[2, i] = _norm(links[i, 0], links[i, 1], links[i, 2])
-
-
-@njit(cache=True, error_model="numpy", _nrt=False)
 def _fill_drift(e: Enclosure) -> None:
     """Fill ``drift``, column by column: J' has z' x R + z x R'; z', R the joint's axis and the way to the tool."""
     arm, q1, drift = e.arm, e.arm.rates[0], e.drift
@@ -186,10 +176,13 @@ def enclose(e: Enclosure, r: float, fourth_twist: float) -> int:
     ``fourth_twist`` bounds the angular part of x'''' on the piece [rad]. Returns after how many guesses one was
     confirmed; 0 if none was, a smaller piece may do then.
     """
-    measure_gains(e)
     measure_link_speeds(e)
     _fill_drift(e)
+    inverse, links = e.arm.inverse, e.arm.links
     for i in range(6):
+        e.gains[0, i] = _norm(inverse[i, 0], inverse[i, 1], inverse[i, 2])
+        e.gains[1, i] = _norm(inverse[i, 3], inverse[i, 4], inverse[i, 5])
+        e.gains[2, i] = _norm(links[i, 0], links[i, 1], links[i, 2])
         e.rates[3, i] = 0.0
     for guess in range(1, MOST_GUESSES + 1):
         spread_rates(e, r)

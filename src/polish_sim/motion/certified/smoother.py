@@ -10,7 +10,7 @@ from polish_sim.motion.certified.fitting import new_course
 from polish_sim.motion.certified.line import MotionPieces
 from polish_sim.motion.certified.merge import Shares
 from polish_sim.motion.certified.stream import BLOCK, NO_LAW, make_room, new_stream, take_points
-from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, arm_or_none
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, arm_or_none
 from polish_sim.motion.segment_rates import REACHED, UNREACHABLE
 
 MERGING_SHARE = 0.5  #: Share of either tolerance that merging short chords may use; what it leaves goes to the corners
@@ -34,7 +34,10 @@ class Smoother:
         if not (tolerance >= 0.0 and axis_tolerance >= 0.0):
             raise SmoothingError(f"tolerances are {tolerance:g} m and {axis_tolerance:g} rad: 0 or more is needed.")
         values = limits.values()
-        shares = _shares(values, tolerance, axis_tolerance)
+        # Merging pays where a segment is shorter than full speed covers while the acceleration builds up.
+        length = values.tip_speed * values.tip_acceleration / values.tip_jerk
+        turn = values.axis_speed * values.axis_acceleration / values.axis_jerk
+        shares = Shares(MERGING_SHARE * tolerance, MERGING_SHARE * axis_tolerance, length, turn)
         self._course = new_course(values, (float(tolerance), float(axis_tolerance)), shares, arm_or_none(arm))
         self._stream = new_stream(arm_or_none(arm))
 
@@ -100,10 +103,3 @@ class Smoother:
 def join_pieces(pieces: list[MotionPieces]) -> MotionPieces:
     """Many pieces, in order, as one."""
     return MotionPieces(*(np.concatenate(parts) for parts in zip(*pieces, strict=True)))
-
-
-def _shares(limits: LimitValues, tolerance: float, axis_tolerance: float) -> Shares:
-    """Merging pays where a segment is shorter than full speed covers while the acceleration builds up."""
-    length = limits.tip_speed * limits.tip_acceleration / limits.tip_jerk
-    turn = limits.axis_speed * limits.axis_acceleration / limits.axis_jerk
-    return Shares(MERGING_SHARE * tolerance, MERGING_SHARE * axis_tolerance, length, turn)

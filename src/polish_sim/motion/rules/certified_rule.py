@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.errors import SmoothingError
 from polish_sim.motion.certified.smoother import Smoother, join_pieces
 from polish_sim.motion.rules.chain import Chain, build_chain
@@ -12,17 +12,11 @@ from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.rules.rule import Smoothed
 from polish_sim.motion.rules.schedule import Schedule
 
-Array = NDArray[np.float64]
-
 
 def plan_certified(
-    chain: Chain,
-    limits: SmoothingLimits,
-    tolerance: float,
-    axis_tolerance: float,
-    arm: Arm | None,
+    chain: Chain, limits: SmoothingLimits, tolerance: float, axis_tolerance: float, arm: Arm | None,
     feeds: Array | None = None,
-) -> Smoothed:
+) -> Smoothed:  # fmt: skip
     """Schedule a chain within all limits and tolerances, proven on intervals; arguments as of `Rule`.
 
     Returns the chain with short segments merged, its way points a part of the given ones, and its schedule.

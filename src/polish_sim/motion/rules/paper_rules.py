@@ -132,13 +132,9 @@ def fir_rule(block_triples: BlockTriples) -> Rule:
     """Make a smoothing rule of a rule for the joints' share of the filter times (paper 4, eq. 12-14 do the rest)."""
 
     def plan(
-        chain: Chain,
-        limits: SmoothingLimits,
-        tolerance: float,
-        axis_tolerance: float,
-        arm: Arm | None,
+        chain: Chain, limits: SmoothingLimits, tolerance: float, axis_tolerance: float, arm: Arm | None,
         feeds: Array | None = None,
-    ) -> Smoothed:
+    ) -> Smoothed:  # fmt: skip
         triples = filter_times(chain, limits, arm, feeds, block_triples)
         return Smoothed(chain, overlapped(chain, triples, tolerance, axis_tolerance))
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,44 +22,18 @@ class Smoothed(NamedTuple):
     schedule: Schedule
 
 
-class Rule(Protocol):
-    """A smoothing rule."""
+Rule = Callable[[Chain, SmoothingLimits, float, float, Arm | None, Array | None], Smoothed]
+"""Plans the motion along a chain, within limits of tool and joints and tolerances of tip [m] and tool axis [rad].
 
-    def __call__(
-        self,
-        chain: Chain,
-        limits: SmoothingLimits,
-        tolerance: float,
-        axis_tolerance: float,
-        arm: Arm | None,
-        feeds: Array | None = None,
-    ) -> Smoothed:
-        """Plan the motion along a chain.
-
-        Args:
-            chain: The segments.
-            limits: Of tool and joints.
-            tolerance: Of the tip [m]; the rule says of which distance.
-            axis_tolerance: Of the tool axis [rad].
-            arm: None leaves the joints out.
-            feeds: Speed limits of the tip per segment [m/s], shape (n,), infinity where there is none; or None.
-
-        Returns:
-            The chain and its schedule.
-
-        Raises:
-            ReachError: A place out of reach or singular.
-            SmoothingError: No speed keeps the joint limits.
-        """
-        ...
-
+The rule says of which distance of the tip. An arm of None leaves the joints out. Last come the tip's largest speeds on
+the segments [m/s], shape (n,), infinite where there is none; None for no such limits. Raises a ReachError for a place
+out of reach or singular, a SmoothingError if no speed keeps the joint limits."""
 
 RULES: Mapping[str, Rule] = {
     "certified": FunctionOnUse("polish_sim.motion.rules.certified_rule", "plan_certified"),
     "joint-jerk": FunctionOnUse("polish_sim.motion.rules.paper_rules", "plan_joint_jerk"),
     "joint-acceleration": FunctionOnUse("polish_sim.motion.rules.paper_rules", "plan_joint_acceleration"),
 }
-"""Name -> plan function."""
 
 NODES = chebyshev_nodes(9)  #: Progress at which joint derivatives are taken; the paper takes forward differences
 BLOCK = 4096  #: Segments whose joint derivatives are in memory at once

@@ -57,19 +57,13 @@ def level_lines(mesh: Triangulation, values: Array, level: float, among: Indices
     count = len(mesh.vertices)
     start, end = (edge[:, 0] * count + edge[:, 1] for edge in (enter, leave))
     keys, index = np.unique(np.concatenate([start, end]), return_inverse=True)
-    chains = _chain(index[: len(start)], index[len(start) :], len(keys))
+    order, ends, heads = _walk(index[: len(start)], index[len(start) :], len(keys))
     low, high = keys // count, keys % count
     share = np.clip((level - values[low]) / (values[high] - values[low]), 0.0, 1.0)[:, None]
     positions = mesh.vertices[low] + share * (mesh.vertices[high] - mesh.vertices[low])
     normals = mesh.normals[low] + share * (mesh.normals[high] - mesh.normals[low])
-    return [LevelLine(positions[c], normals[c], high[c], closed) for c, closed in chains]
-
-
-def _chain(start: Indices, end: Indices, count: int) -> list[tuple[Indices, bool]]:
-    """Link directed segments between edge points into lines: open ones first, then closed ones."""
-    order, ends, heads = _walk(start, end, count)
-    lines = np.split(order, ends[:-1])
-    return [(line, k >= heads) for k, line in enumerate(lines) if len(line) >= 3]
+    lines = enumerate(np.split(order, ends[:-1]))  # open ones first, then closed ones
+    return [LevelLine(positions[c], normals[c], high[c], k >= heads) for k, c in lines if len(c) >= 3]
 
 
 @njit(cache=True, error_model="numpy")

@@ -178,15 +178,12 @@ def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
         if len(where) == 0:
             break
         # Only loops that close gaps may be left out: those beside a crossing.
-        crowded = {id(turn) for turn in turns if id(turn) in loops and _is_near(turn.curve, where, CROWDED * stepover)}
+        closing = [turn for turn in turns if id(turn) in loops]
+        crowded = {id(t) for t in closing if np.isfinite(t.curve.nearest(where, CROWDED * stepover).distances).any()}
         if not crowded:
             break
         turns = [turn for turn in turns if id(turn) not in crowded]
     return runs
-
-
-def _is_near(curve: Curve, points: Array, distance: float) -> bool:
-    return bool(np.isfinite(curve.nearest(points, distance).distances).any())
 
 
 def connect(curves: Sequence[Curve], stepover: float, start: Sequence[float] = ()) -> list[Run]:

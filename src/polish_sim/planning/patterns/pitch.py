@@ -155,13 +155,9 @@ def _grid(length: float, stepover: float) -> Array:
 def _first_step(grid: Array, band: float) -> Shares:
     """Smoothly from 0 to 1 around the seam."""
     length = float(grid[-1])
-    ahead, behind = (_smooth_step(where / band + 0.5) for where in (grid, grid - length))
+    u = np.clip(np.stack([grid, grid - length]) / band + 0.5, 0.0, 1.0)
+    ahead, behind = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     return Shares(ahead - 1.0 + behind, length)
-
-
-def _smooth_step(u: Array) -> Array:
-    u = np.clip(u, 0.0, 1.0)
-    return np.asarray(u**3 * (10.0 - 15.0 * u + 6.0 * u**2))
 
 
 def _seen_from(outer: Shares, match: Match, grid: Array) -> Shares:

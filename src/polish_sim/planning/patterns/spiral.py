@@ -70,18 +70,14 @@ def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: A
         rooms.append(_room(curve, s, np.concatenate([_corners(curve, stepover), single])))
         wanted = 0.5 * min(longest, SHARE_OF_TURN * curve.length) + ROOM * stepover
         price += np.maximum(1.0 - rooms[-1] / wanted, 0.0) - 0.02 * rooms[-1] / curve.length
-    bands = np.minimum(_bands(rooms, longest, stepover), SHARE_OF_TURN * curves[0].length)
+    # Inner turns have corners everywhere; there little is left of the step.
+    room = np.percentile(rooms, 25.0, axis=0)
+    bands = np.clip(2.0 * (room - ROOM * stepover), SHORTEST * stepover, longest)
+    bands = np.minimum(bands, SHARE_OF_TURN * curves[0].length)
     begins = curves[0].at(lines[0] - (0.5 - HEAD) * bands)[0]
     price += START_PRICE * _away(begins, outer) / stepover
     best = int(np.argmax(price <= price.min() + SAME))
     return Seams(lines[:, best], float(bands[best]))
-
-
-def _bands(rooms: Sequence[Array], longest: float, stepover: float) -> Array:
-    """Length of the first step on each line, as much as there is room for [m], shape (n,)."""
-    # Inner turns have corners everywhere; there little is left of the step.
-    room = np.percentile(rooms, 25.0, axis=0)
-    return np.clip(2.0 * (room - ROOM * stepover), SHORTEST * stepover, longest)
 
 
 def _outwards(curves: Sequence[Curve], stepover: float) -> Array:
