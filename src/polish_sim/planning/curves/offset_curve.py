@@ -174,12 +174,16 @@ def adapted_spacing(curve: Curve, distance: float) -> Array:
     curvature = np.linalg.norm(ahead - behind, axis=1) / reach
     wanted = np.sqrt(8.0 * CHORD_ERROR * distance / np.maximum(curvature, 1e-9))
     wanted = np.clip(wanted, FINEST * distance, _coarsest(distance))
+    return np.diff(stations(curve.knots, wanted))
+
+
+def stations(s: Array, spacing: Array) -> Array:
+    """Arc lengths from the first to the last of ``s`` (n,) [m] as far apart as ``spacing`` (n,) [m] says there."""
     # Chords per metre, summed along the curve, rise by one from point to point.
-    rate = 1.0 / wanted
-    progress = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(curve.knots))])
+    rate = 1.0 / spacing
+    progress = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))])
     count = max(int(np.ceil(progress[-1] - WHOLE)), 8)
-    stations = np.interp(np.linspace(0.0, progress[-1], count + 1), progress, curve.knots)
-    return np.diff(stations)
+    return np.interp(np.linspace(0.0, progress[-1], count + 1), progress, s)
 
 
 def _coarsest(distance: float) -> float:

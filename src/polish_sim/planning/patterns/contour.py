@@ -14,8 +14,7 @@ from polish_sim.config import PlanConfig
 from polish_sim.geometry import ClosestPoints, Surface
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.offset_curve import adapted_spacing
-from polish_sim.planning.curves.turns import Turn
-from polish_sim.planning.patterns.nested import nested_turns
+from polish_sim.planning.patterns.nested import chains, nested_turns
 from polish_sim.planning.patterns.run import FINE, FURTHEST_M, ROUNDING, SHARPENING, PatternRequest, SurfaceRun
 
 STEP_LENGTH = 1.25  #: Length of the step from loop to loop along them, in step-overs
@@ -40,24 +39,11 @@ def contour_runs(request: PatternRequest) -> list[SurfaceRun]:
     # With what is not done yet on the left, loops that go inwards have the inside on their left.
     order = _Order(outward, reverse=outward != (plan.direction == "climb"))
     runs = []
-    for chain in _chains(nested_turns(request).roots):
+    for chain in chains(nested_turns(request).roots, request.stepover):
         loops = [_rounded(surface, turn.curve, request.stepover, order.reverse) for turn in chain]
         starts = _starts(loops, request.stepover, order, plan)
         runs += _joined(surface, loops, starts, request.stepover, order)
     return runs[::-1] if outward else runs
-
-
-def _chains(roots: Sequence[Turn]) -> list[list[Turn]]:
-    """Rows of turns one inside the other, outermost first, the longest row first."""
-    waiting, chains = sorted(roots, key=lambda turn: -turn.curve.length), []
-    while waiting:
-        chain = [waiting.pop(0)]
-        while chain[-1].children:
-            inner = sorted(chain[-1].children, key=lambda turn: -turn.curve.length)
-            chain.append(inner[0])
-            waiting.extend(inner[1:])
-        chains.append(chain)
-    return chains
 
 
 def _rounded(surface: Surface, turn: Curve, stepover: float, reverse: bool) -> Curve:

@@ -81,6 +81,29 @@ def all_turns(roots: Sequence[Turn]) -> Iterator[Turn]:
         waiting.extend(reversed(turn.children))
 
 
+def chains(roots: Sequence[Turn], stepover: float, shortest: float = 0.0) -> list[list[Turn]]:
+    """Split nested turns into chains that can be walked without a lift, the longest way inwards first.
+
+    A chain ends before a turn shorter than so many step-overs.
+    """
+
+    def shortness(turn: Turn) -> float:
+        """Rounded, so that turns of one length keep their order."""
+        return -round(turn.curve.length / stepover, 4)
+
+    waiting, out = sorted(roots, key=shortness), []
+    while waiting:
+        chain = [waiting.pop(0)]
+        while chain[-1].children:
+            inner = sorted(chain[-1].children, key=shortness)
+            waiting.extend(inner[1:])
+            if inner[0].curve.length < shortest * stepover:
+                break
+            chain.append(inner[0])
+        out.append(chain)
+    return out
+
+
 def without_tails(curve: Curve, width: float) -> Curve:
     """A closed curve without the parts that run out and back along themselves, both sides nearer than ``width`` [m]."""
     while len(curve.positions) > 8:

@@ -13,6 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from polish_sim.arrays import Array, Indices
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import ClosestPoints, Region, Surface
+from polish_sim.planning.curves.offset_curve import stations
 from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.toolpath import arc_length
 
@@ -74,7 +75,8 @@ def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
     smooth = with_round_corners(positions, stepover)
     s = np.linspace(0.0, knots[-1], len(smooth))
     spline = CubicSpline(s, smooth)
-    where = _stations(s, np.linalg.norm(spline(s, 2), axis=1))
+    curvature = np.maximum(np.linalg.norm(spline(s, 2), axis=1), 1e-9)
+    where = stations(s, np.clip(np.sqrt(8.0 * CHORD_ERROR_M / curvature), CLOSEST_M, FURTHEST_M))
     found = surface.closest(spline(where))
     index = passes[np.searchsorted(knots, where, side="right") - 1]
     return SurfaceRun(found, index)
@@ -104,15 +106,6 @@ def _moving_average(points: Array, window: int) -> Array:
     tail = 2.0 * points[-1] - points[-2 : -pad - 2 : -1]
     averaged = uniform_filter1d(np.concatenate([head, points, tail]), size, axis=0, mode="nearest")
     return np.asarray(averaged[pad : pad + len(points)])
-
-
-def _stations(s: Array, curvature: Array) -> Array:
-    """Arc lengths with equal chord error e, spacing sqrt(8 e / curvature) within limits."""
-    spacing = np.clip(np.sqrt(8.0 * CHORD_ERROR_M / np.maximum(curvature, 1e-9)), CLOSEST_M, FURTHEST_M)
-    rate = 1.0 / spacing
-    progress = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))])
-    count = max(int(np.ceil(progress[-1] - WHOLE)), 8)
-    return np.interp(np.linspace(0.0, progress[-1], count + 1), progress, s)
 
 
 # What a pattern is asked to cover (region and plan -> pattern).

@@ -14,9 +14,8 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.turns import Turn
 from polish_sim.planning.patterns.leftover import finish_middle, middle_ends
-from polish_sim.planning.patterns.nested import grown_turns
+from polish_sim.planning.patterns.nested import chains, grown_turns
 from polish_sim.planning.patterns.pitch import Match, Shares, beside, match_turns, spread_shares
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
 from polish_sim.planning.quality.crossings import count_self_crossings
@@ -226,7 +225,11 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     plan, mesh, stepover = request.plan, request.mesh, request.stepover
     roots, pitch, to_border = grown_turns(request)
     outward = plan.order == "outward"
-    waiting = [chain for chain in chains(roots, stepover) if chain[0].curve.length > SPIRAL_SHORTEST * stepover]
+    waiting = [
+        chain
+        for chain in chains(roots, stepover, SPIRAL_SHORTEST)
+        if chain[0].curve.length > SPIRAL_SHORTEST * stepover
+    ]
     start, nowhere = np.reshape(plan.start, (-1, 3)), np.empty((0, 3))
     lines: list[Run] = []
     while waiting:
@@ -266,24 +269,3 @@ def _finished(request: PatternRequest, lines: Sequence[Run], longer: Sequence[Ru
 
 def _crossings(runs: Sequence[SurfaceRun | None]) -> int:
     return count_self_crossings([Curve(run.positions, run.points.normals, False) for run in runs if run is not None])
-
-
-def chains(roots: Sequence[Turn], stepover: float) -> list[list[Turn]]:
-    """Split nested turns into chains that can be walked without a lift, the longest way inwards first."""
-
-    def shortness(turn: Turn) -> float:
-        """Rounded, so that turns of one length keep their order."""
-        return -round(turn.curve.length / stepover, 4)
-
-    waiting = sorted(roots, key=shortness)
-    out = []
-    while waiting:
-        chain = [waiting.pop(0)]
-        while chain[-1].children:
-            inner = sorted(chain[-1].children, key=shortness)
-            waiting.extend(inner[1:])
-            if inner[0].curve.length < SPIRAL_SHORTEST * stepover:
-                break
-            chain.append(inner[0])
-        out.append(chain)
-    return out
