@@ -34,7 +34,7 @@ from polish_sim.analysis.style import (
 from polish_sim.arrays import Array, Bools
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.motion import link_frames
-from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath
+from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, stretches
 from polish_sim.spatial import unit
 
 if TYPE_CHECKING:
@@ -136,12 +136,6 @@ def _draw_part(solid: Any, flat: Axes, corners: Array) -> None:
     flat.add_collection(PolyCollection(list(near[..., :2]), facecolors=colors, edgecolors=colors, lw=0.7))
 
 
-def _stretches(mask: Bools) -> Iterator[tuple[int, int]]:
-    """First and one past the last row of each run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
-    yield from ((int(a), int(b)) for a, b in edges.reshape(-1, 2))
-
-
 def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _Seen, scale: Normalize) -> None:
     """The path in contact, coloured along its length, where the part does not stand before it."""
     style: dict[str, Any] = {"cmap": COLORS, "norm": scale, "capstyle": "round"}
@@ -154,9 +148,9 @@ def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _S
 def _chords(rows: Bools, shown: Array, s: Array) -> Iterator[tuple[Array, Array]]:
     """Chords of each stretch of rows, (k, 2, 3), and where along the path they are, (k,)."""
     apart = max(1, np.count_nonzero(rows) // MOST_CHORDS)
-    for first, last in _stretches(rows):
-        if last - first > 1:
-            at = np.unique(np.append(np.arange(first, last, apart), last - 1))
+    for first, last in stretches(rows):
+        if last > first:
+            at = np.unique(np.append(np.arange(first, last + 1, apart), last))
             yield np.stack([shown[at[:-1]], shown[at[1:]]], axis=1), s[at[:-1]]
 
 
@@ -170,13 +164,13 @@ def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _See
         ((LEAD_OUT, RETRACT), LEAVING, "lead-out, retract", "s", square, False),
     ):
         flat.plot([], [], marker, color=color, **style, label=label)
-        for first, last in _stretches(np.isin(path.segment, codes)):
-            rows = np.arange(max(first - (not at_end), 0), min(last + at_end, len(shown)))
+        for first, last in stretches(np.isin(path.segment, codes)):
+            rows = np.arange(max(first - (not at_end), 0), min(last + 1 + at_end, len(shown)))
             line, off = _finer(shown[rows], seen.towards[rows])
-            for a, b in _stretches(seen_in(seen.space, line, off)):
-                solid.plot(*line[a:b].T, color=color, lw=1.8, zorder=20)
-            for a, b in _stretches(seen_in(seen.above, line, off)):
-                flat.plot(line[a:b, 0], line[a:b, 1], color=color, lw=1.4)
+            for a, b in stretches(seen_in(seen.space, line, off)):
+                solid.plot(*line[a : b + 1].T, color=color, lw=1.8, zorder=20)
+            for a, b in stretches(seen_in(seen.above, line, off)):
+                flat.plot(*line[a : b + 1, :2].T, color=color, lw=1.4)
             touch = rows[-1] if at_end else rows[0]
             if seen.from_above[touch]:
                 flat.plot(*shown[touch, :2], marker, color=color, **style, zorder=20 + at_end)

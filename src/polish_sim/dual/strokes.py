@@ -16,12 +16,13 @@ from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import RAMP_S, time_held, time_let_go
 from polish_sim.errors import SmoothingError
-from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, stretches_in_contact, travel_to
+from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, travel_to
 from polish_sim.experiments.stroke_motion import CELL_LIMITS, StrokePath, stroke_motion
 from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import build_path_table, with_feed_share
 from polish_sim.planning import ToolPath
+from polish_sim.planning.toolpath import stretches
 from polish_sim.spatial import apply
 
 SPARE_S: Final = 1.0  #: Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]
@@ -98,13 +99,13 @@ def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: f
     A stretch with bends too sharp for the feed is smoothed as strokes on the part are, with gentler limits. ``hold``:
     time to stay at the end of a stretch [s]; ``lift``: height of the retract between two stretches [m].
     """
-    process, stretches = scenario.process, stretches_in_contact(path)
+    process, in_contact = scenario.process, stretches(path.process)
     limits = air_limits(process.feed_m_s)
     points, rotations = apply(placed.T_base_work, path.positions_work), placed.rotations
     pace = feed_pace(process.feed_m_s)
     strokes: list[Stroke] = []
     left = process.max_feed_s or math.inf
-    for number, (first, last) in enumerate(stretches):
+    for number, (first, last) in enumerate(in_contact):
         during, down = slice(first, last + 1), slice(first - points_before(path, first), first + 1)
         table = build_path_table(points[during], rotations[during], path.s[during])
         feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
@@ -114,7 +115,7 @@ def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: f
         if scenario.smoothing.limits_file or not is_gentle(motion, limits):
             motion = stroke_motion(scenario, along, placed.arm) or motion
         start = build_path_table(points[first][None], rotations[first][None])
-        more = number + 1 < len(stretches) and left > motion.playing_time
+        more = number + 1 < len(in_contact) and left > motion.playing_time
         stroke = Stroke(
             travel=travel_to(strokes, points[down], rotations[down]) if strokes else time_path(start, pace),
             lead_in=start, process=table, motion=motion, depth=0.0, force=np.zeros(len(table.positions)), contact=False,

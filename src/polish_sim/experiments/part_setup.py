@@ -22,7 +22,7 @@ from polish_sim.models import part_path
 from polish_sim.motion.rules.limits import Arm, build_arm
 from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import at_rows, build_path_table, with_feed_share
-from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed
+from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed, stretches
 from polish_sim.spatial import apply
 
 TARES = ("start", "strokes")
@@ -101,7 +101,7 @@ def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold:
     pressed_in = apply(placed.T_base_work, pressed(path, depths).positions_work)
     strokes: list[Stroke] = []
     left = process.max_feed_s or math.inf
-    for first, last in stretches_in_contact(path):
+    for first, last in stretches(path.process):
         leave = first - points_before(path, first)
         come = _last_approach(path, leave, first, lift) if strokes else leave
         through, before = slice(leave, come + 1), slice(come, first + 1)
@@ -143,13 +143,6 @@ def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold:
     return strokes
 
 
-def stretches_in_contact(path: ToolPath) -> list[tuple[int, int]]:
-    """First and last index of every stretch the tool is pressed on the part."""
-    on = np.concatenate([[0], path.process.astype(int), [0]])
-    starts, ends = np.flatnonzero(np.diff(on) > 0), np.flatnonzero(np.diff(on) < 0) - 1
-    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
-
-
 def path_done(path: ToolPath, fed_s: Array) -> float:
     """Share of the path in contact that was fed along, 0 to 1.
 
@@ -157,9 +150,9 @@ def path_done(path: ToolPath, fed_s: Array) -> float:
     """
     if not len(fed_s):
         return 0.0
-    stretches = [(path.s[a], path.s[b]) for a, b in stretches_in_contact(path)]
-    total = sum(end - start for start, end in stretches)
-    done = sum(min(max(float(fed_s[-1]) - start, 0.0), end - start) for start, end in stretches)
+    in_contact = [(path.s[a], path.s[b]) for a, b in stretches(path.process)]
+    total = sum(end - start for start, end in in_contact)
+    done = sum(min(max(float(fed_s[-1]) - start, 0.0), end - start) for start, end in in_contact)
     return float(done / total) if total > 0.0 else 1.0
 
 

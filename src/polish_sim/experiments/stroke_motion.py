@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array
 from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import Scenario
 from polish_sim.errors import SmoothingError, unknown_name
@@ -24,13 +24,13 @@ from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline
 from polish_sim.motion.timed_path import TimedPath, marks_on, row_times, time_path, time_schedule, with_feed
 from polish_sim.motion.trajectory import build_path_table, with_feed_share
+from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import rotation_to_axis, unit
 
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke
     from polish_sim.geometry.repair.skin import Noise
     from polish_sim.motion.rules.rule import Rule
-    from polish_sim.planning.toolpath import ToolPath
 
 
 CELL_LIMITS = SmoothingLimits(
@@ -237,7 +237,8 @@ def time_law(scenario: Scenario, path: ToolPath) -> dict[str, float]:
     """
     strokes: list[FedStroke] = []
     off: list[tuple[float, float]] = [(0.0, 0.0)]
-    for rows in _stretches(path):
+    for first, last in stretches(path.process):
+        rows = np.arange(first, last + 1)
         feed = np.full(len(rows), scenario.process.feed_m_s) if path.feed is None else path.feed[rows]
         tips, into = path.positions_work[rows], -path.axes_work[rows]
         hint = np.eye(3)[int(np.abs(into).max(axis=0).argmin())]
@@ -250,9 +251,3 @@ def time_law(scenario: Scenario, path: ToolPath) -> dict[str, float]:
             strokes.append(FedStroke(motion, float(path.s[rows[0]]), scenario.process.feed_m_s))
             off.append(_deviations(stroke, motion))
     return feed_figures(strokes) | dict(zip(OFF, np.max(off, axis=0).tolist(), strict=True))
-
-
-def _stretches(path: ToolPath) -> list[Indices]:
-    """Rows of every stretch in contact."""
-    rows = np.flatnonzero(path.process)
-    return np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else []

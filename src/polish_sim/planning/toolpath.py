@@ -65,6 +65,12 @@ def arc_length(positions: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(chords)])
 
 
+def stretches(wanted: Bools) -> list[tuple[int, int]]:
+    """First and last row of every run of true values, (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]])))
+    return [(int(first), int(stop) - 1) for first, stop in edges.reshape(-1, 2)]
+
+
 def pressed(path: ToolPath, depth: float | Array) -> ToolPath:
     """Move the process points into the part against the tool axis: D = F / k (paper 1, section 1.5).
 

@@ -20,7 +20,7 @@ from polish_sim.planning.ground.ground import footprint
 from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.patterns.raster_walk import ENDS, LinePiece, ZigZag, fillet, walk
 from polish_sim.planning.patterns.run import PatternRequest, Report, Run, SurfaceRun, finish_run
-from polish_sim.planning.toolpath import arc_length
+from polish_sim.planning.toolpath import arc_length, stretches
 from polish_sim.spatial import unit
 
 # Lines side by side across a region, a step-over apart on the surface (Region -> rows of open curves).
@@ -187,12 +187,12 @@ def _cut(number: int, line: Curve, borders: Sequence[Curve], ends: Sequence[Curv
     points = line.at(s)[0]
     depth = nearest_of(borders, points).nearest.distances / stepover - ENDS
     # Where it comes only a little too near to the border it bends aside.
-    for i, j in _stretches(depth <= 0.0):
+    for i, j in stretches(depth <= 0.0):
         if i > 0 and j + 1 < len(s) and depth[i : j + 1].min() > -GIVES_WAY and ends:
             points[i : j + 1] = nearest_of(ends, points[i : j + 1]).nearest.positions
             depth[i : j + 1] = 1e-9
     pieces = []
-    for i, j in _stretches(depth > 0.0):
+    for i, j in stretches(depth > 0.0):
         kept = [points[i : j + 1]]
         if i > 0:
             kept.insert(0, _between(points[i - 1], points[i], depth[i - 1 : i + 1]))
@@ -202,12 +202,6 @@ def _cut(number: int, line: Curve, borders: Sequence[Curve], ends: Sequence[Curv
         if arc_length(positions)[-1] > SHORTEST * stepover:
             pieces.append(LinePiece(number, positions))
     return pieces
-
-
-def _stretches(wanted: Bools) -> list[tuple[int, int]]:
-    """First and last index of every row of true values."""
-    change = np.diff(np.concatenate([[0], wanted.astype(np.int8), [0]]))
-    return list(zip(np.flatnonzero(change > 0).tolist(), (np.flatnonzero(change < 0) - 1).tolist(), strict=True))
 
 
 def _between(first: Array, second: Array, depth: Array) -> Array:
