@@ -17,7 +17,6 @@ from polish_sim.motion.rules.paper_rules import (
     plan_joint_acceleration,
     plan_joint_jerk,
     second_time,
-    signed_second_time,
     third_time,
 )
 from polish_sim.motion.rules.rule import RULES, Smoothed
@@ -88,8 +87,8 @@ def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with() -
     rates, limits = random_rates(0), SmoothingLimits()
     for speed in (0.5, 2.0, 6.0):
         v = np.full(50, speed)
-        theirs = second_time(v, rates, limits)
-        ours = signed_second_time(v, rates, limits)
+        theirs = second_time(v, rates, limits, signed=False)
+        ours = second_time(v, rates, limits, signed=True)
         assert np.all(ours <= theirs)
         assert np.any(ours < theirs)
 

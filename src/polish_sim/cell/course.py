@@ -52,15 +52,6 @@ class _Press(NamedTuple):
     buried: int  #: Points too deep for the field
 
 
-class _Statics(NamedTuple):
-    """Columns of the course that the contact gives."""
-
-    surplus: Array
-    stiffness: Array
-    moment: Array
-    tilt_stiffness: Array
-
-
 def build_course(scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceField, T_base_work: Array) -> Course:
     """Work out what force, springs, pad and the drawn part ask for along the whole path of all ``strokes``.
 
@@ -77,28 +68,16 @@ def build_course(scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceF
     poses = _Poses(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     R, p = T_base_work[:3, :3], T_base_work[:3, 3]
     pad = build_pad(scenario.pad)
-    statics = _Statics(
-        *_solve(
-            drawn, pad.x, pad.y, pad.material.stiffness, scenario.head.stiffness_n_m, (poses.positions - p) @ R,
-            np.ascontiguousarray(R.T @ poses.rotations), poses.force,
-        )
+    surplus, *statics = _solve(
+        drawn, pad.x, pad.y, pad.material.stiffness, scenario.head.stiffness_n_m, (poses.positions - p) @ R,
+        np.ascontiguousarray(R.T @ poses.rotations), poses.force,
     )  # fmt: skip
     springs = 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
     pressed_in = poses.force / springs
     unpressed = poses.positions - pressed_in[:, None] * poses.rotations[:, :, 2]
-    return Course(
-        SPACING,
-        pressed_in + statics.surplus,
-        statics.surplus,
-        statics.stiffness,
-        statics.moment,
-        statics.tilt_stiffness,
-        poses.curvature,
-        poses.bending,
-        poses.turning,
-        poses.feed,
-        nearest_earlier(unpressed, SPACING, REACH * scenario.plan.stepover_m),
-    )
+    along = poses.curvature, poses.bending, poses.turning, poses.feed
+    earlier = nearest_earlier(unpressed, SPACING, REACH * scenario.plan.stepover_m)
+    return Course(SPACING, pressed_in + surplus, surplus, *statics, *along, earlier)
 
 
 def nearest_earlier(points: Array, spacing: float, reach: float) -> Ints:

@@ -157,25 +157,12 @@ class Surface:
 
 
 def build_surface(
-    vertices: Array,
-    faces: Ints,
-    control: Array,
-    normal_control: Array,
-    shape: Array,
-    adjacency: Adjacency,
+    vertices: Array, faces: Ints, control: Array, normal_control: Array, shape: Array, adjacency: Adjacency,
     smooth: Bools,
-) -> Surface:
+) -> Surface:  # fmt: skip
     """Put a surface together: make its arrays read-only."""
-    return Surface(
-        vertices=_frozen(vertices),
-        faces=_frozen(faces),
-        control=_frozen(control),
-        normal_control=_frozen(normal_control),
-        shape=_frozen(shape),
-        neighbours=_frozen(adjacency.facets),
-        neighbour_edges=_frozen(adjacency.edges),
-        smooth=_frozen(smooth),
-    )
+    arrays = vertices, faces, control, normal_control, shape, *adjacency, smooth
+    return Surface(*(_frozen(array) for array in arrays))
 
 
 def _frozen(array: NDArray[Any]) -> NDArray[Any]:

@@ -91,15 +91,8 @@ def _border_distance(surface: Surface, reach: float, border: tuple[Indices, Indi
     edge = np.repeat(np.arange(len(parts)), parts)
     step = np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)
     starts, ends = (_on_curve(a[edge], c[edge], b[edge], (step + k) / parts[edge]) for k in (0, 1))
-    return BorderDistance(
-        starts=starts,
-        ends=ends,
-        tree=cKDTree(0.5 * (starts + ends)),
-        reach=reach,
-        flat=_is_flat(surface),
-        length=float(np.linalg.norm(ends - starts, axis=1).sum()),
-        surface=surface,
-    )
+    tree, length = cKDTree(0.5 * (starts + ends)), float(np.linalg.norm(ends - starts, axis=1).sum())
+    return BorderDistance(starts, ends, tree, reach, _is_flat(surface), length, surface)
 
 
 def _is_flat(surface: Surface) -> bool:

@@ -147,15 +147,8 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
     shape_2, _, normal_2 = _roundness(vertices, pair[:, 1])
     wanted = np.minimum(shape_1, shape_2) > np.minimum(shape[facet], shape[other])
     wanted &= (s != r) & _pass_closely(*(vertices[corner] for corner in (p, q, r, s)))
-    beyond = np.stack(
-        [
-            adjacency.facets[facet, (edge + 2) % 3],
-            adjacency.facets[other, (back + 1) % 3],
-            adjacency.facets[facet, (edge + 1) % 3],
-            adjacency.facets[other, (back + 2) % 3],
-        ],
-        axis=1,
-    )
+    sides = (facet, edge + 2), (other, back + 1), (facet, edge + 1), (other, back + 2)
+    beyond = np.stack([adjacency.facets[which, side % 3] for which, side in sides], axis=1)
     before, after = _bend(normals[facet], normals[other]), _bend(normal_1, normal_2)
     pairs: list[tuple[Any, Any]] = [(facet, normal_1), (other, normal_1), (facet, normal_2), (other, normal_2)]
     for k, (old, new) in enumerate(pairs):

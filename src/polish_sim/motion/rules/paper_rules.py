@@ -13,7 +13,7 @@ from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule, sorted_times
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
-from polish_sim.motion.rules.rule import NODES, ProgressLimits, Rule, Smoothed, rate_blocks, tool_limits
+from polish_sim.motion.rules.rule import NODES, ProgressLimits, Smoothed, rate_blocks, tool_limits
 from polish_sim.motion.rules.schedule import Schedule
 from polish_sim.motion.segment_rates import JointRates
 
@@ -128,17 +128,13 @@ def _fill_overlaps(chain: Chain, triples: Array, tolerance: float, axis_toleranc
         )
 
 
-def fir_rule(block_triples: BlockTriples) -> Rule:
-    """Make a smoothing rule of a rule for the joints' share of the filter times (paper 4, eq. 12-14 do the rest)."""
-
-    def plan(
-        chain: Chain, limits: SmoothingLimits, tolerance: float, axis_tolerance: float, arm: Arm | None,
-        feeds: Array | None = None,
-    ) -> Smoothed:  # fmt: skip
-        triples = filter_times(chain, limits, arm, feeds, block_triples)
-        return Smoothed(chain, overlapped(chain, triples, tolerance, axis_tolerance))
-
-    return plan
+def fir_rule(
+    block_triples: BlockTriples, chain: Chain, limits: SmoothingLimits, tolerance: float, axis_tolerance: float,
+    arm: Arm | None, feeds: Array | None = None,
+) -> Smoothed:  # fmt: skip
+    """A smoothing rule by a rule for the joints' share of the filter times (paper 4, eq. 12-14 do the rest)."""
+    triples = filter_times(chain, limits, arm, feeds, block_triples)
+    return Smoothed(chain, overlapped(chain, triples, tolerance, axis_tolerance))
 
 
 def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits, jerk: bool = False) -> Array:
@@ -151,7 +147,7 @@ def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimi
     def triples_at(speed: Array, rows: Indices) -> Array:
         part = JointRates(*(column[rows] for column in rates))
         base = stop_triples(speed, tool.acceleration[rows], tool.jerk[rows])
-        t2 = np.maximum(base[:, 1], (signed_second_time if jerk else second_time)(speed, part, limits))
+        t2 = np.maximum(base[:, 1], second_time(speed, part, limits, jerk))
         t3 = np.maximum(base[:, 2], third_time(speed, speed / t2, part, limits)) if jerk else base[:, 2]
         return np.stack([np.maximum(1.0 / speed, t2 + t3), t2, t3], axis=1)
 
@@ -160,20 +156,14 @@ def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimi
     return fastest_triples(np.minimum(tool.speed, 1.0 / np.maximum(fastest, 1e-300)), triples_at)
 
 
-def second_time(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
-    """T2 of eq. 25 [s], shape (k,); infinite where the denominator is not positive."""
-    sd = speed[:, None, None]
-    left = np.asarray(limits.joint_acceleration) - np.abs(rates.second) * sd**2
-    with np.errstate(divide="ignore"):
-        needed = np.where(left > 0.0, np.abs(rates.first) * sd / left, np.inf)
-    return needed.max(axis=(1, 2))
+def second_time(speed: Array, rates: JointRates, limits: SmoothingLimits, signed: bool) -> Array:
+    """T2 of eq. 25 [s], shape (k,), or of eq. 24, with the ``signed`` curvature of the motion, so never more.
 
-
-def signed_second_time(speed: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
-    """T2 of eq. 24 [s], shape (k,): eq. 25 with the sign the motion has, so never more."""
-    sd = speed[:, None, None]
-    left = np.asarray(limits.joint_acceleration) - np.sign(rates.first * _GAINING) * rates.second * sd**2
-    cruising = np.asarray(limits.joint_acceleration) - np.abs(rates.second) * sd**2
+    Infinite where the denominator is not positive.
+    """
+    sd, most = speed[:, None, None], np.asarray(limits.joint_acceleration)
+    cruising = most - np.abs(rates.second) * sd**2
+    left = most - np.sign(rates.first * _GAINING) * rates.second * sd**2 if signed else cruising
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = np.where((left > 0.0) & (cruising > 0.0), np.abs(rates.first) * sd / left, np.inf)
     return needed.max(axis=(1, 2))
@@ -192,6 +182,6 @@ def third_time(speed: Array, acceleration: Array, rates: JointRates, limits: Smo
     return needed.max(axis=(1, 2))
 
 
-plan_joint_acceleration = fir_rule(block_triples)
+plan_joint_acceleration = partial(fir_rule, block_triples)
 """The method paper 4 compares with ([18] there): eq. 18-20 for T1, 25 for T2; joint jerk is not limited."""
-plan_joint_jerk = fir_rule(partial(block_triples, jerk=True))  #: Paper 4's rule: eq. 18-20, 24, 30
+plan_joint_jerk = partial(fir_rule, partial(block_triples, jerk=True))  #: Paper 4's rule: eq. 18-20, 24, 30
