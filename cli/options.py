@@ -83,6 +83,8 @@ OWN: Final = {
             "the run.", list),
         Own("--seeds", RUN, "N", "Run this many seeds, counting up from --seed.", int, low=1, high=1e6),
         Own("--dry-run", RUN, "", "Plan and check the reach, do not simulate.", bool),
+        Own("--allow-contact", RUN, "", "Run a path on which the tool runs into the part; default: it is refused.",
+            bool),
         Own("--check", RUN, "", "Exit with 1 when a figure falls short of what is asked of it.", bool),
         Own("--view", RUN, "", "Watch the run in the MuJoCo viewer.", bool),
         Own("--dual", PAIR, "", "For two robots: once around the rim; reach, limits and collisions of both arms are "
@@ -345,6 +347,8 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
     for option, value in given.items():
         if value is not None and option in keys:
             scenario = merge(scenario, keys[option].table(value), "")
+    if given.get("--allow-contact"):
+        scenario = merge(scenario, {"safety": {"tool_in_part": "allow"}}, "")
     if given.get("--calibration") is not None:
         scenario = merge(scenario, _calibrations(given["--calibration"], base.experiment), "")
     scenario = override(scenario, given.get("--set") or [])

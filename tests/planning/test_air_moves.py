@@ -82,7 +82,7 @@ def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
 def test_travels_rise_over_a_wall_and_no_higher_than_it_makes_them(tmp_path, height):
     part = slab_with_wall(tmp_path, height)
     first, second = (with_leads(stroke(a, a + 0.02), normal_lead, CLEARANCE) for a in (-0.06, 0.04))
-    way, clear = travel(first[-1], second[0], UP, CLEARANCE, part)
+    way, clear = travel(first[-1], second[0], Air(part, 0.0, CLEARANCE, UP))
     assert clear
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert way.positions[:, 2].max() <= 1e-3 * height + CLEARANCE + 1e-9
@@ -92,7 +92,7 @@ def test_travels_rise_over_a_wall_and_no_higher_than_it_makes_them(tmp_path, hei
 def test_without_anything_between_the_tool_travels_straight(tmp_path):
     part = slab_with_wall(tmp_path)
     first, second = (with_leads(stroke(0.03, 0.05, y), normal_lead, CLEARANCE) for y in (-0.03, 0.03))
-    way, clear = travel(first[-1], second[0], UP, CLEARANCE, part)
+    way, clear = travel(first[-1], second[0], Air(part, 0.0, CLEARANCE, UP))
     assert clear
     assert way.positions[:, 2] == pytest.approx(np.full(len(way.positions), CLEARANCE))
 
@@ -102,7 +102,7 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
     top = stroke(-0.02, 0.02)._replace(positions=stroke(-0.02, 0.02).positions + [0.0, 0.0, 0.005])
     below = top._replace(positions=top.positions * [1.0, 1.0, -1.0], axes=-top.axes)
     first, second = (with_leads(move, normal_lead, CLEARANCE) for move in (top, below))
-    way, clear = travel(first[-1], second[0], UP, CLEARANCE, part)
+    way, clear = travel(first[-1], second[0], Air(part, 0.0, CLEARANCE, UP))
     assert clear
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert np.linalg.norm(way.axes, axis=1) == pytest.approx(np.ones(len(way.axes)))

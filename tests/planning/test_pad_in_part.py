@@ -12,9 +12,9 @@ import trimesh
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.exchange.strokes import ExportSetup
 from polish_sim.exchange.urscript import urscript_text
-from polish_sim.geometry import fit_surface, load_part
-from polish_sim.planning import inspect_path, plan_part
-from polish_sim.planning.quality.pad_fit import Discs, standing_above
+from polish_sim.geometry import fit_surface, load_part, select_region
+from polish_sim.planning import inspect_path, measure_given_path, plan_part, plan_path
+from polish_sim.planning.quality.tool_room import Discs, standing_above
 from tests.planning.shapes import shipped_plan
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -78,23 +78,34 @@ def test_before_a_slope_the_rim_is_as_deep_as_the_plane_says(tmp_path):
     assert found.reaches[0] == pytest.approx(0.004, abs=1e-9)
 
 
+def on_path(mesh, file, pad=PAD, **keys):
+    """A path up to the walls, planned without a tool, and what is measured of it."""
+    mesh.export(file)
+    part = load_part(file, "mm", "z")
+    plan = PlanConfig(**({"stepover_m": 0.004, "pattern": "contour", "region": "point:0,0,0"} | keys))
+    path = plan_path(select_region(fit_surface(part), part, plan.region), plan)
+    return measure_given_path(path, PartConfig(str(file), up="z"), plan, pad=pad)
+
+
 @pytest.fixture(scope="module")
 def in_pocket(tmp_path_factory):
-    """A plan up to the walls of the pocket, and the pocket's file."""
+    """A path up to the walls of the pocket, and the pocket's file."""
     file = tmp_path_factory.mktemp("pocket") / "pocket.stl"
-    return planned(pocket(), file), file
+    return on_path(pocket(), file), file
 
 
-def test_in_a_pocket_the_plan_shows_how_deep_the_pad_is_in_the_wall_and_a_margin_against_it(in_pocket, tmp_path):
+def test_a_path_in_a_pocket_shows_how_deep_the_pad_is_in_the_wall_and_a_plan_keeps_away(in_pocket, tmp_path):
     result, _ = in_pocket
     nearest = 0.060 - np.abs(result.path.positions_work[result.path.process, :2]).max()
     figures = result.figures
     assert figures["pad_in_part_max_m"] == pytest.approx(RADIUS - nearest, abs=1e-5)
+    assert figures["pad_in_part_body"] == "pad"
     # Both outermost turns are nearer to the wall than the pad's radius; the next runs 10 mm away from it.
     assert 2 * 4 * 0.104 < figures["pad_in_part_length_m"] < 2 * 4 * 0.116 + 0.004
     (note,) = (note for note in result.notes if "into the part" in note)
-    margin = float(re.search(r"--edge-margin (\S+)", note)[1]) * 1e-3
-    cured = planned(pocket(), tmp_path / "pocket.stl", edge_margin_m=margin)
+    assert "plan it anew with this pad" in note
+    assert len(result.in_part) > 50
+    cured = planned(pocket(), tmp_path / "pocket.stl")
     assert cured.figures["pad_in_part_max_m"] == 0.0
     assert not any("into the part" in note for note in cured.notes)
 
@@ -103,7 +114,7 @@ def test_a_boss_in_the_middle_of_the_region_is_run_into_from_all_sides(tmp_path)
     boss = moved(trimesh.creation.cylinder(2.0, 20.0), 0, 0, 10)
     plate = moved(trimesh.creation.box((120, 120, 20)), 0, 0, -10)
     mesh = trimesh.boolean.union([plate, boss], engine="manifold")
-    result = planned(mesh, tmp_path / "boss.stl", region="point:40,40,0")
+    result = on_path(mesh, tmp_path / "boss.stl", region="point:40,40,0")
     away = np.linalg.norm(result.path.positions_work[result.path.process, :2], axis=1).min()
     assert result.figures["pad_in_part_max_m"] == pytest.approx(RADIUS - (away - 0.002), abs=2e-4)
 
@@ -121,9 +132,10 @@ def test_inspect_finds_what_the_plan_finds_and_a_pad_that_yields_more_is_in_it_o
     for name in ("pad_in_part_max_m", "pad_in_part_length_m"):
         assert seen.figures[name] == pytest.approx(result.figures[name], rel=1e-9)
     assert any("into the part" in note for note in seen.notes)
-    # 20 N on 4000 N/m: 5 mm. Only the outermost turn is deeper.
-    soft = inspect_path(result.path, part, result.plan, pad=replace(PAD, stiffness_n_m=4000.0))
-    assert soft.figures["pad_in_part_length_m"] == pytest.approx(4 * 0.116, rel=0.02)
+    # 20 N on 4000 N/m: 5 mm. Only the outermost turn is deeper; on the next the shaft, 9 mm in radius, is in the wall.
+    soft = inspect_path(result.path, part, result.plan, pad=replace(PAD, stiffness_n_m=4000.0)).quality.pad_in_part
+    assert soft.lengths[[body == "pad" for body in soft.bodies]].sum() == pytest.approx(4 * 0.116, rel=0.02)
+    assert np.median(soft.depths[[body == "shaft" for body in soft.bodies]]) == pytest.approx(0.003, abs=1e-5)
 
 
 def test_the_robot_program_of_a_pad_in_a_wall_says_so_and_asks(in_pocket):
@@ -135,6 +147,6 @@ def test_the_robot_program_of_a_pad_in_a_wall_says_so_and_asks(in_pocket):
 
 def test_a_wall_of_several_rows_of_facets_is_as_deep_as_one_of_a_single_row(tmp_path):
     fine = pocket().subdivide_to_size(10.0)
-    result = planned(fine, tmp_path / "pocket.stl", pad=replace(PAD, radius_m=0.025), stepover_m=0.02)
+    result = on_path(fine, tmp_path / "pocket.stl", pad=replace(PAD, radius_m=0.025), stepover_m=0.02)
     nearest = 0.060 - np.abs(result.path.positions_work[result.path.process, :2]).max()
     assert result.figures["pad_in_part_max_m"] == pytest.approx(0.025 - nearest, abs=1e-5)

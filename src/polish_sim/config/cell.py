@@ -114,6 +114,9 @@ class SafetyConfig:
     )
     jump_limit_n: float = key(9.0, "largest jump of the sensor's reading within 5 ms, 0 = any [N]", 0.0, 1e4)
     offset_limit_m: float = key(0.005, "how far the surface may be from where it was planned [m]", 1e-4, 0.2)
+    tool_in_part: str = key(
+        "refuse", "a path on which the tool runs into the part: refuse, before anything moves, or allow"
+    )
     stop_latency_s: float = key(0.004, "from a protective stop to the brakes [s]", 0.0, 0.1)
     stop_deceleration_m_s2: float = key(4.0, "deceleration of a protective stop [m/s^2]", 0.1, 50.0)
     retract_speed_m_s: float = key(

@@ -105,6 +105,9 @@ class PlanConfig:
         option=Option("--raster-direction", PATH, "X,Y,Z", DIRECTION),
     )
     clearance_m: float = key(0.03, "height of the first and last point above the part [m]", 0.001, 0.5)
+    tool_clearance_m: float = key(
+        0.001, "pad, shaft, spindle, sensor and wrist keep this from what stands beside them [m]", 0.0, 0.05
+    )
     lead_in: str = key("normal", "how the tool lands: normal, tangent or arc", option=Option("--lead-in", AXIS, "NAME"))
     lead_angle_rad: float = key(
         0.0,

@@ -24,7 +24,7 @@ from polish_sim.exchange.strokes import (
     strokes_of,
 )
 from polish_sim.planning import PlanResult, ToolPath
-from polish_sim.planning.quality.pad_fit import pad_in_part_warning
+from polish_sim.planning.quality.tool_room import pad_in_part_warning
 from polish_sim.planning.toolpath import APPROACH, RETRACT
 
 # The fixed part of a URScript program: settings at the top, force mode, spindle, what happens when contact fails.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from polish_sim.cell import CellRun, Observer, RealPart, Silent
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
+from polish_sim.errors import PlanError, unknown_name
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import (
@@ -29,6 +30,9 @@ from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.stroke_motion import check_stroke_rule, feed_of_strokes
 from polish_sim.log import RemovalMap, RunLog, with_column
 from polish_sim.planning import PlanResult, coverage_until, plan_part
+from polish_sim.planning.quality.tool_room import pad_in_part_warning
+
+TOOL_IN_PART: Final = ("refuse", "allow")
 
 # What a run of ``surface`` or ``dual`` took off the part, by Preston's law.
 
@@ -126,9 +130,26 @@ def prepare_surface(
     if plan is None:
         plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     check_set_points(plan.path)
+    refuse_collision(scenario, plan)
     observer.stage("check the reach")
     reach = reach_path(scenario, plan.mesh, plan.surface, plan.path)
     return SurfaceTask(plan, reach, real_shape(scenario, plan.mesh, plan.surface, plan.path))
+
+
+def refuse_collision(scenario: Scenario, plan: PlanResult) -> None:
+    """Refuse a path on which the tool runs into the part, unless that is allowed.
+
+    Raises:
+        PlanError: Saying where, how deep and what to do.
+    """
+    if scenario.safety.tool_in_part not in TOOL_IN_PART:
+        raise unknown_name("answer to a tool in the part", scenario.safety.tool_in_part, TOOL_IN_PART)
+    warning = pad_in_part_warning(plan.figures)
+    if warning and scenario.safety.tool_in_part == TOOL_IN_PART[0]:
+        raise PlanError(
+            f"{warning}. Plan the path on this part with this pad, which leaves out what it does not reach, take a "
+            "smaller --pad-diameter, or run it all the same with --allow-contact."
+        )
 
 
 def check_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> CheckedPath:

@@ -12,10 +12,11 @@ from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, metres_per_u
 from polish_sim.planning.curves.offset_curve import CurveSet
 from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.ground.ground import Ground, footprint
-from polish_sim.planning.quality.pad_fit import PadInPart, pad_in_part_warning
+from polish_sim.planning.quality.tool_room import pad_in_part_warning
 
 if TYPE_CHECKING:
     from polish_sim.config import PadConfig, PlanConfig
+    from polish_sim.planning.quality.access import Access
     from polish_sim.planning.quality.figures import Quality
     from polish_sim.planning.quality.located import PathOnSurface
     from polish_sim.planning.toolpath import ToolPath
@@ -210,41 +211,16 @@ def _depth_below(ground: Ground, limit: float) -> float | None:
     return depth if depth < limit else None
 
 
-SPREAD = 0.1
-"""Share of a step-over by which the outermost turn may come nearer to the border with another margin."""
+def access_notes(access: Access | None, plan: PlanConfig, pad: PadConfig) -> list[str]:
+    """What of the region asked for the tool does not get at, and why; none if it gets at all of it."""
+    return [] if access is None else access.notes(pad, plan.tool_clearance_m)
 
 
-def wall_notes(ground: Ground, quality: Quality, plan: PlanConfig, pad: PadConfig) -> list[str]:
-    """Where the pad runs into the part along the path, and what to set against it.
-
-    Args:
-        ground: The region.
-        quality: What was measured of the path.
-        plan: Its edge margin.
-        pad: The pad.
-
-    Returns:
-        A note; none if the pad keeps clear.
-    """
+def wall_notes(quality: Quality) -> list[str]:
+    """Where the tool runs into the part along a path, and what to do; none if it keeps clear."""
     warning = pad_in_part_warning(quality.figures)
-    if not warning:
-        return []
-    margin = _curing_margin(ground, quality.pad_in_part, plan, pad)
-    if margin is None:
-        return [f"{warning}: set a smaller --pad-diameter, or a --region further from what stands there"]
-    return [f"{warning}: set --edge-margin {margin * 1e3:.4g} or a smaller --pad-diameter"]
-
-
-def _curing_margin(ground: Ground, found: PadInPart, plan: PlanConfig, pad: PadConfig) -> float | None:
-    """Edge margin, in whole mm, that takes the path far enough from walls at the region's borders [m].
-
-    None where the pad runs into something away from the borders, or nothing of the region would be left.
-    """
-    borders = CurveSet(border_curves(ground.mesh))
-    away = borders.nearest(found.positions).nearest.distances
-    if away.max() > pad.radius_m:
-        return None
-    wanted = plan.edge_margin_m + float(found.reaches.max()) + SPREAD * plan.stepover_m
-    margin = 1e-3 * float(np.ceil(1e3 * wanted - 1e-6))
-    deepest = float(borders.nearest(ground.mesh.vertices).nearest.distances.max())
-    return margin if margin - plan.edge_margin_m < deepest - 0.5 * plan.stepover_m else None
+    return (
+        [f"{warning}: plan it anew with this pad, the plan keeps clear; or use a smaller --pad-diameter"]
+        if warning
+        else []
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -11,13 +12,14 @@ from polish_sim.arrays import Array, Bools
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, select_region
-from polish_sim.planning.ground.ground import Ground, prepare_ground
-from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, load_mesh
+from polish_sim.planning.feasibility import access_notes
+from polish_sim.planning.ground.ground import Ground, bridge_holes
+from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, accessible, load_mesh
 from polish_sim.planning.quality.coverage import strictly_covered
 from polish_sim.planning.quality.figures import Quality, measure_quality, part_figures, without_spacing
 from polish_sim.planning.quality.located import with_points_between
-from polish_sim.planning.quality.pad_fit import pad_in_part_warning
 from polish_sim.planning.quality.spacing import guess_stepover
+from polish_sim.planning.quality.tool_room import pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
 UNITS = {"1000 times": 1e3, "25.4 times": 25.4, "10 times": 10.0}
@@ -42,23 +44,27 @@ class Offset(NamedTuple):
     """Share of the points whose tool axis points out of the part."""
 
 
-def offset_from(surface: Surface, path: ToolPath) -> Offset:
+def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = ()) -> Offset:
     """Measure how far the path in contact lies off a part.
 
     Args:
         surface: The whole part's surface.
         path: The path.
+        bridges: Surfaces over holes the pad runs over, which count as the part.
 
     Returns:
         The offsets.
     """
     path = with_points_between(path)
     points, axes = path.positions_work[path.process], path.axes_work[path.process]
-    found = surface.closest(points)
-    gap = points - found.positions
+    found = [each.closest(points) for each in (surface, *bridges)]
+    nearest = np.argmin([np.linalg.norm(points - each.positions, axis=1) for each in found], axis=0)
+    feet = np.choose(nearest[:, None], [each.positions for each in found])
+    normals = np.choose(nearest[:, None], [each.normals for each in found])
+    gap = points - feet
     heights = (gap * axes).sum(axis=1)
-    outward = float(((axes * found.normals).sum(axis=1) > 0.0).mean()) if len(axes) else 0.0
-    return Offset(found.positions, heights, np.linalg.norm(gap - heights[:, None] * axes, axis=1), outward)
+    outward = float(((axes * normals).sum(axis=1) > 0.0).mean()) if len(axes) else 0.0
+    return Offset(feet, heights, np.linalg.norm(gap - heights[:, None] * axes, axis=1), outward)
 
 
 def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, height: float, sideways: float) -> None:
@@ -190,13 +196,16 @@ def inspect_path(
         plan = replace(PlanConfig(), stepover_m=guessed_stepover(path, pad, notes))
     mesh = load_mesh(part, observer)
     surface = fit_surface(mesh, plan.feature_angle_rad)
-    offset = offset_from(surface, path)
+    region = _chosen(surface, mesh, plan)
+    offset = offset_from(surface, path, _bridges(region, plan))
     check_on_part(offset, mesh, path, OFF_PART_M, 2.0 * pad.radius_m)
-    region, plan = _region_of(path, surface, mesh, plan, offset, notes)
+    region, plan = _region_of(region, surface, mesh, plan, offset, notes)
     if observer is not None:
         observer.stage("measure the path")
-    ground = prepare_ground(region, plan)
-    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface)
+    ground, access = accessible(region, surface, plan, process, pad, path)
+    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface, access)
+    notes += access_notes(access, plan, pad)
+    ground = ground if access is None else access.asked
     if guess_stepover(path) is None:
         quality = without_spacing(quality, pad)
     quality.figures.update(
@@ -235,35 +244,42 @@ def guessed_stepover(path: ToolPath, pad: PadConfig, notes: list[str]) -> float:
     return found
 
 
+def _chosen(surface: Surface, mesh: PartMesh, plan: PlanConfig) -> Region:
+    margins = plan.edge_margin_m, plan.hole_margin_m
+    return select_region(surface, mesh, plan.region, plan.feature_angle_rad, *margins)
+
+
+def _bridges(region: Region, plan: PlanConfig) -> list[Surface]:
+    """The pieces of a region with small holes, these closed as the pad runs over them."""
+    bridged = (bridge_holes(piece, plan.bridge_m) for piece in region.components())
+    return [piece.region.surface for piece in bridged if piece.holes]
+
+
 def _region_of(
-    path: ToolPath, surface: Surface, mesh: PartMesh, plan: PlanConfig, offset: Offset, notes: list[str]
+    region: Region, surface: Surface, mesh: PartMesh, plan: PlanConfig, offset: Offset, notes: list[str]
 ) -> tuple[Region, PlanConfig]:
     """The region asked for; where that is automatic and the path runs elsewhere, the smooth face under the path."""
-
-    def chosen(name: str) -> Region:
-        margins = plan.edge_margin_m, plan.hole_margin_m
-        return select_region(surface, mesh, name, plan.feature_angle_rad, *margins)
-
-    region = chosen(plan.region)
-    share = _share_on(region, offset)
+    share = _share_on(region, plan, offset)
     if share >= MOSTLY:
         return region, plan
     if plan.region == "auto":
         for k in np.linspace(0, len(offset.feet) - 1, 7).astype(np.int64)[[3, 1, 5, 2, 4]]:
             name = "point:" + ",".join(f"{1e3 * value:.6g}" for value in offset.feet[k])
-            region = chosen(name)
-            if _share_on(region, offset) >= MOSTLY:
+            there = replace(plan, region=name)
+            region = _chosen(surface, mesh, there)
+            if _share_on(region, there, offset) >= MOSTLY:
                 notes.append(f"the path runs on another face than the largest that looks up: the one at {name[6:]} mm")
-                return region, replace(plan, region=name)
+                return region, there
     raise PlanError(
         f"only {100.0 * share:.0f}% of the path lies on the region '{plan.region}' of this part. Set --region to what "
         "the path covers: point:X,Y,Z of a face, 'top', 'all' or a box; and check --up."
     )
 
 
-def _share_on(region: Region, offset: Offset) -> float:
-    """Share of the path's feet on the part that belong to a region."""
-    gap = np.linalg.norm(region.surface.closest(offset.feet).positions - offset.feet, axis=1)
+def _share_on(region: Region, plan: PlanConfig, offset: Offset) -> float:
+    """Share of the path's feet on the part that belong to a region, closed holes included."""
+    feet = [surface.closest(offset.feet).positions for surface in (region.surface, *_bridges(region, plan))]
+    gap = np.min([np.linalg.norm(foot - offset.feet, axis=1) for foot in feet], axis=0)
     return float((gap < OFF_PART_M).mean())
 
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
 
+from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import (
+    access_notes,
     check_request,
     check_start,
     overlap_notes,
@@ -22,16 +24,20 @@ from polish_sim.planning.feasibility import (
     stepover_notes,
     wall_notes,
 )
-from polish_sim.planning.ground.ground import prepare_ground
+from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.moves.leads import with_way_down
 from polish_sim.planning.planner import plan_on, plan_path
+from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.figures import measure_quality, pad_coverage, part_figures
 from polish_sim.planning.quality.located import locate
+from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.request import check_asked, check_stepover
 from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3
 """A path made before may lie this far off the fitted surface [m]."""
+ROUNDS = 4
+"""A path on which the tool is found in the part is planned so often, those places left out."""
 
 
 class PlanObserver(Protocol):
@@ -65,6 +71,10 @@ class PlanResult:
     plan: PlanConfig
     notes: tuple[str, ...]
     """What was assumed, and what the user should know about the pad on this part."""
+    access: Access | None = None
+    """What of the region asked for the tool gets at; None if all of it."""
+    in_part: Array = field(default_factory=lambda: np.empty((0, 3)))
+    """Tool points at which the tool is in the part [m], shape (k, 3)."""
 
 
 def plan_part(
@@ -113,18 +123,28 @@ def plan_mesh(
     region = check_request(region, pad, mesh)
     check_start(surface, plan)
     observer.stage("plan the path")
-    ground = prepare_ground(region, plan)
-    planned = plan_on(ground, plan, lambda share: observer.progress(share, 1.0), surface, pad.radius_m)
-    path = planned.path
-    planned_s = time.perf_counter() - begin
-    observer.stage("measure the path")
-    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface)
+    ground, access = accessible(region, surface, plan, process, pad)
+    tool = Tool(pad, process.contact_force_n)
+    avoid = np.empty((0, 3))
+    for _ in range(ROUNDS):
+        planned = plan_on(ground, plan, lambda share: observer.progress(share, 1.0), surface, tool, avoid)
+        path = planned.path
+        planned_s = time.perf_counter() - begin
+        observer.stage("measure the path")
+        quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface, access)
+        if not quality.pad_in_part.max_m:
+            break
+        avoid = np.concatenate([avoid, quality.pad_in_part.positions])
+    else:
+        raise PlanError(f"no path keeps clear of the part: {pad_in_part_warning(quality.figures)}. "
+                        "Set a smaller --pad-diameter or another --region.")  # fmt: skip
     figures = {**part_figures(mesh, surface, region), **quality.figures, **planned.figures, "plan_time_s": planned_s}
-    remarks = (*wall_notes(ground, quality, plan, pad), *planned.notes, *start_notes(path, plan))
+    remarks = (*access_notes(access, plan, pad), *wall_notes(quality), *planned.notes, *start_notes(path, plan))
     remarks += tuple(stepover_notes(quality.figures["stepover_mean_m"], plan))
     remarks += tuple(overlap_notes(quality.figures["coverage"], plan, pad))
     notes = (*mesh.notes, *region.notes, *remarks, *pad_notes(ground, locate(ground, path), pad))
-    return PlanResult(mesh, surface, region, path, figures, plan, notes)
+    within, inside = access.region if access else region, quality.pad_in_part.positions
+    return PlanResult(mesh, surface, within, path, figures, plan, notes, access, inside)
 
 
 def measure_given_path(
@@ -156,8 +176,8 @@ def measure_given_path(
     observer.stage("fit the surface")
     surface, region = _choose(mesh, plan)
     observer.stage("measure the path")
-    ground = prepare_ground(region, plan)
-    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface)
+    ground, access = accessible(region, surface, plan, process, pad, path)
+    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface, access)
     figures = part_figures(mesh, surface, region) | quality.figures
     off = figures["max_distance_to_surface_m"]
     if off > OFF_PART_M:
@@ -165,10 +185,50 @@ def measure_given_path(
             f"the path lies up to {1e3 * off:.2f} mm off the region of this part, more than {1e3 * OFF_PART_M:g} mm. "
             "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
         )
-    remarks = wall_notes(ground, quality, plan, pad)
+    remarks = (*access_notes(access, plan, pad), *wall_notes(quality))
     path = with_way_down(path, plan.clearance_m)
     notes = (*mesh.notes, *region.notes, *remarks, *pad_notes(ground, locate(ground, path), pad))
-    return PlanResult(mesh, surface, region, path, figures, plan, notes)
+    within, inside = access.region if access else region, quality.pad_in_part.positions
+    return PlanResult(mesh, surface, within, path, figures, plan, notes, access, inside)
+
+
+def accessible(
+    region: Region,
+    part: Surface,
+    plan: PlanConfig,
+    process: ProcessConfig,
+    pad: PadConfig,
+    path: ToolPath | None = None,
+) -> tuple[Ground, Access | None]:
+    """The ground of a region the tool gets at, and what that leaves out of what was asked for.
+
+    Args:
+        region: What is asked for.
+        part: The whole part.
+        plan: Step-over and clearance.
+        process: Force.
+        pad: The pad.
+        path: A path made before: where it does not keep to what the tool gets at, all of the region counts.
+
+    Returns:
+        The ground; and its access, None where the tool gets at all of it.
+
+    Raises:
+        PlanError: There is no place the tool gets at, or the step-over does not fit.
+    """
+    asked = prepare_ground(region, plan)
+    try:
+        access = find_access(asked, region, part, Tool(pad, process.contact_force_n), plan)
+    except PlanError:
+        if path is None:
+            raise
+        return asked, None
+    if access is None:
+        return asked, None
+    ground = prepare_ground(access.region, plan)
+    if path is not None and locate(ground, path, process).distances.max() > OFF_PART_M:
+        return asked, None
+    return ground, access
 
 
 def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadConfig) -> float:
@@ -189,7 +249,7 @@ def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadC
     if np.count_nonzero(done & plan.path.process) < 2:
         return 0.0
     ground = prepare_ground(plan.region, plan.plan)
-    return pad_coverage(ground, plan.path.rows(done), process, pad)
+    return pad_coverage(ground, plan.path.rows(done), process, pad, plan.access)
 
 
 def load_mesh(part: PartConfig, observer: PlanObserver | None = None) -> PartMesh:

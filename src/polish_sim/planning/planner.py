@@ -12,15 +12,27 @@ from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.ground.ground import Ground, Piece, prepare_ground
-from polish_sim.planning.moves.leads import Air, Move, Remark, choose_leads, concatenate, notes_of, with_leads
+from polish_sim.planning.moves.leads import (
+    Air,
+    Move,
+    Remark,
+    choose_leads,
+    concatenate,
+    every,
+    notes_of,
+    with_leads,
+)
 from polish_sim.planning.moves.stroke import Stroke, give_axes
 from polish_sim.planning.moves.travel import order_blocks, travel
 from polish_sim.planning.moves.uncross import uncross
 from polish_sim.planning.patterns.registry import PATTERNS
 from polish_sim.planning.patterns.run import PatternRequest, Report, SurfaceRun
+from polish_sim.planning.quality.tool_room import APART, Tool, ground_under, pressed_places
 from polish_sim.planning.request import check_plan_words
 from polish_sim.planning.toolpath import ToolPath, arc_length
 
+CUT_APART: Final = 0.1
+"""Whether the tool is in the part is looked at so many pad radii apart along a stroke."""
 CUT_HERE: Final = "the path would cross itself, one of the two strands is cut and the tool lifts there"
 
 
@@ -85,7 +97,8 @@ def plan_on(
     plan: PlanConfig,
     on_progress: Report | None = None,
     part: Surface | None = None,
-    pad_radius: float = 0.0,
+    tool: Tool | None = None,
+    avoid: Array | None = None,
 ) -> Planned:
     """As `path_on`, with notes, and clear of the whole part.
 
@@ -94,7 +107,8 @@ def plan_on(
         plan: What is asked for.
         on_progress: Called with the share of the region covered so far.
         part: The whole part the tool must not run into in the air; the region if not given.
-        pad_radius: Radius of the pad that must not [m].
+        tool: The tool that must not; only the tool point if not given.
+        avoid: Places it was found to do so all the same [m], shape (k, 3): stretches near them are left out.
 
     Returns:
         The path, its notes and figures.
@@ -115,7 +129,9 @@ def plan_on(
     blocks = _uncrossed(blocks, plan.stepover_m, remarks)
     runs = _in_order(blocks, PATTERNS[plan.pattern].one_way, plan.start)
     obstacle = ground.region.surface if part is None else part
-    return assemble(runs, plan, ground.region.up, obstacle, pad_radius, remarks)
+    radius = 0.0 if tool is None else tool.pad.radius_m
+    air = Air(obstacle, radius, plan.clearance_m, ground.region.up, tool)
+    return assemble(runs, plan, air, remarks, np.empty((0, 3)) if avoid is None else avoid)
 
 
 def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[PieceRun]]:
@@ -164,42 +180,63 @@ def _in_order(blocks: Sequence[Sequence[PieceRun]], one_way: bool, start: tuple[
     ]
 
 
-def assemble(
-    runs: Sequence[PieceRun],
-    plan: PlanConfig,
-    up: Array,
-    part: Surface,
-    pad_radius: float,
-    remarks: Sequence[Remark] = (),
-) -> Planned:
-    """Give runs their tool axes and leads and put them in a row; a run the tool cannot reach is left out.
+def assemble(runs: Sequence[PieceRun], plan: PlanConfig, air: Air, remarks: Sequence[Remark], avoid: Array) -> Planned:
+    """Give runs their tool axes and leads and put them in a row; what the tool cannot reach is left out.
 
     Raises:
         PlanError: The tool can reach none of them.
     """
-    air = Air(part, pad_radius, plan.clearance_m, up)
     moves: list[Move] = []
     curvature: list[Array] = []
     all_remarks, lost = list(remarks), []
     passes, deviation = 0, 0.0
     for item in runs:
-        whole = give_axes(item.run, item.surface, plan, passes)
-        placed = _place(whole, moves[-1] if moves else None, plan, air)
-        if placed is None:
-            lost.append(whole.process.positions)
-            continue
-        stroke = placed.stroke
-        passes = int(stroke.process.pass_index.max()) + 1
-        deviation = max(deviation, stroke.axis_deviation_rad)
-        all_remarks += placed.remarks
-        before = sum(len(move.positions) for move in placed.moves[:-3])
-        after = sum(len(move.positions) for move in placed.moves[-2:])
-        curvature.append(np.pad(stroke.curvature, (before, after), mode="edge"))
-        moves += placed.moves
+        for whole in _clear_of_part(
+            item, give_axes(item.run, item.surface, plan, passes), plan, air, avoid, all_remarks
+        ):
+            placed = _place(whole, moves[-1] if moves else None, plan, air)
+            if placed is None:
+                lost.append(whole.process.positions)
+                continue
+            stroke = placed.stroke
+            passes = int(stroke.process.pass_index.max()) + 1
+            deviation = max(deviation, stroke.axis_deviation_rad)
+            all_remarks += placed.remarks
+            before = sum(len(move.positions) for move in placed.moves[:-3])
+            after = sum(len(move.positions) for move in placed.moves[-2:])
+            curvature.append(np.pad(stroke.curvature, (before, after), mode="edge"))
+            moves += placed.moves
     all_remarks += _out_of_reach(lost, plan.stepover_m, nothing_left=not moves)
     positions, axes, segment, pass_index = concatenate(moves)
     path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
     return Planned(path, deviation, notes_of(all_remarks))
+
+
+def _clear_of_part(
+    item: PieceRun, whole: Stroke, plan: PlanConfig, air: Air, avoid: Array, remarks: list[Remark]
+) -> Sequence[Stroke]:
+    """The stretches of a stroke on which no body of the tool is in the part; appends remarks on the others."""
+    if air.tool is None:
+        return [whole]
+    move, points = whole.process, item.run.points
+    rows = every(move.positions, CUT_APART * air.pad_radius)
+    under = ground_under(item.surface, points.facets[rows], points.barycentric[rows])
+    places = pressed_places(move.positions[rows], move.axes[rows], under, air.tool.pad, air.tool.force)
+    found = air.tool.stands_in(air.part, places)
+    near = [np.linalg.norm(places.middles - place, axis=1) < APART * air.pad_radius for place in avoid]
+    hit = np.flatnonzero(np.any([found.depths > 0.0, *near], axis=0))
+    if not len(hit):
+        return [whole]
+    worst = hit[int(found.depths[hit].argmax())]
+    body = air.tool.bodies[int(found.bodies[worst])].name
+    what = f"stretches of the path on which the {body} would run into the part are left out"
+    remarks.append(Remark(what, places.middles[worst]))
+    clear = np.ones(len(move.positions), dtype=bool)
+    for first, last in zip(rows[np.maximum(hit - 1, 0)], rows[np.minimum(hit + 1, len(rows) - 1)], strict=True):
+        clear[first : last + 1] = False
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], clear, [False]]).astype(int))).reshape(-1, 2)
+    s = arc_length(move.positions)
+    return [whole.rows(a, b - 1) for a, b in ends if s[b - 1] - s[a] > plan.stepover_m]
 
 
 def _place(whole: Stroke, previous: Move | None, plan: PlanConfig, air: Air) -> Placed | None:
@@ -211,7 +248,7 @@ def _place(whole: Stroke, previous: Move | None, plan: PlanConfig, air: Air) -> 
     stroke = whole.rows(start.row, end.row)
     parts = with_leads(stroke.process, start.shape, start.clearance, end.shape, end.clearance)
     if previous is not None:
-        between, clear = travel(previous, parts[0], air.up, plan.clearance_m, air.part)
+        between, clear = travel(previous, parts[0], air)
         if not clear:
             return None
         parts = [between, *parts]

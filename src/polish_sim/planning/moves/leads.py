@@ -13,6 +13,7 @@ from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, rim_depths, way_out
+from polish_sim.planning.quality.tool_room import APART, Places, Tool, ground_under, pressed_places
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT, ToolPath, arc_length
 from polish_sim.spatial import unit
 
@@ -166,6 +167,17 @@ class Air(NamedTuple):
     """Height of a lifted tool above the part along its axis [m]."""
     up: Array
     """Unit vector away from the table, shape (3,)."""
+    tool: Tool | None = None
+    """What follows the pad; None looks at the pad only."""
+
+    def has_room(self, line: Array, axes: Array, presses: Places | None = None) -> bool:
+        """Whether the tool is nowhere in the part along points (n, 3), pressed as it is at a place or not at all."""
+        if self.tool is None:
+            return True
+        rows = every(line, APART * self.pad_radius)
+        low, yields = (presses.lows[0], presses.yields[0]) if presses else (APART_M, 0.0)
+        places = Places(line[rows], axes[rows], np.full(len(rows), low), np.full(len(rows), yields))
+        return not self.tool.stands_in(self.part, places).depths.any()
 
 
 class Landing(NamedTuple):
@@ -270,9 +282,27 @@ def _is_clear(process: Move, at_start: bool, shape: LeadShape, clearance: float,
         return False
     if rim_depths(air.part, line, axes, air.pad_radius).max() > landed + TOLERANCE_M:
         return False
+    if not air.has_room(line, axes, _pressed_at(process.positions[end], process.axes[end], air)):
+        return False
     top = above.positions[0 if at_start else -1]
     kept = height_to_keep(air.part, top[None], air.clearance)
     return way_out(air.part, ball, top, process.axes[end][0], air.up, kept) is not None
+
+
+def _pressed_at(position: Array, axis: Array, air: Air) -> Places | None:
+    """The tool pressed on the part at a place (1, 3); None without a tool."""
+    if air.tool is None:
+        return None
+    foot = air.part.closest(position)
+    under = ground_under(air.part, foot.facets, foot.barycentric)
+    return pressed_places(position, axis, under, air.tool.pad, air.tool.force)
+
+
+def every(line: Array, spacing: float) -> Indices:
+    """Rows of a polyline (n, 3) no further apart than its points or a spacing [m], both ends among them."""
+    s = arc_length(line)
+    marks = np.linspace(0.0, s[-1], max(int(np.ceil(s[-1] / spacing)), 1) + 1)
+    return np.unique(np.append(np.searchsorted(s, marks).clip(0, len(s) - 1), [0, len(s) - 1]))
 
 
 def notes_of(remarks: Sequence[Remark]) -> tuple[str, ...]:

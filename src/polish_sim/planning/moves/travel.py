@@ -12,7 +12,7 @@ from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.kernel_cache import njit
-from polish_sim.planning.moves.leads import Move, evenly
+from polish_sim.planning.moves.leads import Air, Move, evenly
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, way_out
 from polish_sim.planning.toolpath import APPROACH
 from polish_sim.spatial import perpendicular, unit
@@ -23,30 +23,29 @@ ROUND = 24
 """Corners of a way round the part."""
 
 
-def travel(first: Move, second: Move, up: Array, clearance: float, part: Surface) -> tuple[Move, bool]:
+def travel(first: Move, second: Move, air: Air) -> tuple[Move, bool]:
     """Carry the lifted tool from one run to the next, no higher than the part between makes it.
 
     Args:
         first: The retract that ends the first run.
         second: The approach that begins the second.
-        up: Unit vector away from the table, shape (3,).
-        clearance: Height a lifted tool has above the part [m].
-        part: The whole part.
+        air: What to keep clear of.
 
     Returns:
         The points between, as approach to the second run, and whether they keep clear of the part.
     """
+    up, clearance, part = air.up, air.clearance, air.part
     start, end = first.positions[-1], second.positions[0]
     kept = height_to_keep(part, np.stack([start, end]), clearance)
-    clear, line = False, np.empty((0, 3))
+    clear, line, axes = False, np.empty((0, 3)), np.empty((0, 3))
     for corners in _ways((start, end), (first.axes[-1], second.axes[0]), up, clearance, part, kept):
         line = _along(corners)
-        clear = kept > 0.0 and bool(signed_distances(part, line).min() >= kept)
+        axes = _turned(first.axes[-1], second.axes[0], np.linspace(0.0, 1.0, len(line)))
+        clear = kept > 0.0 and bool(signed_distances(part, line).min() >= kept) and air.has_room(line, axes)
         if clear:
             break
     # Both ends belong to the moves before and after.
-    line = line[1:-1]
-    axes = _turned(first.axes[-1], second.axes[0], np.linspace(0.0, 1.0, len(line) + 2)[1:-1])
+    line, axes = line[1:-1], axes[1:-1]
     return Move(line, axes, APPROACH, np.full(len(line), second.pass_index[0])), clear
 
 

@@ -334,13 +334,14 @@ class ExposureMap(NamedTuple):
     """Less than half of it, what is not covered included."""
 
 
-def expose(ground: Ground, on: PathOnSurface, pad: PadConfig) -> ExposureMap:
+def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | None = None) -> ExposureMap:
     """Carry the pad along a path.
 
     Args:
         ground: The region.
         on: The path on it, with forces and feeds.
         pad: The pad.
+        counted: Share of what each vertex of the ground stands for that counts, shape (v,); None for all.
 
     Returns:
         The times and their figures.
@@ -349,7 +350,7 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig) -> ExposureMap:
     some = thin(mesh.vertices, APART * pad.radius_m)
     points, normals = mesh.vertices[some.kept], mesh.normals[some.kept]
     times = time_under_pad(points, normals, pad_steps(on, pad), pad.radius_m)
-    own = mesh.part_areas(ground.part_facets)
+    own = mesh.part_areas(ground.part_facets) * (1.0 if counted is None else counted)
     areas: Array = np.bincount(some.stands_for, weights=own, minlength=len(points)).astype(np.float64)
     total = float(areas.sum())
     mean = float((areas * times).sum()) / total

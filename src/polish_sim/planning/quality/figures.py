@@ -13,11 +13,13 @@ from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Region, Surface
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.ground import Ground
+from polish_sim.planning.quality.access import Access
 from polish_sim.planning.quality.coverage import ExposureMap, expose, strict_share
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.quality.located import PathOnSurface, locate
-from polish_sim.planning.quality.pad_fit import PadInPart, PadReach, find_pad_in_part, measure_pad_reach
+from polish_sim.planning.quality.pad_fit import PadReach, measure_pad_reach
 from polish_sim.planning.quality.spacing import Stepover, measure_stepover
+from polish_sim.planning.quality.tool_room import PadInPart, find_pad_in_part
 from polish_sim.planning.toolpath import ToolPath, arc_length
 
 # How suddenly a path turns: its sharpest corner in the surface, and the rate of its tool axis (path -> figures).
@@ -112,6 +114,7 @@ def measure_quality(
     process: ProcessConfig,
     pad: PadConfig,
     part: Surface | None = None,
+    access: Access | None = None,
 ) -> Quality:
     """Measure a path on a region.
 
@@ -121,16 +124,18 @@ def measure_quality(
         stepover: Planned or expected [m].
         process: Force and feed where the path has none of its own.
         pad: The pad.
-        part: The whole part, which the pad may run into; the region if not given.
+        part: The whole part, which the tool may run into; the region if not given.
+        access: What of the region asked for the tool gets at, if not all: coverage is of what the pad can touch.
 
     Returns:
         Figures by their names in the contract, SI; path_length_m is the length in contact. And maps.
     """
     on = locate(ground, path, process)
+    asked, touched = (ground, None) if access is None else (access.asked, access.touched)
     quality = Quality(
         figures={},
-        exposure=expose(ground, on, pad),
-        reach=measure_pad_reach(ground.region.surface, ground.part_facets, pad.radius_m),
+        exposure=expose(asked, on, pad, touched),
+        reach=measure_pad_reach(asked.region.surface, asked.part_facets, pad.radius_m),
         pad_in_part=find_pad_in_part(on, ground.region.surface if part is None else part, pad),
         spacing=measure_stepover(on.runs, stepover),
         axis_rate=_measure_axis_rate(on),
@@ -149,6 +154,7 @@ def measure_quality(
             "area_m2": ground.region.area_m2,
             "bridged_holes": ground.holes,
         }
+        | ({} if access is None else {"unreachable_area_m2": access.left_out_m2})
     )
     return quality
 
@@ -224,9 +230,12 @@ def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
     }
 
 
-def pad_coverage(ground: Ground, path: ToolPath, process: ProcessConfig, pad: PadConfig) -> float:
-    """Share of the region's area that comes under the pad's compressed area somewhere along a path."""
-    return expose(ground, locate(ground, path, process), pad).coverage
+def pad_coverage(
+    ground: Ground, path: ToolPath, process: ProcessConfig, pad: PadConfig, access: Access | None = None
+) -> float:
+    """Share of what the pad can touch that comes under its compressed area somewhere along a path."""
+    asked, touched = (ground, None) if access is None else (access.asked, access.touched)
+    return expose(asked, locate(ground, path, process), pad, touched).coverage
 
 
 def part_figures(mesh: PartMesh, surface: Surface, region: Region) -> dict[str, Any]:

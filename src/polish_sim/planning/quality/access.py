@@ -1,0 +1,199 @@
+"""What of a region the tool gets at without running into the part (Region, Tool -> Access)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from polish_sim.arrays import Array, Bools
+from polish_sim.config import PadConfig, PlanConfig
+from polish_sim.errors import PlanError, place_in_mm
+from polish_sim.geometry import Region, Surface
+from polish_sim.geometry.regions.region import cut_region
+from polish_sim.planning.ground.ground import Ground
+from polish_sim.planning.quality.points import thin
+from polish_sim.planning.quality.tool_room import Places, Tool, UnderPad, ground_under, hollow_radius, pressed_places
+
+BEYOND: Final = 0.5
+"""Room is measured up to so many of the pad's radii."""
+APART: Final = 0.25
+"""First places so many pad radii apart are looked at; only around those with little room all of them."""
+LITTLE: Final = 0.4
+"""Little room, in pad radii."""
+TURN_INSIDE: Final = 0.45
+"""The outermost turn keeps at least so many step-overs from the region's border: the border may be that much nearer to
+a wall than the pad."""
+HOLLOW: Final = "hollow"
+
+
+class LeftOut(NamedTuple):
+    """Ground out of the tool's reach for one reason."""
+
+    reason: str
+    """The body of the tool that has no room, or that the ground is hollow."""
+    area_m2: float
+    place: Array
+    """A place of it [m], shape (3,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Access:
+    """What of a region the tool gets at; the region asked for is all of it."""
+
+    asked: Ground
+    region: Region
+    """Where the path may run."""
+    touched: Array
+    """Share of what each vertex of the ground asked for stands for that the pad can touch, shape (v,)."""
+    left_out: tuple[LeftOut, ...]
+    """What it cannot, the largest first."""
+
+    @property
+    def left_out_m2(self) -> float:
+        """Area of what it cannot touch [m^2]."""
+        return float(sum(part.area_m2 for part in self.left_out))
+
+    @property
+    def triangles(self) -> Array:
+        """What it cannot touch, as triangles [m], shape (t, 3, 3)."""
+        mesh = self.asked.mesh
+        out = self.touched[mesh.triangles].mean(axis=1) < 0.5
+        return np.asarray(mesh.vertices[mesh.triangles[out & (mesh.owners < self.asked.part_facets)]])
+
+    def notes(self, pad: PadConfig, clearance: float) -> list[str]:
+        """What is left out and why, for the user."""
+        notes = []
+        for part in self.left_out:
+            if part.reason == HOLLOW:
+                why = f"hollow of less than {1e3 * hollow_radius(pad):.3g} mm radius, which the pad does not follow"
+            else:
+                why = f"the {part.reason} would come closer than {1e3 * clearance:.3g} mm to the part beside it"
+            todo = "; a smaller --pad-diameter gets further" if part.reason in (HOLLOW, "pad") else ""
+            notes.append(
+                f"left out {1e4 * part.area_m2:.3g} cm^2 of the region, at {place_in_mm(part.place)} and about (pad "
+                f"{2e3 * pad.radius_m:.3g} mm): {why}{todo}"
+            )
+        return notes
+
+
+@dataclass(frozen=True, eq=False)
+class ToolRoom:
+    """How much room the tool has on a surface, as what `cut_region` cuts by."""
+
+    surface: Surface
+    part: Surface
+    tool: Tool
+    clearance: float
+    """[m]"""
+    shift: float
+    """Added to the room [m]."""
+    length: float = 0.0
+    """Of the line where it is used up, not known."""
+
+    def at(self, points: Array) -> Array:
+        """Room at points (n, 3) of the surface [m], shape (n,)."""
+        return np.asarray(self.of_bodies(self.places(points)[0]).min(axis=1) + self.shift)
+
+    def straight(self, points: Array) -> Array:
+        """The same."""
+        return self.at(points)
+
+    def places(self, points: Array) -> tuple[Places, UnderPad]:
+        """The tool pressed on at points (n, 3), along the normal, and the surface under it."""
+        foot = self.surface.closest(points)
+        under = ground_under(self.surface, foot.facets, foot.barycentric)
+        return pressed_places(points, under.normals, under, self.tool.pad, self.tool.force), under
+
+    def of_bodies(self, places: Places) -> Array:
+        """Room of each body of the tool [m], shape (n, bodies)."""
+        return self.tool.rooms(self.part, places, self.clearance, BEYOND * self.tool.pad.radius_m)
+
+
+def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan: PlanConfig) -> Access | None:
+    """Find what of a region the tool gets at.
+
+    Where its middle may go it keeps a clearance from what stands beside it, pressed in as far as the pad yields; what
+    the pad touches from there is within reach.
+
+    Args:
+        ground: The region asked for, prepared.
+        region: The same as it was selected.
+        part: The whole part.
+        tool: The tool.
+        plan: Step-over and clearance.
+
+    Returns:
+        What it gets at; None if that is all of it.
+
+    Raises:
+        PlanError: It is nothing.
+    """
+    radius, vertices = tool.pad.radius_m, ground.mesh.vertices
+    room = ToolRoom(ground.region.surface, part, tool, plan.tool_clearance_m, 0.0)
+    some = thin(vertices, APART * radius)
+    near = (room.at(vertices[some.kept]) < LITTLE * radius)[some.stands_for]
+    if not near.any():
+        return None
+    rooms = np.full((len(vertices), len(tool.bodies)), BEYOND * radius)
+    places, under = room.places(vertices[near])
+    rooms[near] = room.of_bodies(places)
+    least = rooms.min(axis=1)
+    if least.min() >= 0.0:
+        return None
+    hollow = np.zeros(len(vertices), dtype=bool)
+    hollow[near] = under.curvatures[:, 1] * hollow_radius(tool.pad) < -1.0
+    _refuse_nothing(least, rooms, hollow, ground, tool)
+    relaxed = min(TURN_INSIDE * plan.stepover_m, 0.5 * radius)
+    cut = cut_region(region, replace(room, surface=region.surface, shift=radius + relaxed), radius)
+    touched = np.where(hollow & (least < 0.0), 0.0, _touched(ground, least, radius))
+    return Access(ground, cut or region, touched, _left_out(ground, touched, rooms, hollow, tool))
+
+
+def _refuse_nothing(least: Array, rooms: Array, hollow: Bools, ground: Ground, tool: Tool) -> None:
+    """Refuse a region on which the tool has room nowhere."""
+    if least.max() >= 0.0:
+        return
+    best, diameter = int(least.argmax()), 2e3 * tool.pad.radius_m
+    place, body = place_in_mm(ground.mesh.vertices[best]), tool.bodies[int(rooms[best].argmin())].name
+    why = (
+        f"even at {place} it is hollow of less than {1e3 * hollow_radius(tool.pad):.3g} mm radius, which a pad of "
+        f"{diameter:.3g} mm does not follow"
+        if hollow[best]
+        else f"where it has most room, at {place}, its {body} would still come {-1e3 * least[best]:.3g} mm too close "
+        f"to the part beside it (pad {diameter:.3g} mm)"
+    )
+    raise PlanError(
+        f"the tool gets at no place of the region: {why}. Set a smaller --pad-diameter or another --region."
+    )
+
+
+def _touched(ground: Ground, least: Array, radius: float) -> Array:
+    """Share of each vertex' ground the pad touches from where its middle has room: what is within a radius, (v,)."""
+    vertices, edges = ground.mesh.vertices, ground.mesh.edges
+    roomy = least >= 0.0
+    crossed = edges[roomy[edges[:, 0]] != roomy[edges[:, 1]]]
+    ends = least[crossed]
+    share = (ends[:, 0] / (ends[:, 0] - ends[:, 1]))[:, None]
+    border = (1.0 - share) * vertices[crossed[:, 0]] + share * vertices[crossed[:, 1]]
+    away = np.zeros(len(vertices))
+    away[~roomy] = cKDTree(np.concatenate([vertices[roomy], border])).query(vertices[~roomy])[0]
+    # A vertex stands for what is half the way to the next ones.
+    wide = np.sqrt(np.maximum(ground.mesh.vertex_areas, 1e-300))
+    return np.asarray(np.clip(0.5 + (radius - away) / wide, 0.0, 1.0))
+
+
+def _left_out(ground: Ground, touched: Array, rooms: Array, hollow: Bools, tool: Tool) -> tuple[LeftOut, ...]:
+    """What is not touched, by what is in the way there."""
+    areas = ground.mesh.part_areas(ground.part_facets) * (1.0 - touched)
+    names = np.array([*(body.name for body in tool.bodies), HOLLOW])
+    why = np.where(hollow, len(names) - 1, rooms.argmin(axis=1))
+    found = []
+    for number, name in enumerate(names):
+        rows = np.flatnonzero((touched < 1.0) & (why == number))
+        if len(rows) and areas[rows].sum() > 0.0:
+            worst = rows[int(rooms[rows].min(axis=1).argmin())]
+            found.append(LeftOut(str(name), float(areas[rows].sum()), ground.mesh.vertices[worst]))
+    return tuple(sorted(found, key=lambda part: -part.area_m2))

@@ -1,0 +1,414 @@
+"""Where the tool stands in the part: pad, shaft, spindle, sensor and wrist beside their work (path -> places)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from polish_sim.arrays import Array, Indices, Ints
+from polish_sim.config import HeadConfig, PadConfig
+from polish_sim.errors import place_in_mm
+from polish_sim.geometry import Surface
+from polish_sim.geometry.closest import box_distance2
+from polish_sim.kernel_cache import njit
+from polish_sim.planning.quality.coverage import rows_apart
+from polish_sim.planning.quality.located import PathOnSurface
+from polish_sim.planning.toolpath import arc_length
+from polish_sim.spatial import perpendicular
+
+
+class Body(NamedTuple):
+    """A body of the tool as the cylinder about the tool axis that holds it, however the tool is turned."""
+
+    name: str
+    low: float
+    """Height of its lower end above the pad's face [m]."""
+    high: float
+    """And of its upper end [m]."""
+    radius: float
+    """[m]."""
+
+
+PAD_TOP: Final = 0.022
+"""Height of pad and backing plate [m]; the plate is no wider than the pad."""
+BEHIND_PAD: Final = (
+    Body("shaft", PAD_TOP, 0.060, 0.009),
+    Body("spindle", 0.060, 0.102, 0.0325),
+    Body("spindle with its connector", 0.102, 0.125, 0.0602),
+    Body("sensor", 0.125, 0.2655, 0.0401),
+    Body("wrist", 0.2655, 0.400, 0.1435),
+)
+"""What stands above the pad in models/ur5e_spindle.xml with the head's spring at rest, up to the arm's fourth link."""
+HOLLOW_SHARE: Final = 0.2
+MOST_HOLLOW_M: Final = 0.005
+"""On hollow ground the part may stand above the pad's face by this share of its radius, and by no more than this [m]:
+the rim carries there, and with the ground more hollow than 2.5 pad radii the pad would be held off it."""
+
+
+def most_hollow(pad: PadConfig) -> float:
+    """How high the ground under a pad may stand above its face [m]."""
+    return min(HOLLOW_SHARE * pad.radius_m, MOST_HOLLOW_M)
+
+
+def hollow_radius(pad: PadConfig) -> float:
+    """Least radius of hollow ground a pad follows [m]."""
+    return pad.radius_m**2 / (2.0 * most_hollow(pad))
+
+
+class Places(NamedTuple):
+    """Where the tool stands, and what the pad yields there."""
+
+    middles: Array
+    """Middle of the pad's face [m], shape (n, 3)."""
+    axes: Array
+    """Unit tool axes, shape (n, 3)."""
+    lows: Array
+    """What stands no higher above the pad's face is pressed, not run into [m], shape (n,)."""
+    yields: Array
+    """The pad may be this deep in the part [m], shape (n,)."""
+
+
+class Standing(NamedTuple):
+    """How deep the tool is in the part; zeros where it is clear."""
+
+    depths: Array
+    """[m], shape (n,)."""
+    reaches: Array
+    """How far it would have to move aside [m], shape (n,)."""
+    bodies: Indices
+    """Number of the body that is deepest, shape (n,)."""
+
+
+class Tool(NamedTuple):
+    """Pad, head, spindle, sensor and wrist, pressed on."""
+
+    pad: PadConfig
+    force: float
+    """[N]; the head's spring lets everything behind the pad sink by what it yields."""
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """From the pad up."""
+        sunk = self.force / HeadConfig().stiffness_n_m
+        behind = (body._replace(low=body.low - sunk) for body in BEHIND_PAD)
+        return (Body("pad", 0.0, PAD_TOP, self.pad.radius_m), *behind)
+
+    def rooms(self, part: Surface, places: Places, clearance: float, beyond: float) -> Array:
+        """Distance of the part from each body's side, less a clearance [m], at most ``beyond``, shape (n, bodies)."""
+        rooms = []
+        for body in self.bodies:
+            wide = body.radius + clearance + beyond
+            found = standing_above(part, _discs(places, body, clearance)._replace(radius=wide))
+            rooms.append(beyond - found.reaches)
+        return np.stack(rooms, axis=1)
+
+    def stands_in(self, part: Surface, places: Places) -> Standing:
+        """Find where the tool is deeper in the part than the pad yields."""
+        count = len(places.middles)
+        worst = Standing(np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int64))
+        for number, body in enumerate(self.bodies):
+            found = standing_above(part, _discs(places, body, 0.0))
+            deeper = found.depths > np.maximum(places.yields if number == 0 else 0.0, worst.depths)
+            worst.depths[deeper], worst.reaches[deeper] = found.depths[deeper], found.reaches[deeper]
+            worst.bodies[deeper] = number
+        return worst
+
+
+def _discs(places: Places, body: Body, clearance: float) -> Discs:
+    """The layer a body fills above the pad's face; the pad's begins where it yields no more."""
+    lows = places.lows if body.low == 0.0 else np.full(len(places.lows), body.low - clearance)
+    highs = np.maximum(lows + 1e-3, body.high + clearance)
+    return Discs(places.middles, places.axes, lows, highs, body.radius)
+
+
+class UnderPad(NamedTuple):
+    """The surface under the middle of the pad."""
+
+    normals: Array
+    """Unit, shape (n, 3)."""
+    principal: Array
+    """Unit direction of the larger curvature, shape (n, 3)."""
+    curvatures: Array
+    """Principal curvatures, the larger first [1/m], shape (n, 2)."""
+
+
+def ground_under(surface: Surface, facets: Ints, barycentric: Array) -> UnderPad:
+    """The surface at facets (n,) and barycentric coordinates (n, 3)."""
+    bend = surface.curvature(facets, barycentric)
+    normals = surface.evaluate(facets, barycentric).normals
+    return UnderPad(normals, bend.directions, np.stack([bend.k1, bend.k2], axis=1))
+
+
+def pressed_places(middles: Array, axes: Array, ground: UnderPad, pad: PadConfig, forces: float | Array) -> Places:
+    """The tool pressed on: the pad yields by F / k, over hollow ground or tilted by what that makes it.
+
+    Args:
+        middles: Tool points on the surface [m], shape (n, 3).
+        axes: Unit tool axes, shape (n, 3).
+        ground: The surface there. Ground more hollow than the pad follows counts as the most it does.
+        pad: The pad.
+        forces: [N], one or shape (n,).
+
+    Returns:
+        The places.
+    """
+    yields = np.full(len(middles), forces / pad.stiffness_n_m)
+    return Places(middles, axes, _own_heights(axes, ground, pad) + yields, yields)
+
+
+RIM_POINTS = 32
+RINGS = (0.25, 0.5, 0.75, 1.0)
+"""Where on the pad its own place's hollow and the tool's tilt are looked at."""
+
+
+def _own_heights(axes: Array, ground: UnderPad, pad: PadConfig) -> Array:
+    """How high the place under the pad stands above its face by its curvatures and the tool's tilt [m], (n,)."""
+    radius = pad.radius_m
+    second = np.cross(ground.normals, ground.principal)
+    lean = axes / (axes * ground.normals).sum(axis=1, keepdims=True)
+    tilt, beside = ((lean * way).sum(axis=1)[:, None] for way in (ground.principal, second))
+    bend = np.maximum(ground.curvatures, -1.0 / hollow_radius(pad))
+    angle = np.arange(RIM_POINTS) * (2.0 * np.pi / RIM_POINTS)
+    highest = np.zeros(len(axes))
+    for ring in RINGS:
+        x, y = ring * radius * np.cos(angle), ring * radius * np.sin(angle)
+        height = tilt * x + beside * y - 0.5 * (bend[:, :1] * x**2 + bend[:, 1:] * y**2)
+        highest = np.maximum(highest, height.max(axis=1))
+    return highest
+
+
+APART = 0.25
+"""The tool is looked at so many of the pad's radii apart along the path."""
+
+
+class PadInPart(NamedTuple):
+    """Tool points at which the tool is in the part."""
+
+    positions: Array
+    """[m], shape (k, 3)."""
+    depths: Array
+    """How deep it is [m], shape (k,)."""
+    reaches: Array
+    """How much further away from there the tool point would have to be [m], shape (k,)."""
+    lengths: Array
+    """Length of the path each stands for [m], shape (k,)."""
+    bodies: tuple[str, ...]
+    """What is deepest there."""
+    pad_radius: float
+    """[m]."""
+
+    @property
+    def max_m(self) -> float:
+        """Deepest [m]; 0 if the tool is nowhere in the part."""
+        return float(self.depths.max(initial=0.0))
+
+    @property
+    def length_m(self) -> float:
+        """Length of the path on which the tool is in the part [m]."""
+        return float(self.lengths.sum())
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """For metrics.json; place and body are empty if the tool is nowhere in the part."""
+        worst = int(self.depths.argmax()) if len(self.depths) else -1
+        return {
+            "pad_in_part_max_m": self.max_m,
+            "pad_in_part_length_m": self.length_m,
+            "pad_in_part_at_m": self.positions[worst].tolist() if worst >= 0 else [],
+            "pad_in_part_body": self.bodies[worst] if worst >= 0 else "",
+        }
+
+
+def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig) -> PadInPart:
+    """Carry the tool along the path and look for what of the part stands where its bodies are.
+
+    The pad yields as far as the force presses it, F / k, and over a hollow place or tilted as far as that place's
+    curvatures and the tilt make it: what stands no higher than both together is polished, not run into, nor is what
+    the pad is in no deeper than it yields. A place more hollow than the pad follows counts as the most it does.
+
+    Args:
+        on: The path on its region.
+        part: The whole part.
+        pad: The pad.
+
+    Returns:
+        Where the tool is in the part.
+    """
+    s = arc_length(on.positions)
+    rows = rows_apart(on, s, APART * pad.radius_m)
+    ground = UnderPad(on.normals[rows], on.principal[rows], on.curvatures[rows])
+    places = pressed_places(on.positions[rows], on.axes[rows], ground, pad, on.forces[rows])
+    tool = Tool(pad, float(on.forces.max()))
+    found = tool.stands_in(part, places)
+    way = np.where(np.diff(on.stretch_of[rows]) == 0, np.diff(s[rows]), 0.0)
+    lengths = 0.5 * (np.append(way, 0.0) + np.append(0.0, way))
+    hit = np.flatnonzero(found.depths)
+    names = tuple(tool.bodies[number].name for number in found.bodies[hit])
+    return PadInPart(places.middles[hit], found.depths[hit], found.reaches[hit], lengths[hit], names, pad.radius_m)
+
+
+def pad_in_part_warning(figures: Mapping[str, Any]) -> str:
+    """The figures as a sentence with the worst place; empty if the tool is nowhere in the part."""
+    deepest = figures.get("pad_in_part_max_m", 0.0)
+    if deepest <= 0.0:
+        return ""
+    length, place = figures["pad_in_part_length_m"], place_in_mm(np.array(figures["pad_in_part_at_m"]))
+    body = figures.get("pad_in_part_body") or "pad"
+    return (
+        f"the {body} runs up to {1e3 * deepest:.3g} mm into the part over {length:.3g} m of the path, worst at {place}"
+    )
+
+
+# What of the part stands in a layer above a disc: the test behind all of it.
+
+
+class Discs(NamedTuple):
+    """Discs and the layer above each in which nothing of the part may be."""
+
+    middles: Array
+    """[m], shape (n, 3)."""
+    axes: Array
+    """Unit vectors away from the part, shape (n, 3)."""
+    lows: Array
+    """Where the layer begins above the disc's plane [m], shape (n,)."""
+    highs: Array
+    """And where it ends [m], shape (n,)."""
+    radius: float
+    """[m]."""
+
+
+class Intrusion(NamedTuple):
+    """What is in the layers; zeros where there is nothing."""
+
+    depths: Array
+    """How deep a disc stands in the part [m], shape (n,): behind the plane of a face, beside or below its edge."""
+    reaches: Array
+    """How far the part reaches into a disc from its rim [m]: so far the disc would have to move aside, shape (n,)."""
+
+
+def standing_above(part: Surface, discs: Discs) -> Intrusion:
+    """Find the faces of a part that stand in the layers above discs.
+
+    Only the flat triangles between the patches' corners are tested: a wall is found however thin it is.
+
+    Args:
+        part: The whole part.
+        discs: The discs.
+
+    Returns:
+        How far each disc is in the part.
+    """
+    across = perpendicular(discs.axes)
+    frames = np.stack([across, np.cross(discs.axes, across), discs.axes], axis=1)
+    depths, reaches = _look(part.control, part.tree, discs, np.ascontiguousarray(frames))
+    return Intrusion(depths, reaches)
+
+
+@njit(cache=True, error_model="numpy")
+def _look(control, tree, discs, frames):  # type: ignore[no-untyped-def]
+    count, radius = len(discs.middles), discs.radius
+    depths, reaches = np.zeros(count), np.zeros(count)
+    nodes, corner, layer, cut = np.empty(64, np.int32), np.empty((3, 3)), np.empty((6, 3)), np.empty((6, 3))
+    for i in range(count):
+        x, y, z = discs.middles[i]
+        low, high = discs.lows[i], discs.highs[i]
+        around2 = radius * radius + high * high
+        nodes[0], top = 0, 1
+        while top > 0:
+            top -= 1
+            node = nodes[top]
+            if box_distance2(tree.low, tree.high, node, x, y, z) > around2:
+                continue
+            if _top_of_box(tree, node, discs.middles[i], discs.axes[i]) <= low:
+                continue
+            if tree.right[node] >= 0:
+                nodes[top], nodes[top + 1] = tree.right[node], node + 1
+                top += 2
+                continue
+            for k in range(tree.first[node], tree.first[node] + tree.size[node]):
+                _seen_from(control[tree.items[k]], discs.middles[i], frames[i], corner)
+                gap = _distance_in_layer(corner, low, high, layer, cut)
+                if gap < radius:
+                    reaches[i] = max(reaches[i], radius - gap)
+                    depths[i] = max(depths[i], min(radius - gap, _depth_behind(corner, radius)))
+    return depths, reaches
+
+
+@njit(cache=True, error_model="numpy")
+def _top_of_box(tree, node, middle, axis):  # type: ignore[no-untyped-def]
+    """Height of a box's highest corner above a disc's plane [m]."""
+    height = 0.0
+    for k in range(3):
+        corner = tree.high[node, k] if axis[k] > 0.0 else tree.low[node, k]
+        height += axis[k] * (corner - middle[k])
+    return height
+
+
+@njit(cache=True, error_model="numpy")
+def _seen_from(patch, middle, frame, corner):  # type: ignore[no-untyped-def]
+    """Write the corners of a patch in a disc's frame."""
+    for a in range(3):
+        for k in range(3):
+            total = 0.0
+            for j in range(3):
+                total += frame[k, j] * (patch[a, j] - middle[j])
+            corner[a, k] = total
+
+
+@njit(cache=True, error_model="numpy")
+def _distance_in_layer(corner, low, high, layer, cut):  # type: ignore[no-untyped-def]
+    """Distance from the axis to the part of a triangle between two heights [m]; inf if there is none."""
+    if max(corner[0, 2], corner[1, 2], corner[2, 2]) <= low or min(corner[0, 2], corner[1, 2], corner[2, 2]) >= high:
+        return np.inf
+    count = _cut_off(corner, 3, 1.0, low, layer)
+    count = _cut_off(layer, count, -1.0, -high, cut)
+    nearest2, left, right = np.inf, 0, 0
+    for a in range(count):
+        b = (a + 1) % count
+        px, py = cut[a, 0], cut[a, 1]
+        dx, dy = cut[b, 0] - px, cut[b, 1] - py
+        t = min(max(-(px * dx + py * dy) / max(dx * dx + dy * dy, 1e-300), 0.0), 1.0)
+        nearest2 = min(nearest2, (px + t * dx) ** 2 + (py + t * dy) ** 2)
+        side = dx * py - dy * px
+        left += side > 0.0
+        right += side < 0.0
+    if count >= 3 and (left == count or right == count):
+        return 0.0
+    return np.sqrt(nearest2)
+
+
+@njit(cache=True, error_model="numpy")
+def _cut_off(points, count, sign, limit, out):  # type: ignore[no-untyped-def]
+    """Keep what of a polygon has sign * z > limit; returns its number of corners."""
+    kept = 0
+    for a in range(count):
+        b = (a + 1) % count
+        here, there = sign * points[a, 2] - limit, sign * points[b, 2] - limit
+        if here > 0.0:
+            for k in range(3):
+                out[kept, k] = points[a, k]
+            kept += 1
+        if (here > 0.0) != (there > 0.0):
+            t = here / (here - there)
+            for k in range(3):
+                out[kept, k] = points[a, k] + t * (points[b, k] - points[a, k])
+            kept += 1
+    return kept
+
+
+@njit(cache=True, error_model="numpy")
+def _depth_behind(corner, radius):  # type: ignore[no-untyped-def]
+    """How deep the disc can be in the part at a face [m]: not deeper than the face is high, nor than its slope lets."""
+    highest = max(corner[0, 2], corner[1, 2], corner[2, 2])
+    ax, ay, az = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
+    bx, by, bz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]
+    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    size = max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
+    offset = (corner[0, 0] * nx + corner[0, 1] * ny + corner[0, 2] * nz) / size
+    # The rim's deepest point behind the plane of a face that looks up or to the side, towards the disc.
+    behind = radius * np.sqrt(nx * nx + ny * ny) / size + offset
+    if nz >= -1e-9 * size and behind > 0.0:
+        return min(highest, behind)
+    return highest

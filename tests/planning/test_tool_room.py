@@ -1,0 +1,165 @@
+"""Nothing of the tool is in the part: held against solids of the robot's model, along whole plans."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+
+from polish_sim.config import PadConfig, PartConfig, PlanConfig
+from polish_sim.errors import PlanError
+from polish_sim.models import robot_model_path
+from polish_sim.planning import PlanResult, inspect_path, plan_part
+from polish_sim.planning.quality.tool_room import BEHIND_PAD
+from tests.planning.test_pad_in_part import moved, pocket
+from tests.planning.tools import volumes_in_part
+
+CLEARANCE = 0.001
+YIELDS = 20.0 / 20000.0
+
+
+def walled_plate():
+    """A plate 160 x 120 mm with a wall 60 mm high and 5 mm thick across it, the spindle's connector above the floor."""
+    plate = moved(trimesh.creation.box((160, 120, 20)), 0, 0, -10)
+    return trimesh.boolean.union([plate, moved(trimesh.creation.box((5, 120, 120)), 60, 0, 50)], engine="manifold")
+
+
+def boss():
+    """A plate 120 x 120 mm with a boss 16 mm across and 40 mm high."""
+    plate = moved(trimesh.creation.box((120, 120, 20)), 0, 0, -10)
+    return trimesh.boolean.union([plate, moved(trimesh.creation.cylinder(8.0, 40.0), 5, 3, 20)], engine="manifold")
+
+
+def bowl(radius=90.0, depth=20.0):
+    """A block with a bowl sunk into it."""
+    ball = moved(trimesh.creation.icosphere(subdivisions=5, radius=radius), 0, 0, radius - depth)
+    block = moved(trimesh.creation.box((140, 140, 50)), 0, 0, -25)
+    return trimesh.boolean.difference([block, ball], engine="manifold")
+
+
+def scan():
+    """A closed form with hills and hollows, its vertices off by 0.05 mm as a scanner leaves them."""
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=60.0)
+    way = ball.vertices / 60.0
+    waves = 1.0 + 0.10 * np.sin(3.0 * way[:, 0] + 1.0) * np.cos(4.0 * way[:, 1]) + 0.06 * np.sin(5.0 * way[:, 2])
+    noise = np.random.default_rng(5).normal(0.0, 0.05, (len(way), 3))
+    return trimesh.Trimesh(ball.vertices * waves[:, None] + noise, ball.faces)
+
+
+def shelf():
+    """A plate 160 x 120 mm under a shelf 80 mm above it: pad and shaft fit under, the spindle does not."""
+    plate = moved(trimesh.creation.box((160, 120, 20)), 0, 0, -10)
+    post, board = trimesh.creation.box((10, 120, 100)), trimesh.creation.box((60, 120, 10))
+    return trimesh.boolean.union([plate, moved(post, 75, 0, 50), moved(board, 50, 0, 85)], engine="manifold")
+
+
+CASES = {
+    "pocket": (pocket, "point:0,0,0", 0.0),
+    "walled plate": (walled_plate, "point:0,0,0", 0.0),
+    "boss": (boss, "point:40,40,0", 0.0),
+    "shelf": (shelf, "point:-40,0,0", 0.0),
+    "bowl": (bowl, "point:0,0,-20", 0.005),
+    "scan": (scan, "auto", 0.005),
+}
+"""Part, region, and how far the pad may be compressed where the ground is hollow, besides by the force [m]."""
+
+
+@cache
+def part_of(name: str) -> trimesh.Trimesh:
+    return CASES[name][0]()
+
+
+def planned(tmp_path, name: str, pattern: str, diameter_mm: float, **keys: object) -> PlanResult:
+    part_of(name).export(tmp_path / "part.stl")
+    plan = PlanConfig(**({"stepover_m": 0.2e-3 * diameter_mm, "pattern": pattern, "region": CASES[name][1]} | keys))
+    return plan_part(PartConfig(str(tmp_path / "part.stl"), up="z"), plan, pad=PadConfig(radius_m=5e-4 * diameter_mm))
+
+
+@pytest.mark.parametrize(("name", "pattern", "diameter_mm"), [
+    ("pocket", "spiral", 50.0), ("pocket", "raster", 20.0), ("pocket", "fermat", 30.0), ("pocket", "contour", 12.0),
+    ("walled plate", "spiral", 50.0), ("walled plate", "raster", 16.0), ("boss", "spiral", 20.0),
+    ("boss", "raster", 40.0), ("boss", "fermat", 12.0), ("shelf", "raster", 20.0), ("bowl", "spiral", 30.0),
+    ("scan", "raster", 20.0), ("scan", "contour", 12.0),
+])  # fmt: skip
+def test_no_body_of_the_tool_shares_volume_with_the_part_anywhere_on_the_plan(tmp_path, name, pattern, diameter_mm):
+    result = planned(tmp_path, name, pattern, diameter_mm)
+    hollow = min(CASES[name][2], 0.1e-3 * diameter_mm)
+    shared = volumes_in_part(result.path, part_of(name), 5e-4 * diameter_mm, YIELDS + hollow)
+    assert max(shared.values()) < 0.05, shared
+    assert result.figures["pad_in_part_max_m"] == 0.0
+    assert result.figures["coverage"] > 0.9
+
+
+def test_the_independent_check_finds_the_wall_a_plan_without_clearance_runs_into(tmp_path):
+    """The same check on a path planned for a small pad and followed with a large one."""
+    result = planned(tmp_path, "pocket", "contour", 20.0)
+    shared = volumes_in_part(result.path, part_of("pocket"), 0.020, YIELDS)
+    # The outermost turn is 11 mm from the wall: a segment of the disc 20 mm in radius and 21 mm high is in it.
+    segment = 400.0 * np.arccos(11.0 / 20.0) - 11.0 * np.sqrt(400.0 - 121.0)
+    assert shared["pad"] > 0.9 * 21.0 * segment
+    assert shared["head_shaft"] == 0.0
+
+
+@pytest.mark.parametrize("diameter_mm", [20.0, 50.0])
+def test_in_a_pocket_the_pad_reaches_all_but_the_corners_and_the_clearance(tmp_path, diameter_mm):
+    result = planned(tmp_path, "pocket", "contour", diameter_mm)
+    side, radius = 120.0 - 2e3 * CLEARANCE - diameter_mm, 0.5 * diameter_mm
+    reached = side**2 + 4.0 * side * radius + np.pi * radius**2
+    assert result.figures["region_area_m2"] == pytest.approx(0.0144, rel=1e-9)
+    assert 1e6 * result.figures["unreachable_area_m2"] == pytest.approx(14400.0 - reached, rel=0.02)
+    # The outermost turn keeps the clearance, and no more than a tenth of a step-over besides.
+    widest = 2e3 * np.abs(result.path.positions_work[result.path.process, :2]).max()
+    assert side - 0.2 * 0.2 * diameter_mm < widest < side + 1e-3
+    assert result.figures["coverage"] > 0.98
+    (note,) = (note for note in result.notes if "left out" in note)
+    assert "the pad would come closer than 1 mm" in note
+    # What is marked on the pictures is what no disc about a place of the inner square covers.
+    middles = 1e3 * result.access.triangles.mean(axis=1)[:, :2]
+    beyond = np.linalg.norm(np.maximum(np.abs(middles) - 0.5 * side, 0.0), axis=1)
+    assert beyond.min() > radius - 0.1 * diameter_mm
+
+
+def test_under_a_shelf_the_spindle_is_what_has_no_room(tmp_path):
+    result = planned(tmp_path, "shelf", "raster", 20.0)
+    assert result.access.left_out[0].reason == "spindle"
+    # The board begins at x = 20 mm, 80 mm up: the spindle, 32.5 mm in radius there, keeps 1 mm from it.
+    assert result.path.positions_work[result.path.process, 0].max() == pytest.approx(0.020 - 0.0335, abs=4e-4)
+
+
+def test_a_pad_too_large_for_all_of_a_region_is_refused_with_the_reason(tmp_path):
+    with pytest.raises(PlanError, match=r"no place of the region: .* its pad would still come .* too close"):
+        planned(tmp_path, "pocket", "spiral", 122.0, stepover_m=0.008)
+    bowl(40.0).export(tmp_path / "bowl.stl")
+    with pytest.raises(PlanError, match=r"hollow of less than 62\.5 mm radius, which a pad of 50 mm does not follow"):
+        plan_part(PartConfig(str(tmp_path / "bowl.stl"), up="z"), PlanConfig(region="point:0,0,-20"))
+
+
+def test_a_plan_of_ours_is_measured_by_what_its_tool_reaches(tmp_path):
+    result = planned(tmp_path, "pocket", "spiral", 30.0)
+    part = PartConfig(str(tmp_path / "part.stl"), up="z")
+    seen = inspect_path(result.path, part, result.plan, pad=PadConfig(radius_m=0.015))
+    for name in ("coverage", "coverage_stepover", "unreachable_area_m2", "pad_in_part_max_m"):
+        assert seen.figures[name] == pytest.approx(result.figures[name], rel=1e-9), name
+
+
+def test_the_bodies_hold_all_that_the_model_has_behind_the_pad():
+    """Every vertex of every mesh from the head to the fourth link lies in one of the planner's cylinders."""
+    model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    tool = data.site("tool")
+    for body in ("tool_mount", "link_6", "link_5", "link_4"):
+        for geom in np.flatnonzero(model.geom_bodyid == model.body(body).id):
+            if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
+                continue
+            first, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
+            points = model.mesh_vert[first : first + count] @ data.geom_xmat[geom].reshape(3, 3).T
+            seen = (points + data.geom_xpos[geom] - tool.xpos) @ tool.xmat.reshape(3, 3)
+            height, wide = -seen[:, 2], np.hypot(seen[:, 0], seen[:, 1])
+            held = np.zeros(count, dtype=bool)
+            for cylinder in BEHIND_PAD:
+                held |= (height >= cylinder.low - 1e-6) & (height <= cylinder.high + 1e-6) & (wide <= cylinder.radius)
+            assert held.all(), model.geom(geom).name

@@ -1,0 +1,68 @@
+"""The tool as solids of the robot's model, for tests that hold it against a part: nothing of the planner is used."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import manifold3d
+import mujoco
+import numpy as np
+import trimesh
+
+from polish_sim.models import robot_model_path
+from polish_sim.planning.toolpath import ToolPath
+from polish_sim.spatial import perpendicular
+
+HEAD_SINKS_M = 20.0 / (20000.0 / 3.0)
+"""What the head's spring yields at 20 N: all behind the pad is so much nearer to the part."""
+
+
+def solid(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
+    """A closed mesh as a solid [m]."""
+    merged = manifold3d.Mesh(np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32))
+    return manifold3d.Manifold(merged)
+
+
+@cache
+def bodies_behind_pad() -> tuple[tuple[str, manifold3d.Manifold], ...]:
+    """Convex hulls of shaft, spindle and sensor in the tool frame turned over, z from the part to the tool [m]."""
+    model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    tool = data.site("tool")
+    R_tool_up = tool.xmat.reshape(3, 3) @ np.diag([1.0, -1.0, -1.0])
+    found = []
+    for name in ("head_shaft", "spindle_housing", "spindle_trim", "sensor_body", "link_6_shell"):
+        geom = model.geom(name)
+        if geom.type[0] == mujoco.mjtGeom.mjGEOM_MESH:
+            first, count = model.mesh_vertadr[geom.dataid[0]], model.mesh_vertnum[geom.dataid[0]]
+            points = model.mesh_vert[first : first + count]
+        else:
+            points = np.array(trimesh.creation.cylinder(geom.size[0], 2.0 * geom.size[1], sections=48).vertices)
+        in_base = points @ data.geom_xmat[geom.id].reshape(3, 3).T + data.geom_xpos[geom.id]
+        hull = manifold3d.Manifold.hull_points((in_base - tool.xpos) @ R_tool_up)
+        found.append((name, hull.translate((0.0, 0.0, -HEAD_SINKS_M))))
+    return tuple(found)
+
+
+def volumes_in_part(path: ToolPath, part: trimesh.Trimesh, pad_radius: float, yields: float) -> dict[str, float]:
+    """Largest volume each body of the tool shares with a part (mm) along a path, in the air and in contact [mm^3].
+
+    Args:
+        path: The path.
+        part: A closed mesh in mm.
+        pad_radius: [m].
+        yields: How far the pad may be compressed in contact [m].
+    """
+    shape, worst = solid(part.copy().apply_scale(1e-3)), {}
+    rows = np.unique(np.searchsorted(path.s, np.arange(0.0, path.s[-1], 4e-3)))
+    for row in rows:
+        z = path.axes_work[row]
+        x = perpendicular(z[None])[0]
+        place = np.column_stack([x, np.cross(z, x), z, path.positions_work[row]])
+        low = yields if path.process[row] else 1e-3
+        pad = manifold3d.Manifold.cylinder(0.022 - low, pad_radius, circular_segments=64).translate((0.0, 0.0, low))
+        for name, body in (("pad", pad), *bodies_behind_pad()):
+            shared = (body.transform(place) ^ shape).volume() * 1e9
+            worst[name] = max(worst.get(name, 0.0), shared)
+    return worst
