@@ -25,6 +25,7 @@ from polish_sim.analysis.metrics import OVER, UNDER
 from polish_sim.analysis.path_plot import AMBIENT, FACTS_AT, LIGHT, TICKS, TOWARDS_VIEWER, fill_view
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, axis_name, heading, new_figure, styled, view_frame
 from polish_sim.arrays import Array
+from polish_sim.errors import number_text
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.spatial import unit
 
@@ -218,7 +219,7 @@ def _facts(record: RunRecord) -> tuple[str, ...]:
     if removal.absolute:
         amount = f"mean {MICRO * m['removal_mean_m']:.3g} µm, {1e9 * m['removal_volume_m3']:.3g} mm³"
     else:
-        amount = f"pressure x way {m['exposure_mean_n_m']:.3g} N/m on average"
+        amount = f"pressure x way {number_text(m['exposure_mean_n_m'], 3)} N/m on average"
     untouched = f"untouched on the part as it is: {_untouched(record)} of the area"
     if m.get("coverage") is not None:
         untouched += f" (beside the pad's disc on the drawing: {100.0 * (1.0 - m['coverage']):.2f}%)"
