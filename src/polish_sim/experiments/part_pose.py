@@ -81,7 +81,7 @@ class PartPlacing:
         """The pose asked for.
 
         Raises:
-            ReachError: The part cannot stand there, or the arm does not do the path; names a pose that would do.
+            ReachError: The part cannot stand there, or the arm does not do the path; names one that fits.
         """
         pose = self.scenario.part.pose
         fault = standing_fault(self.mesh, self._surface, next(given_placement(pose)))
@@ -113,11 +113,11 @@ class PartPlacing:
         return None if touch is None else Failure(touch.row * every, f"{touch.names} would touch")
 
     def _advice(self) -> str:
-        """A pose that would do, as the option takes it."""
+        """A pose the arm reaches, as the option takes it."""
         try:
             T = self.chosen().T_base_work
         except ReachError as error:
-            return f"Nor is there another pose of it that would do: {error}"
+            return f"No other pose was found either: {error}"
         turn = np.degrees(Rotation.from_matrix(T[:3, :3]).as_rotvec())
         numbers = ",".join(f"{round(float(value), 3) + 0.0:.7g}" for value in [*(1e3 * T[:3, 3]), *turn])
         return f"It fits with --part-pose {numbers}, or leave --part-pose out."
