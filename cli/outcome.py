@@ -40,8 +40,7 @@ class Outcome:
     """Conditions that differ from those the figures are asked for; nothing is called met or not met then."""
 
     def finish(self, folder: Path, check: bool, more: str = "") -> int:
-        """Show the outcome, perhaps a line more, and its folder; returns the exit code, falling short counts if
-        ``check``."""
+        """Show the outcome, ``more``, and the folder; returns the exit code, falling short counts with ``check``."""
         self.show()
         if more:
             console.say(more)

@@ -108,8 +108,7 @@ def smooth(path: PathFile, given: Given) -> None:
 
 
 def smooth_file(request: SmoothRequest, folder: Path, observer: PlanObserver) -> tuple[dict[str, Any], list[str]]:
-    """Read a path, smooth it, measure the motion and write all files into an existing folder; returns figures and
-    notes."""
+    """Read and smooth a path, measure the motion, write all files into a folder; returns figures and notes."""
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
     from polish_sim.exchange import read_way_points
     from polish_sim.experiments.report import save_plots

@@ -175,8 +175,7 @@ _POINTS = 401
 
 @styled
 def plot_peaks(record: RunRecord) -> Figure:
-    """Draw force error and curvature around every curvature peak, and their means; without a peak a figure that says
-    so."""
+    """Draw force error and curvature around every curvature peak, and their means; or that there is none."""
     figure = new_figure(9.0, 5.2)
     force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
     offset = np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, _POINTS)

@@ -152,8 +152,7 @@ def draw_errors(trial: PairBudgetTrial) -> Iterator[dict[str, Array]]:
 def compare_shares(
     trial: PairBudgetTrial, covariances: Mapping[str, Array], errors: Mapping[str, Array]
 ) -> dict[str, Share]:
-    """Predicted beside drawn, by source: covariances [m^2], each (points, 3, 3); errors [m], each (draws >= 2, points,
-    3)."""
+    """By source: covariances [m^2], (points, 3, 3), beside drawn errors [m], (draws >= 2, points, 3)."""
     axes = trial.T_work_tool[:, :3, 2]
     return {name: _share(covariances[name], errors[name], axes) for name in covariances}
 

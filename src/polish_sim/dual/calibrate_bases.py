@@ -151,8 +151,7 @@ SIMULATED: Final[Mapping[str, tuple[Callable[..., BaseMeasurements], int]]] = Ma
 
 
 def _stated(found: BaseCalibration) -> dict[str, Any]:
-    """Stated standard deviations: of the worse base and its z axis, and of a point a metre away from it, rms over both
-    ways along its axes."""
+    """Stated deviations of the worse base, of its z axis and of a point a metre away along its axes, rms."""
     figures: dict[str, Any] = {"relative_origin_std_m": float(np.sqrt(np.trace(found.covariance[:3, :3])))}
     if not found.bases:
         return figures

@@ -105,7 +105,6 @@ def simulate_touches(
 
 
 def reached(T_base_flange: Array, read: Reading | None = None) -> Array:
-    """Flange poses as the host reads them, by forward kinematics after the inverse if not said, (n, 4, 4); or
-    ReachError."""
+    """Flange poses (n, 4, 4) as the host reads them, by default inverse then forward kinematics; or ReachError."""
     q = np.stack([inverse_near(T, Q_NEAR) for T in T_base_flange])
     return np.ascontiguousarray(forward(q) if read is None else read(T_base_flange, q))

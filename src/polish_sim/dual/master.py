@@ -45,8 +45,7 @@ class PartWay(NamedTuple):
 
 
 def along_arc(velocity: Array, bend: float) -> Callable[[Array], Array]:
-    """Constant speed from a velocity [m/s] along a straight line, or an arc whose direction turns by ``bend`` [rad/s]
-    about z."""
+    """Constant speed along a line, or along an arc whose direction turns by ``bend`` [rad/s] about z."""
     across = np.array([-velocity[1], velocity[0], 0.0])
     level = np.array([velocity[0], velocity[1], 0.0])
     rise = np.array([0.0, 0.0, velocity[2]])

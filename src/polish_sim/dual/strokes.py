@@ -156,8 +156,7 @@ class Visits(NamedTuple):
 
 
 def plan_visits(strokes: Sequence[Stroke], step: float) -> Visits:
-    """Follow strokes (work frame) as the cell does if contact is where it is expected, at most ``step`` [s] between
-    visits."""
+    """Follow strokes (work frame) as the cell does if contact is where it is expected; visits ``step`` [s] apart."""
     done: list[Visits] = []
     time = clock = meant = 0.0
     for number, stroke in enumerate(strokes):

@@ -65,8 +65,7 @@ class Statement(NamedTuple):
 
 
 def statements(file: Path, text: str) -> Iterator[Statement]:
-    """Take an APT text apart; $$ begins a comment, a single $ continues a statement, but never prose or past the
-    end."""
+    """Take an APT text apart; $$ begins a comment, a single $ continues a statement other than prose."""
     pending, begin, remarked = "", 0, False
     for number, raw in enumerate(text.splitlines(), start=1):
         code, _, comment = raw.partition("$$")

@@ -99,8 +99,7 @@ ALL: Final = "all"
 
 
 def check_formats(names: Sequence[str]) -> tuple[str, ...]:
-    """The formats some names stand for, `all` for every one; each once. InputError, with a list, for an unknown
-    name."""
+    """The formats some names stand for, `all` for every one, each once; InputError lists the known ones."""
     for name in names:
         if name not in FORMATS and name != ALL:
             raise unknown_name("export format", name, [*FORMATS, ALL])

@@ -156,8 +156,7 @@ VERSIONED: Final = ("polish-sim", "numpy", "scipy", "numba")
 
 
 def write_plan(folder: str | Path, result: PlanResult) -> None:
-    """Write path.csv, path.json and metrics.json into a folder, made if missing, each under a temporary name
-    until whole."""
+    """Write path.csv, path.json and metrics.json into a folder, each under a temporary name until whole."""
     write_files(
         Path(folder),
         {

@@ -41,8 +41,7 @@ def read_path(source: str | Path, unknown: Unknown = refuse_unknown) -> ToolPath
 
 
 def read_way_points(source: str | Path, unknown: Unknown = refuse_unknown) -> WayPoints:
-    """Read a tool path as its file has it: points may repeat, and the tool may turn where it stands; else as
-    `read_path`."""
+    """`read_path` as the file has it: points may repeat, and the tool may turn where it stands."""
     source = Path(source)
     file = source / PATH_JSON if source.is_dir() else source
     if source.is_dir() and not file.is_file():

@@ -88,8 +88,7 @@ def compare_modes(moves: Mapping[str, Figures]) -> Figures:
 
 
 def distance_to_line(points: Array, line: Array) -> Array:
-    """Distances (n,) [m] of points (n, 3) to a polyline (m, 3), its points near each other beside what the distances
-    are."""
+    """Distances (n,) [m] of points (n, 3) to a dense polyline (m, 3)."""
     near = np.asarray(cKDTree(line).query(points)[1])
     best = np.full(len(points), np.inf)
     for first in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):

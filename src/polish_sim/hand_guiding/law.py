@@ -78,8 +78,7 @@ def build_memory(joints: int) -> GuidingMemory:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def read_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: float, first: bool) -> None:
-    """Quantise positions [rad], difference them to speeds and these to filtered accelerations; ``first``: no reading
-    before."""
+    """Quantise positions [rad], difference them to speeds, these to filtered accelerations; ``first``: none before."""
     for j in range(memory.q.shape[0]):
         read = gains.encoder * math.floor(q[j] / gains.encoder + 0.5) if gains.encoder > 0.0 else q[j]
         qd = 0.0 if first else (read - memory.q[j]) / dt

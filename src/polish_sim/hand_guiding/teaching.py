@@ -68,8 +68,7 @@ def teach_path(
 
 
 def simplified(points: Array, tolerance: float) -> Indices:
-    """Rising indices of a polyline (n, 3) from which none of its points is further than the tolerance (Douglas and
-    Peucker)."""
+    """Rising indices of a polyline (n, 3) within ``tolerance`` [m] of all its points (Douglas and Peucker)."""
     kept, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
     while stack:
         first, last = stack.pop()

@@ -222,8 +222,7 @@ def with_springs(setup: Setup, scale: float) -> Setup:
 
 
 def longest_latency(setup: Setup, law: LinearLaw, totals: Sequence[float]) -> float:
-    """The last of some rising total latencies [s] before the first unstable one; 0 or infinite if none or all are
-    stable."""
+    """The last of rising total latencies [s] before the first unstable one; 0 if none, infinite if all are stable."""
     z, plant = contour(setup.dt), build_plant(setup)
     force = law.by_force(z) * plant_response(plant, plant.reading, z)
     motion = law.by_motion(z) * plant_response(plant, plant.velocity, z)

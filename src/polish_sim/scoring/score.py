@@ -48,8 +48,7 @@ def list_tasks(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> l
 
 
 def asked_for(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> dict[str, Any]:
-    """What a score is of, to tell whether another is the same: controllers, cases, seeds, and one hash of all they
-    depend on."""
+    """What a score is of, to compare it with another: controllers, cases, seeds, one hash of all they depend on."""
     digest = hashlib.sha256()
     for task in list_tasks(cases, entries, seeds):
         digest.update(row_key(task).encode())

@@ -82,8 +82,7 @@ def fit_arm(tracked: TrackedArm, noise: float, tolerance: Tolerance | None = Non
 
 
 def fit_placement(tracked: TrackedArm) -> ArmEstimate:
-    """Base and target alone, the table taken as nominal: the residual is the table's error. Few poses:
-    CalibrationError."""
+    """Base and target alone, the table taken as nominal: the residual is the table's error."""
     return _refined(tracked, np.concatenate([np.full(_PLACEMENT, np.inf), np.zeros(24)]), 1.0)
 
 

@@ -59,8 +59,7 @@ class BaseMeasurements(Protocol):
     """Measurements that determine both bases."""
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
-        """Both bases; ``noise``: of one coordinate [m], None takes it from the residuals. CalibrationError if
-        undetermined."""
+        """Both bases; ``noise`` of one coordinate [m], None: the residuals'. CalibrationError if undetermined."""
         ...
 
 

@@ -22,8 +22,7 @@ NODES: Final = 48
 
 
 def length_probability(covariances: Array, lengths: Array) -> Array:
-    """Share of errors no longer than each length [m], (k,); covariances (n, 3, 3) [m^2] of errors that occur equally
-    often."""
+    """Share of errors, covariances (n, 3, 3) [m^2] equally often, that are no longer than lengths (k,) [m]."""
     # Turned to its own axes the covariance is diagonal; directions are as likely as before.
     variances = np.linalg.eigvalsh(covariances)
     squares, weights = _directions()

@@ -212,8 +212,7 @@ def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> To
 
 
 def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: float | None = None) -> dict[str, Any]:
-    """An estimate under the names of calibration.toml and metrics.json; ``noise``: true one [m], if known, for the
-    bound."""
+    """An estimate under the names of calibration.toml and metrics.json; ``noise``: true one [m], if known."""
     tip, orientation = found.tip, found.orientation
     turn = Rotation.from_matrix(found.T_flange_tool[:3, :3]).as_quat(canonical=True, scalar_first=True)
     figures: dict[str, Any] = {

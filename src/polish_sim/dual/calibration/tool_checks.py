@@ -64,8 +64,7 @@ def orientation_spread(R_base_flange: Array) -> tuple[Array, Array]:
 
 
 def check_touches(R_base_flange: Array) -> None:
-    """Refuse orientations (n, 3, 3) that cannot tell the tool point; the CalibrationError says which direction is
-    unseen."""
+    """Refuse orientations (n, 3, 3) that cannot determine the tool point; names the direction that is unseen."""
     count = len(R_base_flange)
     if count < LEAST_TOUCHES:
         raise CalibrationError(
@@ -88,8 +87,7 @@ def check_touches(R_base_flange: Array) -> None:
 
 
 def refuse_swapped(touches: ToolTouches) -> None:
-    """Refuse poses that fit ten times better with columns in another order or turned round; CalibrationError says
-    which."""
+    """Refuse poses that fit ten times better with columns in another order or turned round; says which."""
     left = _median_left(touches.R, touches.origins)
     if left < SUSPECT:
         return
