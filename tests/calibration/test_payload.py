@@ -187,11 +187,7 @@ def test_of_a_few_readings_none_is_left_out() -> None:
 
 
 TURNS = Rotation.from_matrix(POSES)
-FORMS = {
-    QUATERNION: TURNS.as_quat(scalar_first=True),
-    ROTATION_VECTOR: TURNS.as_rotvec(),
-    MATRIX: POSES.reshape(-1, 9),
-}
+FORMS = {QUATERNION: TURNS.as_quat(scalar_first=True), ROTATION_VECTOR: TURNS.as_rotvec(), MATRIX: POSES.reshape(-1, 9)}
 
 
 def written(folder: Path, names: tuple[str, ...], values: Array) -> Path:

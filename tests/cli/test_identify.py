@@ -175,8 +175,7 @@ def test_the_model_it_wrote_is_taken_again_with_the_joints_it_names(polish_sim: 
 
 
 @pytest.mark.parametrize(
-    ("settings", "bounded"),
-    [(IdentifySettings(), True), (IdentifySettings(objective="condition"), False)],
+    ("settings", "bounded"), [(IdentifySettings(), True), (IdentifySettings(objective="condition"), False)]
 )
 def test_the_bound_of_the_default_objective_is_asked_of_no_other(settings: IdentifySettings, bounded: bool) -> None:
     for method, periods in (("joint", 5), ("joint", 1), ("stepwise", 1)):

@@ -62,10 +62,7 @@ def test_a_plan_runs_on_the_part_and_with_the_settings_it_was_made_with(
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [
-        (["--stepover", "5"], "leave --stepover out"),
-        (["--part", "plate"], "another file than 'plate'"),
-    ],
+    [(["--stepover", "5"], "leave --stepover out"), (["--part", "plate"], "another file than 'plate'")],
 )
 def test_a_plan_is_not_run_against_its_own_settings_or_part(
     polish_sim: Polish, plan: Path, words: list[str], said: str

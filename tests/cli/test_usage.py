@@ -137,11 +137,7 @@ def test_what_is_wrong_whatever_the_part_is_told_before_any_work(
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [
-        ("[sensor\n", "not valid TOML"),
-        ("[sensor]\nforce_noise_n = -1.0\n", "outside 0 to 20"),
-        ("\xff", "mine.toml"),
-    ],
+    [("[sensor\n", "not valid TOML"), ("[sensor]\nforce_noise_n = -1.0\n", "outside 0 to 20"), ("\xff", "mine.toml")],
 )
 def test_a_bad_config_names_the_key_and_writes_nothing(
     polish_sim: Callable[..., object], tmp_path: Path, text: str, said: str

@@ -261,11 +261,7 @@ def test_the_reach_is_checked_beforehand() -> None:
         (["dual.follower_pose=[0,0,0,0,0,0]"], ConfigError, "0 mm from the master's: no two arms stand there"),
         (["dual.master_direction=[0,0,0]"], ConfigError, "'dual.master_direction' is no direction"),
         (["part.file=plate"], PlanError, "1 piece.s. and 1 border.s."),
-        (
-            ["dual.density_kg_m3=20000"],
-            ReachError,
-            r"^the part weighs 15\.05 kg: .*density_kg_m3=\.\.\.$",
-        ),
+        (["dual.density_kg_m3=20000"], ReachError, r"^the part weighs 15\.05 kg: .*density_kg_m3=\.\.\.$"),
         (["dual.bases_file=gone.toml"], InputError, "cannot read the calibration 'gone.toml'"),
         (
             ["dual.part_on_gripper=[0,0,0.3,0,0,0]"],

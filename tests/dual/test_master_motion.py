@@ -230,11 +230,7 @@ def noisy(_times: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
         ),
         (noisy, ReachError, r"line 2\): 286 is its most\. .* more time would not help there"),
         (spinning, ReachError, r"joint 6 of the master would turn at 3[45] deg/s .* line \d+\): 29 is its most"),
-        (
-            shaking,
-            ReachError,
-            r"the part would carry the tool with 4\d\d mm/s\^2 .* line \d+\): the follower does 300",
-        ),
+        (shaking, ReachError, r"the part would carry the tool with 4\d\d mm/s\^2 .* line \d+\): the follower does 300"),
     ],
 )
 def test_a_motion_that_cannot_be_done_is_refused(

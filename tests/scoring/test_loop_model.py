@@ -15,14 +15,7 @@ from polish_sim.control import CONTROLLERS, Measurement, Target, build_controlle
 from polish_sim.control.loops import PiGains, PiMemory, force_pi
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.loop_model import (
-    Arm,
-    Complex,
-    Setup,
-    build_plant,
-    plant_response,
-    setup_of,
-)
+from polish_sim.scoring.loop_model import Arm, Complex, Setup, build_plant, plant_response, setup_of
 from polish_sim.scoring.margins import (
     SLOWEST,
     contour,

@@ -224,11 +224,7 @@ def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> N
     own = mesh.owners < len(reach.tightness)
     tightness[mesh.triangles[own].ravel()] = np.repeat(reach.tightness[mesh.owners[own]], 3)
     drawn = axes.imshow(
-        _image(view, tightness),
-        extent=view.extent,
-        origin="lower",
-        cmap="RdBu",
-        norm=TwoSlopeNorm(0.0, -1.5, 1.5),
+        _image(view, tightness), extent=view.extent, origin="lower", cmap="RdBu", norm=TwoSlopeNorm(0.0, -1.5, 1.5)
     )
     hollow = np.where(hollow_vertices(found), 1.0, np.nan)
     axes.imshow(_image(view, hollow), extent=view.extent, origin="lower", cmap=ListedColormap([DARK]))

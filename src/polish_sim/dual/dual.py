@@ -21,13 +21,7 @@ from polish_sim.dual.gripper import seat_text
 from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.experiments.assembly import course_for
-from polish_sim.experiments.part_setup import (
-    PART_STREAM,
-    PAYLOAD_STREAM,
-    SENSOR_STREAM,
-    path_done,
-    random_streams,
-)
+from polish_sim.experiments.part_setup import PART_STREAM, PAYLOAD_STREAM, SENSOR_STREAM, path_done, random_streams
 from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures

@@ -171,13 +171,7 @@ def rows_without_straight_air(path: ToolPath) -> Bools:
 
 @njit(cache=True, error_model="numpy")
 def _keep(
-    positions: Array,
-    axes: Array,
-    fixed: Bools,
-    chord: float,
-    cosine: float,
-    longest: float,
-    kept: Bools,
+    positions: Array, axes: Array, fixed: Bools, chord: float, cosine: float, longest: float, kept: Bools
 ) -> None:
     """Lengthen each move until a point between would be missed; mark the rows that end moves."""
     first = 0

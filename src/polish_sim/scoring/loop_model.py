@@ -110,12 +110,7 @@ def build_plant(setup: Setup) -> Plant:
     K, D = arm.stiffness, arm.servo_damping
     contact = np.array([0.0, kp, 0.0, cp, 0.0, 0.0, 0.0])
     # Forces on arm and head from the state; the command moves the servos' goal before they pull.
-    pull = np.array(
-        [
-            [-K - k, k, -D - arm.drag - c, c, K, 0.0, 0.0],
-            [k, -k, c, -c, 0.0, 0.0, 0.0] - contact,
-        ]
-    )
+    pull = np.array([[-K - k, k, -D - arm.drag - c, c, K, 0.0, 0.0], [k, -k, c, -c, 0.0, 0.0, 0.0] - contact])
     pull_command = np.array([K * h + D, 0.0])
     mass = np.diag([arm.mass, setup.head_mass])
     implicit = mass + h * np.array([[D + arm.drag + c, -c], [-c, c]])

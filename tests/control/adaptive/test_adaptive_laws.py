@@ -18,11 +18,7 @@ from polish_sim.control.adaptive.force_loop import (
     remember_command,
     under_way,
 )
-from polish_sim.control.adaptive.gains import (
-    LAWS,
-    PressMemory,
-    adaptive_gains,
-)
+from polish_sim.control.adaptive.gains import LAWS, PressMemory, adaptive_gains
 from polish_sim.control.adaptive.landing import own_force, quickest_stop, refine_stiffness, restart_fit, watch_air
 from tests.control.adaptive.plant import measurement_at_rest
 
