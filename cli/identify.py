@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from polish_sim.identification.log_file import RobotLog
     from polish_sim.identification.model_file import IdentifiedJoints
     from polish_sim.identification.payload import Weighed
-    from polish_sim.identification.plot import TorqueData
     from polish_sim.identification.regressor import States
     from polish_sim.identification.settings import IdentifySettings
 
@@ -198,28 +197,24 @@ def show_identifiable(robot: LoggedRobot) -> None:
 
 
 def _write(folder: Path, found: Identification, source: Path | None = None) -> None:
-    import numpy as np
-
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
     from polish_sim.experiments.report import save_plots
     from polish_sim.identification.model_file import write_identified
     from polish_sim.identification.physical import parameter_rows, parameters_csv
-    from polish_sim.identification.plot import MotionData, plot_motion, plot_torques
+    from polish_sim.identification.plot import plot_motion, plot_torques
 
     truth = None if found.truth is None else found.model.truth()
     rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
     (folder / "parameters.csv").write_text(parameters_csv(rows), encoding="utf-8")
     write_identified(folder, found.model.chain.joints, _joints(found), source)
     write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
-    plots = {"torques.png": plot_torques(_torques(found), "Torques of a motion that was not fitted", _facts(found))}
+    plots = {"torques.png": plot_torques(found, "Torques of a motion that was not fitted", _facts(found))}
     if found.motion is not None:
-        t = np.linspace(0.0, found.motion.period, 1001)
-        states = found.motion(t)
         facts = [
             f"predicts other motions to {found.figures['predicted_error_sigma']:.4f} of the noise after one period",
             f"condition {found.figures['condition_motion']:.0f}",
         ]
-        plots["motion.png"] = plot_motion(MotionData(t, states.q, states.qd), "The exciting motion", facts)
+        plots["motion.png"] = plot_motion(found.motion, "The exciting motion", facts)
     save_plots(folder, plots)
 
 
@@ -230,18 +225,6 @@ def _joints(found: Identification) -> IdentifiedJoints:
     friction = dict(zip(found.model.terms, found.full[10 * n :].reshape(-1, n), strict=True))
     own = found.full[: 10 * n].reshape(n, 10) - found.drawing.carried
     return IdentifiedJoints(own, friction.get("viscous"), friction.get("coulomb"), friction.get("armature"))
-
-
-def _torques(found: Identification) -> TorqueData:
-    import numpy as np
-
-    from polish_sim.identification.plot import TorqueData
-
-    held = found.held_out
-    Y = found.model.regressor(held.states)
-    predicted = Y[:, :, found.base.columns] @ found.found.theta
-    error = np.array(found.figures["nrms_heldout"])
-    return TorqueData(held.time, held.measured, predicted, Y @ found.drawing.parameters, error)
 
 
 def _facts(found: Identification) -> list[str]:

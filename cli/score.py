@@ -133,7 +133,7 @@ def _write(folder: Path, request: Request, score: Score, verdicts: Sequence[tupl
     from polish_sim.experiments.report import save_plots
     from polish_sim.scoring import BATTERY_ASKED, REACH, ablation_ratios, markdown
     from polish_sim.scoring.figures import DEFINITIONS
-    from polish_sim.scoring.plot import Limit, plot_ablation, plot_score
+    from polish_sim.scoring.plot import plot_ablation, plot_score
 
     facts = _facts(score)
     asked = {
@@ -166,13 +166,8 @@ def _write(folder: Path, request: Request, score: Score, verdicts: Sequence[tupl
         save_plots(folder, {"score.png": plot_ablation(ablation_ratios(score))})
     elif score.rows:
         moving = {case.name: case.moving for case in score.cases}
-        limits = [
-            Limit(case.name, asked.figure, asked.most)
-            for asked in (REACH if request.reach else BATTERY_ASKED)
-            for case in score.cases
-            if asked.applies(case.name)
-        ]
-        save_plots(folder, {"score.png": plot_score(score.rows, moving, limits)})
+        figure = plot_score(score.rows, moving, REACH if request.reach else BATTERY_ASKED)
+        save_plots(folder, {"score.png": figure})
 
 
 def _facts(score: Score) -> dict[str, Any]:

@@ -23,7 +23,8 @@ from polish_sim.scoring import (
     verdict_table,
     worst_case,
 )
-from polish_sim.scoring.plot import Limit, plot_ablation, plot_score
+from polish_sim.scoring.plot import plot_ablation, plot_score
+from polish_sim.scoring.reach import Asked
 from polish_sim.scoring.summary import Spread, spread
 
 A, B = Entry("alpha", "hybrid-pi"), Entry("beta", "position")
@@ -135,7 +136,7 @@ def test_each_law_of_the_composed_controller_is_left_out_once() -> None:
 
 def test_every_run_is_a_dot_and_an_unstable_one_a_cross() -> None:
     figure = plot_score(
-        BOTH.rows, {"approach-20": False, "freeform-60": True}, [Limit("approach-20", "max_error_n", 1.0)]
+        BOTH.rows, {"approach-20": False, "freeform-60": True}, [Asked("max", "approach-20", "max_error_n", 1.0, "N")]
     )
     settling, _, largest, _ = figure.axes
     markers = [line.get_marker() for line in largest.lines]

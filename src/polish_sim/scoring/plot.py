@@ -12,14 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from polish_sim.analysis.style import GREEN, GREY, SERIES, heading, new_figure, styled
-
-
-class Limit(NamedTuple):
-    """The largest value asked of a figure in a case."""
-
-    case: str
-    figure: str
-    most: float
+from polish_sim.scoring.reach import Asked
 
 
 class _Panel(NamedTuple):
@@ -40,11 +33,11 @@ _FAR: Final = 4.0
 
 
 @styled
-def plot_score(rows: Sequence[Mapping[str, Any]], cases: Mapping[str, bool], limits: Sequence[Limit] = ()) -> Figure:
+def plot_score(rows: Sequence[Mapping[str, Any]], cases: Mapping[str, bool], asked: Sequence[Asked] = ()) -> Figure:
     """Draw settling, RMS and largest error and overshoot of every run.
 
     A run that is not stable is a cross, one whose figure is undefined stands at the right border. ``cases``: names from
-    top to bottom, and whether the tool is fed along a path in them; ``limits``: what is asked.
+    top to bottom, and whether the tool is fed along a path in them; ``asked``: the figures asked.
     """
     labels = list(dict.fromkeys(row["controller"] for row in rows))
     figure = new_figure(12.0, 1.5 + _ROW_INCH * len(cases) * (1.0 if len(labels) < 3 else 1.3))
@@ -54,11 +47,15 @@ def plot_score(rows: Sequence[Mapping[str, Any]], cases: Mapping[str, bool], lim
         if panel.figure == "settling_1n_s":  # not defined along a path
             own = [row for row in own if not cases[row["case"]]]
         _draw_panel(axes, panel, own, list(cases), labels)
-        _draw_limits(axes, panel, list(cases), limits)
+        _draw_limits(axes, panel, list(cases), asked)
     panels[0].set_yticks(range(len(cases)), list(cases))
     panels[0].set_ylim(len(cases) - 0.4, -0.6)
     heading(figure, f"Score: {' and '.join(labels)}")
-    figure.legend(handles=_legend(labels, bool(limits)), loc="outside lower center", ncols=len(labels) + 3)
+    figure.legend(
+        handles=_legend(labels, any(one.applies(case) for one in asked for case in cases)),
+        loc="outside lower center",
+        ncols=len(labels) + 3,
+    )
     return figure
 
 
@@ -109,24 +106,21 @@ def _draw_panel(
     axes.grid(axis="y", visible=False)
     for index in range(0, len(cases), 2):
         axes.axhspan(index - 0.5, index + 0.5, color="#F4F4F4", lw=0, zorder=0)
+    offsets = np.linspace(-0.2, 0.2, len(labels)) if len(labels) > 1 else [0.0]
     for row in rows:
         value = row[panel.figure]
         place = labels.index(row["controller"])
-        y = cases.index(row["case"]) + _offset(place, len(labels))
+        y = cases.index(row["case"]) + offsets[place]
         x = right if value is None else max(float(value), panel.least)
         marker = "o" if row["stable"] else "x"
         axes.plot(x, y, marker, ms=3.6, color=SERIES[place % len(SERIES)], alpha=0.75, mew=1.1)
 
 
-def _draw_limits(axes: Axes, panel: _Panel, cases: Sequence[str], limits: Sequence[Limit]) -> None:
-    for limit in limits:
-        if limit.figure == panel.figure and limit.case in cases:
-            y = cases.index(limit.case)
-            axes.plot([limit.most] * 2, [y - 0.45, y + 0.45], color=GREEN, lw=1.8, zorder=1)
-
-
-def _offset(place: int, count: int) -> float:
-    return 0.0 if count == 1 else float(np.linspace(-0.2, 0.2, count)[place])
+def _draw_limits(axes: Axes, panel: _Panel, cases: Sequence[str], asked: Sequence[Asked]) -> None:
+    for one in asked:
+        for y, case in enumerate(cases):
+            if one.figure == panel.figure and one.applies(case):
+                axes.plot([one.most] * 2, [y - 0.45, y + 0.45], color=GREEN, lw=1.8, zorder=1)
 
 
 def _legend(labels: Sequence[str], limits: bool) -> list[Line2D]:
