@@ -12,6 +12,10 @@ from polish_sim.experiments.registry import PART_OPTIONS, REGION_OPTIONS, WATCH_
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
 
+_FORCE: Final = (
+    Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
+    Claim("hand_force_rms_n", "  rms", "N", 1.0),
+)
 _LET_GO: Final = (
     Claim("drift_rad", "hands off, drift", "deg", DEGREES, "-", high=0.01 / DEGREES),
     Claim("lent_energy_j", "energy lent, most", "J", 1.0),
@@ -33,24 +37,10 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = {
         *_LET_GO,
         PATH_DONE,
     ),
-    "some": (
-        Claim("hand_force_peak_n", "hand force, last mode, peak", "N", 1.0),
-        Claim("hand_force_rms_n", "  rms", "N", 1.0),
-        *_LET_GO,
-        PATH_DONE,
-    ),
-    "one": (
-        Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
-        Claim("hand_force_rms_n", "  rms", "N", 1.0),
-        *_LET_GO,
-        PATH_DONE,
-    ),
+    "some": (_FORCE[0]._replace(label="hand force, last mode, peak"), _FORCE[1], *_LET_GO, PATH_DONE),
+    "one": (*_FORCE, *_LET_GO, PATH_DONE),
     # An arm that does not carry itself is not let go.
-    "none": (
-        Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
-        Claim("hand_force_rms_n", "  rms", "N", 1.0),
-        PATH_DONE,
-    ),
+    "none": (*_FORCE, PATH_DONE),
     "path": (
         Claim("taught_deviation_max_m", "taught path off what was meant, max", "mm", 1e3),
         Claim("taught_deviation_rms_m", "  rms", "mm", 1e3),
@@ -60,8 +50,7 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("taught_axis_error_max_rad", "tool axis, max", "deg", DEGREES),
         Claim("points_recorded", "points recorded", "", 1.0),
         Claim("points_taught", "points taught", "", 1.0),
-        Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
-        Claim("hand_force_rms_n", "  rms", "N", 1.0),
+        *_FORCE,
         PATH_DONE,
     ),
 }
