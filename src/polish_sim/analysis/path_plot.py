@@ -147,7 +147,7 @@ def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _S
 
 def _chords(rows: Bools, shown: Array, s: Array) -> Iterator[tuple[Array, Array]]:
     """Chords of each stretch of rows, (k, 2, 3), and where along the path they are, (k,)."""
-    apart = max(1, np.count_nonzero(rows) // MOST_CHORDS)
+    apart = max(1, int(np.count_nonzero(rows)) // MOST_CHORDS)
     for first, last in stretches(rows):
         if last > first:
             at = np.unique(np.append(np.arange(first, last + 1, apart), last))

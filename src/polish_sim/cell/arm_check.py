@@ -17,6 +17,7 @@ from polish_sim.cell.scene import (
     add_table,
     fixture_of,
     robot_with_tool,
+    touching,
     works_below,
 )
 from polish_sim.config import Scenario
@@ -126,7 +127,7 @@ class ArmCheck:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
         if data.ncon:
-            return " and ".join(model.geom(int(g)).name for g in data.contact[0].geom)
+            return touching(model, data)
         for link in _LINKS:
             arm = model.geom(f"{link}_collision").id
             for still in ("table", *FIXTURE_NAMES):

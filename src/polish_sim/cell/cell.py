@@ -22,6 +22,7 @@ from polish_sim.cell.observer import Observer, PythonLaw, Silent, interrupts_not
 from polish_sim.cell.real_part import build_part_motion
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
 from polish_sim.cell.robot import build_request_line, build_speedl, build_stop_motion
+from polish_sim.cell.scene import touching
 from polish_sim.cell.stroke import Stroke, begin_next_stroke, build_sequence, expected_duration
 from polish_sim.cell.wrist_sensor import (
     Payload,
@@ -89,9 +90,9 @@ class Cell:
         self.data = mujoco.MjData(model)
         self._set_joints(q_start)
         mujoco.mj_forward(model, self.data)
-        if self.data.ncon:
+        if pair := touching(model, self.data):
             raise ReachError(
-                f"the robot cannot start here: {self._touching()} touch. Move the part with --part-pose X,Y,Z,RX,RY,RZ."
+                f"the robot cannot start here: {pair} touch. Move the part with --part-pose X,Y,Z,RX,RY,RZ."
             )
         forces = [float(stroke.force.max()) for stroke in strokes if stroke.contact]
         force = max(forces, default=scenario.process.contact_force_n)
@@ -202,7 +203,7 @@ class Cell:
                     draws = draws[recorder.filled.steps :]
                     # Returns at the stop, before the retract: the contact that caused it is still there.
                     if status.stop != NO_STOP and self._touched is None:
-                        self._touched = self._touching()
+                        self._touched = touching(self.model, self.data)
                     rows.append(recorder.rows[: recorder.filled.rows].copy())
                     traces.append(recorder.trace[: recorder.filled.steps].copy())
                     watcher.progress(min(status.steps * dt, total), total)
@@ -244,12 +245,6 @@ class Cell:
         if code == CONTROLLER_ERROR and isinstance(self.law, PythonLaw):
             return f"{self.reasons[code]}: {self.law.told}"
         return f"{self.reasons[code]} ({self._touched} touch)" if self._touched else self.reasons[code]
-
-    def _touching(self) -> str:
-        """The first two bodies the engine sees in contact, by their geoms' names; empty if there are none."""
-        if not self.data.ncon:
-            return ""
-        return " and ".join(self.model.geom(int(g)).name for g in self.data.contact[0].geom)
 
     def _tangential_mass(self) -> float:
         """Least inertia the tool point shows against a push across the tool axis [kg]."""

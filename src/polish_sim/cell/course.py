@@ -75,9 +75,9 @@ def build_course(scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceF
     springs = 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
     pressed_in = poses.force / springs
     unpressed = poses.positions - pressed_in[:, None] * poses.rotations[:, :, 2]
-    along = poses.curvature, poses.bending, poses.turning, poses.feed
     earlier = nearest_earlier(unpressed, SPACING, REACH * scenario.plan.stepover_m)
-    return Course(SPACING, pressed_in + surplus, surplus, *statics, *along, earlier)
+    along = poses.curvature, poses.bending, poses.turning, poses.feed, earlier
+    return Course._make([SPACING, pressed_in + surplus, surplus, *statics, *along])
 
 
 def nearest_earlier(points: Array, spacing: float, reach: float) -> Ints:

@@ -10,7 +10,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.engine import mj_step, register_engine
-from polish_sim.cell.scene import build_scene
+from polish_sim.cell.scene import build_scene, touching
 from polish_sim.config import Scenario
 from polish_sim.errors import ProtectiveStop, ReachError
 from polish_sim.kernel_cache import njit
@@ -77,7 +77,7 @@ def _refuse_touch(model: mujoco.MjModel, data: mujoco.MjData, q: Array) -> None:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
         if data.ncon:
-            pair = " and ".join(model.geom(int(g)).name for g in data.contact[0].geom)
+            pair = touching(model, data)
             raise ReachError(f"the robot cannot do this path: {pair} would touch. Move it with --part-pose.")
 
 

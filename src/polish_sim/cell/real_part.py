@@ -13,10 +13,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Bools
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import PartConfig
 from polish_sim.geometry.distance_field import bend_field, build_distance_field
+from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.field_lookup import NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
 from polish_sim.kernels import Record, Vector3, kernel
@@ -128,12 +129,14 @@ def pressed_side(surface: Surface, touch: Touch) -> Surface:
     The pad's depth is counted from this side. From the nearest side, whichever it is, a pad on a thin plate would be
     pushed out at the bottom once it is half through.
     """
-    corners = surface.vertices[surface.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    _, nearest = cKDTree(touch.positions).query(corners.mean(axis=1))
-    facing = np.sum(normals * touch.axes[nearest], axis=1) > FACING
-    return surface.restrict(np.flatnonzero(facing).astype(np.int32))
+    return surface.restrict(np.flatnonzero(facing_tool(surface, touch)).astype(np.int32))
+
+
+def facing_tool(surface: Surface, touch: Touch) -> Bools:
+    """Which facets face the tool where it comes nearest to them, shape (m,)."""
+    normals, _ = facet_normals(surface.vertices, surface.faces)
+    _, nearest = cKDTree(touch.positions).query(surface.vertices[surface.faces].mean(axis=1))
+    return np.asarray((normals * touch.axes[nearest]).sum(axis=1) > FACING)
 
 
 def touched_box(touch: Touch) -> Array:

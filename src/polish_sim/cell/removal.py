@@ -18,9 +18,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
-from polish_sim.cell.real_part import FACING, Touch
+from polish_sim.cell.real_part import Touch, facing_tool
 from polish_sim.geometry import Region, Surface
-from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
 from polish_sim.log import RunLog, Trace
@@ -157,10 +156,7 @@ def surroundings(surface: Surface, region: Region, touch: Touch, longest: float)
     """Middles of small triangles of the nominal surface outside the region that the pad can come to."""
     tree = cKDTree(touch.positions)
     whole = np.bincount(region.facets, region.surface.facet_areas, len(surface.faces)) >= _WHOLE * surface.facet_areas
-    _, nearest = tree.query(surface.vertices[surface.faces].mean(axis=1))
-    turned, _ = facet_normals(surface.vertices, surface.faces)
-    facing = np.einsum("ij,ij->i", turned, touch.axes[nearest]) > FACING
-    facets = np.flatnonzero(~whole & facing)
+    facets = np.flatnonzero(~whole & facing_tool(surface, touch))
     corners = np.broadcast_to(np.eye(3), (len(facets), 3, 3))
     # Of a facet the region's border cuts a piece is in or out as its middle is: smaller ones are more exact.
     cut = np.isin(np.arange(len(surface.faces)), region.facets)

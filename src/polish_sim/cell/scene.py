@@ -171,6 +171,11 @@ def _standing(middle: Array, half: Array, top: float) -> Box:
     return Box(np.array([*middle[:2], TABLE_TOP + 0.5 * height - 0.0005]), np.array([*half[:2], 0.5 * height - 0.0005]))
 
 
+def touching(model: mujoco.MjModel, data: mujoco.MjData) -> str:
+    """The first two bodies the engine sees in contact, by their geoms' names; empty if there are none."""
+    return " and ".join(model.geom(int(g)).name for g in data.contact[0].geom) if data.ncon else ""
+
+
 @cache
 def tool_on_flange() -> Array:
     """Pose of the tool frame on the flange, read from the compiled robot, shape (4, 4)."""
