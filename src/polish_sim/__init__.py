@@ -20,7 +20,6 @@ from importlib import import_module
 from typing import Any
 
 __version__ = "0.1.0"
-
 _HOME = {
     "Scenario": "config",
     "load_scenario": "scenario_file",

@@ -54,7 +54,6 @@ _MOST_DAYS: Final = 60  # since a subfolder was last used
 _MOST_BYTES: Final = 1 << 30
 _DAY: Final = 86400.0
 _LONGEST_WAIT_S: Final = 600.0  # for another process that compiles the same kernel
-
 _log = logging.getLogger(__name__)
 
 

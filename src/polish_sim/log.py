@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from polish_sim.errors import InputError
 
 Array = NDArray[np.float64]
-
 PHASES = ("approach", "touch_down", "process", "retract")
 
 # Shape of one row ("" = scalar) and unit of every column, base frame unless the name says otherwise.

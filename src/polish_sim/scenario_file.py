@@ -15,7 +15,6 @@ from polish_sim.toml_text import toml_text
 
 T = TypeVar("T")
 N = TypeVar("N", int, float)
-
 _COUNTS = {3: "three", 6: "six"}
 
 

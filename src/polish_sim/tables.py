@@ -16,7 +16,6 @@ from polish_sim.arrays import Array, Bools
 from polish_sim.errors import InputError, near_file
 
 OTHER_SEPARATORS: Final = {";": "semicolons", "\t": "tabs", "|": "bars"}
-
 Place = Callable[[int], str]  #: Says where in a file a row stands, e.g. "line 4, point 3"
 
 

@@ -26,10 +26,8 @@ from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.spatial import apply, inverse
 
-CLEARANCE_M: Final = 0.005
-"""The arm keeps this far from table, fixture and part [m]."""
-BASE_RADIUS_M: Final = 0.11
-"""Of the robot's base and pedestal [m]."""
+CLEARANCE_M: Final = 0.005  #: The arm keeps this far from table, fixture and part [m]
+BASE_RADIUS_M: Final = 0.11  #: Of the robot's base and pedestal [m]
 _BASE_AXIS: Final = np.linspace([0.0, 0.0, -0.75], [0.0, 0.0, 0.1], 50)
 """From the floor to the shoulder, base frame [m], shape (k, 3)."""
 _SUNK_M: Final = 1e-3
@@ -57,22 +55,15 @@ def standing_fault(mesh: PartMesh, surface: Surface, T_base_work: Array) -> str:
 class ArmTouch(NamedTuple):
     """What touches or comes too close first along a motion of the arm."""
 
-    row: int
-    """Of the joint angles."""
-    names: str
-    """Of the two."""
+    row: int  #: Of the joint angles
+    names: str  #: Of the two
 
 
 class ArmCheck:
     """What the arm touches at given joint angles: itself, the table, the fixture or the part.
 
-    The tool's own clearance of the part is the path's affair: it is the same wherever the part stands.
-
-    Args:
-        scenario: The robot and its head.
-        mesh: The part.
-        surface: Its surface.
-        axes: Tool axes from the part to the tool, work frame, shape (n, 3).
+    The tool's own clearance of the part is the path's affair: it is the same wherever the part stands. ``axes`` (n,
+    3) are the tool axes from the part to the tool, work frame.
     """
 
     def __init__(self, scenario: Scenario, mesh: PartMesh, surface: Surface, axes: Array) -> None:
@@ -89,11 +80,9 @@ class ArmCheck:
         self._points, self._bodies = crash.points[chosen], crash.bodies[chosen]
 
     def first_touch(self, T_base_work: Array, q: Array) -> ArmTouch | None:
-        """Find what touches or comes too close first along a motion; None if nothing does.
+        """Find what touches or comes too close first along joint angles (n, 6) [rad]; None if nothing does.
 
-        Args:
-            T_base_work: Pose of the part, shape (4, 4).
-            q: Joint angles along the way [rad], shape (n, 6).
+        The part is at ``T_base_work`` (4, 4).
         """
         self._place(T_base_work)
         near: list[Array] = []

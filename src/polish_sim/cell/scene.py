@@ -144,14 +144,9 @@ def works_below(T_base_work: Array, axes_work: Array) -> bool:
 
 
 def fixture_of(corners: Array, held_behind: bool) -> list[Box]:
-    """What carries a part: a block under it, or a post behind it with an arm where the tool works from below.
+    """Boxes that carry a part with vertices (n, 3) [m] in the base frame; none if the part lies on the table.
 
-    Args:
-        corners: The part's vertices in the base frame [m], shape (n, 3).
-        held_behind: Whether it is the post.
-
-    Returns:
-        Its boxes; none if the part lies on the table.
+    A block under it, or, ``held_behind``, a post behind it with an arm where the tool works from below.
     """
     low, high = corners.min(axis=0), corners.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)

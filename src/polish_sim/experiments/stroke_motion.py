@@ -47,7 +47,6 @@ costs the spiral on the freeform part 3% of its time. The tip's speed is the fee
 their jerk (no maker publishes one) high enough that the tool's limits decide at most corners."""
 
 SPLINE = "spline"
-
 AXIS_SHARES = (1.0, 0.5)  #: Shares of the axis's acceleration tried before the joints' own, cautious bounds
 
 
@@ -144,7 +143,6 @@ def at_the_feed(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm |
 
 
 StrokeRule = Callable[[Scenario, StrokePath, Chain, Arm | None], TimedPath]
-
 STROKE_RULES: Mapping[str, StrokeRule] = {
     SPLINE: along_a_curve,
     **{name: partial(by_rule, plan) for name, plan in RULES.items()},

@@ -41,8 +41,7 @@ class Removal(NamedTuple):
     """A run's removal, over the region and over time."""
 
     map: RemovalMap
-    log: RunLog
-    """The run's log with the running exposure of the whole part."""
+    log: RunLog  #: The run's log with the running exposure of the whole part
 
 
 def remove_material(
@@ -50,15 +49,7 @@ def remove_material(
 ) -> Removal:
     """Sum Preston's law up over a finished run; the loop is not slowed down by it.
 
-    Args:
-        scenario: Pad and wear coefficient.
-        place: The nominal part, its region and the path.
-        part: The part the pad met.
-        run: The run.
-        part_turns: How a part that is carried stands in the base at the log's rows, shape (n, 3, 3).
-
-    Returns:
-        The map and the log.
+    ``part_turns`` (n, 3, 3) is how a part that is carried stands in the base at the log's rows.
     """
     pad, head = scenario.pad, scenario.head
     nodes = place_nodes(
@@ -111,15 +102,9 @@ class SurfaceTask(NamedTuple):
 def prepare_surface(
     scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
 ) -> SurfaceTask:
-    """Plan the part's path (unless that is done) and check that the arm can do all of it.
+    """Plan the part's path, unless a ``plan`` was made before, and check that the arm can do all of it.
 
-    Args:
-        scenario: The scenario.
-        plan: A plan made before, see ``plan_part`` and ``measure_given_path``.
-        observer: Receives the progress.
-
-    Returns:
-        The task.
+    See ``plan_part`` and ``measure_given_path`` for plans.
 
     Raises:
         PolishSimError: If the part cannot be used, planned or reached.
@@ -153,29 +138,13 @@ def refuse_collision(scenario: Scenario, plan: PlanResult) -> None:
 
 
 def check_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> CheckedPath:
-    """The path of a run and how the arm reaches all of it.
-
-    Raises:
-        PolishSimError: If the part cannot be used, planned or reached.
-    """
+    """The path of a run and how the arm reaches all of it; raises as `prepare_surface`."""
     task = prepare_surface(scenario, plan, observer)
     return CheckedPath(task.plan.path, task.reach)
 
 
 def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
-    """Polish a part and measure how well the force was held.
-
-    Args:
-        scenario: The scenario.
-        plan: A plan made before, see ``plan_part`` and ``measure_given_path``.
-        observer: Receives the progress.
-
-    Returns:
-        Log, trace, path and figures.
-
-    Raises:
-        PolishSimError: If the part cannot be used, planned or reached.
-    """
+    """Polish a part and measure how well the force was held; plan and errors as of `prepare_surface`."""
     observer = observer or Silent()
     task = prepare_surface(scenario, plan, observer)
     plan, reach, place = task.plan, task.reach, task.place

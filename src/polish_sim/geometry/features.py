@@ -12,7 +12,6 @@ from polish_sim.spatial import unit
 
 FEATURE_ANGLE = np.radians(30.0)  #: Edges that bend more than this are creases [rad]
 FLAT_TOLERANCE = 5e-7  #: Facets are coplanar if they deviate by less than this share of the size (float32 noise)
-
 FLAT_DOMINANCE = 4.0  #: At a vertex a flat face this many times larger than what it blends into keeps its own normal
 WIDTH_DOMINANCE = 4.0  #: It must also be this many times wider: a narrow flat ring belongs to the rounding
 

@@ -157,7 +157,6 @@ SIDES = {
 
 UP_CONE = np.radians(46.0)  #: A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does
 REST_ANGLE = np.radians(20.0)  #: Resting on a flat face turns the largest smooth face by no more [rad]
-
 REST_SHARE = 0.2  #: A flat face counts when its area is at least this share of the largest smooth face's
 
 

@@ -25,31 +25,17 @@ NARROWEST = 0.5
 """A region narrower than this share of the pad's diameter, seen from above, cannot carry it; a wider one is planned,
 with a note where the pad hangs over."""
 
-START_REACH = 0.1
-"""A start asked for may be off the part by this share of the part's size, as a region's point may."""
-FAR_START = 2.0
-"""A path that begins further from there than so many step-overs is noted."""
-
-AS_ASKED = 0.05
-"""A mean step-over this close to the one asked for, relative, is not remarked upon."""
-
+START_REACH = 0.1  #: A start asked for may be off the part by this share of the part's size, as a region's point may
+FAR_START = 2.0  #: A path that begins further from there than so many step-overs is noted
+AS_ASKED = 0.05  #: A mean step-over this close to the one asked for, relative, is not remarked upon
 LITTLE_OVERLAP, ALL_COVERED = 0.8, 0.995
 """Turns this share of the pad's diameter apart hardly overlap; so much of a region counts as all of it."""
 
-FEW = 20
-"""One vertex in so many is asked first how far it is from the border."""
+FEW = 20  #: One vertex in so many is asked first how far it is from the border
 
 
 def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
-    """Refuse what cannot be polished sensibly, leave out components too narrow for the pad.
-
-    Args:
-        region: What is to be polished.
-        pad: The pad.
-        mesh: The part, for its unit and size.
-
-    Returns:
-        The region; with a note if components were left out.
+    """Refuse what cannot be polished sensibly, leave out components too narrow for the pad, with a note.
 
     Raises:
         PlanError: All of the region is narrower than half the pad; names the units in which it would not be.
@@ -94,10 +80,6 @@ def _in_another_unit(mesh: PartMesh, width: float, wanted: float) -> str:
 def check_start(part: Surface, plan: PlanConfig) -> None:
     """Refuse a start far off the part.
 
-    Args:
-        part: The whole part.
-        plan: Where the path shall begin, if anywhere.
-
     Raises:
         PlanError: It is further off than a tenth of the part's size; names the nearest point.
     """
@@ -113,15 +95,7 @@ def check_start(part: Surface, plan: PlanConfig) -> None:
 
 
 def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:
-    """Where the path begins if that is not near the start asked for.
-
-    Args:
-        path: The path.
-        plan: Where it should begin, if anywhere.
-
-    Returns:
-        A note; none if it begins within two step-overs of there.
-    """
+    """Where the path begins if that is not within two step-overs of the start asked for."""
     if not plan.start:
         return []
     begin = path.positions_work[path.process][0]
@@ -133,14 +107,9 @@ def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:
 
 
 def stepover_notes(mean: float, plan: PlanConfig) -> list[str]:
-    """Why neighbouring turns are not as far apart as was asked.
+    """Why neighbouring turns are not, within a twentieth, as far apart as was asked.
 
-    Args:
-        mean: Their distance in the mean [m]; NaN if no two run side by side.
-        plan: Step-over.
-
-    Returns:
-        A note; none if they are, within a twentieth.
+    ``mean`` is their distance in the mean [m]; NaN if no two run side by side.
     """
     if not abs(mean - plan.stepover_m) > AS_ASKED * plan.stepover_m:
         return []
@@ -151,16 +120,7 @@ def stepover_notes(mean: float, plan: PlanConfig) -> list[str]:
 
 
 def overlap_notes(coverage: float, plan: PlanConfig, pad: PadConfig) -> list[str]:
-    """What turns that hardly overlap leave uncovered.
-
-    Args:
-        coverage: Share of the region the pad touches at its force.
-        plan: Step-over.
-        pad: The pad.
-
-    Returns:
-        A note; none if the turns overlap or all is covered.
-    """
+    """What turns that hardly overlap leave uncovered, ``coverage`` being the share the pad touches at its force."""
     if plan.stepover_m < LITTLE_OVERLAP * 2.0 * pad.radius_m or coverage > ALL_COVERED:
         return []
     return [
@@ -171,16 +131,7 @@ def overlap_notes(coverage: float, plan: PlanConfig, pad: PadConfig) -> list[str
 
 
 def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:
-    """What the user should know about this pad on this region, with places in mm.
-
-    Args:
-        ground: The region.
-        on: The path on it.
-        pad: The pad.
-
-    Returns:
-        Notes; empty if all is well.
-    """
+    """What the user should know about this pad on this region, with places in mm."""
     notes = []
     if ground.holes:
         holes = "1 small hole is" if ground.holes == 1 else f"{ground.holes} small holes are"

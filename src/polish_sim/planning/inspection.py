@@ -23,10 +23,8 @@ from polish_sim.planning.quality.tool_room import pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
 UNITS = {"1000 times": 1e3, "25.4 times": 25.4, "10 times": 10.0}
-EVEN = 0.2
-"""A path is pressed in if its depth stays within this share of the median ..."""
-MOSTLY_EVEN = 0.6
-"""... along this share of it."""
+EVEN = 0.2  #: A path is pressed in if its depth stays within this share of the median ...
+MOSTLY_EVEN = 0.6  #: ... along this share of it
 SLACK, LEAST_SHARE = 0.1, 0.3
 """In the right unit a path runs at most this share of the part's size beyond it, and measures at least that share."""
 
@@ -34,26 +32,17 @@ SLACK, LEAST_SHARE = 0.1, 0.3
 class Offset(NamedTuple):
     """How the points in contact lie to the part."""
 
-    feet: Array
-    """Closest points of the part [m], shape (n, 3)."""
-    heights: Array
-    """Along the tool axis [m], positive outside, shape (n,)."""
+    feet: Array  #: Closest points of the part [m], shape (n, 3)
+    heights: Array  #: Along the tool axis [m], positive outside, shape (n,)
     sideways: Array
     """Across it [m], shape (n,): beyond the part's edge the pad hangs over, which is no fault of height."""
-    outward: float
-    """Share of the points whose tool axis points out of the part."""
+    outward: float  #: Share of the points whose tool axis points out of the part
 
 
 def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = ()) -> Offset:
     """Measure how far the path in contact lies off a part.
 
-    Args:
-        surface: The whole part's surface.
-        path: The path.
-        bridges: Surfaces over holes the pad runs over, which count as the part.
-
-    Returns:
-        The offsets.
+    ``bridges`` are surfaces over holes the pad runs over, which count as the part.
     """
     path = with_points_between(path)
     points, axes = path.positions_work[path.process], path.axes_work[path.process]
@@ -70,12 +59,7 @@ def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = (
 def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, height: float, sideways: float) -> None:
     """Refuse a path that does not belong on a part.
 
-    Args:
-        offset: How it lies to the part.
-        mesh: The part.
-        path: The path.
-        height: How far off the surface it may be along the tool axis [m].
-        sideways: How far beyond the part's edge it may run [m].
+    It may be off the surface by ``height`` [m] along the tool axis, and run beyond the part's edge by ``sideways`` [m].
 
     Raises:
         PlanError: It is further off; says by how much, and the likely reason.
@@ -132,10 +116,8 @@ def _extent(path: ToolPath) -> Array:
     return np.asarray(np.ptp(path.positions_work[path.process], axis=0))
 
 
-NAMED = 3
-"""So many of the places the pad cannot touch are named."""
-MOSTLY = 0.9
-"""A region is the path's own if this share of the path runs on it."""
+NAMED = 3  #: So many of the places the pad cannot touch are named
+MOSTLY = 0.9  #: A region is the path's own if this share of the path runs on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,16 +126,12 @@ class Inspection:
 
     mesh: PartMesh
     surface: Surface
-    ground: Ground
-    """The region the path is measured on, with its fine triangulation."""
+    ground: Ground  #: The region the path is measured on, with its fine triangulation
     path: ToolPath
-    plan: PlanConfig
-    """Region and step-over it is measured by."""
+    plan: PlanConfig  #: Region and step-over it is measured by
     quality: Quality
-    strict: Bools
-    """Vertices of the region within 0.55 step-overs of the path, shape (v,)."""
-    notes: tuple[str, ...]
-    """What was assumed, and what the user should know."""
+    strict: Bools  #: Vertices of the region within 0.55 step-overs of the path, shape (v,)
+    notes: tuple[str, ...]  #: What was assumed, and what the user should know
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -176,16 +154,8 @@ def inspect_path(
 ) -> Inspection:
     """Measure any path on a part: coverage, time under the pad, spacing, crossings, corners, places out of reach.
 
-    Args:
-        path: The path on the surface, work frame, not pressed in.
-        part: File or shipped name, unit, side turned up.
-        plan: Region and step-over to measure it by; None to find both from the path.
-        process: Force and feed where the path has none of its own.
-        pad: The pad.
-        observer: Told of the progress.
-
-    Returns:
-        Figures and maps.
+    The path is on the surface, in the work frame, not pressed in. Region and step-over are found from it without a
+    ``plan``; force and feed of ``process`` count where it has none of its own.
 
     Raises:
         PolishSimError: The part cannot be used, or the path does not lie on it; says by how much and what to do.
@@ -223,13 +193,7 @@ def inspect_path(
 def guessed_stepover(path: ToolPath, pad: PadConfig, notes: list[str]) -> float:
     """The step-over a path seems to be made with [m]; appends a note that says so.
 
-    Args:
-        path: The path.
-        pad: The pad; its diameter is taken where the path has no neighbouring turns.
-        notes: Where the note goes.
-
-    Returns:
-        The step-over [m].
+    The pad's diameter is taken where the path has no neighbouring turns.
     """
     found = guess_stepover(path)
     if found is None:

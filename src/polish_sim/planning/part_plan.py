@@ -34,10 +34,8 @@ from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.request import check_asked, check_stepover
 from polish_sim.planning.toolpath import ToolPath
 
-OFF_PART_M = 1e-3
-"""A path made before may lie this far off the fitted surface [m]."""
-ROUNDS = 4
-"""A path on which the tool is found in the part is planned so often, those places left out."""
+OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
+ROUNDS = 4  #: A path on which the tool is found in the part is planned so often, those places left out
 
 
 class PlanObserver(Protocol):
@@ -66,13 +64,10 @@ class PlanResult:
     surface: Surface
     region: Region
     path: ToolPath
-    figures: dict[str, Any]
-    """The keys of metrics.json of a plan folder."""
+    figures: dict[str, Any]  #: The keys of metrics.json of a plan folder
     plan: PlanConfig
-    notes: tuple[str, ...]
-    """What was assumed, and what the user should know about the pad on this part."""
-    access: Access | None = None
-    """What of the region asked for the tool gets at; None if all of it."""
+    notes: tuple[str, ...]  #: What was assumed, and what the user should know about the pad on this part
+    access: Access | None = None  #: What of the region asked for the tool gets at; None if all of it
     in_part: Array = field(default_factory=lambda: np.empty((0, 3)))
     """Tool points at which the tool is in the part [m], shape (k, 3)."""
 
@@ -85,16 +80,6 @@ def plan_part(
     observer: PlanObserver | None = None,
 ) -> PlanResult:
     """Load a part, fit its surface, choose the region, plan the path and measure it.
-
-    Args:
-        part: File or shipped name, unit, side turned up.
-        plan: Region, pattern, step-over.
-        process: Force and feed.
-        pad: The pad.
-        observer: Receives the progress.
-
-    Returns:
-        The plan and its figures.
 
     Raises:
         PolishSimError: The part or the request cannot be used; says why and what to do.
@@ -155,18 +140,7 @@ def measure_given_path(
     pad: PadConfig | None = None,
     observer: PlanObserver | None = None,
 ) -> PlanResult:
-    """Load a part and measure a path that was made before on it.
-
-    Args:
-        path: The path, work frame.
-        part: File or shipped name, unit, side turned up.
-        plan: Region and step-over to measure it by.
-        process: Force and feed.
-        pad: The pad.
-        observer: Receives the progress.
-
-    Returns:
-        The plan and its figures, without a planning time.
+    """Load a part and measure a path in the work frame that was made before on it, by the plan's region and step-over.
 
     Raises:
         PolishSimError: The part cannot be used; says why and what to do.
@@ -200,18 +174,9 @@ def accessible(
     pad: PadConfig,
     path: ToolPath | None = None,
 ) -> tuple[Ground, Access | None]:
-    """The ground of a region the tool gets at, and what that leaves out of what was asked for.
+    """The ground of a region the tool gets at, and its access, None where that is all that was asked for.
 
-    Args:
-        region: What is asked for.
-        part: The whole part.
-        plan: Step-over and clearance.
-        process: Force.
-        pad: The pad.
-        path: A path made before: where it does not keep to what the tool gets at, all of the region counts.
-
-    Returns:
-        The ground; and its access, None where the tool gets at all of it.
+    Where a ``path`` made before does not keep to what the tool gets at, all of the region counts.
 
     Raises:
         PlanError: There is no place the tool gets at, or the step-over does not fit.
@@ -232,17 +197,7 @@ def accessible(
 
 
 def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadConfig) -> float:
-    """Share of the region under the pad's contact disc when the path was followed only up to a place.
-
-    Args:
-        plan: The plan.
-        s: Arc length of the plan up to which the tool was fed [m].
-        process: Force.
-        pad: The pad.
-
-    Returns:
-        The share, 0 to 1; the whole plan's if all of it was fed.
-    """
+    """Share of the region, 0 to 1, under the pad's contact disc when the tool was fed up to arc length ``s`` [m]."""
     done = plan.path.s <= s + 1e-6
     if done[plan.path.process].all():
         return float(plan.figures["coverage"])
@@ -328,20 +283,9 @@ def plan_raster(
     start: Point = (),
     plan: PlanConfig | None = None,
 ) -> ToolPath:
-    """Cover a region with lines to and fro, joined by rounded turns.
+    """Cover a region with lines to and fro, joined by rounded turns; arguments and errors as of `plan_spiral`.
 
-    Args:
-        region: What to cover.
-        stepover: Distance between neighbouring lines [m].
-        along: Direction of the lines in the work frame, shape (3,); empty = along the region's long axis.
-        start: Where the path begins, about, work frame [m], shape (3,); empty = chosen.
-        plan: All other wishes; the defaults if left out.
-
-    Returns:
-        The path, as of `plan_spiral`.
-
-    Raises:
-        PlanError: The step-over does not fit the region.
+    The lines run ``along`` a direction (3,) of the work frame; empty = along the region's long axis.
     """
     asked = replace(plan or PlanConfig(), pattern="raster", stepover_m=stepover)
     return plan_path(region, replace(asked, raster_direction=_point(along), start=_point(start)))
@@ -350,17 +294,9 @@ def plan_raster(
 def measure_path(
     path: ToolPath, region: Region, stepover: float, pad_radius: float = 0.025, contact_force: float = 20.0
 ) -> dict[str, Any]:
-    """Measure how well a path covers a region.
+    """Measure how well a path covers a region, by turns a step-over [m] apart: figures as in metrics.json, SI.
 
-    Args:
-        path: The path on the surface.
-        region: What it is to cover.
-        stepover: Distance between turns it is measured by [m].
-        pad_radius: Radius of the pad [m].
-        contact_force: Force the pad is pressed with where the path has none of its own [N].
-
-    Returns:
-        Figures by their names in metrics.json, SI.
+    The pad of ``pad_radius`` [m] is pressed with ``contact_force`` [N] where the path has no force of its own.
     """
     ground = prepare_ground(region, PlanConfig(stepover_m=stepover))
     process, pad = ProcessConfig(contact_force_n=contact_force), PadConfig(radius_m=pad_radius)

@@ -31,8 +31,7 @@ from polish_sim.planning.quality.tool_room import APART, Tool, ground_under, pre
 from polish_sim.planning.request import check_plan_words
 from polish_sim.planning.toolpath import ToolPath, arc_length
 
-CUT_APART: Final = 0.1
-"""Whether the tool is in the part is looked at so many pad radii apart along a stroke."""
+CUT_APART: Final = 0.1  #: Whether the tool is in the part is looked at so many pad radii apart along a stroke
 CUT_HERE: Final = "the path would cross itself, one of the two strands is cut and the tool lifts there"
 
 
@@ -40,10 +39,8 @@ class Planned(NamedTuple):
     """A path and notes about it."""
 
     path: ToolPath
-    axis_deviation_max_rad: float
-    """Largest angle by which smoothing turned a tool axis [rad]."""
-    notes: tuple[str, ...]
-    """What was done differently from what was asked, and where."""
+    axis_deviation_max_rad: float  #: Largest angle by which smoothing turned a tool axis [rad]
+    notes: tuple[str, ...]  #: What was done differently from what was asked, and where
 
     @property
     def figures(self) -> Mapping[str, float]:
@@ -64,21 +61,14 @@ class Placed(NamedTuple):
     """A stroke with its leads and the way to it."""
 
     stroke: Stroke
-    moves: list[Move]
-    """Travel if there was a stroke before, approach, lead-in, process, lead-out, retract."""
+    moves: list[Move]  #: Travel if there was a stroke before, approach, lead-in, process, lead-out, retract
     remarks: tuple[Remark, ...]
 
 
 def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
-    """Cover a region with a tool path.
+    """Cover a region with a tool path on the surface, with approach, lead-in, lead-out and retract.
 
-    Args:
-        region: What is to be polished.
-        plan: Pattern, step-over, how the tool lands.
-        on_progress: Called with the share of the region covered so far.
-
-    Returns:
-        The path on the surface, with approach, lead-in, lead-out and retract.
+    ``on_progress`` is called with the share of the region covered so far.
 
     Raises:
         InputError: Unknown pattern, lead-in, order or direction.
@@ -109,9 +99,6 @@ def plan_on(
         part: The whole part the tool must not run into in the air; the region if not given.
         tool: The tool that must not; only the tool point if not given.
         avoid: Places it was found to do so all the same [m], shape (k, 3): stretches near them are left out.
-
-    Returns:
-        The path, its notes and figures.
 
     Raises:
         InputError: Unknown pattern, lead-in, order or direction.

@@ -19,7 +19,6 @@ _CHORD_ERROR = 1e-6  #: The sampled border is this close to the curved one [m]
 _MOST_SAMPLES = 400_000
 _ARCS = 4  #: Pieces of the way to the border that are taken for circular arcs
 _NEAR = (0.6, 1.001)  #: Outside these shares of the distance of interest the straight distance is good enough
-
 _FLAT = 5e-7  #: A surface is flat when it leaves a plane by less than this share of its size (float32 noise)
 
 
@@ -125,7 +124,6 @@ def _lengths_along(surface: Surface, starts: Array, ends: Array) -> Array:
 _FACETS_PER_MARGIN = 8.0  #: Facets that the new border crosses are cut down to this share of the margin where it bends
 _FACETS_ALONG = 1500.0  #: They are no smaller than this share of the border's length, however small the margin
 _STRAIGHT = 5e-3  #: Where the distance is linear over a facet up to this share of the margin, the border is straight
-
 _ON_LINE = 1e-4  #: Corners this close to the new border lie on it, relative to the margin
 _ROUNDS = 40
 _ZERO_ROUNDS = 12

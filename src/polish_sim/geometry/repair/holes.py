@@ -17,7 +17,6 @@ from polish_sim.geometry.repair.skin import Skin, place
 SMALL_HOLE = 0.05  #: Holes up to this share of the part's size across are closed ...
 LARGEST_CLOSED = 5e-3  #: ... if they are no wider than this [m]
 MISSING_FACET = 0.2  #: Holes of three or four edges, a missing facet or two, are closed up to this share of the size
-
 _SHOWN = 3
 
 

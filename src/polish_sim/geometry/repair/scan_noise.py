@@ -18,9 +18,7 @@ NEIGHBOURS = 32, 64, 128
 """Vertices a smooth piece is fitted to: the most about which they scatter no more than about few. The noise left is
 about sqrt(6 / neighbours) of what it was."""
 
-SLOPE_LEFT = 5.0
-"""Noise left of the normals over noise / (reach sqrt(neighbours)): measured on spheres, 4.7 to 5.2."""
-
+SLOPE_LEFT = 5.0  #: Noise left of the normals over noise / (reach sqrt(neighbours)): measured on spheres, 4.7 to 5.2
 _SAMPLE = 2000
 _PROBES = 14, 28
 _GROWTH = 1.4  # scatter that grows more than this from the smaller to the larger probe is the part's shape

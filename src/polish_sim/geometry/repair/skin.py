@@ -18,10 +18,8 @@ WELD = 1e-5  #: Gaps up to this share of the part's size are closed when exact m
 class Noise(NamedTuple):
     """What a scan leaves unknown of a surface after smoothing, rms; 0 of one that is not scanned."""
 
-    offset: float = 0.0
-    """Of its places along the normal [m]."""
-    slope: float = 0.0
-    """Of its normals [rad]."""
+    offset: float = 0.0  #: Of its places along the normal [m]
+    slope: float = 0.0  #: Of its normals [rad]
 
 
 NOISELESS = Noise()

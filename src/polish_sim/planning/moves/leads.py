@@ -17,10 +17,8 @@ from polish_sim.planning.quality.tool_room import APART, Places, Tool, ground_un
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT, ToolPath, arc_length
 from polish_sim.spatial import unit
 
-LEAD_SHARE = 1.0 / 3.0
-"""Height of the lead-in as a share of the clearance."""
-RAMP = np.radians(20.0)
-"""Angle of the tangent lead-in to the surface [rad]."""
+LEAD_SHARE = 1.0 / 3.0  #: Height of the lead-in as a share of the clearance
+RAMP = np.radians(20.0)  #: Angle of the tangent lead-in to the surface [rad]
 SPACING_M = 1e-3
 LeadShape = Callable[[float], Array]
 """Maps a height [m] to points (distance back along the path, height above the part) [m], shape (n, 2), top first."""
@@ -29,10 +27,8 @@ LeadShape = Callable[[float], Array]
 class Move(NamedTuple):
     """A piece of the tool path in one segment."""
 
-    positions: Array
-    """Tool points [m], shape (n, 3)."""
-    axes: Array
-    """Unit tool axes, shape (n, 3)."""
+    positions: Array  #: Tool points [m], shape (n, 3)
+    axes: Array  #: Unit tool axes, shape (n, 3)
     segment: int
     pass_index: Indices
 
@@ -65,17 +61,10 @@ def with_leads(
     shape_out: LeadShape | None = None,
     clearance_out: float | None = None,
 ) -> list[Move]:
-    """Put approach and lead-in before a process move and lead-out and retract after it.
+    """Put approach and lead-in before a process move and lead-out and retract after it: five moves.
 
-    Args:
-        process: Points in contact.
-        shape: How the tool lands.
-        clearance: Height of the first point, and of the last, above the part along the tool axis [m].
-        shape_out: How it leaves, mirrored; as it lands if not given.
-        clearance_out: Height of the last point [m]; that of the first if not given.
-
-    Returns:
-        The five moves in order.
+    ``shape`` is how the tool lands, ``shape_out`` how it leaves, mirrored, the same if not given. The first point is
+    ``clearance`` [m] above the part along the tool axis, the last ``clearance_out`` or as much.
     """
     lead_in, approach = landing(process, True, shape, clearance)
     lead_out, retract = landing(process, False, shape_out or shape, clearance_out or clearance)
@@ -85,14 +74,7 @@ def with_leads(
 def landing(process: Move, at_start: bool, shape: LeadShape, clearance: float) -> tuple[Move, Move]:
     """The lead at one end of a process move and the straight way above it, in the order they are walked.
 
-    Args:
-        process: Points in contact.
-        at_start: Whether the tool lands there; else it leaves.
-        shape: Shape of the lead.
-        clearance: Height of the furthest point above the part along the tool axis [m].
-
-    Returns:
-        The lead, which keeps the tool axis of its end, and the approach or retract.
+    The lead keeps the tool axis of its end; the furthest point is ``clearance`` [m] above the part along it.
     """
     height = LEAD_SHARE * clearance
     profile = shape(height)[:-1]
@@ -133,42 +115,31 @@ def evenly(first: float, last: float, length: float) -> Array:
 
 # Which lead-in and lead-out a stroke gets: the one asked for where it keeps clear of the part (Move -> LeadShape).
 
-TOLERANCE_M = 2e-4
-"""On its lead the pad may stand this much deeper in the part than where it lands [m]."""
+TOLERANCE_M = 2e-4  #: On its lead the pad may stand this much deeper in the part than where it lands [m]
 APART_M = 3e-4
 """On its lead the tool point keeps this far from the part, nearer to it half its height above where it lands [m]."""
 ROUNDING_M = 1e-9
-LOWER = (1.0, 0.5, 0.25, 0.12)
-"""Shares of the clearance from which a straight lead begins, tried in this order."""
-FURTHER = 14
-"""So many points further along are tried as the end of a stroke."""
-NEAR = 3
-"""So many of them only to keep the pad's rim clear."""
-LONGEST_CUT = 0.45
-"""No end of a stroke is shortened by more than this share of it."""
+LOWER = (1.0, 0.5, 0.25, 0.12)  #: Shares of the clearance from which a straight lead begins, tried in this order
+FURTHER = 14  #: So many points further along are tried as the end of a stroke
+NEAR = 3  #: So many of them only to keep the pad's rim clear
+LONGEST_CUT = 0.45  #: No end of a stroke is shortened by more than this share of it
 
 
 class Remark(NamedTuple):
     """Something the user should know, and where."""
 
     what: str
-    place: Array
-    """[m], shape (3,)."""
+    place: Array  #: [m], shape (3,)
 
 
 class Air(NamedTuple):
     """What the lifted tool must keep clear of."""
 
-    part: Surface
-    """The whole part."""
-    pad_radius: float
-    """[m]; 0 looks at the tool point only."""
-    clearance: float
-    """Height of a lifted tool above the part along its axis [m]."""
-    up: Array
-    """Unit vector away from the table, shape (3,)."""
-    tool: Tool | None = None
-    """What follows the pad; None looks at the pad only."""
+    part: Surface  #: The whole part
+    pad_radius: float  #: [m]; 0 looks at the tool point only
+    clearance: float  #: Height of a lifted tool above the part along its axis [m]
+    up: Array  #: Unit vector away from the table, shape (3,)
+    tool: Tool | None = None  #: What follows the pad; None looks at the pad only
 
     def has_room(self, line: Array, axes: Array, presses: Places | None = None) -> bool:
         """Whether the tool is nowhere in the part along points (n, 3), pressed as it is at a place or not at all."""
@@ -184,12 +155,9 @@ class Landing(NamedTuple):
     """How a stroke begins or ends."""
 
     shape: LeadShape
-    clearance: float
-    """Height it begins from [m]."""
-    row: int
-    """Point of the stroke at which the tool lands or leaves."""
-    remark: Remark | None
-    """What is not as asked."""
+    clearance: float  #: Height it begins from [m]
+    row: int  #: Point of the stroke at which the tool lands or leaves
+    remark: Remark | None  #: What is not as asked
 
 
 class ChosenLeads(NamedTuple):
@@ -209,17 +177,10 @@ def choose_leads(process: Move, name: str, air: Air, stepover: float) -> ChosenL
 
     A pad on a hollow already stands in the part with its rim where it presses, and next to a wall it does so on any
     lead: a lead hits when the pad stands deeper on it, or on the straight way above it, than where it touches down.
-    Where even the straight lead hits, it begins lower; where that hits too, the stroke is shortened. The tool point
-    itself never enters the part, and it can always come from outside in a straight line.
+    Where even the straight lead hits, it begins lower; where that hits too, the stroke is shortened, a ``stepover`` [m]
+    at a time. The tool point itself never enters the part, and it can always come from outside in a straight line.
 
-    Args:
-        process: Points in contact.
-        name: The lead asked for, one of `LEADS`.
-        air: What to keep clear of.
-        stepover: Steps in which a stroke is shortened [m].
-
-    Returns:
-        The leads; None if the tool can land on no part of the stroke, or leave from none.
+    None if the tool can land on no part of the stroke, or leave from none.
     """
     ball = ball_around(air.part, air.clearance)
     start, end = (_choose(process, at_start, name, air, ball, stepover) for at_start in (True, False))
@@ -323,12 +284,7 @@ def notes_of(remarks: Sequence[Remark]) -> tuple[str, ...]:
 def with_way_down(path: ToolPath, clearance: float) -> ToolPath:
     """Let a path begin in the air: a tool that begins in contact cannot zero its force sensor.
 
-    Args:
-        path: The path.
-        clearance: Height of the first point above the part along the tool axis [m].
-
-    Returns:
-        The path; as it is if it begins in the air.
+    Its first point is then ``clearance`` [m] above the part along the tool axis.
     """
     if not path.process[0]:
         return path

@@ -17,22 +17,14 @@ from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep,
 from polish_sim.planning.toolpath import APPROACH
 from polish_sim.spatial import perpendicular, unit
 
-LEVELS = 5
-"""So many heights between the lifted tool's own and one above everything are tried, the lowest first."""
-ROUND = 24
-"""Corners of a way round the part."""
+LEVELS = 5  #: So many heights between the lifted tool's own and one above everything are tried, the lowest first
+ROUND = 24  #: Corners of a way round the part
 
 
 def travel(first: Move, second: Move, air: Air) -> tuple[Move, bool]:
     """Carry the lifted tool from one run to the next, no higher than the part between makes it.
 
-    Args:
-        first: The retract that ends the first run.
-        second: The approach that begins the second.
-        air: What to keep clear of.
-
-    Returns:
-        The points between, as approach to the second run, and whether they keep clear of the part.
+    Returns the points between, as approach to the second run, and whether they keep clear of the part.
     """
     up, clearance, part = air.up, air.clearance, air.part
     start, end = first.positions[-1], second.positions[0]
@@ -112,32 +104,23 @@ def _turned(first: Array, second: Array, share: Array) -> Array:
 WINDOW = 60
 """Only so many neighbours in the order change places with one another: time stays proportional to their number."""
 MOST_SWEEPS = 40
-LEAST_GAIN_M = 1e-6
-"""A change that shortens the way by less is left alone: rounding must not choose."""
+LEAST_GAIN_M = 1e-6  #: A change that shortens the way by less is left alone: rounding must not choose
 
 
 class Tour(NamedTuple):
     """An order of blocks."""
 
-    order: Indices
-    """Which block comes k-th, shape (n,)."""
-    backwards: Bools
-    """Whether the k-th block is walked from its end, shape (n,)."""
+    order: Indices  #: Which block comes k-th, shape (n,)
+    backwards: Bools  #: Whether the k-th block is walked from its end, shape (n,)
 
 
 def order_blocks(ends: Array, free: bool, start: Array | None = None) -> Tour:
     """Order blocks so that the way from the end of each to the beginning of the next is short overall.
 
-    Nearest neighbour first, then stretches of the order are turned round (2-opt) and single blocks moved (or-opt)
-    as long as that helps. The first block stays the first: the given one, or the one at the start asked for.
-
-    Args:
-        ends: Where each block begins and ends [m], shape (n, 2, 3).
-        free: Whether a block may be walked from its end.
-        start: Point the first block is to begin at, about [m], shape (3,); None: the first block given, as it is.
-
-    Returns:
-        The tour.
+    Nearest neighbour first, then stretches of the order are turned round (2-opt) and single blocks moved (or-opt) as
+    long as that helps. The first block stays the first: the given one, or the one nearest to ``start`` (3,) [m].
+    ``ends`` (n, 2, 3) [m] are where each block begins and ends; those that are ``free`` may be walked from their
+    end.
     """
     order, flips = _nearest_neighbours(ends, free, start)
     if len(order) > 2:

@@ -17,12 +17,10 @@ from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.quality.points import thin
 from polish_sim.planning.quality.tool_room import Places, Tool, UnderPad, ground_under, hollow_radius, pressed_places
 
-BEYOND: Final = 0.5
-"""Room is measured up to so many of the pad's radii."""
+BEYOND: Final = 0.5  #: Room is measured up to so many of the pad's radii
 APART: Final = 0.25
 """First places so many pad radii apart are looked at; only around those with little room all of them."""
-LITTLE: Final = 0.4
-"""Little room, in pad radii."""
+LITTLE: Final = 0.4  #: Little room, in pad radii
 TURN_INSIDE: Final = 0.45
 """The outermost turn keeps at least so many step-overs from the region's border: the border may be that much nearer to
 a wall than the pad."""
@@ -32,11 +30,9 @@ HOLLOW: Final = "hollow"
 class LeftOut(NamedTuple):
     """Ground out of the tool's reach for one reason."""
 
-    reason: str
-    """The body of the tool that has no room, or that the ground is hollow."""
+    reason: str  #: The body of the tool that has no room, or that the ground is hollow
     area_m2: float
-    place: Array
-    """A place of it [m], shape (3,)."""
+    place: Array  #: A place of it [m], shape (3,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +40,9 @@ class Access:
     """What of a region the tool gets at; the region asked for is all of it."""
 
     asked: Ground
-    region: Region
-    """Where the path may run."""
-    touched: Array
-    """Share of what each vertex of the ground asked for stands for that the pad can touch, shape (v,)."""
-    left_out: tuple[LeftOut, ...]
-    """What it cannot, the largest first."""
+    region: Region  #: Where the path may run
+    touched: Array  #: Share of what each vertex of the ground asked for stands for that the pad can touch, shape (v,)
+    left_out: tuple[LeftOut, ...]  #: What it cannot, the largest first
 
     @property
     def left_out_m2(self) -> float:
@@ -86,12 +79,9 @@ class ToolRoom:
     surface: Surface
     part: Surface
     tool: Tool
-    clearance: float
-    """[m]"""
-    shift: float
-    """Added to the room [m]."""
-    length: float = 0.0
-    """Of the line where it is used up, not known."""
+    clearance: float  #: [m]
+    shift: float  #: Added to the room [m]
+    length: float = 0.0  #: Of the line where it is used up, not known
 
     def at(self, points: Array) -> Array:
         """Room at points (n, 3) of the surface [m], shape (n,)."""
@@ -113,20 +103,11 @@ class ToolRoom:
 
 
 def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan: PlanConfig) -> Access | None:
-    """Find what of a region the tool gets at.
+    """Find what of a region the tool gets at; None if that is all of it.
 
     Where its middle may go it keeps a clearance from what stands beside it, pressed in as far as the pad yields; what
-    the pad touches from there is within reach.
-
-    Args:
-        ground: The region asked for, prepared.
-        region: The same as it was selected.
-        part: The whole part.
-        tool: The tool.
-        plan: Step-over and clearance.
-
-    Returns:
-        What it gets at; None if that is all of it.
+    the pad touches from there is within reach. ``ground`` is the region asked for, prepared, ``region`` the same as it
+    was selected.
 
     Raises:
         PlanError: It is nothing.

@@ -18,28 +18,15 @@ from polish_sim.planning.quality.located import PathOnSurface, Strands
 from polish_sim.planning.quality.points import build_point_grid, thin
 from polish_sim.spatial import unit
 
-STRICT = 0.55
-"""A place counts as covered if the path passes within this many step-overs."""
-CHORD = 0.15
-"""Length of the chords the path is measured by, in step-overs."""
+STRICT = 0.55  #: A place counts as covered if the path passes within this many step-overs
+CHORD = 0.15  #: Length of the chords the path is measured by, in step-overs
 
 
-SAMPLES = 100_000
-"""The share of area is counted on so many points, one in each equal share of the region's area."""
+SAMPLES = 100_000  #: The share of area is counted on so many points, one in each equal share of the region's area
 
 
 def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepover: float) -> Bools:
-    """Places within 0.55 step-overs of the path, on its side of the part.
-
-    Args:
-        points: Places [m], shape (k, 3).
-        normals: Unit surface normals there, shape (k, 3).
-        runs: Each run in contact, an open curve.
-        stepover: [m].
-
-    Returns:
-        Bools over the points, shape (k,).
-    """
+    """Which points (k, 3) [m] are within 0.55 step-overs of a path's runs in contact, on its side of the part."""
     path = Strands(runs).sample(CHORD * stepover)
     limit = STRICT * stepover
     reach = float(np.hypot(limit, 0.5 * CHORD * stepover))
@@ -62,18 +49,10 @@ def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepo
 
 
 def strict_share(mesh: Triangulation, part_facets: int, runs: Sequence[Curve], stepover: float) -> float:
-    """Share of the region's area within 0.55 step-overs of the path, closed holes left out.
+    """Share of the region's area, 0 to 1, within 0.55 step-overs [m] of the path's runs, closed holes left out.
 
-    Counted on points spread within every triangle: the vertices alone stand in rows, as paths do.
-
-    Args:
-        mesh: The region.
-        part_facets: Number of facets that are the part's; those after them close holes.
-        runs: Each run in contact, an open curve.
-        stepover: [m].
-
-    Returns:
-        The share, 0 to 1.
+    Counted on points spread within every triangle: the vertices alone stand in rows, as paths do. Facets after the
+    first ``part_facets`` close holes.
     """
     own = np.flatnonzero(mesh.owners < part_facets)
     ends = np.cumsum(mesh.areas[own])
@@ -98,19 +77,11 @@ DONE_M = 1e-10
 
 
 def pad_depths(curvatures: Array, pad: PadConfig, force: float | Array, tilts: Array | None = None) -> Array:
-    """How deep the pad's middle must go so that the elastic foundation carries a force.
+    """Depth (n,) [m] of the pad's middle at which the elastic foundation carries a force; below zero it stays off.
 
-    The disc of radius R is a bed of springs, K / (pi R^2) per area; over a place of curvatures k1, k2 the
-    compression is delta - (k1 x^2 + k2 y^2) / 2 + a x + b y where that is positive, a and b the tool axis' slopes.
-
-    Args:
-        curvatures: Principal curvatures [1/m], positive convex, shape (n, 2).
-        pad: Radius and stiffness.
-        force: [N], one for all or shape (n,).
-        tilts: Components of the tool axis along both principal directions, shape (n, 2); None: it is the normal.
-
-    Returns:
-        Depths delta [m], shape (n,); below zero where the middle stays off.
+    The disc of radius R is a bed of springs, K / (pi R^2) per area; over a place of principal curvatures k1, k2 (n,
+    2) [1/m], positive convex, the compression is delta - (k1 x^2 + k2 y^2) / 2 + a x + b y where that is positive, a
+    and b the tool axis' slopes along both directions, ``tilts`` (n, 2); None: it is the normal.
     """
     count = len(curvatures)
     mean_depths = np.broadcast_to(np.asarray(force, dtype=np.float64) / pad.stiffness_n_m, (count,))
@@ -159,40 +130,23 @@ def _disc_points(radius: float) -> Array:
 # The disc moves in straight steps. Over each, the time a place lies within the disc's edge (a quadratic) and above its
 # pressed-in face (a line) is an interval known in closed form, so the times are exact for straight paths.
 
-
-STEP = 0.1
-"""Length of the pad's steps in pad radii."""
-CORNER = np.radians(10.0)
-"""Waypoints at which the path turns by more end a step [rad]."""
-BALL = 1.05
-"""Places further than this many pad radii from the pad's middle are not under it, however tall."""
+STEP = 0.1  #: Length of the pad's steps in pad radii
+CORNER = np.radians(10.0)  #: Waypoints at which the path turns by more end a step [rad]
+BALL = 1.05  #: Places further than this many pad radii from the pad's middle are not under it, however tall
 
 
 class PadSteps(NamedTuple):
     """Straight steps of the pad."""
 
-    start: Array
-    """Middle of the pad on the surface, before [m], shape (n, 3)."""
-    end: Array
-    """And after, shape (n, 3)."""
-    axes: Array
-    """Unit tool axes, shape (n, 3)."""
-    depths: Array
-    """How deep the pad's face is pressed in at its middle [m], shape (n,)."""
-    times: Array
-    """How long each step takes [s], shape (n,)."""
+    start: Array  #: Middle of the pad on the surface, before [m], shape (n, 3)
+    end: Array  #: And after, shape (n, 3)
+    axes: Array  #: Unit tool axes, shape (n, 3)
+    depths: Array  #: How deep the pad's face is pressed in at its middle [m], shape (n,)
+    times: Array  #: How long each step takes [s], shape (n,)
 
 
 def pad_steps(on: PathOnSurface, pad: PadConfig) -> PadSteps:
-    """Cut the path in contact into steps of about a tenth of the pad's radius.
-
-    Args:
-        on: The path with its forces and feeds.
-        pad: The pad.
-
-    Returns:
-        The steps.
-    """
+    """Cut the path in contact into steps of about a tenth of the pad's radius."""
     length = np.linalg.norm(np.diff(on.positions, axis=0), axis=1)
     slowness = 0.5 * (1.0 / on.feeds[1:] + 1.0 / on.feeds[:-1])
     s, t = (np.concatenate([[0.0], np.cumsum(way)]) for way in (length, length * slowness))
@@ -226,16 +180,9 @@ def rows_apart(on: PathOnSurface, s: Array, spacing: float) -> Indices:
 
 
 def time_under_pad(points: Array, point_normals: Array, steps: PadSteps, radius: float) -> Array:
-    """Time each point lies under the pad's compressed area.
+    """Time each point (k, 3) [m] lies under the pad's compressed area [s], (k,); exactly zero where the pad never is.
 
-    Args:
-        points: Points of the region [m], shape (k, 3).
-        point_normals: Unit surface normals there, shape (k, 3).
-        steps: The pad's steps.
-        radius: Of the pad [m].
-
-    Returns:
-        Times [s], shape (k,); exactly zero where the pad never is.
+    ``point_normals`` (k, 3) are the unit surface normals there.
     """
     grid = build_point_grid(points, 0.35 * radius)
     return np.asarray(_sum_up(points, point_normals, steps, radius, grid))
@@ -310,41 +257,26 @@ def _share_under(point, normal, a, b, axis, depth, radius):  # type: ignore[no-u
 
 # The time under the pad over a whole region, with its variation (Ground, path -> ExposureMap).
 
-APART = 0.04
-"""Places at which the time is summed up lie this many pad radii apart, or as far as the vertices do."""
-OVER, UNDER = 2.0, 0.5
-"""Over- and under-polished: longer (shorter) under the pad than this many medians."""
+APART = 0.04  #: Places at which the time is summed up lie this many pad radii apart, or as far as the vertices do
+OVER, UNDER = 2.0, 0.5  #: Over- and under-polished: longer (shorter) under the pad than this many medians
 
 
 class ExposureMap(NamedTuple):
     """Time under the pad, and its distribution over the region's area without holes."""
 
-    times: Array
-    """At every vertex of the region [s], shape (v,)."""
-    coverage: float
-    """Share of the area with any."""
+    times: Array  #: At every vertex of the region [s], shape (v,)
+    coverage: float  #: Share of the area with any
     mean_s: float
-    median_s: float
-    """Of what is under the pad at all."""
-    variation: float
-    """Standard deviation over mean."""
-    over_area_m2: float
-    """More than twice the median."""
-    under_area_m2: float
-    """Less than half of it, what is not covered included."""
+    median_s: float  #: Of what is under the pad at all
+    variation: float  #: Standard deviation over mean
+    over_area_m2: float  #: More than twice the median
+    under_area_m2: float  #: Less than half of it, what is not covered included
 
 
 def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | None = None) -> ExposureMap:
-    """Carry the pad along a path.
+    """Carry the pad along a path: the times and their figures.
 
-    Args:
-        ground: The region.
-        on: The path on it, with forces and feeds.
-        pad: The pad.
-        counted: Share of what each vertex of the ground stands for that counts, shape (v,); None for all.
-
-    Returns:
-        The times and their figures.
+    ``counted`` (v,) is the share of what each vertex of the ground stands for that counts; None for all.
     """
     mesh = ground.mesh
     some = thin(mesh.vertices, APART * pad.radius_m)

@@ -25,7 +25,6 @@ from polish_sim.spatial import perpendicular, unit
 # Rare, so plain Python: a chain of touching segment pairs is one place. The second path crosses the first one there if
 # it comes from one side and leaves to the other; if either path begins or ends there, it only touches.
 
-
 END_PAIRS = 60  #: Pairs of segments looked at from either end of a place where paths meet
 
 

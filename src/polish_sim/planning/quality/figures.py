@@ -24,9 +24,7 @@ from polish_sim.planning.toolpath import ToolPath, arc_length
 
 # How suddenly a path turns: its sharpest corner in the surface, and the rate of its tool axis (path -> figures).
 
-
-CORNER_M = 1e-3
-"""A corner's angle is the one between the chords of this length before and after it [m]."""
+CORNER_M = 1e-3  #: A corner's angle is the one between the chords of this length before and after it [m]
 RATE_M = 1e-3
 """The axis rate is the turn over this length of the path [m]: shorter ones would show the digits of a file."""
 
@@ -35,17 +33,14 @@ class Peak(NamedTuple):
     """A largest value and where it is."""
 
     value: float
-    position: Array
-    """[m], shape (3,)."""
+    position: Array  #: [m], shape (3,)
 
 
 class AxisRate(NamedTuple):
     """Turn of the tool axis per length along the path."""
 
-    s: Array
-    """Arc length in contact, run after run [m], shape (n,)."""
-    rate: Array
-    """[rad/m], shape (n,)."""
+    s: Array  #: Arc length in contact, run after run [m], shape (n,)
+    rate: Array  #: [rad/m], shape (n,)
     peak: Peak
 
 
@@ -91,20 +86,14 @@ def _measure_axis_rate(on: PathOnSurface) -> AxisRate:
 class Quality:
     """Everything measured of a path on a region."""
 
-    figures: dict[str, Any]
-    """The keys of metrics.json."""
-    exposure: ExposureMap
-    """Time under the pad."""
-    reach: PadReach
-    """Where the pad cannot touch."""
-    pad_in_part: PadInPart
-    """Where the pad runs into the part."""
+    figures: dict[str, Any]  #: The keys of metrics.json
+    exposure: ExposureMap  #: Time under the pad
+    reach: PadReach  #: Where the pad cannot touch
+    pad_in_part: PadInPart  #: Where the pad runs into the part
     spacing: Stepover
     axis_rate: AxisRate
-    crossings: Array
-    """Places where the path crosses itself [m], shape (k, 3)."""
-    runs: tuple[Curve, ...]
-    """The path between lifts, with surface normals."""
+    crossings: Array  #: Places where the path crosses itself [m], shape (k, 3)
+    runs: tuple[Curve, ...]  #: The path between lifts, with surface normals
 
 
 def measure_quality(
@@ -116,19 +105,11 @@ def measure_quality(
     part: Surface | None = None,
     access: Access | None = None,
 ) -> Quality:
-    """Measure a path on a region.
+    """Measure a path on a region: figures by their names in the contract, SI, and maps.
 
-    Args:
-        ground: The region.
-        path: The path.
-        stepover: Planned or expected [m].
-        process: Force and feed where the path has none of its own.
-        pad: The pad.
-        part: The whole part, which the tool may run into; the region if not given.
-        access: What of the region asked for the tool gets at, if not all: coverage is of what the pad can touch.
-
-    Returns:
-        Figures by their names in the contract, SI; path_length_m is the length in contact. And maps.
+    path_length_m is the length in contact. The step-over [m] is planned or expected; ``process`` counts where the
+    path has no force or feed of its own; the tool may run into the whole ``part``, or the region if not given. With
+    ``access``, what of the region the tool gets at, coverage is of what the pad can touch.
     """
     on = locate(ground, path, process)
     asked, touched = (ground, None) if access is None else (access.asked, access.touched)

@@ -17,37 +17,26 @@ QUARTERS = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0], [2.0, 2.
 class HollowPlace(NamedTuple):
     """A connected place the pad cannot touch."""
 
-    position: Array
-    """Where it is tightest [m], shape (3,)."""
+    position: Array  #: Where it is tightest [m], shape (3,)
     area_m2: float
-    radius_m: float
-    """Radius of curvature there [m]."""
+    radius_m: float  #: Radius of curvature there [m]
 
 
 class PadReach(NamedTuple):
     """The parts of a region a pad cannot touch."""
 
     area_m2: float
-    hollow: Array
-    """Share of each facet that is too hollow, shape (m,)."""
+    hollow: Array  #: Share of each facet that is too hollow, shape (m,)
     tightness: Array
     """Pad radius over the smallest radius of curvature of each facet, negative hollow, below -1 out of reach, (m,)."""
-    places: tuple[HollowPlace, ...]
-    """Connected places, largest first."""
+    places: tuple[HollowPlace, ...]  #: Connected places, largest first
 
 
 def measure_pad_reach(surface: Surface, facets: int, radius: float) -> PadReach:
-    """Find where the surface is hollow in any direction with a radius smaller than the pad's.
+    """Find where the surface is hollow in any direction with a radius smaller than the pad's: area and places.
 
-    A disc that touches such a place with its middle would have to bend further than its own radius.
-
-    Args:
-        surface: The region's surface.
-        facets: Number of its first facets that are the part's; the others close holes.
-        radius: Of the pad [m].
-
-    Returns:
-        Area and places.
+    A disc that touches such a place with its middle would have to bend further than its own radius. Facets after the
+    first ``facets`` close holes.
     """
     smallest = np.stack([_smallest_curvature(surface, facets, weights) for weights in QUARTERS], axis=1)
     hollow = (smallest * radius < -1.0).mean(axis=1)

@@ -17,7 +17,6 @@ from polish_sim.kernel_cache import njit
 #
 # The grid only speeds a search up: every visitor tests exact distances, so no answer depends on where cells begin.
 
-
 MOST_ACROSS = 96  #: Cells along the longest side: beyond so many the table itself would cost more than it saves
 
 

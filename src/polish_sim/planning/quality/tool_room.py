@@ -23,16 +23,12 @@ class Body(NamedTuple):
     """A body of the tool as the cylinder about the tool axis that holds it, however the tool is turned."""
 
     name: str
-    low: float
-    """Height of its lower end above the pad's face [m]."""
-    high: float
-    """And of its upper end [m]."""
-    radius: float
-    """[m]."""
+    low: float  #: Height of its lower end above the pad's face [m]
+    high: float  #: And of its upper end [m]
+    radius: float  #: [m]
 
 
-PAD_TOP: Final = 0.022
-"""Height of pad and backing plate [m]; the plate is no wider than the pad."""
+PAD_TOP: Final = 0.022  #: Height of pad and backing plate [m]; the plate is no wider than the pad
 BEHIND_PAD: Final = (
     Body("shaft", PAD_TOP, 0.060, 0.009),
     Body("spindle", 0.060, 0.102, 0.0325),
@@ -60,33 +56,25 @@ def hollow_radius(pad: PadConfig) -> float:
 class Places(NamedTuple):
     """Where the tool stands, and what the pad yields there."""
 
-    middles: Array
-    """Middle of the pad's face [m], shape (n, 3)."""
-    axes: Array
-    """Unit tool axes, shape (n, 3)."""
-    lows: Array
-    """What stands no higher above the pad's face is pressed, not run into [m], shape (n,)."""
-    yields: Array
-    """The pad may be this deep in the part [m], shape (n,)."""
+    middles: Array  #: Middle of the pad's face [m], shape (n, 3)
+    axes: Array  #: Unit tool axes, shape (n, 3)
+    lows: Array  #: What stands no higher above the pad's face is pressed, not run into [m], shape (n,)
+    yields: Array  #: The pad may be this deep in the part [m], shape (n,)
 
 
 class Standing(NamedTuple):
     """How deep the tool is in the part; zeros where it is clear."""
 
-    depths: Array
-    """[m], shape (n,)."""
-    reaches: Array
-    """How far it would have to move aside [m], shape (n,)."""
-    bodies: Indices
-    """Number of the body that is deepest, shape (n,)."""
+    depths: Array  #: [m], shape (n,)
+    reaches: Array  #: How far it would have to move aside [m], shape (n,)
+    bodies: Indices  #: Number of the body that is deepest, shape (n,)
 
 
 class Tool(NamedTuple):
     """Pad, head, spindle, sensor and wrist, pressed on."""
 
     pad: PadConfig
-    force: float
-    """[N]; the head's spring lets everything behind the pad sink by what it yields."""
+    force: float  #: [N]; the head's spring lets everything behind the pad sink by what it yields
 
     @property
     def bodies(self) -> tuple[Body, ...]:
@@ -126,12 +114,9 @@ def _discs(places: Places, body: Body, clearance: float) -> Discs:
 class UnderPad(NamedTuple):
     """The surface under the middle of the pad."""
 
-    normals: Array
-    """Unit, shape (n, 3)."""
-    principal: Array
-    """Unit direction of the larger curvature, shape (n, 3)."""
-    curvatures: Array
-    """Principal curvatures, the larger first [1/m], shape (n, 2)."""
+    normals: Array  #: Unit, shape (n, 3)
+    principal: Array  #: Unit direction of the larger curvature, shape (n, 3)
+    curvatures: Array  #: Principal curvatures, the larger first [1/m], shape (n, 2)
 
 
 def ground_under(surface: Surface, facets: Ints, barycentric: Array) -> UnderPad:
@@ -144,23 +129,15 @@ def ground_under(surface: Surface, facets: Ints, barycentric: Array) -> UnderPad
 def pressed_places(middles: Array, axes: Array, ground: UnderPad, pad: PadConfig, forces: float | Array) -> Places:
     """The tool pressed on: the pad yields by F / k, over hollow ground or tilted by what that makes it.
 
-    Args:
-        middles: Tool points on the surface [m], shape (n, 3).
-        axes: Unit tool axes, shape (n, 3).
-        ground: The surface there. Ground more hollow than the pad follows counts as the most it does.
-        pad: The pad.
-        forces: [N], one or shape (n,).
-
-    Returns:
-        The places.
+    Tool points (n, 3) [m] on the surface, unit axes (n, 3), forces [N], one or (n,). Ground more hollow than the pad
+    follows counts as the most it does.
     """
     yields = np.full(len(middles), forces / pad.stiffness_n_m)
     return Places(middles, axes, _own_heights(axes, ground, pad) + yields, yields)
 
 
 RIM_POINTS = 32
-RINGS = (0.25, 0.5, 0.75, 1.0)
-"""Where on the pad its own place's hollow and the tool's tilt are looked at."""
+RINGS = (0.25, 0.5, 0.75, 1.0)  #: Where on the pad its own place's hollow and the tool's tilt are looked at
 
 
 def _own_heights(axes: Array, ground: UnderPad, pad: PadConfig) -> Array:
@@ -179,25 +156,18 @@ def _own_heights(axes: Array, ground: UnderPad, pad: PadConfig) -> Array:
     return highest
 
 
-APART = 0.25
-"""The tool is looked at so many of the pad's radii apart along the path."""
+APART = 0.25  #: The tool is looked at so many of the pad's radii apart along the path
 
 
 class PadInPart(NamedTuple):
     """Tool points at which the tool is in the part."""
 
-    positions: Array
-    """[m], shape (k, 3)."""
-    depths: Array
-    """How deep it is [m], shape (k,)."""
-    reaches: Array
-    """How much further away from there the tool point would have to be [m], shape (k,)."""
-    lengths: Array
-    """Length of the path each stands for [m], shape (k,)."""
-    bodies: tuple[str, ...]
-    """What is deepest there."""
-    pad_radius: float
-    """[m]."""
+    positions: Array  #: [m], shape (k, 3)
+    depths: Array  #: How deep it is [m], shape (k,)
+    reaches: Array  #: How much further away from there the tool point would have to be [m], shape (k,)
+    lengths: Array  #: Length of the path each stands for [m], shape (k,)
+    bodies: tuple[str, ...]  #: What is deepest there
+    pad_radius: float  #: [m]
 
     @property
     def max_m(self) -> float:
@@ -227,14 +197,6 @@ def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig) -> PadInP
     The pad yields as far as the force presses it, F / k, and over a hollow place or tilted as far as that place's
     curvatures and the tilt make it: what stands no higher than both together is polished, not run into, nor is what
     the pad is in no deeper than it yields. A place more hollow than the pad follows counts as the most it does.
-
-    Args:
-        on: The path on its region.
-        part: The whole part.
-        pad: The pad.
-
-    Returns:
-        Where the tool is in the part.
     """
     s = arc_length(on.positions)
     rows = rows_apart(on, s, APART * pad.radius_m)
@@ -267,16 +229,11 @@ def pad_in_part_warning(figures: Mapping[str, Any]) -> str:
 class Discs(NamedTuple):
     """Discs and the layer above each in which nothing of the part may be."""
 
-    middles: Array
-    """[m], shape (n, 3)."""
-    axes: Array
-    """Unit vectors away from the part, shape (n, 3)."""
-    lows: Array
-    """Where the layer begins above the disc's plane [m], shape (n,)."""
-    highs: Array
-    """And where it ends [m], shape (n,)."""
-    radius: float
-    """[m]."""
+    middles: Array  #: [m], shape (n, 3)
+    axes: Array  #: Unit vectors away from the part, shape (n, 3)
+    lows: Array  #: Where the layer begins above the disc's plane [m], shape (n,)
+    highs: Array  #: And where it ends [m], shape (n,)
+    radius: float  #: [m]
 
 
 class Intrusion(NamedTuple):
@@ -289,16 +246,9 @@ class Intrusion(NamedTuple):
 
 
 def standing_above(part: Surface, discs: Discs) -> Intrusion:
-    """Find the faces of a part that stand in the layers above discs.
+    """Find the faces of a part that stand in the layers above discs, and how far each disc is in the part.
 
     Only the flat triangles between the patches' corners are tested: a wall is found however thin it is.
-
-    Args:
-        part: The whole part.
-        discs: The discs.
-
-    Returns:
-        How far each disc is in the part.
     """
     across = perpendicular(discs.axes)
     frames = np.stack([across, np.cross(discs.axes, across), discs.axes], axis=1)
