@@ -25,7 +25,6 @@ from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse, transform
 
 Array = NDArray[np.float64]
-
 IDEAL_SENSOR = [
     "sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_bias_n=0", "sensor.torque_bias_nm=0",
     "sensor.force_drift_n_s=0", "sensor.torque_drift_nm_s=0", "sensor.force_quantum_n=0", "sensor.torque_quantum_nm=0",

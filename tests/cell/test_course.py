@@ -20,7 +20,6 @@ from tests.cell.fields import plane, sampled, sphere
 from tests.cell.pressing import DOWN, HEAD_STIFFNESS, PAD, PRESSED, below_sphere, foundation, working_depth
 
 Array = NDArray[np.float64]
-
 UPRIGHT = np.array(TOUCH) @ np.diag([1.0, -1.0, -1.0, 1.0])  # pose of a part that is touched at its origin
 FULL_TILT_STIFFNESS = PAD.stiffness_n_m * PAD.radius_m**2 / 4.0  # of a disc all on the part [N m/rad]
 

@@ -32,12 +32,9 @@ SPRUNG = '<joint type="slide" axis="0 0 1" stiffness="6666.67" springref="{refer
 class Motion(NamedTuple):
     """What happened to the weight."""
 
-    height: Array
-    """Of the pad's face above the part [m], shape (n,)."""
-    energy: Array
-    """Kinetic, of weight and of the joint's spring, not the pad's [J], shape (n,)."""
-    force: Array
-    """Of contact along z [N], shape (n,)."""
+    height: Array  #: Of the pad's face above the part [m], shape (n,)
+    energy: Array  #: Kinetic, of weight and of the joint's spring, not the pad's [J], shape (n,)
+    force: Array  #: Of contact along z [N], shape (n,)
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,6 @@ from polish_sim.models import robot_model_path
 from tests.cell.cells import along_tool, cell_for, free_stroke, ideal, tool_pose
 
 Array = NDArray[np.float64]
-
 STIFFNESS = 5000.0  # of the head's spring, all there is [N/m]
 HARD = [-500000.0, -1000.0]  # of the engine's contact: stiffness and damping [N/m], [N s/m]
 STRAIGHT = tool_pose(0.0, -0.5, 0.1)

@@ -45,7 +45,6 @@ from tests.cell.cells import (
 from tests.cell.fields import plane
 
 Array = NDArray[np.float64]
-
 Q_MASTER = np.array([0.19, -0.75, 1.86, -2.68, 1.57, 1.38])
 T_FOLLOWER_MASTER = inverse(from_pose([-1.1, 0.0, 0.0, 0.0, 0.0, 3.0]))
 ON_GRIPPER = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))

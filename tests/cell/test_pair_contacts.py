@@ -24,7 +24,6 @@ from polish_sim.spatial import from_pose, inverse, transform
 from tests.cell.cells import EVERY_STEP, along_tool, free_stroke, ideal, joints_at, tool_pose
 
 Array = NDArray[np.float64]
-
 CLEARANCES = Clearances(arms=0.03, pad=0.005)
 Q_MASTER = np.array([0.19, -0.75, 1.86, -2.68, 1.57, 1.38])
 ON_GRIPPER = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))

@@ -35,8 +35,7 @@ Array = NDArray[np.float64]
 R = 0.025
 STIFFNESS = 20000.0
 SPIN = 628.3
-FINE = 0.00125
-"""Distance between nodes a run with this pad has [m]."""
+FINE = 0.00125  #: Distance between nodes a run with this pad has [m]
 
 
 def level_nodes(spacing: float, half: float = 0.055) -> PressedNodes:

@@ -11,7 +11,6 @@ import pytest
 from polish_sim.experiments.registry import PATH_OPTIONS
 
 Polish = Callable[..., tuple[int, str, str]]
-
 SMALL = ("sphere_50", "--stepover", "20")
 PANELS = ("Part and region:", "Path:", "Landing and tool axis:", "Tool and process:", "Config:", "Output:")
 

@@ -12,7 +12,6 @@ from PIL import Image
 from polish_sim.models import workpiece_path
 
 Polish = Callable[..., tuple[int, str, str]]
-
 QUICK = ["--set", "process.max_feed_s=1.0"]
 CONTROLLER = '''
 """A law of one's own: hold the nominal path, as stiff as it is."""

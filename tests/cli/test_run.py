@@ -17,7 +17,6 @@ import pytest
 from polish_sim.log import COLUMNS, read_log
 
 Polish = Callable[..., tuple[int, str, str]]
-
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
 FORCE = ["run", "force", "--set", "process.hold_s=1.5"]
 ARC = ["run", "arc", "--feed", "100"]

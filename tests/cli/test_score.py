@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 Polish = Callable[..., tuple[int, str, str]]
-
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
 TWO = ["--case", "step-10", "--case", "approach-20", "--seeds", "1", "--workers", "1"]
 FILES = {"asked.json", "score.json", "score.md", "score.png", "metrics.json", "rows.jsonl"}

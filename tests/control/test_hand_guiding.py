@@ -30,7 +30,6 @@ from polish_sim.hand_guiding.law import (
 from polish_sim.motion.serial_chain import HINGE, ChainGeometry, SerialChain, chain_model, link_parameters
 
 Array = NDArray[np.float64]
-
 DT = 0.001
 MASS, ARM, ROTOR = 3.0, 0.4, 1.0
 INERTIA = MASS * ARM**2 + ROTOR

@@ -13,7 +13,6 @@ from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, Prediction, Share,
 from polish_sim.dual.calibration.pair import SOURCES
 
 Array = NDArray[np.float64]
-
 TRIAL = PairBudgetTrial(draws=60, points=8, seed=1)
 ONE_BY_ONE = replace(TRIAL, dual=DualConfig(closing_touches=0))
 

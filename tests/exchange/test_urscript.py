@@ -20,8 +20,7 @@ from tests.planning.shapes import shipped_plan
 
 Array = NDArray[np.float64]
 PART_POSE = (0.4, -0.3, 0.1, 0.1, -0.2, 0.7)
-MIDDLE = np.array([0.0, 0.0, 0.035 - 0.1])
-"""Middle of the sphere of 100 mm radius whose cap `sphere_100` is."""
+MIDDLE = np.array([0.0, 0.0, 0.035 - 0.1])  #: Middle of the sphere of 100 mm radius whose cap `sphere_100` is
 SETUP = ExportSetup(part_pose=PART_POSE)
 PRINTED_M = 2e-6
 

@@ -14,9 +14,7 @@ from polish_sim.planning import PlanResult
 from polish_sim.scenario_file import override
 
 Cap = tuple[Scenario, PlanResult]
-
-RISE_M = 0.06
-"""Force and feed change over this length of the path [m]."""
+RISE_M = 0.06  #: Force and feed change over this length of the path [m]
 FORCES, FEEDS = (12.0, 24.0), (0.006, 0.018)
 
 

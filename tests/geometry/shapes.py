@@ -18,10 +18,8 @@ class Shape:
 
     vertices: Floats
     faces: NDArray[np.int32]
-    foot: Callable[[Floats], Floats]
-    """Closest point of the true surface to points near it, (n, 3) -> (n, 3)."""
-    normal: Callable[[Floats], Floats]
-    """Outward unit normal at points on it, (n, 3) -> (n, 3)."""
+    foot: Callable[[Floats], Floats]  #: Closest point of the true surface to points near it, (n, 3) -> (n, 3)
+    normal: Callable[[Floats], Floats]  #: Outward unit normal at points on it, (n, 3) -> (n, 3)
     curvatures: Callable[[Floats], Floats]
     """Principal curvatures at points on it, larger first, positive = convex, (n, 3) -> (n, 2)."""
 

@@ -25,8 +25,7 @@ CHECKED = settings(
 )
 
 seeds = st.integers(0, 10_000)
-lengths = st.floats(0.02, 0.2)
-"""Step-overs as shares of the surface's size."""
+lengths = st.floats(0.02, 0.2)  #: Step-overs as shares of the surface's size
 
 
 def bumpy(seed: int, cells: int = 8) -> Surface:

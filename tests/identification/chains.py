@@ -13,7 +13,6 @@ from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import SerialChain
 
 ARM = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
-
 ODD = """<mujoco><option gravity="1 2 -9"/><worldbody><body pos="0.1 0.2 0.3" euler="20 30 40">
   <joint name="a" axis="1 2 3" pos="0.01 0.02 0.03" damping="2" armature="0.1"/>
   <joint name="b" type="slide" axis="0.3 -1 0.2"/>

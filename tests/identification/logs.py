@@ -12,7 +12,6 @@ from polish_sim.identification.log_file import log_columns
 from polish_sim.identification.regressor import States, TorqueModel
 
 Array = NDArray[np.float64]
-
 RATE = 250.0
 
 

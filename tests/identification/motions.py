@@ -14,7 +14,6 @@ from polish_sim.identification.regressor import FULL, States, TorqueModel
 from tests.identification.chains import arm_chain
 
 Array = NDArray[np.float64]
-
 SIGMA = np.array([1.0, 1.0, 1.0, 0.2, 0.2, 0.2])
 LIMITS = MotionLimits(
     np.array([[-0.9, 0.9]] * 6) * np.pi, np.full(6, 3.0), np.full(6, 12.0), np.array([150.0] * 3 + [28.0] * 3)

@@ -8,13 +8,7 @@ from numba import njit
 
 from polish_sim.motion.rules.chain import build_chain, chain_from_axes
 from polish_sim.motion.rules.deviation import measure_deviation
-from polish_sim.motion.rules.fir import (
-    box_progress,
-    corner_overlap,
-    corner_speed,
-    fir_schedule,
-    rise_time,
-)
+from polish_sim.motion.rules.fir import box_progress, corner_overlap, corner_speed, fir_schedule, rise_time
 
 MM = 1e-3
 

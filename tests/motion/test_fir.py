@@ -9,14 +9,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from polish_sim.motion.rules.fir import (
-    PIECES,
-    box_pieces,
-    box_progress,
-    fir_schedule,
-    sorted_times,
-    stop_times,
-)
+from polish_sim.motion.rules.fir import PIECES, box_pieces, box_progress, fir_schedule, sorted_times, stop_times
 
 SUBSETS = list(joined.from_iterable(combinations(range(3), k) for k in range(4)))
 FACTORIALS = (6, 2, 1, 1)

@@ -13,12 +13,7 @@ from polish_sim.errors import SmoothingError
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
-from polish_sim.motion.rules.paper_rules import (
-    plan_joint_acceleration,
-    plan_joint_jerk,
-    second_time,
-    third_time,
-)
+from polish_sim.motion.rules.paper_rules import plan_joint_acceleration, plan_joint_jerk, second_time, third_time
 from polish_sim.motion.rules.rule import RULES, Smoothed
 from polish_sim.motion.rules.schedule import sample_schedule
 from polish_sim.motion.segment_rates import JointRates, joint_motion

@@ -13,7 +13,6 @@ from polish_sim.motion.timed_path import Pace, TimedPath, sample_motion, sample_
 from polish_sim.motion.trajectory import PathTable, build_path_table, with_feed_share
 
 Array = NDArray[np.float64]
-
 PACE = Pace(0.01, 0.05, 1.25)
 RADIUS = 0.02
 

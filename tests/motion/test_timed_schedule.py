@@ -13,7 +13,6 @@ from polish_sim.motion.rules.schedule import Schedule, sample_schedule, stretche
 from polish_sim.motion.timed_path import marks_on, places_at, sample_motion, time_schedule
 
 Array = NDArray[np.float64]
-
 TIPS = np.array([[0.0, 0, 0], [0.02, 0, 0], [0.02, 0, 0], [0.03, 0.02, 0], [0.05, 0.02, 0.01]])
 ROTATIONS = Rotation.from_rotvec(0.1 * np.outer(np.arange(5), [1.0, 0.5, 0.2])).as_matrix()
 ROTATIONS[2] = ROTATIONS[1]  # point 2 repeats point 1

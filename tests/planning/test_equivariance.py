@@ -22,7 +22,6 @@ from polish_sim.planning import ToolPath, plan_path
 from polish_sim.planning.toolpath import arc_length
 
 Array = NDArray[np.float64]
-
 SAME_M = 1e-6
 SAME_AXIS = 1e-3
 """Tool axes of the same path differ by no more than this; a bent place at 1 mm radius turns by it within SAME_M."""
@@ -81,11 +80,7 @@ def planned(
 ) -> ToolPath:
     stepover = size / share
     plan = PlanConfig(
-        pattern=pattern,
-        stepover_m=stepover,
-        bridge_m=0.5 * stepover,
-        clearance_m=2.0 * stepover,
-        direction=direction,
+        pattern=pattern, stepover_m=stepover, bridge_m=0.5 * stepover, clearance_m=2.0 * stepover, direction=direction
     )
     return plan_path(select_region(fit_surface(mesh), mesh), plan)
 

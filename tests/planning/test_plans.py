@@ -18,8 +18,7 @@ from polish_sim.planning.toolpath import PROCESS
 from tests.planning.shapes import plan_of, prism, region_of, shipped_plan
 
 STEP = 0.008
-SADDLE_HOLLOW_M = 0.2
-"""Radius of the saddle z = (y^2 - x^2) / 400 mm in its middle."""
+SADDLE_HOLLOW_M = 0.2  #: Radius of the saddle z = (y^2 - x^2) / 400 mm in its middle
 
 
 WHOLE = ["plate", "freeform", "saddle", "cylinder", "sphere_100", "wheel_hub_rim"]

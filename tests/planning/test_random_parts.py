@@ -11,8 +11,7 @@ from benchmarks.random_parts import examine, find_faults, mesh_of, triangle_area
 from benchmarks.random_solid import DAMAGES
 from polish_sim.planning import plan_mesh
 
-SEEDS = (6, 105)
-"""A few quick ones; `python -m benchmarks.random_parts` takes two hundred."""
+SEEDS = (6, 105)  #: A few quick ones; `python -m benchmarks.random_parts` takes two hundred
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -14,7 +14,6 @@ from polish_sim.hand_guiding.teaching import Recording, simplified, teach_path
 from polish_sim.models import workpiece_path
 
 Array = NDArray[np.float64]
-
 RADIUS, SPEED = 0.08, 0.05
 
 

@@ -26,22 +26,14 @@ DT = 0.001
 class Plant(NamedTuple):
     """What the controller does not know."""
 
-    stiffness: float = 5000.0
-    """[N/m]"""
-    command_delay: int = 8
-    """[cycles]"""
-    sensor_delay: int = 2
-    """[cycles]"""
-    noise: float = 0.0
-    """White, before the sensor's low-pass, rms [N]."""
-    mass: float = 2.0
-    """Carried by the sensor [kg]."""
-    rise: float = 0.0
-    """Speed of the part towards the tool after 0.6 s [m/s]."""
-    acceleration: float = 1.2
-    """[m/s^2]"""
-    gap: float = 0.008
-    """From the tool to the part at first [m]."""
+    stiffness: float = 5000.0  #: [N/m]
+    command_delay: int = 8  #: [cycles]
+    sensor_delay: int = 2  #: [cycles]
+    noise: float = 0.0  #: White, before the sensor's low-pass, rms [N]
+    mass: float = 2.0  #: Carried by the sensor [kg]
+    rise: float = 0.0  #: Speed of the part towards the tool after 0.6 s [m/s]
+    acceleration: float = 1.2  #: [m/s^2]
+    gap: float = 0.008  #: From the tool to the part at first [m]
 
 
 class Run(NamedTuple):

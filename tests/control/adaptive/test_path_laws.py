@@ -45,7 +45,6 @@ from tests.control.adaptive.plant import measurement_at_rest
 from tests.control.adaptive.track import SPACING, SPRING, course_of, follow
 
 Array = NDArray[np.float64]
-
 CAN = Abilities(1.0, 40.0, 1.2, 6.0)
 ON = FeedForwardGains(0.01, True)
 LEARN = LearningGains(0.005, 0.0, 0.1, 1.0, True)

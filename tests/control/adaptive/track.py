@@ -14,7 +14,6 @@ from polish_sim.control.signals import CompiledController
 from tests.control.adaptive.plant import DT, measurement_at_rest, target_to_press
 
 Array = NDArray[np.float64]
-
 SPACING = 0.0005
 SPRING = 5000.0
 FORCE = 20.0
