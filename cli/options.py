@@ -87,6 +87,7 @@ OWN: Final = {
             bool),
         Own("--check", RUN, "", "Exit with 1 when a figure falls short of what is asked of it.", bool),
         Own("--view", RUN, "", "Watch the run in the MuJoCo viewer.", bool),
+        Own("--reach-map", OUTPUT, "", "Draw where the part may stand for the arm to do the path.", bool),
         Own("--dual", PAIR, "", "For two robots: once around the rim; reach, limits and collisions of both arms are "
             "checked.", bool),
         Own("--config", CONFIG, "FILE.toml", "TOML file; see 'polish-sim config'.", Path),

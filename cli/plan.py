@@ -13,10 +13,12 @@ from polish_sim.cli import console
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, ReachError, place_in_mm
 from polish_sim.experiments.registry import PATH_OPTIONS, experiment, refuse_idle_options
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from polish_sim.cell import Observer
     from polish_sim.planning import PlanResult
 
@@ -29,7 +31,7 @@ PartFile = Annotated[
 
 @takes(
     *("--units", "--up", *PATH_OPTIONS, "--pad-diameter", "--contact-force", "--feed", "--dual", *PAIR_OPTIONS),
-    *(*CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
+    *("--reach-map", *CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
 )
 def plan(part: PartFile, given: Given) -> None:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png."""
@@ -39,6 +41,8 @@ def plan(part: PartFile, given: Given) -> None:
     named = [name for name in (*PATH_OPTIONS, *PAIR_OPTIONS) if given[name] is not None]
     if dual:
         refuse_idle_options(experiment("dual"), named)
+        if given["--reach-map"]:
+            raise InputError("--reach-map shows one robot: leave it or --dual out.")
     elif idle := [name for name in named if name in PAIR_OPTIONS]:
         raise InputError(f"{', '.join(idle)} is for two robots: give --dual as well, or leave it out.")
     scenario = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
@@ -57,11 +61,13 @@ def plan(part: PartFile, given: Given) -> None:
         result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
         observer.stage("time the motion")
         result.figures.update(time_law(within_noise(scenario, result.mesh.noise), result.path))
+        plots = {"path.png": plot_plan(result, "Once around the rim" if dual else "")}
+        unreached = "" if dual else place(scenario, result, plots, bool(given["--reach-map"]), observer)
         write_plan(folder.draft, result)
         export_plan(folder.draft, result, formats, setup)
         observer.stage("draw")
-        save_plots(folder.draft, {"path.png": plot_plan(result, "Once around the rim" if dual else "")})
-    for note in result.notes:
+        save_plots(folder.draft, plots)
+    for note in (*result.notes, *filter(None, [unreached])):
         console.note(f"note: {note}")
     if dual:
         from polish_sim.dual.gripper import seat_notes
@@ -69,6 +75,30 @@ def plan(part: PartFile, given: Given) -> None:
         console.note(seat_notes(result.figures)[0])
     console.table(f"plan of {result.mesh.name}", ["figure", "unit", "value"], _rows(result.figures))
     console.say(f"folder: {folder.final}")
+
+
+def place(scenario: Scenario, result: PlanResult, plots: dict[str, Figure], reach_map: bool, observer: Observer) -> str:
+    """Find where the part stands and add it to a plan's figures, and the reach map to its pictures if asked for.
+
+    Returns:
+        Why the robot cannot do the path; empty if it can.
+    """
+    from polish_sim.experiments.part_pose import PartPlacing
+
+    observer.stage("place the part")
+    placing, reach, why = PartPlacing(scenario, result.mesh, result.surface, result.path), None, ""
+    try:
+        reach = placing.reach()
+        result.figures["T_base_work"] = reach.T_base_work.tolist()
+    except ReachError as error:
+        why = str(error)
+    result.figures["smallest_singular_value"] = math.nan if reach is None else reach.smallest_singular_value
+    if reach_map:
+        from polish_sim.experiments.reach_plot import plot_reach_map
+
+        T_base_work = None if reach is None else reach.T_base_work
+        plots["reach_map.png"] = plot_reach_map(placing.map(), result.mesh, T_base_work)
+    return why
 
 
 def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
@@ -111,6 +141,9 @@ def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
 
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     mm, cm2, percent = 1e3, 1e4, 1e2
+    stands = "out of reach" if "smallest_singular_value" in m else "see metrics.json"
+    if "T_base_work" in m:
+        stands = place_in_mm(row[3] for row in m["T_base_work"][:3])
     spread = " / ".join(console.number_or_dash(m[f"stepover_{name}_m"], mm, ".2f") for name in ("p5", "p95"))
     return [
         ["facets", "", str(m["facets"])],
@@ -138,5 +171,6 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["retracts", "", str(m["retracts"])],
         ["tool axis turned by smoothing, at most", "deg", f"{math.degrees(m['axis_deviation_max_rad']):.3g}"],
         ["largest distance to surface", "mm", f"{m['max_distance_to_surface_m'] * mm:.1g}"],
+        ["part's origin, robot base", "", stands],
         ["planned in", "s", f"{m['plan_time_s']:.2f}"],
     ]

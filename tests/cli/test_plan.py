@@ -41,6 +41,25 @@ def test_options_reach_the_plan(polish_sim: Polish) -> None:
     assert plan["tilt_angle_rad"] == pytest.approx(0.08726646)
 
 
+def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(polish_sim: Polish) -> None:
+    code, out, _ = polish_sim("plan", "saddle", "--stepover", "40", "--reach-map", "--out", "plan")
+    assert code == 0
+    assert (Path("plan") / "reach_map.png").stat().st_size > 20_000
+    metrics = json.loads(Path("plan/metrics.json").read_text())
+    assert np.array(metrics["T_base_work"])[:3, 3] == pytest.approx([0.0, -0.5, 0.08], abs=1e-3)
+    assert metrics["smallest_singular_value"] > 0.1
+    assert "-500" in out
+
+
+def test_a_plan_out_of_reach_says_so(polish_sim: Polish) -> None:
+    code, out, err = polish_sim(
+        "plan", "saddle", "--stepover", "40", "--set", "part.pose=[0,-0.95,0.4,0,0,0]", "--out", "plan"
+    )
+    assert code == 0
+    assert "out of reach" in out
+    assert "It fits with --part-pose 0.001,-499.862,80,0,0,0" in err
+
+
 def test_overlap_is_in_percent_of_the_pad(polish_sim: Polish) -> None:
     assert polish_sim("plan", "sphere_100", "--overlap", "70", "--pad-diameter", "40", "--out", "plan")[0] == 0
     assert json.loads(Path("plan/path.json").read_text())["stepover_m"] == pytest.approx(0.012)
@@ -55,6 +74,7 @@ BAD = {
     "unknown region": (("plate", "--region", "left"), "auto, top, all"),
     "overlap twice": (("plate", "--overlap", "70", "--stepover", "8"), "give one of them"),
     "overlap too large": (("plate", "--overlap", "100"), "percentage"),
+    "reach map of two robots": (("plate", "--dual", "--reach-map"), "--reach-map shows one robot"),
     "missing part": (("nothing.stl",), "nothing.stl"),
 }
 

@@ -60,6 +60,14 @@ class PartPlacing:
         """How well the arm does the path wherever the part may stand."""
         return map_reach(self.positions, self.axes, self.mesh.up, self.lowest, tool_on_flange())
 
+    def reach(self) -> Reach:
+        """The pose asked for or, without one, a chosen one, and how the arm does the path there.
+
+        Raises:
+            ReachError: As ``given`` or ``chosen``.
+        """
+        return self.given() if self.scenario.part.pose else self.chosen()
+
     def chosen(self) -> Reach:
         """A pose in front of the robot; if none will do there, the first of the reach map's that does.
 
@@ -95,12 +103,12 @@ class PartPlacing:
     def _reach(self, placements: Iterator[Array], spins: Sequence[float] = SPINS) -> Reach:
         tool = tool_on_flange()
         reach = find_reach(
-            self.positions, self.axes, placements, tool, above_table=True, spins=spins, hindrance=self._hindrance
+            self.positions, self.axes, placements, tool, above_table=True, spins=spins, hindrance=self.hindrance
         )
         joints = check_whole_path(reach, self.positions, self.axes, tool)
         return reach._replace(q_start=np.array(joints.q[0]))
 
-    def _hindrance(self, T_base_work: Array, joints: JointPath) -> Failure | None:
+    def hindrance(self, T_base_work: Array, joints: JointPath) -> Failure | None:
         """Why the arm cannot follow joints that are within its range; None if it can."""
         least = SINGULAR_SHARE * self.scenario.safety.singular_value_limit
         if joints.smallest_singular_value < least:
@@ -129,5 +137,4 @@ def reach_path(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolP
     Raises:
         ReachError: Naming the first point that cannot be done.
     """
-    placing = PartPlacing(scenario, mesh, surface, path)
-    return placing.given() if scenario.part.pose else placing.chosen()
+    return PartPlacing(scenario, mesh, surface, path).reach()
