@@ -68,16 +68,16 @@ def build_course(scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceF
     poses = _Poses(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     R, p = T_base_work[:3, :3], T_base_work[:3, 3]
     pad = build_pad(scenario.pad)
-    surplus, *statics = _solve(
+    surplus, stiffness, moment, tilt_stiffness = _solve(
         drawn, pad.x, pad.y, pad.material.stiffness, scenario.head.stiffness_n_m, (poses.positions - p) @ R,
         np.ascontiguousarray(R.T @ poses.rotations), poses.force,
     )  # fmt: skip
     springs = 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
     pressed_in = poses.force / springs
     unpressed = poses.positions - pressed_in[:, None] * poses.rotations[:, :, 2]
+    along = poses.curvature, poses.bending, poses.turning, poses.feed
     earlier = nearest_earlier(unpressed, SPACING, REACH * scenario.plan.stepover_m)
-    along = poses.curvature, poses.bending, poses.turning, poses.feed, earlier
-    return Course._make([SPACING, pressed_in + surplus, surplus, *statics, *along])
+    return Course(SPACING, pressed_in + surplus, surplus, stiffness, moment, tilt_stiffness, *along, earlier)
 
 
 def nearest_earlier(points: Array, spacing: float, reach: float) -> Ints:

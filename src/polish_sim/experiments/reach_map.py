@@ -65,7 +65,8 @@ class ReachMap(NamedTuple):
             for row in np.argsort(-values, kind="stable"):
                 if values[row] > 0.0:
                     turn, spin = divmod(int(order[row, rank]), spins)
-                    yield self.pose(*divmod(int(row), distances), turn), SPINS[spin]
+                    height, distance = divmod(int(row), distances)
+                    yield self.pose(height, distance, turn), SPINS[spin]
 
 
 def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_tool: Array) -> ReachMap:

@@ -55,7 +55,8 @@ def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth
     room = np.minimum(_ROOM * tilt, tilt + _ROUGH)
     normals = corners.normals
     bent = ~corners.flat
-    to_bent = _Links._make(part[bent[links.here]] for part in links)
+    on_bent = bent[links.here]
+    to_bent = _Links(links.here[on_bent], links.there[on_bent], links.steps[on_bent])
     for _ in range(SWEEPS if bent.any() else 0):
         frames = tangent_frames(normals)
         fitted, seen = _fit_heights(to_bent, normals, frames, trusted)
