@@ -43,6 +43,7 @@ def inspect(path: PathFile, given: Given) -> None:
     from polish_sim.analysis.run_record import write_json
     from polish_sim.cli.run import check_part, plan_facts
     from polish_sim.exchange import read_path
+    from polish_sim.experiments import time_law
     from polish_sim.experiments.report import save_plots
     from polish_sim.planning import guessed_stepover, inspect_path
 
@@ -62,6 +63,8 @@ def inspect(path: PathFile, given: Given) -> None:
         plan = replace(plan, stepover_m=guessed_stepover(tool_path, scenario.pad, notes))
     with claimed(given["--out"], "inspect", given["--overwrite"]) as folder, console.progress() as observer:
         found = inspect_path(tool_path, scenario.part, plan, scenario.process, scenario.pad, observer)
+        observer.stage("time the motion")
+        found.figures.update(time_law(scenario, tool_path, found.mesh.noise, observer.progress))
         observer.stage("draw")
         notes += found.notes
         write_json(folder.draft / "metrics.json", found.figures | {"notes": notes})
@@ -93,7 +96,8 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
         ["length / (area / step-over)", "", f"{m['length_ratio']:.3f}"],
         ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
-        ["cycle time, at the feed, air included", "s", f"{m['cycle_time_s']:.1f}"],
+        ["time in contact, smoothed motion", "s", console.number_or_dash(m["motion_time_s"], 1.0, ".1f")],
+        ["cycle time: with air, touch-down and lifts", "s", console.number_or_dash(m["cycle_time_s"], 1.0, ".1f")],
         ["lifts on the way", "", str(m["lifts"])],
         ["step-over, min / p5 / mean / p95 / max", "mm", spread],
         ["overlap of neighbouring turns", "% of pad", console.number_or_dash(m["overlap"], percent, ".1f")],

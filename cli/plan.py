@@ -49,7 +49,7 @@ def plan(part: PartFile, given: Given) -> None:
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import ExportSetup, check_formats, export_plan, write_plan
-    from polish_sim.experiments import time_law, within_noise
+    from polish_sim.experiments import time_law
     from polish_sim.experiments.report import save_plots
     from polish_sim.planning import PATTERNS, plan_part
 
@@ -59,10 +59,12 @@ def plan(part: PartFile, given: Given) -> None:
     with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
         asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
         result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
-        observer.stage("time the motion")
-        result.figures.update(time_law(within_noise(scenario, result.mesh.noise), result.path))
         plots = {"path.png": plot_plan(result, "Once around the rim" if dual else "")}
+        observer.stage("time the motion")
+        begin = time.perf_counter()
+        result.figures.update(time_law(scenario, result.path, result.mesh.noise, observer.progress))
         unreached = "" if dual else place(scenario, result, plots, bool(given["--reach-map"]), observer)
+        result.figures["plan_time_s"] += time.perf_counter() - begin
         write_plan(folder.draft, result)
         export_plan(folder.draft, result, formats, setup)
         observer.stage("draw")
@@ -152,7 +154,7 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["  through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
         ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
         ["time in contact, smoothed motion", "s", console.number_or_dash(m["motion_time_s"], 1.0, ".1f")],
-        ["cycle time, at the feed, air included", "s", f"{m['cycle_time_s']:.1f}"],
+        ["cycle time: with air, touch-down and lifts", "s", console.number_or_dash(m["cycle_time_s"], 1.0, ".1f")],
         [
             "way at the full feed, starts and stops included",
             "%",

@@ -31,7 +31,7 @@ def test_every_claim_names_a_figure_that_is_measured() -> None:
         "surface": measure_surface(surface_trace(path), path, 20.0) | measure_removal(removal_map(np.ones(5))),
     }
     for name, figures in measured.items():
-        assert {claim.figure for claim in asked_of(name)} <= {*figures, "path_done"}
+        assert {claim.figure for claim in asked_of(name)} <= {*figures, "path_done", "cycle_time_s"}
 
 
 def test_a_good_arc_meets_all_claims_and_a_wide_one_misses_the_tracking_error() -> None:

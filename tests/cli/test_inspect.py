@@ -71,7 +71,9 @@ def test_options_reach_the_figures(polish_sim: Polish) -> None:
     metrics = json.loads(Path("seen/metrics.json").read_text())
     assert metrics["stepover_expected_m"] == pytest.approx(0.012)
     assert metrics["overlap"] == pytest.approx(1.0 - 10.0 / 30.0)
-    assert metrics["cycle_time_s"] == pytest.approx(4190.0 / 20.0)
+    assert metrics["time_in_contact_s"] == pytest.approx(4190.0 / 20.0)
+    # The corners of its lines are slowed for; the tool is lifted at the end.
+    assert 4190.0 / 20.0 < metrics["motion_time_s"] < metrics["cycle_time_s"] < 1.1 * 4190.0 / 20.0
 
 
 BAD = {

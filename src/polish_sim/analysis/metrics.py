@@ -154,7 +154,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     Errors are against the force wanted at that place of the path. force_mean_n, force_rms_error_n,
     force_max_deviation_n; force_within_4n, force_within_1n: shares of the time; force_error_median_n,
     force_error_p95_n: of the error's magnitude; contact_lost_s: time below 0.5 N; tracking_error_max_m: across the tool
-    axis; speed_mean_m_s, speed_std_m_s; cycle_time_s: duration of the feed; curvature_peaks: how many, see
+    axis; speed_mean_m_s, speed_std_m_s; feed_time_s: duration of the feed; curvature_peaks: how many, see
     ``peaks.curvature_peaks``; force_error_at_peaks_n: mean over the peaks of the largest error within 15 mm of the
     peak; force_error_between_peaks_n: the same for equally long stretches away from them.
     """
@@ -176,7 +176,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
         "tracking_error_max_m": _reduce(np.max, trace.tangential_error_m[part]),
         "speed_mean_m_s": _reduce(np.mean, trace.tcp_speed_m_s[part]),
         "speed_std_m_s": _reduce(np.std, trace.tcp_speed_m_s[part]),
-        "cycle_time_s": float(time[-1] - time[0]) if len(time) else math.nan,
+        "feed_time_s": float(time[-1] - time[0]) if len(time) else math.nan,
         "curvature_peaks": len(passed),
         "force_error_at_peaks_n": peak_errors.at_peaks_n,
         "force_error_between_peaks_n": peak_errors.between_peaks_n,

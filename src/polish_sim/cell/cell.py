@@ -23,7 +23,7 @@ from polish_sim.cell.real_part import build_part_motion
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
 from polish_sim.cell.robot import build_request_line, build_speedl, build_stop_motion
 from polish_sim.cell.scene import touching
-from polish_sim.cell.stroke import Stroke, begin_next_stroke, build_sequence, expected_duration
+from polish_sim.cell.stroke import Stroke, begin_next_stroke, build_sequence, cycle_time
 from polish_sim.cell.wrist_sensor import (
     Payload,
     SensorErrors,
@@ -185,7 +185,7 @@ class Cell:
         recorder = build_recorder(chunk, self._every, self.more_columns)
         rows: list[Array] = []
         traces: list[NDArray[np.void]] = []
-        total = sum(expected_duration(stroke) for stroke in self.strokes)
+        total = cycle_time(self.strokes)
         started = time.perf_counter()
         draws = np.empty((0, DRAWS))
         with interrupts_noted(watcher) as interrupt:

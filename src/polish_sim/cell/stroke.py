@@ -73,16 +73,20 @@ def begin_next_stroke(sequence: Sequence) -> None:
 
 def expected_duration(stroke: Stroke) -> float:
     """How long the stroke takes if contact is where it is expected [s]."""
-    approach = stroke.travel.duration + (stroke.lead_in.length / stroke.approach_speed if stroke.contact else 0.0)
+    approach, lifted = stroke.travel.duration, stroke.lift + stroke.depth if stroke.lift > 0.0 else 0.0
+    if stroke.contact:
+        speed = stroke.approach_speed
+        approach += stroke.lead_in.length / speed + 0.5 * speed / feed_acceleration.py_func(speed)
     feed = min(max(stroke.motion.playing_time, stroke.hold), stroke.feed_time)
     return (
-        TARE_START
-        + TARE_TIME
-        + approach
-        + (TOUCH_DOWN_TIME if stroke.contact else 0.0)
-        + feed
-        + stroke.lift / RETRACT_SPEED
+        TARE_START + TARE_TIME + approach + (TOUCH_DOWN_TIME if stroke.contact else 0.0) + feed + lifted / RETRACT_SPEED
     )
+
+
+def cycle_time(strokes: list[Stroke] | tuple[Stroke, ...]) -> float:
+    """How long all strokes take, the sensor zeroed before the first and those that ask for it [s]."""
+    kept = sum(TARE_START + TARE_TIME for stroke in strokes[1:] if not stroke.retare)
+    return sum(expected_duration(stroke) for stroke in strokes) - kept
 
 
 # How the target gains and loses speed along a path: from rest to the feed, and as the controller grants.

@@ -27,8 +27,7 @@ _HOME = {
     "run_force": "force",
     "run_payload_calibration": "payload",
     "run_surface": "surface",
-    "time_law": "stroke_motion",
-    "within_noise": "stroke_motion",
+    "time_law": "cycle",
 }
 
 __all__ = list(_HOME)

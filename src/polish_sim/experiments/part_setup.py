@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -88,11 +89,18 @@ def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: fl
     return placed_strokes(scenario, path, PlacedTool(reach.T_base_work, rotations, arm), hold, lift)
 
 
-def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float) -> list[Stroke]:
+def placed_strokes(
+    scenario: Scenario,
+    path: ToolPath,
+    placed: PlacedTool,
+    hold: float,
+    lift: float,
+    progress: Callable[[float, float], None] = lambda done, total: None,
+) -> list[Stroke]:
     """The strokes of a path, base frame: for each stretch in contact the way down to it and the stretch, pressed in.
 
     The path is in the work frame, not pressed. The tool stays ``hold`` [s] at the end of a stroke and is lifted by
-    ``lift`` [m]; 0 for no retract.
+    ``lift`` [m]; 0 for no retract. ``progress`` hears how much of the path is done, and of how much [m].
     """
     process, depths, rotations = scenario.process, pressing_depths(scenario, path), placed.rotations
     if process.tare not in TARES:
@@ -138,6 +146,7 @@ def placed_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold:
             )
         )
         left -= motion.playing_time
+        progress(float(path.s[last]), path.length_m)
         if left <= 0.0:
             break
     return strokes

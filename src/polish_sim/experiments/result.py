@@ -35,8 +35,8 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
     """Figures every experiment reports; ``path_done`` is the share of the path (or of the holding time), 0 to 1.
 
     ``T_base_work`` (4, 4) is the nominal pose of the part, None without one. They are path_done, protective_stop,
-    what ``SafetyRecord`` names, peak_force_n (of the whole run), interrupted, T_base_work, simulated_s, wall_s,
-    real_time_factor, steps, seed.
+    what ``SafetyRecord`` names, peak_force_n (of the whole run), interrupted, T_base_work, cycle_time_s (air moves,
+    touch-down and lifts included), simulated_s, wall_s, real_time_factor, steps, seed.
     """
     simulated = run.steps * scenario.simulation.timestep_s
     return {
@@ -46,6 +46,7 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
         "peak_force_n": float(run.trace.normal_force_n.max()),
         "interrupted": run.interrupted,
         "T_base_work": None if T_base_work is None else T_base_work.tolist(),
+        "cycle_time_s": simulated,
         "simulated_s": simulated,
         "wall_s": run.wall_s,
         "real_time_factor": simulated / run.wall_s if run.wall_s else 0.0,

@@ -47,6 +47,7 @@ SURFACE_CLAIMS: Final = (
     Claim("contact_lost_s", "contact lost", "s", 1.0, "0"),
     Claim("tracking_error_max_m", "tangential error, max", "mm", 1e3, "-", high=3e-4),
     Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "constant"),
+    Claim("cycle_time_s", "cycle time", "s", 1.0),
     Claim("removal_cv", "removal, std / mean", "%", 100.0),
     Claim("under_polished_share", "removal below half its mean", "%", 100.0),
     Claim("over_polished_share", "removal above 1.5 x its mean", "%", 100.0),

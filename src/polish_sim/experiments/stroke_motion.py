@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell.stroke import feed_pace
@@ -24,8 +23,6 @@ from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline
 from polish_sim.motion.timed_path import TimedPath, marks_on, row_times, time_path, time_schedule, with_feed
 from polish_sim.motion.trajectory import build_path_table, with_feed_share
-from polish_sim.planning.toolpath import ToolPath, stretches
-from polish_sim.spatial import rotation_to_axis, unit
 
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke
@@ -175,9 +172,6 @@ SAME = 1.0 + 1e-6  # feeds within this ratio are equal
 END_M = 0.001  #: So far from the ends of a stroke, where the tool is at rest, the least feed is not looked for [m]
 
 
-OFF = ("smoothed_off_max_m", "smoothed_axis_off_max_rad")
-
-
 class FedStroke(NamedTuple):
     """The motion of one stroke and where it begins."""
 
@@ -213,39 +207,6 @@ def feed_figures(strokes: Sequence[FedStroke]) -> dict[str, float]:
     }
 
 
-def _deviations(path: StrokePath, motion: TimedPath) -> tuple[float, float]:
-    """Largest distance of a motion from its path at the same place of it [m], and angle between the axes [rad]."""
-    columns = np.concatenate([path.tips, path.rotations[:, :, 2]], axis=1).T
-    wanted = np.stack([np.interp(motion.places, path.s, column) for column in columns], axis=1)
-    axes = Rotation.from_quat(motion.quaternions, scalar_first=True).apply([0.0, 0.0, 1.0])
-    turned = 2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(axes - unit(wanted[:, 3:]), axis=1), 1.0))
-    return float(np.linalg.norm(motion.positions - wanted[:, :3], axis=1).max()), float(turned.max())
-
-
 def feed_of_strokes(strokes: Sequence[Stroke]) -> dict[str, float]:
     """``feed_figures`` of the strokes a cell is given."""
     return feed_figures([FedStroke(stroke.motion, stroke.start_s, stroke.feed) for stroke in strokes])
-
-
-def time_law(scenario: Scenario, path: ToolPath) -> dict[str, float]:
-    """``feed_figures`` of a path on the part without a robot: limits of the tool alone, the path not pressed in.
-
-    And smoothed_off_max_m and smoothed_axis_off_max_rad: how far the motion is from the path, lead-ins and lead-outs
-    left out. Figures are undefined for a path that cannot be smoothed.
-    """
-    strokes: list[FedStroke] = []
-    off: list[tuple[float, float]] = [(0.0, 0.0)]
-    for first, last in stretches(path.process):
-        rows = np.arange(first, last + 1)
-        feed = np.full(len(rows), scenario.process.feed_m_s) if path.feed is None else path.feed[rows]
-        tips, into = path.positions_work[rows], -path.axes_work[rows]
-        hint = np.eye(3)[int(np.abs(into).max(axis=0).argmin())]
-        try:
-            stroke = StrokePath(tips, rotation_to_axis(into, hint), path.s[rows] - path.s[rows[0]], feed)
-            motion = stroke_motion(scenario, stroke, None)
-        except SmoothingError:
-            return dict.fromkeys((*feed_figures(()), *OFF), math.nan)
-        if motion is not None:
-            strokes.append(FedStroke(motion, float(path.s[rows[0]]), scenario.process.feed_m_s))
-            off.append(_deviations(stroke, motion))
-    return feed_figures(strokes) | dict(zip(OFF, np.max(off, axis=0).tolist(), strict=True))
