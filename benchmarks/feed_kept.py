@@ -10,7 +10,7 @@ from dataclasses import replace
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.part_setup import polishing_strokes
-from polish_sim.experiments.stroke_motion import feed_of_strokes
+from polish_sim.experiments.stroke_motion import feed_figures
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import BATTERY
@@ -39,7 +39,7 @@ def main() -> None:
                     smoothing=replace(scenario.smoothing, rule=rule),
                 )
                 jobs = polishing_strokes(asked, task.plan.path, task.reach, 0.0, 0.0)
-                law = feed_of_strokes(jobs)
+                law = feed_figures(jobs)
                 lost = 1.0 - sum(job.process.length for job in jobs) / feed / law["motion_time_s"]
                 print(
                     f"{case.split('-')[0]:12}{feed * 1e3:6.0f} mm/s  {rule:10}{lost:9.2%}{law['feed_kept']:11.1%}"

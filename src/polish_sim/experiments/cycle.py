@@ -14,7 +14,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import SmoothingError
 from polish_sim.experiments.part_setup import PlacedTool, placed_strokes
 from polish_sim.experiments.placement import tool_rotations
-from polish_sim.experiments.stroke_motion import feed_figures, feed_of_strokes, within_noise
+from polish_sim.experiments.stroke_motion import feed_figures, within_noise
 from polish_sim.geometry.repair.skin import Noise
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import unit
@@ -49,7 +49,7 @@ def time_law(
         return dict.fromkeys((*feed_figures(()), *OWN), math.nan)
     off = np.max([(0.0, 0.0), *(_deviations(stroke) for stroke in strokes)], axis=0)
     own = (cycle_time(strokes), float(off[0]), float(off[1]))
-    return feed_of_strokes(strokes) | dict(zip(OWN, own, strict=True))
+    return feed_figures(strokes) | dict(zip(OWN, own, strict=True))
 
 
 def _deviations(stroke: Stroke) -> tuple[float, float]:

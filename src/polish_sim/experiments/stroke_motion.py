@@ -172,15 +172,7 @@ SAME = 1.0 + 1e-6  # feeds within this ratio are equal
 END_M = 0.001  #: So far from the ends of a stroke, where the tool is at rest, the least feed is not looked for [m]
 
 
-class FedStroke(NamedTuple):
-    """The motion of one stroke and where it begins."""
-
-    motion: TimedPath
-    start_s: float  #: Arc length of the path [m]
-    feed: float  #: Feed of the process [m/s]
-
-
-def feed_figures(strokes: Sequence[FedStroke]) -> dict[str, float]:
+def feed_figures(strokes: Sequence[Stroke]) -> dict[str, float]:
     """Figures of the time law of all strokes, in order.
 
     motion_time_s: of the strokes in contact; feed_kept: share of the way at ``KEPT`` of the feed or more;
@@ -188,7 +180,8 @@ def feed_figures(strokes: Sequence[FedStroke]) -> dict[str, float]:
     it.
     """
     times, lengths, kept, slowest = 0.0, 0.0, 0.0, (math.nan, math.nan)
-    for motion, start, feed in strokes:
+    for stroke in strokes:
+        motion, feed = stroke.motion, stroke.feed
         fed = motion.speeds * motion.rates
         steps = np.diff(motion.places)
         times += motion.playing_time
@@ -198,15 +191,10 @@ def feed_figures(strokes: Sequence[FedStroke]) -> dict[str, float]:
         if len(inner):
             row = inner[np.argmax(fed[inner] <= SAME * fed[inner].min())]
             if not fed[row] >= slowest[0] / SAME:
-                slowest = (float(fed[row]), start + float(motion.places[row]))
+                slowest = (float(fed[row]), stroke.start_s + float(motion.places[row]))
     return {
         "motion_time_s": times,
         "feed_kept": kept / lengths if lengths > 0.0 else math.nan,
         "feed_least_m_s": slowest[0],
         "feed_least_at_m": slowest[1],
     }
-
-
-def feed_of_strokes(strokes: Sequence[Stroke]) -> dict[str, float]:
-    """``feed_figures`` of the strokes a cell is given."""
-    return feed_figures([FedStroke(stroke.motion, stroke.start_s, stroke.feed) for stroke in strokes])

@@ -27,7 +27,7 @@ from polish_sim.experiments.part_setup import (
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
-from polish_sim.experiments.stroke_motion import check_stroke_rule, feed_of_strokes
+from polish_sim.experiments.stroke_motion import check_stroke_rule, feed_figures
 from polish_sim.log import RemovalMap, RunLog, with_column
 from polish_sim.planning import PlanResult, coverage_until, plan_part
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
@@ -163,7 +163,7 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
     figures |= cell.payload_errors._asdict()
     figures |= shape_figures(task.shape, path)
-    figures |= feed_of_strokes(cell.strokes)
+    figures |= feed_figures(cell.strokes)
     return RunResult(
         scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map
     )  # fmt: skip
