@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi, chi2
 
-from polish_sim.dual.calibration.error_length import length_probability, length_quantile, quadratic_tail
+from polish_sim.dual.budget import length_probability, length_quantile, quadratic_tail
 from polish_sim.dual.calibration.pair import SOURCES, ClosingTouches, PairAdjustment, PairParts, adjust_pair
 from polish_sim.errors import CalibrationError
 from polish_sim.spatial import apply, from_pose, inverse, transform

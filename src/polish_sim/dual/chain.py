@@ -1,7 +1,8 @@
 """The chain two robots close over one part: poses of both flanges, and joints that follow them (paper 2).
 
 master_T_flange1 = master_T_work (gripper_T_work)^-1 (flange1_T_gripper)^-1
-follower_T_flange2 = (master_T_follower)^-1 master_T_work work_T_tool (flange2_T_tool)^-1"""
+follower_T_flange2 = (master_T_follower)^-1 master_T_work work_T_tool (flange2_T_tool)^-1
+"""
 
 from __future__ import annotations
 

@@ -13,9 +13,9 @@ from polish_sim.analysis.metrics import fed, numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, SERIES, head, new_figure, shade_band, styled
 from polish_sim.arrays import Array
+from polish_sim.dual.budget import length_probability
 from polish_sim.dual.calibration.arm import fit_placement
 from polish_sim.dual.calibration.bases import Group
-from polish_sim.dual.calibration.error_length import length_probability
 from polish_sim.dual.calibration.pair import INSTRUMENTS
 
 if TYPE_CHECKING:

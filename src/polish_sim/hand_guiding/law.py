@@ -3,7 +3,8 @@
     tau = wg (g(q) + tare) + kc fc s(qd) + kv fv qd + alpha M(q) qdd_f
 
 s is tanh(qd / vs); with the start-up assist the sign of the hand's torque, as a momentum observer sees it, takes its
-place at standstill. qdd_f is the low-passed difference of the measured speed. Coriolis torques are left out."""
+place at standstill. qdd_f is the low-passed difference of the measured speed. Coriolis torques are left out.
+"""
 
 from __future__ import annotations
 

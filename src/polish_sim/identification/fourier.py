@@ -20,23 +20,13 @@ HARMONICS: Final = 5
 FREQUENCY: Final = 0.1  #: Of the first harmonic [Hz]: a period of 10 s
 
 
-class FourierBasis(NamedTuple):
-    """Values and derivatives of one unit of each coefficient (1, a_1.., b_1..); each of shape (m, 1 + 2 k)."""
-
-    q: Array
-    qd: Array
-    qdd: Array
-
-
-def fourier_basis(t: Array, frequency: float = FREQUENCY, harmonics: int = HARMONICS) -> FourierBasis:
-    """Basis of a Fourier series at times t [s], shape (m,)."""
+def fourier_basis(t: Array, frequency: float = FREQUENCY, harmonics: int = HARMONICS) -> States:
+    """Values and derivatives of one unit of each coefficient (1, a_1.., b_1..) at times t [s], (m, 1 + 2 k) each."""
     w = 2.0 * np.pi * frequency * np.arange(1, harmonics + 1)
     phase = np.outer(t, w)
     c, s = np.cos(phase), np.sin(phase)
     one = np.ones((len(t), 1))
-    return FourierBasis(
-        np.hstack([one, s / w, -c / w]), np.hstack([0.0 * one, c, s]), np.hstack([0.0 * one, -w * s, w * c])
-    )
+    return States(np.hstack([one, s / w, -c / w]), np.hstack([0.0 * one, c, s]), np.hstack([0.0 * one, -w * s, w * c]))
 
 
 @dataclass(frozen=True)
