@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array
 from polish_sim.planning.toolpath import ToolPath
 
 Figures = dict[str, float]
@@ -19,37 +19,27 @@ RATIOS: Final = {"inertia": "", "assist": "assist_"}
 """Modes that are compared with the classical one, and what their figures begin with."""
 
 
-class GuidedMove(NamedTuple):
-    """A move of the hand, one row a step."""
+def measure_move(force: Array, whole: bool, lent_j: float) -> Figures:
+    """The hand's force (n, 3) [N] while it moves, undefined if the move was cut short; the energy lent.
 
-    time: Array  #: [s], shape (n,)
-    force: Array  #: Of the hand on the tool, base frame [N], shape (n, 3)
-    q: Array  #: Joint angles [rad], shape (n, 6)
-    moving: Bools  #: While the hand moves, shape (n,)
-    off: Bools  #: After it has let go, shape (n,)
-    whole: bool  #: Whether the move was not cut short
-    lent_j: float  #: Most energy the compensation had lent [J]
-
-
-def measure_move(move: GuidedMove) -> Figures:
-    """The hand's force while it moves: hand_force_peak_n, hand_force_rms_n of its norm, undefined if cut short;
-    lent_energy_j: most energy the compensation had lent beyond what friction took."""
-    force = np.linalg.norm(move.force[move.moving], axis=1)
-    known = move.whole and len(force) > 0
+    hand_force_peak_n, hand_force_rms_n: of its norm; lent_energy_j: most the compensation had lent beyond what friction
+    took.
+    """
+    sizes = np.linalg.norm(force, axis=1)
+    known = whole and len(sizes) > 0
     return {
-        "hand_force_peak_n": float(force.max()) if known else math.nan,
-        "hand_force_rms_n": math.sqrt(float(np.mean(force**2))) if known else math.nan,
-        "lent_energy_j": move.lent_j,
+        "hand_force_peak_n": float(sizes.max()) if known else math.nan,
+        "hand_force_rms_n": math.sqrt(float(np.mean(sizes**2))) if known else math.nan,
+        "lent_energy_j": lent_j,
     }
 
 
-def measure_drift(move: GuidedMove) -> Figures:
-    """What the arm does after the hand has let go.
+def measure_drift(time: Array, q: Array) -> Figures:
+    """What the joints (n, 6) do after the hand has let go, at times (n,) [s].
 
     coast_rad: largest way of a joint in the first second; drift_rad: from then on, to the end; drift_time_s: how long
     that is. Undefined if it was not let go or for no longer than that.
     """
-    q, time = move.q[move.off], move.time[move.off]
     if not len(time) or time[-1] - time[0] <= COAST_S:
         return {"coast_rad": math.nan, "drift_rad": math.nan, "drift_time_s": 0.0}
     rolled = np.searchsorted(time, time[0] + COAST_S)

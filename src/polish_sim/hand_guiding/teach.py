@@ -27,7 +27,7 @@ from polish_sim.hand_guiding.arm import (
     torque_arm,
 )
 from polish_sim.hand_guiding.cell import GuidingRun, HandMotion, run_guided
-from polish_sim.hand_guiding.figures import GuidedMove, compare_modes, measure_drift, measure_move
+from polish_sim.hand_guiding.figures import compare_modes, measure_drift, measure_move
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
 
@@ -162,25 +162,22 @@ def _rows(play: PlayedMove, every: int) -> Array:
 def figures_of_moves(scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: float) -> dict[str, Any]:
     """Figures of every move under its name, of the last mode as a whole, of the modes beside each other, of the run."""
     figures: dict[str, Any] = {}
-    measured = [measure_move(_seen(play)) for play in played]
+    measured = [measure_move(_rows_in(play, MOVING)["force"], _is_whole(play), play.run.lent_j) for play in played]
     for play, values in zip(played, measured, strict=True):
         figures |= {f"{_name(play.move)}_{name}": value for name, value in values.items()}
     last = played[-1].move.mode
     of_last = [values for play, values in zip(played, measured, strict=True) if play.move.mode == last]
     # An undefined figure of one move makes that of the mode undefined.
     figures |= {name: float(np.max([values[name] for values in of_last])) for name in of_last[0]}
-    figures |= measure_drift(_seen(played[-1]))
+    let_go = _rows_in(played[-1], OFF)
+    figures |= measure_drift(let_go["time"], let_go["q"])
     forces = {_name(play.move): values for play, values in zip(played, measured, strict=True)}
     figures |= compare_modes(forces) | {"moves": list(forces), "model": scenario.guide.model_file or "exact"}
     return figures | _of_run(scenario, played, asked, wall)
 
 
-def _seen(play: PlayedMove) -> GuidedMove:
-    rows, phase = play.run.rows, play.table.phase[: len(play.run.rows)]
-    return GuidedMove(
-        rows["time"], rows["force"], rows["q"], phase == MOVING, phase == OFF, _is_whole(play),
-        play.run.lent_j,
-    )  # fmt: skip
+def _rows_in(play: PlayedMove, phase: int) -> NDArray[Any]:
+    return play.run.rows[play.table.phase[: len(play.run.rows)] == phase]
 
 
 def _is_whole(play: PlayedMove) -> bool:
