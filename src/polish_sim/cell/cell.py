@@ -243,7 +243,7 @@ class Cell:
         if code == NO_STOP or self._was_interrupted():
             return None
         if code == CONTROLLER_ERROR and isinstance(self.law, PythonLaw):
-            return f"{self.reasons[code]}: {self.law.told}"
+            return f"{self.reasons[code]}: {self.law.message}"
         return f"{self.reasons[code]} ({self._touched} touch)" if self._touched else self.reasons[code]
 
     def _tangential_mass(self) -> float:

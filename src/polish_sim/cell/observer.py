@@ -138,7 +138,7 @@ class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
         return ctypes.cast(self._callback, ctypes.c_void_p).value or 0
 
     @property
-    def told(self) -> str:
+    def message(self) -> str:
         """What the controller raised, in one line, with the line of its file."""
         return "" if self.error is None else tell_error(self.error, file_of(self._controller))
 

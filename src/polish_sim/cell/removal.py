@@ -137,7 +137,7 @@ class Nodes(NamedTuple):
 
 
 def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, edge: float = EDGE) -> Nodes:
-    """Spread nodes over the region and over what else the pad comes to, and put them on the real part.
+    """Spread nodes over the region and whatever else the pad reaches, and put them on the real part.
 
     They are moved along the drawing's normals. ``edge`` is the longest edge of the region's triangles in pad radii.
     """
@@ -153,7 +153,7 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
 
 
 def surroundings(surface: Surface, region: Region, touch: Touch, longest: float) -> PressedNodes:
-    """Middles of small triangles of the nominal surface outside the region that the pad can come to."""
+    """Middles of small triangles of the nominal surface outside the region that the pad can reach."""
     tree = cKDTree(touch.positions)
     whole = np.bincount(region.facets, region.surface.facet_areas, len(surface.faces)) >= _WHOLE * surface.facet_areas
     facets = np.flatnonzero(~whole & facing_tool(surface, touch))

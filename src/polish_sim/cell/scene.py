@@ -58,7 +58,7 @@ def lay_part(spec: Any, mesh: PartMesh, T_base_part: Array, held_behind: bool = 
 
 
 def robot_with_tool(scenario: Scenario) -> Any:
-    """``robot_spec`` that has been told its payload, to be compiled or attached elsewhere."""
+    """``robot_spec`` with its payload set, to be compiled or attached elsewhere."""
     spec = robot_spec(scenario)
     spec.body("tool_mount").gravcomp = 1.0 + scenario.robot.payload_error
     return spec

@@ -1,4 +1,4 @@
-"""One stroke, from free space to free space: its stages, what is to be done, what is remembered."""
+"""One stroke, from free space to free space: its stages, the target in each, and the state of a run."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class GuideConfig:
         1e-6, 1.0, length=6
     )  # fmt: skip
     encoder_rad: float = key(5e-7, "step of the joint encoders, 17 bits a turn before a gear of 100 [rad]", 0.0, 0.01)
-    payload_kg: float = key(0.0, "mass at the tool point nobody was told of [kg]", 0.0, 20.0)
+    payload_kg: float = key(0.0, "mass at the tool point that is not configured [kg]", 0.0, 20.0)
     model_file: str = key("", "MJCF the controller takes for the arm (identified.xml); empty = the arm as it is")
     mass_scale: float = key(1.0, "believed masses, inertias and rotors by those of the model [-]", 0.1, 3.0)
     friction_scale: float = key(1.0, "believed friction by the true one [-]", 0.0, 3.0)

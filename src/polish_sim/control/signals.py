@@ -99,7 +99,7 @@ class Controller(Protocol):
     def reset(self, cycle_s: float) -> None:
         """Forget everything; ``step`` will be called every ``cycle_s`` seconds."""
 
-    # A controller may also have ``prepare(course: Course) -> None``: told before the run what lies ahead on the path.
+    # A controller may also have ``prepare(course: Course) -> None``: called before the run with the path ahead.
 
     def step(self, measurement: Measurement, target: Target) -> Array:
         """Return the tool twist to command, base frame (linear [m/s]; angular [rad/s]), shape (6,).

@@ -75,7 +75,7 @@ def fast_rise(memory: PressMemory) -> float:
 
 @kernel
 def _deviation(memory: PressMemory) -> float:
-    """Of the faster low-passed reading in the air: what white noise would do, or what it did if that is more [N]."""
+    """Of the faster low-passed reading in the air: that of white noise, or what was measured if that is more [N]."""
     return math.sqrt(max(_FAST_SHARE * _FAST_SHARE * memory.air.variance, memory.air.fast_variance))
 
 
@@ -192,7 +192,7 @@ def refine_stiffness(
 #
 # the damper's share through the pole of damper and springs. Without dv/dt a force loop of crossover w_c behind an
 # observer w_o feeds 2 w_c w_o m / k of its command back at any frequency, whatever the part: 0.64 with 2 kg, 5000 N/m
-# and 20 rad/s each. The turning terms come to 0.7 N at 60 mm/s on a bend of 60 mm radius.
+# and 20 rad/s each. The turning terms are 0.7 N at 60 mm/s on a bend of 60 mm radius.
 
 
 @kernel

@@ -190,9 +190,7 @@ def _part_vertices(skin: Skin) -> Skin:
     number, labels = topology.label_pieces(corners, 3 * len(skin.faces))
     vertices = np.empty((number, 3))
     vertices[labels] = skin.vertices[skin.faces.ravel()]
-    note = (
-        f"{len(crowded)} edges of more than two facets: pieces that touch there were told apart, the first at {where}"
-    )
+    note = f"{len(crowded)} edges of more than two facets: pieces that touch there were separated, the first at {where}"
     return Skin(vertices, labels.reshape(-1, 3), skin.source, (*skin.notes, note))
 
 

@@ -26,8 +26,8 @@ LONGEST, SHORTEST = 8.0, 2.5  #: Limits of the length of the first step inwards,
 SHARE_OF_PATH = 0.03  #: The step takes this share of the whole path, within the limits
 SHARE_OF_TURN = 0.25  #: And at most this share of the first turn
 ROOM = 0.5  #: Step-overs kept between a step and a corner
-GOAL_PRICE = 1.0  #: What a step-over away from where the spiral had better end is worth, in steps over corners
-START_PRICE = 30.0  #: What a step-over away from where the path shall begin is worth
+GOAL_PRICE = 1.0  #: Price of ending a step-over away from the wanted place, in steps over corners
+START_PRICE = 30.0  #: Price of beginning a step-over away from the start asked for
 ODD, OVER_CORNER = 0.1, 0.5
 """A line across turns costs where its steps differ from a step-over by more than the first; where the path shall begin
 somewhere they may go over corners, where they are longer."""
@@ -49,7 +49,7 @@ def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: A
     """Find a line across all nested turns, outermost first, along which their steps inwards avoid corners.
 
     Lines are traced outwards from points of the innermost turn, nearest point to nearest point; outwards they never run
-    into a corner. The one furthest from corners wins. The innermost turn had better end near one of ``goals`` (g, 3)
+    into a corner. The one furthest from corners wins. The innermost turn should end near one of ``goals`` (g, 3)
     [m]; ``outer`` and ``inner``, (1, 3) or (0, 3) [m], are where the outermost turn shall begin and the innermost end.
 
     Returns beginnings and the length of the first step.

@@ -41,7 +41,7 @@ class Access:
 
     asked: Ground
     region: Region  #: Where the path may run
-    touched: Array  #: Share of what each vertex of the ground asked for stands for that the pad can touch, shape (v,)
+    touched: Array  #: Share of each vertex's area on the ground asked for that the pad can touch, shape (v,)
     left_out: tuple[LeftOut, ...]  #: What it cannot, the largest first
 
     @property

@@ -276,7 +276,7 @@ class ExposureMap(NamedTuple):
 def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | None = None) -> ExposureMap:
     """Carry the pad along a path: the times and their figures.
 
-    ``counted`` (v,) is the share of what each vertex of the ground stands for that counts; None for all.
+    ``counted`` (v,) is the share of each ground vertex's area that counts; None for all.
     """
     mesh = ground.mesh
     some = thin(mesh.vertices, APART * pad.radius_m)

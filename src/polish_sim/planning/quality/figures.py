@@ -214,7 +214,7 @@ def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
 def pad_coverage(
     ground: Ground, path: ToolPath, process: ProcessConfig, pad: PadConfig, access: Access | None = None
 ) -> float:
-    """Share of what the pad can touch that comes under its compressed area somewhere along a path."""
+    """Share of the area the pad can touch that it presses on somewhere along a path."""
     asked, touched = (ground, None) if access is None else (access.asked, access.touched)
     return expose(asked, locate(ground, path, process), pad, touched).coverage
 
