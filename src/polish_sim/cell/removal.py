@@ -237,8 +237,7 @@ class Removed(NamedTuple):
 
     exposure: Array  #: Integral of pressure x sliding speed at each node [N/m], shape (n,)
     gained: Array  #: Exposure summed over all nodes, step by step [N m], shape (k,)
-    carried: Array
-    """Mean force of the field along the pad's axis before it was scaled [N], shape (k,); zero: no node was touched."""
+    carried: Array  #: Mean force of the field along the pad's axis before scaling [N], shape (k,); 0: no node touched
 
 
 def expose_nodes(nodes: PressedNodes, motion: PadMotion, pad_radius: float, stiffness: float) -> Removed:

@@ -34,8 +34,7 @@ class Offset(NamedTuple):
 
     feet: Array  #: Closest points of the part [m], shape (n, 3)
     heights: Array  #: Along the tool axis [m], positive outside, shape (n,)
-    sideways: Array
-    """Across it [m], shape (n,): beyond the part's edge the pad hangs over, which is no fault of height."""
+    sideways: Array  #: Across it [m], shape (n,): beyond the part's edge the pad hangs over, which is no error
     outward: float  #: Share of the points whose tool axis points out of the part
 
 

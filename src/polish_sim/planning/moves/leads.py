@@ -116,8 +116,7 @@ def evenly(first: float, last: float, length: float) -> Array:
 # Which lead-in and lead-out a stroke gets: the one asked for where it keeps clear of the part (Move -> LeadShape).
 
 TOLERANCE_M = 2e-4  #: On its lead the pad may stand this much deeper in the part than where it lands [m]
-APART_M = 3e-4
-"""On its lead the tool point keeps this far from the part, nearer to it half its height above where it lands [m]."""
+APART_M = 3e-4  #: On its lead the tool point keeps this far from the part, but at most half its height [m]
 ROUNDING_M = 1e-9
 LOWER = (1.0, 0.5, 0.25, 0.12)  #: Shares of the clearance from which a straight lead begins, tried in this order
 FURTHER = 14  #: So many points further along are tried as the end of a stroke

@@ -101,8 +101,7 @@ def _turned(first: Array, second: Array, share: Array) -> Array:
 
 # In which order, and which way round, the runs of a path are walked so that the air moves are short.
 
-WINDOW = 60
-"""Only so many neighbours in the order change places with one another: time stays proportional to their number."""
+WINDOW = 60  #: Only so many neighbours in the order change places: time stays proportional to their number
 MOST_SWEEPS = 40
 LEAST_GAIN_M = 1e-6  #: A change that shortens the way by less is left alone: rounding must not choose
 

@@ -18,8 +18,7 @@ from polish_sim.planning.quality.points import thin
 from polish_sim.planning.quality.tool_room import Places, Tool, UnderPad, ground_under, hollow_radius, pressed_places
 
 BEYOND: Final = 0.5  #: Room is measured up to so many of the pad's radii
-APART: Final = 0.25
-"""First places so many pad radii apart are looked at; only around those with little room all of them."""
+APART: Final = 0.25  #: First places so many pad radii apart are looked at; all of them only where there is little room
 LITTLE: Final = 0.4  #: Little room, in pad radii
 TURN_INSIDE: Final = 0.45
 """The outermost turn keeps at least so many step-overs from the region's border: the border may be that much nearer to

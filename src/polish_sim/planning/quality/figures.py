@@ -25,8 +25,7 @@ from polish_sim.planning.toolpath import ToolPath, arc_length
 # How suddenly a path turns: its sharpest corner in the surface, and the rate of its tool axis (path -> figures).
 
 CORNER_M = 1e-3  #: A corner's angle is the one between the chords of this length before and after it [m]
-RATE_M = 1e-3
-"""The axis rate is the turn over this length of the path [m]: shorter ones would show the digits of a file."""
+RATE_M = 1e-3  #: The axis rate is the turn over this length of the path [m]: shorter shows the digits of a file
 
 
 class Peak(NamedTuple):

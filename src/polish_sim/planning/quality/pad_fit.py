@@ -27,8 +27,7 @@ class PadReach(NamedTuple):
 
     area_m2: float
     hollow: Array  #: Share of each facet that is too hollow, shape (m,)
-    tightness: Array
-    """Pad radius over the smallest radius of curvature of each facet, negative hollow, below -1 out of reach, (m,)."""
+    tightness: Array  #: Pad radius over each facet's smallest radius of curvature, negative hollow, shape (m,)
     places: tuple[HollowPlace, ...]  #: Connected places, largest first
 
 

@@ -241,8 +241,7 @@ class Intrusion(NamedTuple):
 
     depths: Array
     """How deep a disc stands in the part [m], shape (n,): behind the plane of a face, beside or below its edge."""
-    reaches: Array
-    """How far the part reaches into a disc from its rim [m]: so far the disc would have to move aside, shape (n,)."""
+    reaches: Array  #: How far the part reaches into a disc from its rim [m], shape (n,)
 
 
 def standing_above(part: Surface, discs: Discs) -> Intrusion:
