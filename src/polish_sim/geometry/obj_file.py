@@ -48,7 +48,7 @@ def parse_obj(content: bytes, path: Path) -> FileTriangles:
         MeshError: No OBJ, or a line that makes no sense.
     """
     if b"\0" in content:
-        _broken(path, "not an OBJ file (it is not text)")
+        broken(path, "not an OBJ file (it is not text)")
     if b"\\" in content:
         content = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     vertices: list[bytes] = []
@@ -63,7 +63,7 @@ def parse_obj(content: bytes, path: Path) -> FileTriangles:
             polygons.append(line[2:])
             seen.append(len(vertices))
     if not vertices:
-        _broken(path, "the OBJ file has no vertices (lines 'v x y z')")
+        broken(path, "the OBJ file has no vertices (lines 'v x y z')")
     points = _read_vertices(vertices, path)
     indices, sizes = _read_polygons(polygons, np.array(seen, dtype=np.int64), path)
     return gather_triangles(points, indices, sizes, path)
@@ -74,7 +74,7 @@ def _read_vertices(lines: list[bytes], path: Path) -> Array:
     lines = [line.partition(b"#")[0] for line in lines]
     counts = np.array([len(line.split()) for line in lines])
     if counts.min() < 3:
-        _broken(path, f"vertex {int(counts.argmin()) + 1} of the OBJ file has no three numbers")
+        broken(path, f"vertex {int(counts.argmin()) + 1} of the OBJ file has no three numbers")
     numbers = _numbers(b"\n".join(lines), int(counts.sum()), path, "a vertex")
     return numbers[(np.cumsum(counts) - counts)[:, None] + np.arange(3)]
 
@@ -90,18 +90,25 @@ def _read_polygons(lines: list[bytes], seen: Indices, path: Path) -> tuple[Indic
 
 
 def _numbers(text: bytes, count: int, path: Path, what: str) -> Array:
-    if count == 0:
+    numbers = text_numbers(text)
+    if numbers is None or len(numbers) != count:
+        broken(path, f"{what} of the OBJ file holds something that is no number")
+    return numbers
+
+
+def text_numbers(text: bytes) -> Array | None:
+    """Numbers that stand in a text, shape (n,); None if anything else does."""
+    if not text.strip():
         return np.empty(0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            numbers = np.fromstring(text.decode("latin-1"), dtype=np.float64, sep=" ")
+            return np.fromstring(text.decode("latin-1"), dtype=np.float64, sep=" ")
         except (ValueError, DeprecationWarning):
-            numbers = np.empty(0)
-    if len(numbers) != count:
-        _broken(path, f"{what} of the OBJ file holds something that is no number")
-    return numbers
+            return None
 
 
-def _broken(path: Path, what: str) -> NoReturn:
-    raise MeshError(f"{path}: {what}. Export the part again.")
+def broken(path: Path, what: str) -> NoReturn:
+    """Refuse a file of which something is wrong with a MeshError."""
+    printable = "".join(letter if letter.isprintable() else "?" for letter in what)
+    raise MeshError(f"{path}: {printable}. Export the part again.")

@@ -5,7 +5,6 @@ trimesh's reader refuses binary files whose faces differ in their number of corn
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import MeshError
+from polish_sim.geometry.obj_file import broken, text_numbers
 from polish_sim.geometry.polygon import FileTriangles, gather_triangles
 
 _TYPES = {
@@ -63,14 +63,14 @@ def parse_ply(content: bytes, path: Path) -> FileTriangles:
     for element in elements:
         lists = {entry.name: entry.length is not None for entry in element.properties}
         if element.name == "vertex" and any(lists.get(name, True) for name in "xyz"):
-            _broken(path, "the vertices of the PLY file have no x, y, z")
+            broken(path, "the vertices of the PLY file have no x, y, z")
         listed = next((name for name in _INDEX_NAMES if lists.get(name)), "") if element.name == "face" else ""
         if element.name == "face" and not listed:
-            _broken(path, "the faces of the PLY file have no list vertex_indices")
+            broken(path, "the faces of the PLY file have no list vertex_indices")
         columns, lengths, at = _read_rows(data, at, element, listed, path)
         if element.name == "vertex":
             if not columns.keys() >= {"x", "y", "z"}:
-                _broken(path, "the vertices of the PLY file hold lists of different lengths")
+                broken(path, "the vertices of the PLY file hold lists of different lengths")
             points = np.stack([columns[name] for name in "xyz"], axis=1)
         elif element.name == "face":
             sizes, indices = lengths, columns[listed]
@@ -83,11 +83,11 @@ def parse_ply(content: bytes, path: Path) -> FileTriangles:
 def _read_header(content: bytes, path: Path) -> tuple[list[Element], bytes, int]:
     """The tables, and the bytes they stand in from a place on; the numbers of a text become doubles."""
     if not is_ply(content):
-        _broken(path, "not a PLY file (its first line is not 'ply')")
+        broken(path, "not a PLY file (its first line is not 'ply')")
     end = content.find(b"end_header", 0, _LONGEST_HEADER)
     line_end = content.find(b"\n", end)
     if end < 0 or line_end < 0:
-        _broken(path, "the PLY file is cut short: no 'end_header'")
+        broken(path, "the PLY file is cut short: no 'end_header'")
     order, elements = None, []
     for line in content[:end].decode("latin-1").splitlines():
         words = line.split()
@@ -95,14 +95,14 @@ def _read_header(content: bytes, path: Path) -> tuple[list[Element], bytes, int]
             order = _ORDERS.get(words[1] if len(words) > 1 else "")
         elif words[:1] == ["element"]:
             if len(words) != 3 or not words[2].isascii() or not words[2].isdigit() or len(words[2]) > 12:
-                _broken(path, f"'{line.strip()[:80]}' is no element of a PLY file")
+                broken(path, f"'{line.strip()[:80]}' is no element of a PLY file")
             elements.append(Element(words[1], int(words[2]), []))
         elif words[:1] == ["property"]:
             if not elements:
-                _broken(path, f"'{line.strip()[:80]}' belongs to no element")
+                broken(path, f"'{line.strip()[:80]}' belongs to no element")
             elements[-1].properties.append(_read_property(words, line, order, path))
     if order is None:
-        _broken(path, "its format is none of " + ", ".join(_ORDERS))
+        broken(path, "its format is none of " + ", ".join(_ORDERS))
     return elements, *((content, line_end + 1) if order else (_text_numbers(content[line_end + 1 :], path), 0))
 
 
@@ -110,9 +110,9 @@ def _read_property(words: list[str], line: str, order: str | None, path: Path) -
     codes = [_TYPES.get(word, "") for word in words[1:-1] if word != "list"]
     is_list = len(words) == 5 and words[1] == "list"
     if "" in codes or len(codes) != (2 if is_list else 1):
-        _broken(path, f"'{line.strip()[:80]}' is no property of a PLY file")
+        broken(path, f"'{line.strip()[:80]}' is no property of a PLY file")
     if is_list and codes[0] in ("f4", "f8"):
-        _broken(path, f"'{line.strip()[:80]}': a list's length must be a whole number")
+        broken(path, f"'{line.strip()[:80]}': a list's length must be a whole number")
     types = [np.dtype(order + code if order else "<f8") for code in codes]
     return Property(words[-1], types[0] if is_list else None, types[-1])
 
@@ -186,15 +186,11 @@ def _as_numbers(values: NDArray[Any]) -> Array:
 def _text_numbers(body: bytes, path: Path) -> bytes:
     """All numbers of a text as doubles, lines ignored."""
     if b"\0" in body:
-        _broken(path, "the text of the PLY file holds zero bytes")
-    if not body.strip():
-        return b""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        try:
-            return np.fromstring(body.decode("latin-1"), dtype=np.float64, sep=" ").tobytes()
-        except (ValueError, DeprecationWarning):
-            _broken(path, "the PLY file holds words where numbers should be")
+        broken(path, "the text of the PLY file holds zero bytes")
+    numbers = text_numbers(body)
+    if numbers is None:
+        broken(path, "the PLY file holds words where numbers should be")
+    return numbers.tobytes()
 
 
 def _cut_short(path: Path, element: Element) -> NoReturn:
@@ -202,8 +198,3 @@ def _cut_short(path: Path, element: Element) -> NoReturn:
         f"{path}: the PLY file is cut short: its header announces {element.rows} rows of '{element.name}', "
         "more than the file holds. Export or copy it again."
     )
-
-
-def _broken(path: Path, what: str) -> NoReturn:
-    printable = "".join(letter if letter.isprintable() else "?" for letter in what)
-    raise MeshError(f"{path}: {printable}. Export the part again.")
