@@ -31,23 +31,14 @@ from polish_sim.planning.toolpath import ToolPath, pressed
 if TYPE_CHECKING:
     from polish_sim.geometry import PartMesh, Surface
 
-TRIED: Final = 150
-"""Poses of the reach map that are followed with the joints before the part is refused."""
-LOOKED_AT: Final = 60
-"""Places along the path at which the arm is checked against what stands around it."""
+TRIED: Final = 150  #: Poses of the reach map that are followed with the joints before the part is refused
+LOOKED_AT: Final = 60  #: Places along the path at which the arm is checked against what stands around it
 SINGULAR_SHARE: Final = 1.25
 """A path keeps this many times ``safety.singular_value_limit`` away from singularities [-]."""
 
 
 class PartPlacing:
-    """A path on a part, and what is needed to find the part's pose.
-
-    Args:
-        scenario: Force, pad, limits, and the pose if one is asked for.
-        mesh: The part.
-        surface: Its surface.
-        path: The path, not pressed.
-    """
+    """A path, not pressed, on a part, and what is needed to find the part's pose: the one asked for, or the best."""
 
     def __init__(self, scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath) -> None:
         self.scenario, self.mesh = scenario, mesh

@@ -34,21 +34,16 @@ LOWEST_JOINT = 0.09  # z of elbow and wrist above the table [m]
 class Reach(NamedTuple):
     """A way to do a path."""
 
-    T_base_work: Array
-    """Pose of the part's work frame, shape (4, 4)."""
-    spin: float
-    """Turn of the tool about its axis [rad]."""
-    q_start: Array
-    """Joint positions at the first pose [rad], shape (6,)."""
-    smallest_singular_value: float
-    """Over the path [-]."""
+    T_base_work: Array  #: Pose of the part's work frame, shape (4, 4)
+    spin: float  #: Turn of the tool about its axis [rad]
+    q_start: Array  #: Joint positions at the first pose [rad], shape (6,)
+    smallest_singular_value: float  #: Over the path [-]
 
 
 class Failure(NamedTuple):
     """The furthest a tried way got."""
 
-    point: int
-    """The first pose it does not do."""
+    point: int  #: The first pose it does not do
     reason: str
 
 
@@ -161,15 +156,10 @@ def check_whole_path(reach: Reach, positions: Array, axes: Array, T_flange_tool:
 
 
 def default_placements(positions: Array, up: Array, lowest: float) -> Iterator[Array]:
-    """Candidate poses of a part in front of the robot: its side ``up`` turned up, on a fixture on the table.
+    """Candidate poses T_base_work (4, 4) of a part in front of the robot: its side ``up`` turned up, on a fixture.
 
-    Args:
-        positions: Path in the work frame [m], shape (n, 3); its middle is put in front of the robot.
-        up: Side turned up, work frame, shape (3,).
-        lowest: Extent of the part along ``up`` at its lowest [m].
-
-    Yields:
-        T_base_work, shape (4, 4).
+    The middle of the path (n, 3) [m], work frame, is put in front of the robot; ``lowest`` [m] is the extent of the
+    part along ``up`` at its lowest.
     """
     R = upright(up)
     middle = R @ (0.5 * (positions.min(axis=0) + positions.max(axis=0)))
@@ -230,8 +220,7 @@ __all__ = [
 
 # Whether the pad's shaft has room on a path, before anything moves.
 
-EVERY: Final = 0.002
-"""Along the path, between places that are looked at [m]."""
+EVERY: Final = 0.002  #: Along the path, between places that are looked at [m]
 
 
 def check_shaft(path: ToolPath, surface: Surface, clearance: float) -> None:

@@ -21,14 +21,11 @@ from polish_sim.kernel_cache import njit
 from polish_sim.motion.kinematics import DH_A, DH_D, inverse_all
 from polish_sim.spatial import inverse, transform
 
-DISTANCES: Final = np.arange(0.20, 0.96, 0.05)
-"""Of the path's middle from the base axis [m]."""
+DISTANCES: Final = np.arange(0.20, 0.96, 0.05)  #: Of the path's middle from the base axis [m]
 HEIGHTS: Final = np.array([0.0, 0.03, 0.08, 0.16, 0.25, 0.35, 0.45, 0.6, 0.75])
 """Of the part's lowest point above the table [m]."""
-TURNS: Final = np.radians(np.arange(0.0, 360.0, 15.0))
-"""Of the part about the vertical [rad]."""
-_SAMPLES: Final = 12
-"""Points along the path, besides the outermost ones."""
+TURNS: Final = np.radians(np.arange(0.0, 360.0, 15.0))  #: Of the part about the vertical [rad]
+_SAMPLES: Final = 12  #: Points along the path, besides the outermost ones
 _D1, _D5, _A2, _A3 = float(DH_D[0]), float(DH_D[4]), float(DH_A[1]), float(DH_A[2])
 
 
@@ -38,12 +35,9 @@ class ReachMap(NamedTuple):
     values: Array
     """Least |det J| over the path in the best configuration, 0 where a point is out of reach or a joint too low [m^3],
     shape (heights, distances, turns, spins)."""
-    R_up: Array
-    """The part turned upright, R_base_work at turn 0, shape (3, 3)."""
-    middle: Array
-    """Of the path's box when upright [m], shape (3,)."""
-    lowest: float
-    """Extent of the part along its up side at its lowest [m]."""
+    R_up: Array  #: The part turned upright, R_base_work at turn 0, shape (3, 3)
+    middle: Array  #: Of the path's box when upright [m], shape (3,)
+    lowest: float  #: Extent of the part along its up side at its lowest [m]
 
     def pose(self, height: int, distance: int, turn: int) -> Array:
         """T_base_work of a cell of the map, shape (4, 4)."""
@@ -70,17 +64,11 @@ class ReachMap(NamedTuple):
 
 
 def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_tool: Array) -> ReachMap:
-    """Find out how well the arm does a path wherever the part may stand.
+    """Find out how well the arm does a path, wherever the part may stand.
 
-    Args:
-        positions: Tool points in the work frame [m], shape (n, 3).
-        axes: Tool axes from the part to the tool, work frame, shape (n, 3).
-        up: Side of the part turned up, work frame, shape (3,).
-        lowest: Extent of the part along ``up`` at its lowest [m].
-        T_flange_tool: The tool on the flange, shape (4, 4).
-
-    Returns:
-        The map.
+    Tool points and axes from the part to the tool are (n, 3) in the work frame [m]; ``up`` (3,) is the side turned
+    up, ``lowest`` [m] the extent of the part along it at its lowest; ``T_flange_tool`` (4, 4) is the tool on the
+    flange.
     """
     R_up, rows = upright(up), _outermost(positions, axes)
     high, out = positions @ R_up.T, axes[rows] @ R_up.T
