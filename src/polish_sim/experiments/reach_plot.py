@@ -37,7 +37,7 @@ def plot_reach_map(found: ReachMap, mesh: PartMesh, T_base_work: Array | None) -
     around = np.repeat(np.max(np.nan_to_num(best), axis=1)[:, None], len(about), axis=1)
     above.pcolormesh(x, y, np.where(around > 0.0, around, np.nan), **{**shown, "shading": "gouraud"})
     corner, size = MM * (TABLE.middle - TABLE.half)[:2], 2.0 * MM * TABLE.half[:2]
-    above.add_patch(Rectangle(corner, *size, fill=False, lw=1.5, label="table"))
+    above.add_patch(Rectangle((corner[0], corner[1]), *size, fill=False, lw=1.5, label="table"))
     above.add_patch(Circle((0.0, 0.0), 75.0, color="0.4", label="robot"))
     drawn = turns.pcolormesh(np.degrees(TURNS), MM * DISTANCES, best, **shown)
     if T_base_work is not None:
