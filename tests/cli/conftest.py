@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
+
+Tool = Callable[..., Any]  # called with the words of a command line
+PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
+
+
+def metrics_of(folder: Path) -> dict[str, Any]:
+    """The figures a command wrote into a folder."""
+    return dict(json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
 
 
 class Call(NamedTuple):

@@ -10,8 +10,7 @@ import pytest
 import trimesh
 
 from polish_sim.models import workpiece_path
-
-Polish = Callable[..., tuple[int, str, str]]
+from tests.cli.conftest import Tool
 
 
 def spoiled(change: Callable[[bytes], bytes]) -> Callable[[Path], None]:
@@ -62,9 +61,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_part_is_one_message_with_code_2_and_nothing_written(
-    polish_sim: Polish, tmp_path: Path, name: str
-) -> None:
+def test_a_bad_part_is_one_message_with_code_2_and_nothing_written(polish_sim: Tool, tmp_path: Path, name: str) -> None:
     write, said = BAD[name]
     write(tmp_path / "bad.stl")
     before = sorted(path.name for path in tmp_path.iterdir())
@@ -77,7 +74,7 @@ def test_a_bad_part_is_one_message_with_code_2_and_nothing_written(
     assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
-def test_a_part_out_of_reach_names_the_first_bad_point_and_what_to_do(polish_sim: Polish, tmp_path: Path) -> None:
+def test_a_part_out_of_reach_names_the_first_bad_point_and_what_to_do(polish_sim: Tool, tmp_path: Path) -> None:
     code, _, err = polish_sim("run", "surface", "--part", "sphere_50", "--part-pose", "0,-950,400,0,0,0")
     assert code == 2
     assert "mm of the part" in err
@@ -86,14 +83,14 @@ def test_a_part_out_of_reach_names_the_first_bad_point_and_what_to_do(polish_sim
 
 
 @pytest.mark.parametrize("stepover", ["0", "5000"])
-def test_a_stepover_that_fits_no_part_is_refused(polish_sim: Polish, tmp_path: Path, stepover: str) -> None:
+def test_a_stepover_that_fits_no_part_is_refused(polish_sim: Tool, tmp_path: Path, stepover: str) -> None:
     code, _, err = polish_sim("run", "surface", "--part", "sphere_50", "--stepover", stepover)
     assert code == 2
     assert "step" in err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_dry_run_plans_and_checks_the_reach_and_writes_nothing(polish_sim: Polish, tmp_path: Path) -> None:
+def test_a_dry_run_plans_and_checks_the_reach_and_writes_nothing(polish_sim: Tool, tmp_path: Path) -> None:
     code, out, _ = polish_sim("run", "surface", "--part", "sphere_50", "--dry-run")
     assert code == 0
     assert "within reach" in out

@@ -6,9 +6,7 @@ import csv
 import json
 import shutil
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,8 +14,7 @@ from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.config import Scenario
 from polish_sim.scenario_file import load_scenario
-
-Tool = Callable[..., Any]
+from tests.cli.conftest import Tool
 
 
 @pytest.fixture(scope="module")

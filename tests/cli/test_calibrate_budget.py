@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,7 @@ import numpy as np
 import pytest
 
 from polish_sim.dual.budget import PairBudgetTrial, draw_errors
-
-Tool = Callable[..., Any]
-
-
-def metrics(folder: Path) -> dict[str, Any]:
-    return dict(json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
+from tests.cli.conftest import Tool, metrics_of
 
 
 def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp_path: Path) -> None:
@@ -24,7 +18,7 @@ def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp
     assert call.code == 0
     assert "draw 30 calibrations" in call.err
     assert {path.name for path in (tmp_path / "one").iterdir()} == {"metrics.json", "budget.png"}
-    figures = metrics(tmp_path / "one")
+    figures = metrics_of(tmp_path / "one")
     sources = figures["sources"]
     assert set(sources) == {"bases", "tool", "part", "closing", "together"}
     alone = [sources[name]["predicted_rms_m"] for name in ("bases", "tool", "part", "closing")]
@@ -40,7 +34,7 @@ def test_worse_instruments_fall_short(polish_sim: Tool, tmp_path: Path) -> None:
     noise = ("--tracker-noise", "0", "--touch-noise", "0.2")
     words = ("--draws", "30", *noise, "--marks", "4", "--closing", "0", "--check", "--out", "bad")
     assert polish_sim("calibrate", "budget", *words).code == 1
-    figures = metrics(tmp_path / "bad")
+    figures = metrics_of(tmp_path / "bad")
     assert figures["settings"]["marks"] == 4
     assert figures["settings"]["closing_touches"] == 0
     assert figures["sources"]["tool"]["predicted_rms_m"] == pytest.approx(2e-4 * np.sqrt(0.4), rel=1e-6)
@@ -82,4 +76,4 @@ def test_broken_off_what_was_drawn_is_kept_if_it_is_enough(
     assert "interrupted" in err
     assert [path.name for path in tmp_path.iterdir()] == ["cut"] * kept
     if kept:
-        assert metrics(tmp_path / "cut")["draws"] == after
+        assert metrics_of(tmp_path / "cut")["draws"] == after

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -17,12 +16,7 @@ from polish_sim.dual.calibration.bases import read_base_calibration
 from polish_sim.dual.calibration.circle import fit_circle
 from polish_sim.dual.calibration.tool import read_tool_calibration
 from polish_sim.errors import CalibrationError, InputError
-
-Tool = Callable[..., Any]
-
-
-def metrics(folder: Path) -> dict[str, Any]:
-    return dict(json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
+from tests.cli.conftest import Tool, metrics_of
 
 
 def table(file: Path) -> list[list[str]]:
@@ -38,15 +32,15 @@ def test_a_tool_frame_leaves_its_files_and_they_read_back(polish_sim: Tool, tmp_
     assert polish_sim("calibrate", "tcp", "--seed", "3", "--out", "one", "--check").code == 0
     one = tmp_path / "one"
     assert {path.name for path in one.iterdir()} == {"calibration.toml", "residuals.csv", "metrics.json", "tool.png"}
-    figures = metrics(one)
+    figures = metrics_of(one)
     assert {"position_m", "quaternion_wxyz", "position_error_m", "position_crb_m", "residual_rms_m"} <= set(figures)
     found = read_tool_calibration(one / "calibration.toml")
     np.testing.assert_allclose(found[:3, 3], figures["position_m"])
     written = tomllib.loads((one / "calibration.toml").read_text(encoding="utf-8"))
     assert written["position_covariance"][0][0] == pytest.approx(figures["position_m_std"][0] ** 2)
     assert polish_sim("calibrate", "tcp", "--data", "one/residuals.csv", "--out", "two").code == 0
-    np.testing.assert_allclose(metrics(tmp_path / "two")["position_m"], figures["position_m"], atol=1e-10)
-    np.testing.assert_allclose(metrics(tmp_path / "two")["quaternion_wxyz"], figures["quaternion_wxyz"], atol=1e-9)
+    np.testing.assert_allclose(metrics_of(tmp_path / "two")["position_m"], figures["position_m"], atol=1e-10)
+    np.testing.assert_allclose(metrics_of(tmp_path / "two")["quaternion_wxyz"], figures["quaternion_wxyz"], atol=1e-9)
 
 
 @pytest.mark.parametrize("method", ["circles", "poses", "handshake"])
@@ -56,18 +50,18 @@ def test_bases_leave_their_files_and_they_read_back(method: str, polish_sim: Too
     assert polish_sim(*words, "--seed", "2", "--out", "one", "--check").code == 0
     one = tmp_path / "one"
     assert {path.name for path in one.iterdir()} == {"calibration.toml", "residuals.csv", "metrics.json", "bases.png"}
-    figures = metrics(one)
+    figures = metrics_of(one)
     assert {"transform", "origin_error_m", "axis_error_rad"} <= set(figures)
     np.testing.assert_allclose(
         read_base_calibration(one / "calibration.toml", pair).T_master_follower, figures["transform"], atol=1e-15
     )
     assert polish_sim(*words, "--data", "one/residuals.csv", "--out", "two").code == 0
-    np.testing.assert_allclose(metrics(tmp_path / "two")["transform"], figures["transform"], atol=1e-6)
+    np.testing.assert_allclose(metrics_of(tmp_path / "two")["transform"], figures["transform"], atol=1e-6)
 
 
 def test_many_seeds_give_their_rms(polish_sim: Tool, tmp_path: Path) -> None:
     assert polish_sim("calibrate", "tcp", "--seeds", "5", "--out", "many", "--check").code == 0
-    many = metrics(tmp_path / "many")
+    many = metrics_of(tmp_path / "many")
     errors = [run["position_error_m"] for run in many["runs"].values()]
     assert many["rms"]["position_error_m"] == pytest.approx(np.sqrt(np.mean(np.square(errors))))
     assert many["worst"]["position_error_m"] == max(errors)
@@ -194,7 +188,7 @@ def test_a_point_of_the_bases_off_by_two_millimetres_is_named(
     code, _, err = polish_sim("calibrate", "base", "--method", name, "--data", "off.csv", "--out", "two")
     assert code == 0
     assert f"note: {said} does not fit the others and was left out" in err
-    assert metrics(tmp_path / "two")["outliers"] == [said]
+    assert metrics_of(tmp_path / "two")["outliers"] == [said]
 
 
 def test_rotation_vectors_in_degrees_are_refused(files: Any, polish_sim: Tool, tmp_path: Path) -> None:
@@ -212,7 +206,7 @@ def test_rotation_vectors_in_degrees_are_refused(files: Any, polish_sim: Tool, t
 
 def test_an_arm_whose_axes_do_not_quite_meet_is_told(files: Any, polish_sim: Tool, tmp_path: Path) -> None:
     """The second arc of the master, 1 mm to the side of where its axes would meet."""
-    found = metrics_of(polish_sim, tmp_path, "as_is", files["circles"])
+    found = calibrated(polish_sim, tmp_path, "as_is", files["circles"])
     assert found["gap_m"] < 1e-4
     assert found["axes_meet"] is True
     axis = np.cross(*(fit_circle(arc_of(files["circles"], k)).axis for k in ("1", "2")))
@@ -223,7 +217,7 @@ def test_an_arm_whose_axes_do_not_quite_meet_is_told(files: Any, polish_sim: Too
         else row
         for row in files["circles"]
     ]
-    found = metrics_of(polish_sim, tmp_path, "moved", moved, code=1)
+    found = calibrated(polish_sim, tmp_path, "moved", moved, code=1)
     assert found["gap_m"] == pytest.approx(1e-3, abs=1e-4)
     assert found["axes_meet"] is False
 
@@ -232,13 +226,13 @@ def arc_of(rows: list[list[str]], axis: str) -> Any:
     return np.array([[float(v) for v in row[2:5]] for row in rows if row[:2] == ["master", axis]])
 
 
-def metrics_of(polish_sim: Tool, folder: Path, name: str, rows: list[list[str]], code: int = 0) -> dict[str, Any]:
+def calibrated(polish_sim: Tool, folder: Path, name: str, rows: list[list[str]], code: int = 0) -> dict[str, Any]:
     """Figures of a calibration of bases from rows, with --check."""
     write(folder / f"{name}.csv", rows)
     call = polish_sim("calibrate", "base", "--data", f"{name}.csv", "--out", name, "--check")
     assert call.code == code
     assert ("the master miss each other" in call.err) == (code == 1)
-    return metrics(folder / name)
+    return metrics_of(folder / name)
 
 
 @pytest.mark.parametrize("what", ["tcp", "base"])
@@ -258,7 +252,7 @@ def test_a_touch_off_by_two_millimetres_is_named(files: Any, polish_sim: Tool, t
     code, _, err = polish_sim("calibrate", "tcp", "--data", "off.csv", "--out", "two")
     assert code == 0
     assert "note: touch 6 does not fit the others and was left out" in err
-    assert metrics(tmp_path / "two")["outliers"] == [6]
+    assert metrics_of(tmp_path / "two")["outliers"] == [6]
 
 
 @pytest.mark.parametrize(

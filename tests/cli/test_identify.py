@@ -5,10 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,11 +19,11 @@ from polish_sim.identification.regressor import TorqueModel
 from polish_sim.identification.robot_model import read_chain
 from polish_sim.identification.settings import IDENTIFY, IdentifySettings
 from polish_sim.motion.serial_chain import link_parameters
+from tests.cli.conftest import Tool
 from tests.identification.chains import ODD
 from tests.identification.logs import played, write_log
 from tests.identification.motions import SIGMA, known_robot, noisy
 
-Tool = Callable[..., Any]
 NAMES = ["time_s", *(f"q{j}_rad" for j in range(1, 7)), *(f"torque{j}_nm" for j in range(1, 7))]
 
 

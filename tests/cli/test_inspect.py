@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-Polish = Callable[..., tuple[int, str, str]]
+from tests.cli.conftest import Tool
+
 FILES = ["coverage.ply", "coverage.png", "metrics.json", "spacing.png"]
 KEYS = {
     "coverage",
@@ -30,7 +30,7 @@ def write_raster(file: Path, height: float = 20.0) -> None:
     file.write_text("x,y,z,i,j,k\n" + "\n".join(lines) + "\n", encoding="utf-8")
 
 
-def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: Polish) -> None:
+def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: Tool) -> None:
     write_raster(Path("raster.csv"))
     code, out, err = polish_sim("inspect", "raster.csv", "--part", "plate", "--out", "seen")
     assert code == 0
@@ -42,7 +42,7 @@ def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: 
     assert metrics["coverage_stepover"] == 1.0
 
 
-def test_the_mesh_opens_elsewhere_and_carries_the_time_under_the_pad(polish_sim: Polish) -> None:
+def test_the_mesh_opens_elsewhere_and_carries_the_time_under_the_pad(polish_sim: Tool) -> None:
     write_raster(Path("raster.csv"))
     assert polish_sim("inspect", "raster.csv", "--part", "plate", "--out", "seen")[0] == 0
     mesh = trimesh.load("seen/coverage.ply", process=False)
@@ -54,7 +54,7 @@ def test_the_mesh_opens_elsewhere_and_carries_the_time_under_the_pad(polish_sim:
     assert exposure[inner].mean() == pytest.approx(np.pi * 25.0**2 / (10.0 * 10.0), rel=0.02)
 
 
-def test_a_plan_folder_knows_its_part_and_step_over(polish_sim: Polish) -> None:
+def test_a_plan_folder_knows_its_part_and_step_over(polish_sim: Tool) -> None:
     assert polish_sim("plan", "sphere_100", "--stepover", "10", "--out", "plan")[0] == 0
     code, _, err = polish_sim("inspect", "plan", "--out", "seen")
     assert code == 0
@@ -64,7 +64,7 @@ def test_a_plan_folder_knows_its_part_and_step_over(polish_sim: Polish) -> None:
         assert seen[key] == pytest.approx(planned[key], rel=1e-9)
 
 
-def test_options_reach_the_figures(polish_sim: Polish) -> None:
+def test_options_reach_the_figures(polish_sim: Tool) -> None:
     write_raster(Path("raster.csv"))
     words = ("--stepover", "12", "--pad-diameter", "30", "--feed", "20")
     assert polish_sim("inspect", "raster.csv", "--part", "plate", *words, "--out", "seen")[0] == 0
@@ -87,7 +87,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim: Polish, case: str) -> None:
+def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim: Tool, case: str) -> None:
     write_raster(Path("raster.csv"))
     write_raster(Path("deep.csv"), 16.0)
     words, message = BAD[case]

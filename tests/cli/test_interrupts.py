@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_run import PROGRAM
+from tests.cli.conftest import PROGRAM
 
 
 def write_long_path(file: Path) -> None:

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from polish_sim.experiments.registry import PATH_OPTIONS
+from tests.cli.conftest import Tool
 
-Polish = Callable[..., tuple[int, str, str]]
 SMALL = ("sphere_50", "--stepover", "20")
 PANELS = ("Part and region:", "Path:", "Landing and tool axis:", "Tool and process:", "Config:", "Output:")
 
 
 @pytest.mark.parametrize("command", [("plan",), ("run", "surface")])
-def test_help_groups_every_option_of_a_path_in_panels(polish_sim: Polish, command: tuple[str, ...]) -> None:
+def test_help_groups_every_option_of_a_path_in_panels(polish_sim: Tool, command: tuple[str, ...]) -> None:
     _, out, _ = polish_sim(*command, "--help")
     assert all(f"\n{panel}\n" in out for panel in PANELS)
     assert all(f"  {option} " in out for option in PATH_OPTIONS)
     assert out.index("Path:") < out.index("--stepover") < out.index("Landing and tool axis:") < out.index("--lead-in")
 
 
-def test_every_option_of_a_path_reaches_the_plan(polish_sim: Polish) -> None:
+def test_every_option_of_a_path_reaches_the_plan(polish_sim: Tool) -> None:
     words = (
         "--order", "outward", "--direction", "climb", "--start", "0,0,25", "--lead-in", "arc", "--lead-angle", "5",
         "--tilt-angle", "-3", "--axis-smoothing", "15", "--axis-deviation", "2", "--feature-angle", "25",
@@ -42,7 +41,7 @@ def test_every_option_of_a_path_reaches_the_plan(polish_sim: Polish) -> None:
     assert figures["axis_deviation_max_rad"] <= 0.034907
 
 
-def test_run_takes_the_same_options_and_its_overlap(polish_sim: Polish) -> None:
+def test_run_takes_the_same_options_and_its_overlap(polish_sim: Tool) -> None:
     words = ("--overlap", "50", "--pad-diameter", "40", "--lead-in", "tangent", "--tilt-angle", "4", "--dry-run")
     code, _, err = polish_sim("run", "surface", "--part", "sphere_50", *words)
     assert code == 0, err
@@ -62,7 +61,7 @@ BAD = {
 
 @pytest.mark.parametrize("command", [("plan", "sphere_50"), ("run", "surface", "--part", "sphere_50", "--dry-run")])
 @pytest.mark.parametrize("case", BAD)
-def test_a_bad_option_is_one_message_on_both_commands(polish_sim: Polish, command: tuple[str, ...], case: str) -> None:
+def test_a_bad_option_is_one_message_on_both_commands(polish_sim: Tool, command: tuple[str, ...], case: str) -> None:
     words, said = BAD[case]
     code, _, err = polish_sim(*command, *words)
     errors = [line for line in err.splitlines() if line.startswith("error: ")]
@@ -72,7 +71,7 @@ def test_a_bad_option_is_one_message_on_both_commands(polish_sim: Polish, comman
     assert list(Path().iterdir()) == []
 
 
-def test_a_finished_path_is_not_planned_differently(polish_sim: Polish) -> None:
+def test_a_finished_path_is_not_planned_differently(polish_sim: Tool) -> None:
     assert polish_sim("plan", *SMALL, "--out", "plan")[0] == 0
     code, _, err = polish_sim("run", "surface", "--path", "plan", "--lead-in", "arc", "--overlap", "60", "--dry-run")
     assert code == 2

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-Polish = Callable[..., tuple[int, str, str]]
+from tests.cli.conftest import Tool
+
 FILES = ["metrics.json", "path.csv", "path.json", "path.png"]
 
 
-def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Polish) -> None:
+def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None:
     code, out, err = polish_sim("plan", "sphere_100", "--out", "plan")
     assert code == 0
     assert sorted(file.name for file in Path("plan").iterdir()) == FILES
@@ -31,7 +31,7 @@ def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Polish) -> No
     assert metrics["cycle_time_s"] == pytest.approx(metrics["motion_time_s"] + around, abs=0.3)
 
 
-def test_options_reach_the_plan(polish_sim: Polish) -> None:
+def test_options_reach_the_plan(polish_sim: Tool) -> None:
     words = ("--pattern", "raster", "--stepover", "12", "--lead-in", "arc", "--lead-angle", "10", "--tilt-angle", "5")
     assert polish_sim("plan", "sphere_100", *words, "--out", "plan")[0] == 0
     plan = json.loads(Path("plan/path.json").read_text())["plan"]
@@ -42,7 +42,7 @@ def test_options_reach_the_plan(polish_sim: Polish) -> None:
     assert plan["tilt_angle_rad"] == pytest.approx(0.08726646)
 
 
-def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(polish_sim: Polish) -> None:
+def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(polish_sim: Tool) -> None:
     code, out, _ = polish_sim("plan", "saddle", "--stepover", "40", "--reach-map", "--out", "plan")
     assert code == 0
     assert (Path("plan") / "reach_map.png").stat().st_size > 20_000
@@ -52,7 +52,7 @@ def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(poli
     assert "-500" in out
 
 
-def test_a_plan_out_of_reach_says_so(polish_sim: Polish) -> None:
+def test_a_plan_out_of_reach_says_so(polish_sim: Tool) -> None:
     code, out, err = polish_sim(
         "plan", "saddle", "--stepover", "40", "--set", "part.pose=[0,-0.95,0.4,0,0,0]", "--out", "plan"
     )
@@ -61,7 +61,7 @@ def test_a_plan_out_of_reach_says_so(polish_sim: Polish) -> None:
     assert "It fits with --part-pose 0.001,-499.862,80,0,0,0" in err
 
 
-def test_overlap_is_in_percent_of_the_pad(polish_sim: Polish) -> None:
+def test_overlap_is_in_percent_of_the_pad(polish_sim: Tool) -> None:
     assert polish_sim("plan", "sphere_100", "--overlap", "70", "--pad-diameter", "40", "--out", "plan")[0] == 0
     assert json.loads(Path("plan/path.json").read_text())["stepover_m"] == pytest.approx(0.012)
 
@@ -81,7 +81,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim: Polish, case: str) -> None:
+def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim: Tool, case: str) -> None:
     words, message = BAD[case]
     code, _, err = polish_sim("plan", *words)
     assert code == 2
@@ -92,7 +92,7 @@ def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim: Polish,
     assert list(Path().iterdir()) == []
 
 
-def test_a_part_narrower_than_the_pad_is_refused_and_a_smaller_pad_helps(polish_sim: Polish) -> None:
+def test_a_part_narrower_than_the_pad_is_refused_and_a_smaller_pad_helps(polish_sim: Tool) -> None:
     trimesh.creation.box((100.0, 20.0, 10.0)).export("rod.stl")
     code, _, err = polish_sim("plan", "rod.stl", "--out", "plan")
     assert code == 2
@@ -100,7 +100,7 @@ def test_a_part_narrower_than_the_pad_is_refused_and_a_smaller_pad_helps(polish_
     assert polish_sim("plan", "rod.stl", "--pad-diameter", "20", "--stepover", "4", "--out", "plan")[0] == 0
 
 
-def test_a_part_read_in_the_wrong_unit_is_told_the_size_it_would_have_in_others(polish_sim: Polish) -> None:
+def test_a_part_read_in_the_wrong_unit_is_told_the_size_it_would_have_in_others(polish_sim: Tool) -> None:
     trimesh.creation.box((160.0 / 25.4, 100.0 / 25.4, 0.3)).export("inches.stl")
     _, _, err = polish_sim("plan", "inches.stl")
     assert "Read in mm the part measures 6.299 mm; " in err
@@ -108,7 +108,7 @@ def test_a_part_read_in_the_wrong_unit_is_told_the_size_it_would_have_in_others(
     assert "--units m " not in err  # 6.3 m
 
 
-def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Polish) -> None:
+def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Tool) -> None:
     cap = trimesh.creation.icosphere(subdivisions=4, radius=80.0)
     cap.update_faces(cap.triangles_center[:, 2] > 80.0 * np.cos(np.radians(75.0)))
     cap.export("cap.stl")
@@ -125,7 +125,7 @@ def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Polish) -> N
     assert areas in out
 
 
-def test_turns_closer_than_asked_are_told_with_the_reason(polish_sim: Polish) -> None:
+def test_turns_closer_than_asked_are_told_with_the_reason(polish_sim: Tool) -> None:
     # First and last turn half a step-over from the borders of a ring 40 mm wide: 25 mm to share out, by 12.5.
     trimesh.creation.annulus(20.0, 60.0, 10.0, sections=120).export("ring.stl")
     code, _, err = polish_sim("plan", "ring.stl", "--stepover", "15", "--out", "plan")

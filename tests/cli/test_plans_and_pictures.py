@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from polish_sim.models import workpiece_path
+from tests.cli.conftest import Tool
 
-Polish = Callable[..., tuple[int, str, str]]
 QUICK = ["--set", "process.max_feed_s=1.0"]
 CONTROLLER = '''
 """A law of one's own: hold the nominal path, as stiff as it is."""
@@ -43,14 +42,14 @@ class Half:
 
 
 @pytest.fixture
-def plan(polish_sim: Polish, tmp_path: Path) -> Path:
+def plan(polish_sim: Tool, tmp_path: Path) -> Path:
     code, _, err = polish_sim("plan", "sphere_50", "--stepover", "10", "--out", "plan")
     assert code == 0, err
     return tmp_path / "plan"
 
 
 def test_a_plan_runs_on_the_part_and_with_the_settings_it_was_made_with(
-    polish_sim: Polish, tmp_path: Path, plan: Path
+    polish_sim: Tool, tmp_path: Path, plan: Path
 ) -> None:
     code, _, err = polish_sim("run", "surface", "--path", "plan", *QUICK, "--out", "run")
     assert code == 0, err
@@ -64,7 +63,7 @@ def test_a_plan_runs_on_the_part_and_with_the_settings_it_was_made_with(
     [(["--stepover", "5"], "leave --stepover out"), (["--part", "plate"], "another file than 'plate'")],
 )
 def test_a_plan_is_not_run_against_its_own_settings_or_part(
-    polish_sim: Polish, plan: Path, words: list[str], said: str
+    polish_sim: Tool, plan: Path, words: list[str], said: str
 ) -> None:
     code, _, err = polish_sim("run", "surface", "--path", "plan", *words, "--out", "run")
     assert code == 2
@@ -72,7 +71,7 @@ def test_a_plan_is_not_run_against_its_own_settings_or_part(
     assert not (plan.parent / "run").exists()
 
 
-def test_a_plan_of_a_user_s_part_asks_where_the_part_is(polish_sim: Polish, tmp_path: Path) -> None:
+def test_a_plan_of_a_user_s_part_asks_where_the_part_is(polish_sim: Tool, tmp_path: Path) -> None:
     (tmp_path / "mine.stl").write_bytes(workpiece_path("sphere_50").read_bytes())
     assert polish_sim("plan", "mine.stl", "--out", "plan")[0] == 0
     code, _, err = polish_sim("run", "surface", "--path", "plan")
@@ -82,7 +81,7 @@ def test_a_plan_of_a_user_s_part_asks_where_the_part_is(polish_sim: Polish, tmp_
 
 
 def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_check(
-    polish_sim: Polish, tmp_path: Path
+    polish_sim: Tool, tmp_path: Path
 ) -> None:
     code, _, err = polish_sim("run", "surface", "--part", "sphere_50", *QUICK, "--check", "--out", "run")
     assert code == 1, err
@@ -94,7 +93,7 @@ def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_ch
     assert figures["path_done"] < 1.0
 
 
-def test_a_user_s_controller_runs_from_its_file(polish_sim: Polish, tmp_path: Path) -> None:
+def test_a_user_s_controller_runs_from_its_file(polish_sim: Tool, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(CONTROLLER)
     code, _, err = polish_sim("run", "arc", "--controller", "mine.py:Mine", *QUICK, "--out", "run")
     assert code == 0, err
@@ -103,7 +102,7 @@ def test_a_user_s_controller_runs_from_its_file(polish_sim: Polish, tmp_path: Pa
 
 @pytest.mark.parametrize(("name", "code", "said"), [("Broken", 3, "no idea"), ("Half", 2, "step"), ("None", 2, "Mine")])
 def test_a_user_s_controller_that_does_not_work_is_told_what_is_wrong(
-    polish_sim: Polish, tmp_path: Path, name: str, code: int, said: str
+    polish_sim: Tool, tmp_path: Path, name: str, code: int, said: str
 ) -> None:
     (tmp_path / "mine.py").write_text(CONTROLLER)
     ended, _, err = polish_sim("run", "arc", "--controller", f"mine.py:{name}", *QUICK, "--out", "run")
@@ -112,7 +111,7 @@ def test_a_user_s_controller_that_does_not_work_is_told_what_is_wrong(
     assert "Traceback" not in err
 
 
-def test_a_video_moves_or_its_absence_is_told(polish_sim: Polish, tmp_path: Path) -> None:
+def test_a_video_moves_or_its_absence_is_told(polish_sim: Tool, tmp_path: Path) -> None:
     code, _, err = polish_sim("run", "arc", "--set", "process.max_feed_s=2", "--video", "--out", "run")
     assert code == 0, err
     films = list((tmp_path / "run").glob("video.*"))
@@ -124,7 +123,7 @@ def test_a_video_moves_or_its_absence_is_told(polish_sim: Polish, tmp_path: Path
 
 
 def test_without_a_display_view_is_told_so_and_the_run_goes_on(
-    polish_sim: Polish, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)

@@ -2,34 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from polish_sim.log import COLUMNS, read_log
+from tests.cli.conftest import PROGRAM, Tool, metrics_of
 
-Polish = Callable[..., tuple[int, str, str]]
-PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
 FORCE = ["run", "force", "--set", "process.hold_s=1.5"]
 ARC = ["run", "arc", "--feed", "100"]
 DEAF = ["--set", "controller.force_p_m_sn=0.0001", "--set", "controller.force_i_m_s2n=0.0001"]
 
 
-def metrics_of(folder: Path) -> dict[str, object]:
-    loaded = json.loads((folder / "metrics.json").read_text())
-    assert isinstance(loaded, dict)
-    return loaded
-
-
-def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(polish_sim: Polish, tmp_path: Path) -> None:
+def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(polish_sim: Tool, tmp_path: Path) -> None:
     code, out, err = polish_sim(*FORCE)
     assert code == 0, err
     (folder,) = (tmp_path / "results" / "run-force").iterdir()
@@ -42,7 +32,7 @@ def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(poli
     assert {"seed", "simulated_s", "wall_s", "real_time_factor", "steps", "T_base_work", "versions"} <= set(figures)
 
 
-def test_the_folder_s_config_runs_again_to_the_same_log(polish_sim: Polish, tmp_path: Path) -> None:
+def test_the_folder_s_config_runs_again_to_the_same_log(polish_sim: Tool, tmp_path: Path) -> None:
     assert polish_sim(*ARC, "--seed", "3", "--out", "first")[0] == 0
     assert polish_sim("run", "arc", "--config", "first/config.toml", "--out", "again")[0] == 0
     assert (tmp_path / "first/config.toml").read_text() == (tmp_path / "again/config.toml").read_text()
@@ -51,21 +41,21 @@ def test_the_folder_s_config_runs_again_to_the_same_log(polish_sim: Polish, tmp_
         np.testing.assert_array_equal(first[name], again[name])
 
 
-def test_the_default_config_is_what_a_bare_run_uses(polish_sim: Polish, tmp_path: Path) -> None:
+def test_the_default_config_is_what_a_bare_run_uses(polish_sim: Tool, tmp_path: Path) -> None:
     _, toml, _ = polish_sim("config", "arc")
     (tmp_path / "mine.toml").write_text(toml)
     assert polish_sim("run", "arc", "--config", "mine.toml", "--out", "run")[0] == 0
     assert (tmp_path / "run/config.toml").read_text() == toml
 
 
-def test_check_is_1_when_a_figure_falls_short_and_0_when_all_are_met(polish_sim: Polish) -> None:
+def test_check_is_1_when_a_figure_falls_short_and_0_when_all_are_met(polish_sim: Tool) -> None:
     assert polish_sim(*FORCE, "--check", "--out", "good")[0] == 0
     code, out, _ = polish_sim(*FORCE, *DEAF, "--check", "--out", "deaf")
     assert code == 1
     assert " NO" in out
 
 
-def test_without_check_the_code_is_0_and_figures_under_other_conditions_are_not_judged(polish_sim: Polish) -> None:
+def test_without_check_the_code_is_0_and_figures_under_other_conditions_are_not_judged(polish_sim: Tool) -> None:
     sluggish = ["--set", "robot.linear_acceleration_m_s2=0.05"]
     code, out, _ = polish_sim(*ARC, *sluggish, "--out", "run")
     assert code == 0
@@ -73,7 +63,7 @@ def test_without_check_the_code_is_0_and_figures_under_other_conditions_are_not_
     assert "here robot.linear_acceleration_m_s2 = 0.05 (1.2)." in out
 
 
-def test_a_protective_stop_is_3_with_its_reason_and_the_log_kept(polish_sim: Polish, tmp_path: Path) -> None:
+def test_a_protective_stop_is_3_with_its_reason_and_the_log_kept(polish_sim: Tool, tmp_path: Path) -> None:
     code, _, err = polish_sim(*FORCE, "--set", "faults.events=controller-nan@2.6", "--out", "stopped")
     assert code == 3
     reason = metrics_of(tmp_path / "stopped")["protective_stop"]
@@ -84,7 +74,7 @@ def test_a_protective_stop_is_3_with_its_reason_and_the_log_kept(polish_sim: Pol
 
 @pytest.mark.parametrize("out", ["taken", "file", "/proc/polish"])
 def test_an_output_folder_that_cannot_be_used_is_told_before_the_work(
-    polish_sim: Polish, tmp_path: Path, out: str
+    polish_sim: Tool, tmp_path: Path, out: str
 ) -> None:
     (tmp_path / "taken").mkdir()
     (tmp_path / "file").touch()
@@ -95,13 +85,13 @@ def test_an_output_folder_that_cannot_be_used_is_told_before_the_work(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "taken"]
 
 
-def test_overwrite_replaces_a_run(polish_sim: Polish, tmp_path: Path) -> None:
+def test_overwrite_replaces_a_run(polish_sim: Tool, tmp_path: Path) -> None:
     assert polish_sim(*ARC, "--out", "run")[0] == 0
     assert polish_sim(*ARC, "--seed", "9", "--out", "run", "--overwrite")[0] == 0
     assert metrics_of(tmp_path / "run")["seed"] == 9
 
 
-def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Polish, tmp_path: Path) -> None:
+def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Tool, tmp_path: Path) -> None:
     assert polish_sim(*ARC, "--log-rate", "full", "--out", "full")[0] == 0
     assert polish_sim(*ARC, "--log-rate", "50", "--out", "coarse")[0] == 0
     full, coarse = read_log(tmp_path / "full/log.npz"), read_log(tmp_path / "coarse/log.npz")
@@ -111,7 +101,7 @@ def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Polish, tmp_
     assert metrics_of(tmp_path / "full")[same] == metrics_of(tmp_path / "coarse")[same]
 
 
-def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim: Polish, tmp_path: Path) -> None:
+def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim: Tool, tmp_path: Path) -> None:
     code, out, err = polish_sim(*FORCE, "--seed", "5", "--seeds", "2", "--check", "--out", "two")
     assert code == 0, err
     assert "worst seed" in out
@@ -123,7 +113,7 @@ def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim: Polish, tmp_
     assert figures["mean"]["settling_time_3n_s"] == pytest.approx(sum(times) / 2)  # type: ignore[index, arg-type]
 
 
-def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Polish, tmp_path: Path) -> None:
+def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Tool, tmp_path: Path) -> None:
     for name, controller in (("a", "hybrid-pi"), ("b", "hybrid-pi-position")):
         assert polish_sim(*ARC, "--controller", controller, "--out", name)[0] == 0
     assert polish_sim("report", "a", "--out", "alone")[0] == 0
@@ -157,7 +147,7 @@ def test_an_interrupt_is_130_and_keeps_what_was_recorded(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("words", [(), ("--seeds", "1")])
 def test_an_interrupt_while_drawing_says_that_only_pictures_are_missing(
-    polish_sim: Polish, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
 ) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
@@ -194,7 +184,7 @@ def test_an_interrupt_of_many_seeds_keeps_those_that_ended(tmp_path: Path) -> No
     assert sorted(folder.name for folder in (tmp_path / "cut").glob("seed-*")) == [f"seed-{s:04d}" for s in kept]
 
 
-def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim: Polish, tmp_path: Path) -> None:
+def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim: Tool, tmp_path: Path) -> None:
     code, _, err = polish_sim(*FORCE, "--fault", "sensor-dropout@contact+0.5", "--fault", "part-low@60", "--out", "a")
     assert code == 3
     assert "wrist sensor reading missing" in err
@@ -211,7 +201,7 @@ def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim: Po
 
 @pytest.mark.parametrize(("fault", "told"), [("gremlins@3", "sensor-frozen"), ("part-high", "NAME@TIME")])
 def test_a_fault_that_makes_no_sense_is_refused_before_the_work(
-    polish_sim: Polish, tmp_path: Path, fault: str, told: str
+    polish_sim: Tool, tmp_path: Path, fault: str, told: str
 ) -> None:
     code, _, err = polish_sim(*FORCE, "--fault", fault, "--out", "run")
     assert code == 2

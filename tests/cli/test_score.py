@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-Polish = Callable[..., tuple[int, str, str]]
-PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
+from tests.cli.conftest import PROGRAM, Tool
+
 TWO = ["--case", "step-10", "--case", "approach-20", "--seeds", "1", "--workers", "1"]
 FILES = {"asked.json", "score.json", "score.md", "score.png", "metrics.json", "rows.jsonl"}
 
@@ -24,7 +22,7 @@ def read(file: Path) -> dict[str, object]:
     return loaded
 
 
-def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(polish_sim: Polish, tmp_path: Path) -> None:
+def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(polish_sim: Tool, tmp_path: Path) -> None:
     code, out, err = polish_sim("score", *TWO, "--against", "position", "--check", "--out", "s")
     assert code == 1, err  # hybrid-pi settles later than asked
     assert {file.name for file in (tmp_path / "s").iterdir()} == FILES
@@ -57,7 +55,7 @@ def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(polis
     assert (tmp_path / "s/rows.jsonl").read_text() == lines
 
 
-def test_a_user_s_file_is_scored_the_same_way(polish_sim: Polish, tmp_path: Path) -> None:
+def test_a_user_s_file_is_scored_the_same_way(polish_sim: Tool, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return t.twist\n"
     )
@@ -85,7 +83,7 @@ def test_a_user_s_file_is_scored_the_same_way(polish_sim: Polish, tmp_path: Path
     ],
 )
 def test_what_cannot_be_scored_is_one_line_and_writes_nothing(
-    polish_sim: Polish, tmp_path: Path, words: list[str], told: str
+    polish_sim: Tool, tmp_path: Path, words: list[str], told: str
 ) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full/thesis.tex").touch()
@@ -96,7 +94,7 @@ def test_what_cannot_be_scored_is_one_line_and_writes_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["full"]
 
 
-def test_the_list_names_every_case_without_running_any(polish_sim: Polish, tmp_path: Path) -> None:
+def test_the_list_names_every_case_without_running_any(polish_sim: Tool, tmp_path: Path) -> None:
     code, out, _ = polish_sim("score", "--list")
     assert code == 0
     assert "freeform-60" in out
@@ -129,7 +127,7 @@ def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
-def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(polish_sim: Polish, tmp_path: Path) -> None:
+def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(polish_sim: Tool, tmp_path: Path) -> None:
     words = ["--case", "noise-1", "--seeds", "4", "--workers", "1"]
     with _begun(tmp_path, 2, *words) as run:
         run.kill()
@@ -140,7 +138,7 @@ def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(polish_si
     assert read(tmp_path / "cut/score.json")["rows"] == read(tmp_path / "whole/score.json")["rows"]
 
 
-def test_another_score_is_never_replaced_unasked(polish_sim: Polish, tmp_path: Path) -> None:
+def test_another_score_is_never_replaced_unasked(polish_sim: Tool, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return t.twist\n"
     )

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +12,8 @@ import pytest
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
+from tests.cli.conftest import Tool, metrics_of
 
-Polish = Callable[..., tuple[int, str, str]]
 HEAD = "x,y,z,i,j,k\n"
 ZIGZAG = HEAD + "0,0,20,0,0,1\n30,0,20,0,0,1\n40,20,20,0,0.1,0.994987437\n40,20,20,0,0,1\n10,30,20,0,0,1\n"
 FILES = {
@@ -36,10 +34,6 @@ def smoothed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "path.csv").write_text(ZIGZAG)
     assert execute(commands, ["smooth", str(place / "path.csv"), "--out", str(place / "one")]) == 0
     return place / "one"
-
-
-def metrics_of(folder: Path) -> dict[str, object]:
-    return json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
 
 
 def test_files_and_figures_are_those_of_the_contract(smoothed: Path) -> None:
@@ -103,7 +97,7 @@ def test_the_limits_beside_a_trajectory_can_be_given_again(smoothed: Path) -> No
         assert written == pytest.approx(default)
 
 
-def test_the_tool_alone_needs_no_robot(polish_sim: Polish) -> None:
+def test_the_tool_alone_needs_no_robot(polish_sim: Tool) -> None:
     Path("far.csv").write_text(HEAD + "0,0,0,0,0,1\n9000,0,0,0,0,1\n9000,9000,0,0,0,1\n")
     code, _, _ = polish_sim("smooth", "far.csv", "--no-joints", "--rate", 20, "--out", "out")
     assert code == 0
@@ -114,7 +108,7 @@ def test_the_tool_alone_needs_no_robot(polish_sim: Polish) -> None:
     assert "q_rad" not in np.load("out/trajectory.npz")
 
 
-def test_no_tolerance_means_exact_stops(polish_sim: Polish) -> None:
+def test_no_tolerance_means_exact_stops(polish_sim: Tool) -> None:
     Path("path.csv").write_text(HEAD + "0,0,0,0,0,1\n5,0,0,0,0,1\n5,5,0,0,0,1\n")
     words = ("--tolerance", 0, "--axis-tolerance", 0, "--no-joints")
     assert polish_sim("smooth", "path.csv", *words, "--out", "out")[0] == 0
@@ -124,7 +118,7 @@ def test_no_tolerance_means_exact_stops(polish_sim: Polish) -> None:
     assert metrics["cycle_time_s"] == pytest.approx(2 * (0.05 + math.sqrt(0.05**2 + 4 * 0.005 / 0.5)), rel=1e-9)
 
 
-def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim: Polish) -> None:
+def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim: Tool) -> None:
     Path("path.nc").write_text("G0 X0 Y0 Z50\nX50\nG1 X100 F600\nX150 F1200\n")
     assert polish_sim("smooth", "path.nc", "--no-joints", "--rate", 1000, "--out", "out")[0] == 0
     archive = np.load("out/trajectory.npz")
@@ -138,7 +132,7 @@ def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim: Polish) -> Non
     assert metrics_of(Path("fed"))["peaks"]["tip_speed"]["value_m_s"] == pytest.approx(0.025)
 
 
-def test_another_rule_stands_beside_it(polish_sim: Polish, smoothed: Path) -> None:
+def test_another_rule_stands_beside_it(polish_sim: Tool, smoothed: Path) -> None:
     shutil.copy(smoothed.parent / "path.csv", "path.csv")
     code, out, _ = polish_sim("smooth", "path.csv", "--against", "joint-acceleration", "--no-joints", "--out", "out")
     assert code == 0
@@ -146,7 +140,7 @@ def test_another_rule_stands_beside_it(polish_sim: Polish, smoothed: Path) -> No
     assert "joint-acceleration" in out.splitlines()[2]
 
 
-def test_unknown_words_are_left_out_on_request(polish_sim: Polish) -> None:
+def test_unknown_words_are_left_out_on_request(polish_sim: Tool) -> None:
     Path("path.nc").write_text("G0 X0 Y0 Z50\nG1 X10 F600 U7\n")
     assert "line 2, column 13: unknown word 'U7'" in polish_sim("smooth", "path.nc", "--no-joints", "--out", "out")[2]
     code, _, err = polish_sim("smooth", "path.nc", "--no-joints", "--lenient", "--out", "out")
@@ -173,7 +167,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_input_is_one_message_and_leaves_nothing(polish_sim: Polish, case: str) -> None:
+def test_bad_input_is_one_message_and_leaves_nothing(polish_sim: Tool, case: str) -> None:
     text, words, message = BAD[case]
     Path("path.csv").write_text(text)
     Path("zero.toml").write_text("[tip]\nspeed_mm_s = 50\nacceleration_mm_s2 = 500\njerk_mm_s3 = 0\n")
@@ -189,7 +183,7 @@ def test_bad_input_is_one_message_and_leaves_nothing(polish_sim: Polish, case: s
     assert sorted(Path().iterdir()) == before
 
 
-def test_points_out_of_order_are_named(polish_sim: Polish) -> None:
+def test_points_out_of_order_are_named(polish_sim: Tool) -> None:
     head = "s_m,x_m,y_m,z_m,nx,ny,nz,pass_index,segment\n"
     Path("path.csv").write_text(head + "0,0,0,0,0,0,1,0,process\n2,2,0,0,0,0,1,0,process\n1,1,0,0,0,0,1,0,process\n")
     code, _, err = polish_sim("smooth", "path.csv", "--out", "out")
@@ -197,7 +191,7 @@ def test_points_out_of_order_are_named(polish_sim: Polish) -> None:
     assert "line 4, point 3: s_m falls from 2 to 1" in err
 
 
-def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_sim: Polish) -> None:
+def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_sim: Tool) -> None:
     line = HEAD + "".join(f"{5 * k},{5 * (k % 2)},20,0,0,1\n" for k in range(4))
     Path("path.csv").write_text(line)
     code, out, err = polish_sim("run", "smooth", "--path", "path.csv", "--out", "out")

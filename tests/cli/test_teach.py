@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from polish_sim.exchange import read_path
+from tests.cli.conftest import Tool
 
-Polish = Callable[..., Any]
 SHORT = ("--set", "hand.off_s=2")
 
 
-def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim: Polish) -> None:
+def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim: Tool) -> None:
     code, out, _ = polish_sim(
         "run", "teach", "--mode", "assist", "--direction", "x", "--duration", 0.8, *SHORT, "--out", "out"
     )
@@ -32,7 +30,7 @@ def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim: Polish) ->
     assert polish_sim("report", "out", "out", "--out", "beside")[0] == 0
 
 
-def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim: Polish) -> None:
+def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim: Tool) -> None:
     words = ("--mode", "classical", "--direction", "x", "--duration", 0.6, "--set", "guide.friction_scale=2")
     code, _, err = polish_sim("run", "teach", *words, *SHORT, "--out", "out")
     assert code == 3
@@ -52,13 +50,13 @@ def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim: P
         (("--set", "guide.model_file=gone.xml"), "'gone.xml' is not a robot's MJCF"),
     ],
 )
-def test_bad_input_is_one_message_and_nothing_written(polish_sim: Polish, words: tuple[str, ...], said: str) -> None:
+def test_bad_input_is_one_message_and_nothing_written(polish_sim: Tool, words: tuple[str, ...], said: str) -> None:
     code, _, err = polish_sim("run", "teach", *words, "--out", "out")
     assert (code, Path("out").exists()) == (2, False)
     assert said in " ".join(err.split())
 
 
-def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Polish) -> None:
+def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Tool) -> None:
     """From the hand to the polished part: taught.csv of one run is the path of the next."""
     code, out, _ = polish_sim("run", "teach", "--part", "freeform", "--follow", "rim", "--out", "taught")
     assert code == 0
@@ -71,7 +69,7 @@ def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Polish) -> None:
     assert json.loads(Path("polished/metrics.json").read_text())["force_within_4n"] >= 0.995
 
 
-def test_a_path_to_follow_is_checked_before_anything_moves(polish_sim: Polish) -> None:
+def test_a_path_to_follow_is_checked_before_anything_moves(polish_sim: Tool) -> None:
     code, _, err = polish_sim("run", "teach", "--follow", "gone.csv", "--out", "out")
     assert (code, Path("out").exists()) == (2, False)
     assert "gone.csv" in err
@@ -80,5 +78,5 @@ def test_a_path_to_follow_is_checked_before_anything_moves(polish_sim: Polish) -
     )
 
 
-def test_hand_options_belong_to_teach(polish_sim: Polish) -> None:
+def test_hand_options_belong_to_teach(polish_sim: Tool) -> None:
     assert "--mode would change nothing in 'run arc'" in polish_sim("run", "arc", "--mode", "assist")[2]

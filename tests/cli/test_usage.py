@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import resource
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,8 +13,8 @@ from polish_sim import __version__
 from polish_sim.cell import FAULTS
 from polish_sim.cli.catalogue import KINDS
 from polish_sim.cli.main import commands
+from tests.cli.conftest import PROGRAM
 
-PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
 COMMANDS = sorted(info.name for info in commands.registered_commands if info.name)
 
 
