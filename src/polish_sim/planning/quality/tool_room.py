@@ -88,7 +88,7 @@ class Tool(NamedTuple):
         rooms = []
         for body in self.bodies:
             wide = body.radius + clearance + beyond
-            found = standing_above(part, _discs(places, body, clearance)._replace(radius=wide))
+            found = standing_above(part, _discs(places, body, clearance)._replace(radius=wide), deep=False)
             rooms.append(beyond - found.reaches)
         return np.stack(rooms, axis=1)
 
@@ -244,19 +244,20 @@ class Intrusion(NamedTuple):
     reaches: Array  #: How far the part reaches into a disc from its rim [m], shape (n,)
 
 
-def standing_above(part: Surface, discs: Discs) -> Intrusion:
+def standing_above(part: Surface, discs: Discs, deep: bool = True) -> Intrusion:
     """Find the faces of a part that stand in the layers above discs, and how far each disc is in the part.
 
+    Without ``deep`` depths are not all looked for: reaches are found much sooner.
     Only the flat triangles between the patches' corners are tested: a wall is found however thin it is.
     """
     across = perpendicular(discs.axes)
     frames = np.stack([across, np.cross(discs.axes, across), discs.axes], axis=1)
-    depths, reaches = _look(part.control, part.tree, discs, np.ascontiguousarray(frames))
+    depths, reaches = _look(part.control, part.tree, discs, np.ascontiguousarray(frames), deep)
     return Intrusion(depths, reaches)
 
 
 @njit(cache=True, error_model="numpy")
-def _look(control, tree, discs, frames):  # type: ignore[no-untyped-def]
+def _look(control, tree, discs, frames, deep):  # type: ignore[no-untyped-def]
     count, radius = len(discs.middles), discs.radius
     depths, reaches = np.zeros(count), np.zeros(count)
     nodes, corner, layer, cut = np.empty(64, np.int32), np.empty((3, 3)), np.empty((6, 3)), np.empty((6, 3))
@@ -270,10 +271,18 @@ def _look(control, tree, discs, frames):  # type: ignore[no-untyped-def]
             node = nodes[top]
             if box_distance2(tree.low, tree.high, node, x, y, z) > around2:
                 continue
-            if _top_of_box(tree, node, discs.middles[i], discs.axes[i]) <= low:
+            if _top_of_box(tree, node, discs.middles[i], discs.axes[i], 1.0) <= low:
+                continue
+            if _top_of_box(tree, node, discs.middles[i], discs.axes[i], -1.0) <= -high:
+                continue
+            # What is further from the axis than what was found already adds nothing.
+            if _beside(tree, node, discs.middles[i], discs.axes[i]) >= radius - (depths[i] if deep else reaches[i]):
                 continue
             if tree.right[node] >= 0:
-                nodes[top], nodes[top + 1] = tree.right[node], node + 1
+                one, two = tree.right[node], node + 1
+                if box_distance2(tree.low, tree.high, one, x, y, z) < box_distance2(tree.low, tree.high, two, x, y, z):
+                    one, two = two, one
+                nodes[top], nodes[top + 1] = one, two
                 top += 2
                 continue
             for k in range(tree.first[node], tree.first[node] + tree.size[node]):
@@ -286,13 +295,26 @@ def _look(control, tree, discs, frames):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _top_of_box(tree, node, middle, axis):  # type: ignore[no-untyped-def]
-    """Height of a box's highest corner above a disc's plane [m]."""
+def _top_of_box(tree, node, middle, axis, up):  # type: ignore[no-untyped-def]
+    """Height of a box's highest corner above a disc's plane [m]; with ``up`` -1 of its lowest one, negative."""
     height = 0.0
     for k in range(3):
-        corner = tree.high[node, k] if axis[k] > 0.0 else tree.low[node, k]
-        height += axis[k] * (corner - middle[k])
+        corner = tree.high[node, k] if up * axis[k] > 0.0 else tree.low[node, k]
+        height += up * axis[k] * (corner - middle[k])
     return height
+
+
+@njit(cache=True, error_model="numpy")
+def _beside(tree, node, middle, axis):  # type: ignore[no-untyped-def]
+    """Least distance a ball round a box has from a disc's axis [m]; negative if the axis meets the ball."""
+    along, away2, radius2 = 0.0, 0.0, 0.0
+    for k in range(3):
+        half = 0.5 * (tree.high[node, k] - tree.low[node, k])
+        offset = tree.low[node, k] + half - middle[k]
+        along += axis[k] * offset
+        away2 += offset * offset
+        radius2 += half * half
+    return np.sqrt(max(away2 - along * along, 0.0)) - np.sqrt(radius2)
 
 
 @njit(cache=True, error_model="numpy")
