@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import trimesh
 from mpl_toolkits.mplot3d import proj3d
-from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from polish_sim.analysis.inspect_plot import plot_distributions
 from polish_sim.analysis.path_plot import plot_plan
@@ -20,13 +19,6 @@ from polish_sim.planning import inspect_path, plan_part
 @pytest.fixture(scope="module")
 def result():
     return plan_part(PartConfig("sphere_100"), PlanConfig(stepover_m=0.012))
-
-
-def test_the_picture_shows_the_plan_in_space_and_from_above(result):
-    solid, flat, bar = plot_plan(result).axes
-    assert isinstance(solid, Axes3D)
-    assert flat.get_xlabel().endswith("[mm]")
-    assert bar.get_ylabel() == "along the path [m]"
 
 
 def test_from_above_the_path_lies_where_it_was_planned(result):
@@ -59,12 +51,6 @@ def test_landing_and_leaving_are_named(result):
     figure = plot_plan(result)
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names == ["approach, lead-in", "lead-out, retract"]
-
-
-def test_the_head_tells_the_figures_on_a_line_of_their_own(result):
-    figure = plot_plan(result)
-    assert "1 run" in figure.texts[-1].get_text()
-    assert "sphere_100" in figure.get_suptitle()
 
 
 def test_a_path_without_neighbouring_turns_has_its_own_name_and_no_step_over(result):

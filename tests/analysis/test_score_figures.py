@@ -129,12 +129,6 @@ def test_the_error_is_against_the_force_wanted_at_that_place() -> None:
     assert measure_score(trace, wanted, True, True)["max_error_n"] == 2.0
 
 
-def test_the_retract_does_not_count() -> None:
-    trace = force_trace()
-    assert trace.normal_force_n[trace.phase == 3].max() == 0.0
-    assert scored(trace)["contact_lost_s"] == 0.0
-
-
 def test_a_run_that_was_stopped_is_not_stable_and_has_not_settled() -> None:
     row = scored(held(np.full(4000, 20.0)), whole=False)
     assert not row["stable"]
