@@ -35,25 +35,26 @@ PathFile = Annotated[
 def inspect(path: PathFile, given: Given) -> None:
     """Measure a tool path on a part: metrics.json, coverage.ply and two pictures.
 
-    Without --part the shipped part is taken that the plan was made on; without --stepover the plan's, or the path's.
+    A plan of ours is measured with its own settings, on its own part unless --part names it; else the step-over is the
+    path's.
     """
     refuse_taken(given["--out"], given["--overwrite"])
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
     from polish_sim.analysis.run_record import write_json
-    from polish_sim.cli.run import check_part, plan_facts
+    from polish_sim.cli.run import check_part, plan_facts, planned_part, planned_settings
     from polish_sim.exchange import read_path
     from polish_sim.experiments import time_law
     from polish_sim.experiments.report import save_plots
     from polish_sim.planning import guessed_stepover, inspect_path
 
     tool_path = read_path(path)
-    facts = plan_facts(path)
-    base = Scenario()
-    if facts:
-        base = merge(base, {"plan": facts["plan"], "part": {"unit": facts["part"]["unit"]}}, "")
+    facts = plan_facts(path if path.name != "path.csv" or not (path.parent / "path.json").exists() else path.parent)
+    if not facts and given["--part"] is None:
+        raise InputError(f"'{path}' does not say which part it was made on: give it with --part.")
+    base = merge(Scenario(), planned_settings(facts), "") if facts else Scenario()
     if given["--part"] is None:
-        given = {**given, "--part": _shipped_part(path, facts)}
+        given = {**given, "--part": planned_part(path, facts["part"])}
     scenario = build_scenario(base, given)
     if facts:
         check_part(path, scenario.part.file, facts["part"])
@@ -74,18 +75,6 @@ def inspect(path: PathFile, given: Given) -> None:
         console.note(f"note: {note}")
     console.table(f"{path.name} on {found.mesh.name}", ["figure", "unit", "value"], _rows(found.figures))
     console.say(f"folder: {folder.final}")
-
-
-def _shipped_part(path: Path, facts: Mapping[str, Any]) -> str:
-    """The shipped part a plan says it was made on."""
-    from polish_sim.models import workpiece_names
-
-    if not facts:
-        raise InputError(f"'{path}' does not say which part it was made on: give it with --part.")
-    name = str(facts["part"]["name"])
-    if name not in workpiece_names():
-        raise InputError(f"the plan '{path}' was made on '{facts['part']['file']}': say where it is with --part.")
-    return name
 
 
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:

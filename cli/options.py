@@ -348,6 +348,8 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
     for option, value in given.items():
         if value is not None and option in keys:
             scenario = merge(scenario, keys[option].table(value), "")
+    if given.get("--pad-diameter") is not None:
+        scenario = merge(scenario, {"pad": {"choice": "given"}}, "")
     if given.get("--allow-contact"):
         scenario = merge(scenario, {"safety": {"tool_in_part": "allow"}}, "")
     if given.get("--calibration") is not None:

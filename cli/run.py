@@ -305,7 +305,6 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
         InputError: If the plan cannot be read, belongs to another part, or is asked to be planned differently.
     """
     from polish_sim.exchange import read_path
-    from polish_sim.models import workpiece_names
 
     asked = [option for option in PATH_OPTIONS if given.get(option) is not None]
     if asked:
@@ -315,15 +314,47 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
     named = {"plan": {"file": str(source.resolve())}}
     if not facts:
         return path, merge(scenario, named, "")
-    part = facts["part"]
     chosen = given.get("--part") is not None or given.get("--path") is None
-    if not chosen and part["name"] in workpiece_names():
-        scenario = merge(scenario, {"part": {"file": part["name"]}}, "")
-    elif not chosen:
-        raise InputError(f"the plan '{source}' was made on '{part['file']}': say where it is with --part.")
-    check_part(source, scenario.part.file, part)
-    scenario = merge(scenario, {"plan": facts["plan"], "part": {"unit": part["unit"]}}, "")
-    return path, merge(scenario, named, "")
+    if not chosen:
+        scenario = merge(scenario, {"part": {"file": planned_part(source, facts["part"])}}, "")
+    check_part(source, scenario.part.file, facts["part"])
+    settings = planned_settings(facts)
+    if given.get("--contact-force") is not None:
+        settings.pop("process", None)
+    if given.get("--pad-diameter") is not None:
+        settings.pop("pad", None)
+    return path, merge(merge(scenario, settings, ""), named, "")
+
+
+def planned_part(source: Path, part: Mapping[str, str]) -> str:
+    """The part a plan says it was made on: a shipped one, or its file where that still is.
+
+    Raises:
+        InputError: It is not there any more.
+    """
+    from polish_sim.experiments.part_setup import part_file
+    from polish_sim.models import workpiece_names
+
+    name = part["name"]
+    if name in workpiece_names() and _hash(part_file(name)) == part["sha256"]:
+        return name
+    for file in (Path(part.get("path", "")), source.parent / part["file"]):
+        if file.is_file():
+            return str(file)
+    raise InputError(f"the plan '{source}' was made on '{part['file']}': say where it is with --part.")
+
+
+def planned_settings(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings a plan was made with, as a table of the scenario; older plans do not say pad and force."""
+    from polish_sim.geometry.orientation import SIDES
+
+    settings: dict[str, Any] = {"plan": facts["plan"], "part": {"unit": facts["part"]["unit"]}}
+    if facts["pad"]:
+        up = next((side for side, way in SIDES.items() if list(way) == facts["up"]), None)
+        settings["part"]["up"] = up or ",".join(map(repr, facts["up"]))
+        settings["pad"] = {**facts["pad"], "choice": "given"}
+        settings["process"] = {"contact_force_n": facts["contact_force_n"]}
+    return settings
 
 
 def plan_facts(source: Path) -> dict[str, Any]:
@@ -334,7 +365,7 @@ def plan_facts(source: Path) -> dict[str, Any]:
     document = json.loads(file.read_text(encoding="utf-8"))
     if not {"part", "plan"} <= set(document):
         raise InputError(f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV.")
-    return {"part": document["part"], "plan": document["plan"], "up": document.get("up")}
+    return {name: document.get(name) for name in ("part", "plan", "up", "pad", "contact_force_n")}
 
 
 def check_part(source: Path, name: str, part: Mapping[str, str]) -> None:
@@ -342,8 +373,12 @@ def check_part(source: Path, name: str, part: Mapping[str, str]) -> None:
     from polish_sim.experiments.part_setup import part_file
 
     file = part_file(name)
-    if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() != part["sha256"]:
+    if file.is_file() and _hash(file) != part["sha256"]:
         raise InputError(
             f"the plan '{source}' was made on another file than '{name}' (it was '{part['file']}', "
             "and its content differs). Plan again on this part."
         )
+
+
+def _hash(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -94,10 +95,47 @@ def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim: Tool, c
 
 def test_a_part_narrower_than_the_pad_is_refused_and_a_smaller_pad_helps(polish_sim: Tool) -> None:
     trimesh.creation.box((100.0, 20.0, 10.0)).export("rod.stl")
-    code, _, err = polish_sim("plan", "rod.stl", "--out", "plan")
+    code, _, err = polish_sim("plan", "rod.stl", "--pad-diameter", "50", "--out", "plan")
     assert code == 2
     assert "narrower than half the pad: 20 mm across, the pad 50 mm" in err
     assert polish_sim("plan", "rod.stl", "--pad-diameter", "20", "--stepover", "4", "--out", "plan")[0] == 0
+
+
+def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(polish_sim: Tool) -> None:
+    trimesh.creation.box((23.0, 23.0, 10.0)).export("small.stl")
+    code, _, err = polish_sim("plan", "small.stl", "--out", "plan")
+    assert code == 0
+    assert "pad of 20 mm and step-over 3.2 mm chosen: the default pad of 50 mm does not fit" in err
+    assert json.loads(Path("plan/path.json").read_text())["pad"]["radius_m"] == 0.010
+    metrics = json.loads(Path("plan/metrics.json").read_text())
+    assert metrics["coverage"] == 1.0
+    # The run takes the plan's pad, planned by itself or from the file; inspect sees what the plan saw.
+    for words in (("--part", "small.stl"), ("--path", "plan")):
+        assert polish_sim("run", "surface", *words, "--set", "process.max_feed_s=0.5", "--out", "run")[0] == 0
+        assert "radius_m = 0.01 " in Path("run/config.toml").read_text()
+        shutil.rmtree("run")
+    assert polish_sim("inspect", "plan", "--out", "seen")[0] == 0
+    seen = json.loads(Path("seen/metrics.json").read_text())
+    assert seen["coverage"] == metrics["coverage"]
+    assert seen["stepover_mean_m"] == pytest.approx(metrics["stepover_mean_m"], rel=1e-9)
+
+
+def test_a_plan_over_countersunk_holes_is_inspected_and_keeps_no_margin_round_them(polish_sim: Tool) -> None:
+    plate = trimesh.creation.box((160.0, 100.0, 12.0))
+    for x in (-50.0, 0.0, 50.0):
+        hole, sink = trimesh.creation.cylinder(3.0, 40.0), trimesh.creation.cone(6.0, 6.0, sections=48)
+        sink.apply_transform(np.diag([1.0, -1.0, -1.0, 1.0]))
+        both = [hole.apply_translation([x, 0, 0]), sink.apply_translation([x, 0, 6.001])]
+        plate = trimesh.boolean.difference([plate, *both], engine="manifold")
+    plate.export("plate.stl")
+    assert polish_sim("plan", "plate.stl", "--up", "z", "--edge-margin", "20", "--out", "plan")[0] == 0
+    metrics = json.loads(Path("plan/metrics.json").read_text())
+    assert metrics["bridged_holes"] == 3
+    assert metrics["region_area_m2"] == pytest.approx(0.120 * 0.060 - 3 * np.pi * 0.006**2, rel=0.01)
+    for words in (["plan"], ["plan/path.csv", "--part", "plate.stl"]):
+        code, _, err = polish_sim("inspect", *words, "--out", "seen", "--overwrite")
+        assert code == 0, err
+        assert json.loads(Path("seen/metrics.json").read_text())["coverage"] == metrics["coverage"]
 
 
 def test_a_part_read_in_the_wrong_unit_is_told_the_size_it_would_have_in_others(polish_sim: Tool) -> None:

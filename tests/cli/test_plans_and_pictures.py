@@ -74,10 +74,13 @@ def test_a_plan_is_not_run_against_its_own_settings_or_part(
 def test_a_plan_of_a_user_s_part_asks_where_the_part_is(polish_sim: Tool, tmp_path: Path) -> None:
     (tmp_path / "mine.stl").write_bytes(workpiece_path("sphere_50").read_bytes())
     assert polish_sim("plan", "mine.stl", "--out", "plan")[0] == 0
+    # Where the file still is, the plan knows.
+    assert polish_sim("run", "surface", "--path", "plan", *QUICK)[0] == 0
+    (tmp_path / "mine.stl").rename(tmp_path / "moved.stl")
     code, _, err = polish_sim("run", "surface", "--path", "plan")
     assert code == 2
     assert "--part" in err
-    assert polish_sim("run", "surface", "--path", "plan", "--part", "mine.stl", *QUICK)[0] == 0
+    assert polish_sim("run", "surface", "--path", "plan", "--part", "moved.stl", *QUICK)[0] == 0
 
 
 def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_check(

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from polish_sim.errors import InputError, MeshError
-from polish_sim.geometry import load_part
+from polish_sim.geometry import load_part, part_from_arrays
 
 
 def write(folder, mesh: trimesh.Trimesh, name="part.stl", kind="stl"):
@@ -242,3 +242,19 @@ def test_unknown_units_and_sides_list_the_known_ones(tmp_path):
         load_part(path, unit="ft")
     with pytest.raises(InputError, match=r"unknown side .*'up'. Known: -x, -y, -z, X,Y,Z, auto, x, y, z"):
         load_part(path, up="up")
+
+
+@pytest.mark.parametrize("solid", [
+    trimesh.creation.icosphere(subdivisions=3, radius=30.0), trimesh.creation.uv_sphere(radius=30.0),
+    trimesh.creation.box((30.0, 30.0, 30.0)), trimesh.creation.torus(40.0, 10.0),
+])  # fmt: skip
+def test_where_a_symmetric_part_looks_the_same_from_its_own_z_that_is_up(solid):
+    part = part_from_arrays(np.array(solid.vertices), np.array(solid.faces), unit="mm")
+    assert part.up.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_a_lying_bar_has_a_side_of_the_file_up_not_one_of_its_facets():
+    bar = trimesh.creation.cylinder(20.0, 80.0, sections=57)
+    part = part_from_arrays(np.array(bar.vertices), np.array(bar.faces), unit="mm")
+    assert sorted(np.abs(part.up)) == [0.0, 0.0, 1.0]
+    assert part.up[2] == 0.0

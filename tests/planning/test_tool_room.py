@@ -133,8 +133,11 @@ def test_a_pad_too_large_for_all_of_a_region_is_refused_with_the_reason(tmp_path
     with pytest.raises(PlanError, match=r"no place of the region: .* its pad would still come .* too close"):
         planned(tmp_path, "pocket", "spiral", 122.0, stepover_m=0.008)
     bowl(40.0).export(tmp_path / "bowl.stl")
+    part, plan = PartConfig(str(tmp_path / "bowl.stl"), up="z"), PlanConfig(region="point:0,0,-20")
     with pytest.raises(PlanError, match=r"hollow of less than 62\.5 mm radius, which a pad of 50 mm does not follow"):
-        plan_part(PartConfig(str(tmp_path / "bowl.stl"), up="z"), PlanConfig(region="point:0,0,-20"))
+        plan_part(part, plan, pad=PadConfig(choice="given"))
+    # A pad nobody asked for gives way to one that follows the bowl: 40 mm is 2.5 times the radius of one of 32 mm.
+    assert plan_part(part, plan).tool.pad.radius_m <= 0.016
 
 
 def test_a_plan_of_ours_is_measured_by_what_its_tool_reaches(tmp_path):

@@ -76,6 +76,9 @@ class PadConfig:
     """The elastic pad (elastic foundation) and its friction."""
 
     radius_m: float = key(0.025, "pad radius [m]", 0.001, 0.2, option=Option("--pad-diameter", TOOL, "MM", DIAMETER))
+    choice: str = key(
+        "auto", "auto: a face narrower than the default pad gets one that fits; given: the pad is what radius_m says"
+    )
     stiffness_n_m: float = key(20000.0, "stiffness of the whole disc pressed flat [N/m]", 100.0, 1e7)
     points: int = key(100, "sample points of the disc, equal area each; rounded up to fours", 7, 2000)
     damping_s_m: float = key(3.0, "Hunt-Crossley factor a of f = k d (1 + a d_dot) [s/m]", 0.0, 100.0)

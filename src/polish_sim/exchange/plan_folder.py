@@ -207,10 +207,15 @@ def metrics_text(result: PlanResult) -> str:
 
 
 def _metadata(result: PlanResult) -> dict[str, Any]:
-    mesh, plan = result.mesh, result.plan
+    mesh, plan, pad = result.mesh, result.plan, result.tool.pad
     return {
-        "part": {"name": mesh.name, "file": mesh.path.name, "sha256": mesh.sha256, "unit": mesh.unit},
+        "part": {
+            **{"name": mesh.name, "file": mesh.path.name, "path": str(mesh.path.resolve())},
+            **{"sha256": mesh.sha256, "unit": mesh.unit},
+        },
         "up": [float(value) for value in mesh.up],
+        "pad": {"radius_m": pad.radius_m, "stiffness_n_m": pad.stiffness_n_m},
+        "contact_force_n": result.tool.force,
         "plan": {name: getattr(plan, name) for name in plan.__dataclass_fields__},
         "stepover_m": plan.stepover_m,
         "pattern": plan.pattern,

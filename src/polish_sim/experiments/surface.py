@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -148,6 +149,9 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     observer = observer or Silent()
     task = prepare_surface(scenario, plan, observer)
     plan, reach, place = task.plan, task.reach, task.place
+    # The plan may have chosen another pad than the default one.
+    planned = replace(scenario.plan, stepover_m=plan.plan.stepover_m)
+    scenario = replace(scenario, pad=plan.tool.pad, plan=planned)
     path = plan.path
     observer.stage("prepare the cell")
     part = build_part(scenario, place)

@@ -13,9 +13,9 @@ from polish_sim.geometry.topology import Adjacency, facet_links, find_adjacency,
 
 # The largest smooth face of a part and where it looks.
 #
-# Candidates are the mesh's own normals, ties go to the face with more facets and then to the later one in the file
-# (most programs write the bottom first). From a dome with a hole in it many directions see as much: the one the whole
-# smooth surface looks in, its axis of symmetry if it has one, is taken before the others.
+# Candidates are the mesh's own normals, ties go to the file's own z, then to the face with more facets and then to the
+# later one in the file (most programs write the bottom first). From a dome with a hole in it many directions see as
+# much: the one the whole smooth surface looks in, its axis of symmetry if it has one, is taken before the others.
 
 _SAMPLE = 20_000  #: Facets from which candidate directions are drawn
 _LEADER_ANGLE = np.radians(23.7)  #: Every facet of the sample looks within this angle of a candidate [rad]
@@ -66,14 +66,19 @@ def _largest_face(graph: FacetGraph, cone: float) -> Face:
         found.append((int(at), face))
         best = max(best, face.area)
     level = [(at, face) for at, face in found if face.area >= (1.0 - _SAME) * best]
-    chosen = max(level, key=lambda pair: (len(pair[1].facets), pair[0]))[1]
+    chosen = max(level, key=lambda pair: (_is_z(pair[1].direction), len(pair[1].facets), pair[0]))[1]
     face = _settle(graph, chosen.direction, cone, _SHIFTS)
     whole = _whole_direction(graph, face)
-    if whole is None:
-        return face
-    straight = _seen_from(graph, whole, cone)
-    doubt = max(_SAME * face.area, face.doubt, straight.doubt)
-    return straight if straight.area >= face.area - doubt else face
+    # A smooth surface that closes upon itself looks nowhere: a side of the file is as good that sees as much of it.
+    for direction in SIDES.values() if whole is None else [whole]:
+        straight = _seen_from(graph, np.array(direction), cone)
+        if straight.area >= face.area - max(_SAME * face.area, face.doubt, straight.doubt):
+            return straight
+    return face
+
+
+def _is_z(direction: Array) -> bool:
+    return float(np.linalg.norm(direction - SIDES["z"])) < _AXIS_NOISE
 
 
 def _looks_same(graph: FacetGraph, face: Face, direction: Array, cone: float) -> bool:

@@ -34,6 +34,11 @@ LITTLE_OVERLAP, ALL_COVERED = 0.8, 0.995
 FEW = 20  #: One vertex in so many is asked first how far it is from the border
 
 
+def widest_piece(region: Region) -> float:
+    """Least width of the region, seen from above, of its widest component [m]."""
+    return max(float(footprint(component).widths.min()) for component in region.components())
+
+
 def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
     """Refuse what cannot be polished sensibly, leave out components too narrow for the pad, with a note.
 
@@ -49,7 +54,7 @@ def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
             f"the region is narrower than half the pad: {width * 1e3:.3g} mm across, the pad "
             f"{diameter * 1e3:.3g} mm. "
             f"Set a smaller pad (--pad-diameter {width * 1e3:.2g}) or choose another --region."
-            f"{_in_another_unit(mesh, width, NARROWEST * diameter)}"
+            f"{in_another_unit(mesh, width, NARROWEST * diameter)}"
         )
     wide = [part for part, width in zip(components, widths, strict=True) if width >= NARROWEST * diameter]
     if len(wide) == len(components):
@@ -62,8 +67,10 @@ def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
     return merge_regions(wide, region.up, (*region.notes, note))
 
 
-def _in_another_unit(mesh: PartMesh, width: float, wanted: float) -> str:
-    """The units in which a region would be wide enough [m], and the part's size in them; empty if there is none."""
+def in_another_unit(mesh: PartMesh, width: float, wanted: float) -> str:
+    """The units in which a region would be wide enough [m], and the part's size in them; empty if it is, or none is."""
+    if width >= wanted:
+        return ""
     size = float(np.ptp(mesh.vertices, axis=0).max())
     scales = {unit: scale / metres_per_unit(mesh.unit) for unit, scale in METRES_PER_UNIT.items()}
     fitting = [

@@ -5,24 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
-from polish_sim.errors import PlanError
+from polish_sim.errors import PlanError, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import (
     access_notes,
     check_request,
     check_start,
+    in_another_unit,
     overlap_notes,
     pad_notes,
     start_notes,
     stepover_notes,
     wall_notes,
+    widest_piece,
 )
 from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.moves.leads import with_way_down
@@ -70,6 +72,8 @@ class PlanResult:
     access: Access | None = None  #: What of the region asked for the tool gets at; None if all of it
     in_part: Array = field(default_factory=lambda: np.empty((0, 3)))
     """Tool points at which the tool is in the part [m], shape (k, 3)."""
+    tool: Tool = field(default_factory=lambda: Tool(PadConfig(), ProcessConfig().contact_force_n))
+    """What it was planned for, or measured with."""
 
 
 def plan_part(
@@ -105,10 +109,10 @@ def plan_mesh(
     check_stepover(plan, pad)
     observer.stage("fit the surface")
     surface, region = _choose(mesh, plan)
-    region = check_request(region, pad, mesh)
     check_start(surface, plan)
     observer.stage("plan the path")
-    ground, access = accessible(region, surface, plan, process, pad)
+    ready = _ready(mesh, surface, region, plan, process, pad)
+    plan, pad, region, ground, access = ready.plan, ready.pad, ready.region, ready.ground, ready.access
     tool = Tool(pad, process.contact_force_n)
     avoid = np.empty((0, 3))
     for _ in range(ROUNDS):
@@ -124,12 +128,12 @@ def plan_mesh(
         raise PlanError(f"no path keeps clear of the part: {pad_in_part_warning(quality.figures)}. "
                         "Set a smaller --pad-diameter or another --region.")  # fmt: skip
     figures = {**part_figures(mesh, surface, region), **quality.figures, **planned.figures, "plan_time_s": planned_s}
-    remarks = (*access_notes(access, plan, pad), *wall_notes(quality), *planned.notes, *start_notes(path, plan))
+    remarks = (*ready.notes, *access_notes(access, plan, pad), *planned.notes, *start_notes(path, plan))
     remarks += tuple(stepover_notes(quality.figures["stepover_mean_m"], plan))
     remarks += tuple(overlap_notes(quality.figures["coverage"], plan, pad))
     notes = (*mesh.notes, *region.notes, *remarks, *pad_notes(ground, locate(ground, path), pad))
     within, inside = access.region if access else region, quality.pad_in_part.positions
-    return PlanResult(mesh, surface, within, path, figures, plan, notes, access, inside)
+    return PlanResult(mesh, surface, within, path, figures, plan, notes, access, inside, tool)
 
 
 def measure_given_path(
@@ -160,10 +164,64 @@ def measure_given_path(
             "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
         )
     remarks = (*access_notes(access, plan, pad), *wall_notes(quality))
+    tool = Tool(pad, process.contact_force_n)
     path = with_way_down(path, plan.clearance_m)
     notes = (*mesh.notes, *region.notes, *remarks, *pad_notes(ground, locate(ground, path), pad))
     within, inside = access.region if access else region, quality.pad_in_part.positions
-    return PlanResult(mesh, surface, within, path, figures, plan, notes, access, inside)
+    return PlanResult(mesh, surface, within, path, figures, plan, notes, access, inside, tool)
+
+
+PAD_CHOICES: Final = ("auto", "given")
+PAD_SIZES_M: Final = (0.05, 0.04, 0.03, 0.025, 0.02, 0.016, 0.012, 0.01, 0.008, 0.006, 0.005, 0.004, 0.003, 0.002)
+"""Diameters a pad is chosen from."""
+
+
+class _Ready(NamedTuple):
+    """What a path is planned on, and with which pad."""
+
+    plan: PlanConfig
+    pad: PadConfig
+    region: Region
+    ground: Ground
+    access: Access | None
+    notes: tuple[str, ...]
+
+
+def _ready(
+    mesh: PartMesh, surface: Surface, region: Region, plan: PlanConfig, process: ProcessConfig, pad: PadConfig
+) -> _Ready:
+    """Prepare a region for a pad; one nobody asked for gives way to the largest that is no wider than the region.
+
+    Raises:
+        PlanError: The pad, or each that was tried, does not fit.
+    """
+    width = widest_piece(region)
+    if pad.choice not in PAD_CHOICES:
+        raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)
+    free = pad.choice == PAD_CHOICES[0] and pad.radius_m == PadConfig().radius_m
+    sizes = [size for size in PAD_SIZES_M if size < 2.0 * pad.radius_m and size <= width] if free else []
+    refused: PlanError | None = None
+    for diameter in [2.0 * pad.radius_m, *sizes]:
+        smaller = diameter < 2.0 * pad.radius_m
+        if free and not smaller and sizes and diameter > width:
+            continue
+        taken, asked, notes = pad, plan, tuple[str, ...]()
+        if smaller:
+            taken = replace(pad, radius_m=0.5 * diameter)
+            scale = diameter / (2.0 * pad.radius_m) if plan.stepover_m == PlanConfig().stepover_m else 1.0
+            asked = replace(plan, stepover_m=min(scale * plan.stepover_m, diameter))
+            notes = (
+                f"pad of {1e3 * diameter:.3g} mm and step-over {1e3 * asked.stepover_m:.3g} mm chosen: the default pad "
+                f"of {2e3 * pad.radius_m:.3g} mm does not fit the region, {1e3 * width:.3g} mm wide (--pad-diameter)."
+                f"{in_another_unit(mesh, width, pad.radius_m)}",
+            )
+        try:
+            wide = check_request(region, taken, mesh)
+            return _Ready(asked, taken, wide, *accessible(wide, surface, asked, process, taken), notes)
+        except PlanError as error:
+            refused = refused or error
+    assert refused is not None
+    raise refused
 
 
 def accessible(
