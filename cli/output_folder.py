@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 from polish_sim.errors import InputError
 
+try:
+    import fcntl
+except ImportError:  # Windows: drafts of killed commands stay
+    fcntl = None  # type: ignore[assignment]
+
 RESULTS = Path("results")
+DRAFT = ".polish-sim-part"
+"""Ending of the hidden folder a command fills; no other program's folders end like this, for they are removed."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +51,10 @@ def claimed(out: Path | None, kind: str, overwrite: bool = False) -> Iterator[Ou
     final = unused(RESULTS / kind) if out is None else out
     refuse_taken(final, overwrite)
     created = _create_parents(final)
-    draft = final.parent / f".{final.name}.part"
+    _sweep(final.parent)
+    draft = _draft_of(final)
     try:
-        shutil.rmtree(draft, ignore_errors=True)
-        draft.mkdir()
+        lock = _create_locked(draft)
     except OSError as error:
         _remove_empty(created)
         raise InputError(
@@ -59,6 +67,54 @@ def claimed(out: Path | None, kind: str, overwrite: bool = False) -> Iterator[Ou
         shutil.rmtree(draft, ignore_errors=True)
         _remove_empty(created)
         raise
+    finally:
+        os.close(lock)
+
+
+def _draft_of(final: Path) -> Path:
+    return final.parent / f".{final.name}{DRAFT}"
+
+
+def _sweep(parent: Path) -> None:
+    """Remove the drafts of commands that were killed; those of running ones are locked."""
+    for draft in parent.glob(f".*{DRAFT}") if fcntl is not None else ():
+        with suppress(OSError):  # locked, just finished, or not ours to remove
+            lock = _locked(draft)
+            shutil.rmtree(draft, ignore_errors=True)
+            os.close(lock)
+
+
+def _create_locked(draft: Path) -> int:
+    """Create a draft and lock it until the descriptor is closed or the process ends, however it does."""
+    if fcntl is None:
+        draft.mkdir()
+        return os.open(os.devnull, os.O_RDONLY)
+    while True:
+        try:
+            draft.mkdir()
+            lock = _locked(draft)
+        except FileExistsError:
+            raise InputError(f"another command is writing '{draft.name[1 : -len(DRAFT)]}'. Wait for it.") from None
+        except (FileNotFoundError, BlockingIOError):
+            continue  # another command swept it before it was locked
+        if draft.exists() and os.path.samestat(draft.stat(), os.fstat(lock)):
+            return lock
+        os.close(lock)
+
+
+def _locked(draft: Path) -> int:
+    """Open and lock a folder.
+
+    Raises:
+        OSError: It is locked, or gone.
+    """
+    descriptor = os.open(draft, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
 
 
 def _publish(draft: Path, final: Path) -> None:
@@ -77,7 +133,7 @@ def unused(kind: Path) -> Path:
     """A new folder named by the time, or with -2, -3, ... when others of the same second took the name."""
     folder = kind / datetime.now().strftime("%Y%m%d-%H%M%S")
     candidate, count = folder, 1
-    while candidate.exists() or (candidate.parent / f".{candidate.name}.part").exists():
+    while candidate.exists() or _draft_of(candidate).exists():
         count += 1
         candidate = folder.with_name(f"{folder.name}-{count}")
     return candidate

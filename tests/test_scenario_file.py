@@ -200,6 +200,8 @@ def test_a_later_set_wins() -> None:
         ("pad=0.02", "'pad'"),
         ("pad.radius_m.x=1", "'pad.radius_m'"),
         ("pad.radius_m=", "'pad.radius_m'"),
+        ("pad.radius_m=" + "9" * 400, "'pad.radius_m' = inf is outside 0.001 to 0.2"),
+        ("part.pose=[0,-" + "9" * 400 + ",0,0,0,0]", "'part.pose' = -inf is outside -100 to 100"),
     ],
 )
 def test_a_bad_set_is_named(assignment: str, told: str) -> None:

@@ -126,7 +126,7 @@ def _checked(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
         listed = isinstance(value, (list, tuple)) and len(value) in lengths
         if not listed or not all(_is_number(v) for v in value):
             raise ConfigError(f"'{where}' must be a list of {_COUNTS[length]} numbers{or_empty}, got {_shown(value)}.")
-        return tuple(_within(where, float(v), spec) for v in value)
+        return tuple(_within(where, _as_float(v), spec) for v in value)
     if isinstance(current, str):
         if not isinstance(value, str):
             raise ConfigError(f"'{where}' must be text, got {_shown(value)}.")
@@ -137,12 +137,12 @@ def _checked(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
         return _within(where, value, spec)
     if not _is_number(value):
         raise ConfigError(f"'{where}' must be a number, got {_shown(value)}.")
-    return _within(where, float(value), spec)
+    return _within(where, _as_float(value), spec)
 
 
 def _within(where: str, number: N, spec: Field[Any]) -> N:
     low, high = spec.metadata["low"], spec.metadata["high"]
-    if not low <= number <= high:
+    if not low <= number <= high or number in (math.inf, -math.inf):
         raise ConfigError(
             f"'{where}' = {_shown(number)} is outside {number_text(low)} to {number_text(high)}: "
             f"{spec.metadata['text']}."
@@ -157,9 +157,14 @@ def _shown(value: Any) -> str:
 
 
 def _is_number(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
+    return not isinstance(value, bool) and (
+        isinstance(value, int) or (isinstance(value, float) and math.isfinite(value))
+    )
+
+
+def _as_float(value: float) -> float:
+    """A number as a float, infinite if it is a whole number beyond every float."""
     try:
-        return math.isfinite(value)
-    except OverflowError:  # a whole number beyond every float
-        return False
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf

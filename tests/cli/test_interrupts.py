@@ -32,7 +32,7 @@ def broken_off(words: list[str], folder: Path, ready: Callable[[Path], bool], th
     with subprocess.Popen(
         [*PROGRAM, *words, "--out", "out/cut"], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
     ) as run:
-        while not ready(folder / "out/.cut.part"):
+        while not ready(folder / "out/.cut.polish-sim-part"):
             assert run.poll() is None, run.communicate()[1]
             time.sleep(0.02)
         time.sleep(then_s)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import errno
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -133,6 +136,38 @@ def test_a_failure_leaves_an_existing_folder_as_it_was(tmp_path: Path) -> None:
         fail_halfway(out, KeyboardInterrupt)
     assert (out / "metrics.json").read_text() == "old"
     assert files(tmp_path) == {"out", "out/metrics.json"}
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from polish_sim.cli.output_folder import claimed
+with claimed(Path(sys.argv[1]), "run-force") as folder:
+    (folder.draft / "log.npz").touch()
+    if sys.argv[2] == "die":
+        os.kill(os.getpid(), signal.SIGKILL)
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_drafts_of_killed_commands_are_swept_at_the_next_start_those_of_running_ones_stay(tmp_path: Path) -> None:
+    (tmp_path / ".mine.part").mkdir()
+    program = [sys.executable, "-c", KILLED]
+    for number in range(3):
+        assert subprocess.run([*program, str(tmp_path / str(number)), "die"], check=False).returncode == -signal.SIGKILL
+    pipe = subprocess.PIPE
+    with subprocess.Popen([*program, str(tmp_path / "live"), "wait"], stdin=pipe, stdout=pipe) as running:
+        assert running.stdout is not None
+        assert running.stdout.readline() == b"ready\n"
+        with claimed(tmp_path / "next", "run-force"):
+            found = files(tmp_path)
+        with pytest.raises(InputError, match="another command is writing 'live'"), claimed(tmp_path / "live", "x"):
+            pytest.fail("the work must not start")
+        running.communicate()
+    draft = ".live.polish-sim-part"
+    assert found == {".mine.part", draft, f"{draft}/log.npz", ".next.polish-sim-part"}
+    assert files(tmp_path) == {".mine.part", "next", "live", "live/log.npz"}
 
 
 def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:

@@ -30,6 +30,8 @@ class PartConfig:
     pose: tuple[float, ...] = key(
         (),
         "pose of the work frame in the base frame: x, y, z [m], rotation vector [rad]; empty = chosen",
+        -100.0,
+        100.0,
         length=6,
         option=Option(
             "--part-pose",
