@@ -120,6 +120,34 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
     assert seen["stepover_mean_m"] == pytest.approx(metrics["stepover_mean_m"], rel=1e-9)
 
 
+def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allowed(polish_sim: Tool) -> None:
+    wall = trimesh.creation.box((5.0, 120.0, 30.0)).apply_translation([60, 0, 15])
+    plate = trimesh.creation.box((160.0, 120.0, 20.0)).apply_translation([0, 0, -10])
+    trimesh.boolean.union([plate, wall], engine="manifold").export("walled.stl")
+    words = ("--region", "point:0,0,0", "--up", "z", "--pad-diameter", "12", "--stepover", "12")
+    assert polish_sim("plan", "walled.stl", *words, "--out", "plan")[0] == 0
+    run = [
+        "run",
+        "surface",
+        "--path",
+        "plan",
+        "--pad-diameter",
+        "50",
+        "--set",
+        "process.max_feed_s=0.5",
+        "--out",
+        "run",
+    ]
+    for more in ([], ["--dry-run"]):
+        code, _, err = polish_sim(*run, *more)
+        assert code == 2
+        assert "mm into the part over" in err
+        assert "--allow-contact" in err
+        assert not Path("run").exists()
+    assert polish_sim(*run, "--allow-contact")[0] in (0, 3)
+    assert 'tool_in_part = "allow"' in Path("run/config.toml").read_text()
+
+
 def test_a_plan_over_countersunk_holes_is_inspected_and_keeps_no_margin_round_them(polish_sim: Tool) -> None:
     plate = trimesh.creation.box((160.0, 100.0, 12.0))
     for x in (-50.0, 0.0, 50.0):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import re
 from functools import cache
 
 import mujoco
@@ -9,10 +12,13 @@ import numpy as np
 import pytest
 import trimesh
 
+from polish_sim.analysis.path_plot import plot_plan
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
+from polish_sim.exchange.strokes import ExportSetup
+from polish_sim.exchange.viewers import IN_PART_COLOR, LEFT_OUT_COLOR, html_text
 from polish_sim.models import robot_model_path
-from polish_sim.planning import PlanResult, inspect_path, plan_part
+from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part
 from polish_sim.planning.quality.tool_room import BEHIND_PAD
 from tests.planning.test_pad_in_part import moved, pocket
 from tests.planning.tools import volumes_in_part
@@ -166,3 +172,18 @@ def test_the_bodies_hold_all_that_the_model_has_behind_the_pad():
             for cylinder in BEHIND_PAD:
                 held |= (height >= cylinder.low - 1e-6) & (height <= cylinder.high + 1e-6) & (wide <= cylinder.radius)
             assert held.all(), model.geom(geom).name
+
+
+def test_pictures_show_what_is_out_of_reach_and_where_the_tool_is_in_the_part(tmp_path):
+    result = planned(tmp_path, "pocket", "contour", 30.0)
+    part = PartConfig(str(tmp_path / "part.stl"), up="z")
+    large = measure_given_path(result.path, part, result.plan, pad=PadConfig(radius_m=0.025))
+    for shown, label, color in ((result, "out of the tool's reach", LEFT_OUT_COLOR),
+                                (large, "tool in the part", IN_PART_COLOR)):  # fmt: skip
+        figure = plot_plan(shown)
+        assert label in [text.get_text() for text in figure.legends[0].get_texts()]
+        marks = json.loads(re.search(r'id="data">(.*?)</script>', html_text(shown, ExportSetup()))[1])["marks"]
+        colors = np.frombuffer(base64.b64decode(marks["colors"]), dtype=np.uint8).reshape(-1, 3)
+        assert len(colors) > 100
+        assert (colors == color).all()
+    assert large.figures["pad_in_part_max_m"] == pytest.approx(0.010 - 1e-3, abs=5e-4)

@@ -22,6 +22,8 @@ from polish_sim.analysis.style import (
     GREY,
     ORANGE,
     PINK,
+    RED,
+    YELLOW,
     DepthPicture,
     axis_name,
     depth_picture,
@@ -95,6 +97,7 @@ def plot_plan(result: PlanResult, name: str = "") -> Figure:
     fill_view(solid, np.concatenate([vertices, shown]))
     scale = Normalize(0.0, float(path.s[-1]))
     seen = _look(solid, corners, path, shown, frame)
+    _draw_reach(solid, flat, result, frame, seen)
     _draw_contact(solid, flat, path, shown, seen, scale)
     _draw_leads(solid, flat, path, shown, seen)
     _draw_axes(solid, path, shown, seen)
@@ -134,6 +137,21 @@ def _draw_part(solid: Any, flat: Axes, corners: Array) -> None:
     solid.add_collection3d(Poly3DCollection(near, facecolors=colors, edgecolors=colors, lw=0.3, zorder=1))
     near, colors = _shaded(corners, np.array([0.0, 0.0, 1.0]))
     flat.add_collection(PolyCollection(list(near[..., :2]), facecolors=colors, edgecolors=colors, lw=0.7))
+
+
+def _draw_reach(solid: Any, flat: Axes, result: PlanResult, frame: Array, seen: _Seen) -> None:
+    """What the tool does not reach in a colour of its own, and in red where it is in the part."""
+    out = np.empty((0, 3, 3)) if result.access is None else result.access.triangles @ frame.T * MM
+    if len(out):
+        normals = unit(np.cross(out[:, 1] - out[:, 0], out[:, 2] - out[:, 0]))
+        near = out[seen_in(seen.space, out.mean(axis=1), normals)]
+        solid.add_collection3d(Poly3DCollection(near, facecolors=YELLOW, edgecolors=YELLOW, lw=0.3, zorder=2))
+        flat.add_collection(PolyCollection(list(out[..., :2]), facecolors=YELLOW, edgecolors=YELLOW, lw=0.3))
+        flat.plot([], [], "s", color=YELLOW, label="out of the tool's reach")
+    if len(result.in_part):
+        at = result.in_part @ frame.T * MM
+        solid.plot(*at.T, ".", color=RED, ms=5.0, zorder=30)
+        flat.plot(*at.T[:2], ".", color=RED, ms=5.0, zorder=30, label="tool in the part")
 
 
 def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _Seen, scale: Normalize) -> None:

@@ -24,6 +24,7 @@ YELLOW: Final = "#E69F00"
 SKY: Final = "#56B4E9"
 PINK: Final = "#CC79A7"
 GREY: Final = "#6E6E6E"
+RED: Final = "#E00020"
 SERIES: Final = (BLUE, ORANGE, GREEN, PINK, YELLOW, SKY)
 
 _RC: Final[Any] = {

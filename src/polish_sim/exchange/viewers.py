@@ -35,6 +35,8 @@ CHORD_SHARE: Final = 0.25  #: Points of the path are left out where the tube mov
 BEND_RAD: Final = 0.35
 PART_COLOR: Final = (176, 182, 190)
 LEAD_COLOR: Final = (230, 120, 20)
+LEFT_OUT_COLOR: Final = (230, 159, 0)
+IN_PART_COLOR: Final = (224, 0, 32)
 VIRIDIS: Final = np.array(
     [(68, 1, 84), (72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142)]
     + [(31, 158, 137), (53, 183, 121), (109, 205, 89), (180, 222, 44), (253, 231, 37)]
@@ -132,6 +134,8 @@ FIGURES: Final[tuple[tuple[str, str, float, str], ...]] = (
     ("step-over, p95", "stepover_p95_m", MM, "{:.2f} mm"),
     ("covered by the pad", "coverage", 100.0, "{:.1f} %"),
     ("within 0.55 step-overs", "coverage_stepover", 100.0, "{:.1f} %"),
+    ("out of the tool's reach", "unreachable_area_m2", 1e4, "{:.3g} cm²"),
+    ("tool in the part, at most", "pad_in_part_max_m", MM, "{:.3g} mm"),
     ("crossings", "self_crossings", 1.0, "{:.0f}"),
     ("retracts", "retracts", 1.0, "{:.0f}"),
     ("facets of the part", "facets", 1.0, "{:.0f}"),
@@ -161,6 +165,8 @@ def _data(result: PlanResult) -> dict[str, Any]:
         },
         "path": _tube_data(tube, tube.contact, middle),
         "leads": _tube_data(tube, ~tube.contact, middle),
+        "marks": _marks(result, middle),
+        "mark_colors": [LEFT_OUT_COLOR, IN_PART_COLOR],
         "scale": VIRIDIS.tolist(),
         "lead_color": LEAD_COLOR,
         "length_m": result.path.length_m,
@@ -181,6 +187,19 @@ def _tube_data(tube: Tube, kept: Bools, middle: Array) -> dict[str, str]:
         "faces": _packed(numbers[faces], "<u4"),
         "colors": _packed(tube.colors[kept], "u1"),
         "along": _packed(tube.s[kept], "<f4"),
+    }
+
+
+def _marks(result: PlanResult, middle: Array) -> dict[str, str]:
+    """What the tool does not reach, and a red chip wherever it is in the part."""
+    out = np.empty((0, 3, 3)) if result.access is None else result.access.triangles
+    size, way = 0.3 * result.plan.stepover_m, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [0.0, -0.3, 0.9]])
+    corners = np.concatenate([out, result.in_part[:, None] + size * way])
+    colors = np.repeat([LEFT_OUT_COLOR, IN_PART_COLOR], [3 * len(out), 3 * len(result.in_part)], axis=0)
+    return {
+        "vertices": _packed(MM * (corners.reshape(-1, 3) - middle), "<f4"),
+        "faces": _packed(np.arange(3 * len(corners)), "<u4"),
+        "colors": _packed(colors, "u1"),
     }
 
 
