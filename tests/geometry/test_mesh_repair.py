@@ -1,11 +1,15 @@
 """Broken meshes: what is mended is mended right and said, with its place; what is left is said too."""
 
+import time
+from contextlib import suppress
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
+from polish_sim.errors import MeshError
 from polish_sim.geometry import fit_surface, load_part, part_from_arrays
 from polish_sim.geometry.repair.holes import find_holes
 from polish_sim.geometry.repair.skin import Skin
@@ -213,3 +217,30 @@ def test_needles_on_planes_and_creases_stay():
     """A box whose edges are beset with thin facets: no crease moves."""
     part = from_soup(soup(BOX.subdivide_to_size(30.0)) * [1.0, 1.0, 0.02])
     assert not said(part, "needles")
+
+
+@pytest.mark.parametrize("lost", [1, 7, 12])
+def test_a_file_that_lost_bytes_in_the_middle_is_answered_within_5_s(lost: int, tmp_path: Path) -> None:
+    whole = trimesh.creation.icosphere(subdivisions=5, radius=50.0).export(file_type="stl")
+    middle = 84 + 50 * 10_000
+    broken = bytearray(whole[:middle] + whole[middle + lost :] + bytes(lost))
+    # Numbers that are none are refused as such: let all be finite.
+    facets = np.frombuffer(bytes(broken[84:]), dtype=np.dtype([("n", "<f4", 3), ("c", "<f4", 9), ("a", "<u2")])).copy()
+    with np.errstate(invalid="ignore"):
+        facets["c"] = np.nan_to_num(facets["c"], nan=0.0, posinf=0.0, neginf=0.0).clip(-60.0, 60.0)
+    file = tmp_path / "broken.stl"
+    file.write_bytes(bytes(broken[:84]) + facets.tobytes())
+    begin = time.process_time()
+    with suppress(MeshError):  # or what is left is mended
+        load_part(file)
+    assert time.process_time() - begin < 5.0
+
+
+def test_triangles_without_neighbours_are_no_surface(tmp_path: Path) -> None:
+    corners = np.random.default_rng(1).uniform(-60.0, 60.0, (14_400, 3, 3))
+    file = tmp_path / "soup.stl"
+    trimesh.Trimesh(corners.reshape(-1, 3), np.arange(43_200).reshape(-1, 3), process=False).export(file)
+    begin = time.process_time()
+    with pytest.raises(MeshError, match="14400 of 14400 facets have no neighbour, the first is facet 0"):
+        load_part(file)
+    assert time.process_time() - begin < 2.0

@@ -19,6 +19,7 @@ from polish_sim.geometry.repair.holes import close_holes, separate_crowded
 from polish_sim.geometry.repair.scan_noise import smooth_noise
 from polish_sim.geometry.repair.shells import describe_crossing_facets, describe_shells, turn_outward, wind_alike
 from polish_sim.geometry.repair.skin import NOISELESS, Noise, Skin, merge_vertices
+from polish_sim.geometry.topology import find_adjacency
 
 METRES_PER_UNIT = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254}  #: Length of one file unit [m]
 SMALLEST_PART = 5e-3  #: Largest extent of the smallest part one could polish [m]
@@ -31,6 +32,8 @@ UNIT_WORDS = {
 """Other words for the units, asked back."""
 LARGEST_PART = 2.0  #: Largest extent of the largest part [m]
 _ROUNDING = 1e-6  #: Of numbers in a file, relative
+
+MOST_ALONE, SHARE_ALONE = 100, 0.25  #: Facets without a neighbour: more than this many and this share are no surface
 
 
 def metres_per_unit(unit: str) -> float:
@@ -158,6 +161,7 @@ def mend(triangles: Array, path: Path) -> Skin:
         MeshError: Inside and outside are not defined; names the place.
     """
     vertices, faces, notes = merge_vertices(triangles)
+    _refuse_soup(faces, len(vertices), path)
     skin = Skin(vertices, faces, np.arange(len(faces), dtype=np.int32), notes)
     skin = drop_bad_facets(skin, path)
     skin = wind_alike(skin, path)
@@ -166,6 +170,18 @@ def mend(triangles: Array, path: Path) -> Skin:
     skin = turn_outward(skin)
     skin = smooth_noise(skin)
     return skin._replace(notes=(*skin.notes, *describe_shells(skin), *describe_crossing_facets(skin)))
+
+
+def _refuse_soup(faces: Ints, vertices: int, path: Path) -> None:
+    """Refuse facets that do not hang together, as bytes lost from a file leave them: repair would take minutes."""
+    if vertices < 0.55 * len(faces):  # a closed skin has half as many vertices as facets
+        return
+    alone = (find_adjacency(faces).facets < 0).all(axis=1)
+    if alone.sum() > MOST_ALONE and alone.mean() > SHARE_ALONE:
+        raise MeshError(
+            f"{path}: {alone.sum()} of {len(faces)} facets have no neighbour, the first is facet {alone.argmax()}: "
+            "this is no surface. Was the file damaged on the way? Copy or export it again."
+        )
 
 
 def _size_note(vertices: Array, faces: Ints, unit: str) -> str:

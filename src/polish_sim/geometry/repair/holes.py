@@ -36,8 +36,9 @@ def close_holes(skin: Skin) -> Skin:
     holes = find_holes(skin)
     if not holes:
         return skin
-    small = [hole for hole in holes if _is_small(hole, skin.size)]
-    large = [hole for hole in holes if not _is_small(hole, skin.size)]
+    size = skin.size
+    small = [hole for hole in holes if _is_small(hole, size)]
+    large = [hole for hole in holes if not _is_small(hole, size)]
     notes = list(skin.notes)
     faces, source = skin.faces, skin.source
     if small:
