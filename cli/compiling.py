@@ -22,8 +22,7 @@ from polish_sim.config import Scenario
 from polish_sim.kernel_cache import is_warm, kernels_under
 
 FIRST_START: Final = "compiling kernels: at the first start only, they are kept"
-REHEARSED: Final = ("arc", "force", "surface")
-"""Experiments whose simulation is compiled ahead: with the types of the arc's."""
+REHEARSED: Final = ("arc", "force", "surface")  #: Simulations compiled ahead: with the types of the arc's
 QUIET_S: Final = 10.0  #: Least time between two lines where no bar can be shown [s]
 
 

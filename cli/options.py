@@ -22,8 +22,7 @@ from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, 
 from polish_sim.errors import ConfigError, InputError, number_text
 from polish_sim.scenario_file import load_scenario, merge, override
 
-Given = Mapping[str, Any]
-"""Options by name, e.g. ``--feed``, in SI; None where not given."""
+Given = Mapping[str, Any]  #: Options by name, e.g. ``--feed``, in SI; None where not given.
 
 PURE: Final = Unit("", 1.0)
 _LENGTHS: Final = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254, "in": 0.0254}
@@ -47,15 +46,11 @@ class Own(NamedTuple):
 
     name: str
     panel: str
-    metavar: str
-    """What stands for its value; empty for a switch."""
+    metavar: str  #: What stands for its value; empty for a switch
     text: str
-    kind: type = str
-    """Of its value: str, int, float, Path, bool, or list for one that may be repeated."""
-    low: float = -math.inf
-    """Least value [unit]."""
-    high: float = math.inf
-    """Largest value [unit]."""
+    kind: type = str  #: Of its value: str, int, float, Path, bool, or list for one that may be repeated
+    low: float = -math.inf  #: Least value [unit]
+    high: float = math.inf  #: Largest value [unit]
     unit: Unit = PURE
     default: Any = None
 
@@ -106,12 +101,10 @@ OUTPUT_OPTIONS: Final = ("--out", "--overwrite")
 class Key(NamedTuple):
     """A key of the config that has an option."""
 
-    section: str
-    """Empty for a key of the scenario itself."""
+    section: str  #: Empty for a key of the scenario itself
     name: str
     default: Any
-    spec: Mapping[str, Any]
-    """Meaning and range."""
+    spec: Mapping[str, Any]  #: Meaning and range
     option: Option
 
     @property
@@ -380,11 +373,7 @@ def _overlapping(scenario: Scenario, given: Given, stepover: Key) -> Scenario:
 
 
 def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
-    """Each file under the key of its kind of calibration.
-
-    Raises:
-        InputError: Two of one kind, or not a calibration.
-    """
+    """Each file under the key of its kind of calibration; InputError: two of one kind, or not a calibration."""
     if experiment != "dual":
         if len(files) > 1:
             raise InputError("--calibration is given more than once: a run of one robot takes one, of 'payload'.")

@@ -20,8 +20,7 @@ CONDITIONS: Final = (
     *("dual.arm_length_error_m", "dual.arm_angle_error_rad"),
 )
 """Sections and keys whose default values hold for every figure that is asked."""
-CHOSEN: Final = ("pad.radius_m", "simulation.log_rate_hz", "spindle.speed_rpm")
-"""Of these what the user chooses with the task."""
+CHOSEN: Final = ("pad.radius_m", "simulation.log_rate_hz", "spindle.speed_rpm")  #: Of these what the user chooses
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,7 @@ class Outcome:
 
     claims: Sequence[Claim]  #: The figures to show and what is asked of them
     title: str
-    columns: Mapping[str, Mapping[str, Any]]
-    """Columns of figures to show by heading; the last one is the one that is checked."""
+    columns: Mapping[str, Mapping[str, Any]]  #: Of figures to show, by heading; the last one is what is checked
     stops: tuple[str, ...] = ()  #: Protective stops, each with its reason
     interrupted: bool = False
     undrawn: str = ""  #: How to draw the pictures that are missing because of an interrupt after all was measured

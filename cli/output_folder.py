@@ -18,8 +18,7 @@ except ImportError:  # Windows: drafts of killed commands stay
     fcntl = None  # type: ignore[assignment]
 
 RESULTS = Path("results")
-DRAFT = ".polish-sim-part"
-"""Ending of the hidden folder a command fills; no other program's folders end like this, for they are removed."""
+DRAFT = ".polish-sim-part"  #: Ending of the hidden folder a command fills; others with it are removed
 
 
 @dataclass(frozen=True)
@@ -103,11 +102,7 @@ def _create_locked(draft: Path) -> int:
 
 
 def _locked(draft: Path) -> int:
-    """Open and lock a folder.
-
-    Raises:
-        OSError: It is locked, or gone.
-    """
+    """Open and lock a folder; OSError if it is locked, or gone."""
     descriptor = os.open(draft, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from polish_sim.cell import Observer
     from polish_sim.planning import PlanResult
 
-PAIR_OPTIONS: Final = ("--master-speed", "--master-turn", "--master-path")
-"""What only a plan for two robots takes."""
+PAIR_OPTIONS: Final = ("--master-speed", "--master-turn", "--master-path")  #: Only for a plan for two robots
 PartFile = Annotated[
     str, typer.Argument(metavar="PART", help="STL, PLY or OBJ file, or the name of a shipped part.", show_default=False)
 ]

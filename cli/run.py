@@ -45,8 +45,7 @@ if TYPE_CHECKING:
 # Feed and step-over such that the whole spiral is fed in less than 60 s.
 DEMO: Final = {"part": {"file": "freeform"}, "plan": {"stepover_m": 0.02}, "process": {"feed_m_s": 0.03}}
 COMMON_OPTIONS: Final = ("--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS)
-PICTURES_MISSING: Final = "pictures_missing"
-"""Key in metrics.json of a run that was broken off while its pictures were drawn."""
+PICTURES_MISSING: Final = "pictures_missing"  #: In metrics.json, if broken off while pictures were drawn
 
 
 class RunGroup(TyperGroup):

@@ -70,8 +70,7 @@ class SmoothRequest(NamedTuple):
     axis_tolerance: float  #: [rad]
     limits: Path | None
     feed: float | None  #: [m/s]
-    pose: tuple[float, ...] | None
-    """Pose of the path's frame in the robot's base [m, rad]; empty: to be chosen; None: no robot."""
+    pose: tuple[float, ...] | None  #: Of the path's frame in the robot's base [m, rad]; (): to choose; None: no robot
     lenient: bool
     rate: float  #: [Hz]
 

@@ -45,12 +45,7 @@ def flat() -> RealPart:
 def drop(part: RealPart, config: PadConfig, text: str, seconds: float, stale: bool = False) -> Motion:
     """Let a weight with a pad beneath move under gravity and contact.
 
-    Args:
-        part: What it falls on.
-        config: The pad.
-        text: The model.
-        seconds: How long.
-        stale: Take the contact after a whole step, when poses are a step older than velocities.
+    ``stale``: contact is taken after a whole step, when poses are a step older than velocities.
     """
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)

@@ -51,8 +51,7 @@ LANDING, LEAVING = ORANGE, PINK
 MOST_FACETS = 8_000  #: Finer parts are drawn by a lighter copy: matplotlib takes 20 us for each, twice
 MOST_CHORDS = 3_000  #: So many draw the path in contact, for the same reason
 AXES_SHOWN = 90
-EDGE_ON = 0.05
-"""Cosine between tool axis and viewer below which the strokes of a wall, seen from above, lie over each other."""
+EDGE_ON = 0.05  #: Cosine of tool axis and viewer below which strokes of a wall, seen from above, lie over each other
 LEAD_POINTS = 120  #: At least so many along a lead: each is seen or hidden by itself
 ELEVATION, AZIMUTH = 38.0, -62.0
 TOWARDS_VIEWER = np.array(

@@ -28,8 +28,7 @@ from polish_sim.arrays import Array, Bools
 from polish_sim.log import RunLog
 
 PAPER_LIMIT_M = 3e-4
-SHOWN_SHARE = 0.15
-"""In the view of its plane the largest distance from the circle is drawn at most this share of the radius."""
+SHOWN_SHARE = 0.15  #: In the view of its plane, most share of the radius the largest distance is drawn at
 
 
 @styled

@@ -111,8 +111,7 @@ def axis_name(direction: Array) -> str:
 
 # Which points of a picture the part itself stands before: a depth picture of its facets.
 
-Projection = Callable[[Array], Array]
-"""Points (n, 3) to places in the picture and depths, larger is nearer, (n, 3); straight lines stay straight."""
+Projection = Callable[[Array], Array]  #: Points to places and depths (larger is nearer), (n, 3); lines stay straight
 
 PIXELS = 250  #: Of a depth picture, along the longer side of the part
 APART = 0.75  #: Pixels between samples of a facet, at most

@@ -52,8 +52,7 @@ class Fit(Generic[X]):
     covariance: Array  #: Of a step of the unknowns, shape (p, p)
     residuals: Array  #: Of every measurement, used or not, shape (n, k)
     used: Bools  #: The measurements it rests on, shape (n,); the others are outliers
-    noise: Array
-    """Standard deviation of each coordinate of a measurement, given or found from the residuals, shape (k,)."""
+    noise: Array  #: Standard deviation of each coordinate of a measurement, given or found by residuals, shape (k,)
 
 
 def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools | None = None) -> Fit[X]:

@@ -111,8 +111,7 @@ class PayloadReadings:
 class PayloadEstimate:
     """Tool and bias, and how well they are known."""
 
-    theta: Array
-    """m [kg], m c [kg m], b_f [N], b_t [N m] and, if asked for, their drift per second, shape (10,) or (16,)."""
+    theta: Array  #: m [kg], m c [kg m], b_f [N], b_t [N m] and, if asked for, their drift per second, (10,) or (16,)
     covariance: Array  #: Of theta, shape (p, p)
     residuals: Array  #: Reading minus model [N, N m], all readings, shape (n, 6)
     noise: Array  #: Standard deviation of one reading, given or found from the residuals [N, N m], shape (6,)

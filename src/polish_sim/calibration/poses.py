@@ -14,13 +14,10 @@ from polish_sim.calibration.tables import no_rotations
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward
 
-PAN, LIFT, ELBOW, WRIST_2 = 1.3, -1.59, 1.51, -0.5 * math.pi
-"""Joints that stay as they are [rad]: the wrist half a metre before the base and 0.7 m above the table."""
-TOOL_DOWN = -0.5 * math.pi - LIFT - ELBOW
-"""Wrist 1 with the tool straight down [rad]; less lifts the tool away from the arm, by pi straight up."""
+PAN, LIFT, ELBOW, WRIST_2 = 1.3, -1.59, 1.51, -0.5 * math.pi  #: Joints that stay [rad]: 0.7 m above the table
+TOOL_DOWN = -0.5 * math.pi - LIFT - ELBOW  #: Wrist 1, tool straight down [rad]; by pi less: straight up
 WRIST_SPEED = 0.6  #: Mean speed of the joint with the longest way between two poses, at most [rad/s]
-WRIST_ACCELERATION = 1.5
-"""Its acceleration, at most [rad/s^2]: 0.42 m from the wrist the tool keeps below the robot's 1.2 m/s^2."""
+WRIST_ACCELERATION = 1.5  #: At most [rad/s^2]: 0.42 m from the wrist the tool keeps below the robot's 1.2 m/s^2
 LEAST_POSES = 4
 
 

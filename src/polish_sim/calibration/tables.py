@@ -26,8 +26,7 @@ MATRIX: Final = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
 UNITS: Final[Mapping[str, float]] = {"m": 1.0, "mm": 1e-3}
 FULL_TURN: Final = 2.0 * np.pi + 0.01  #: A rotation vector is no longer than this [rad]
 _LARGEST_RATIO = 100.0
-REACH: Final = (0.02, 5.0)
-"""How far from its base a robot's flange or tip is, in the middle of all lines, whatever the robot [m]."""
+REACH: Final = (0.02, 5.0)  #: From any robot's base to its flange or tip, in the middle of all lines [m]
 
 
 def no_rotations(R: Array) -> Bools:

@@ -26,8 +26,7 @@ class PairArms(NamedTuple):
 
     true: Mapping[str, Array] = _NOMINAL  #: As they are built: the engine moves these
     believed: Mapping[str, Array] = _NOMINAL  #: The host computes with these
-    bases: tuple[Array, Array] | None = None
-    """T_master_follower (4, 4) and its covariance (6, 6) found along with the tables; None: it is found apart."""
+    bases: tuple[Array, Array] | None = None  #: T_master_follower and covariance (6, 6), if found with the tables
 
     @property
     def nominal(self) -> bool:

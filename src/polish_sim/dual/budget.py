@@ -82,8 +82,7 @@ class Share(NamedTuple):
     drawn_rms_std_m: float  #: Standard error of the drawn rms
     predicted_p95_m: float  #: 95% of the errors, over calibrations and places, are no larger
     drawn_p95_m: float
-    predicted_axial_share: float
-    """Of the mean square, the share along the tool axis: in contact, the force loop removes it."""
+    predicted_axial_share: float  #: Of the mean square, along the tool axis: in contact the force loop removes it
     drawn_axial_share: float
     predicted_across_rms_m: float  #: What the force loop does not remove
     drawn_across_rms_m: float
@@ -242,8 +241,7 @@ def _slopes(trial: PairBudgetTrial, true: ClosedChain) -> Array:
     return J
 
 
-NODES: Final = 48
-"""Gauss-Legendre nodes in each angle of an eighth of the sphere: the other seven are its mirror images."""
+NODES: Final = 48  #: Gauss-Legendre nodes in each angle of an eighth of the sphere; the others are its mirror images
 
 
 def length_probability(covariances: Array, lengths: Array) -> Array:

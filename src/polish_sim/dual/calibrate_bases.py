@@ -37,10 +37,8 @@ from polish_sim.motion import forward
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import apply, from_pose, inverse, rotation_angle
 
-TARGET: Final = np.array([-0.03, 0.02, 0.05])
-"""The tracker's target on the flange [m]: outwards, which makes the circles larger."""
-ARCS: Final = ((-60.0, 60.0), (-120.0, 0.0))
-"""Joint angles of the arcs of axis 1 and axis 2 [deg]: the arm stays above its base."""
+TARGET: Final = np.array([-0.03, 0.02, 0.05])  #: The tracker's target on the flange [m]: outwards, for larger circles
+ARCS: Final = ((-60.0, 60.0), (-120.0, 0.0))  #: Joint angles of the arcs of axes 1 and 2 [deg]: the arm stays up
 LOW, HIGH = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
 """Joint angles of tracked poses, drawn evenly between [rad]."""
 CHECKS: Final = 400  # poses in which calibrated arms are compared with the true ones

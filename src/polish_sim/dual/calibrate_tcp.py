@@ -21,11 +21,9 @@ from polish_sim.spatial import rotation_angle, transform
 Reading = Callable[[Array, Array], Array]
 """Flange poses (n, 4, 4) a host reads, from those the flange really has and the nominal arm's joints there (n, 6)."""
 
-POINT: Final = np.array([-0.45, -0.15, 0.3])
-"""The point that is touched, base frame [m]: 0.3 m above the table, where tilted wrists still reach it."""
+POINT: Final = np.array([-0.45, -0.15, 0.3])  #: It is touched, base frame [m]: tilted wrists still reach it
 Q_NEAR: Final = np.array([0.3, -1.6, 1.7, -1.6, -1.5, 0.0])
-LENGTH, SIDEWAYS, LEAN = 0.18, 0.02, 0.15
-"""A tool to be found: its length [m], how far off the flange's axis [m] and how crooked [rad] it may be."""
+LENGTH, SIDEWAYS, LEAN = 0.18, 0.02, 0.15  #: Of a tool to find: length [m], off the axis [m], crooked [rad]
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import inverse, transform
 
 MASTER, FOLLOWER = "master_", "follower_"  #: What the names of the two robots in a scene begin with
-FIRST_JOINT, FIRST_CONTROL = 7, 12
-"""Where the master's joints and controls begin: the follower, with its head, comes first."""
+FIRST_JOINT, FIRST_CONTROL = 7, 12  #: Of the master's joints and controls: the follower, with its head, comes first
 RAMP_S = LONGEST_RAMP + BUILD_UP  # in which the master comes to its speed and back to rest, as a feed does
 RAMP_PEAK = 1.0 / LONGEST_RAMP  # steepest rise of the rate at which its time passes [1/s]
 SPAN_S = 0.01  # over which the host takes the master's accelerations, at least from one reading to the next [s]
@@ -82,10 +81,8 @@ class MasterRows(NamedTuple):
     spacing: float  #: Time between rows [s]
     q: Array  #: Joint positions [rad], shape (n, 6)
     qd: Array  #: Joint speeds [rad/s], shape (n, 6)
-    T_base_work: Array
-    """The work frame at the first row as it really is, nominal part, base of the follower, shape (4, 4)."""
-    T_believed_true: Array
-    """Where the host believes the master's things to be: true poses in the follower's base, moved by this (4, 4)."""
+    T_base_work: Array  #: The work frame at the first row as it really is, nominal part, follower's base, (4, 4)
+    T_believed_true: Array  #: True poses in the follower's base, moved by this, are what the host believes (4, 4)
     table: Array = NOMINAL  #: The table the host computes the master with, shape (4, 6)
     delay: float = 0.0  #: How late its joints reach the host [s]
     period: float = 0.0  #: Between two readings of them, held in between [s]; 0: at every step
@@ -128,8 +125,7 @@ class Carrier(Record):
     seen_turning: Vector3  #: Likewise [rad/s]
     R_moved: Matrix3
     p_moved: Vector3  #: How the part has moved since the first row, as the host believes
-    believed: Matrix3
-    """The flange as the host believes, a row each: its place [m], velocity [m/s] and angular velocity [rad/s]."""
+    believed: Matrix3  #: The flange as the host believes, in rows: place [m], velocity [m/s], angular velocity [rad/s]
     work: Annotated[Array, (7, 3)]  #: Work array
 
 

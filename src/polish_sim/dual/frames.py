@@ -36,13 +36,10 @@ T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])  #: Where 
 ARC_POINTS: Final = 200
 LEAST_APART: Final = 0.2  #: Between the bases of two arms, each 0.15 m wide [m]
 SAME_POSE: Final = 1e-8  #: Poses that differ by less are the same but for rounding [m], [-]
-ON_FACE: Final = transform(np.eye(3), np.zeros(3))
-"""A part whose own frame is that of the gripper's face, as the shipped hub's is."""
-FAR_M, FAR_RAD = 0.01, 0.1
-"""A calibration farther off than this is that of another tool, or of robots that stand elsewhere [m], [rad]."""
+ON_FACE: Final = transform(np.eye(3), np.zeros(3))  #: A part whose frame is that of the gripper's face, as the hub's is
+FAR_M, FAR_RAD = 0.01, 0.1  #: Farther off, a calibration is of another tool or of robots elsewhere [m], [rad]
 INSIDE: Final = 0.9  #: Share of the way from the middle to the edge: a pointer does not find an edge itself
-NARROW: Final = 0.1
-"""A region this narrow for its length does not fix the turn about it: the marks then cover the whole part."""
+NARROW: Final = 0.1  #: A region this narrow for its length does not fix the turn about it: marks then cover the part
 
 
 def marks_on(region: Region, surface: Surface, count: int) -> Array:

@@ -26,8 +26,7 @@ _STEPS: Final = 2000
 class Seat(NamedTuple):
     """A part in a gripper."""
 
-    T_gripper_work: Array
-    """The part's own frame on the gripper's face, whose z axis looks away from the flange, shape (4, 4)."""
+    T_gripper_work: Array  #: The part's frame on the gripper's face, whose z axis looks away from the flange, (4, 4)
     nose: float  #: How far the gripper goes on beyond its face, into an opening, until it meets the part [m]
 
 

@@ -21,8 +21,7 @@ from polish_sim.spatial import inverse, transform
 
 TIME: Final = "time_s"
 FLANGE: Final = "flange_"  #: What the columns of a place begin with where the poses are the flange's
-JUMP_M_S, JUMP_RAD_S = 1.0, np.pi
-"""Faster from one line to the next is a jump: the tool speed a UR5e is sold with, and its joints' [m/s], [rad/s]."""
+JUMP_M_S, JUMP_RAD_S = 1.0, np.pi  #: Faster between lines is a jump: a UR5e's tool speed and joints' [m/s], [rad/s]
 WITHOUT_FILE: Final = (
     "master_speed_m_s", "master_direction", "master_arc_radius_m", "master_turn_rad_s", "master_axis", "master_center",
 )  # fmt: skip
@@ -32,8 +31,7 @@ WITHOUT_FILE: Final = (
 class PartWay(NamedTuple):
     """A motion of a part: its origin goes along, and the part moves in its own frame. Smooth, C2 or better."""
 
-    shift: Callable[[Array], Array]
-    """Times (n,) [s] to how far its origin has gone, base of the robot that moves it [m], shape (n, 3)."""
+    shift: Callable[[Array], Array]  #: Times (n,) [s] to how far its origin has gone, its robot's base [m], (n, 3)
     turn: Callable[[Array], Array]  #: Times (n,) [s] to how it has moved in its own frame, shape (n, 4, 4)
     lasts: float = math.inf  #: How long it goes on [s]
 
@@ -153,8 +151,7 @@ class MasterMotion(NamedTuple):
 
     way: PartWay
     file: MasterPath | None = None  #: Where it comes from, if from a file
-    T_start: Array = np.empty((0, 4, 4))
-    """Where a file says the part is held at the start, base of the master, shape (1, 4, 4)."""
+    T_start: Array = np.empty((0, 4, 4))  #: How a file says the part is held at the start, master's base, (1, 4, 4)
 
 
 def master_motion(scenario: Scenario, path: ToolPath, up: Array, chain: ClosedChain) -> MasterMotion:

@@ -31,8 +31,7 @@ SIDES: Final = (0.1, -0.1, 0.0)  #: How far beside the line between the bases [m
 HEIGHTS: Final = (0.3, 0.2, 0.4, 0.5)  #: Of the gripper's face above the master's base [m]
 SPINS: Final = tuple(np.radians(range(0, 360, 45)))
 GOOD: Final = 0.1  #: A way this far from singularities and limits is taken without looking further [-]
-Collides = Callable[[Array, Array], str]
-"""What touches what with joints of master and follower (n, 6) each; empty if nothing does."""
+Collides = Callable[[Array, Array], str]  #: What touches what with joints of master and follower, (n, 6) each; or empty
 
 
 class Work(NamedTuple):
@@ -240,8 +239,7 @@ def _tracked(poses: Array, T_flange_end: Array, q: Array) -> JointPath:
     return track(poses, T_flange_end, reached[0] - 2.0 * np.pi * turns) if turns.any() else joints
 
 
-BASE_DISTANCES: Final = (1.1, 1.0, 1.2, 0.9, 1.3)
-"""Between the bases, when another base pose of the follower is looked for [m]."""
+BASE_DISTANCES: Final = (1.1, 1.0, 1.2, 0.9, 1.3)  #: Between the bases, when the follower's is looked for [m]
 WAYS: Final = (0.6, 0.4, 0.2, 0.1)  #: Lengths of the part's way, when a slower master is looked for [m]
 POSES: Final = 18  #: Poses of the part that are tried each time
 
@@ -255,8 +253,7 @@ class Infeasible(NamedTuple):
     path: ToolPath
     up: Array  #: Side of the part to be worked on, work frame, shape (3,)
     collides: Collides  #: Looks for arms that touch
-    contacts: Callable[[Array], Collides]
-    """Makes such a check for another base of the follower in the master's, (4, 4)."""
+    contacts: Callable[[Array], Collides]  #: Makes such a check for another base of the follower in the master's (4, 4)
 
 
 def feasible_change(failed: Infeasible) -> str:

@@ -42,8 +42,7 @@ class Held(NamedTuple):
     density: float  #: [kg/m^3]
     T_flange_part: Array  #: Where the real part is on the master's flange, shape (4, 4)
     nose: float = 0.0  #: How far the gripper goes on beyond its face, into an opening, until it meets the part [m]
-    clearances: Clearances | None = None
-    """For checks only: the part's hull and the links as drawn collide with what comes this close; None: a cell."""
+    clearances: Clearances | None = None  #: For checks: part and links touch what is this near; None: a cell
 
 
 def build_pair_scene(

@@ -30,8 +30,7 @@ from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, SEGMENTS, T
 
 # The statements of an APT/CLDATA file: comments, continuations and words taken apart (text -> statements).
 
-FREE_TEXT: Final = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "DISPLY", "LETTER")
-"""Words whose rest of the line is prose."""
+FREE_TEXT: Final = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "DISPLY", "LETTER")  #: The rest is prose
 IGNORED: Final = frozenset(
     (
         *FREE_TEXT,

@@ -35,8 +35,7 @@ class ExportSetup:
     process: ProcessConfig = field(default_factory=ProcessConfig)
     spindle: SpindleConfig = field(default_factory=SpindleConfig)
     tool: RobotTool = field(default_factory=RobotTool)
-    part_pose: tuple[float, ...] = ()
-    """Pose of the work frame in the robot's base: x, y, z [m], rotation vector [rad]; empty = not known yet."""
+    part_pose: tuple[float, ...] = ()  #: Work frame in the robot's base [m], rotation vector [rad]; empty: unknown
     frame_id: str = "work"  #: Name of the work frame in ROS
 
     def __post_init__(self) -> None:
@@ -88,8 +87,7 @@ def strokes_of(path: ToolPath) -> list[StrokeRows]:
 # Tool poses along a path: z into the part, x along the feed or as steady as can be (ToolPath -> rotations).
 
 
-ACROSS = 0.05
-"""A feed direction whose part across the tool axis is smaller than this says nothing: the tool moves along its axis."""
+ACROSS = 0.05  #: A feed direction with a smaller part across the tool axis says nothing: the tool moves along its axis
 STEEPEST = 0.99  #: The steady x axis must stay this far off every tool axis (cosine): 8 deg
 
 
@@ -134,8 +132,7 @@ def steady_frames(path: ToolPath) -> Array:
 
 # Fewer points for the same line: robots and viewers need no more than its shape asks for (ToolPath -> rows).
 
-AIR_CHORD_M, AIR_AXIS_RAD = 1e-6, 1e-4
-"""A left-out point in the air lies this close to the straight move, its tool axis to those at both ends."""
+AIR_CHORD_M, AIR_AXIS_RAD = 1e-6, 1e-4  #: A left-out point in the air is this near the straight move [m], [rad]
 NOTICED = 0.02  #: Relative change of force or feed that is passed on
 
 

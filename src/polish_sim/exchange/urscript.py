@@ -184,11 +184,9 @@ def _pose(values: Sequence[float]) -> str:
 
 CHORD_M: Final = 5e-5
 AXIS_RAD: Final = np.radians(3.0)
-LONGEST_M: Final = 1e-2
-"""Points left out lie this close to the move [m], turn this little [rad], moves are no longer than this [m]."""
+LONGEST_M: Final = 1e-2  #: Points left out lie this close to the move [m], [rad]; no move is longer than this [m]
 BLEND_SHARE: Final = 0.4
-LARGEST_BLEND_M: Final = 2e-3
-"""Blends take up less than half of the moves beside them: they never overlap, which would stop the robot."""
+LARGEST_BLEND_M: Final = 2e-3  #: Less than half of the moves beside a blend: blends that overlap stop the robot
 STANDOFF_M: Final = 3e-3  #: Height above the surface at which force mode takes over the landing [m]
 CLEARANCE_M: Final = 0.03  #: Height from which a path without leads of its own is landed [m]
 MOVES_PER_FUNCTION: Final = 200

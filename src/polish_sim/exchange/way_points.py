@@ -82,8 +82,7 @@ def _count(points: int) -> str:
     return "one point" if points == 1 else f"{points} points"
 
 
-Unknown = Callable[[InputError], None]
-"""Called with an unknown word a reader could skip; raises the error, or notes it and lets the reader go on."""
+Unknown = Callable[[InputError], None]  #: Called with an unknown word that can be skipped: raises the error or notes it
 
 
 class WayPoints(NamedTuple):

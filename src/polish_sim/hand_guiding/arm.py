@@ -25,8 +25,7 @@ from polish_sim.motion.serial_chain import SerialChain, chain_model
 
 # The cell's robot in torque mode: the model file's arm, its servos replaced by motors.
 
-CLAMP_N: Final = 100.0
-"""The head's slide is clamped while a hand guides the tool: dry friction far above its weight [N]."""
+CLAMP_N: Final = 100.0  #: The head's slide is clamped while a hand guides: dry friction far above its weight [N]
 
 
 class LaidPart(NamedTuple):

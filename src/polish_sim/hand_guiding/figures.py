@@ -15,8 +15,7 @@ from polish_sim.planning.toolpath import ToolPath
 Figures = dict[str, float]
 
 COAST_S: Final = 1.0  #: An arm let go of may roll out for this long; what it moves then is drift [s]
-RATIOS: Final = {"inertia": "", "assist": "assist_"}
-"""Modes that are compared with the classical one, and what their figures begin with."""
+RATIOS: Final = {"inertia": "", "assist": "assist_"}  #: Compared with the classical mode, and how their figures begin
 
 
 def measure_move(force: Array, whole: bool, lent_j: float) -> Figures:

@@ -32,8 +32,7 @@ class Belief(NamedTuple):
     chain: ChainModel
     coulomb: Array  #: Coulomb friction [N m], shape (n,)
     viscous: Array  #: Viscous friction [N m s/rad], shape (n,)
-    creep: Array
-    """Speed at which a joint creeps under its full Coulomb friction before it breaks away [rad/s], shape (n,)."""
+    creep: Array  #: Speed at which a joint creeps under its full Coulomb friction before it breaks away [rad/s], (n,)
     torque_limit: Array  #: Of the motors [N m], shape (n,)
 
 
@@ -207,8 +206,7 @@ GUARDS: Final[Mapping[int, str]] = MappingProxyType(
     }
 )
 """Reasons of a protective stop, by code."""
-FADE_FROM: Final = 0.9
-"""Share of a speed limit from which compensation fades, so that the joints' own friction brakes [-]."""
+FADE_FROM: Final = 0.9  #: Share of a speed limit from which compensation fades: the joints' own friction brakes [-]
 
 
 class Lent(Record):

@@ -18,8 +18,7 @@ from polish_sim.hand_guiding.figures import distance_to_line
 from polish_sim.planning.toolpath import arc_length
 
 COLORS: Final = {"none": GREY, "gravity": PINK, "classical": ORANGE, "inertia": GREEN, "assist": BLUE}
-PAPER_N: Final = {"none": 100.0, "classical": 30.0, "inertia": 0.714 * 30.0}
-"""Peaks of paper 3: above, below, and 0.714 of that [N]."""
+PAPER_N: Final = {"none": 100.0, "classical": 30.0, "inertia": 0.714 * 30.0}  #: Peaks of paper 3 [N]
 _BEFORE_S, _AFTER_S = 0.1, 0.2
 
 

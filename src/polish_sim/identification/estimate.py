@@ -20,17 +20,14 @@ from polish_sim.identification.regressor import PIECE, States, TorqueModel, rand
 
 INDEPENDENT: Final = 1e-8  #: A column is new if this share of its length stands off the earlier ones
 STANDSTILL: Final = 0.1  #: Below this speed [rad/s] a joint's torque gets no weight: its friction has no known size
-TURNING: Final = 0.06
-"""While any joint is slower than this [rad/s] no torque gets weight: all feel how its friction reverses."""
-STANDING: Final = (0.01, 0.5)
-"""Below this speed [rad/s] and acceleration [rad/s^2] a joint stands still: its friction does not reverse either."""
+TURNING: Final = 0.06  #: While any joint is slower [rad/s] no torque gets weight: all feel how its friction reverses
+STANDING: Final = (0.01, 0.5)  #: Slower than this [rad/s], [rad/s^2], a joint stands: no friction reverses
 INTERVAL_95: Final = 1.959964  #: Half width of a 95% interval in standard deviations
 LONGEST: Final = 0.1  #: Correlations are followed over this share of the samples at most
 _SAMPLES: Final = 200
 _CLEAN: Final = 1e-9
 _ROUNDS: Final = 4
-_HIDDEN: Final = 1e-5
-"""A direction is not identifiable if its share of the largest singular value of the scaled regressor is below this."""
+_HIDDEN: Final = 1e-5  #: Share of the scaled regressor's largest singular value below which a direction is hidden
 
 
 class BaseParameters(NamedTuple):
@@ -174,8 +171,7 @@ class Estimate:
     r_squared: Array  #: Share of each torque's variance that is explained, shape (n,)
     condition: float  #: Of the stacked regressor as it stands, in SI units
     condition_equilibrated: float  #: Of the stacked regressor with rows in units of noise and columns of unit length
-    inefficiency: Array | None = None
-    """Samples worth one independent sample, shape (n,); None where noise is taken as white."""
+    inefficiency: Array | None = None  #: Samples worth one independent sample, (n,); None where noise is taken as white
 
     @property
     def std(self) -> Array:

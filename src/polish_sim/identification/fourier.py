@@ -92,8 +92,7 @@ class Clearance(NamedTuple):
     slope: Array  #: Its derivatives by the joints [m/rad], shape (m, pairs, n)
 
 
-ClearanceCheck = Callable[[Array], Clearance]
-"""From poses (m, n) [rad] to clearances; the cell has one that asks MuJoCo."""
+ClearanceCheck = Callable[[Array], Clearance]  #: From poses (m, n) [rad] to clearances; the cell's one asks MuJoCo
 
 
 @dataclass(frozen=True)

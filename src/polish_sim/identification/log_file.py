@@ -58,8 +58,7 @@ TURN: Final = 2.0 * np.pi
 _GAP: Final = 3.0  #: Steps longer than this many usual ones are gaps
 _SLOWEST_S: Final = 0.02  #: Between two samples, at most: splines with a knot every 0.05 s need more of them than knots
 _FLAT: Final = 0.01  #: Share of samples at exactly the largest torque from which a drive is taken as saturated
-_PILED: Final = 3.0
-"""So many times more samples at the largest torque than at the next smaller one: not just coarse steps."""
+_PILED: Final = 3.0  #: So many times more samples at the largest torque than at the next smaller: not coarse steps
 _LEAST_SAMPLES: Final = 500
 _ARM: Final = (HINGE,) * 6
 

@@ -33,8 +33,7 @@ from polish_sim.motion.serial_chain import LINK_PARAMETERS, inertia_at_origin, l
 BODY_NAMES: Final = ("mass", "center_x", "center_y", "center_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 BODY_UNITS: Final = ("kg", "m", "m", "m", *["kg m^2"] * 6)
 _LOWER: Final = np.tril_indices(4)
-_THIN: Final = 1e-6
-"""Share of its size a body that cannot exist is thickened by before the nearest that can is searched."""
+_THIN: Final = 1e-6  #: Share of its size a body that cannot exist is thickened by before the nearest that can is sought
 
 
 class Body(NamedTuple):

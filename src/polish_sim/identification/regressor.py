@@ -179,8 +179,7 @@ class JointTerm(NamedTuple):
     symbol: str
     unit: str
     value: Callable[[States], Array]  #: Shape (m, n)
-    slope: Callable[[States], States]
-    """Its derivatives by the joint's own position, speed and acceleration, shape (m, n) each."""
+    slope: Callable[[States], States]  #: Its derivatives by the joint's position, speed and acceleration, (m, n) each
     truth: Callable[[SerialChain], Array]  #: What the robot's model says, shape (n,)
 
 

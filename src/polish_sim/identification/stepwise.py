@@ -37,8 +37,7 @@ START_S: Final = 0.3  #: Until that speed is reached [s]
 STEADY_S: Final = 0.2  #: At that speed until the pose is passed [s]
 WINDOW_S: Final = 0.1  #: Over which torques are averaged, the pose in its middle [s]
 AXES_FIRST: Final = 3  #: Axes that move in the first step of ``stepwise-axes``
-SLOW, STEADY = 0.15, 0.2
-"""In a log a sample is as good as at rest if every joint is below this speed [rad/s] and acceleration [rad/s^2]."""
+SLOW, STEADY = 0.15, 0.2  #: A sample of a log is as good as at rest if all joints are below these [rad/s], [rad/s^2]
 _BASE_SAMPLES: Final = 1000  #: The base of a step is found from this many of its samples
 _LEAST_SAMPLES: Final = 200
 _DRAWS: Final = 50

@@ -18,8 +18,7 @@ from polish_sim.arrays import Array
 from polish_sim.log import Trace
 
 STEADY_AFTER_S: Final = 0.5  #: The steady window of a hold begins this long after first contact [s]
-SLOW_S: Final = 0.25
-"""What a moving mean over this time keeps is the force following the part, what it takes away is oscillation [s]."""
+SLOW_S: Final = 0.25  #: A moving mean over this keeps how the force follows the part and takes oscillation away [s]
 LARGEST_OSCILLATION: Final = 0.1  #: Amplitude a stable loop may swing with, as a share of the wanted force [-]
 LEAST_ALLOWED_N: Final = 2.0  #: The amplitude allowed at small forces [N]
 LARGEST_GROWTH: Final = 2.0  #: Of the amplitude from the third to the last quarter of the window [-]

@@ -31,8 +31,7 @@ class Rest(NamedTuple):
     """How a loop ended."""
 
     resting: bool  #: No swing, or one that dies away
-    stable: bool
-    """Resting, or a swing as small as the scorecard allows: friction of the joints can keep a small one up."""
+    stable: bool  #: Resting, or a swing the scorecard allows: friction of the joints can keep a small one up
     swing: float  #: Of the exact force, peak to peak in the last window [N]
     frequency: float  #: Of that swing [rad/s]
     offset: float  #: Mean force less the wanted one in the last window [N]
@@ -45,8 +44,7 @@ class Border(NamedTuple):
     latencies: Array  #: Sensor and command together, in the cell [s], shape (m,)
     rests: dict[str, list[list[Rest]]]  #: How each run ended, by controller, latency and scale
     line_scales: Array  #: Springs, for the linear model [-], shape (k,)
-    lines: dict[str, Array]
-    """Latency up to which the linear model is stable [s], by controller, shape (k,); infinite where it always is."""
+    lines: dict[str, Array]  #: Latency up to which the linear model is stable [s], by controller (k,); inf: always
 
 
 def judge_rest(force: Array, wanted: float, dt: float) -> Rest:

@@ -17,8 +17,7 @@ from polish_sim.scoring.loop_model import LinearLaw, Setup, build_plant, plant_r
 
 Complex = NDArray[np.complex128]
 NYQUIST = 3141.0  #: Highest frequency a host at 1 kHz can act at [rad/s]
-Response = Callable[[Array], Complex]
-"""Open loop L(j omega) of an array of frequencies [rad/s]; the closed loop is 1 + L = 0."""
+Response = Callable[[Array], Complex]  #: Open loop L(j omega) of frequencies (n,) [rad/s]; the closed loop is 1 + L = 0
 
 
 class Margins(NamedTuple):

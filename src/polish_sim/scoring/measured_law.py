@@ -44,8 +44,7 @@ class MeasuredLaw(NamedTuple):
 
     force: Array  #: Of the reading [m/(s N)], shape (n,)
     motion: Array  #: Of the tool's velocity [-], shape (n,)
-    settled: bool
-    """Whether the law pressed steadily with the wanted force before it was nudged; else this is not its law."""
+    settled: bool  #: Whether the law pressed steadily with the wanted force before the nudge; else it is not its law
 
     def by_force(self, z: Complex) -> Complex:
         """Of the force reading [m/(s N)]."""

@@ -17,8 +17,7 @@ from polish_sim.errors import InputError
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.journal import Journal, Row, Task, measure_row, row_key, setup_key
 
-Heard = Callable[[int, int, str | None], None]
-"""Called with the rows there are, the number of rows wanted, and a problem, if any."""
+Heard = Callable[[int, int, str | None], None]  #: Called with the rows there are, those wanted, and a problem, if any
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from polish_sim.motion.segment_rates import joint_motion
 
 ORDERS: Final = ("speed", "acceleration", "jerk")
 EDGE: Final = 1e-7  #: Share of a stretch that is kept from its ends, where the jerk jumps
-NODES, STEP_S = 5, 0.01
-"""Samples in a stretch of constant tip jerk: their least number, and their largest distance [s]."""
+NODES, STEP_S = 5, 0.01  #: Samples in a stretch of constant tip jerk: least number, largest distance [s]
 MANY, FEWEST = 200_000, 2  #: In a motion of more stretches than this, at least so few samples each
 SHORTEST_S = 1e-9  #: A shorter stretch is rounding where pieces meet, and left out [s]
 BLOCK = 100_000

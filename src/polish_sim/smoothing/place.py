@@ -171,8 +171,7 @@ class SmoothingTask(NamedTuple):
     limits: SmoothingLimits
     tolerance: float  #: Largest distance of the tip from the path [m]; 0: exact stops at corners
     axis_tolerance: float  #: Largest angle of the tool axis to its path [rad]
-    feeds: Array | None = None
-    """The tip's largest speed on every segment [m/s], infinite where it has none of its own, shape (segments,)."""
+    feeds: Array | None = None  #: Largest speed of the tip on each segment [m/s], inf where it has none, (segments,)
 
 
 def smooth_path(task: SmoothingTask, rule: str) -> Smoothed:

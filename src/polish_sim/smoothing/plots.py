@@ -25,8 +25,7 @@ COLOURS: Final = (BLUE, ORANGE)
 DEGREES: Final = 180.0 / np.pi
 MICRO: Final = 1e6
 NARROW: Final = 11.0  #: A figure less wide has no room for facts and legend in one line [inch]
-NEAR: Final = 0.4
-"""A limit is drawn to scale when the curve reaches this share of it; farther limits are only labelled."""
+NEAR: Final = 0.4  #: A limit is drawn to scale if the curve reaches this share of it; others are only labelled
 SHOWN: Final = 6  #: Corners in the figure
 LEAST_VIEW_M: Final = 5e-6  #: Half the width of a view is this at least
 VIEW: Final = 2.5  #: Half the width of a view in distances of the corner from the tip

@@ -62,8 +62,7 @@ class ArmEstimate(NamedTuple):
     T_tracker_base: Array  #: Shape (4, 4)
     target: Array  #: On the flange [m], shape (3,)
     residuals: Array  #: Seen minus predicted [m], shape (n, 3)
-    base_covariance: Array
-    """Of the base's origin [m] and rotation [rad], tracker axes, whatever the table is, shape (6, 6)."""
+    base_covariance: Array  #: Of the base's origin [m] and rotation [rad], tracker axes, whatever the table is, (6, 6)
 
     def target_at(self, q: Array) -> Array:
         """Where the target is, tracker frame [m], shape (n, 3)."""

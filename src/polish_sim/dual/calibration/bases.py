@@ -67,8 +67,7 @@ class BaseMeasurements(Protocol):
 class AxisArcs:
     """Target seen by a tracker while axis 1, then axis 2 turns alone, robot by robot."""
 
-    arcs: Mapping[str, tuple[Array, Array]]
-    """Points in the order of rising joint angle, tracker frame [m], each (n, 3)."""
+    arcs: Mapping[str, tuple[Array, Array]]  #: Points by rising joint angle, tracker frame [m], (n, 3) each
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """Both bases from four circles."""
@@ -95,8 +94,7 @@ class AxisArcs:
 class TrackedPoses:
     """A target at points known in the robot's base, seen by a tracker, robot by robot."""
 
-    points: Mapping[str, tuple[Array, Array]]
-    """Where the tracker saw the target and where the robot says it was, its base [m], each (n, 3)."""
+    points: Mapping[str, tuple[Array, Array]]  #: Target by the tracker and by the robot, its base [m], (n, 3) each
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """Both bases by matched points (Kabsch)."""

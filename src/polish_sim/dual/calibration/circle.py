@@ -37,8 +37,7 @@ class Circle:
     """A circle in space and the axis it was run about."""
 
     center: Array  #: [m], shape (3,)
-    frame: Array
-    """Columns u, v in the plane and the axis n, about which the points run in the positive sense, shape (3, 3)."""
+    frame: Array  #: Columns u, v in the plane and the axis n, about which the points run in the positive sense, (3, 3)
     radius: float  #: [m]
     covariance: Array  #: Of the centre [m] and the tilt of the axis towards u and v [rad], shape (5, 5)
     noise: float  #: Standard deviation of one coordinate of a point [m]

@@ -56,8 +56,7 @@ class PairAdjustment(NamedTuple):
     T_master_follower: Array  #: Shape (4, 4)
     tip: Array  #: On the follower's flange [m], shape (3,)
     T_flange_work: Array  #: The part on the master's flange, shape (4, 4)
-    informations: Mapping[str, Array]
-    """Information of each of `SOURCES` on the 15 unknowns, (15, 15) each; they add up."""
+    informations: Mapping[str, Array]  #: Information of each of `SOURCES` on the 15 unknowns, (15, 15); they add up
 
     @property
     def covariance(self) -> Array:

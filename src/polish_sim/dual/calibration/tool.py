@@ -169,11 +169,8 @@ class ToolMeasurements:
     """Touches of one fixed point, and moves of the tip along known directions of the tool."""
 
     touches: ToolTouches
-    T_base_flange_moves: Array
-    """Flange poses: start, then along +x, then in the x-z plane; or start and any moves; none if not measured,
-    shape (m, 4, 4)."""
-    moves_tool: Array | None = None
-    """How far each lies from the start, tool axes [m], shape (m, 3); None for the three points."""
+    T_base_flange_moves: Array  #: Flange at start, along +x, in x-z plane; or start and any moves; or none, (m, 4, 4)
+    moves_tool: Array | None = None  #: Their distances from the start, tool axes [m], shape (m, 3); None: three points
 
     def __post_init__(self) -> None:
         check_poses(self.T_base_flange_moves, "move")
@@ -185,8 +182,7 @@ class ToolFrameEstimate:
     """Where the tool's tip is and how the tool stands, on the flange."""
 
     tip: ToolPoint
-    orientation: ToolOrientation | None
-    """None if no moves were measured: the tool is then taken to stand as the flange does."""
+    orientation: ToolOrientation | None  #: None if no moves were measured: the tool then stands as the flange does
 
     @property
     def T_flange_tool(self) -> Array:

@@ -22,8 +22,7 @@ from polish_sim.errors import CalibrationError
 
 TOOL_DOWN = np.diag([1.0, -1.0, -1.0])
 LEAST_TOUCHES = 4
-LEAST_SPREAD = 0.05
-"""Least square root of an eigenvalue of M [-]: poses that differ by about 3 deg rms about some direction."""
+LEAST_SPREAD = 0.05  #: Least square root of an eigenvalue of M [-]: poses that differ by 3 deg rms about some axis
 SUSPECT = 2e-3  #: Touches with smaller residuals are not suspected [m]
 LARGEST_LEFT = 5e-3  #: No touches by hand miss by more than this [m]
 _BETTER = 0.1
