@@ -201,11 +201,20 @@ def _add_row(sums, at, row, weight):  # type: ignore[no-untyped-def]
         sums[at, i, 9] += scaled * row[9]
 
 
+SOLVED_AT_ONCE = 4096  #: Systems that stay in a processor's cache
+
+
 def solve_symmetric(systems: Array) -> Array:
     """Solve many symmetric positive systems by Cholesky's method, shape (k, n).
 
     Lower triangles and right sides are given together, shape (k, n, n + 1).
     """
+    batches = range(0, len(systems), SOLVED_AT_ONCE)
+    found = [_solve_batch(systems[begin : begin + SOLVED_AT_ONCE]) for begin in batches]
+    return np.concatenate(found) if found else systems[:, :, 0]
+
+
+def _solve_batch(systems: Array) -> Array:
     size = systems.shape[1]
     rows = np.moveaxis(systems, 0, -1).copy()  # (n, n + 1, k)
     with np.errstate(all="ignore"):  # of systems without solution

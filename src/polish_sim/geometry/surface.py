@@ -60,6 +60,16 @@ class Surface:
         return build_box_tree(self.control)
 
     @cached_property
+    def middle(self) -> Array:
+        """Mean of the vertices [m], shape (3,)."""
+        return np.asarray(self.vertices.mean(axis=0))
+
+    @cached_property
+    def radius(self) -> float:
+        """Of the ball around the middle that holds all vertices [m]."""
+        return float(np.linalg.norm(self.vertices - self.middle, axis=1).max())
+
+    @cached_property
     def facet_areas(self) -> Array:
         """Areas of the patches [m^2], shape (m,)."""
         return np.asarray(patch_areas(self.control))

@@ -27,8 +27,7 @@ class Ball(NamedTuple):
 
 def ball_around(part: Surface, clearance: float) -> Ball:
     """A ball that holds the part and half as much again as the clearance [m]."""
-    middle = part.vertices.mean(axis=0)
-    return Ball(middle, float(np.linalg.norm(part.vertices - middle, axis=1).max()) + 1.5 * clearance)
+    return Ball(part.middle, part.radius + 1.5 * clearance)
 
 
 def height_to_keep(part: Surface, tops: Array, clearance: float) -> float:
@@ -96,7 +95,7 @@ def rim_depths(surface: Surface, positions: Array, axes: Array, radius: float) -
 
 def _beside(surface: Surface, axes: Array) -> Array:
     """Unit vectors square to axes (n, 3) that turn with the part, as the coordinate axes would not."""
-    ways = surface.vertices[:3] - surface.vertices.mean(axis=0)
+    ways = surface.vertices[:3] - surface.middle
     square = np.cross(axes[:, None], ways)
     size = np.linalg.norm(square, axis=2)
     # The first that is long enough: rounding does not choose among equals.
