@@ -1,36 +1,9 @@
-"""Small systems of linear equations for compiled kernels, on arrays that are filled again."""
+"""The inverse of a 6x6 matrix for compiled kernels, on arrays that are filled again."""
 
 from __future__ import annotations
 
-import math
-
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
-
-
-@njit(cache=True, error_model="numpy")
-def solve_symmetric(system: Array, out: Array) -> None:
-    """Solve symmetric positive definite equations by Cholesky's method; ``out`` (n,) is written.
-
-    ``system``: matrix, of which the lower triangle counts, and right side, shape (n, n + 1); overwritten.
-    """
-    n = system.shape[0]
-    for i in range(n):
-        for j in range(i + 1):
-            total = system[i, j]
-            for k in range(j):
-                total -= system[i, k] * system[j, k]
-            system[i, j] = math.sqrt(max(total, 1e-300)) if i == j else total / system[j, j]
-    for i in range(n):
-        total = system[i, n]
-        for k in range(i):
-            total -= system[i, k] * out[k]
-        out[i] = total / system[i, i]
-    for i in range(n - 1, -1, -1):
-        total = out[i]
-        for k in range(i + 1, n):
-            total -= system[k, i] * out[k]
-        out[i] = total / system[i, i]
 
 
 @njit(cache=True, error_model="numpy")

@@ -13,7 +13,8 @@ from polish_sim.cell import CellRun, RealPart, Silent, build_scene, no_part
 from polish_sim.cell.guards import CRASH, REASONS
 from polish_sim.experiments.part_setup import part_file
 from polish_sim.geometry import load_part
-from polish_sim.motion import JOINT_LIMITS, JOINT_SPEED_LIMIT
+from polish_sim.motion import JOINT_LIMITS
+from polish_sim.motion.rules.limits import JOINT_SPEED
 from tests.cell.cells import (
     EVERY_STEP,
     EachStep,
@@ -160,7 +161,7 @@ def test_a_stretched_arm_stops_before_it_is_singular() -> None:
     scenario = ideal("arc", EVERY_STEP)
     run = cell_for(scenario, free_stroke(tool_pose(0.0, -0.6, 0.3), tool_pose(0.0, -1.0, 0.3), feed=0.1)).run()
     assert run.stop_reason == "near a singularity of the arm"
-    assert np.abs(run.log["qd_rad_s"]).max() < JOINT_SPEED_LIMIT
+    assert np.abs(run.log["qd_rad_s"]).max() < JOINT_SPEED
     keeps_its_log(run)
 
 

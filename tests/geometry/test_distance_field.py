@@ -7,8 +7,9 @@ import pytest
 import trimesh
 
 from polish_sim.errors import ConfigError
-from polish_sim.geometry import DistanceField, build_distance_field, field_distance, field_gradient
+from polish_sim.geometry import DistanceField, build_distance_field, field_distance
 from polish_sim.geometry.distance_field import bend_field, signed_distances
+from polish_sim.geometry.field_lookup import look_up as distance_and_slope
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface
 from tests.geometry.shapes import saddle, sphere, torus
@@ -21,7 +22,8 @@ def look_up(field, points):
 
 
 def look_up_gradient(field, points):
-    return np.array([field_gradient(field, x, y, z) for x, y, z in points])
+    nodes, per_metre = field.bricks.reshape(-1), 1.0 / field.spacing
+    return np.array([distance_and_slope(field, nodes, per_metre, x, y, z) for x, y, z in points])
 
 
 @pytest.fixture(scope="module")

@@ -54,21 +54,12 @@ def field_distance(field, x, y, z):  # type: ignore[no-untyped-def]
     return d0 + fx * (d1 - d0)
 
 
-@njit(cache=True)
-def field_gradient(field, x, y, z):  # type: ignore[no-untyped-def]
-    """Signed distance [m] and its gradient at a point, as (d, gx, gy, gz).
-
-    The gradient is that of the trilinear interpolant, so its length is one only up to h (|k1| + |k2|) / 2;
-    zero beyond the band.
-    """
-    return look_up(field, field.bricks.reshape(-1), 1.0 / field.spacing, x, y, z)
-
-
 @njit(cache=True, error_model="numpy")
 def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
-    """As ``field_gradient``, several times as fast in a loop over points: flat nodes, unsigned indices.
+    """Signed distance [m] and its gradient at (x, y, z) [m], as (d, gx, gy, gz), for loops over many points.
 
-    ``nodes`` are the ``field.bricks`` flattened, ``per_metre`` is one over the spacing [1/m].
+    The gradient is that of the trilinear interpolant, so its length is one only up to h (|k1| + |k2|) / 2; zero beyond
+    the band. ``nodes`` are the ``field.bricks`` flattened, ``per_metre`` is one over the spacing [1/m].
     """
     fx, fy, fz = (x - field.origin[0]) * per_metre, (y - field.origin[1]) * per_metre, (z - field.origin[2]) * per_metre
     nx, ny, nz = field.table.shape

@@ -2,7 +2,6 @@
 
 from polish_sim.motion.kinematics import (
     JOINT_LIMITS,
-    JOINT_SPEED_LIMIT,
     JointPath,
     forward,
     inverse_all,

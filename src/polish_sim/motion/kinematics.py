@@ -26,7 +26,6 @@ NOMINAL = np.stack([np.zeros(6), DH_D, DH_A, np.pi / 2 * np.array([1.0, 0.0, 0.0
 NOMINAL.setflags(write=False)
 JOINT_LIMITS = np.array([[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0], [-2.0, 2.0], [-2.0, 2.0], [-2.0, 2.0]]) * np.pi
 """Lowest and highest joint angle [rad], shape (6, 2)."""
-JOINT_SPEED_LIMIT = np.pi  #: Highest speed of every joint [rad/s]
 CLOSE: Final = 1e-12  #: Newton's method ends when the flange pose is reached to this [m] and [rad]
 _MOST_ROUNDS: Final = 10
 
