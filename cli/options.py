@@ -156,9 +156,7 @@ def _keys(table: Any, section: str) -> Iterator[Key]:
 def takes(*options: str | Own, defaults: Scenario | None = None) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Let a command take options: its argument ``given`` becomes one parameter an option, as Typer reads them.
 
-    Args:
-        options: Names of options of the config, of ``OWN``, or options of the command's own.
-        defaults: The scenario whose values the help names.
+    They are named as in the config or ``OWN``, or the command's own; the help names the values of ``defaults``.
     """
     keys = config_keys(defaults or Scenario())
     chosen = [option if isinstance(option, Own) else OWN.get(option) or keys[option] for option in options]
@@ -232,15 +230,7 @@ def _help(key: Key) -> str:
 
 
 def read_number(name: str, text: str, unit: Unit, low: float, high: float, meaning: str = "") -> float:
-    """Read a number of a unit into SI.
-
-    Args:
-        name: The option.
-        text: What the user wrote.
-        unit: The option's unit.
-        low: Least value [SI].
-        high: Largest value [SI].
-        meaning: What the number is, for the message.
+    """Read the text of option ``name`` as a number of a unit, between ``low`` and ``high`` [SI], into SI.
 
     Raises:
         InputError: It is not a number; says how to write it.
@@ -320,14 +310,7 @@ def _read_list(key: Key, text: str) -> list[float]:
 
 
 def build_scenario(base: Scenario, given: Given) -> Scenario:
-    """Put a scenario together: defaults, then the config file, then the options, then --set.
-
-    Args:
-        base: The experiment's defaults.
-        given: Options by name.
-
-    Returns:
-        The scenario.
+    """Put a scenario together: defaults, then the config file, then the options by name, then --set.
 
     Raises:
         ConfigError: If a key or value is wrong; the message names the file, option or key.
@@ -414,11 +397,6 @@ def _placed(scenario: Scenario) -> Scenario:
 
 def refuse_idle_on_path(scenario: Scenario, listens: Mapping[str, Sequence[str]], given: Given) -> None:
     """Refuse options the chosen pattern, or axis smoothing that is off, takes no notice of.
-
-    Args:
-        scenario: Has what is to be planned.
-        listens: The keys every pattern obeys, by the pattern's name.
-        given: Options by name.
 
     Raises:
         InputError: Naming the first one and where it counts.

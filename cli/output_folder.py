@@ -39,10 +39,8 @@ def refuse_taken(out: Path | None, overwrite: bool) -> None:
 def claimed(out: Path | None, kind: str, overwrite: bool = False) -> Iterator[OutputFolder]:
     """Claim an output folder for a block of work; when the block raises, nothing is left behind.
 
-    Args:
-        out: The folder asked for; None means a new ``results/<kind>/<yyyymmdd-hhmmss>``.
-        kind: Command and experiment, e.g. ``run-surface``.
-        overwrite: Whether files of the same names in an existing folder may be replaced. Other files stay.
+    ``out`` None means a new ``results/<kind>/<yyyymmdd-hhmmss>``; ``kind`` is command and experiment, e.g.
+    ``run-surface``. With ``overwrite`` files of the same names in an existing folder are replaced, others stay.
 
     Raises:
         InputError: At once, if the folder exists (without ``overwrite``) or cannot be written.

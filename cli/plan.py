@@ -81,8 +81,7 @@ def plan(part: PartFile, given: Given) -> None:
 def place(scenario: Scenario, result: PlanResult, plots: dict[str, Figure], reach_map: bool, observer: Observer) -> str:
     """Find where the part stands and add it to a plan's figures, and the reach map to its pictures if asked for.
 
-    Returns:
-        Why the robot cannot do the path; empty if it can.
+    Returns why the robot cannot do the path; empty if it can.
     """
     from polish_sim.experiments.part_pose import PartPlacing
 
@@ -105,12 +104,7 @@ def place(scenario: Scenario, result: PlanResult, plots: dict[str, Figure], reac
 def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
     """Plan once around a part's rim for two robots, and check that both arms can do it.
 
-    Args:
-        scenario: Part, robots and process.
-        observer: Hears of the progress.
-
-    Returns:
-        The plan; its figures say where the part is held and how both arms start.
+    The plan's figures say where the part is held and how both arms start.
 
     Raises:
         PolishSimError: If the part cannot be used or planned, or an arm cannot follow.

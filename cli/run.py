@@ -160,16 +160,9 @@ def _checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenari
 
 
 def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequence[FrameSink] = ()) -> Outcome:
-    """Run a scenario and write its run folder.
+    """Run a scenario, on a ``plan`` if one is given, and write its run folder into ``draft``; how it ended.
 
-    Args:
-        scenario: What to run.
-        plan: The path to run, or None to plan one.
-        draft: Existing folder to fill.
-        sinks: Who gets the frames: viewer, video, picture.
-
-    Returns:
-        How it ended.
+    ``sinks`` get the frames: viewer, video, picture.
     """
     from polish_sim.analysis.run_record import METRICS, write_json
     from polish_sim.cli.outcome import Outcome, other_conditions
@@ -254,16 +247,9 @@ def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
 def plan_to_run(
     scenario: Scenario, given: ToolPath | None, observer: PlanObserver, folder: Path | None
 ) -> PlanResult | None:
-    """Plan the path of a run, or measure the one that is given; two robots plan their own.
+    """Plan the path of a run, or measure the one that is given; None where none is planned ahead, as for two robots.
 
-    Args:
-        scenario: What is to be run.
-        given: A path made before.
-        observer: Hears of the progress.
-        folder: Where the plan's files and picture go; None to write nothing.
-
-    Returns:
-        The plan; None for an experiment without one.
+    Without a ``folder`` for the plan's files and picture nothing is written.
 
     Raises:
         PolishSimError: If the part cannot be used or planned.
@@ -290,15 +276,7 @@ def plan_to_run(
 
 
 def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath, Scenario]:
-    """Read a plan and make the scenario say what was planned, and on which part.
-
-    Args:
-        source: Plan folder, path.json, CSV or APT file.
-        scenario: What is to be run.
-        given: Options by name.
-
-    Returns:
-        The path and the scenario it belongs to.
+    """Read a plan folder, path.json, CSV or APT file and make the scenario say what was planned, and on which part.
 
     Raises:
         InputError: If the plan cannot be read, belongs to another part, or is asked to be planned differently.

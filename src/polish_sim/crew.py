@@ -63,13 +63,10 @@ class _Worker:
 def work_off(
     tasks: Sequence[Any], work: Callable[[Any], Any], group_of: Callable[[Any], Hashable], workers: int
 ) -> Generator[Result]:
-    """Do tasks in processes; results come in the order they are done, one without a value whenever a process died.
+    """Do hashable tasks in so many worker processes; results come in the order they are done.
 
-    Args:
-        tasks: Hashable, and sent to another process.
-        work: Called with one task.
-        group_of: Tasks of the same group are done by the same process where that costs no waiting.
-        workers: Number of processes.
+    One without a value comes whenever a process died. ``work`` is called with one task; tasks of the same ``group_of``
+    are done by the same process where that costs no waiting.
 
     Raises:
         CrewError: If processes die one after the other.

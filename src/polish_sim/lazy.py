@@ -14,12 +14,10 @@ _IMPORT = re.compile(r"^    from ([\w.]+) import (\([^)]*\)|.*)", re.MULTILINE)
 
 
 def names_on_use(package: str) -> Callable[[str], Any]:
-    """The ``__getattr__`` of a package whose names are imported under ``if TYPE_CHECKING:``.
+    """The ``__getattr__`` of a package whose names its ``__init__.py`` imports under ``if TYPE_CHECKING:``.
 
-    The type checker and the reader see ordinary imports; each module is imported when one of its names is used.
-
-    Args:
-        package: Name of the package; its ``__init__.py`` holds the imports, indented once.
+    The imports are indented once. The type checker and the reader see ordinary imports; each module is imported when
+    one of its names is used.
     """
 
     def load(name: str) -> Any:

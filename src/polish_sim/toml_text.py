@@ -7,12 +7,10 @@ from typing import Any
 
 
 def toml_text(values: Mapping[str, Any], comments: Mapping[str, str] | None = None, head: Sequence[str] = ()) -> str:
-    """Write a nested table as TOML, keys before sections, in the order given.
+    """Write a nested table as TOML, keys before sections, in the order given; a mapping becomes a section.
 
-    Args:
-        values: Text, numbers, booleans, lists and numpy arrays of them by name; a mapping becomes a section.
-        comments: By dotted name; each stands behind its key or section.
-        head: Lines of comment at the top.
+    Values are text, numbers, booleans, lists and numpy arrays of them. ``comments``, by dotted name, stand behind
+    their key or section, ``head`` at the top.
     """
     import tomlkit
 

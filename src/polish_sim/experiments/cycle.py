@@ -25,21 +25,15 @@ OWN = ("cycle_time_s", "smoothed_off_max_m", "smoothed_axis_off_max_rad")
 def time_law(
     scenario: Scenario, path: ToolPath, noise: Noise, progress: Callable[[float, float], None]
 ) -> dict[str, float]:
-    """Time a path on the part as a run does, but for the robot: limits of the tool alone.
+    """Time a path, not pressed, on the part as a run does, but for the robot: limits of the tool alone.
 
-    Args:
-        scenario: Force, feed, smoothing, approach; ``process.max_feed_s`` ends nothing here.
-        path: The path, not pressed.
-        noise: Of the part's surface.
-        progress: Hears how much of the path is timed, and of how much.
+    Returns ``feed_figures`` and
 
-    Returns:
-        ``feed_figures`` and
+    - cycle_time_s: zeroing of the sensor, way down, touch-down, strokes, moves through the air and lifts;
 
-        - cycle_time_s: zeroing of the sensor, way down, touch-down, strokes, moves through the air and lifts;
-        - smoothed_off_max_m, smoothed_axis_off_max_rad: how far the motion in contact is from the path, place and axis.
+    - smoothed_off_max_m, smoothed_axis_off_max_rad: how far the motion in contact is from the path, place and axis.
 
-        Undefined ones for a path that cannot be smoothed.
+    They are undefined for a path that cannot be smoothed. ``process.max_feed_s`` ends nothing here.
     """
     whole = replace(within_noise(scenario, noise), process=replace(scenario.process, max_feed_s=0.0))
     placed = PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
