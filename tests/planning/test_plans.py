@@ -18,7 +18,6 @@ from polish_sim.planning.toolpath import PROCESS
 from tests.planning.shapes import plan_of, prism, region_of, shipped_plan
 
 STEP = 0.008
-SADDLE_HOLLOW_M = 0.2  #: Radius of the saddle z = (y^2 - x^2) / 400 mm in its middle
 
 
 WHOLE = ["plate", "freeform", "saddle", "cylinder", "sphere_100", "wheel_hub_rim"]
@@ -186,12 +185,18 @@ def test_a_pad_wider_than_the_ring_is_mentioned():
     assert any("hangs over" in note for note in shipped_plan("wheel_hub_rim").notes)
 
 
-def test_a_hollow_tighter_than_the_pad_is_mentioned_with_its_place():
-    hollows = [[], []]
-    for found, radius in zip(hollows, (0.9, 1.1), strict=True):
-        pad = PadConfig(radius_m=radius * SADDLE_HOLLOW_M)
-        ground = prepare_ground(region_of("saddle"), PlanConfig(stepover_m=0.02))
-        path = path_on(ground, PlanConfig(stepover_m=0.02))
-        found += [note for note in pad_notes(ground, locate(ground, path), pad) if "tighter than the pad" in note]
-    assert hollows[0] == []
-    assert len(hollows[1]) == 1
+def test_where_the_rim_carries_alone_the_note_says_where_and_how_far_the_middle_is_off():
+    """Over a bowl of radius R the ground rises a^2 / 2R under the rim, which 20 N presses in by a sqrt(F / k R)."""
+    radius, rounds = 0.065, np.zeros((2, 3))
+    points = np.column_stack([np.linspace(0.0, 0.01, 2), rounds[:, 0], rounds[:, 0]])
+    up = np.tile([0.0, 0.0, 1.0], (2, 1))
+    ground = prepare_ground(region_of("plate"), PlanConfig(stepover_m=0.05))
+    for pad, off_mm in ((0.025, 4.808 - 3.101), (0.010, 0.0)):
+        on = locate(ground, path_on(ground, PlanConfig(stepover_m=0.05)))._replace(
+            positions=points, axes=up, normals=up, curvatures=np.full((2, 2), -1.0 / radius), forces=np.full(2, 20.0)
+        )
+        found = [note for note in pad_notes(ground, on, PadConfig(radius_m=pad)) if "rim carries alone" in note]
+        assert len(found) == (off_mm > 0.0)
+        if found:
+            assert f"its middle up to {off_mm:.2g} mm off" in found[0]
+            assert "the radius is 65 mm" in found[0]

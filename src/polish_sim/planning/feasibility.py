@@ -12,6 +12,7 @@ from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, metres_per_u
 from polish_sim.planning.curves.offset_curve import CurveSet
 from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.ground.ground import Ground, footprint
+from polish_sim.planning.quality.coverage import pad_depths
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
 
 if TYPE_CHECKING:
@@ -32,6 +33,10 @@ LITTLE_OVERLAP, ALL_COVERED = 0.8, 0.995
 """Turns this share of the pad's diameter apart hardly overlap; so much of a region counts as all of it."""
 
 FEW = 20  #: One vertex in so many is asked first how far it is from the border
+
+
+RIM_ONLY_M = 1e-4
+"""A pad whose middle is held off the ground by less still touches with it [m]."""
 
 
 def widest_piece(region: Region) -> float:
@@ -149,12 +154,15 @@ def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:
             f"the region is at most {2e3 * depth:.3g} mm wide between its borders: "
             f"the pad ({2e3 * pad.radius_m:.3g} mm) hangs over"
         )
-    hollow = on.curvatures[:, 1]
-    worst = int(hollow.argmin())
-    if hollow[worst] * pad.radius_m < -1.0:
+    # Where the ground rises less under the rim than the force presses a pad in on a plane, its middle touches.
+    hollow = np.flatnonzero(-0.5 * on.curvatures[:, 1] * pad.radius_m**2 > on.forces / pad.stiffness_n_m)
+    held_off = -pad_depths(on.curvatures[hollow], pad, on.forces[hollow])
+    if held_off.max(initial=0.0) > RIM_ONLY_M:
+        share, worst = float((held_off > 0.0).sum() / len(on.forces)), int(hollow[held_off.argmax()])
         notes.append(
-            f"hollow of {-1e3 / hollow[worst]:.3g} mm radius at {place_in_mm(on.positions[worst])}, tighter than the "
-            f"pad ({1e3 * pad.radius_m:.3g} mm): the pad touches with its edge there"
+            f"hollow ground: along {100.0 * share:.0f}% of the path the pad's rim carries alone, its middle up to "
+            f"{1e3 * held_off.max():.2g} mm off, most at {place_in_mm(on.positions[worst])}, where the radius is "
+            f"{-1e3 / on.curvatures[worst, 1]:.3g} mm; more --contact-force or a smaller --pad-diameter brings it down"
         )
     return notes
 
