@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import time
@@ -70,6 +71,24 @@ def test_a_protective_stop_is_3_with_its_reason_and_the_log_kept(polish_sim: Too
     assert isinstance(reason, str)
     assert reason in err
     assert len(read_log(tmp_path / "stopped/log.npz")) > 10
+
+
+def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tmp_path: Path) -> None:
+    code, _, err = polish_sim(*FORCE, "--set", "faults.events=sensor-jump@contact+0.5", "--out", "stopped")
+    assert code == 3, err
+    figures = metrics_of(tmp_path / "stopped")
+    said = str(figures["protective_stop"])
+    found = re.fullmatch(
+        r"wrist sensor reading jumped by more than safety.jump_limit_n = 9; at ([\d.]+) s, tool at \(([^)]*)\) mm of the part, "
+        r"\(([^)]*)\) mm of the base, ([\d.]+) N along the tool axis",
+        said,
+    )
+    assert found is not None, said
+    assert float(found[1]) == pytest.approx(figures["protective_stop_time_s"], abs=0.005)
+    T_base_work = np.array(figures["T_base_work"])
+    on_part, in_base = (np.array([float(x) for x in found[k].split(",")]) for k in (2, 3))
+    np.testing.assert_allclose(T_base_work[:3, :3] @ on_part + 1e3 * T_base_work[:3, 3], in_base, atol=0.02)
+    assert float(found[4]) == pytest.approx(20.0, abs=2.0)
 
 
 @pytest.mark.parametrize("out", ["taken", "file", "/proc/polish"])

@@ -40,13 +40,19 @@ REASONS: Mapping[int, str] = MappingProxyType(
         FROZEN: "wrist sensor reading frozen",
         NO_READING: "wrist sensor reading missing",
         JUMP: "wrist sensor reading jumped by more than safety.jump_limit_n",
-        SINGULAR: "near a singularity of the arm",
+        SINGULAR: "near a singularity of the arm (safety.singular_value_limit): place the part elsewhere (--part-pose)",
         CRASH: "tool, wrist or forearm ran into the part",
-        MISSING: "no contact down to process.search_depth_m below the nominal surface: is the part there?",
-        HIGH: "the part is higher than planned: contact found more than safety.offset_limit_m above its surface",
-        LOW: "the part is lower than planned: contact found more than safety.offset_limit_m below its surface",
-        RISEN: "the surface has risen by more than safety.offset_limit_m",
-        FALLEN: "the surface has fallen away by more than safety.offset_limit_m: has the part or the reading drifted?",
+        MISSING: "no contact down to process.search_depth_m below the nominal surface: is the part there? "
+        "Check --part-pose and --units",
+        HIGH: "the part is higher than planned: contact found more than safety.offset_limit_m above its surface. "
+        "Something else may stand there, or the part is displaced: measure it, or raise the limit",
+        LOW: "the part is lower than planned: contact found more than safety.offset_limit_m below its surface. "
+        "The part may be displaced or another one: measure it, or raise the limit",
+        RISEN: "the surface has risen by more than safety.offset_limit_m: the pad may be on a wall or step beside "
+        "the path (--edge-margin, a smaller --pad-diameter), or the reading has drifted (process.tare)",
+        FALLEN: "the surface has fallen away by more than safety.offset_limit_m: the pad may have run over an edge or "
+        "into a hole (--edge-margin, --hole-margin, a smaller --pad-diameter), or part or reading have drifted "
+        "(process.tare)",
         SPINDLE: "the spindle is below 80% of its speed",
         CONTROLLER_NAN: "the controller returned a value that is not finite",
         CONTROLLER_ERROR: "the controller raised an error",

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from polish_sim.arrays import Array
+from polish_sim.errors import number_text, place_in_mm
+from polish_sim.spatial import apply, inverse
 
 if TYPE_CHECKING:
     from polish_sim.cell import Observer
@@ -41,7 +46,7 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
     simulated = run.steps * scenario.simulation.timestep_s
     return {
         "path_done": path_done,
-        "protective_stop": run.stop_reason,
+        "protective_stop": _stop_text(run, scenario, T_base_work),
         **run.safety._asdict(),
         "peak_force_n": float(run.trace.normal_force_n.max()),
         "interrupted": run.interrupted,
@@ -53,6 +58,31 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
         "steps": run.steps,
         "seed": scenario.seed,
     }
+
+
+def _stop_text(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> str | None:
+    """Why the robot stopped itself with the limit's value, when, where and at what force; None if it did not."""
+    if run.stop_reason is None:
+        return None
+    limits = re.sub(r"\b([a-z]+)\.([a-z]\w+)", lambda key: _with_value(key, scenario), run.stop_reason)
+    at = run.safety.protective_stop_time_s
+    if at is None or not len(run.trace.time_s):
+        return limits
+    row = min(int(np.searchsorted(run.trace.time_s, at)), len(run.trace.time_s) - 1)
+    tip = run.trace.tcp_position_m[row]
+    carried = run.trace.tool_on_part_m[row]  # by a second robot
+    where = ""
+    if T_base_work is not None:
+        on_part = carried if carried.any() else apply(inverse(T_base_work), tip)
+        where = f"{place_in_mm(on_part)} of the part, "
+    force = f"{run.trace.normal_force_n[row]:.1f} N along the tool axis"
+    return f"{limits}; at {at:.2f} s, tool at {where}{place_in_mm(tip)} of the base, {force}"
+
+
+def _with_value(key: re.Match[str], scenario: Scenario) -> str:
+    """A key's name with its value, if it is one."""
+    value = getattr(getattr(scenario, key[1], None), key[2], None)
+    return key[0] if value is None else f"{key[0]} = {number_text(value)}"
 
 
 # Progress of one of several equal tasks, as progress of the whole.
