@@ -79,7 +79,8 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tm
     figures = metrics_of(tmp_path / "stopped")
     said = str(figures["protective_stop"])
     found = re.fullmatch(
-        r"wrist sensor reading jumped by more than safety.jump_limit_n = 9; at ([\d.]+) s, tool at \(([^)]*)\) mm of the part, "
+        r"wrist sensor reading jumped by more than safety.jump_limit_n = 9; at ([\d.]+) s, "
+        r"tool at \(([^)]*)\) mm of the part, "
         r"\(([^)]*)\) mm of the base, ([\d.]+) N along the tool axis",
         said,
     )
