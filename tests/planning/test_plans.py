@@ -168,8 +168,13 @@ def test_a_request_that_cannot_be_met_says_why(case):
 
 def test_a_part_narrower_than_the_pad_is_refused(tmp_path):
     rod = prism(lambda x, y: np.abs(y) < 10, 100.0)
+    rod.export(tmp_path / "rod.stl")
+    part, plan = PartConfig(str(tmp_path / "rod.stl")), PlanConfig(stepover_m=STEP)
     with pytest.raises(PlanError, match="narrower than half the pad: 20 mm"):
-        plan_of(rod, tmp_path / "rod.stl", PlanConfig(stepover_m=STEP))
+        plan_part(part, plan, pad=PadConfig(choice="given"))
+    # One nobody asked for gives way; a step-over asked for stays.
+    chosen = plan_part(part, PlanConfig(stepover_m=0.005))
+    assert (chosen.tool.pad.radius_m, chosen.plan.stepover_m) == (0.010, 0.005)
 
 
 def test_turns_a_pad_apart_say_what_they_leave_and_closer_ones_do_not():
