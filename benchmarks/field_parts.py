@@ -26,8 +26,19 @@ Array = NDArray[np.float64]
 
 STACK = "import numpy, scipy.optimize, scipy.spatial, mujoco, numba, matplotlib.pyplot"
 """Times are given in units of importing this."""
-_LONGEST_S = 900.0
 _FAST_RUN = ("--feed", "30")
+_BLOCKS = [
+    "door_panel",
+    "housing_pocket",
+    "boss_plate",
+    "ribbed_casting",
+    "bowl_60",
+    "bowl_22",
+    "trough",
+    "scan_plate",
+    "mould_half",
+]
+"""Their flat bottom is a larger smooth face than what is to be polished: they are planned with --up z."""
 
 
 class Outcome(NamedTuple):
@@ -268,7 +279,7 @@ def main() -> None:
     print(f"times in units of importing the scientific stack ({unit:.2f} s)")
     with tempfile.TemporaryDirectory() as name:
         for file in _files(Path(name), asked.only, asked.folder):
-            options = list(_FAST_RUN) if asked.run else []
+            options = [*(_FAST_RUN if asked.run else ()), *(("--up", "z") if file.stem in _BLOCKS else ())]
             plan = _command(["plan", str(file), *options], Path(name) / f"plan_{file.stem}")
             run = None
             if asked.run and plan.code == 0:

@@ -170,6 +170,17 @@ def test_scanned_noise_is_measured_smoothed_and_said(noise):
     assert surface.smooth[facets].all()  # noise makes no creases
 
 
+def test_the_flat_base_a_scan_was_closed_with_hides_no_noise():
+    """Walls and base, which are exact, have more vertices than the scan."""
+    points, faces = dome(0.00005)
+    base = [np.column_stack([points[:, :2], np.full(len(points), height)]) for height in (0.0, 0.01)]
+    layers = np.concatenate([points, *base])
+    below = np.concatenate([faces[:, ::-1] + len(points), faces + 2 * len(points)])
+    part = part_from_arrays(layers, np.concatenate([faces, below]), up="z")
+    note = next(note for note in part.notes if "scanned noise" in note)
+    assert float(note.split()[3]) == pytest.approx(0.05, rel=0.15)
+
+
 def test_a_part_without_noise_is_left_as_it_is():
     points, faces = dome(0.0)
     part = part_from_arrays(points, faces, up="z")

@@ -13,6 +13,8 @@ from polish_sim.geometry.topology import find_adjacency
 from polish_sim.spatial import unit
 
 NOISY = 0.01  #: A skin is noisy when its vertices scatter by more than this share of its edges about smooth pieces
+QUIET = 1e-3  #: What scatters by less than this share of the edges is drawn, not scanned
+SCANNED_SHARE = 0.2  #: A skin is looked at as scanned where at least this share of it scatters
 FEWEST_VERTICES = 500  #: Coarser parts are not looked at: what looks like noise may be their shape
 NEIGHBOURS = 32, 64, 128
 """Vertices a smooth piece is fitted to: the most about which they scatter no more than about few. The noise left is
@@ -42,10 +44,10 @@ def smooth_noise(skin: Skin) -> Skin:
     edges = skin.vertices[np.roll(skin.faces, -1, axis=1)] - skin.vertices[skin.faces]
     edge = float(np.median(np.linalg.norm(edges, axis=2)))
     normals = _vertex_normals(skin.vertices, skin.faces)
-    noise = _noise(skin, used, normals)
+    noise = _noise(skin, used, normals, QUIET * edge)
     if noise <= NOISY * edge:
         return skin
-    able = [count for count in NEIGHBOURS if _scatter(skin, used, normals, count) <= _SLACK * noise]
+    able = [count for count in NEIGHBOURS if _scatter(skin, used, normals, count, QUIET * edge) <= _SLACK * noise]
     neighbours = max(able, default=NEIGHBOURS[0])
     vertices = skin.vertices
     for _ in range(_ROUNDS):
@@ -64,19 +66,22 @@ def smooth_noise(skin: Skin) -> Skin:
     return Skin(vertices, skin.faces, skin.source, (*skin.notes, note), left)
 
 
-def _noise(skin: Skin, used: Ints, normals: Array) -> float:
+def _noise(skin: Skin, used: Ints, normals: Array, quiet: float) -> float:
     """Noise of the vertices along their normals, rms [m]; 0 where the scatter grows with the pieces: that is shape."""
-    small, large = (_scatter(skin, used, normals, probe) for probe in _PROBES)
+    small, large = (_scatter(skin, used, normals, probe, quiet) for probe in _PROBES)
     return large if large <= _GROWTH * small else 0.0
 
 
-def _scatter(skin: Skin, used: Ints, normals: Array, neighbours: int) -> float:
+def _scatter(skin: Skin, used: Ints, normals: Array, neighbours: int, quiet: float) -> float:
     """Median over a sample of places of the scatter about pieces fitted to so many neighbours [m].
 
-    With the median, edges and corners of a part do not count while they are few.
+    With the median, edges and corners of a part do not count while they are few, nor do places that scatter less than
+    ``quiet`` [m], such as the flat base a scan was closed with, while enough others are left.
     """
     sample = used[:: max(len(used) // _SAMPLE, 1)]
-    return float(np.median(_fitted(skin.vertices, used, normals, neighbours, np.inf, sample)[1]))
+    scatter = _fitted(skin.vertices, used, normals, neighbours, np.inf, sample)[1]
+    loud = scatter > quiet
+    return float(np.median(scatter[loud] if loud.mean() > SCANNED_SHARE else scatter))
 
 
 def _vertex_normals(vertices: Array, faces: Ints) -> Array:
