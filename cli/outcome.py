@@ -20,7 +20,12 @@ CONDITIONS: Final = (
     *("dual.arm_length_error_m", "dual.arm_angle_error_rad"),
 )
 """Sections and keys whose default values hold for every figure that is asked."""
-CHOSEN: Final = ("pad.radius_m", "simulation.log_rate_hz", "spindle.speed_rpm")  #: Of these what the user chooses
+CHOSEN: Final = (
+    "pad.radius_m",
+    "pad.choice",
+    "simulation.log_rate_hz",
+    "spindle.speed_rpm",
+)  #: Of these what the user chooses
 
 
 @dataclass(frozen=True)

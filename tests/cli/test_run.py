@@ -12,7 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from polish_sim.cli.outcome import other_conditions
+from polish_sim.experiments import default_scenario
 from polish_sim.log import COLUMNS, read_log
+from polish_sim.scenario_file import override
 from tests.cli.conftest import PROGRAM, Tool, metrics_of
 
 FORCE = ["run", "force", "--set", "process.hold_s=1.5"]
@@ -62,6 +65,12 @@ def test_without_check_the_code_is_0_and_figures_under_other_conditions_are_not_
     assert code == 0
     assert " NO" not in out
     assert "here robot.linear_acceleration_m_s2 = 0.05 (1.2)." in out
+
+
+def test_the_pad_of_a_plan_is_no_other_condition() -> None:
+    scenario = default_scenario("surface")
+    assert other_conditions(override(scenario, ["pad.choice=given", "pad.radius_m=0.02"])) == ()
+    assert len(other_conditions(override(scenario, ["pad.stiffness_n_m=10000"]))) == 1
 
 
 def test_a_protective_stop_is_3_with_its_reason_and_the_log_kept(polish_sim: Tool, tmp_path: Path) -> None:
