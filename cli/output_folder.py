@@ -89,9 +89,10 @@ def _create_locked(draft: Path) -> int:
     while True:
         try:
             draft.mkdir()
-            lock = _locked(draft)
         except FileExistsError:
             raise InputError(f"another command is writing '{draft.name[1 : -len(DRAFT)]}'. Wait for it.") from None
+        try:
+            lock = _locked(draft)
         except (FileNotFoundError, BlockingIOError):
             continue  # another command swept it before it was locked
         if draft.exists() and os.path.samestat(draft.stat(), os.fstat(lock)):
