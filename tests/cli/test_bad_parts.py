@@ -56,7 +56,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "one_sided": (exported(moebius_strip()), "one-sided"),
     "metres": (exported(box(0.15, 0.15, 0.02)), "--units m"),
     "micrometres": (exported(box(150e3, 150e3, 20e3)), "unit"),
-    "thin": (exported(box(150, 5, 20)), "pad"),
+    "thin": (exported(box(150, 1.5, 1.5)), "pad"),
 }
 
 
