@@ -200,7 +200,7 @@ def test_an_interrupt_while_drawing_says_that_only_pictures_are_missing(
 def test_an_interrupt_of_many_seeds_keeps_those_that_ended(tmp_path: Path) -> None:
     many = ["run", "arc", "--seeds", "40", "--set", "process.max_feed_s=2", "--out", "cut"]
     with subprocess.Popen([*PROGRAM, *many], cwd=tmp_path, stderr=subprocess.PIPE, text=True) as run:
-        while not list(tmp_path.glob(".cut.part/seed-0010")):  # by then at least one has ended
+        while not list(tmp_path.glob(".cut.polish-sim-part/seed-0010")):  # by then at least one has ended
             assert run.poll() is None, run.communicate()[1]
             time.sleep(0.05)
         run.send_signal(signal.SIGINT)
