@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
 PAIR_OPTIONS: Final = ("--master-speed", "--master-turn", "--master-path")  #: Only for a plan for two robots
 PartFile = Annotated[
-    str, typer.Argument(metavar="PART", help="STL, PLY or OBJ file, or the name of a shipped part.", show_default=False)
+    str,
+    typer.Argument(
+        metavar="PART", help="STL, PLY, OBJ or STEP file, or the name of a shipped part.", show_default=False
+    ),
 ]
 
 

@@ -54,7 +54,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "nan": (spoiled(with_nan), "bad.stl"),
     "flat": (exported(trimesh.Trimesh(np.zeros((3, 3)), [[0, 1, 2]], process=False)), "bad.stl"),
     "one_sided": (exported(moebius_strip()), "one-sided"),
-    "metres": (exported(box(0.15, 0.15, 0.02)), "--units m"),
+    "metres": (exported(box(1.2, 1.2, 0.2)), "--units m"),
     "micrometres": (exported(box(150e3, 150e3, 20e3)), "unit"),
     "thin": (exported(box(150, 1.5, 1.5)), "pad"),
 }

@@ -47,6 +47,24 @@ def test_units_scale_the_part(tmp_path, unit, metres):
     assert part.unit == unit
 
 
+@pytest.mark.parametrize(
+    ("size", "taken"), [(0.3, "m"), (0.786, "m"), (5.0, "mm"), (700.0, "mm"), (0.8, None), (3.0, None), (2500.0, None)]
+)
+def test_the_only_unit_that_makes_a_sensible_part_is_taken_and_noted(tmp_path, size, taken):
+    """In inches a part of 0.8 is 20 mm long, in metres 0.8 m: two units, one has to be named."""
+    file = write(tmp_path, trimesh.creation.box((size, 0.6 * size, 0.3 * size)))
+    if taken is None:
+        with pytest.raises(MeshError, match="units" if size < 5.0 else "No known unit"):
+            load_part(file)
+        return
+    part = load_part(file)
+    assert part.unit == taken
+    assert any("the only unit" in note for note in part.notes) == (taken == "m")
+    if taken == "m":
+        with pytest.raises(MeshError, match="too small"):
+            load_part(file, unit="mm")
+
+
 def test_facets_wound_inward_or_at_random_end_up_outward(tmp_path):
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=40.0)
     triangles = np.array(mesh.triangles)
@@ -221,7 +239,7 @@ def test_bad_files_are_refused_with_one_clear_message(tmp_path, name, words):
 def test_a_wrong_unit_is_refused_and_the_fitting_ones_named(tmp_path):
     tiny = write(tmp_path, trimesh.creation.box((0.1, 0.06, 0.02)))
     with pytest.raises(MeshError, match=r"too small: 0.1 mm .*--units m"):
-        load_part(tiny)
+        load_part(tiny, unit="mm")
     huge = write(tmp_path, trimesh.creation.box((100.0, 60.0, 20.0)))
     with pytest.raises(MeshError, match=r"too large: 100 m .*--units mm, --units cm"):
         load_part(huge, unit="m")

@@ -127,7 +127,7 @@ HEADER = "ply\nformat ascii 1.0\n"
     ("name", "content", "words"),
     [
         ("part.mtl", "newmtl steel\n", "name the .obj file itself"),
-        ("part.step", "ISO-10303-21;\n", r"Export the part as one of: \.ply, \.stl, \.obj"),
+        ("part.igs", "S 1\n", r"Export the part as one of: \.ply, \.stl, \.obj, \.step, \.stp"),
         ("cut.ply", binary_ply()[:-100], "cut short: its header announces 320 rows of 'face'"),
         ("cut_text.ply", text_ply()[:-100], "cut short"),
         ("huge.ply", HEADER.replace("ascii", "binary_little_endian") + "element vertex 4000000000\nproperty float x\n"

@@ -15,7 +15,7 @@ class PartConfig:
     """Which part is in the cell, where, and how it differs from its drawing."""
 
     file: str = key(
-        "freeform", "STL, PLY or OBJ file, or the name of a shipped part", option=Option("--part", PART, "PART")
+        "freeform", "STL, PLY, OBJ or STEP file, or the name of a shipped part", option=Option("--part", PART, "PART")
     )
     real_file: str = key(
         "",
@@ -23,7 +23,12 @@ class PartConfig:
         "from the nominal one; empty = as drawn",
         option=Option("--real-part", PART, "PART"),
     )
-    unit: str = key("mm", "unit of the part's file: mm, cm, m or inch", option=Option("--units", PART, "UNIT"))
+    unit: str = key(
+        "auto",
+        "unit of the part's file: mm, cm, m or inch; auto = mm, or m where only that makes a sensible part; STEP files "
+        "state their own",
+        option=Option("--units", PART, "UNIT"),
+    )
     up: str = key(
         "auto", "side turned up: auto, x, y, z, -x, -y, -z, or a direction X,Y,Z", option=Option("--up", PART, "SIDE")
     )

@@ -223,7 +223,7 @@ def real_shape(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolP
     config = scenario.part
     if not config.real_file:
         return RealShape(mesh, surface, given=False)
-    actual = load_part(part_file(config.real_file), config.unit, config.up)
+    actual = load_part(part_file(config.real_file), mesh.unit, config.up)
     shape = RealShape(actual, fit_surface(actual, scenario.plan.feature_angle_rad), given=True)
     _check_place(shape, mesh, config, path.positions_work[path.process])
     return shape
@@ -267,7 +267,7 @@ def _check_place(shape: RealShape, mesh: PartMesh, config: PartConfig, positions
     raise MeshError(
         f"the real part '{config.real_file}' does not lie where '{config.file}' does: half of the path is more than "
         f"{1e3 * np.median(away):.4g} mm away from it (allowed: {1e3 * FAR_M:g} mm), the nearest point of the path, "
-        f"{place_in_mm(positions[nearest])}, {1e3 * away[nearest]:.4g} mm. Read in {config.unit}, it is "
+        f"{place_in_mm(positions[nearest])}, {1e3 * away[nearest]:.4g} mm. Read in {shape.mesh.unit}, it is "
         f"{_size(shape.mesh)} large and the nominal part {_size(mesh)}. Bring it to the nominal part's unit and frame."
     )
 

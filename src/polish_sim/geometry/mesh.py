@@ -30,10 +30,18 @@ UNIT_WORDS = {
     **dict.fromkeys(("in", "inches", '"'), "inch"),
 }
 """Other words for the units, asked back."""
-LARGEST_PART = 2.0  #: Largest extent of the largest part [m]
+LARGEST_PART = 2.0  #: Largest extent of the largest part [m]: twice what the arm reaches
+SENSIBLE_PART = 2e-2  #: Smaller ones are read so only if asked: they leave pads of 10 mm no path [m]
+AUTO_UNIT = "auto"  #: mm, or where that makes no part the only unit that makes a sensible one
 _ROUNDING = 1e-6  #: Of numbers in a file, relative
 
 MOST_ALONE, SHARE_ALONE = 100, 0.25  #: Facets without a neighbour: more than this many and this share are no surface
+
+
+def check_unit(unit: str) -> None:
+    """Refuse what is neither a unit nor ``auto``."""
+    if unit != AUTO_UNIT:
+        metres_per_unit(unit)
 
 
 def metres_per_unit(unit: str) -> float:
@@ -43,12 +51,24 @@ def metres_per_unit(unit: str) -> float:
     return METRES_PER_UNIT[unit]
 
 
-def _check_size(extent: float, unit: str, path: Path) -> None:
-    """Refuse a part whose longest side [file units] is implausible; the message names the units that would fit."""
+def _unit_of(extent: float, asked: str, stated: str, path: Path) -> tuple[str, tuple[str, ...]]:
+    """The unit in which a part with this longest side [file units] is read, and a note where it was found.
+
+    ``stated`` is the unit the file itself states, if it does.
+
+    Raises:
+        MeshError: Its size is implausible; names the units that would fit.
+    """
+    unit = stated or (next(iter(METRES_PER_UNIT)) if asked == AUTO_UNIT else asked)
     size = extent * metres_per_unit(unit)
     if _plausible(size):
-        return
-    fitting = [name for name, metres in METRES_PER_UNIT.items() if _plausible(extent * metres)]
+        return unit, ()
+    others = {} if stated else METRES_PER_UNIT
+    sensible = [name for name, metres in others.items() if _plausible(extent * metres, SENSIBLE_PART)]
+    if asked == AUTO_UNIT and len(sensible) == 1:
+        only = sensible[0]
+        return only, (f"the only unit that makes a sensible part of {extent:.6g} is {only} (assumed; --units sets it)",)
+    fitting = [name for name, metres in others.items() if _plausible(extent * metres)]
     problem = "small" if size < SMALLEST_PART else "large"
     advice = (
         "Is the unit right? These would fit: " + ", ".join(f"--units {name}" for name in fitting) + "."
@@ -61,9 +81,9 @@ def _check_size(extent: float, unit: str, path: Path) -> None:
     )
 
 
-def _plausible(size: float) -> bool:
+def _plausible(size: float, smallest: float = SMALLEST_PART) -> bool:
     """Whether a part of this size [m] could be polished; a limit that is met but for rounding is met."""
-    return SMALLEST_PART * (1.0 - _ROUNDING) <= size <= LARGEST_PART * (1.0 + _ROUNDING)
+    return smallest * (1.0 - _ROUNDING) <= size <= LARGEST_PART * (1.0 + _ROUNDING)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,18 +102,19 @@ class PartMesh:
     noise: Noise = NOISELESS  #: Of a scan, what smoothing left of it
 
 
-def load_part(path: str | Path, unit: str = "mm", up: str = "auto") -> PartMesh:
-    """Load a part from an STL, PLY or OBJ file in ``unit`` (mm, cm, m or inch), in metres.
+def load_part(path: str | Path, unit: str = AUTO_UNIT, up: str = "auto") -> PartMesh:
+    """Load a part from an STL, PLY, OBJ or STEP file in ``unit`` (mm, cm, m, inch or auto), in metres.
 
-    It is checked, and what can be repaired without guessing is repaired and noted. ``up`` is the side that looks away
-    from the table: x, y, z, -x, -y, -z, or auto for the side with the largest smooth face.
+    A STEP file states its own unit. The part is checked, and what can be repaired without guessing is repaired and
+    noted. ``up`` is the side that looks away from the table: x, y, z, -x, -y, -z, or auto for the side with the largest
+    smooth face.
 
     Raises:
         MeshError: The file is no usable part; the message says why and what to do.
         InputError: Unknown unit or side.
     """
     path = Path(path)
-    metres_per_unit(unit)
+    check_unit(unit)
     triangles, content = read_mesh_file(path)
     return _build_part(triangles, path, hashlib.sha256(content).hexdigest(), unit, up)
 
@@ -128,9 +149,9 @@ def part_from_arrays(
 
 
 def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up: str) -> PartMesh:
-    scale = metres_per_unit(unit)
-    _check_size(float(np.ptp(triangles.corners.reshape(-1, 3), axis=0).max()), unit, path)
-    skin = mend(triangles.corners * scale, path)
+    extent = float(np.ptp(triangles.corners.reshape(-1, 3), axis=0).max())
+    unit, unit_notes = _unit_of(extent, unit, triangles.unit, path)
+    skin = mend(triangles.corners * metres_per_unit(unit), path)
     direction, up_note = choose_up(skin.vertices, skin.faces, up)
     used, compact = np.unique(skin.faces, return_inverse=True)
     vertices, faces = skin.vertices[used], compact.reshape(-1, 3).astype(np.int32)
@@ -146,7 +167,7 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
         sha256=sha256,
         unit=unit,
         stl_facets=stl_facets,
-        notes=(_size_note(vertices, faces, unit), *triangles.notes, *skin.notes, up_note),
+        notes=(_size_note(vertices, faces, unit), *unit_notes, *triangles.notes, *skin.notes, up_note),
         noise=skin.noise,
     )
 

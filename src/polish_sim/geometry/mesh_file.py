@@ -1,4 +1,4 @@
-"""Read the triangles of a mesh file; its content says which format it has, or its name (STL, PLY, OBJ -> triangles)."""
+"""Read the triangles of a part's file; its content or name says the format (STL, PLY, OBJ, STEP -> triangles)."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from polish_sim.errors import MeshError, count_text, near_file
 from polish_sim.geometry.obj_file import is_obj, parse_obj
 from polish_sim.geometry.ply_file import is_ply, parse_ply
 from polish_sim.geometry.polygon import FileTriangles
+from polish_sim.geometry.step_file import ENDINGS, is_step, parse_step
 
 LARGEST_FILE = 600_000_000  #: Files larger than this are refused, so that memory does not run out [bytes]
 _COMPANIONS = {".mtl": "the materials of an OBJ file; name the .obj file itself"}
@@ -27,7 +28,7 @@ _VERTEX = re.compile(rb"^[ \t]*vertex\b(.*)$", re.IGNORECASE | re.MULTILINE)
 
 
 def read_mesh_file(path: Path) -> tuple[FileTriangles, bytes]:
-    """Read the facets of an STL, PLY or OBJ file in the file's own unit, and the file's bytes.
+    """Read the facets of an STL, PLY, OBJ or STEP file in the file's own unit, and the file's bytes.
 
     The content decides; the name's ending helps where the content is no proof (or broken).
 
@@ -188,5 +189,6 @@ FORMATS: Mapping[str, _Format] = {
     ".ply": _Format(is_ply, parse_ply),
     ".stl": _Format(is_stl, parse_stl),
     ".obj": _Format(is_obj, parse_obj),
+    **dict.fromkeys(ENDINGS, _Format(is_step, parse_step)),
 }
 """By the usual ending of the name."""

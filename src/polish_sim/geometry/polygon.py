@@ -158,6 +158,7 @@ class FileTriangles(NamedTuple):
     corners: Array  #: Corners in the order the file winds them, shape (m, 3, 3)
     numbers: Ints  #: Number of the file's facet each triangle belongs to, from 0, shape (m,)
     notes: tuple[str, ...] = ()  #: What was left out or split, for the user
+    unit: str = ""  #: Of the corners, where the file states one; else it is the user's
 
 
 def gather_triangles(points: Array, indices: Indices, sizes: Indices, path: object) -> FileTriangles:

@@ -9,6 +9,7 @@ import numpy as np
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, merge_regions
 from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, metres_per_unit
+from polish_sim.geometry.step_file import ENDINGS
 from polish_sim.planning.curves.offset_curve import CurveSet
 from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.ground.ground import Ground, footprint
@@ -74,7 +75,7 @@ def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
 
 def in_another_unit(mesh: PartMesh, width: float, wanted: float) -> str:
     """The units in which a region would be wide enough [m], and the part's size in them; empty if it is, or none is."""
-    if width >= wanted:
+    if width >= wanted or mesh.path.suffix.lower() in ENDINGS:
         return ""
     size = float(np.ptp(mesh.vertices, axis=0).max())
     scales = {unit: scale / metres_per_unit(mesh.unit) for unit, scale in METRES_PER_UNIT.items()}

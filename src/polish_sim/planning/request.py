@@ -6,7 +6,7 @@ from typing import Final
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError, unknown_name
-from polish_sim.geometry.mesh import metres_per_unit
+from polish_sim.geometry.mesh import check_unit
 from polish_sim.geometry.orientation import check_up
 from polish_sim.geometry.regions.region import check_choice
 from polish_sim.models import part_path
@@ -36,7 +36,7 @@ def check_part_words(part: PartConfig, plan: PlanConfig) -> None:
         InputError: Naming what is valid.
     """
     part_path(part.file)
-    metres_per_unit(part.unit)
+    check_unit(part.unit)
     check_up(part.up)
     check_choice(plan.region)
 
