@@ -36,7 +36,7 @@ def inspect(path: PathFile, given: Given) -> None:
     """Measure a tool path on a part: metrics.json, coverage.ply and two pictures.
 
     A plan of ours is measured with its own settings, on its own part unless --part names it; else the step-over is the
-    path's.
+    path's. The part is not placed: times keep the tool's limits, not the arm's.
     """
     refuse_taken(given["--out"], given["--overwrite"])
     # Lazy: --help must not wait for the numerical libraries.

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from polish_sim.cell import Observer
+    from polish_sim.experiments.placement import Reach
     from polish_sim.planning import PlanResult
 
 PAIR_OPTIONS: Final = ("--master-speed", "--master-turn", "--master-path")  #: Only for a plan for two robots
@@ -62,10 +63,12 @@ def plan(part: PartFile, given: Given) -> None:
         asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
         result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
         plots = {"path.png": plot_plan(result, "Once around the rim" if dual else "")}
-        observer.stage("time the motion")
         begin = time.perf_counter()
-        result.figures.update(time_law(scenario, result.path, result.mesh.noise, observer.progress))
-        unreached = "" if dual else place(scenario, result, plots, bool(given["--reach-map"]), observer)
+        reach, unreached = None, ""
+        if not dual:
+            reach, unreached = place(scenario, result, plots, bool(given["--reach-map"]), observer)
+        observer.stage("time the motion")
+        result.figures.update(time_law(scenario, result.path, result.mesh.noise, observer.progress, reach))
         result.figures["plan_time_s"] += time.perf_counter() - begin
         write_plan(folder.draft, result)
         export_plan(folder.draft, result, formats, setup)
@@ -81,10 +84,12 @@ def plan(part: PartFile, given: Given) -> None:
     console.say(f"folder: {folder.final}")
 
 
-def place(scenario: Scenario, result: PlanResult, plots: dict[str, Figure], reach_map: bool, observer: Observer) -> str:
+def place(
+    scenario: Scenario, result: PlanResult, plots: dict[str, Figure], reach_map: bool, observer: Observer
+) -> tuple[Reach | None, str]:
     """Find where the part stands and add it to a plan's figures, and the reach map to its pictures if asked for.
 
-    Returns why the robot cannot do the path; empty if it can.
+    Returns how the robot does the path, and why it cannot: None and the reason, or the reach and nothing.
     """
     from polish_sim.experiments.part_pose import PartPlacing
 
@@ -101,7 +106,7 @@ def place(scenario: Scenario, result: PlanResult, plots: dict[str, Figure], reac
 
         T_base_work = None if reach is None else reach.T_base_work
         plots["reach_map.png"] = plot_reach_map(placing.map(), result.mesh, T_base_work)
-    return why
+    return reach, why
 
 
 def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
@@ -142,6 +147,7 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     stands = "out of reach" if "smallest_singular_value" in m else "see metrics.json"
     if "T_base_work" in m:
         stands = place_in_mm(row[3] for row in m["T_base_work"][:3])
+    cycle = "cycle time: with air, touch-down and lifts" + ("" if "T_base_work" in m else "; tool's limits alone")
     spread = " / ".join(console.number_or_dash(m[f"stepover_{name}_m"], mm, ".2f") for name in ("p5", "p95"))
     return [
         ["facets", "", str(m["facets"])],
@@ -150,7 +156,11 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["  through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
         ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
         ["time in contact, smoothed motion", "s", console.number_or_dash(m["motion_time_s"], 1.0, ".1f")],
-        ["cycle time: with air, touch-down and lifts", "s", console.number_or_dash(m["cycle_time_s"], 1.0, ".1f")],
+        [
+            cycle,
+            "s",
+            console.number_or_dash(m["cycle_time_s"], 1.0, ".1f"),
+        ],
         [
             "way at the full feed, starts and stops included",
             "%",

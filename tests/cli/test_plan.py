@@ -32,6 +32,19 @@ def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None
     assert metrics["cycle_time_s"] == pytest.approx(metrics["motion_time_s"] + around, abs=0.3)
 
 
+def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim: Tool) -> None:
+    """Round the small sphere at 100 mm/s: by the tool's limits alone it would take 8% less."""
+    words = ("--stepover", "12", "--feed", "100")
+    assert polish_sim("plan", "sphere_50", *words, "--out", "plan")[0] == 0
+    assert polish_sim("run", "surface", "--path", "plan", "--feed", "100", "--out", "run")[0] == 0
+    planned, done = (json.loads(Path(folder, "metrics.json").read_text()) for folder in ("plan", "run"))
+    assert planned["motion_time_s"] == pytest.approx(done["motion_time_s"], rel=1e-6)
+    assert planned["cycle_time_s"] == pytest.approx(done["cycle_time_s"], rel=0.02)
+    assert polish_sim("inspect", "plan", "--feed", "100", "--out", "inspect")[0] == 0
+    tool_alone = json.loads(Path("inspect/metrics.json").read_text())["cycle_time_s"]
+    assert tool_alone < 0.94 * done["cycle_time_s"]
+
+
 def test_options_reach_the_plan(polish_sim: Tool) -> None:
     words = ("--pattern", "raster", "--stepover", "12", "--lead-in", "arc", "--lead-angle", "10", "--tilt-angle", "5")
     assert polish_sim("plan", "sphere_100", *words, "--out", "plan")[0] == 0

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from polish_sim.cell.stroke import Stroke, cycle_time
 from polish_sim.config import Scenario
 from polish_sim.errors import SmoothingError
-from polish_sim.experiments.part_setup import PlacedTool, placed_strokes
-from polish_sim.experiments.placement import tool_rotations
+from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, placed_tool
+from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.stroke_motion import feed_figures, within_noise
 from polish_sim.geometry.repair.skin import Noise
 from polish_sim.planning.toolpath import ToolPath
@@ -23,9 +23,13 @@ OWN = ("cycle_time_s", "smoothed_off_max_m", "smoothed_axis_off_max_rad")
 
 
 def time_law(
-    scenario: Scenario, path: ToolPath, noise: Noise, progress: Callable[[float, float], None]
+    scenario: Scenario,
+    path: ToolPath,
+    noise: Noise,
+    progress: Callable[[float, float], None],
+    reach: Reach | None = None,
 ) -> dict[str, float]:
-    """Time a path, not pressed, on the part as a run does, but for the robot: limits of the tool alone.
+    """Time a path, not pressed, on the part as a run does where it is placed; unplaced, with the tool's limits alone.
 
     Returns ``feed_figures`` and
 
@@ -36,7 +40,7 @@ def time_law(
     They are undefined for a path that cannot be smoothed. ``process.max_feed_s`` ends nothing here.
     """
     whole = replace(within_noise(scenario, noise), process=replace(scenario.process, max_feed_s=0.0))
-    placed = PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
+    placed = placed_tool(path, reach) if reach else PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
     try:
         strokes = placed_strokes(whole, path, placed, 0.0, scenario.plan.clearance_m, progress)
     except SmoothingError:

@@ -82,11 +82,15 @@ class PlacedTool(NamedTuple):
     arm: Arm | None  #: The robot, for strokes that keep the limits of its joints; None: only the tool's count
 
 
+def placed_tool(path: ToolPath, reach: Reach) -> PlacedTool:
+    """The tool along a path on a part that stands still, and the arm that holds it."""
+    rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
+    return PlacedTool(reach.T_base_work, rotations, build_arm(np.eye(4), tool_on_flange(), reach.q_start))
+
+
 def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: float, lift: float) -> list[Stroke]:
     """The strokes of a path on a part that stands still, see ``placed_strokes``."""
-    rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
-    arm = build_arm(np.eye(4), tool_on_flange(), reach.q_start)
-    return placed_strokes(scenario, path, PlacedTool(reach.T_base_work, rotations, arm), hold, lift)
+    return placed_strokes(scenario, path, placed_tool(path, reach), hold, lift)
 
 
 def placed_strokes(

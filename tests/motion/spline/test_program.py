@@ -35,7 +35,7 @@ def test_rows_are_those_of_the_whole_matrix(seed: int) -> None:
         matrix[row, center : center + 3] += factors
     matrix = matrix[:, 1 : n + 1]
     known = linprog(-gains, A_ub=matrix, b_ub=rows.ends, bounds=(None, None), method="highs-ipm")
-    found = maximize(gains, bounds, others, 0.05 * np.ones(n))
+    found = maximize(gains, bounds, [others], 0.05 * np.ones(n))
     assert found is not None
     assert gains @ found == pytest.approx(-known.fun, rel=1e-6)
     assert np.all(matrix @ found <= rows.ends + 1e-7)
@@ -43,4 +43,4 @@ def test_rows_are_those_of_the_whole_matrix(seed: int) -> None:
 
 def test_rows_that_contradict_each_other_have_no_solution() -> None:
     at_most = Rows(np.array([0, 0]), np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]), np.array([1.0, -2.0]))
-    assert maximize(np.ones(1), at_most, at_most, np.ones(1)) is None
+    assert maximize(np.ones(1), at_most, [at_most], np.ones(1)) is None

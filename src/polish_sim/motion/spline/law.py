@@ -23,7 +23,7 @@ from polish_sim.motion.spline.bounded import (
     steady_cap,
     time_factors,
 )
-from polish_sim.motion.spline.program import Rows, join_rows, maximize
+from polish_sim.motion.spline.program import Rows, maximize
 
 # The square of the parameter's speed as a quadratic spline of the parameter (knots -> stencils).
 #
@@ -259,7 +259,7 @@ def _within_limits(law: Law, most: Array, quantities: list[Bounded], fixed: Bool
     terms: list[Terms] = [each for quantity in quantities for each in terms_of(squares, quantity)]
     asked = [along_the_way(each) for each in terms] + [beyond(each, size)[1] for each in terms if known]
     for _ in range(min(MOST_ROUNDS, LEAST_ROUNDS + ROUND_KNOTS // len(size))):
-        rows = join_rows([rows_of(each, law.controls, size, fixed) for each in asked])
+        rows = [rows_of(each, law.controls, size, fixed) for each in asked]
         shares = maximize(np.ones(len(size)), _bounds(most, size, fixed), rows, law.controls / size)
         if shares is None:
             break

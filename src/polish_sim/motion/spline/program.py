@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+from scipy.ndimage import maximum_filter1d
 from scipy.sparse import csc_array, csr_array
 
 from polish_sim.arrays import Array, Bools, Indices
@@ -20,9 +21,13 @@ MOST_STEPS: Final = 60
 TOLERANCE: Final = 1e-9
 """Of the relative gap between primal and dual value, and of the violation of a row."""
 LIKELY: Final = 0.5
-"""Rows beyond this share of their end at ``guess`` are asked for from the first round on."""
+"""Rows beyond this share of their end at ``guess`` are asked for from the first round on ..."""
+TIGHT: Final = 0.9
+"""... and beyond this share those beside them too."""
 BESIDE: Final = 16
-"""Around a broken row all rows this many unknowns to either side are asked for as well."""
+"""So many rows of the set before and after a row are beside it: they break once it is kept."""
+BROKEN: Final = 1e-6
+"""What a row left out may be beyond its end, which is about 1."""
 MOST_ROUNDS: Final = 12
 
 
@@ -43,31 +48,37 @@ def join_rows(rows: list[Rows]) -> Rows:
     return Rows(np.concatenate(centers), np.concatenate(factors), np.concatenate(ends))
 
 
-def maximize(gains: Array, bounds: Rows, rows: Rows, guess: Array) -> Array | None:
+def maximize(gains: Array, bounds: Rows, rows: list[Rows], guess: Array) -> Array | None:
     """Solve a programme; rows that do not bind are left out as long as the solution keeps them.
 
     Args:
         gains: Objective, maximised, shape (n,).
         bounds: Rows that keep every unknown finite; always asked for.
-        rows: All other rows.
+        rows: All other rows, in sets: those of one quantity, in the order of the unknowns.
         guess: Near a solution, shape (n,).
 
     Returns:
         x, shape (n,); None where the rows contradict each other or the method does not converge.
     """
-    bounds, rows = _scaled(bounds), _scaled(rows)
-    asked = _values(rows, guess) > LIKELY * rows.ends
+    values = [_values(each, guess) for each in rows]
+    asked = [
+        (found > LIKELY * each.ends) | _and_beside(found > TIGHT * each.ends)
+        for found, each in zip(values, rows, strict=True)
+    ]
     for _ in range(MOST_ROUNDS):
-        x = _interior_point(gains, join_rows([bounds, _chosen(rows, asked)]), 0.9 * guess)
+        chosen = [_chosen(each, which) for each, which in zip(rows, asked, strict=True)]
+        x = _interior_point(gains, _scaled(join_rows([bounds, *chosen])), 0.9 * guess)
         if x is None:
             return None
-        broken = _values(rows, x) > rows.ends + 10.0 * TOLERANCE
-        if not broken.any():
+        broken = [~which & (_values(each, x) > each.ends + BROKEN) for each, which in zip(rows, asked, strict=True)]
+        if not any(each.any() for each in broken):
             return x
-        near = np.zeros(len(gains) + 1)
-        near[rows.centers[broken]] = 1.0
-        asked |= np.convolve(near, np.ones(2 * BESIDE + 1), "same")[rows.centers] > 0.5
+        asked = [which | _and_beside(more) for which, more in zip(asked, broken, strict=True)]
     return None
+
+
+def _and_beside(which: Bools) -> Bools:
+    return np.asarray(maximum_filter1d(which, 2 * BESIDE + 1, mode="constant")) if which.any() else which
 
 
 class _Matrix:
@@ -78,6 +89,7 @@ class _Matrix:
         inside = (columns > 0) & (columns <= size)
         factors = np.where(inside, rows.factors, 0.0)
         self.matrix = csr_array((factors.ravel(), columns.ravel(), 3 * np.arange(m + 1)), (m, size + 3))
+        self.columns = self.matrix.T
         # Products of two factors of a row, by where they go: the diagonal, the one below it, and the next.
         products = [factors[:, k] * factors[:, k + below] for below in range(3) for k in range(3 - below)]
         places = [columns[:, k] + below * (size + 3) for below in range(3) for k in range(3 - below)]
@@ -90,7 +102,7 @@ class _Matrix:
         return np.asarray(self.matrix @ np.pad(x, (1, 2)))
 
     def transposed(self, y: Array) -> Array:
-        return np.asarray((self.matrix.T @ y)[1:-2])
+        return np.asarray((self.columns @ y)[1:-2])
 
     def normal(self, weights: Array) -> Array:
         """Lower bands of ``A' D A`` for D's diagonal, as LAPACK wants them, shape (3, size)."""
@@ -146,7 +158,8 @@ def _chosen(rows: Rows, chosen: Bools) -> Rows:
 
 
 def _values(rows: Rows, x: Array) -> Array:
-    return _Matrix(rows, len(x)).times(x)
+    padded = np.pad(x, (1, 2))
+    return np.asarray(sum(rows.factors[:, k] * padded[rows.centers + k] for k in range(3)))
 
 
 def _longest(values: Array, changes: Array) -> float:
