@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.moves.leads import with_way_down
 from polish_sim.planning.planner import plan_on, plan_path
 from polish_sim.planning.quality.access import Access, find_access
-from polish_sim.planning.quality.figures import measure_quality, pad_coverage, part_figures
+from polish_sim.planning.quality.figures import Quality, measure_quality, pad_coverage, part_figures
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.request import check_asked, check_stepover
@@ -111,29 +111,26 @@ def plan_mesh(
     surface, region = _choose(mesh, plan)
     check_start(surface, plan)
     observer.stage("plan the path")
-    ready = _ready(mesh, surface, region, plan, process, pad)
-    plan, pad, region, ground, access = ready.plan, ready.pad, ready.region, ready.ground, ready.access
-    tool = Tool(pad, process.contact_force_n)
+    ready = _prepare(mesh, surface, region, plan, process, pad)
     avoid = np.empty((0, 3))
     for _ in range(ROUNDS):
-        planned = plan_on(ground, plan, lambda share: observer.progress(share, 1.0), surface, tool, avoid)
-        path = planned.path
+        planned = plan_on(
+            ready.ground, ready.plan, lambda share: observer.progress(share, 1.0), surface, ready.tool, avoid
+        )
         planned_s = time.perf_counter() - begin
         observer.stage("measure the path")
-        quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface, access)
+        quality = ready.measure(planned.path)
         if not quality.pad_in_part.max_m:
             break
         avoid = np.concatenate([avoid, quality.pad_in_part.positions])
     else:
         raise PlanError(f"no path keeps clear of the part: {pad_in_part_warning(quality.figures)}. "
                         "Set a smaller --pad-diameter or another --region.")  # fmt: skip
-    figures = {**part_figures(mesh, surface, region), **quality.figures, **planned.figures, "plan_time_s": planned_s}
-    remarks = (*ready.notes, *access_notes(access, plan, pad), *planned.notes, *start_notes(path, plan))
-    remarks += tuple(stepover_notes(quality.figures["stepover_mean_m"], plan))
-    remarks += tuple(overlap_notes(quality.figures["coverage"], plan, pad))
-    notes = (*mesh.notes, *region.notes, *remarks, *pad_notes(ground, locate(ground, path), pad))
-    within, inside = access.region if access else region, quality.pad_in_part.positions
-    return PlanResult(mesh, surface, within, path, figures, plan, notes, access, inside, tool)
+    remarks = [*planned.notes, *start_notes(planned.path, ready.plan)]
+    remarks += stepover_notes(quality.figures["stepover_mean_m"], ready.plan)
+    remarks += overlap_notes(quality.figures["coverage"], ready.plan, ready.pad)
+    result = ready.result(planned.path, quality, remarks)
+    return replace(result, figures={**result.figures, **planned.figures, "plan_time_s": planned_s})
 
 
 def measure_given_path(
@@ -155,20 +152,57 @@ def measure_given_path(
     surface, region = _choose(mesh, plan)
     observer.stage("measure the path")
     ground, access = accessible(region, surface, plan, process, pad, path)
-    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface, access)
-    figures = part_figures(mesh, surface, region) | quality.figures
-    off = figures["max_distance_to_surface_m"]
+    given = _Prepared(mesh, surface, region, plan, process, pad, ground, access)
+    quality = given.measure(path)
+    off = quality.figures["max_distance_to_surface_m"]
     if off > OFF_PART_M:
         raise PlanError(
             f"the path lies up to {1e3 * off:.2f} mm off the region of this part, more than {1e3 * OFF_PART_M:g} mm. "
             "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
         )
-    remarks = (*access_notes(access, plan, pad), *wall_notes(quality))
-    tool = Tool(pad, process.contact_force_n)
-    path = with_way_down(path, plan.clearance_m)
-    notes = (*mesh.notes, *region.notes, *remarks, *pad_notes(ground, locate(ground, path), pad))
-    within, inside = access.region if access else region, quality.pad_in_part.positions
-    return PlanResult(mesh, surface, within, path, figures, plan, notes, access, inside, tool)
+    return given.result(with_way_down(path, plan.clearance_m), quality, wall_notes(quality))
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    """A region, what of it the tool reaches, and all that a path on it is planned and measured with."""
+
+    mesh: PartMesh
+    surface: Surface
+    region: Region
+    plan: PlanConfig
+    process: ProcessConfig
+    pad: PadConfig
+    ground: Ground
+    access: Access | None
+    notes: tuple[str, ...] = ()  #: On what was chosen
+
+    @property
+    def tool(self) -> Tool:
+        """The tool under the force of the process."""
+        return Tool(self.pad, self.process.contact_force_n)
+
+    def measure(self, path: ToolPath) -> Quality:
+        """Measure a path."""
+        spacing = self.plan.stepover_m
+        return measure_quality(self.ground, path, spacing, self.process, self.pad, self.surface, self.access)
+
+    def result(self, path: ToolPath, quality: Quality, remarks: Sequence[str]) -> PlanResult:
+        """The plan, with ``remarks`` on how the path was made or given among its notes."""
+        figures = part_figures(self.mesh, self.surface, self.region) | quality.figures
+        notes = (
+            *self.mesh.notes,
+            *self.region.notes,
+            *self.notes,
+            *access_notes(self.access, self.plan, self.pad),
+            *remarks,
+            *pad_notes(self.ground, locate(self.ground, path), self.pad),
+        )
+        within = self.access.region if self.access else self.region
+        inside = quality.pad_in_part.positions
+        return PlanResult(
+            self.mesh, self.surface, within, path, figures, self.plan, notes, self.access, inside, self.tool
+        )
 
 
 PAD_CHOICES: Final = ("auto", "given")
@@ -176,52 +210,48 @@ PAD_SIZES_M: Final = (0.05, 0.04, 0.03, 0.025, 0.02, 0.016, 0.012, 0.01, 0.008, 
 """Diameters a pad is chosen from."""
 
 
-class _Ready(NamedTuple):
-    """What a path is planned on, and with which pad."""
-
-    plan: PlanConfig
-    pad: PadConfig
-    region: Region
-    ground: Ground
-    access: Access | None
-    notes: tuple[str, ...]
-
-
-def _ready(
+def _prepare(
     mesh: PartMesh, surface: Surface, region: Region, plan: PlanConfig, process: ProcessConfig, pad: PadConfig
-) -> _Ready:
-    """Prepare a region for a pad; one nobody asked for gives way to the largest that is no wider than the region.
+) -> _Prepared:
+    """Prepare a region for the first of `_pads` that fits it.
 
     Raises:
-        PlanError: The pad, or each that was tried, does not fit.
+        PlanError: None does; says why the first does not.
     """
-    width = widest_piece(region)
-    if pad.choice not in PAD_CHOICES:
-        raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)
-    free = pad.choice == PAD_CHOICES[0] and pad.radius_m == PadConfig().radius_m
-    sizes = [size for size in PAD_SIZES_M if size < 2.0 * pad.radius_m and size <= width] if free else []
-    refused: PlanError | None = None
-    for diameter in [2.0 * pad.radius_m, *sizes]:
-        smaller = diameter < 2.0 * pad.radius_m
-        if free and not smaller and sizes and diameter > width:
-            continue
-        taken, asked, notes = pad, plan, tuple[str, ...]()
-        if smaller:
-            taken = replace(pad, radius_m=0.5 * diameter)
-            scale = diameter / (2.0 * pad.radius_m) if plan.stepover_m == PlanConfig().stepover_m else 1.0
-            asked = replace(plan, stepover_m=min(scale * plan.stepover_m, diameter))
-            notes = (
-                f"pad of {1e3 * diameter:.3g} mm and step-over {1e3 * asked.stepover_m:.3g} mm chosen: the default pad "
-                f"of {2e3 * pad.radius_m:.3g} mm does not fit the region, {1e3 * width:.3g} mm wide (--pad-diameter)."
-                f"{in_another_unit(mesh, width, pad.radius_m)}",
-            )
+    width, refused = widest_piece(region), list[PlanError]()
+    for taken, asked in _pads(pad, plan, width):
         try:
             wide = check_request(region, taken, mesh)
-            return _Ready(asked, taken, wide, *accessible(wide, surface, asked, process, taken), notes)
+            ground, access = accessible(wide, surface, asked, process, taken)
         except PlanError as error:
-            refused = refused or error
-    assert refused is not None
-    raise refused
+            refused.append(error)
+            continue
+        note = (
+            f"pad of {2e3 * taken.radius_m:.3g} mm and step-over {1e3 * asked.stepover_m:.3g} mm chosen: the default "
+            f"pad of {2e3 * pad.radius_m:.3g} mm does not fit the region, {1e3 * width:.3g} mm wide (--pad-diameter)."
+            f"{in_another_unit(mesh, width, pad.radius_m)}"
+        )
+        notes = () if taken is pad else (note,)
+        return _Prepared(mesh, surface, wide, asked, process, taken, ground, access, notes)
+    raise refused[0]
+
+
+def _pads(pad: PadConfig, plan: PlanConfig, width: float) -> Iterator[tuple[PadConfig, PlanConfig]]:
+    """The pads to try on a region this wide [m], each with its plan; several only if the default pad was not asked for.
+
+    The default pad is left out where it is wider than the region and a smaller one is not; then come the sizes from the
+    list that are no wider, with the default step-over in proportion.
+    """
+    if pad.choice not in PAD_CHOICES:
+        raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)
+    diameter, standard = 2.0 * pad.radius_m, PlanConfig().stepover_m
+    free = pad.choice == "auto" and pad.radius_m == PadConfig().radius_m
+    smaller = [size for size in PAD_SIZES_M if size < diameter and size <= width] if free else []
+    if diameter <= width or not smaller:
+        yield pad, plan
+    for size in smaller:
+        wanted = standard * size / diameter if plan.stepover_m == standard else plan.stepover_m
+        yield replace(pad, radius_m=0.5 * size), replace(plan, stepover_m=min(wanted, size))
 
 
 def accessible(
