@@ -16,6 +16,7 @@ from polish_sim.arrays import Array, Bools
 from polish_sim.errors import InputError, near_file
 
 OTHER_SEPARATORS: Final = {";": "semicolons", "\t": "tabs", "|": "bars"}
+LARGEST: Final = 1e12  #: No quantity in a file is larger, in whatever unit
 Place = Callable[[int], str]  #: Says where in a file a row stands, e.g. "line 4, point 3"
 
 
@@ -117,12 +118,11 @@ def finite_column(file: Path, name: str, texts: Sequence[str], place: Place) -> 
         values = np.array(texts, dtype=np.float64)
     except ValueError:
         values = np.array([_number(text) for text in texts])
-    wrong = np.flatnonzero(~np.isfinite(values))
+    wrong = np.flatnonzero(~(np.abs(values) <= LARGEST))
     if len(wrong):
         row = int(wrong[0])
-        raise InputError(
-            f"'{file}', {place(row)}: {name} is '{texts[row]}', not a number. Correct or leave out the line."
-        )
+        why = f"beyond {LARGEST:g}" if np.isfinite(values[row]) else "not a number"
+        raise InputError(f"'{file}', {place(row)}: {name} is '{texts[row]}', {why}. Correct or leave out the line.")
     return values
 
 

@@ -73,6 +73,7 @@ BAD = {
     "wrong columns": ("a,b\n1,2\n", "columns a, b"),
     "a short row": (HEADER + "0,0,0,0,0,1\n1,2\n", "line 3: 2 values"),
     "a word": (HEADER + "0,0,0,0,0,1\n1,0,zero,0,0,1\n", "point 2: z is 'zero'"),
+    "beyond what is measured": (HEADER + "0,0,0,0,0,1\n1,0,-1e300,0,0,1\n", "point 2: z is '-1e300', beyond 1e\\+12"),
     "not a number": (HEADER + "0,0,0,0,0,1\n1,0,nan,0,0,1\n", "point 2: z is 'nan'"),
     "an axis too long": (HEADER + "0,0,0,0,0,1\n1,0,0,0,0,2\n", "point 2: the tool axis"),
     "a repeated point": (HEADER + "0,0,0,0,0,1\n0,0,0,0,0,1\n", "points 1 and 2 are the same"),

@@ -17,9 +17,13 @@ from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.exchange.strokes import ExportSetup
 from polish_sim.exchange.viewers import IN_PART_COLOR, LEFT_OUT_COLOR, html_text
+from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.models import robot_model_path
 from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part
-from polish_sim.planning.quality.tool_room import BEHIND_PAD
+from polish_sim.planning.ground.ground import prepare_ground
+from polish_sim.planning.moves.leads import Air
+from polish_sim.planning.planner import plan_on
+from polish_sim.planning.quality.tool_room import BEHIND_PAD, Tool
 from tests.planning.test_pad_in_part import moved, pocket
 from tests.planning.tools import volumes_in_part
 
@@ -187,3 +191,25 @@ def test_pictures_show_what_is_out_of_reach_and_where_the_tool_is_in_the_part(tm
         assert len(colors) > 100
         assert (colors == color).all()
     assert large.figures["pad_in_part_max_m"] == pytest.approx(0.010 - 1e-3, abs=5e-4)
+
+
+def test_the_tool_has_room_in_the_air_or_not_whatever_the_lead_looks_at_of_the_pad(tmp_path):
+    """A lead that keeps only the tool point clear still keeps the tool out of the wall, 6 mm beside the pad's rim."""
+    boss().export(tmp_path / "boss.stl")
+    part = fit_surface(load_part(tmp_path / "boss.stl", "mm", "z"))
+    tool = Tool(PadConfig(radius_m=0.010), 20.0)
+    for radius in (0.0, 0.010):
+        air = Air(part, radius, 0.03, np.array([0.0, 0.0, 1.0]), tool)
+        for away, free in ((0.024, True), (0.017, False)):
+            line = np.array([[0.005 + away, 0.003, z] for z in (0.005, 0.02)])
+            assert air.has_room(line, np.tile([0.0, 0.0, 1.0], (2, 1))) == free
+
+
+def test_a_plan_of_which_every_stretch_runs_into_the_part_is_refused_with_the_place(tmp_path):
+    boss().export(tmp_path / "boss.stl")
+    mesh = load_part(tmp_path / "boss.stl", "mm", "z")
+    plan, tool = PlanConfig(stepover_m=0.02, pattern="contour", region="point:40,40,0"), Tool(PadConfig(), 20.0)
+    surface = fit_surface(mesh)
+    ground = prepare_ground(select_region(surface, mesh, plan.region), plan)
+    with pytest.raises(PlanError, match=r"the tool can reach no stroke of the path .* the first is at \(.*\) mm"):
+        plan_on(ground, plan, None, surface, tool, ground.mesh.vertices)

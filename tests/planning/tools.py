@@ -45,7 +45,9 @@ def bodies_behind_pad() -> tuple[tuple[str, manifold3d.Manifold], ...]:
     return tuple(found)
 
 
-def volumes_in_part(path: ToolPath, part: trimesh.Trimesh, pad_radius: float, yields: float) -> dict[str, float]:
+def volumes_in_part(
+    path: ToolPath, part: trimesh.Trimesh, pad_radius: float, yields: float, apart: float = 4e-3
+) -> dict[str, float]:
     """Largest volume each body of the tool shares with a part (mm) along a path, in the air and in contact [mm^3].
 
     Args:
@@ -53,9 +55,10 @@ def volumes_in_part(path: ToolPath, part: trimesh.Trimesh, pad_radius: float, yi
         part: A closed mesh in mm.
         pad_radius: [m].
         yields: How far the pad may be compressed in contact [m].
+        apart: Distance of the places looked at along the path [m].
     """
     shape, worst = solid(part.copy().apply_scale(1e-3)), {}
-    rows = np.unique(np.searchsorted(path.s, np.arange(0.0, path.s[-1], 4e-3)))
+    rows = np.unique(np.searchsorted(path.s, np.arange(0.0, path.s[-1], apart)))
     for row in rows:
         z = path.axes_work[row]
         x = perpendicular(z[None])[0]

@@ -193,6 +193,8 @@ def assemble(runs: Sequence[PieceRun], plan: PlanConfig, air: Air, remarks: Sequ
             after = sum(len(move.positions) for move in placed.moves[-2:])
             curvature.append(np.pad(stroke.curvature, (before, after), mode="edge"))
             moves += placed.moves
+    if not moves:
+        lost = lost or [item.run.positions for item in runs]
     all_remarks += _out_of_reach(lost, plan.stepover_m, nothing_left=not moves)
     positions, axes, segment, pass_index = concatenate(moves)
     path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))

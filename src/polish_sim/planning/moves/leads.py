@@ -144,7 +144,7 @@ class Air(NamedTuple):
         """Whether the tool is nowhere in the part along points (n, 3), pressed as it is at a place or not at all."""
         if self.tool is None:
             return True
-        rows = every(line, APART * self.pad_radius)
+        rows = every(line, APART * self.tool.pad.radius_m)
         low, yields = (presses.lows[0], presses.yields[0]) if presses else (APART_M, 0.0)
         places = Places(line[rows], axes[rows], np.full(len(rows), low), np.full(len(rows), yields))
         return not self.tool.stands_in(self.part, places).depths.any()
