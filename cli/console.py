@@ -46,7 +46,7 @@ def fail(message: str, exit_code: int) -> int:
 
 
 def close_broken_pipe() -> int:
-    """Let go of a stdout nobody reads any more (`polish-sim list | head -1`), without noise at exit."""
+    """Close a stdout whose reader has ended (`polish-sim list | head -1`), without a message at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 1
 

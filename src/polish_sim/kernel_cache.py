@@ -98,7 +98,7 @@ def kernels_under(kernel: Any) -> set[Any]:
 
 
 class _Locator:
-    """Tells numba where the kernels of a module are."""
+    """Where numba finds the kernels of a module."""
 
     def __init__(self, function: Any, file: str) -> None:
         self._py_file = file  # numba's warnings name it
@@ -119,7 +119,7 @@ class _Locator:
         return self.folder.name
 
     def get_disambiguator(self) -> str:
-        """What tells two functions of the same name in one module apart."""
+        """Distinguishes functions of the same name in one module."""
         return str(self._line)
 
     def ensure_cache_path(self) -> None:

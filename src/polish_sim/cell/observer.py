@@ -23,7 +23,7 @@ from polish_sim.kernels import memory_of
 
 
 class Observer(Protocol):
-    """What the library tells about long work; it never prints itself."""
+    """Receives the progress of long work; the library never prints."""
 
     frame_every_s: float  #: Simulated time between calls of ``frame`` [s]
 

@@ -73,7 +73,7 @@ def label_pieces(links: Indices, count: int) -> tuple[int, Ints]:
 
 
 def facet_links(adjacency: Adjacency, keep: Bools | None = None) -> Indices:
-    """List pairs of neighbouring facets, shape (k, 2); ``keep`` (m, 3) tells which edges count."""
+    """List pairs of neighbouring facets, shape (k, 2); ``keep`` (m, 3) marks the edges that count."""
     linked = adjacency.facets >= 0
     if keep is not None:
         linked &= keep

@@ -179,7 +179,7 @@ def _depth_below(ground: Ground, limit: float) -> float | None:
 
 
 def access_notes(access: Access | None, plan: PlanConfig, pad: PadConfig) -> list[str]:
-    """What of the region asked for the tool does not get at, and why; none if it gets at all of it."""
+    """What the tool does not reach of the region asked for, and why; none if it reaches all of it."""
     return [] if access is None else access.notes(pad, plan.tool_clearance_m)
 
 

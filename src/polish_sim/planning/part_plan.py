@@ -69,7 +69,7 @@ class PlanResult:
     figures: dict[str, Any]  #: The keys of metrics.json of a plan folder
     plan: PlanConfig
     notes: tuple[str, ...]  #: What was assumed, and what the user should know about the pad on this part
-    access: Access | None = None  #: What of the region asked for the tool gets at; None if all of it
+    access: Access | None = None  #: What the tool reaches of the region asked for; None if all of it
     in_part: Array = field(default_factory=lambda: np.empty((0, 3)))
     """Tool points at which the tool is in the part [m], shape (k, 3)."""
     tool: Tool = field(default_factory=lambda: Tool(PadConfig(), ProcessConfig().contact_force_n))
@@ -262,12 +262,12 @@ def accessible(
     pad: PadConfig,
     path: ToolPath | None = None,
 ) -> tuple[Ground, Access | None]:
-    """The ground of a region the tool gets at, and its access, None where that is all that was asked for.
+    """The ground of a region that the tool reaches, and its access, None where that is all that was asked for.
 
-    Where a ``path`` made before does not keep to what the tool gets at, all of the region counts.
+    Where a ``path`` made before does not keep to what the tool reaches, all of the region counts.
 
     Raises:
-        PlanError: There is no place the tool gets at, or the step-over does not fit.
+        PlanError: The tool reaches no place, or the step-over does not fit.
     """
     asked = prepare_ground(region, plan)
     try:

@@ -41,7 +41,7 @@ def lies_open(surface: Surface) -> bool:
 
 
 def connected(kept: Clipped, passable: Bools | None = None) -> list[Clipped]:
-    """Take a surface apart into connected pieces, the largest first; ``passable`` (m, 3) tells which edges join."""
+    """Take a surface apart into connected pieces, the largest first; ``passable`` (m, 3) marks the edges that join."""
     piece = connected_facets(kept.surface, passable)
     order = np.argsort(piece, kind="stable").astype(np.int32)
     ends = np.cumsum(np.bincount(piece))

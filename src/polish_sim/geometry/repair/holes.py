@@ -213,6 +213,6 @@ def _wedges(skin: Skin, group: Indices, start: Indices, end: Indices, inward: bo
 
 
 def _volume(skin: Skin) -> float:
-    """Six times the signed volume about the middle of the part; its sign tells which way most facets look."""
+    """Six times the signed volume about the middle of the part; negative if most facets look inwards."""
     corners = skin.vertices[skin.faces] - skin.vertices[skin.faces].mean(axis=(0, 1))
     return float(np.einsum("mj,mj->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))

@@ -380,7 +380,7 @@ BEFORE_LIMITS = 0.97
 LAUNCH_GROWTH = 1.2
 """After it the time from rest grows by this factor from knot to knot, until knots are ``KNOT_TIME`` apart."""
 SAME_KNOT = 2e-5
-"""Knots nearer than this are not told apart [m]."""
+"""Knots nearer than this count as one [m]."""
 
 
 def divided(knots: Array, parts: int) -> Array:

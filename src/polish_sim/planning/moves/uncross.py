@@ -55,7 +55,7 @@ class Cut(NamedTuple):
 
 
 def uncross(runs: Sequence[tuple[SurfaceRun, Surface]], stepover: float) -> Uncrossed:
-    """Cut a short stretch out of one of two strands wherever finished runs cross; tells where they were cut."""
+    """Cut a short stretch out of one of two strands wherever finished runs cross, and return where."""
     items = [OnSurface(run, surface, k) for k, (run, surface) in enumerate(runs)]
     places = np.empty((0, 3))
     for number in range(ROUNDS):

@@ -110,7 +110,7 @@ def _moving_average(points: Array, window: int) -> Array:
 
 # What a pattern is asked to cover (region and plan -> pattern).
 
-Report = Callable[[float], None]  #: Told the share of the work done, 0 to 1
+Report = Callable[[float], None]  #: Called with the share of the work done, 0 to 1
 
 
 class PatternRequest(NamedTuple):

@@ -1,4 +1,4 @@
-"""What of a region the tool gets at without running into the part (Region, Tool -> Access)."""
+"""The part of a region that the tool reaches without a collision with the part (Region, Tool -> Access)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class LeftOut(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Access:
-    """What of a region the tool gets at; the region asked for is all of it."""
+    """The part of a region that the tool reaches; the region asked for is all of it."""
 
     asked: Ground
     region: Region  #: Where the path may run
@@ -102,7 +102,7 @@ class ToolRoom:
 
 
 def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan: PlanConfig) -> Access | None:
-    """Find what of a region the tool gets at; None if that is all of it.
+    """Find the part of a region that the tool reaches; None if it reaches all of it.
 
     Where its middle may go it keeps a clearance from what stands beside it, pressed in as far as the pad yields; what
     the pad touches from there is within reach. ``ground`` is the region asked for, prepared, ``region`` the same as it
@@ -146,7 +146,7 @@ def _refuse_nothing(least: Array, rooms: Array, hollow: Bools, ground: Ground, t
         f"to the part beside it (pad {diameter:.3g} mm)"
     )
     raise PlanError(
-        f"the tool gets at no place of the region: {why}. Set a smaller --pad-diameter or another --region."
+        f"the tool reaches no place of the region: {why}. Set a smaller --pad-diameter or another --region."
     )
 
 

@@ -108,7 +108,7 @@ def measure_quality(
 
     path_length_m is the length in contact. The step-over [m] is planned or expected; ``process`` counts where the
     path has no force or feed of its own; the tool may run into the whole ``part``, or the region if not given. With
-    ``access``, what of the region the tool gets at, coverage is of what the pad can touch.
+    ``access``, the part of the region that the tool reaches, coverage is of what the pad can touch.
     """
     on = locate(ground, path, process)
     asked, touched = (ground, None) if access is None else (access.asked, access.touched)
