@@ -1,7 +1,7 @@
 """`python -m benchmarks.tool_against_part`: no body of the tool shares volume with the part along 50 plans.
 
-Independent of the planner: the model's own meshes of pad, shaft, spindle, sensor and wrist are intersected with the
-part's mesh by manifold3d at places all along each path, in contact and in the air.
+Independent of the planner: the model's own meshes of shaft, spindle, sensor and wrist, and the pad above what it is
+compressed by, are intersected with the part's mesh by manifold3d at places all along each path, pressed and in the air.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ import trimesh
 
 from benchmarks.field_parts import parts
 from benchmarks.random_draw import draw_part
+from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, PlanConfig
 from polish_sim.errors import PolishSimError
 from polish_sim.geometry import PartMesh, load_part
-from polish_sim.planning import plan_mesh
-from polish_sim.planning.quality.tool_room import most_hollow
+from polish_sim.planning import PlanResult, plan_mesh
+from polish_sim.planning.quality.tool_room import ground_under, pressed_places
 from tests.planning.test_tool_room import CASES
 from tests.planning.tools import volumes_in_part
 
@@ -68,6 +69,15 @@ def trials(folder: Path, seed: int) -> Iterator[Trial]:
         yield Trial(f"{seed + number}: {part.name}", solid, mesh, part.plan, replace(part.pad, choice="given"))
 
 
+def compression(result: PlanResult) -> Array:
+    """How far the pad is compressed by the force and by the bend of the ground right under it, (n,) [m]."""
+    path = result.path
+    foot = result.surface.closest(path.positions_work)
+    under = ground_under(result.surface, foot.facets, foot.barycentric)
+    places = pressed_places(path.positions_work, path.axes_work, under, result.tool.pad, result.tool.force)
+    return np.maximum(places.lows, YIELDS_M)
+
+
 def main() -> None:
     """Print each plan's largest volume in common with the part."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.tool_against_part", description=__doc__)
@@ -91,9 +101,8 @@ def main() -> None:
             except PolishSimError as error:
                 print(f"{label} refused: {str(error)[:90]}", flush=True)
                 continue
-            pressed = YIELDS_M + most_hollow(trial.pad)
             apart = max(4e-3, result.path.s[-1] / PLACES)
-            shared = volumes_in_part(result.path, trial.solid, trial.pad.radius_m, pressed, apart)
+            shared = volumes_in_part(result.path, trial.solid, trial.pad.radius_m, compression(result), apart)
             done, bad = done + 1, bad + (max(shared.values()) > SHARED_MM3)
             worst = max(shared, key=lambda name: shared[name])
             print(f"{label} {shared[worst]:8.3f} mm^3 {worst if shared[worst] > SHARED_MM3 else ''}", flush=True)

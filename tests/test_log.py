@@ -47,6 +47,21 @@ def test_time_and_positions_are_double_phase_is_a_byte_everything_else_single(ro
         assert log[name].dtype == integer.get(name, np.float64 if name in double else np.float32), name
 
 
+def test_a_damaged_log_is_refused_by_name_whatever_byte_is_wrong(rows: np.ndarray, tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    write_log(path, from_rows(rows % 100))
+    whole, rng, messages = path.read_bytes(), np.random.default_rng(0), []
+    for _ in range(400):
+        at = int(rng.integers(len(whole)))
+        path.write_bytes(whole[:at] + rng.bytes(2) + whole[at + 2 :])
+        try:
+            read_log(path)
+        except InputError as error:
+            messages.append(str(error))
+    assert len(messages) > 200
+    assert all("log.npz" in message for message in messages)
+
+
 def test_columns_cannot_be_changed(rows: np.ndarray) -> None:
     log = from_rows(rows % 100)
     with pytest.raises(ValueError, match="read-only"):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,11 @@ from numpy.typing import NDArray
 from polish_sim.errors import InputError
 
 Array = NDArray[np.float64]
+UNREADABLE: Final = (
+    *(OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, MemoryError),
+    *(zipfile.BadZipFile, zlib.error),
+)
+"""What reading a damaged npz may raise."""
 PHASES = ("approach", "touch_down", "process", "retract")
 
 # Shape of one row ("" = scalar) and unit of every column, base frame unless the name says otherwise.
@@ -130,7 +136,7 @@ def read_log(path: Path) -> RunLog:
     try:
         with np.load(path, allow_pickle=False) as archive:
             columns = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise InputError(f"cannot read the log '{path}': {error}. Was the run finished?") from error
     missing = [name for name in COLUMNS if name not in columns]
     if missing:
@@ -233,5 +239,5 @@ def read_removal(file: Path) -> RemovalMap:
             found = {name: archive[name].astype(np.float64) for name in archive.files}
         columns = {name: value if value.ndim else float(value) for name, value in found.items()}
         return RemovalMap(**(columns | {"triangles": found["triangles"].astype(np.int64)}))  # type: ignore[arg-type]
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise InputError(f"cannot read the removal map '{file}': {error}. Delete it to see the run without.") from error

@@ -21,6 +21,11 @@ def test_a_random_part_is_covered_on_its_surface_without_crossings(seed):
     assert not outcome.faults
 
 
+def test_a_long_strip_that_a_spiral_leaves_in_the_middle_gets_a_line_of_its_own():
+    """Led into from the loop beside it, the line crosses that loop: it was taken back, strip and all."""
+    assert examine(90084).coverage > 0.99
+
+
 def test_the_generator_makes_closed_solids_and_the_same_ones_again():
     for seed in range(8):
         part = draw_part(seed)

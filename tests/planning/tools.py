@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import trimesh
 
+from polish_sim.arrays import Array
 from polish_sim.models import robot_model_path
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import perpendicular
@@ -46,7 +47,7 @@ def bodies_behind_pad() -> tuple[tuple[str, manifold3d.Manifold], ...]:
 
 
 def volumes_in_part(
-    path: ToolPath, part: trimesh.Trimesh, pad_radius: float, yields: float, apart: float = 4e-3
+    path: ToolPath, part: trimesh.Trimesh, pad_radius: float, yields: float | Array, apart: float = 4e-3
 ) -> dict[str, float]:
     """Largest volume each body of the tool shares with a part (mm) along a path, in the air and in contact [mm^3].
 
@@ -54,16 +55,17 @@ def volumes_in_part(
         path: The path.
         part: A closed mesh in mm.
         pad_radius: [m].
-        yields: How far the pad may be compressed in contact [m].
+        yields: How far the pad may be compressed in contact [m], everywhere or at each point of the path (n,).
         apart: Distance of the places looked at along the path [m].
     """
     shape, worst = solid(part.copy().apply_scale(1e-3)), {}
+    yields = np.broadcast_to(yields, len(path.s))
     rows = np.unique(np.searchsorted(path.s, np.arange(0.0, path.s[-1], apart)))
     for row in rows:
         z = path.axes_work[row]
         x = perpendicular(z[None])[0]
         place = np.column_stack([x, np.cross(z, x), z, path.positions_work[row]])
-        low = yields if path.process[row] else 1e-3
+        low = float(yields[row]) if path.process[row] else 1e-3
         pad = manifold3d.Manifold.cylinder(0.022 - low, pad_radius, circular_segments=64).translate((0.0, 0.0, low))
         for name, body in (("pad", pad), *bodies_behind_pad()):
             shared = (body.transform(place) ^ shape).volume() * 1e9

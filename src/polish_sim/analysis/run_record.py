@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import platform
-import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib.metadata import version
@@ -16,7 +15,7 @@ import numpy as np
 
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
-from polish_sim.log import RemovalMap, RunLog, read_log, read_removal, write_log, write_removal
+from polish_sim.log import UNREADABLE, RemovalMap, RunLog, read_log, read_removal, write_log, write_removal
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.scenario_file import load_scenario, to_toml
 
@@ -97,7 +96,7 @@ def _read_path(file: Path) -> ToolPath:
     try:
         with np.load(file, allow_pickle=False) as archive:
             return ToolPath(**{name: archive[name] for name in archive.files})
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise InputError(f"cannot read the path '{file}': {error}.") from error
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +14,7 @@ from polish_sim.exchange.reader import read_way_points
 from polish_sim.experiments.placement import default_placements
 from polish_sim.identification.log_file import RobotLog, log_columns, spline_states
 from polish_sim.identification.regressor import States
+from polish_sim.log import UNREADABLE
 from polish_sim.motion.serial_chain import HINGE
 from polish_sim.smoothing.place import distinct_rows, follow_path
 from polish_sim.tables import Columns
@@ -84,7 +84,7 @@ def _from_npz(file: Path) -> tuple[Array, Array, Array]:
             time, q = columns["time_s"].astype(np.float64), columns["q_rad"].astype(np.float64)
             # A teaching run is several moves, the clock of each begins at 0.
             case = columns["case"].astype(np.float64) if "case" in columns else np.zeros(time.shape)
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise InputError(f"'{file}' holds no joint motion (time_s, q_rad): {error}.") from None
     if q.ndim != 2 or q.shape != (len(time), JOINTS):
         raise InputError(f"'{file}': q_rad is {q.shape}, time_s {time.shape}; wanted (n, {JOINTS}) and (n,).")

@@ -6,7 +6,7 @@ a short band on the first turn, which follows the border, and over more and more
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ from polish_sim.planning.patterns.nested import chains, grown_turns
 from polish_sim.planning.patterns.pitch import Match, Shares, beside, match_turns, spread_shares
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
 from polish_sim.planning.quality.crossings import count_self_crossings
+from polish_sim.planning.toolpath import arc_length
 
 # Where a spiral steps from turn to turn: a line across all turns that keeps away from corners (turns -> seams).
 
@@ -249,7 +250,7 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
 
 
 def _finished(request: PatternRequest, lines: Sequence[Run], longer: Sequence[Run]) -> list[SurfaceRun]:
-    """Finished runs; what was added to the lines is taken back where it crosses something after all."""
+    """Finished runs; what was added to a line becomes one of its own, or is taken back, where it crosses something."""
 
     def finish(line: Run) -> SurfaceRun:
         return finish_run(request.region.surface, line, request.stepover)
@@ -257,14 +258,28 @@ def _finished(request: PatternRequest, lines: Sequence[Run], longer: Sequence[Ru
     runs: list[SurfaceRun | None] = [finish(line) for line in longer]
     count = _crossings(runs)
     for k, line in reversed(list(enumerate(longer))):
-        added = k >= len(lines) or len(line.positions) > len(lines[k].positions)
-        if count == 0 or not added:
+        begun = len(lines[k].positions) if k < len(lines) else 0
+        if count == 0 or begun == len(line.positions):
             continue
-        trial = [*runs[:k], finish(lines[k]) if k < len(lines) else None, *runs[k + 1 :]]
-        fewer = _crossings(trial)
-        if fewer < count:
-            runs, count = trial, fewer
+        without = [*runs[:k], finish(lines[k]) if begun else None, *runs[k + 1 :]]
+        least = _crossings(without)
+        for part in _shortened(line, begun, request.stepover) if begun else ():
+            trial = [*without, finish(part)]
+            if _crossings(trial) == least:
+                without = trial
+                break
+        if least < count:
+            runs, count = without, least
     return [run for run in runs if run is not None]
+
+
+def _shortened(line: Run, begun: int, stepover: float) -> Iterator[Run]:
+    """What follows a point of a line, and the same without its first step-overs, as long as one is left of it."""
+    ahead = arc_length(line.positions[begun:])
+    for skipped in range(4):
+        rows = begun + np.flatnonzero(ahead >= skipped * stepover)
+        if ahead[-1] > (skipped + 1) * stepover:
+            yield Run(line.positions[rows], line.pass_index[rows])
 
 
 def _crossings(runs: Sequence[SurfaceRun | None]) -> int:
