@@ -63,7 +63,7 @@ def measure_pair() -> Iterator[Row]:
     lone, both_of = build_recorder(CHUNK, 4), build_recorder(CHUNK, 4, pair.more_columns)
 
     def step_one() -> None:
-        advance(one, lone, single.law, single.rng.standard_normal((CHUNK, 12)), CHUNK)
+        advance(one, single.real_arm, lone, single.law, single.rng.standard_normal((CHUNK, 12)), CHUNK)
 
     def step_both() -> None:
         draws = pair.rng.standard_normal((CHUNK, 12))
@@ -136,7 +136,7 @@ def _interleaved(cell: Cell) -> tuple[float, float]:
         bare.append(time.perf_counter() - begin)
         begin = time.perf_counter()
         for _ in range(STEPS // CHUNK):
-            advance(kernel, recorder, cell.law, cell.rng.standard_normal((CHUNK, 12)), CHUNK)
+            advance(kernel, cell.real_arm, recorder, cell.law, cell.rng.standard_normal((CHUNK, 12)), CHUNK)
         loop.append(time.perf_counter() - begin)
     if kernel.state.status.stop or not kernel.state.wrench[2] > 1.0:
         raise RuntimeError("the benchmark's cell lost contact: the figure would mean nothing")

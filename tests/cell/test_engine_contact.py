@@ -61,7 +61,7 @@ def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(
     stroke = free_stroke(along_tool(T_base_touch, z=-0.005), along_tool(T_base_touch, z=depth), feed=0.01, hold=2.5)
     cell = cell_for(ideal("force", "controller.name=position"), stroke, model=model)
     steps = 3000
-    advance(cell.kernel, build_recorder(steps, 4), cell.law, np.zeros((steps, 12)), steps)
+    advance(cell.kernel, None, build_recorder(steps, 4), cell.law, np.zeros((steps, 12)), steps)
     mujoco.mj_forward(model, cell.data)
     assert cell.state.status.stop == NO_STOP
     pushed = T_base_touch[:3, :3].T @ contact_on_part(model, cell.data)

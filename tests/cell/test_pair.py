@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 from polish_sim.cell import CellRun, no_part, tool_on_flange
 from polish_sim.cell.faults import check_events, parse_events
 from polish_sim.cell.guards import CONTROLLER_NAN
+from polish_sim.cell.host_arm import HostArm, build_host_arm
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.carrier import FIRST_JOINT, RAMP_PEAK, MasterRows, time_held, time_let_go
 from polish_sim.dual.cell import MASTER_HALTED, MASTER_SILENT, PairCell
-from polish_sim.dual.chain import HostArm, build_host_arm
 from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_MASS, check_load, part_mass
 from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.errors import ConfigError, InputError, ReachError

@@ -14,15 +14,17 @@ from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart, build_pad, build_spindle
 from polish_sim.cell.engine import engine_views, register_engine
 from polish_sim.cell.faults import FaultClock, SafetyRecord, check_events, parse_events, record_safety
+from polish_sim.cell.gears import RealArm
 from polish_sim.cell.guards import CONTROLLER_ERROR, NO_STOP, REASONS, build_guards, crash_points
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory
-from polish_sim.cell.limits import check_rates, check_step_limits
+from polish_sim.cell.limits import check_rates, check_step_limits, with_implicit_friction
 from polish_sim.cell.loop import advance
 from polish_sim.cell.observer import Observer, PythonLaw, Silent, interrupts_noted
+from polish_sim.cell.real_arm import build_real_arm, is_real
 from polish_sim.cell.real_part import build_part_motion
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
 from polish_sim.cell.robot import build_request_line, build_speedl, build_stop_motion
-from polish_sim.cell.scene import touching
+from polish_sim.cell.scene import tool_on_flange, touching
 from polish_sim.cell.stroke import Stroke, begin_next_stroke, build_sequence, cycle_time
 from polish_sim.cell.wrist_sensor import (
     Payload,
@@ -89,6 +91,7 @@ class Cell:
         self.scenario, self.model, self.rng, self.course = scenario, model, rng, course
         self.data = mujoco.MjData(model)
         self._set_joints(q_start)
+        self.real_arm = self._build_real_arm(q_start)
         mujoco.mj_forward(model, self.data)
         if pair := touching(model, self.data):
             raise ReachError(
@@ -96,7 +99,10 @@ class Cell:
             )
         forces = [float(stroke.force.max()) for stroke in strokes if stroke.contact]
         force = max(forces, default=scenario.process.contact_force_n)
-        check_step_limits(scenario, force, self._tangential_mass(), part.field.band)
+        mass = self._tangential_mass()
+        if self.real_arm is not None:
+            self.scenario = scenario = with_implicit_friction(scenario, force, mass)
+        check_step_limits(scenario, force, mass, part.field.band)
         check_rates(scenario)
         self.carried: Payload = carried_payload(model, self.data, self.arm)
         events = parse_events(scenario.faults.events)
@@ -228,8 +234,14 @@ class Cell:
         self.data.qpos[:6] = q_start
         self.data.ctrl[0:12:2] = q_start
 
+    def _build_real_arm(self, q_start: Array) -> RealArm | None:
+        """Joints with gears; None: the engine's servos move the links themselves."""
+        if not is_real(self.scenario):
+            return None
+        return build_real_arm(self.scenario, self.model, self.data, q_start, tool_on_flange())
+
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
-        advance(self.kernel, recorder, self.law, draws, steps)
+        advance(self.kernel, self.real_arm, recorder, self.law, draws, steps)
 
     def _log(self, rows: Array) -> RunLog:
         return from_rows(rows)

@@ -42,6 +42,9 @@ class EngineViews(NamedTuple):
     xfrc_applied: Array
     cfrc_ext: Array
     qfrc_actuator: Array
+    qfrc_applied: Array
+    qfrc_gravcomp: Array
+    dof_damping: Array  #: The model's, by which the next step is damped
     sensordata: Array
     tool_site: int
     pad_site: int
@@ -61,6 +64,7 @@ def engine_views(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> E
         "model": model._address,
         "data": data._address,
         "dt": float(model.opt.timestep),
+        "dof_damping": model.dof_damping,
         "speeds_before": data.qvel[:ARM_JOINTS].copy(),
         "tool_site": model.site(f"{arm}tool").id,
         "pad_site": model.site(f"{arm}pad").id,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from polish_sim.cell.real_part import depth_for
 from polish_sim.config import Scenario
@@ -31,6 +32,17 @@ def check_step_limits(scenario: Scenario, force: float, tangential_mass: float, 
             "Raise it, or lower pad.friction or simulation.timestep_s."
         )
     _check_depth(scenario, force, modelled)
+
+
+def with_implicit_friction(scenario: Scenario, force: float, tangential_mass: float) -> Scenario:
+    """A scenario whose pad's friction, taken at the step's beginning, acts as if taken at its end.
+
+    Behind elastic gears the tool is so light that it needs that. In its steep part friction is a damper mu F / v_s;
+    taken at the end of a step it is mu F / (v_s + mu F dt / m). Arguments as of `check_step_limits`.
+    """
+    pad, dt = scenario.pad, scenario.simulation.timestep_s
+    smoothing = pad.friction_smoothing_m_s + pad.friction * force * dt / tangential_mass
+    return replace(scenario, pad=replace(pad, friction_smoothing_m_s=smoothing))
 
 
 def check_contact_settings(scenario: Scenario, force: float) -> None:

@@ -12,9 +12,10 @@ from polish_sim.arrays import Array, Ints
 from polish_sim.cell import guards
 from polish_sim.cell.contact import Pad, RealPart, press_pad, pull_of_imbalance, turn_spindle
 from polish_sim.cell.engine import EngineViews, correct_reading, keep_speeds, mj_step1, mj_step2
+from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints, host_hears
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Status
 from polish_sim.cell.real_part import move_part
-from polish_sim.cell.recorder import Recorder, record_reading, record_state
+from polish_sim.cell.recorder import Recorder, record_exact, record_reading, record_state
 from polish_sim.cell.robot import (
     SENT,
     STANDING,
@@ -47,12 +48,15 @@ FIRST_CONTACT_N = 0.5  # exact force at which the log's touch-down begins
 
 # Without reference counts: nothing is allocated in the loop, and counting the tuples' arrays cost half of it.
 @njit(cache=True, error_model="numpy", _nrt=False)
-def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int) -> None:  # type: ignore[no-untyped-def]
+def advance(  # type: ignore[no-untyped-def]
+    cell: CellKernel, arm: RealArm | None, recorder: Recorder, law, draws: Array, steps: int
+) -> None:
     """Run the cell for at most ``steps`` physics steps, or until the caller is needed.
 
     That is when the stroke is done, a guard has tripped, the robot stands after a stop, or at first contact if it is
-    waited for. The recorder holds at least ``steps`` steps; ``law`` is a compiled law, see ``LAW_SIGNATURE``;
-    ``draws`` are standard normal numbers, shape (steps, 12).
+    waited for. ``arm``: its joints if they are elastic; None compiles nothing of that. The recorder holds at least
+    ``steps`` steps; ``law`` is a compiled law, see ``LAW_SIGNATURE``; ``draws`` are standard normal numbers, shape
+    (steps, 12).
     """
     e, state = cell.engine, cell.state
     recorder.filled.rows = recorder.filled.steps = 0
@@ -63,12 +67,17 @@ def advance(cell: CellKernel, recorder: Recorder, law, draws: Array, steps: int)
             move_part(state.motion, t, e.dt, cell.part.position)
             press_on_part(e, state, cell.pad, cell.part)
         see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
+        if arm is not None:
+            see_as_host(arm, state, e)
         read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
-        if host_is_due(state.status, cell.control_every):
-            move_target(state, cell.stroke, e.dt * cell.control_every, t)
+        due, cycle = host_is_due(state.status, cell.control_every), e.dt * cell.control_every
+        if arm is not None:
+            due, cycle = host_hears(arm, due, state.status.steps), e.dt * arm.waited
+        if due:
+            move_target(state, cell.stroke, cycle, t)
             ask_law(state, cell.law, law, t)
         command(state, cell.requests, e.ctrl, e.dt, t)
-        finish_step(e, state, recorder, cell.part.position, cell.stroke.process.pass_index, t)
+        finish_step(e, state, arm, recorder, cell.part.position, cell.stroke.process.pass_index, t)
         if is_over(cell, 0, t):
             return
 
@@ -144,6 +153,15 @@ def see_tool(state: CellState, tool: Array, R: Array, anchors: Array, axes: Arra
         jacobian[3, j], jacobian[4, j], jacobian[5, j] = ax, ay, az
         for i in range(6):
             m.twist[i] += jacobian[i, j] * speeds[j]
+
+
+@kernel
+def see_as_host(arm: RealArm, state: CellState, e: EngineViews) -> None:
+    """Replace what was seen exactly by what the host computes from the encoders and its own table."""
+    m = state.measurement
+    arm.tool_speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
+    hear_joints(arm, e)
+    see_tool(state, arm.host.place, arm.host.turn, arm.host.anchors, arm.host.axes, arm.read_speed)
 
 
 @kernel
@@ -234,8 +252,8 @@ def command(state: CellState, requests: RequestLine, ctrl: Array, dt: float, t: 
 
 
 @kernel
-def finish_step(
-    e: EngineViews, state: CellState, recorder: Recorder, part_position: Array, turns: Ints, t: float
+def finish_step(  # type: ignore[no-untyped-def]
+    e: EngineViews, state: CellState, arm, recorder: Recorder, part_position: Array, turns: Ints, t: float
 ) -> None:
     """Note contact, record this instant and let the engine move on; arguments as of ``record_state``."""
     status, stage = state.status, state.sequence.stage
@@ -248,8 +266,13 @@ def finish_step(
     phase = 3 if status.stop != guards.NO_STOP else _phase(stage, status.touched)
     record_state(recorder, e, state, part_position, turns, t, phase)
     keep_speeds(e)
+    if arm is not None:
+        record_exact(recorder, e, state, arm.tool_speed)
+        drive_joints(arm, e, t)
     mj_step2(e.model, e.data)
     correct_reading(e)
+    if arm is not None:
+        follow_joints(arm, e)
     record_reading(recorder, status.steps, e.sensordata, e.qfrc_actuator)
     status.steps += 1
 

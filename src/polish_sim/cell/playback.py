@@ -10,6 +10,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.engine import mj_step, register_engine
+from polish_sim.cell.real_arm import require_ideal
 from polish_sim.cell.scene import build_scene, touching
 from polish_sim.config import Scenario
 from polish_sim.errors import ProtectiveStop, ReachError
@@ -50,6 +51,7 @@ def play_joints(
         ReachError: Links or head would touch each other on the way.
         ProtectiveStop: The simulation ran away.
     """
+    require_ideal(scenario, "playing joint targets")
     register_engine()
     model = build_scene(scenario, None, None)
     if change is not None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Ints
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.kernel import CellState
-from polish_sim.control.signals import Measurement, Target
+from polish_sim.control.signals import Target
 from polish_sim.kernels import Record, Vector2, Vector3, kernel
 from polish_sim.log import Trace, row_layout, row_width
 from polish_sim.spatial import quaternion_from_rotation, rotation_angle
@@ -101,7 +101,7 @@ def record_state(
         step.part_shift_m[i] = part_position[i] - state.motion.rest[i]
         step.tcp_position_m[i] = position[i]
         step.tool_on_part_m[i] = state.tool_on_part[i]
-    _trace_errors(step, m, target)
+    _trace_errors(step, m.position, m.rotation, target)
     filled.steps += 1
     if state.status.steps % recorder.every:
         return
@@ -125,15 +125,26 @@ def record_state(
 
 
 @kernel
-def _trace_errors(step: TraceStep, m: Measurement, target: Target) -> None:
-    ex = target.position[0] - m.position[0]
-    ey = target.position[1] - m.position[1]
-    ez = target.position[2] - m.position[2]
+def record_exact(recorder: Recorder, e: EngineViews, state: CellState, speed: float) -> None:
+    """Replace what ``record_state`` took from the host's measurement, where that is not exact; ``speed`` [m/s]."""
+    step = recorder.trace[recorder.filled.steps - 1]
+    step.tcp_speed_m_s = speed
+    _trace_errors(step, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site].reshape((3, 3)), state.target)
+    if state.status.steps % recorder.every == 0:
+        recorder.rows[recorder.filled.rows - 1, _SPEED] = speed
+
+
+@kernel
+def _trace_errors(step: TraceStep, position: Array, rotation: Array, target: Target) -> None:
+    """Errors of the tool's pose, base frame: ``position`` (3,) [m], ``rotation`` (3, 3)."""
+    ex = target.position[0] - position[0]
+    ey = target.position[1] - position[1]
+    ez = target.position[2] - position[2]
     along = ex * target.rotation[0, 2] + ey * target.rotation[1, 2] + ez * target.rotation[2, 2]
     total = ex * ex + ey * ey + ez * ez
     step.position_error_m = math.sqrt(total)
     step.tangential_error_m = math.sqrt(max(total - along * along, 0.0))
-    step.orientation_error_rad = rotation_angle(m.rotation, target.rotation)
+    step.orientation_error_rad = rotation_angle(rotation, target.rotation)
     step.target_error_m[0], step.target_error_m[1], step.target_error_m[2] = ex, ey, ez
 
 

@@ -73,14 +73,17 @@ def robot_spec(scenario: Scenario) -> Any:
 
 
 def bend_arm(spec: Any, table: Array) -> None:
-    """Make the arm of a spec one with this table of Denavit-Hartenberg parameters, shape (4, 6).
+    """Make the arm of a spec one with this table of Denavit-Hartenberg parameters, shape (4, 6)."""
+    links = [spec.body(f"link_{number}") for number in range(1, 7)]
+    bend_links(links, [link.joints[0] for link in links], table)
 
-    Body ``link_i`` is frame i: its joint turns about z of the frame before.
+
+def bend_links(links: Sequence[Any], joints: Sequence[Any], table: Array) -> None:
+    """Place links and their joints, of a spec or a model, by a table: body ``link_i`` is frame i, its joint turns about
+    z of the frame before.
     """
-    for number, T in enumerate(link_poses(table), 1):
-        body = spec.body(f"link_{number}")
-        body.pos, body.quat = T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
-        joint = body.joints[0]
+    for link, joint, T in zip(links, joints, link_poses(table), strict=True):
+        link.pos, link.quat = T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
         joint.axis, joint.pos = T[2, :3], -T[:3, :3].T @ T[:3, 3]
 
 

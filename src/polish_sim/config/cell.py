@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from polish_sim.config.arm import RealArmConfig
 from polish_sim.config.key import DIAMETER, HERTZ_OR_FULL, NEWTON, OUTPUT, PER_MINUTE, RUN, SENSOR, TOOL, Option, key
 
 
@@ -18,6 +19,8 @@ class RobotConfig:
     command_timeout_s: float = key(0.1, "a speedl command holds for this long, then the robot stops [s]", 0.002, 10.0)
     joint_speed_limit_rad_s: float = key(math.pi, "limit of every joint's speed [rad/s]", 0.01, 2 * math.pi)
     payload_error: float = key(0.0, "relative error of the payload mass set in the robot [-]", -0.9, 5.0)
+    arm: str = key("ideal", "ideal: rigid gears, exact encoders and table; ur5e: as [robot.real] says")
+    real: RealArmConfig = field(default_factory=RealArmConfig)
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,13 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
+from polish_sim.cell.host_arm import HostArm, build_host_arm, read_encoders
 from polish_sim.cell.kernel import MasterFaults
 from polish_sim.cell.real_part import PartMotion
 from polish_sim.cell.robot import brakes_of
 from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Target
-from polish_sim.dual.chain import HostArm, build_host_arm, read_encoders
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, kernel
 from polish_sim.motion.kinematics import NOMINAL

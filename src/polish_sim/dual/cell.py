@@ -13,6 +13,7 @@ from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews, mj_step1
 from polish_sim.cell.guards import REASONS
+from polish_sim.cell.host_arm import HostArm, read_encoders
 from polish_sim.cell.kernel import CellKernel, CellState
 from polish_sim.cell.loop import (
     ask_law,
@@ -46,7 +47,6 @@ from polish_sim.dual.carrier import (
     drive_master,
     see_tool_on_part,
 )
-from polish_sim.dual.chain import HostArm, read_encoders
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
 from polish_sim.log import RunLog, with_column
@@ -129,7 +129,7 @@ def advance_pair(  # type: ignore[no-untyped-def]
         drive_master(master, state.master, state.sequence.stage == PROCESS, stopping, e.dt, e.ctrl)
         if state.status.steps % recorder.every == 0:
             put(recorder.rows[recorder.filled.rows], ROW_WIDTH, e.qpos[FIRST_JOINT:], 6)
-        finish_step(e, state, recorder, cell.part.position, cell.stroke.process.pass_index, t)
+        finish_step(e, state, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
         if state.master.halted:
             trip(state.status, MASTER_HALTED, t)
         elif master.state.silence > master.state.timeout:

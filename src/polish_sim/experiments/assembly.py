@@ -11,6 +11,7 @@ from polish_sim.calibration import read_calibrated_tool
 from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene, parse_events
 from polish_sim.cell.faults import check_events
 from polish_sim.cell.limits import check_contact_settings, check_rates
+from polish_sim.cell.real_arm import is_real, require_ideal
 from polish_sim.cell.real_part import PartFields, build_part_fields, depth_for
 from polish_sim.cell.scene import works_below
 from polish_sim.control import Controller, Course, build_controller
@@ -108,6 +109,7 @@ def course_for(
 # Settings that are wrong for any part are refused before anything is loaded, planned or simulated.
 
 CONTROLLED: Final = ("arc", "force", "surface", "dual")  #: Experiments in which a controller drives the cell
+REAL_ARM: Final = ("arc", "force", "surface")  #: Those that may be done by an arm with elastic joints
 ON_PART: Final = ("force", "surface", "dual")  #: Those with a part to press on
 
 
@@ -120,6 +122,9 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
     if scenario.payload.file:
         read_calibrated_tool(Path(scenario.payload.file))
     events = parse_events(scenario.faults.events)
+    if scenario.experiment not in REAL_ARM:
+        require_ideal(scenario, scenario.experiment)
+    is_real(scenario)
     if scenario.experiment not in CONTROLLED:
         return
     if scenario.experiment in ON_PART:

@@ -13,6 +13,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
+from polish_sim.cell.real_arm import require_ideal
 from polish_sim.cell.scene import lay_part, robot_spec
 from polish_sim.config import HandConfig, Scenario
 from polish_sim.errors import InputError
@@ -41,6 +42,7 @@ def build_torque_arm(scenario: Scenario, joints: Sequence[str], part: LaidPart |
     Nothing holds its weight but the motors: the model file's balancing of the links is taken off. ``part``: what lies
     on the table before it, or None; its contact is not computed.
     """
+    require_ideal(scenario, "hand guiding")
     spec, guide = robot_spec(scenario), scenario.guide
     for body in spec.bodies:
         body.gravcomp = 0.0

@@ -11,6 +11,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.playback import JointTargets, play_joints
+from polish_sim.cell.real_arm import require_ideal
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
 from polish_sim.errors import InputError
@@ -59,6 +60,7 @@ def build_arm(terms: tuple[str, ...], scenario: Scenario = SCENARIO, load: Carri
 
     ``terms``: of the torque model; ``load``: what is bolted to the last link besides.
     """
+    require_ideal(scenario, "identification")
     model = build_scene(replace(scenario, robot=replace(scenario.robot, payload_error=0.0)), None, None)
     if load is not None:
         carry(model, LAST_LINK, load)

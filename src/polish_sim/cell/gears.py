@@ -1,0 +1,179 @@
+"""Elastic joints with rotors of their own: motor -> rotor -> gear -> link, as a UR5e's are.
+
+The engine moves the links. Each rotor is one equation here, at the joint's scale (angle of the motor by the ratio):
+
+    J dw/dt = servo + weight - friction - (1 + error') torque,   torque = elastic(twist) + hysteresis + D d(twist)/dt
+    twist = rotor + error(rotor) - joint
+
+The gear's elastic torque is taken at the step's beginning, everything that damps at its end, for rotor and link
+together: the rotor's speed is eliminated, what is left damps the joint and goes to the engine's implicit integrator.
+So both feel the same torque, springs neither gain nor lose, and stiff wrists stay stable at 1 ms.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from polish_sim.arrays import Array
+from polish_sim.cell.engine import EngineViews
+from polish_sim.cell.host_arm import HostArm, read_encoders
+from polish_sim.kernels import Record, Vector6, kernel
+
+Slopes = Annotated[Array, (6, 3)]
+Knees = Annotated[Array, (6, 2)]
+
+
+class RealArm(Record):
+    """Settings and state of the joints, and the arm as the host computes it."""
+
+    stiffness: Slopes  #: Between the knees [N m/rad]
+    knees: Knees  #: Torques at which it changes [N m]
+    bends: Knees  #: Twists there [rad]
+    coupling: Vector6  #: Damping of the gears in the step [N m s/rad]
+    lost_torque: Vector6  #: Largest torque of the hysteresis [N m]
+    rise: float  #: Twist in which it builds up [rad]
+    inertia: Vector6  #: Rotors [kg m^2]
+    waves: float  #: Periods of the gears' error in a turn of the joint
+    error: Annotated[Array, (6, 4)]  #: Factors of its sine, cosine and of those of twice the angle [rad]
+    viscous: Vector6  #: [N m s/rad]
+    coulomb: Vector6  #: [N m]
+    driving: float  #: More of it by the gear's torque, when the motor drives [-]
+    driven: float  #: When the load drives [-]
+    cold: float  #: Share of friction more than warm, at the start [-]
+    warming: float  #: [s]
+    kp: Vector6  #: Servos [N m/rad]
+    kv: Vector6  #: [N m s/rad]
+    limit: Vector6  #: Of the motors [N m]
+    lag: float  #: Share of the way to the command that the set point goes in a step [-]
+    on_link: bool  #: The position is controlled, and heard of, on the link's side
+    link_rate: float  #: Share of the position error corrected in a step there [-]
+    encoder: float  #: Step [rad]
+    missed_steps: int  #: Steps a gap in the link to the host lasts
+    missed_mean: float  #: Steps between gaps, on average; 0 for none
+    missed_next: int  #: Step at which the next gap begins
+    dice: int  #: Random number for the next one
+    waited: int  #: Steps since the host last acted
+    heard: bool  #: Whether it acted in the last step
+    set_point: Vector6  #: [rad]
+    set_speed: Vector6  #: [rad/s]
+    correction: Vector6  #: Of the set point, by the encoders on the link's side [rad]
+    angle: Vector6  #: Rotors [rad]
+    speed: Vector6  #: [rad/s]
+    twist: Vector6  #: Of the gears [rad]
+    ratio: Vector6  #: 1 + error' at this instant [-]
+    hysteresis: Vector6  #: [N m]
+    torque: Vector6  #: Of the gears' springs, hysteresis included [N m]
+    push: Vector6  #: Motor torque at rest, and what its speed takes off
+    stiffened: Vector6  #: [N m s/rad]
+    dry: Vector6  #: Coulomb friction in this step [N m]
+    free: Vector6  #: Rotor speed after the step if the joint stood still [rad/s]
+    share: Vector6  #: Of the joint's speed that the rotor takes on [-]
+    read: Vector6  #: Joint angles as the host hears of them [rad]
+    read_speed: Vector6  #: [rad/s]
+    host: HostArm
+    tool_speed: float  #: Exact speed of the tool point [m/s]
+
+
+@kernel
+def elastic_torque(arm: RealArm, j: int, twist: float) -> float:
+    """Torque of the spring of gear ``j``, three slopes [N m]."""
+    size = abs(twist)
+    if size <= arm.bends[j, 0]:
+        torque = arm.stiffness[j, 0] * size
+    elif size <= arm.bends[j, 1]:
+        torque = arm.knees[j, 0] + arm.stiffness[j, 1] * (size - arm.bends[j, 0])
+    else:
+        torque = arm.knees[j, 1] + arm.stiffness[j, 2] * (size - arm.bends[j, 1])
+    return math.copysign(torque, twist)
+
+
+@kernel
+def update_twist(arm: RealArm, j: int, joint: float) -> None:
+    """Twist of gear ``j`` with the joint at an angle [rad], and the slope of its transmission there."""
+    phase = arm.waves * arm.angle[j]
+    s, c, a = math.sin(phase), math.cos(phase), arm.error[j]
+    s2, c2 = 2.0 * s * c, c * c - s * s
+    arm.twist[j] = arm.angle[j] + a[0] * s + a[1] * c + a[2] * s2 + a[3] * c2 - joint
+    arm.ratio[j] = 1.0 + arm.waves * (a[0] * c - a[1] * s + 2.0 * (a[2] * c2 - a[3] * s2))
+
+
+@kernel
+def slip(torque: float, moved: float, most: float, rise: float) -> float:
+    """Torque of the hysteresis (Dahl) [N m] after the gear twisted by ``moved`` [rad]: towards ``most`` against it."""
+    most = math.copysign(most, moved)
+    return most + (torque - most) * math.exp(-abs(moved) / rise)
+
+
+@kernel
+def hear_joints(arm: RealArm, e: EngineViews) -> None:
+    """Joint angles and speeds as the encoders give them, and where the host computes the arm to be."""
+    for j in range(6):
+        angle = e.qpos[j] if arm.on_link else arm.angle[j]
+        arm.read[j] = math.floor(angle / arm.encoder + 0.5) * arm.encoder if arm.encoder > 0.0 else angle
+        arm.read_speed[j] = e.qvel[j] if arm.on_link else arm.speed[j]
+    read_encoders(arm.host, arm.read, 0)
+
+
+@kernel
+def host_hears(arm: RealArm, due: bool, step: int) -> bool:
+    """Whether the host acts at this step, at which it is due or not; ``waited`` are the steps since it last did."""
+    arm.waited = 1 if arm.heard else arm.waited + 1
+    arm.heard = False
+    if arm.missed_mean > 0.0 and step >= arm.missed_next:
+        if step < arm.missed_next + arm.missed_steps:
+            return False
+        arm.dice = (arm.dice * 1103515245 + 12345) % 2147483648
+        arm.missed_next = step + 1 - int(arm.missed_mean * math.log((arm.dice + 1.0) / 2147483648.0))
+    arm.heard = due
+    return due
+
+
+@kernel
+def drive_joints(arm: RealArm, e: EngineViews, t: float) -> None:
+    """Servos, rotors and gears up to the engine's step: the torques the joints get, and what damps them in it.
+
+    Between ``mj_step1`` and ``mj_step2``. The weight the robot carries for itself is the motors' here, not the links'.
+    """
+    dt, warm = e.dt, 1.0 + arm.cold * math.exp(-t / arm.warming)
+    for j in range(6):
+        arm.set_point[j] += arm.lag * (e.ctrl[2 * j] - arm.set_point[j])
+        arm.set_speed[j] += arm.lag * (e.ctrl[2 * j + 1] - arm.set_speed[j])
+        if arm.on_link:
+            arm.correction[j] += arm.link_rate * (arm.set_point[j] - arm.read[j])
+        seen = arm.read[j] if not arm.on_link else arm.angle[j]
+        weight, b, k = e.qfrc_gravcomp[j], arm.coupling[j], arm.ratio[j]
+        push = arm.kp[j] * (arm.set_point[j] + arm.correction[j] - seen) + arm.kv[j] * arm.set_speed[j] + weight
+        torque = elastic_torque(arm, j, arm.twist[j]) + arm.hysteresis[j]
+        momentum = arm.inertia[j] * arm.speed[j] - dt * k * torque
+        damped = arm.inertia[j] + dt * (warm * arm.viscous[j] + k * k * b)
+        # As fast as it would be without dry friction and with the joint's speed as it is.
+        stiff, carried = arm.kv[j], dt * k * b * e.qvel[j]
+        motor = push - stiff * (momentum + carried + dt * push) / (damped + dt * stiff)
+        if abs(motor) > arm.limit[j]:
+            push, stiff = math.copysign(arm.limit[j], motor), 0.0
+        damped += dt * stiff
+        speed = (momentum + carried + dt * push) / damped
+        load = arm.driving if torque * speed > 0.0 else arm.driven
+        most = warm * (arm.coulomb[j] + load * abs(torque))
+        dry = math.copysign(min(most, damped * abs(speed) / dt), speed)
+        arm.torque[j], arm.push[j], arm.stiffened[j], arm.dry[j] = torque, push, stiff, dry
+        arm.free[j] = (momentum + dt * (push - dry)) / damped
+        arm.share[j] = dt * k * b / damped
+        # The engine has taken the joint's damping of the last step into its forces already.
+        left = b * (1.0 - k * arm.share[j])
+        e.qfrc_applied[j] = torque + b * k * arm.free[j] - weight + (e.dof_damping[j] - left) * e.qvel[j]
+        e.dof_damping[j] = left
+
+
+@kernel
+def follow_joints(arm: RealArm, e: EngineViews) -> None:
+    """Rotors, twists and hysteresis after the engine's step; the motors' torques where the engine has its own."""
+    for j in range(6):
+        speed = arm.free[j] + arm.share[j] * e.qvel[j]
+        arm.speed[j] = speed
+        arm.angle[j] += e.dt * speed
+        before = arm.twist[j]
+        update_twist(arm, j, e.qpos[j])
+        arm.hysteresis[j] = slip(arm.hysteresis[j], arm.twist[j] - before, arm.lost_torque[j], arm.rise)
+        e.qfrc_actuator[j] = arm.push[j] - arm.stiffened[j] * speed

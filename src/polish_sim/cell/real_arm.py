@@ -1,0 +1,199 @@
+"""The robot of a scenario with elastic joints: the engine's model of it, its geometry as built, and how it starts.
+
+The host's table stays the nominal one, by which everything is planned; the arm's own differs from it by what its
+calibration has left. That is the same as an arm with any table whose host has one as close to it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from polish_sim.arrays import Array
+from polish_sim.cell.gears import RealArm, update_twist
+from polish_sim.cell.host_arm import build_host_arm
+from polish_sim.cell.scene import bend_links
+from polish_sim.config import RealArmConfig, Scenario
+from polish_sim.errors import ConfigError, unknown_name
+from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
+
+ARMS: Final = ("ideal", "ur5e")
+SIDES: Final = ("motor", "link")
+TABLES: Final = ("calibrated", "uncalibrated", "exact")
+_STREAM: Final = 17  # of the scenario's seed, for what is drawn of the arm itself
+_LIGHT: Final = 0.25  # share of a joint's inertia its gear's stiffness may have in a step without more damping
+_TARGETS: Final = np.array([[0.0, 0.0, 0.22, 1.0], [0.15, 0.0, 0.1, 1.0], [0.0, 0.15, 0.1, 1.0]])
+"""Points on the tool that a calibration measures, flange frame [m]."""
+_AROUND: Final = np.array([0.5, 0.4, 0.5, 0.6, 0.6, 1.0])
+"""How far the joints are from where the work starts in the poses of a calibration, at most [rad]."""
+
+
+def is_real(scenario: Scenario) -> bool:
+    """Whether the robot has elastic joints.
+
+    Raises:
+        PolishSimError: A word of its settings is not known, or they contradict each other.
+    """
+    robot, real = scenario.robot, scenario.robot.real
+    choices = (("robot.arm", robot.arm, ARMS), ("robot.real.servo_side", real.servo_side, SIDES),
+               ("robot.real.kinematics", real.kinematics, TABLES))  # fmt: skip
+    for key, word, known in choices:
+        if word not in known:
+            raise unknown_name(key, word, known)
+    if np.any(np.array(real.knee_2_nm) <= real.knee_1_nm):
+        raise ConfigError("robot.real.knee_2_nm must be above robot.real.knee_1_nm in every joint.")
+    return robot.arm == "ur5e"
+
+
+def require_ideal(scenario: Scenario, what: str) -> None:
+    """Refuse elastic joints where they are not simulated yet.
+
+    Raises:
+        ConfigError: Saying where they are.
+    """
+    if is_real(scenario):
+        raise ConfigError(
+            f"{what} knows the ideal arm only; robot.arm = ur5e is simulated by arc, force and surface. "
+            "Set robot.arm=ideal."
+        )
+
+
+def gear_twists(real: RealArmConfig, torque: Array) -> Array:
+    """Twist of the gears' springs, shape (n, 6) [rad], under torques of that shape [N m]."""
+    knees, bends = _knees(real)
+    size = np.abs(torque)
+    below, between = size / np.array(real.stiffness_1_nm_rad), (size - knees[0]) / np.array(real.stiffness_2_nm_rad)
+    above = (size - knees[1]) / np.array(real.stiffness_3_nm_rad)
+    twist = np.where(size <= knees[0], below, np.where(size <= knees[1], bends[0] + between, bends[1] + above))
+    return np.asarray(np.copysign(twist, torque))
+
+
+def _knees(real: RealArmConfig) -> tuple[Array, Array]:
+    """Torques [N m] and twists [rad] at which the stiffness changes, each of shape (2, 6)."""
+    knees = np.array([real.knee_1_nm, real.knee_2_nm])
+    first = knees[0] / np.array(real.stiffness_1_nm_rad)
+    return knees, np.array([first, first + (knees[1] - knees[0]) / np.array(real.stiffness_2_nm_rad)])
+
+
+def weights(model: mujoco.MjModel, q: Array) -> Array:
+    """Torques that hold the arm's weight and its tool's, shape (n, 6) [N m], at joint angles (n, 6) [rad]."""
+    data, torques = mujoco.MjData(model), np.empty_like(q)
+    for k, joints in enumerate(q):
+        data.qpos[:6] = joints
+        mujoco.mj_forward(model, data)
+        torques[k] = data.qfrc_bias[:6]
+    return torques
+
+
+def built_table(scenario: Scenario, model: mujoco.MjModel, q_start: Array) -> Array:
+    """Table of the arm as built, (4, 6), given that its host's is the nominal one; ``model`` weighs it.
+
+    Calibrated: points on the tool are measured in random poses around the work at ``q_start`` (6,) [rad], the weight
+    acting, and a table is fitted; the arm's is the nominal one plus what that fit got wrong. Uncalibrated: the errors
+    as they were built.
+    """
+    real = scenario.robot.real
+    if real.kinematics == "exact":
+        return NOMINAL
+    rng = np.random.default_rng([scenario.seed, _STREAM])
+    sizes = np.array([real.angle_error_rad, real.length_error_m, real.length_error_m, real.angle_error_rad])
+    built = sizes[:, None] * rng.standard_normal((4, 6))
+    if real.kinematics == "uncalibrated":
+        return np.asarray(NOMINAL + built)
+    q = q_start + _AROUND * rng.uniform(-1.0, 1.0, (real.calibration_poses, 6))
+    # The encoders are at q; joints behind the motors' hang back by what the gears wind up.
+    hanging = gear_twists(real, weights(model, q)) if real.servo_side == "motor" else np.zeros_like(q)
+    points = _points(q - hanging, NOMINAL + built)
+    off = points - _points(q, NOMINAL) + real.calibration_noise_m * rng.standard_normal(points.shape)
+    frames = np.repeat(link_frames(q), len(_TARGETS), axis=0)
+    slopes = table_slopes(frames, _points(q, NOMINAL).reshape(-1, 3)).reshape(-1, 24)
+    fitted = np.linalg.lstsq(slopes, off.ravel(), rcond=1e-9)[0]
+    return np.asarray(NOMINAL + built - fitted.reshape(4, 6))
+
+
+def _points(q: Array, table: Array) -> Array:
+    """Points on the tool, shape (n, 3, 3) [m]: pose, point, coordinate."""
+    return np.asarray((link_frames(q, table)[:, 6, None] @ _TARGETS[:, :, None])[..., :3, 0])
+
+
+def build_real_arm(
+    scenario: Scenario, model: mujoco.MjModel, data: mujoco.MjData, q_start: Array, T_flange_tool: Array
+) -> RealArm:
+    """Joints at rest with their encoders at ``q_start`` (6,) [rad].
+
+    The model becomes one of links without servos, rotors and friction, bent as built; ``data`` gets the links' angles.
+    """
+    real, dt = scenario.robot.real, scenario.simulation.timestep_s
+    rng = np.random.default_rng([scenario.seed, _STREAM, 1])
+    knees, bends = _knees(real)
+    stiffness = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
+    lost = 0.5 * np.array(real.lost_motion_rad) * stiffness[0]
+    waves = 2.0 * real.gear_ratio
+    arm = RealArm(
+        stiffness=stiffness.T, knees=knees.T, bends=bends.T, lost_torque=lost, rise=real.lost_motion_rise_rad,
+        inertia=real.rotor_kg_m2, waves=waves, error=_gear_errors(real, rng),
+        viscous=real.viscous_nm_s_rad, coulomb=real.coulomb_nm, driving=real.coulomb_driving,
+        driven=real.coulomb_driven, cold=real.cold_friction, warming=real.warming_s,
+        kp=-model.actuator_biasprm[:6, 1], kv=-model.actuator_biasprm[:6, 2], limit=model.actuator_forcerange[:6, 1],
+        lag=1.0 - math.exp(-dt / real.servo_lag_s) if real.servo_lag_s else 1.0, on_link=real.servo_side == "link",
+        link_rate=2.0 * math.pi * real.link_servo_hz * dt, encoder=real.encoder_rad,
+        missed_steps=math.ceil(real.missed_s / dt), missed_mean=60.0 / (real.missed_per_min * dt or math.inf),
+        missed_next=-math.ceil(real.missed_s / dt), dice=int(rng.integers(1, 2**31)),
+        waited=scenario.simulation.control_every - 1, set_point=q_start, angle=q_start,
+        host=build_host_arm(NOMINAL, np.eye(4), T_flange_tool),
+    )  # fmt: skip
+    _soften(model, built_table(scenario, model, q_start))
+    _hang_links(arm, model, data, real, q_start)
+    arm.coupling = _coupling(arm, model, data, real, dt)
+    return arm
+
+
+def _soften(model: mujoco.MjModel, table: Array) -> None:
+    """Leave the links to the engine, by a table (4, 6)."""
+    model.dof_armature[:6] = model.dof_frictionloss[:6] = 0.0
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    links = [model.body(f"link_{number}") for number in range(1, 7)]
+    bend_links(links, [model.joint(int(link.jntadr[0])) for link in links], table)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def _hang_links(arm: RealArm, model: mujoco.MjModel, data: mujoco.MjData, real: RealArmConfig, q_start: Array) -> None:
+    """Rest under the weight, with the encoders that count at ``q_start``: write the links' angles or the motors'."""
+    for _ in range(4):
+        hanging = gear_twists(real, weights(model, data.qpos[None, :6]))[0]
+        for j in range(6):
+            update_twist(arm, j, float(data.qpos[j]))
+        if arm.on_link:
+            arm.angle += hanging - arm.twist
+        else:
+            data.qpos[:6] += arm.twist - hanging
+    arm.twist, arm.correction = hanging, arm.angle - q_start
+
+
+def _gear_errors(real: RealArmConfig, rng: np.random.Generator) -> Array:
+    """Factors of sine and cosine of the gears' error and of twice its angle, shape (6, 4) [rad], phases drawn."""
+    phases, share = rng.uniform(0.0, 2.0 * np.pi, (6, 2)), real.second_harmonic * rng.uniform(0.0, 1.0, 6)
+    angle = np.linspace(0.0, 2.0 * np.pi, 721)
+    wave = np.sin(angle + phases[:, :1]) + share[:, None] * np.sin(2.0 * angle + phases[:, 1:])
+    size = np.array(real.gear_error_rad) / np.ptp(wave, axis=1)
+    first, second = size * np.array([np.cos(phases[:, 0]), np.sin(phases[:, 0])]), size * share
+    return np.column_stack([*first, second * np.cos(phases[:, 1]), second * np.sin(phases[:, 1])])
+
+
+def _coupling(arm: RealArm, model: mujoco.MjModel, data: mujoco.MjData, real: RealArmConfig, dt: float) -> Array:
+    """Damping of the gears in a step (6,) [N m s/rad]: their own, or so much that a light joint stays stable.
+
+    Without damping a spring is stable in steps up to k dt^2 = 4 m. With k dt for damping it is taken at the step's
+    end, stable at any; that damps a vibration the steps are too long to show.
+    """
+    stiffest = arm.stiffness.max(axis=1) + arm.lost_torque / arm.rise
+    mujoco.mj_forward(model, data)
+    inertia = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    alone = 1.0 / np.diag(np.linalg.inv(inertia))[:6]
+    light = 0.25 * stiffest * dt**2 > _LIGHT * alone
+    damping = np.array(real.damping_nm_s_rad)
+    return np.where(light, np.maximum(damping, stiffest * dt), damping)

@@ -1,0 +1,362 @@
+"""Elastic joints against known truth: statics, first resonance, energy, stability; and what the host sees of them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+import pytest
+from numba import njit
+from scipy.linalg import eig
+
+from polish_sim.cell import build_scene, tool_on_flange
+from polish_sim.cell.engine import engine_views, mj_step1, mj_step2, register_engine
+from polish_sim.cell.gears import drive_joints, elastic_torque, follow_joints, hear_joints, slip, update_twist
+from polish_sim.cell.playback import JointTargets, play_joints
+from polish_sim.cell.real_arm import build_real_arm, gear_twists, weights
+from polish_sim.errors import ConfigError, InputError
+from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.kernels import Record, Vector6
+from polish_sim.scenario_file import override
+from tests.cell.cells import Array
+
+NONE = "[0,0,0,0,0,0]"
+REAL = "robot.arm=ur5e"
+NO_FRICTION = [
+    f"robot.real.viscous_nm_s_rad={NONE}", f"robot.real.coulomb_nm={NONE}", "robot.real.coulomb_driving=0",
+    "robot.real.coulomb_driven=0",
+]  # fmt: skip
+NO_HYSTERESIS = f"robot.real.lost_motion_rad={NONE}"
+SPRINGS_ONLY = [
+    REAL, *NO_FRICTION, NO_HYSTERESIS, f"robot.real.gear_error_rad={NONE}", "robot.real.encoder_rad=0",
+    "robot.real.kinematics=exact", "robot.real.servo_lag_s=0",
+]  # fmt: skip
+STRETCHED = np.array([0.3, -0.35, 0.5, -1.7, -1.57, 0.4])
+HOME = np.array([1.3, -1.59, 1.51, -1.49, -1.57, -0.27])
+FOLDED = np.array([1.1, -2.0, 2.3, -1.9, -1.57, 0.2])
+
+
+class JointStep(Record):
+    """What one step did to the joints."""
+
+    angle: Vector6
+    speed: Vector6
+    twist: Vector6
+    ratio: Vector6
+    hysteresis: Vector6
+    spring: Vector6
+    q: Vector6
+    qd: Vector6
+    tool: Vector6  #: Position, then zeros
+
+
+@njit(cache=True, error_model="numpy")
+def _go(e, arm, steps, tool):  # type: ignore[no-untyped-def]
+    for k in range(len(steps)):
+        mj_step1(e.model, e.data)
+        hear_joints(arm, e)
+        row = steps[k]
+        for j in range(6):
+            row.angle[j], row.speed[j], row.twist[j] = arm.angle[j], arm.speed[j], arm.twist[j]
+            row.ratio[j], row.hysteresis[j], row.q[j], row.qd[j] = arm.ratio[j], arm.hysteresis[j], e.qpos[j], e.qvel[j]
+        for i in range(3):
+            row.tool[i] = e.site_xpos[tool, i]
+        drive_joints(arm, e, 0.0)
+        for j in range(6):
+            row.spring[j] = arm.torque[j]
+        mj_step2(e.model, e.data)
+        follow_joints(arm, e)
+
+
+class Joints(NamedTuple):
+    """The arm alone, no control loop: its servos hold where it starts."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    arm: object
+    dt: float
+
+    def go(self, seconds: float) -> np.ndarray:
+        """Step on; what happened, one row a step."""
+        rows = np.zeros(round(seconds / self.dt), JointStep.dtype)
+        _go(engine_views(self.model, self.data), self.arm, rows.view(np.recarray), self.model.site("tool").id)
+        return rows
+
+    def pull(self, force: Array) -> None:
+        """Pull at the tool point by a force in the base frame [N]."""
+        mount, tool = self.model.body("tool_mount").id, self.data.site("tool").xpos
+        self.data.xfrc_applied[mount, :3] = force
+        self.data.xfrc_applied[mount, 3:] = np.cross(tool - self.data.xipos[mount], force)
+
+    def jacobian(self) -> Array:
+        """Of the tool point, shape (3, 6)."""
+        J = np.zeros((3, self.model.nv))
+        mujoco.mj_jacSite(self.model, self.data, J, None, self.model.site("tool").id)
+        return J[:, :6]
+
+
+def joints_at(q: Array, *settings: str, gravity: bool = True) -> Joints:
+    register_engine()
+    scenario = override(default_scenario("arc"), [REAL, *settings])
+    model = build_scene(scenario, None, None)
+    if not gravity:
+        model.opt.gravity[:] = 0.0
+    data = mujoco.MjData(model)
+    data.qpos[:6] = data.ctrl[0:12:2] = q
+    arm = build_real_arm(scenario, model, data, q, tool_on_flange())
+    mujoco.mj_forward(model, data)
+    return Joints(model, data, arm, scenario.simulation.timestep_s)
+
+
+def tangents(joints: Joints) -> Array:
+    """Stiffness of each gear at its twist [N m/rad], by differences."""
+    h, twist = 1e-7, joints.arm.twist
+    return np.array([
+        (elastic_torque(joints.arm, j, twist[j] + h) - elastic_torque(joints.arm, j, twist[j] - h)) / (2 * h)
+        for j in range(6)
+    ])  # fmt: skip
+
+
+def poses(n: int) -> Array:
+    rng = np.random.default_rng(3)
+    low, high = [-3.0, -2.2, 0.3, -2.5, -2.4, -3.0], [3.0, -0.6, 2.2, -0.5, -0.7, 3.0]
+    return rng.uniform(low, high, (n, 6))
+
+
+@pytest.mark.parametrize("gravity", [True, False])
+def test_compliance_at_the_tool_is_that_of_gears_and_servos_in_series(gravity):
+    well_damped = "robot.real.damping_nm_s_rad=[300,300,300,40,40,40]"
+    for q in poses(12):
+        joints = joints_at(q, *SPRINGS_ONLY, well_damped, gravity=gravity)
+        joints.go(0.3)
+        soft = tangents(joints)
+        if not gravity:
+            np.testing.assert_allclose(soft, joints.arm.stiffness[:, 0], rtol=1e-6)
+        J = joints.jacobian()
+        expected = J @ np.diag(1.0 / soft + 1.0 / joints.arm.kp) @ J.T
+        measured = np.empty((3, 3))
+        for i, force in enumerate(0.1 * np.eye(3)):
+            found = []
+            for sign in (1.0, -1.0):
+                joints.pull(sign * force)
+                found.append(joints.go(1.5)["tool"][-1][:3])
+            measured[:, i] = (found[0] - found[1]) / 0.2
+        np.testing.assert_allclose(measured, expected, atol=0.02 * np.linalg.norm(expected, 2))
+
+
+def first_mode(joints: Joints) -> tuple[complex, Array]:
+    """Slowest vibration of links, head and rotors around the pose, linear: eigenvalue [1/s] and complex shape (13,)."""
+    model, arm, nv = joints.model, joints.arm, joints.model.nv
+    M = np.zeros((nv + 6, nv + 6))
+    links = np.zeros((nv, nv))
+    mujoco.mj_fullM(model, joints.data, links)
+    M[:nv, :nv], M[nv:, nv:] = links, np.diag(arm.inertia)
+    K, D = np.zeros_like(M), np.zeros_like(M)
+    for matrix, gear, servo in ((K, tangents(joints), arm.kp), (D, arm.coupling, arm.kv)):
+        for j in range(6):
+            matrix[np.ix_([j, nv + j], [j, nv + j])] += gear[j] * np.array([[1.0, -1.0], [-1.0, 1.0]])
+            matrix[nv + j, nv + j] += servo[j]
+    K[6, 6], D[6, 6] = model.jnt_stiffness[6], model.dof_damping[6]
+    n = nv + 6
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    values, shapes = eig(A)
+    slowest = min(np.flatnonzero(values.imag > 1.0), key=lambda k: values[k].imag)
+    return complex(values[slowest]), shapes[:n, slowest]
+
+
+@pytest.mark.parametrize("q", [STRETCHED, HOME, FOLDED])
+def test_the_first_resonance_is_that_of_the_linear_model(q):
+    joints = joints_at(q, *SPRINGS_ONLY)
+    value, shape = first_mode(joints)
+    # Let go in the shape of that vibration, with its speeds.
+    shape *= 1e-5 / np.abs(shape).max()
+    data, arm, moving = joints.data, joints.arm, (value * shape).real
+    data.qpos[:] += shape[:7].real
+    data.qvel[:], arm.speed = moving[:7], moving[7:]
+    arm.angle = arm.angle + shape[7:].real
+    arm.twist = arm.twist + (shape[7:] - shape[:6]).real
+    swing = joints.go(1.0)["q"]
+    swing = (swing - swing[-100:].mean(axis=0)) @ shape[:6].real
+    ups = np.flatnonzero((swing[:-1] < 0.0) & (swing[1:] >= 0.0))[:6]
+    crossings = ups + swing[ups] / (swing[ups] - swing[ups + 1])
+    measured = 1.0 / (np.diff(crossings).mean() * joints.dt)
+    assert measured == pytest.approx(value.imag / (2.0 * math.pi), rel=0.05)
+    if q is STRETCHED:
+        assert 8.0 < measured < 25.0
+
+
+def gear_balance(rows: np.ndarray, joints: Joints) -> tuple[float, float, float]:
+    """What the gears were given, less stored and lost [J]; the most they stored and what hysteresis lost [J]."""
+    arm, dt = joints.arm, joints.dt
+    now, then = rows[:-1], rows[1:]
+    damped = arm.coupling * (now["ratio"] * then["speed"] - then["qd"])
+    # What a torque in a step does to the kinetic energy is its product with the mean of the speeds.
+    twisting = 0.5 * (now["ratio"] * (now["speed"] + then["speed"]) - now["qd"] - then["qd"])
+    given = dt * np.sum((now["spring"] + damped) * twisting)
+    lost = dt * np.sum(damped * twisting)
+    energy = [_stored(row, arm) for row in (rows[0], rows[-1], *rows[::10])]
+    # What hysteresis takes in and does not hold.
+    held = 0.5 * arm.rise / np.maximum(arm.lost_torque, 1e-9) * np.diff(rows["hysteresis"] ** 2, axis=0)
+    slid = 0.5 * (now["hysteresis"] + then["hysteresis"]) * (then["twist"] - now["twist"]) - held
+    return given - (energy[1] - energy[0]) - lost - np.sum(slid), max(energy), np.sum(slid)
+
+
+def _stored(row: np.void, arm) -> float:
+    """Energy in the springs and, elastically, in the hysteresis [J]."""
+    total = 0.0
+    for j in range(6):
+        size, (first, second) = abs(row["twist"][j]), arm.bends[j]
+        edges = np.array([0.0, min(size, first), min(max(size, first), second), max(size, second)])
+        knots = np.unique(edges[edges <= size])
+        heights = [elastic_torque(arm, j, knot) for knot in knots]
+        total += float(np.trapezoid(heights, knots))
+        if arm.lost_torque[j] > 0.0:
+            total += 0.5 * arm.rise / arm.lost_torque[j] * row["hysteresis"][j] ** 2
+    return total
+
+
+def vibrating(dt: float, *settings: str) -> tuple[np.ndarray, Joints]:
+    """A stretched arm that was pulled down by 20 N and let go, for a second."""
+    little = "robot.real.damping_nm_s_rad=[5,5,5,1,1,1]"
+    joints = joints_at(STRETCHED, REAL, *NO_FRICTION, little, *settings, f"simulation.timestep_s={dt}")
+    joints.pull(np.array([0.0, 0.0, -20.0]))
+    joints.go(1.0)
+    joints.pull(np.zeros(3))
+    return joints.go(1.0), joints
+
+
+@pytest.mark.parametrize("settings", [[], [NO_HYSTERESIS]])
+def test_the_gears_energy_balance_closes_within_a_thousandth_a_second_and_better_in_shorter_steps(settings):
+    errors = []
+    for dt in (1e-3, 5e-4, 2.5e-4):
+        left, highest, slid = gear_balance(*vibrating(dt, *settings))
+        errors.append(abs(left) / highest)
+        assert slid >= 0.0
+    assert errors[0] < 1e-3
+    assert errors[2] < 0.6 * errors[0]
+
+
+def test_hysteresis_loses_on_every_closed_way_and_is_as_wide_as_it_should_be():
+    rng, most, rise = np.random.default_rng(1), 4.5, 1e-4
+    for _ in range(50):
+        turns = rng.uniform(-1e-3, 1e-3, 6)
+        way = np.interp(np.linspace(0, 7, 7001), np.arange(8), [0.0, *turns, 0.0])
+        # Thrice around: the last time it begins as it ends.
+        torque, work, start = 0.0, 0.0, 0.0
+        for _lap in range(3):
+            work, start = 0.0, torque
+            for moved in np.diff(way):
+                after = slip(torque, moved, most, rise)
+                work += 0.5 * (torque + after) * moved
+                torque = after
+        assert abs(torque - start) < 1e-3 * most
+        assert work > 0.0
+    joints = joints_at(HOME)
+    K, rise = joints.arm.stiffness[0, 0], joints.arm.rise
+    widths = []
+    for sign in (1.0, -1.0):
+        torque, twist = sign * joints.arm.lost_torque[0], sign * 2e-3
+        while sign * (elastic_torque(joints.arm, 0, twist) + torque) > 0.0:
+            torque, twist = slip(torque, -sign * 1e-7, joints.arm.lost_torque[0], rise), twist - sign * 1e-7
+        widths.append(twist)
+    assert widths[0] - widths[1] == pytest.approx(2.9e-4, rel=0.02)
+    assert K == 31e3
+
+
+@pytest.mark.parametrize("dt", [1e-3, 2e-3])
+def test_the_last_wrist_is_stable_behind_its_stiffest_slope(dt):
+    stiff = [f"robot.real.stiffness_{i}_nm_rad=[57e3,57e3,57e3,7100,7100,7100]" for i in (1, 2)]
+    undamped = f"robot.real.damping_nm_s_rad={NONE}"
+    joints = joints_at(HOME, *SPRINGS_ONLY, *stiff, undamped, f"simulation.timestep_s={dt}")
+    inertia = np.zeros((7, 7))
+    mujoco.mj_fullM(joints.model, joints.data, inertia)
+    alone = 1.0 / np.linalg.inv(inertia)[5, 5]
+    assert alone < 0.0018
+    assert 7100.0 * dt**2 > 4.0 * alone  # explicit steps would run away
+    joints.data.qvel[5] = 0.5
+    rows = joints.go(2.0)
+    twist = np.abs(rows["twist"][:, 5])
+    assert twist.max() < 1.5 * 0.5 * math.sqrt(alone / 7100.0) + 2e-6
+    assert twist[-100:].max() < 1e-6
+
+
+def test_rigid_gears_leave_what_the_servos_give():
+    rigid = [f"robot.real.stiffness_{i}_nm_rad=[1e8,1e8,1e8,1e8,1e8,1e8]" for i in (1, 2, 3)]
+    joints = joints_at(STRETCHED, *SPRINGS_ONLY, *rigid)
+    before = joints.go(0.2)["tool"][-1][:3].copy()
+    force = np.array([0.0, 0.0, -20.0])
+    joints.pull(force)
+    sunk = joints.go(1.0)["tool"][-1][:3] - before
+    J = joints.jacobian()
+    expected = J @ np.diag(1.0 / joints.arm.kp) @ J.T @ force
+    np.testing.assert_allclose(sunk, expected, atol=0.01 * np.linalg.norm(expected))
+
+
+def test_the_gears_error_has_two_periods_a_turn_of_the_motor_and_the_height_it_should():
+    joints = joints_at(HOME)
+    angles = np.linspace(0.0, 2.0 * np.pi, 200 * 60, endpoint=False)
+    for j in range(6):
+        error = np.empty_like(angles)
+        for k, angle in enumerate(angles):
+            joints.arm.angle[j] = angle
+            update_twist(joints.arm, j, angle)
+            error[k] = joints.arm.twist[j]
+        assert np.ptp(error) == pytest.approx(2.9e-4 if j < 3 else 4.4e-4, rel=0.01)
+        assert np.abs(np.fft.rfft(error)).argmax() == 200
+
+
+@pytest.mark.parametrize("side", ["motor", "link"])
+def test_it_rests_under_its_weight_where_the_encoders_say(side):
+    joints = joints_at(STRETCHED, f"robot.real.servo_side={side}", "robot.real.encoder_rad=0")
+    hanging = gear_twists(default_scenario("arc").robot.real, weights(joints.model, joints.data.qpos[None, :6].copy()))[
+        0
+    ]
+    rows = joints.go(0.5)
+    np.testing.assert_allclose(joints.arm.read, STRETCHED, atol=1e-9)
+    np.testing.assert_allclose(rows["twist"][-1], hanging, atol=1e-9)
+    assert 5e-4 < abs(hanging[1]) < 3e-3
+    assert np.abs(rows["tool"] - rows["tool"][0]).max() < 1e-8
+
+
+@pytest.mark.parametrize(("seed", "side"), [(0, "motor"), (1, "motor"), (2, "motor"), (0, "link")])
+def test_the_arc_errs_as_a_real_arm_does(seed, side):
+    settings = [REAL, f"seed={seed}", f"robot.real.servo_side={side}", "process.max_feed_s=20"]
+    figures = run_experiment(override(default_scenario("arc"), settings)).figures
+    assert figures["protective_stop"] is None
+    low, high = (0.05e-3, 0.3e-3) if side == "motor" else (0.005e-3, 0.1e-3)
+    assert low < figures["tracking_error_max_m"] < high
+    assert figures["speed_mean_m_s"] == pytest.approx(0.01, abs=5e-5)
+
+
+def test_the_same_seed_gives_the_same_arm_and_another_another():
+    settings = [REAL, "process.max_feed_s=3"]
+    runs = [
+        run_experiment(override(default_scenario("arc"), [*settings, f"seed={seed}"])).log["tcp_position_m"]
+        for seed in (4, 4, 5)
+    ]
+    assert runs[0].tobytes() == runs[1].tobytes()
+    assert np.abs(runs[0] - runs[2][: len(runs[0])]).max() > 1e-5
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("robot.arm=ur10", "ideal"),
+        ("robot.real.servo_side=both", "motor"),
+        ("robot.real.kinematics=perfect", "calibrated"),
+        ("robot.real.stiffness_1_nm_rad=[0,1,1,1,1,1]", "outside 100"),
+        ("robot.real.gear_ratio=0", "outside 1"),
+        ("robot.real.knee_2_nm=[10,48,48,6.9,6.9,6.9]", "knee_2_nm"),
+    ],
+)
+def test_bad_settings_are_refused(setting, message):
+    with pytest.raises((ConfigError, InputError), match=message):
+        run_experiment(override(default_scenario("arc"), [REAL, setting]))
+
+
+def test_what_does_not_know_elastic_joints_says_so():
+    scenario = override(default_scenario("smooth"), [REAL])
+    with pytest.raises(ConfigError, match="ideal arm only"):
+        play_joints(scenario, JointTargets(np.tile(HOME, (3, 1)), np.zeros((3, 6))))
