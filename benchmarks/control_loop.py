@@ -51,6 +51,8 @@ def measure() -> Iterator[Row]:
         yield Row(f"{name}: ratio", f"{loop / bare:.2f}", limit)
         scaled = (loop - bare) * 4.5 / bare
         yield Row(f"{name}: above bare, scaled to bare = 4.5 us", f"{scaled:.2f} us", "7 us" if limit != "-" else "-")
+    bare, loop = _interleaved(_pressing_cell("hybrid-pi", "ur5e"), _pressing_cell("hybrid-pi"))
+    yield Row("hybrid-pi on the elastic arm: over a bare step of the ideal one", f"{loop / bare:.2f}", "2.0")
 
 
 def measure_pair() -> Iterator[Row]:
@@ -85,7 +87,7 @@ def measure_pair() -> Iterator[Row]:
     yield Row("two robots: over the loop of one", f"{both / alone:.2f}", "2.2")
 
 
-def _pressing_cell(controller: str) -> Cell:
+def _pressing_cell(controller: str, arm: str = "ideal") -> Cell:
     """A cell that has come into contact and holds on."""
     scenario = default_scenario("force")
     law = "hybrid-pi" if controller == "wrapped" else controller
@@ -93,6 +95,7 @@ def _pressing_cell(controller: str) -> Cell:
         scenario,
         process=replace(scenario.process, hold_s=1.0),
         controller=replace(scenario.controller, name=law),
+        robot=replace(scenario.robot, arm=arm),
     )
     cell = prepare_force(scenario).cell
     if controller == "wrapped":
@@ -121,18 +124,19 @@ def _go_on(kernel: CellKernel) -> None:
     status.stop, status.arrived, kernel.state.sequence.stage = NO_STOP, False, PROCESS
 
 
-def _interleaved(cell: Cell) -> tuple[float, float]:
-    """Median cost of a bare and of a closed-loop step [us]."""
+def _interleaved(cell: Cell, other: Cell | None = None) -> tuple[float, float]:
+    """Median cost of a bare and of a closed-loop step [us]; bare steps are those of the ``other`` cell if given."""
+    resting = other or cell
     kernel = cell.kernel._replace(stroke=cell.strokes[0]._replace(hold=np.inf))
     _go_on(kernel)
     recorder = build_recorder(CHUNK, 4)
-    bare_data = mujoco.MjData(cell.model)
-    bare_data.qpos[:], bare_data.ctrl[:] = cell.data.qpos, cell.data.ctrl
-    bare_data.xfrc_applied[:] = cell.data.xfrc_applied
+    bare_data = mujoco.MjData(resting.model)
+    bare_data.qpos[:], bare_data.ctrl[:] = resting.data.qpos, resting.data.ctrl
+    bare_data.xfrc_applied[:] = resting.data.xfrc_applied
     bare, loop = [], []
     for _ in range(ROUNDS):
         begin = time.perf_counter()
-        _bare_steps(kernel.engine.model, bare_data._address, STEPS)
+        _bare_steps(resting.kernel.engine.model, bare_data._address, STEPS)
         bare.append(time.perf_counter() - begin)
         begin = time.perf_counter()
         for _ in range(STEPS // CHUNK):

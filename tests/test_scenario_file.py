@@ -126,7 +126,7 @@ def test_keys_a_file_does_not_name_keep_their_value(tmp_path: Path) -> None:
 BAD_FILES = [
     ("speed = 3", ["'speed'", "seed"]),
     ("[pad]\nradios_m = 0.02", ["'pad.radios_m'", "radius_m"]),
-    ("[robot.arm]\nx = 1", ["'robot.arm'", "command_latency_s"]),
+    ("[robot.leg]\nx = 1", ["'robot.leg'", "command_latency_s"]),
     ("pad = 3", ["'pad'", "[pad]"]),
     ("[pad]\nradius_m = '2 cm'", ["'pad.radius_m'", "number", "2 cm"]),
     ("[pad]\nradius_m = true", ["'pad.radius_m'", "number"]),

@@ -140,7 +140,7 @@ def build_real_arm(
         kp=-model.actuator_biasprm[:6, 1], kv=-model.actuator_biasprm[:6, 2], limit=model.actuator_forcerange[:6, 1],
         lag=1.0 - math.exp(-dt / real.servo_lag_s) if real.servo_lag_s else 1.0, on_link=real.servo_side == "link",
         link_rate=2.0 * math.pi * real.link_servo_hz * dt, encoder=real.encoder_rad,
-        missed_steps=math.ceil(real.missed_s / dt), missed_mean=60.0 / (real.missed_per_min * dt or math.inf),
+        missed_steps=math.ceil(real.missed_s / dt), missed_mean=real.missed_every_s / dt,
         missed_next=-math.ceil(real.missed_s / dt), dice=int(rng.integers(1, 2**31)),
         waited=scenario.simulation.control_every - 1, set_point=q_start, angle=q_start,
         host=build_host_arm(NOMINAL, np.eye(4), T_flange_tool),

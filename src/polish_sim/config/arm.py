@@ -57,5 +57,5 @@ class RealArmConfig:
     angle_error_rad: float = key(0.001, "joint zeros and twists as built, rms [rad]", 0.0, 0.02)
     calibration_noise_m: float = key(5e-5, "of the points a calibration is made from, rms per axis [m]", 0.0, 0.01)
     calibration_poses: int = key(60, "poses of the calibration", 12, 1000)
-    missed_per_min: float = key(1.0, "how often the link to the host misses cycles, 0 = never [1/min]", 0.0, 600.0)
-    missed_s: float = key(0.0056, "time between packets then [s]", 0.001, 0.1)
+    missed_every_s: float = key(60.0, "mean time between gaps in the link to the host, 0 = none [s]", 0.0, 1e6)
+    missed_s: float = key(0.0056, "time between its packets then [s]", 0.001, 0.1)
