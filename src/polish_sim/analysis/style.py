@@ -116,7 +116,7 @@ Projection = Callable[[Array], Array]  #: Points to places and depths (larger is
 PIXELS = 250  #: Of a depth picture, along the longer side of the part
 APART = 0.75  #: Pixels between samples of a facet, at most
 LIFT = 2.0  #: Pixels by which points are taken off the surface: more than depths within a pixel of a plane differ
-SAMPLES_AT_ONCE = 2_000_000
+SAMPLES_AT_ONCE = 300_000
 
 
 class DepthPicture(NamedTuple):

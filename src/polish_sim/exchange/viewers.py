@@ -14,7 +14,6 @@ from importlib import resources
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
@@ -224,6 +223,8 @@ GLTF_FROM_WORK = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.
 
 def ply_bytes(result: PlanResult, setup: ExportSetup) -> bytes:
     """Part and path as one binary PLY with a colour per vertex, metres, work frame."""
+    import trimesh  # slow to import
+
     part, path = _meshes(result)
     both: Any = trimesh.util.concatenate([part, path])
     return bytes(both.export(file_type="ply"))
@@ -231,6 +232,8 @@ def ply_bytes(result: PlanResult, setup: ExportSetup) -> bytes:
 
 def glb_bytes(result: PlanResult, setup: ExportSetup) -> bytes:
     """Part and path as two named meshes of one binary glTF, metres, y up as glTF has it."""
+    import trimesh  # slow to import
+
     part, path = _meshes(result)
     scene: Any = trimesh.Scene()
     scene.add_geometry(part, geom_name="part", node_name="part", transform=GLTF_FROM_WORK)
@@ -245,4 +248,6 @@ def _meshes(result: PlanResult) -> tuple[Any, Any]:
 
 
 def _mesh(vertices: Array, faces: Ints, colors: NDArray[np.uint8]) -> Any:
+    import trimesh  # slow to import
+
     return trimesh.Trimesh(vertices, faces, vertex_colors=colors, process=False)

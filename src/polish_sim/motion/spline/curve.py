@@ -150,15 +150,15 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
     )
 
 
-def curve_rates(curve: Curve, u: Array) -> CurveRates:
-    """Frames of a curve and their exact derivatives at parameters u (n,) [m]."""
-    jets = np.stack([curve.spline(u, k) for k in range(4)])
+def curve_rates(curve: Curve, u: Array, orders: int = 4) -> CurveRates:
+    """Frames of a curve and their exact derivatives at parameters u (n,) [m]; values and derivatives are ``orders``."""
+    jets = np.stack([curve.spline(u, k) for k in range(orders)])
     z = normalized(jets[..., 6:9])
     x = jets[..., 3:6]
     x = normalized(x - scale(z, dot(x, z)))
     y = cross(z, x)
     # e x e' summed over the axes is twice the angular velocity.
-    spins = 0.5 * sum(cross(e[:3], e[1:]) for e in (x, y, z))
+    spins = 0.5 * sum(cross(e[:-1], e[1:]) for e in (x, y, z))
     return CurveRates(jets[..., :3], z, np.stack([x[0], y[0], z[0]], axis=2), np.asarray(spins), jets[..., 9])
 
 

@@ -169,6 +169,8 @@ ROUND_KNOTS = 20_000
 """Knots of all further rounds together."""
 KEPT = 1.01
 """Excess over what is planned with at which the rounds end."""
+EVEN = 1e-4
+"""Caps are even where means of neighbouring squares are no more than this share above one of them."""
 LEAST = 1e-6
 """Least share of a first guess a control value is taken for."""
 
@@ -226,7 +228,7 @@ def plan_law(knots: Array, caps: Array, quantities: list[Bounded], launch: Launc
     """
     squares = squares_on(knots)
     caps = np.minimum.reduce([caps, *(speed_cap(each) for each in quantities)])
-    most = _most(caps)
+    most = _most(knots, caps)
     size = np.minimum(most, control_values(squares, envelope(knots, caps, quantities, launch) ** 2))
     fixed = np.zeros(len(size), dtype=bool)
     for two, span in (([0, 1], knots[1] - knots[0]), ([-1, -2], knots[-1] - knots[-2])):
@@ -246,7 +248,7 @@ def refine_law(law: Law, knots: Array, caps: Array, quantities: list[Bounded]) -
     value = around(old.values, law.controls)[i] + (slope - 0.5 * bend * past) * past
     size = np.concatenate([law.controls[:1], value + 0.5 * slope * np.diff(knots), law.controls[-1:]])
     fixed = np.isin(np.arange(len(size)), [0, 1, len(size) - 2, len(size) - 1])
-    most = np.maximum(_most(np.minimum.reduce([caps, *(speed_cap(each) for each in quantities)])), size)
+    most = np.maximum(_most(knots, np.minimum.reduce([caps, *(speed_cap(each) for each in quantities)])), size)
     return _within_limits(law._replace(squares=squares, controls=size), most, quantities, fixed, True)
 
 
@@ -271,9 +273,15 @@ def _within_limits(law: Law, most: Array, quantities: list[Bounded], fixed: Bool
     return law
 
 
-def _most(caps: Array) -> Array:
+def _most(knots: Array, caps: Array) -> Array:
     """Largest control values with which u' stays below caps at the knots [m/s] (n,), shape (n + 1,)."""
-    return np.asarray(np.concatenate([caps[:1], np.minimum(caps[:-1], caps[1:]), caps[-1:]]) ** 2)
+    square, spans = caps**2, np.diff(knots)
+    between, least = 0.5 * (square[:-1] + square[1:]), np.minimum(square[:-1], square[1:])
+    # What means of the neighbours give too much at a knot: little, but where the caps change their course.
+    given = (between[:-1] * spans[1:] + between[1:] * spans[:-1]) / (spans[:-1] + spans[1:])
+    over = np.concatenate([[0.0], np.maximum(given - square[1:-1], 0.0), [0.0]])
+    over = np.maximum(over[:-1], over[1:])
+    return np.concatenate([square[:1], np.where(over < EVEN * least, between - over, least), square[-1:]])
 
 
 def envelope(u: Array, caps: Array, quantities: list[Bounded], launch: Launch) -> Array:
@@ -368,7 +376,10 @@ def _with_dips(law: Law, factors: Array, width: float) -> Law:
 # Where along a curve the law of time is solved for (knots of the curve -> knots of the law).
 
 KNOT_TIME = 0.02
-"""Most time between knots: short against the time in which a limit's acceleration is built up [s]."""
+"""Most time between knots, short against that in which a limit's acceleration builds up; not where it is steady [s]."""
+SETTLED = 0.3
+"""After a stretch that is passed more slowly than wanted, and before one, the speed has settled: several times what
+jerk limits take to build up an acceleration [s]."""
 KNOTS_PER_SPAN = 4
 """Least number of knots of the law in a span between knots of the curve."""
 LAUNCH_TIME = 0.005
@@ -413,12 +424,13 @@ def with_feed_changes(coarse: Array, changes: Array) -> Array:
     return np.union1d(coarse, changes[apart > SAME_KNOT])
 
 
-def law_knots(coarse: Array, speeds: Array, launch: Launch) -> Array:
-    """Knots from launch to landing, close together where the motion is slow.
+def law_knots(coarse: Array, speeds: Array, caps: Array, launch: Launch) -> Array:
+    """Knots from launch to landing, close together where the motion is slow and changes its speed.
 
     Args:
         coarse: First knots [m], from 0, shape (n,).
         speeds: Largest u' expected there [m/s], shape (n,).
+        caps: Largest u' wanted there [m/s], shape (n,).
         launch: From rest.
 
     Returns:
@@ -426,6 +438,7 @@ def law_knots(coarse: Array, speeds: Array, launch: Launch) -> Array:
     """
     steps, length = np.diff(coarse), float(coarse[-1])
     parts = np.maximum(1, np.ceil(steps / (KNOT_TIME * np.maximum(speeds[1:], speeds[:-1])))).astype(int)
+    parts[_steady(coarse, speeds, caps)] = 1
     counted = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
     inner = np.repeat(coarse[:-1], parts) + counted * np.repeat(steps / parts, parts)
     last = max(KNOT_TIME / (LAUNCH_GROWTH - 1.0) / launch.duration, LAUNCH_GROWTH**2)
@@ -435,3 +448,11 @@ def law_knots(coarse: Array, speeds: Array, launch: Launch) -> Array:
     clear = 2.0 * first[-1] - first[-2]
     inner = inner[(inner > clear) & (inner < length - clear)]
     return np.concatenate([first, inner, length - first[::-1]])
+
+
+def _steady(coarse: Array, speeds: Array, caps: Array) -> Bools:
+    """Which spans (n - 1,) between knots are passed as fast as wanted, as are all within ``SETTLED`` of them."""
+    times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(coarse) / (speeds[1:] + speeds[:-1]))])
+    slow = times[speeds < (1.0 - 1e-9) * caps]
+    inside = np.searchsorted(slow, times[:-1] - SETTLED), np.searchsorted(slow, times[1:] + SETTLED)
+    return np.asarray(inside[0] == inside[1])

@@ -200,9 +200,9 @@ def _fastest(curve: Curve, coarse: Array, feed: Feed, limits: SmoothingLimits, a
     """The fastest law through coarse knots and those between, and how much more time it needs (``keep_limits``)."""
     rates = curve_rates(curve, coarse)
     bounded = bounded_quantities(rates, limits, arm)
-    launch = launch_of(curve.length, float(_feed_cap(rates.places, feed)[[0, -1]].min()), bounded)
-    speeds = envelope(coarse, _feed_cap(rates.places, feed), bounded, launch)
-    knots = law_knots(coarse, speeds, launch)
+    caps = _feed_cap(rates.places, feed)
+    launch = launch_of(curve.length, float(caps[[0, -1]].min()), bounded)
+    knots = law_knots(coarse, envelope(coarse, caps, bounded, launch), caps, launch)
     looked = _look(curve, knots, feed, limits, arm)
     law = plan_law(knots, looked.caps, looked.at_knots, launch)
     for _ in range(min(MOST_HALVINGS, HALVED_KNOTS // len(knots))):
@@ -228,7 +228,7 @@ def time_spline(motion: SplineMotion) -> TimedPath:
     curve, passage = motion
     clock = row_times(passage.duration)
     u, speed = passage_at(passage, clock)[:2]
-    rates = curve_rates(curve, np.clip(u, 0.0, curve.length))
+    rates = curve_rates(curve, np.clip(u, 0.0, curve.length), 2)
     return TimedPath(
         float(clock[1] - clock[0]),
         passage.duration,
