@@ -72,9 +72,9 @@ G90 G0 Z50
 M30
 """
 MASTER = "time_s,x_mm,y_mm,z_mm,rx_rad,ry_rad,rz_rad\n" + "".join(
-    f"{k},{2 * k},0,0,0,0,{0.01 * k}\n" for k in range(20)
+    f"{k},{100 + 2 * k},0,0,0,0,{0.01 * k}\n" for k in range(20)
 )
-POLYGON = "x,y,z\n-20,-20,34\n20,-20,34\n20,20,34\n-20,20,34\n"
+POLYGON = "-20,-20,34\n20,-20,34\n20,20,34\n-20,20,34\n"
 PART = ("--up", "z", "--stepover", "15", "--pad-diameter", "20")
 SHORT = ("--set", "process.hold_s=1")
 NEVER = {"view", "video", "help", "workers", "seeds", "out", "border", "version"}

@@ -6,9 +6,10 @@ import ctypes
 import errno
 import gc
 import os
+import sys
 import traceback
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 
 import typer
 
@@ -17,6 +18,7 @@ from polish_sim.cli.pictures import prepare_headless
 from polish_sim.errors import PolishSimError
 
 DONE, SHORT, USAGE, STOPPED, BUG, INTERRUPTED = 0, 1, 2, 3, 70, 130
+NOTHING_RECORDED = "interrupted; nothing was recorded yet."
 NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG)
 
 
@@ -32,9 +34,13 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
     gc.set_threshold(200_000)
     # More threads would mostly wait for each other: the systems solved here are small.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    swallowed: list[object] = []
     try:
         command = typer.main.get_command(commands)
-        with command.make_context("polish-sim", list(arguments) or ["--help"]) as context:
+        with (
+            _interrupts_kept(swallowed),
+            command.make_context("polish-sim", list(arguments) or ["--help"]) as context,
+        ):
             outcome = command.invoke(context)
     except typer.Exit as end:
         return end.exit_code
@@ -43,14 +49,34 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
     except typer.TyperException as error:
         return console.fail(_usage_message(error), USAGE)
     except (KeyboardInterrupt, typer.Abort):
-        return console.fail("interrupted; nothing was recorded yet.", INTERRUPTED)
+        return console.fail(NOTHING_RECORDED, INTERRUPTED)
     except BrokenPipeError:
         return console.close_broken_pipe()
     except Exception as error:
+        if swallowed:
+            return console.fail(NOTHING_RECORDED, INTERRUPTED)
         if isinstance(error, OSError) and error.errno in NO_ROOM:
             return console.fail(f"cannot write: {error.strerror}. Make room, or write elsewhere.", USAGE)
         return console.fail(_bug_message(error, "--debug" in arguments), BUG)
     return outcome if isinstance(outcome, int) else DONE
+
+
+@contextmanager
+def _interrupts_kept(swallowed: list[object]) -> Iterator[None]:
+    """Collect interrupts that arrive where C calls Python, as while kernels are compiled: Python drops them there."""
+    before = sys.unraisablehook
+
+    def hook(lost: sys.UnraisableHookArgs) -> None:
+        if issubclass(lost.exc_type, KeyboardInterrupt):
+            swallowed.append(lost.exc_type)
+        else:
+            before(lost)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _keep_memory() -> None:

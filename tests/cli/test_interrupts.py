@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import math
 import os
@@ -13,7 +14,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import typer
 
+from polish_sim.cli.boundary import execute
 from tests.cli.conftest import PROGRAM
 
 
@@ -66,6 +69,24 @@ def test_ctrl_c_while_the_program_is_loaded_ends_it_quietly() -> None:
     loading += "  return real(name, *rest)\nbuiltins.__import__ = load\nfrom polish_sim.cli import start; start()"
     run = subprocess.run([sys.executable, "-c", loading], capture_output=True, text=True, check=False)
     assert (run.returncode, run.stdout, run.stderr) == (130, "", "")
+
+
+def test_ctrl_c_that_python_drops_where_c_calls_it_is_no_bug_of_ours(capsys: pytest.CaptureFixture[str]) -> None:
+    """As while kernels are compiled: the compiler's callback loses the interrupt, then what it should have made is
+    missing.
+    """
+    app = typer.Typer()
+
+    @app.command()
+    def compile_kernels() -> None:
+        def interrupted() -> None:
+            raise KeyboardInterrupt
+
+        ctypes.CFUNCTYPE(None)(interrupted)()
+        raise RuntimeError("no compiled object yet")
+
+    assert execute(app, ["--"]) == 130
+    assert capsys.readouterr().err == "error: interrupted; nothing was recorded yet.\n"
 
 
 @pytest.mark.parametrize("what", ["tcp", "base", "payload"])

@@ -72,9 +72,10 @@ def test_a_flat_face_stays_flat_where_it_runs_into_a_rounding():
         trimesh.creation.box((0.1, 0.06, 0.02)),
         trimesh.creation.cylinder(radius=0.03, height=0.02, sections=24),
         trimesh.creation.annulus(r_min=0.01, r_max=0.03, height=0.02, sections=20),
+        trimesh.creation.cone(radius=0.03, height=0.02, sections=24),
         rounded_plate(6),
     ],
-    ids=["box", "cylinder", "ring", "rounded plate"],
+    ids=["box", "cylinder", "ring", "cone", "rounded plate"],
 )
 def test_the_skin_is_watertight_both_sides_of_every_edge_are_one_curve(mesh):
     surface = fit(mesh)
@@ -95,6 +96,21 @@ def test_the_rim_of_a_drilled_hole_is_round_on_both_sides_of_the_crease():
     sagitta = 0.03 * (1.0 - np.cos(np.pi / 20.0))
     assert np.minimum(np.abs(radii - 0.01), np.abs(radii - 0.03)).max() < sagitta / 100.0
     assert np.abs(np.abs(middles[:, 2]) - 0.01).max() < 1e-15
+
+
+def test_a_cone_is_a_cone_up_to_its_tip():
+    """Its facets follow each other smoothly; one normal for all of them at the tip would make it a dome 7 mm higher."""
+    radius, height = 0.07, 0.06
+    surface = fit(trimesh.creation.cone(radius, height, sections=96))
+    found = surface.evaluate(*everywhere(surface))
+    side = found.normals[:, 2] > 0.1
+    x, y, z = found.positions[side].T
+    away = np.hypot(x, y)
+    slant = np.hypot(radius, height)
+    assert np.abs((z - height * (1.0 - away / radius)) * radius / slant).max() < 1e-5
+    true = np.stack([height * x / away, height * y / away, np.full(len(x), radius)], axis=1) / slant
+    # Facets 3.75 deg wide: half of that between their edge and their middle, seen along the slant.
+    assert np.degrees(np.arccos(np.minimum((found.normals[side] * true).sum(axis=1), 1.0))).max() < 1.875
 
 
 def test_areas_of_the_patches_add_up_to_the_true_area():

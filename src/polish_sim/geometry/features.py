@@ -38,7 +38,9 @@ def smooth_edges(normals: Array, adjacency: Adjacency, feature_angle: float = FE
     return (adjacency.facets >= 0) & (cosine > np.cos(feature_angle))
 
 
-def smooth_corners(vertices: Array, faces: Ints, adjacency: Adjacency, smooth: Bools) -> SmoothCorners:
+def smooth_corners(
+    vertices: Array, faces: Ints, adjacency: Adjacency, smooth: Bools, feature_angle: float = FEATURE_ANGLE
+) -> SmoothCorners:
     """Gather facet corners across smooth edges (m, 3) and give each gathering one normal.
 
     Weights sin(angle) / (|e1| |e2|) make the normals exact on a sphere (Max 1999); where a much larger flat face
@@ -53,7 +55,12 @@ def smooth_corners(vertices: Array, faces: Ints, adjacency: Adjacency, smooth: B
     spare[index.ravel()] = np.repeat(own, 3, axis=0)
     lost = length < 1e-12
     normals = np.where(lost[:, None], spare, normals / np.where(lost, 1.0, length)[:, None])
-    return SmoothCorners(index, normals, flat)
+    # At a tip, as of a cone, no normal is near those of its facets, however smoothly they follow: each keeps its own.
+    tip = np.zeros(count, dtype=bool)
+    tip[index[(normals[index] * own[:, None]).sum(axis=2) < np.cos(feature_angle)]] = True
+    facet, corner = np.nonzero((tip & ~flat)[index])
+    index[facet, corner] = count + np.arange(len(facet))
+    return SmoothCorners(index, np.concatenate([normals, own[facet]]), np.append(flat, np.ones(len(facet), dtype=bool)))
 
 
 def _gather_corners(adjacency: Adjacency, smooth: Bools) -> tuple[int, Ints]:

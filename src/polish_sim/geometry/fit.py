@@ -39,11 +39,13 @@ def fit_triangles(vertices: Array, faces: Ints, feature_angle: float = FEATURE_A
     adjacency = find_adjacency(faces)
     normals, _ = facet_normals(vertices, faces)
     smooth = smooth_edges(normals, adjacency, feature_angle)
-    corners = smooth_corners(vertices, faces, adjacency, smooth)
+    corners = smooth_corners(vertices, faces, adjacency, smooth, feature_angle)
     jets = fit_vertex_jets(vertices, faces, corners, smooth)
     corner_normals = jets.normals[corners.ids]
     creases = crease_tangents(vertices, faces, adjacency.facets, smooth)
     points = _edge_points(vertices, faces, corner_normals, smooth, creases)
+    facet, edge = np.nonzero(smooth & (adjacency.facets < np.arange(len(faces))[:, None]))
+    points[facet, edge] = points[adjacency.facets[facet, edge], adjacency.edges[facet, edge]]  # to the last digit
     return build_surface(
         vertices=vertices,
         faces=faces,

@@ -67,7 +67,7 @@ def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth
         trusted = trusted | able
     frames = tangent_frames(normals)
     fitted, _ = _fit_heights(links, normals, frames, ~lonely)
-    shape = _pack(frames, -fitted[:, 2:5] / size[:, None])
+    shape = _pack(frames, -fitted[:, 2:5] / np.maximum(size, 1e-300)[:, None])  # none where there is no neighbour
     return _lend_to_lonely(links, size, VertexJets(normals, shape), frames, fitted, lonely & bent)
 
 
