@@ -29,7 +29,7 @@ PathFile = Annotated[
 
 
 @takes(
-    *("--part", "--units", "--up", *REGION_OPTIONS, "--stepover", "--overlap"),
+    *("--part", "--fixture", "--units", "--up", *REGION_OPTIONS, "--stepover", "--overlap"),
     *("--pad-diameter", "--contact-force", "--feed", *CONFIG_OPTIONS, *OUTPUT_OPTIONS),
 )
 def inspect(path: PathFile, given: Given) -> None:
@@ -52,7 +52,7 @@ def inspect(path: PathFile, given: Given) -> None:
     facts = plan_facts(path if path.name != "path.csv" or not (path.parent / "path.json").exists() else path.parent)
     if not facts and given["--part"] is None:
         raise InputError(f"'{path}' does not say which part it was made on: give it with --part.")
-    base = merge(Scenario(), planned_settings(facts), "") if facts else Scenario()
+    base = merge(Scenario(), planned_settings(path, facts, given), "") if facts else Scenario()
     if given["--part"] is None:
         given = {**given, "--part": planned_part(path, facts["part"])}
     scenario = build_scenario(base, given)

@@ -35,7 +35,7 @@ _IN_RUNS: Final[Mapping[str, tuple[str, str]]] = {
 }
 """The key of each kind of calibration file."""
 _FILES: Final = (
-    *(("part", "file"), ("part", "real_file"), ("dual", "master_path"), ("drag", "follow")),
+    *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("dual", "master_path"), ("drag", "follow")),
     *_IN_RUNS.values(),
 )
 _FILE_REGIONS: Final = ("polygon", "faces")

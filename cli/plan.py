@@ -33,7 +33,17 @@ PartFile = Annotated[
 
 
 @takes(
-    *("--units", "--up", *PATH_OPTIONS, "--pad-diameter", "--contact-force", "--feed", "--dual", *PAIR_OPTIONS),
+    *(
+        "--units",
+        "--up",
+        "--fixture",
+        *PATH_OPTIONS,
+        "--pad-diameter",
+        "--contact-force",
+        "--feed",
+        "--dual",
+        *PAIR_OPTIONS,
+    ),
     *("--reach-map", *CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
 )
 def plan(part: PartFile, given: Given) -> None:
@@ -41,7 +51,7 @@ def plan(part: PartFile, given: Given) -> None:
     out, overwrite, dual = given["--out"], given["--overwrite"], bool(given["--dual"])
     given = {**given, "--part": part}
     refuse_taken(out, overwrite)
-    named = [name for name in (*PATH_OPTIONS, *PAIR_OPTIONS) if given[name] is not None]
+    named = [name for name in (*PATH_OPTIONS, *PAIR_OPTIONS, "--fixture") if given[name] is not None]
     if dual:
         refuse_idle_options(experiment("dual"), named)
         if given["--reach-map"]:
@@ -94,7 +104,7 @@ def place(
     from polish_sim.experiments.part_pose import PartPlacing
 
     observer.stage("place the part")
-    placing, reach, why = PartPlacing(scenario, result.mesh, result.surface, result.path), None, ""
+    placing, reach, why = PartPlacing(scenario, *result.standing, result.path), None, ""
     try:
         reach = placing.reach()
         result.figures["T_base_work"] = reach.T_base_work.tolist()

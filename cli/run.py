@@ -295,7 +295,7 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
     if not chosen:
         scenario = merge(scenario, {"part": {"file": planned_part(source, facts["part"])}}, "")
     check_part(source, scenario.part.file, facts["part"])
-    settings = planned_settings(facts)
+    settings = planned_settings(source, facts, given)
     if given.get("--contact-force") is not None:
         settings.pop("process", None)
     if given.get("--pad-diameter") is not None:
@@ -315,17 +315,27 @@ def planned_part(source: Path, part: Mapping[str, str]) -> str:
     name = part["name"]
     if name in workpiece_names() and _hash(part_file(name)) == part["sha256"]:
         return name
-    for file in (Path(part.get("path", "")), source.parent / part["file"]):
+    return _planned_file(source, part, f"made on '{part['file']}'", "--part")
+
+
+def _planned_file(source: Path, known: Mapping[str, str], what: str, option: str) -> str:
+    for file in (Path(known.get("path", "")), source.parent / known["file"]):
         if file.is_file():
             return str(file)
-    raise InputError(f"the plan '{source}' was made on '{part['file']}': say where it is with --part.")
+    raise InputError(f"the plan '{source}' was {what}: say where it is with {option}.")
 
 
-def planned_settings(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings a plan was made with, as a table of the scenario; older plans do not say pad and force."""
+def planned_settings(source: Path, facts: Mapping[str, Any], given: Given) -> dict[str, Any]:
+    """The settings a plan was made with, as a table of the scenario; older plans do not say pad, force and fixture."""
     from polish_sim.geometry.orientation import SIDES
 
     settings: dict[str, Any] = {"plan": facts["plan"], "part": {"unit": facts["part"]["unit"]}}
+    fixture = facts["fixture"]
+    if fixture and given.get("--fixture") is None:
+        what = f"made with the fixture '{fixture['file']}', which is gone or has changed"
+        settings["part"]["fixture_file"] = found = _planned_file(source, fixture, what, "--fixture")
+        if _hash(Path(found)) != fixture["sha256"]:
+            raise InputError(f"the plan '{source}' was {what}: say where it is with --fixture, or plan again.")
     if facts["pad"]:
         up = next((side for side, way in SIDES.items() if list(way) == facts["up"]), None)
         settings["part"]["up"] = up or ",".join(map(repr, facts["up"]))
@@ -342,7 +352,7 @@ def plan_facts(source: Path) -> dict[str, Any]:
     document = json.loads(file.read_text(encoding="utf-8"))
     if not {"part", "plan"} <= set(document):
         raise InputError(f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV.")
-    return {name: document.get(name) for name in ("part", "plan", "up", "pad", "contact_force_n")}
+    return {name: document.get(name) for name in ("part", "fixture", "plan", "up", "pad", "contact_force_n")}
 
 
 def check_part(source: Path, name: str, part: Mapping[str, str]) -> None:

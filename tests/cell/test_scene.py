@@ -79,18 +79,18 @@ def test_the_drawn_part_does_not_collide_its_table_does() -> None:
     assert top == pytest.approx(0.0)
 
 
-def test_the_fixture_fills_the_room_between_table_and_part() -> None:
+def test_the_stand_fills_the_room_between_table_and_part() -> None:
     model = standing("plate")
     low = 0.15 + load_part(workpiece_path("plate")).vertices[:, 2].min()
-    fixture = model.geom("fixture")
-    assert fixture.pos[2] - fixture.size[2] == pytest.approx(0.0, abs=0.001)
-    assert low - 0.002 < fixture.pos[2] + fixture.size[2] < low
+    stand = model.geom("stand")
+    assert stand.pos[2] - stand.size[2] == pytest.approx(0.0, abs=0.001)
+    assert low - 0.002 < stand.pos[2] + stand.size[2] < low
 
 
-def test_a_part_on_the_table_needs_no_fixture() -> None:
+def test_a_part_on_the_table_needs_no_stand() -> None:
     low = load_part(workpiece_path("plate")).vertices[:, 2].min()
     model = standing("plate", z=-float(low))
-    assert not any(model.geom(i).name == "fixture" for i in range(model.ngeom))
+    assert not any(model.geom(i).name == "stand" for i in range(model.ngeom))
 
 
 def test_the_tool_sits_220_mm_out_of_the_flange_along_its_axis() -> None:

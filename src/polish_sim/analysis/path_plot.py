@@ -66,7 +66,7 @@ AMBIENT = 0.42
 TICKS = 6
 LEAST_HEIGHT = 0.02  #: Of what is drawn in 3D, over its width
 FACTS_AT = 0.935  #: Height of the line of figures, under the heading
-TINT = np.array([0.93, 0.95, 1.0])
+TINT, FIXTURE_TINT = np.array([0.93, 0.95, 1.0]), np.array([0.55, 0.62, 0.72])
 
 
 class _Seen(NamedTuple):
@@ -85,14 +85,19 @@ def plot_plan(result: PlanResult, name: str = "") -> Figure:
     figure = new_figure(12.0, 5.8)
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
     flat = figure.add_subplot(1, 2, 2)
-    path, mesh = result.path, result.mesh
+    path, mesh, fixture = result.path, result.mesh, result.tool.fixture
     looks_down = (path.axes_work[path.process] @ mesh.up).max() < -EDGE_ON
     frame = view_frame(-mesh.up if looks_down else mesh.up)
     shown = path.positions_work @ frame.T * MM
-    vertices = mesh.vertices @ frame.T * MM
-    part = lighter_mesh(vertices, mesh.faces, MOST_FACETS)
-    corners = part.vertices[part.faces]
-    _draw_part(solid, flat, corners)
+    vertices = result.standing[0].vertices @ frame.T * MM
+    drawn = [(mesh, TINT), *([] if fixture is None else [(fixture.mesh, FIXTURE_TINT)])]
+    light = [lighter_mesh(body.vertices @ frame.T * MM, body.faces, MOST_FACETS) for body, _ in drawn]
+    corners = np.concatenate([body.vertices[body.faces] for body in light])
+    if fixture is not None:
+        flat.plot([], [], "s", color=FIXTURE_TINT, label="fixture")
+    _draw_part(
+        solid, flat, corners, np.repeat([tint for _, tint in drawn], [len(body.faces) for body in light], axis=0)
+    )
     fill_view(solid, np.concatenate([vertices, shown]))
     scale = Normalize(0.0, float(path.s[-1]))
     seen = _look(solid, corners, path, shown, frame)
@@ -121,20 +126,20 @@ def _look(solid: Any, corners: Array, path: ToolPath, shown: Array, frame: Array
     return _Seen(space, above, towards, seen_in(space, shown, towards), from_above)
 
 
-def _shaded(corners: Array, towards: Array) -> tuple[Array, Array]:
+def _shaded(corners: Array, towards: Array, tints: Array) -> tuple[Array, Array]:
     """The facets that face the viewer, far ones first, (m, 3, 3), and their colours, (m, 4)."""
     normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     front = np.flatnonzero(normals @ towards > 0.0)
     front = front[np.argsort(corners[front].mean(axis=1) @ towards)]
     bright = AMBIENT + (1.0 - AMBIENT) * np.clip(normals[front] @ LIGHT, 0.0, 1.0) ** 1.5
-    colors = np.column_stack([np.clip(bright[:, None] * TINT, 0.0, 1.0), np.ones(len(front))])
+    colors = np.column_stack([np.clip(bright[:, None] * tints[front], 0.0, 1.0), np.ones(len(front))])
     return corners[front], colors
 
 
-def _draw_part(solid: Any, flat: Axes, corners: Array) -> None:
-    near, colors = _shaded(corners, TOWARDS_VIEWER)
+def _draw_part(solid: Any, flat: Axes, corners: Array, tints: Array) -> None:
+    near, colors = _shaded(corners, TOWARDS_VIEWER, tints)
     solid.add_collection3d(Poly3DCollection(near, facecolors=colors, edgecolors=colors, lw=0.3, zorder=1))
-    near, colors = _shaded(corners, np.array([0.0, 0.0, 1.0]))
+    near, colors = _shaded(corners, np.array([0.0, 0.0, 1.0]), tints)
     flat.add_collection(PolyCollection(list(near[..., :2]), facecolors=colors, edgecolors=colors, lw=0.7))
 
 

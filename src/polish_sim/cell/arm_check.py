@@ -10,13 +10,13 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell.guards import crash_points
 from polish_sim.cell.scene import (
-    FIXTURE_NAMES,
+    STAND_NAMES,
     TABLE,
     TABLE_TOP,
-    add_fixture,
+    add_stand,
     add_table,
-    fixture_of,
     robot_with_tool,
+    stand_of,
     touching,
     works_below,
 )
@@ -26,7 +26,7 @@ from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.spatial import apply, inverse
 
-CLEARANCE_M: Final = 0.005  #: The arm keeps this far from table, fixture and part [m]
+CLEARANCE_M: Final = 0.005  #: The arm keeps this far from table, stand, part and fixture [m]
 BASE_RADIUS_M: Final = 0.11  #: Of the robot's base and pedestal [m]
 _BASE_AXIS: Final = np.linspace([0.0, 0.0, -0.75], [0.0, 0.0, 0.1], 50)
 """From the floor to the shoulder, base frame [m], shape (k, 3)."""
@@ -46,7 +46,7 @@ def standing_fault(mesh: PartMesh, surface: Surface, T_base_work: Array) -> str:
     if (np.abs(middle - TABLE.middle) > TABLE.half)[:2].any():
         (x0, y0, _), (x1, y1, _) = 1e3 * (TABLE.middle - TABLE.half), 1e3 * (TABLE.middle + TABLE.half)
         return (
-            f"its middle, {place_in_mm(middle)} of the base, would be beside the table, where no fixture carries it "
+            f"its middle, {place_in_mm(middle)} of the base, would be beside the table, where no stand carries it "
             f"(the table: x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f} mm)"
         )
     return f"it would be {1e3 * (TABLE_TOP - low[2]):.0f} mm inside the table" if low[2] < TABLE_TOP - _SUNK_M else ""
@@ -60,7 +60,7 @@ class ArmTouch(NamedTuple):
 
 
 class ArmCheck:
-    """What the arm touches at given joint angles: itself, the table, the fixture or the part.
+    """What the arm touches at given joint angles: itself, the table, the stand, or the part in its fixture.
 
     The tool's own clearance of the part is the path's affair: it is the same wherever the part stands. ``axes`` (n,
     3) are the tool axes from the part to the tool, work frame.
@@ -68,12 +68,13 @@ class ArmCheck:
 
     def __init__(self, scenario: Scenario, mesh: PartMesh, surface: Surface, axes: Array) -> None:
         self._mesh, self._surface, self._axes = mesh, surface, axes
+        self._held = "part or its fixture" if scenario.part.fixture_file else "part"
         spec = robot_with_tool(scenario)
         add_table(spec)
-        add_fixture(spec, (TABLE, TABLE))  # of any size, see _place
+        add_stand(spec, (TABLE, TABLE))  # of any size, see _place
         self._model = spec.compile()
-        self._fixture = [self._model.geom(name).id for name in FIXTURE_NAMES]
-        self._model.geom_contype[self._fixture] = self._model.geom_conaffinity[self._fixture] = 0
+        self._stand = [self._model.geom(name).id for name in STAND_NAMES]
+        self._model.geom_contype[self._stand] = self._model.geom_conaffinity[self._stand] = 0
         self._data = mujoco.MjData(self._model)
         crash, links = crash_points(self._model), [self._model.body(name).id for name in _WRIST_AND_FOREARM]
         chosen = np.isin(crash.bodies, links)
@@ -100,13 +101,13 @@ class ArmCheck:
         close = ((points > low) & (points < high)).all(axis=1)
         if close.any():
             close[close] = signed_distances(self._surface, points[close]) < CLEARANCE_M
-        return ArmTouch(int(rows[close][0]), "wrist or forearm and the part") if close.any() else None
+        return ArmTouch(int(rows[close][0]), f"wrist or forearm and the {self._held}") if close.any() else None
 
     def _place(self, T_base_work: Array) -> None:
-        """Put the fixture under the part, or out of the way where it needs none."""
+        """Put the stand under the part, or out of the way where it needs none."""
         held_behind = works_below(T_base_work, self._axes)
-        boxes = fixture_of(apply(T_base_work, self._mesh.vertices), held_behind)
-        for geom, box in zip(self._fixture, [*boxes, TABLE, TABLE], strict=False):
+        boxes = stand_of(apply(T_base_work, self._mesh.vertices), held_behind)
+        for geom, box in zip(self._stand, [*boxes, TABLE, TABLE], strict=False):
             self._model.geom_pos[geom], self._model.geom_size[geom] = box
             self._model.geom_rbound[geom] = np.linalg.norm(box.half)
 
@@ -119,7 +120,7 @@ class ArmCheck:
             return touching(model, data)
         for link in _LINKS:
             arm = model.geom(f"{link}_collision").id
-            for still in ("table", *FIXTURE_NAMES):
+            for still in ("table", *STAND_NAMES):
                 if mujoco.mj_geomDistance(model, data, arm, model.geom(still).id, CLEARANCE_M, None) < CLEARANCE_M:
                     return f"{link}_collision and {still}"
         return ""

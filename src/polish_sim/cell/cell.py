@@ -21,7 +21,7 @@ from polish_sim.cell.limits import check_rates, check_step_limits, with_implicit
 from polish_sim.cell.loop import advance
 from polish_sim.cell.observer import Observer, PythonLaw, Silent, interrupts_noted
 from polish_sim.cell.real_arm import build_real_arm, is_real
-from polish_sim.cell.real_part import build_part_motion
+from polish_sim.cell.real_part import build_part_motion, no_part
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
 from polish_sim.cell.robot import build_request_line, build_speedl, build_stop_motion
 from polish_sim.cell.scene import tool_on_flange, touching
@@ -68,7 +68,8 @@ class Cell:
     """A scenario's cell, ready to run: ``strokes`` in order on ``part`` (`no_part` for motion in free space).
 
     The joints start at ``q_start`` [rad], shape (6,); ``rng`` draws the sensor's bias, drift and noise; ``course``
-    is for controllers that prepare for what lies ahead. The host compensates the tool as it is until ``compensate``
+    is for controllers that prepare for what lies ahead; what holds the part is its ``fixture``. The
+    host compensates the tool as it is until ``compensate``
     says otherwise.
     """
 
@@ -86,6 +87,7 @@ class Cell:
         controller: Controller,
         rng: np.random.Generator,
         course: Course | None = None,
+        fixture: RealPart | None = None,
     ) -> None:
         register_engine()
         self.scenario, self.model, self.rng, self.course = scenario, model, rng, course
@@ -110,7 +112,7 @@ class Cell:
         self.faults = FaultClock(events)
         self._touched: str | None = None
         self.strokes = tuple(strokes)
-        self.kernel = self._build_kernel(part, self.strokes[0], q_start)
+        self.kernel = self._build_kernel(part, fixture or no_part(), self.strokes[0], q_start)
         self.compensate(self.carried.mass, self.carried.center)
         self.use_controller(controller)
         rate = scenario.simulation.log_rate_hz
@@ -268,7 +270,7 @@ class Cell:
         mobility = across @ np.linalg.solve(inertia, across.T)
         return float(1.0 / np.linalg.eigvalsh(mobility)[-1])
 
-    def _build_kernel(self, part: RealPart, stroke: Stroke, q_start: Array) -> CellKernel:
+    def _build_kernel(self, part: RealPart, fixture: RealPart, stroke: Stroke, q_start: Array) -> CellKernel:
         scenario = self.scenario
         state = CellState(
             motion=build_part_motion(scenario.part, part), spindle=build_spindle(scenario.spindle),
@@ -283,6 +285,7 @@ class Cell:
             build_pad(scenario.pad, scenario.head.spring_scale),
             # It may move; the caller's part must not.
             part._replace(position=part.position.copy(), rotation=part.rotation.copy()),
+            fixture,
             stroke,
             crash_points(self.model, self.arm),
             build_sample_line(state.sensor),

@@ -22,7 +22,7 @@ from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.stroke import TARE, TOUCH_DOWN
 from polish_sim.config import Scenario
-from polish_sim.geometry.field_lookup import field_distance
+from polish_sim.geometry.field_lookup import DistanceField, field_distance
 from polish_sim.kernels import Record, Vector3, kernel
 from polish_sim.models import robot_model_path
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 NO_STOP = 0
 FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH, MISSING, CONTROLLER_NAN, JOINT_LIMIT, UNSTABLE = range(1, 11)
 ENGINE_CONTACT, CONTROLLER_ERROR, NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, LOW, RISEN, FALLEN = range(11, 21)
+FIXTURE = 23  # 21 and 22 are a second robot's
 REASONS: Mapping[int, str] = MappingProxyType(
     {
         FORCE: "measured force above safety.force_limit_n",
@@ -42,6 +43,7 @@ REASONS: Mapping[int, str] = MappingProxyType(
         JUMP: "wrist sensor reading jumped by more than safety.jump_limit_n",
         SINGULAR: "near a singularity of the arm (safety.singular_value_limit): place the part elsewhere (--part-pose)",
         CRASH: "tool, wrist or forearm ran into the part",
+        FIXTURE: "pad, tool, wrist or forearm ran into the fixture: was the path planned with this --fixture?",
         MISSING: "no contact down to process.search_depth_m below the nominal surface: is the part there? "
         "Check --part-pose and --units",
         HIGH: "the part is higher than planned: contact found more than safety.offset_limit_m above its surface. "
@@ -88,10 +90,11 @@ class Guards(Record):
 
 
 class CrashPoints(NamedTuple):
-    """Points on shaft, spindle, sensor, wrist and forearm that must stay out of the part."""
+    """Points on shaft, spindle, sensor, wrist and forearm that must stay out of part and fixture."""
 
     points: Array  #: In their bodies' frames [m], shape (k, 3)
     bodies: NDArray[np.int64]  #: Body of each point, shape (k,)
+    pad: int  #: So many of them, the last, are on the pad's rim: it may touch the part
 
 
 def build_guards(scenario: Scenario) -> Guards:
@@ -129,7 +132,14 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
 
 @kernel
 def check_guards(
-    e: EngineViews, state: CellState, part: RealPart, crash: CrashPoints, on_part: bool, planned: float, count: int
+    e: EngineViews,
+    state: CellState,
+    part: RealPart,
+    fixture: RealPart,
+    crash: CrashPoints,
+    on_part: bool,
+    planned: float,
+    count: int,
 ) -> int:
     """Code of the first condition that is met after ``count`` steps, 0 if none; see ``REASONS``.
 
@@ -153,8 +163,14 @@ def check_guards(
     guards.lost = guards.lost + dt if in_process and w[2] < 0.1 * target.force[0] else 0.0
     if guards.lost > guards.contact_lost:
         return LOST
-    if _crashed(crash, part, e, count % _CRASH_ROUNDS):
+    first, rim = count % _CRASH_ROUNDS, crash.points.shape[0] - crash.pad
+    if _crashed(crash, first, rim, part, part.coarse, e):
         return CRASH
+    if fixture.coarse.table.size > 1 and (
+        _crashed(crash, first, rim, fixture, fixture.coarse, e)
+        or _crashed(crash, rim + first, rim + crash.pad, fixture, fixture.field, e)
+    ):
+        return FIXTURE
     return NO_STOP
 
 
@@ -193,11 +209,11 @@ def _check_surface(state: CellState, planned: float, dt: float) -> int:
 
 
 @kernel
-def _crashed(crash: CrashPoints, part: RealPart, e: EngineViews, first: int) -> bool:
-    """Whether a sample point of the links is in the part; looks at every ``_CRASH_ROUNDS``-th one."""
-    near = 0.5 * part.coarse.spacing  # a sheet thinner than the grid is nowhere negative, but never further than this
+def _crashed(crash: CrashPoints, first: int, end: int, part: RealPart, field: DistanceField, e: EngineViews) -> bool:
+    """Whether a sample point of the links, every ``_CRASH_ROUNDS``-th of some, is in the part by one of its fields."""
+    near = 0.5 * field.spacing  # a sheet thinner than the grid is nowhere negative, but never further than this
     P, p0 = part.rotation, part.position
-    for i in range(first, crash.points.shape[0], _CRASH_ROUNDS):
+    for i in range(first, end, _CRASH_ROUNDS):
         body, p = crash.bodies[i], crash.points[i]
         R = e.xmat[body]
         x = e.xpos[body, 0] + R[0] * p[0] + R[1] * p[1] + R[2] * p[2] - p0[0]
@@ -206,7 +222,7 @@ def _crashed(crash: CrashPoints, part: RealPart, e: EngineViews, first: int) -> 
         wx = P[0, 0] * x + P[1, 0] * y + P[2, 0] * z
         wy = P[0, 1] * x + P[1, 1] * y + P[2, 1] * z
         wz = P[0, 2] * x + P[1, 2] * y + P[2, 2] * z
-        if field_distance(part.coarse, wx, wy, wz) < near:
+        if field_distance(field, wx, wy, wz) < near:
             return True
     return False
 
@@ -214,13 +230,13 @@ def _crashed(crash: CrashPoints, part: RealPart, e: EngineViews, first: int) -> 
 # Sample points on shaft, spindle, sensor, wrist and forearm that must stay out of the part.
 
 BODIES = ("tool_mount", "link_6", "link_5", "link_4", "link_3")
-_SHAFT = "head_shaft"
+_SHAFT, _PAD = "head_shaft", "head_pad"
 _SPACING = 0.03  # one point is kept in each cube of this side [m]
-_AROUND = 12  # points of a ring around the shaft
+_AROUND, _AROUND_PAD = 12, 32  # points of a ring around the shaft and the pad
 
 
 def crash_points(model: mujoco.MjModel, arm: str = "") -> CrashPoints:
-    """Points spread over the drawn meshes of the links behind the pad, and over the shaft it turns on."""
+    """Points spread over the drawn meshes of the links behind the pad, the shaft it turns on, and the pad's rim."""
     on_shaft = _on_cylinder(model, model.geom(f"{arm}{_SHAFT}").id)
     points, bodies = [on_shaft], [np.full(len(on_shaft), model.body(f"{arm}head").id)]
     for body in (model.body(arm + name).id for name in BODIES):
@@ -233,7 +249,9 @@ def crash_points(model: mujoco.MjModel, arm: str = "") -> CrashPoints:
             _, kept = np.unique(np.round(spread / _SPACING).astype(int), axis=0, return_index=True)
             points.append(spread[kept])
             bodies.append(np.full(len(kept), body))
-    return CrashPoints(np.concatenate(points), np.concatenate(bodies).astype(np.int64))
+    rim = _on_cylinder(model, model.geom(f"{arm}{_PAD}").id, _AROUND_PAD)
+    points, bodies = [*points, rim], [*bodies, np.full(len(rim), model.body(f"{arm}head").id)]
+    return CrashPoints(np.concatenate(points), np.concatenate(bodies).astype(np.int64), len(rim))
 
 
 @cache
@@ -245,10 +263,10 @@ def shaft_points() -> Array:
     return points
 
 
-def _on_cylinder(model: mujoco.MjModel, geom: int) -> Array:
+def _on_cylinder(model: mujoco.MjModel, geom: int, count: int = _AROUND) -> Array:
     """Points around a cylinder from end to end, frame of its body [m], shape (k, 3)."""
     radius, half = model.geom_size[geom, :2]
-    around = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
+    around = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     rings = np.linspace(-half, half, int(np.ceil(2.0 * half / _SPACING)) + 1)
     angle, z = (grid.ravel() for grid in np.meshgrid(around, rings))
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)

@@ -85,6 +85,7 @@ class CellKernel(NamedTuple):
     engine: EngineViews
     pad: Pad
     part: RealPart
+    fixture: RealPart  #: What holds it; it stays where it stands
     stroke: Stroke
     crash_points: CrashPoints
     samples: Array  #: Of the wrist sensor, on their way to the host

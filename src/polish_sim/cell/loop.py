@@ -302,7 +302,9 @@ def is_over(cell: CellKernel, held_body: int, t: float) -> bool:
     elif status.stop == guards.NO_STOP:
         trip(
             status,
-            guards.check_guards(e, state, cell.part, cell.crash_points, cell.stroke.contact, cell.stroke.depth, count),
+            guards.check_guards(
+                e, state, cell.part, cell.fixture, cell.crash_points, cell.stroke.contact, cell.stroke.depth, count
+            ),
             t,
         )
     if status.stop != guards.NO_STOP:

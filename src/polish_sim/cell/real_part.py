@@ -21,6 +21,7 @@ from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.field_lookup import NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
 from polish_sim.kernels import Record, Vector3, kernel
+from polish_sim.planning.quality.tool_room import PAD_TOP
 from polish_sim.spatial import transform
 
 WAVELENGTHS = (0.04, 0.15)  # of the form error [m]
@@ -143,6 +144,16 @@ def touched_box(touch: Touch) -> Array:
     """Box around everything the pad's disc can touch, corners (2, 3) [m], work frame."""
     half = touch.pad_radius * np.sqrt(np.clip(1.0 - touch.axes**2, 0.0, 1.0)) + _MARGIN + touch.depth - FIELD_BAND
     return np.stack([(touch.positions - half).min(axis=0), (touch.positions + half).max(axis=0)])
+
+
+def build_fixture(surface: Surface, touch: Touch, T_base_work: Array) -> RealPart:
+    """A fixture where it is drawn, finely where the pad goes by (``touch``, the tool's whole way)."""
+    way, high = touch.positions, PAD_TOP * touch.axes
+    box = touched_box(touch._replace(positions=np.vstack([way, way + high]), axes=np.vstack([touch.axes, touch.axes])))
+    near = build_distance_field(surface, FIELD_SPACING, 2.0 * FIELD_SPACING, bounds=box)
+    coarse = build_distance_field(surface, COARSE_SPACING, COARSE_BAND)
+    R, p = np.ascontiguousarray(T_base_work[:3, :3]), np.ascontiguousarray(T_base_work[:3, 3])
+    return RealPart(near, coarse, R, p)
 
 
 def no_part() -> RealPart:

@@ -1,4 +1,4 @@
-"""The scene: the robot of the model file with this scenario's head, the part, its fixture and the table."""
+"""The scene: the robot of the model file with this scenario's head, the part, what holds it and the table."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from polish_sim.spatial import apply, inverse, transform
 
 TABLE_TOP = 0.0  # z of the table in the base frame [m]
 _FROM_BELOW = -0.2  # z of a tool axis: the tool comes from below
-FIXTURE_NAMES = ("fixture", "fixture_arm")
+PART_COLOR, FIXTURE_COLOR = (0.72, 0.74, 0.78, 1.0), (0.45, 0.50, 0.58, 1.0)
+STAND_NAMES = ("stand", "stand_arm")
 POST_AWAY, _POST = 0.15, 0.02  # of a post from the part it holds, half its thickness [m]
 
 
@@ -35,26 +36,48 @@ TABLE = Box(np.array([0.0, -0.57, TABLE_TOP - 0.02]), np.array([0.5, 0.42, 0.02]
 """In front of the pedestal, its top level with the robot's base."""
 
 
+class Drawn(NamedTuple):
+    """A mesh and where it stands, base frame."""
+
+    mesh: PartMesh
+    part: RealPart
+
+    @property
+    def pose(self) -> Array:
+        """T_base_work, shape (4, 4)."""
+        return transform(self.part.rotation, self.part.position)
+
+
 def build_scene(
-    scenario: Scenario, mesh: PartMesh | None, part: RealPart | None, held_behind: bool = False
+    scenario: Scenario,
+    mesh: PartMesh | None,
+    part: RealPart | None,
+    held_behind: bool = False,
+    fixture: Drawn | None = None,
 ) -> mujoco.MjModel:
     """Compile the cell; without a mesh it is for motion in free space.
 
-    ``held_behind``: the fixture leaves the part's underside free, see ``fixture_of``. The part's mesh is drawn only;
-    the pad's contact and the crash check are computed on its signed distance, because the engine would take the
-    convex hull.
+    ``held_behind``: the stand leaves the part's underside free, see ``stand_of``. The meshes of part and ``fixture``
+    are drawn only; the pad's contact and the crash check are computed on their signed distance, because the engine
+    would take the convex hull.
     """
     spec = robot_with_tool(scenario)
     if mesh is not None and part is not None:
-        lay_part(spec, mesh, transform(part.rotation, part.position), held_behind)
+        lay_part(spec, mesh, transform(part.rotation, part.position), held_behind, fixture)
     return spec.compile()
 
 
-def lay_part(spec: Any, mesh: PartMesh, T_base_part: Array, held_behind: bool = False) -> None:
-    """Put a part on its fixture on the table; the part is drawn only."""
+def lay_part(
+    spec: Any, mesh: PartMesh, T_base_part: Array, held_behind: bool = False, fixture: Drawn | None = None
+) -> None:
+    """Put a part, in its fixture if it has one, on a stand on the table; both are drawn only."""
     add_table(spec)
     add_drawn_part(spec, spec.worldbody, mesh, T_base_part)
-    add_fixture(spec, fixture_of(apply(T_base_part, mesh.vertices), held_behind))
+    corners = apply(T_base_part, mesh.vertices)
+    if fixture is not None:
+        add_drawn_part(spec, spec.worldbody, fixture.mesh, fixture.pose, "fixture", FIXTURE_COLOR)
+        corners = np.concatenate([corners, apply(fixture.pose, fixture.mesh.vertices)])
+    add_stand(spec, stand_of(corners, held_behind))
 
 
 def robot_with_tool(scenario: Scenario) -> Any:
@@ -118,24 +141,30 @@ def add_table(spec: Any) -> None:
             )
 
 
-def add_drawn_part(spec: Any, parent: Any, drawn: PartMesh, T_parent_part: Array) -> Any:
+def add_drawn_part(
+    spec: Any,
+    parent: Any,
+    drawn: PartMesh,
+    T_parent_part: Array,
+    name: str = "part",
+    color: Sequence[float] = PART_COLOR,
+) -> Any:
     """Draw a part on a body; it has no mass and touches nothing. Returns its own body."""
-    mesh = spec.add_mesh(name="part")
+    mesh = spec.add_mesh(name=name)
     mesh.uservert = np.asarray(drawn.vertices, dtype=np.float32).ravel()
     mesh.userface = np.asarray(drawn.faces, dtype=np.int32).ravel()
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     turn = Rotation.from_matrix(T_parent_part[:3, :3]).as_quat(scalar_first=True)
-    body = parent.add_body(name="part", pos=T_parent_part[:3, 3], quat=turn)
+    body = parent.add_body(name=name, pos=T_parent_part[:3, 3], quat=turn)
     body.add_geom(
-        name="part", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="part", contype=0, conaffinity=0, mass=0.0,
-        rgba=[0.72, 0.74, 0.78, 1.0],
-    )  # fmt: skip
+        name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, contype=0, conaffinity=0, mass=0.0, rgba=color
+    )
     return body
 
 
-def add_fixture(spec: Any, boxes: Sequence[Box]) -> None:
+def add_stand(spec: Any, boxes: Sequence[Box]) -> None:
     """What carries the part."""
-    for name, box in zip(FIXTURE_NAMES, boxes, strict=False):
+    for name, box in zip(STAND_NAMES, boxes, strict=False):
         spec.worldbody.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_BOX, rgba=[0.35, 0.38, 0.42, 1.0], size=box.half, pos=box.middle
         )
@@ -146,7 +175,7 @@ def works_below(T_base_work: Array, axes_work: Array) -> bool:
     return bool((axes_work @ T_base_work[2, :3]).min() < _FROM_BELOW)
 
 
-def fixture_of(corners: Array, held_behind: bool) -> list[Box]:
+def stand_of(corners: Array, held_behind: bool) -> list[Box]:
     """Boxes that carry a part with vertices (n, 3) [m] in the base frame; none if the part lies on the table.
 
     A block under it, or, ``held_behind``, a post behind it with an arm where the tool works from below.

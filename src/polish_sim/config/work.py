@@ -23,6 +23,11 @@ class PartConfig:
         "from the nominal one; empty = as drawn",
         option=Option("--real-part", PART, "PART"),
     )
+    fixture_file: str = key(
+        "",
+        "mesh of what holds the part (unit and frame of the part), which tool and arm keep clear of; empty = none",
+        option=Option("--fixture", PART, "FIXTURE"),
+    )
     unit: str = key(
         "auto",
         "unit of the part's file: mm, cm, m or inch; auto = mm, or m where only that makes a sensible part; STEP files "

@@ -149,6 +149,7 @@ def _pass_numbers(table: Table) -> Indices:
 
 
 if TYPE_CHECKING:
+    from polish_sim.geometry import PartMesh
     from polish_sim.planning import PlanResult, ToolPath
 
 PATH_CSV, PATH_JSON, METRICS = "path.csv", "path.json", "metrics.json"
@@ -206,13 +207,15 @@ def metrics_text(result: PlanResult) -> str:
     return json.dumps(figures | {"notes": list(result.notes)}, indent=2) + "\n"
 
 
+def _file_facts(mesh: PartMesh) -> dict[str, str]:
+    return {"file": mesh.path.name, "path": str(mesh.path.resolve()), "sha256": mesh.sha256}
+
+
 def _metadata(result: PlanResult) -> dict[str, Any]:
-    mesh, plan, pad = result.mesh, result.plan, result.tool.pad
+    mesh, plan, pad, fixture = result.mesh, result.plan, result.tool.pad, result.tool.fixture
     return {
-        "part": {
-            **{"name": mesh.name, "file": mesh.path.name, "path": str(mesh.path.resolve())},
-            **{"sha256": mesh.sha256, "unit": mesh.unit},
-        },
+        "part": {"name": mesh.name, **_file_facts(mesh), "unit": mesh.unit},
+        "fixture": None if fixture is None else _file_facts(fixture.mesh),
         "up": [float(value) for value in mesh.up],
         "pad": {"radius_m": pad.radius_m, "stiffness_n_m": pad.stiffness_n_m},
         "contact_force_n": result.tool.force,

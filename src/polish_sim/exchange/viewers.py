@@ -33,6 +33,7 @@ SMALLEST_SHARE: Final = 0.001  #: Its least radius as a share of the part's size
 CHORD_SHARE: Final = 0.25  #: Points of the path are left out where the tube moves by less than this share of its radius
 BEND_RAD: Final = 0.35
 PART_COLOR: Final = (176, 182, 190)
+FIXTURE_COLOR: Final = (112, 124, 143)
 LEAD_COLOR: Final = (230, 120, 20)
 LEFT_OUT_COLOR: Final = (230, 159, 0)
 IN_PART_COLOR: Final = (224, 0, 32)
@@ -157,11 +158,8 @@ def _data(result: PlanResult) -> dict[str, Any]:
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     middle = 0.5 * (low + high)
     return {
-        "part": {
-            "vertices": _packed(MM * (vertices - middle), "<f4"),
-            "faces": _packed(faces, "<u4"),
-            "color": PART_COLOR,
-        },
+        "part": _solid_data(vertices, faces, middle, PART_COLOR),
+        "fixture": _solid_data(*_fixture_mesh(result), middle, FIXTURE_COLOR),
         "path": _tube_data(tube, tube.contact, middle),
         "leads": _tube_data(tube, ~tube.contact, middle),
         "marks": _marks(result, middle),
@@ -175,6 +173,18 @@ def _data(result: PlanResult) -> dict[str, Any]:
         "up": [float(value) for value in result.mesh.up],
         "figures": _figures(result.figures),
     }
+
+
+def _fixture_mesh(result: PlanResult) -> tuple[Array, Ints]:
+    """Vertices and faces of what holds the part, of no triangles if nothing does."""
+    fixture = result.tool.fixture
+    if fixture is None:
+        return np.empty((0, 3)), np.empty((0, 3), np.int32)
+    return lighter_mesh(fixture.mesh.vertices, fixture.mesh.faces, MOST_FACETS)
+
+
+def _solid_data(vertices: Array, faces: Ints, middle: Array, color: tuple[int, ...]) -> dict[str, Any]:
+    return {"vertices": _packed(MM * (vertices - middle), "<f4"), "faces": _packed(faces, "<u4"), "color": color}
 
 
 def _tube_data(tube: Tube, kept: Bools, middle: Array) -> dict[str, str]:

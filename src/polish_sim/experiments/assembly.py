@@ -12,8 +12,8 @@ from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_s
 from polish_sim.cell.faults import check_events
 from polish_sim.cell.limits import check_contact_settings, check_rates
 from polish_sim.cell.real_arm import is_real, require_ideal
-from polish_sim.cell.real_part import PartFields, build_part_fields, depth_for
-from polish_sim.cell.scene import works_below
+from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields, depth_for
+from polish_sim.cell.scene import Drawn, works_below
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError
 from polish_sim.experiments.part_setup import (
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from polish_sim.config import Scenario
     from polish_sim.experiments.placement import Reach
     from polish_sim.geometry import PartMesh, Region, Surface
+    from polish_sim.geometry.fixture import Fixture
     from polish_sim.planning import ToolPath
 
 
@@ -49,6 +50,7 @@ class Workplace:
     path: ToolPath
     reach: Reach
     shape: RealShape
+    fixture: Fixture | None = None
     _kept: dict[tuple[bool, float, float], PartFields] = field(default_factory=dict, init=False, repr=False)
 
     def drawn(self, scenario: Scenario) -> PartFields:
@@ -88,13 +90,22 @@ def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float
     streams = random_streams(scenario.seed)
     strokes = polishing_strokes(within_noise(scenario, place.mesh.noise), place.path, place.reach, hold, lift)
     controller = build_controller(scenario.controller)
-    held_behind = works_below(place.reach.T_base_work, place.path.axes_work)
+    held_behind, fixture = works_below(place.reach.T_base_work, place.path.axes_work), standing_fixture(scenario, place)
     cell = Cell(
-        scenario, build_scene(scenario, place.shape.mesh, part, held_behind), part, strokes,
+        scenario, build_scene(scenario, place.shape.mesh, part, held_behind, fixture), part, strokes,
         place.reach.q_start, controller, streams[SENSOR_STREAM], course_for(controller, scenario, place, strokes),
+        None if fixture is None else fixture.part,
     )  # fmt: skip
     believe_tool(cell, streams[PAYLOAD_STREAM])
     return cell
+
+
+def standing_fixture(scenario: Scenario, place: Workplace) -> Drawn | None:
+    """What holds the part, before the robot; it stands as drawn, however the part lies in it."""
+    if place.fixture is None:
+        return None
+    way = Touch(place.path.positions_work, place.path.axes_work, scenario.pad.radius_m)
+    return Drawn(place.fixture.mesh, build_fixture(place.fixture.surface, way, place.reach.T_base_work))
 
 
 def course_for(
@@ -125,6 +136,8 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
     if scenario.experiment not in REAL_ARM:
         require_ideal(scenario, scenario.experiment)
     is_real(scenario)
+    if scenario.part.fixture_file and scenario.experiment != "surface":
+        raise InputError(f"part.fixture_file is for 'plan' and 'run surface': leave it out of '{scenario.experiment}'.")
     if scenario.experiment not in CONTROLLED:
         return
     if scenario.experiment in ON_PART:
@@ -132,7 +145,8 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
             check_asked(scenario.part, scenario.plan, scenario.pad)
         else:
             check_part_words(scenario.part, scenario.plan)
-        _check_real_part(scenario.part.real_file)
+        _check_file(scenario.part.real_file, "real part", "--real-part")
+        _check_file(scenario.part.fixture_file, "fixture", "--fixture")
     check_rates(scenario)
     check_events(events, scenario.experiment in ON_PART, two_robots=scenario.experiment == "dual")
     build_controller(scenario.controller)
@@ -149,6 +163,6 @@ def check_force(scenario: Scenario, path: ToolPath | None) -> None:
         check_contact_settings(scenario, force)
 
 
-def _check_real_part(name: str) -> None:
+def _check_file(name: str, what: str, option: str) -> None:
     if name and not part_path(name).is_file():
-        raise InputError(f"the real part '{name}' is no file. Check the name and the folder (--real-part).")
+        raise InputError(f"the {what} '{name}' is no file. Check the name and the folder ({option}).")

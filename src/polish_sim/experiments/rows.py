@@ -97,7 +97,7 @@ SURFACE: Final = Experiment(
     ),
     comparisons={"force.png": "polish_sim.analysis.surface_plot:plot_surface_runs"},
     options=(
-        *(*PART_OPTIONS, "--real-part", *PATH_OPTIONS, "--path", "--allow-contact"),
+        *(*PART_OPTIONS, "--fixture", "--real-part", *PATH_OPTIONS, "--path", "--allow-contact"),
         *(*TOOL_OPTIONS, "--feed", *TRIAL_OPTIONS, *WATCH_OPTIONS),
     ),
     along_plan=True,

@@ -97,7 +97,7 @@ class SurfaceTask(NamedTuple):
     def place(self) -> Workplace:
         """Part, path and reach, as the cell is set up from them."""
         plan = self.plan
-        return Workplace(plan.mesh, plan.surface, plan.region, plan.path, self.reach, self.shape)
+        return Workplace(plan.mesh, plan.surface, plan.region, plan.path, self.reach, self.shape, plan.tool.fixture)
 
 
 def prepare_surface(
@@ -118,7 +118,7 @@ def prepare_surface(
     check_set_points(plan.path)
     refuse_collision(scenario, plan)
     observer.stage("check the reach")
-    reach = reach_path(scenario, plan.mesh, plan.surface, plan.path)
+    reach = reach_path(scenario, *plan.standing, plan.path)
     return SurfaceTask(plan, reach, real_shape(scenario, plan.mesh, plan.surface, plan.path))
 
 

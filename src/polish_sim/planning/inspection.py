@@ -12,6 +12,7 @@ from polish_sim.arrays import Array, Bools
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, select_region
+from polish_sim.geometry.fixture import load_fixture
 from polish_sim.planning.feasibility import access_notes
 from polish_sim.planning.ground.ground import Ground, bridge_holes
 from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, accessible, load_mesh
@@ -19,7 +20,7 @@ from polish_sim.planning.quality.coverage import strictly_covered
 from polish_sim.planning.quality.figures import Quality, measure_quality, part_figures, without_spacing
 from polish_sim.planning.quality.located import with_points_between
 from polish_sim.planning.quality.spacing import guess_stepover
-from polish_sim.planning.quality.tool_room import pad_in_part_warning
+from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
 UNITS = {"1000 times": 1e3, "25.4 times": 25.4, "10 times": 10.0}
@@ -171,8 +172,9 @@ def inspect_path(
     region, plan = _region_of(region, surface, mesh, plan, offset, notes)
     if observer is not None:
         observer.stage("measure the path")
-    ground, access = accessible(region, surface, plan, process, pad, path)
-    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface, access)
+    fixture = load_fixture(part.fixture_file, mesh)
+    ground, access = accessible(region, surface, plan, Tool(pad, process.contact_force_n, fixture), path)
+    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface, access, fixture)
     notes += access_notes(access, plan, pad)
     ground = ground if access is None else access.asked
     if guess_stepover(path) is None:
@@ -184,7 +186,7 @@ def inspect_path(
         height_above_part_max_m=float(offset.heights.max()),
         beyond_part_max_m=float(offset.sideways.max()),
     )
-    notes = [*mesh.notes, *region.notes, *notes, *_findings(quality, offset, pad)]
+    notes = [*mesh.notes, *(fixture.notes if fixture else ()), *region.notes, *notes, *_findings(quality, offset, pad)]
     strict = strictly_covered(ground.mesh.vertices, ground.mesh.normals, quality.runs, plan.stepover_m)
     return Inspection(mesh, surface, ground, path, plan, quality, strict, tuple(notes))
 

@@ -13,6 +13,7 @@ from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
+from polish_sim.geometry.fixture import Fixture, joined_meshes, joined_surfaces, load_fixture
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import (
     access_notes,
@@ -75,6 +76,12 @@ class PlanResult:
     tool: Tool = field(default_factory=lambda: Tool(PadConfig(), ProcessConfig().contact_force_n))
     """What it was planned for, or measured with."""
 
+    @property
+    def standing(self) -> tuple[PartMesh, Surface]:
+        """The part in its fixture as one body, as the arm meets it."""
+        fixture = self.tool.fixture
+        return joined_meshes(self.mesh, fixture), joined_surfaces(self.surface, fixture)
+
 
 def plan_part(
     part: PartConfig,
@@ -92,7 +99,8 @@ def plan_part(
     check_asked(part, plan, pad or PadConfig())
     begin = time.perf_counter()
     mesh = load_mesh(part, observer)
-    return plan_mesh(mesh, plan, process, pad, observer, time.perf_counter() - begin)
+    fixture = load_fixture(part.fixture_file, mesh)
+    return plan_mesh(mesh, plan, process, pad, observer, time.perf_counter() - begin, fixture)
 
 
 def plan_mesh(
@@ -102,6 +110,7 @@ def plan_mesh(
     pad: PadConfig | None = None,
     observer: PlanObserver | None = None,
     spent_s: float = 0.0,
+    fixture: Fixture | None = None,
 ) -> PlanResult:
     """As `plan_part`, on a mesh that is there already; spent_s: time its loading took, counted in plan_time_s [s]."""
     process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
@@ -111,7 +120,7 @@ def plan_mesh(
     surface, region = _choose(mesh, plan)
     check_start(surface, plan)
     observer.stage("plan the path")
-    ready = _prepare(mesh, surface, region, plan, process, pad)
+    ready = _prepare(mesh, surface, region, plan, process, Tool(pad, process.contact_force_n, fixture))
     avoid = np.empty((0, 3))
     for _ in range(ROUNDS):
         planned = plan_on(
@@ -128,7 +137,7 @@ def plan_mesh(
                         "Set a smaller --pad-diameter or another --region.")  # fmt: skip
     remarks = [*planned.notes, *start_notes(planned.path, ready.plan)]
     remarks += stepover_notes(quality.figures["stepover_mean_m"], ready.plan)
-    remarks += overlap_notes(quality.figures["coverage"], ready.plan, ready.pad)
+    remarks += overlap_notes(quality.figures["coverage"], ready.plan, ready.tool.pad)
     result = ready.result(planned.path, quality, remarks)
     return replace(result, figures={**result.figures, **planned.figures, "plan_time_s": planned_s})
 
@@ -151,8 +160,9 @@ def measure_given_path(
     observer.stage("fit the surface")
     surface, region = _choose(mesh, plan)
     observer.stage("measure the path")
-    ground, access = accessible(region, surface, plan, process, pad, path)
-    given = _Prepared(mesh, surface, region, plan, process, pad, ground, access)
+    tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
+    ground, access = accessible(region, surface, plan, tool, path)
+    given = _Prepared(mesh, surface, region, plan, process, tool, ground, access)
     quality = given.measure(path)
     off = quality.figures["max_distance_to_surface_m"]
     if off > OFF_PART_M:
@@ -172,31 +182,27 @@ class _Prepared:
     region: Region
     plan: PlanConfig
     process: ProcessConfig
-    pad: PadConfig
+    tool: Tool
     ground: Ground
     access: Access | None
     notes: tuple[str, ...] = ()  #: On what was chosen
 
-    @property
-    def tool(self) -> Tool:
-        """The tool under the force of the process."""
-        return Tool(self.pad, self.process.contact_force_n)
-
     def measure(self, path: ToolPath) -> Quality:
         """Measure a path."""
-        spacing = self.plan.stepover_m
-        return measure_quality(self.ground, path, spacing, self.process, self.pad, self.surface, self.access)
+        spacing, pad, fixture = self.plan.stepover_m, self.tool.pad, self.tool.fixture
+        return measure_quality(self.ground, path, spacing, self.process, pad, self.surface, self.access, fixture)
 
     def result(self, path: ToolPath, quality: Quality, remarks: Sequence[str]) -> PlanResult:
         """The plan, with ``remarks`` on how the path was made or given among its notes."""
         figures = part_figures(self.mesh, self.surface, self.region) | quality.figures
         notes = (
             *self.mesh.notes,
+            *(self.tool.fixture.notes if self.tool.fixture else ()),
             *self.region.notes,
             *self.notes,
-            *access_notes(self.access, self.plan, self.pad),
+            *access_notes(self.access, self.plan, self.tool.pad),
             *remarks,
-            *pad_notes(self.ground, locate(self.ground, path), self.pad),
+            *pad_notes(self.ground, locate(self.ground, path), self.tool.pad),
         )
         within = self.access.region if self.access else self.region
         inside = quality.pad_in_part.positions
@@ -211,18 +217,18 @@ PAD_SIZES_M: Final = (0.05, 0.04, 0.03, 0.025, 0.02, 0.016, 0.012, 0.01, 0.008, 
 
 
 def _prepare(
-    mesh: PartMesh, surface: Surface, region: Region, plan: PlanConfig, process: ProcessConfig, pad: PadConfig
+    mesh: PartMesh, surface: Surface, region: Region, plan: PlanConfig, process: ProcessConfig, tool: Tool
 ) -> _Prepared:
     """Prepare a region for the first of `_pads` that fits it.
 
     Raises:
         PlanError: None does; says why the first does not.
     """
-    width, refused = widest_piece(region), list[PlanError]()
+    width, pad, refused = widest_piece(region), tool.pad, list[PlanError]()
     for taken, asked in _pads(pad, plan, width):
         try:
-            wide = check_request(region, taken, mesh)
-            ground, access = accessible(wide, surface, asked, process, taken)
+            wide, fitted = check_request(region, taken, mesh), tool._replace(pad=taken)
+            ground, access = accessible(wide, surface, asked, fitted)
         except PlanError as error:
             refused.append(error)
             continue
@@ -232,7 +238,7 @@ def _prepare(
             f"{in_another_unit(mesh, width, pad.radius_m)}"
         )
         notes = () if taken is pad else (note,)
-        return _Prepared(mesh, surface, wide, asked, process, taken, ground, access, notes)
+        return _Prepared(mesh, surface, wide, asked, process, fitted, ground, access, notes)
     raise refused[0]
 
 
@@ -258,8 +264,7 @@ def accessible(
     region: Region,
     part: Surface,
     plan: PlanConfig,
-    process: ProcessConfig,
-    pad: PadConfig,
+    tool: Tool,
     path: ToolPath | None = None,
 ) -> tuple[Ground, Access | None]:
     """The ground of a region that the tool reaches, and its access, None where that is all that was asked for.
@@ -271,7 +276,7 @@ def accessible(
     """
     asked = prepare_ground(region, plan)
     try:
-        access = find_access(asked, region, part, Tool(pad, process.contact_force_n), plan)
+        access = find_access(asked, region, part, tool, plan)
     except PlanError:
         if path is None:
             raise
@@ -279,7 +284,7 @@ def accessible(
     if access is None:
         return asked, None
     ground = prepare_ground(access.region, plan)
-    if path is not None and locate(ground, path, process).distances.max() > OFF_PART_M:
+    if path is not None and locate(ground, path).distances.max() > OFF_PART_M:
         return asked, None
     return ground, access
 

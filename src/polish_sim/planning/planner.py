@@ -11,6 +11,7 @@ from polish_sim.arrays import Array
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
+from polish_sim.geometry.fixture import joined_surfaces
 from polish_sim.planning.ground.ground import Ground, Piece, prepare_ground
 from polish_sim.planning.moves.leads import (
     Air,
@@ -115,9 +116,10 @@ def plan_on(
     remarks = [_left_out(piece) for piece, block in zip(ground.pieces, found, strict=True) if not block]
     blocks = _uncrossed(blocks, plan.stepover_m, remarks)
     runs = _in_order(blocks, PATTERNS[plan.pattern].one_way, plan.start)
-    obstacle = ground.region.surface if part is None else part
+    alone = ground.region.surface if part is None else part
+    obstacle = joined_surfaces(alone, tool.fixture if tool else None)
     radius = 0.0 if tool is None else tool.pad.radius_m
-    air = Air(obstacle, radius, plan.clearance_m, ground.region.up, tool)
+    air = Air(obstacle, radius, plan.clearance_m, ground.region.up, tool, alone)
     return assemble(runs, plan, air, remarks, np.empty((0, 3)) if avoid is None else avoid)
 
 
@@ -211,14 +213,14 @@ def _clear_of_part(
     rows = every(move.positions, CUT_APART * air.pad_radius)
     under = ground_under(item.surface, points.facets[rows], points.barycentric[rows])
     places = pressed_places(move.positions[rows], move.axes[rows], under, air.tool.pad, air.tool.force)
-    found = air.tool.stands_in(air.part, places)
+    found = air.tool.stands_in(air.alone or air.part, places)
     near = [np.linalg.norm(places.middles - place, axis=1) < APART * air.pad_radius for place in avoid]
     hit = np.flatnonzero(np.any([found.depths > 0.0, *near], axis=0))
     if not len(hit):
         return [whole]
     worst = hit[int(found.depths[hit].argmax())]
-    body = air.tool.bodies[int(found.bodies[worst])].name
-    what = f"stretches of the path on which the {body} would run into the part are left out"
+    body, beside = air.tool.pairs[int(found.bodies[worst])]
+    what = f"stretches of the path on which the {body} would run into the {beside} are left out"
     remarks.append(Remark(what, places.middles[worst]))
     clear = np.ones(len(move.positions), dtype=bool)
     for first, last in zip(rows[np.maximum(hit - 1, 0)], rows[np.minimum(hit + 1, len(rows) - 1)], strict=True):

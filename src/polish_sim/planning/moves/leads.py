@@ -134,11 +134,12 @@ class Remark(NamedTuple):
 class Air(NamedTuple):
     """What the lifted tool must keep clear of."""
 
-    part: Surface  #: The whole part
+    part: Surface  #: The whole part, in its fixture if it has one
     pad_radius: float  #: [m]; 0 looks at the tool point only
     clearance: float  #: Height of a lifted tool above the part along its axis [m]
     up: Array  #: Unit vector away from the table, shape (3,)
     tool: Tool | None = None  #: What follows the pad; None looks at the pad only
+    alone: Surface | None = None  #: The part without a fixture, if it has one: the tool knows that by itself
 
     def has_room(self, line: Array, axes: Array, presses: Places | None = None) -> bool:
         """Whether the tool is nowhere in the part along points (n, 3), pressed as it is at a place or not at all."""
@@ -147,7 +148,7 @@ class Air(NamedTuple):
         rows = every(line, APART * self.tool.pad.radius_m)
         low, yields = (presses.lows[0], presses.yields[0]) if presses else (APART_M, 0.0)
         places = Places(line[rows], axes[rows], np.full(len(rows), low), np.full(len(rows), yields))
-        return not self.tool.stands_in(self.part, places).depths.any()
+        return not self.tool.stands_in(self.alone or self.part, places).depths.any()
 
 
 class Landing(NamedTuple):

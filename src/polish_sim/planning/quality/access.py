@@ -15,7 +15,16 @@ from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.regions.region import cut_region
 from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.quality.points import thin
-from polish_sim.planning.quality.tool_room import Places, Tool, UnderPad, ground_under, hollow_radius, pressed_places
+from polish_sim.planning.quality.tool_room import (
+    FIXTURE,
+    PART,
+    Places,
+    Tool,
+    UnderPad,
+    ground_under,
+    hollow_radius,
+    pressed_places,
+)
 
 BEYOND: Final = 0.5  #: Room is measured up to so many of the pad's radii
 APART: Final = 0.25  #: First places so many pad radii apart are looked at; all of them only where there is little room
@@ -30,6 +39,7 @@ class LeftOut(NamedTuple):
     """Ground out of the tool's reach for one reason."""
 
     reason: str  #: The body of the tool that has no room, or that the ground is hollow
+    beside: str  #: What is in its way, the part or the fixture
     area_m2: float
     place: Array  #: A place of it [m], shape (3,)
 
@@ -62,7 +72,9 @@ class Access:
             if part.reason == HOLLOW:
                 why = f"hollow of less than {1e3 * hollow_radius(pad):.3g} mm radius, which the pad does not follow"
             else:
-                why = f"the {part.reason} would come closer than {1e3 * clearance:.3g} mm to the part beside it"
+                why = (
+                    f"the {part.reason} would come closer than {1e3 * clearance:.3g} mm to the {part.beside} beside it"
+                )
             todo = "; a smaller --pad-diameter gets further" if part.reason in (HOLLOW, "pad") else ""
             notes.append(
                 f"left out {1e4 * part.area_m2:.3g} cm^2 of the region, at {place_in_mm(part.place)} and about (pad "
@@ -97,7 +109,7 @@ class ToolRoom:
         return pressed_places(points, under.normals, under, self.tool.pad, self.tool.force), under
 
     def of_bodies(self, places: Places) -> Array:
-        """Room of each body of the tool [m], shape (n, bodies)."""
+        """Room of each body of the tool beside part and fixture [m], shape (n, pairs)."""
         return self.tool.rooms(self.part, places, self.clearance, BEYOND * self.tool.pad.radius_m)
 
 
@@ -117,7 +129,7 @@ def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan:
     near = (room.at(vertices[some.kept]) < LITTLE * radius)[some.stands_for]
     if not near.any():
         return None
-    rooms = np.full((len(vertices), len(tool.bodies)), BEYOND * radius)
+    rooms = np.full((len(vertices), len(tool.pairs)), BEYOND * radius)
     places, under = room.places(vertices[near])
     rooms[near] = room.of_bodies(places)
     least = rooms.min(axis=1)
@@ -137,16 +149,17 @@ def _refuse_nothing(least: Array, rooms: Array, hollow: Bools, ground: Ground, t
     if least.max() >= 0.0:
         return
     best, diameter = int(least.argmax()), 2e3 * tool.pad.radius_m
-    place, body = place_in_mm(ground.mesh.vertices[best]), tool.bodies[int(rooms[best].argmin())].name
+    place, (body, beside) = place_in_mm(ground.mesh.vertices[best]), tool.pairs[int(rooms[best].argmin())]
     why = (
         f"even at {place} it is hollow of less than {1e3 * hollow_radius(tool.pad):.3g} mm radius, which a pad of "
         f"{diameter:.3g} mm does not follow"
         if hollow[best]
         else f"where it has most room, at {place}, its {body} would still come {-1e3 * least[best]:.3g} mm too close "
-        f"to the part beside it (pad {diameter:.3g} mm)"
+        f"to the {beside} beside it (pad {diameter:.3g} mm)"
     )
+    frame = " Is --fixture in the part's own frame and unit?" if beside == FIXTURE else ""
     raise PlanError(
-        f"the tool reaches no place of the region: {why}. Set a smaller --pad-diameter or another --region."
+        f"the tool reaches no place of the region: {why}. Set a smaller --pad-diameter or another --region.{frame}"
     )
 
 
@@ -168,12 +181,12 @@ def _touched(ground: Ground, least: Array, radius: float) -> Array:
 def _left_out(ground: Ground, touched: Array, rooms: Array, hollow: Bools, tool: Tool) -> tuple[LeftOut, ...]:
     """What is not touched, by what is in the way there."""
     areas = ground.mesh.part_areas(ground.part_facets) * (1.0 - touched)
-    names = np.array([*(body.name for body in tool.bodies), HOLLOW])
+    names = (*tool.pairs, (HOLLOW, PART))
     why = np.where(hollow, len(names) - 1, rooms.argmin(axis=1))
     found = []
-    for number, name in enumerate(names):
+    for number, (name, beside) in enumerate(names):
         rows = np.flatnonzero((touched < 1.0) & (why == number))
         if len(rows) and areas[rows].sum() > 0.0:
             worst = rows[int(rooms[rows].min(axis=1).argmin())]
-            found.append(LeftOut(str(name), float(areas[rows].sum()), ground.mesh.vertices[worst]))
+            found.append(LeftOut(name, beside, float(areas[rows].sum()), ground.mesh.vertices[worst]))
     return tuple(sorted(found, key=lambda part: -part.area_m2))

@@ -11,6 +11,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Region, Surface
+from polish_sim.geometry.fixture import Fixture
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.quality.access import Access
@@ -103,12 +104,13 @@ def measure_quality(
     pad: PadConfig,
     part: Surface | None = None,
     access: Access | None = None,
+    fixture: Fixture | None = None,
 ) -> Quality:
     """Measure a path on a region: figures by their names in the contract, SI, and maps.
 
     path_length_m is the length in contact. The step-over [m] is planned or expected; ``process`` counts where the
-    path has no force or feed of its own; the tool may run into the whole ``part``, or the region if not given. With
-    ``access``, the part of the region that the tool reaches, coverage is of what the pad can touch.
+    path has no force or feed of its own; the tool may run into the whole ``part``, or the region if not given, and
+    into its ``fixture``. With ``access``, what of the region the tool reaches, coverage is of what the pad can touch.
     """
     on = locate(ground, path, process)
     asked, touched = (ground, None) if access is None else (access.asked, access.touched)
@@ -116,7 +118,7 @@ def measure_quality(
         figures={},
         exposure=expose(asked, on, pad, touched),
         reach=measure_pad_reach(asked.region.surface, asked.part_facets, pad.radius_m),
-        pad_in_part=find_pad_in_part(on, ground.region.surface if part is None else part, pad),
+        pad_in_part=find_pad_in_part(on, ground.region.surface if part is None else part, pad, fixture),
         spacing=measure_stepover(on.runs, stepover),
         axis_rate=_measure_axis_rate(on),
         crossings=find_crossings(on.runs).places,

@@ -7,11 +7,13 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.config import HeadConfig, PadConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
 from polish_sim.geometry.closest import box_distance2
+from polish_sim.geometry.distance_field import signed_distances
+from polish_sim.geometry.fixture import Fixture
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.quality.coverage import rows_apart
 from polish_sim.planning.quality.located import PathOnSurface
@@ -70,11 +72,18 @@ class Standing(NamedTuple):
     bodies: Indices  #: Number of the body that is deepest, shape (n,)
 
 
+PART, FIXTURE = "part", "fixture"
+UNSURE_M: Final = 0.003
+"""A part may lie so much otherwise in its fixture than drawn, and the arm with it: besides the clearance, the tool
+keeps this from the fixture, its pad only from what is below [m]."""
+
+
 class Tool(NamedTuple):
-    """Pad, head, spindle, sensor and wrist, pressed on."""
+    """Pad, head, spindle, sensor and wrist, pressed on, and what they must keep clear of beside the part."""
 
     pad: PadConfig
     force: float  #: [N]; the head's spring lets everything behind the pad sink by what it yields
+    fixture: Fixture | None = None
 
     @property
     def bodies(self) -> tuple[Body, ...]:
@@ -83,25 +92,56 @@ class Tool(NamedTuple):
         behind = (body._replace(low=body.low - sunk) for body in BEHIND_PAD)
         return (Body("pad", 0.0, PAD_TOP, self.pad.radius_m), *behind)
 
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Each body with what it must keep clear of, the part or the fixture."""
+        beside = (PART,) if self.fixture is None else (PART, FIXTURE)
+        return tuple((body.name, what) for what in beside for body in self.bodies)
+
     def rooms(self, part: Surface, places: Places, clearance: float, beyond: float) -> Array:
-        """Distance of the part from each body's side, less a clearance [m], at most ``beyond``, shape (n, bodies)."""
-        rooms = []
-        for body in self.bodies:
-            wide = body.radius + clearance + beyond
-            found = standing_above(part, _discs(places, body, clearance)._replace(radius=wide), deep=False)
-            rooms.append(beyond - found.reaches)
+        """Distance from each body's side, less a clearance [m], at most ``beyond``, shape (n, pairs)."""
+        rooms = [self._room(part, places, body, clearance, beyond) for body in self.bodies]
+        if self.fixture is not None:
+            around, inside = self.fixture.surface, self._in_fixture(places)
+            for number, body in enumerate(self.bodies):
+                aside = clearance + (UNSURE_M if number else 0.0)
+                room = self._room(around, _on_fixture(places, clearance + UNSURE_M), body, aside, beyond)
+                rooms.append(np.where(inside & (number == 0), -body.radius - aside, room))
         return np.stack(rooms, axis=1)
 
+    def _room(self, part: Surface, places: Places, body: Body, clearance: float, beyond: float) -> Array:
+        wide = body.radius + clearance + beyond
+        found = standing_above(part, _discs(places, body, clearance)._replace(radius=wide), deep=False)
+        return np.asarray(beyond - found.reaches)
+
+    def _in_fixture(self, places: Places) -> Bools:
+        """Whether the pad is inside the fixture, far from its skin or not; of an open one nothing is inside."""
+        assert self.fixture is not None
+        if self.fixture.surface.is_open:
+            return np.zeros(len(places.middles), dtype=bool)
+        return signed_distances(self.fixture.surface, places.middles + 0.5 * PAD_TOP * places.axes) < 0.0
+
     def stands_in(self, part: Surface, places: Places) -> Standing:
-        """Find where the tool is deeper in the part than the pad yields."""
+        """Find where the tool is deeper in the part than the pad yields, or in the fixture at all."""
         count = len(places.middles)
         worst = Standing(np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int64))
-        for number, body in enumerate(self.bodies):
-            found = standing_above(part, _discs(places, body, 0.0))
-            deeper = found.depths > np.maximum(places.yields if number == 0 else 0.0, worst.depths)
-            worst.depths[deeper], worst.reaches[deeper] = found.depths[deeper], found.reaches[deeper]
-            worst.bodies[deeper] = number
+        around = [] if self.fixture is None else [(self.fixture.surface, _on_fixture(places, 0.0))]
+        for beside, (what, there) in enumerate([(part, places), *around]):
+            for number, body in enumerate(self.bodies):
+                found = standing_above(what, _discs(there, body, 0.0))
+                deeper = found.depths > np.maximum(there.yields if number == 0 else 0.0, worst.depths)
+                worst.depths[deeper], worst.reaches[deeper] = found.depths[deeper], found.reaches[deeper]
+                worst.bodies[deeper] = beside * len(self.bodies) + number
+        if self.fixture is not None:
+            within = self._in_fixture(places) & (worst.depths < 0.5 * PAD_TOP)
+            worst.depths[within], worst.reaches[within] = 0.5 * PAD_TOP, self.pad.radius_m
+            worst.bodies[within] = len(self.bodies)
         return worst
+
+
+def _on_fixture(places: Places, below: float) -> Places:
+    """The same places where nothing may be pressed, down to ``below`` [m] under the pad."""
+    return places._replace(lows=-places.yields - below, yields=np.zeros_like(places.yields))
 
 
 def _discs(places: Places, body: Body, clearance: float) -> Discs:
@@ -167,6 +207,7 @@ class PadInPart(NamedTuple):
     reaches: Array  #: How much further away from there the tool point would have to be [m], shape (k,)
     lengths: Array  #: Length of the path each stands for [m], shape (k,)
     bodies: tuple[str, ...]  #: What is deepest there
+    beside: tuple[str, ...]  #: And in what
     pad_radius: float  #: [m]
 
     @property
@@ -188,11 +229,12 @@ class PadInPart(NamedTuple):
             "pad_in_part_length_m": self.length_m,
             "pad_in_part_at_m": self.positions[worst].tolist() if worst >= 0 else [],
             "pad_in_part_body": self.bodies[worst] if worst >= 0 else "",
+            "pad_in_part_beside": self.beside[worst] if worst >= 0 else "",
         }
 
 
-def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig) -> PadInPart:
-    """Carry the tool along the path and look for what of the part stands where its bodies are.
+def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig, fixture: Fixture | None = None) -> PadInPart:
+    """Carry the tool along the path and look for what of part and fixture stands where its bodies are.
 
     The pad yields as far as the force presses it, F / k, and over a hollow place or tilted as far as that place's
     curvatures and the tilt make it: what stands no higher than both together is polished, not run into, nor is what
@@ -202,13 +244,14 @@ def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig) -> PadInP
     rows = rows_apart(on, s, APART * pad.radius_m)
     ground = UnderPad(on.normals[rows], on.principal[rows], on.curvatures[rows])
     places = pressed_places(on.positions[rows], on.axes[rows], ground, pad, on.forces[rows])
-    tool = Tool(pad, float(on.forces.max()))
+    tool = Tool(pad, float(on.forces.max()), fixture)
     found = tool.stands_in(part, places)
     way = np.where(np.diff(on.stretch_of[rows]) == 0, np.diff(s[rows]), 0.0)
     lengths = 0.5 * (np.append(way, 0.0) + np.append(0.0, way))
     hit = np.flatnonzero(found.depths)
-    names = tuple(tool.bodies[number].name for number in found.bodies[hit])
-    return PadInPart(places.middles[hit], found.depths[hit], found.reaches[hit], lengths[hit], names, pad.radius_m)
+    bodies, beside = zip(*(tool.pairs[number] for number in found.bodies[hit]), strict=True) if len(hit) else ((), ())
+    at = places.middles[hit], found.depths[hit], found.reaches[hit], lengths[hit]
+    return PadInPart(*at, bodies, beside, pad.radius_m)
 
 
 def pad_in_part_warning(figures: Mapping[str, Any]) -> str:
@@ -217,9 +260,10 @@ def pad_in_part_warning(figures: Mapping[str, Any]) -> str:
     if deepest <= 0.0:
         return ""
     length, place = figures["pad_in_part_length_m"], place_in_mm(np.array(figures["pad_in_part_at_m"]))
-    body = figures.get("pad_in_part_body") or "pad"
+    body, beside = figures.get("pad_in_part_body") or "pad", figures.get("pad_in_part_beside") or PART
     return (
-        f"the {body} runs up to {1e3 * deepest:.3g} mm into the part over {length:.3g} m of the path, worst at {place}"
+        f"the {body} runs up to {1e3 * deepest:.3g} mm into the {beside} over {length:.3g} m of the path, worst at "
+        f"{place}"
     )
 
 

@@ -1,0 +1,60 @@
+"""`--fixture` on the command line: a plan carries its fixture to `inspect` and `run`, wherever they are called."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Tool, metrics_of
+from tests.planning.test_fixture import asked, wall
+
+
+@pytest.fixture
+def folder(polish_sim: Tool) -> Path:
+    """A folder with a plan made in a fixture, called by relative names."""
+    asked(Path(), wall(10.0))
+    words = ("--fixture", "fixture.stl", "--region", "point:0,0,0", "--stepover", "20", "--up", "z", "--out", "made")
+    assert polish_sim("plan", "plate.stl", *words).code == 0
+    return Path("made").resolve()
+
+
+def test_a_plan_says_its_fixture_and_inspect_and_run_take_it(
+    polish_sim: Tool, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    said = json.loads((folder / "path.json").read_text())["fixture"]
+    assert said["file"] == "fixture.stl"
+    assert Path(said["path"]) == folder.parent / "fixture.stl"
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert polish_sim("inspect", folder, "--out", "seen").code == 0
+    area = metrics_of(folder)["unreachable_area_m2"]
+    assert area > 0.0
+    assert metrics_of(Path("seen"))["unreachable_area_m2"] == pytest.approx(area)
+    dry = polish_sim("run", "surface", "--path", folder, "--dry-run")
+    assert dry.code == 0
+    assert "fixture" in dry.err + dry.out
+
+
+def test_a_plan_whose_fixture_is_gone_or_changed_asks_for_it(polish_sim: Tool, folder: Path) -> None:
+    wall(30.0).export("fixture.stl")
+    changed = polish_sim("inspect", folder, "--out", "seen")
+    assert changed.code == 2
+    assert "made with the fixture 'fixture.stl'" in changed.err
+    assert "--fixture" in changed.err
+    assert polish_sim("inspect", folder, "--fixture", "fixture.stl", "--out", "seen").code == 0
+    Path("fixture.stl").unlink()
+    assert polish_sim("run", "surface", "--path", folder, "--dry-run").code == 2
+
+
+def test_a_fixture_that_is_no_file_or_not_for_two_robots_is_refused_before_planning(polish_sim: Tool) -> None:
+    asked(Path(), None)
+    for words in (("plan", "plate.stl"), ("run", "surface", "--part", "plate.stl")):
+        gone = polish_sim(*words, "--fixture", "gone.stl", "--out", "made")
+        assert gone.code == 2
+        assert "gone.stl" in gone.err
+        assert not Path("made").exists()
+    two = polish_sim("plan", "plate.stl", "--dual", "--fixture", "plate.stl")
+    assert two.code == 2
+    assert "--fixture" in two.err

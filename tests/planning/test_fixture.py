@@ -1,0 +1,129 @@
+"""The fixture: the tool keeps clear of it as of the part, and plan, pictures and pages say so."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+
+import numpy as np
+import pytest
+import trimesh
+
+from polish_sim.analysis.path_plot import plot_plan
+from polish_sim.config import PadConfig, PartConfig, PlanConfig
+from polish_sim.errors import MeshError, PlanError
+from polish_sim.exchange.strokes import ExportSetup
+from polish_sim.exchange.viewers import html_text
+from polish_sim.geometry import fit_surface, load_part
+from polish_sim.geometry.distance_field import signed_distances
+from polish_sim.geometry.fixture import joined_meshes, joined_surfaces, load_fixture
+from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part
+from polish_sim.planning.quality.tool_room import BEHIND_PAD, UNSURE_M
+from tests.planning.test_pad_in_part import moved
+from tests.planning.tools import volumes_in_part
+
+CLEARANCE, YIELDS = 0.001, 20.0 / 20000.0
+PLATE = moved(trimesh.creation.box((160, 120, 20)), 0, 0, -10)
+
+
+def wall(height):
+    """A bar along the plate's side x = 80 mm, its top ``height`` above the plate's."""
+    return moved(trimesh.creation.box((20, 160, 40)), 90, 0, height - 20)
+
+
+def vice():
+    """Two jaws and a clamp on the plate."""
+    jaws = [moved(trimesh.creation.box((200, 20, 60)), 0, y, -20) for y in (-70, 70)]
+    clamp = moved(trimesh.creation.box((30, 60, 15)), 10, 60, 7.5)
+    return trimesh.boolean.union([*jaws, clamp], engine="manifold")
+
+
+def asked(folder, fixture) -> PartConfig:
+    PLATE.export(folder / "plate.stl")
+    if fixture is None:
+        return PartConfig(str(folder / "plate.stl"), up="z")
+    fixture.export(folder / "fixture.stl")
+    return PartConfig(str(folder / "plate.stl"), up="z", fixture_file=str(folder / "fixture.stl"))
+
+
+def planned(folder, fixture, pattern="contour", radius=0.025) -> PlanResult:
+    plan = PlanConfig(pattern=pattern, region="point:0,0,0", stepover_m=0.01)
+    return plan_part(asked(folder, fixture), plan, pad=PadConfig(radius_m=radius))
+
+
+@pytest.mark.parametrize(("height", "body"), [(10.0, "pad"), (80.0, "spindle")])
+def test_beside_a_wall_of_the_fixture_the_plate_is_left_out_by_what_the_tool_must_keep(tmp_path, height, body):
+    """The pad keeps 1 mm; the spindle's housing, wider than the pad, 1 mm and what the part may lie otherwise."""
+    result = planned(tmp_path, wall(height))
+    spindle = next(known for known in BEHIND_PAD if known.name == body).radius if body == "spindle" else 0.0
+    middle = 0.025 + CLEARANCE if body == "pad" else spindle + CLEARANCE + UNSURE_M
+    x = result.path.positions_work[result.path.process, 0]
+    assert x.max() == pytest.approx(0.08 - middle, abs=0.0005 + 0.05 * 0.01)
+    assert result.access is not None
+    left = result.access.left_out[0]
+    assert (left.reason, left.beside) == (body, "fixture")
+    # Its corners are the round pad's as well: up to (1 - pi / 4) r^2 each.
+    strip = 0.12 * (middle - 0.025)
+    assert strip * 0.9 < result.figures["unreachable_area_m2"] < strip * 1.1 + 2 * 0.22 * 0.025**2
+    assert any(f"the {body} would come closer than 1 mm to the fixture" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(("height", "free"), [(-1e3 * (YIELDS + CLEARANCE + UNSURE_M) - 0.2, True), (-3.0, False)])
+def test_a_fixture_well_below_the_plate_is_no_hindrance(tmp_path, height, free):
+    assert (planned(tmp_path, wall(height)).access is None) == free
+
+
+@pytest.mark.parametrize(("pattern", "radius"), [("raster", 0.025), ("spiral", 0.01)])
+def test_no_body_of_the_tool_shares_volume_with_the_fixture_anywhere_on_the_plan(tmp_path, pattern, radius):
+    result = planned(tmp_path, vice(), pattern, radius)
+    assert max(volumes_in_part(result.path, vice(), radius, -YIELDS).values()) < 0.05
+    assert max(volumes_in_part(result.path, PLATE, radius, YIELDS).values()) < 0.05
+    assert result.figures["pad_in_part_max_m"] == 0.0
+    assert result.figures["coverage"] > 0.95
+
+
+def test_a_path_planned_without_the_fixture_is_measured_and_named_where_it_runs_into_it(tmp_path):
+    bare = planned(tmp_path, None)
+    plan, part = PlanConfig(region="point:0,0,0", stepover_m=0.01), asked(tmp_path, vice())
+    measured = measure_given_path(bare.path, part, plan)
+    assert measured.figures["pad_in_part_beside"] == "fixture"
+    assert measured.figures["pad_in_part_max_m"] == pytest.approx(0.015, abs=0.002)  # the clamp's height
+    assert any("into the fixture" in note for note in inspect_path(bare.path, part, plan).notes)
+
+
+def test_a_fixture_that_swallows_the_part_is_refused_by_name(tmp_path):
+    around = trimesh.creation.box((900, 900, 900))
+    with pytest.raises(PlanError, match=r"too close to the fixture .* Is --fixture in the part's own frame and unit\?"):
+        planned(tmp_path, around)
+
+
+def test_a_fixture_is_read_and_refused_as_a_part_is(tmp_path):
+    part = asked(tmp_path, wall(10))
+    (tmp_path / "fixture.stl").write_bytes(b"")
+    with pytest.raises(MeshError, match=r"fixture\.stl: the file is empty"):
+        plan_part(part, PlanConfig())
+
+
+def test_part_and_fixture_joined_are_as_far_from_a_point_as_the_nearer_of_both(tmp_path):
+    config = asked(tmp_path, wall(10))
+    mesh = load_part(config.file, up="z")
+    fixture = load_fixture(config.fixture_file, mesh)
+    assert fixture is not None
+    alone = fit_surface(mesh)
+    both = joined_surfaces(alone, fixture)
+    points = np.random.default_rng(3).uniform(-0.15, 0.15, (500, 3))
+    nearer = np.minimum(signed_distances(alone, points), signed_distances(fixture.surface, points))
+    outside = nearer > 0.0
+    assert signed_distances(both, points)[outside] == pytest.approx(nearer[outside], abs=1e-12)
+    assert len(joined_meshes(mesh, fixture).vertices) == len(mesh.vertices) + len(fixture.mesh.vertices)
+
+
+def test_picture_and_page_show_the_fixture(tmp_path):
+    result = planned(tmp_path, vice())
+    labels = [text.get_text() for legend in plot_plan(result).legends for text in legend.get_texts()]
+    assert "fixture" in labels
+    page = html_text(result, ExportSetup())
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.S)[1])
+    corners = np.frombuffer(base64.b64decode(data["fixture"]["vertices"]), "<f4").reshape(-1, 3)
+    assert np.ptp(corners, axis=0) == pytest.approx(vice().extents, abs=1e-3)
