@@ -7,6 +7,7 @@ Goldfeather and Interrante (2004), with its own slope free as well, and all vert
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -34,9 +35,10 @@ class VertexJets(NamedTuple):
 
 
 class _Links(NamedTuple):
-    """Directed links between neighbouring smooth vertices."""
+    """Directed links between neighbouring smooth vertices, k of them."""
 
-    here: Ints  #: Vertex that fits, shape (p,)
+    first: Ints  #: The first link of each vertex and, last, the number of links, shape (k + 1,)
+    here: Ints  #: Vertex that fits, rising, shape (p,)
     there: Ints  #: Its neighbour, shape (p,)
     steps: Array  #: Way from here to there in units of the mean edge at ``here``, shape (p, 3)
 
@@ -55,8 +57,7 @@ def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth
     room = np.minimum(_ROOM * tilt, tilt + _ROUGH)
     normals = corners.normals
     bent = ~corners.flat
-    on_bent = bent[links.here]
-    to_bent = _Links(links.here[on_bent], links.there[on_bent], links.steps[on_bent])
+    to_bent = _chosen(links, bent[links.here]) if not bent.all() else links
     for _ in range(SWEEPS if bent.any() else 0):
         frames = tangent_frames(normals)
         fitted, seen = _fit_heights(to_bent, normals, frames, trusted)
@@ -116,7 +117,18 @@ def _find_links(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bo
     steps = np.concatenate([way.reshape(-1, 3), -way[~smooth]])
     count = np.maximum(np.bincount(here, minlength=len(corners.normals)), 1)
     size = np.bincount(here, weights=np.linalg.norm(steps, axis=1), minlength=len(count)) / count
-    return _Links(here, there, steps / np.maximum(size, 1e-300)[here][:, None]), size
+    order = np.argsort(here, kind="stable")
+    here, there, steps = here[order], there[order], steps[order] / np.maximum(size, 1e-300)[here[order]][:, None]
+    return _Links(_firsts(here, len(size)), here, there, steps), size
+
+
+def _chosen(links: _Links, which: Bools) -> _Links:
+    here = links.here[which]
+    return _Links(_firsts(here, len(links.first) - 1), here, links.there[which], links.steps[which])
+
+
+def _firsts(here: Ints, count: int) -> Ints:
+    return np.concatenate([[0], np.cumsum(np.bincount(here, minlength=count))])
 
 
 def _at_rim(ids: Ints, smooth: Bools, count: int) -> Bools:
@@ -149,85 +161,86 @@ def _fit_heights(links: _Links, normals: Array, frames: Array, trusted: Bools) -
 
     Returns coefficients (k, 9), and how many trusted neighbours each vertex has (k,).
     """
-    sums, seen = np.zeros((len(normals), 9, 10)), np.zeros(len(normals), np.int64)
-    _add_equations(links.here, links.there, links.steps, normals, frames, trusted, sums, seen)
-    # Pull the terms of each degree towards zero, alike in all directions of the tangent plane: the weights are those
-    # of the squares of all entries of a symmetric tensor, which turning leaves as they are.
-    for first, last, share in ((0, 2, 1e-12), (2, 5, _QUADRATIC_RIDGE), (5, 9, _CUBIC_RIDGE)):
-        mean = sum((sums[:, i, i] / _TENSOR[i] / (last - first) for i in range(first, last)), 1e-300)
-        for i in range(first, last):
-            sums[:, i, i] += share * mean * _TENSOR[i]
-    return solve_symmetric(sums), seen
+    return _fit_each(links.first, links.there, links.steps, normals, frames, trusted, np.array(_TENSOR))
 
 
-@njit(cache=True)
-def _add_equations(here, there, steps, normals, frames, trusted, sums, seen):  # type: ignore[no-untyped-def]
-    """Add each link's height and, of trusted neighbours, both slopes to the normal equations, lower triangle."""
-    height, along, across = np.zeros(10), np.zeros(10), np.zeros(10)
+@njit(cache=True, error_model="numpy")
+def _fit_each(first, there, steps, normals, frames, trusted, tensor):  # type: ignore[no-untyped-def]
+    """Fit vertex by vertex: the height of each link's end and, of trusted neighbours, both slopes."""
+    fitted, seen = np.zeros((len(normals), 9)), np.zeros(len(normals), np.int64)
+    height, along, across, sums = np.zeros(10), np.zeros(10), np.zeros(10), np.zeros((9, 10))
     along[0] = across[1] = 1.0
-    for link in range(len(here)):
-        at, other = here[link], there[link]
-        x = y = z = a = b = c = 0.0
-        for k in range(3):
-            first, second, normal = frames[at, 0, k], frames[at, 1, k], normals[at, k]
-            x += steps[link, k] * first
-            y += steps[link, k] * second
-            z += steps[link, k] * normal
-            a += normals[other, k] * first
-            b += normals[other, k] * second
-            c += normals[other, k] * normal
-        far2 = x * x + y * y + z * z
-        if not (c >= 0.2 and far2 > 1e-150):  # edges without length, in broken meshes
-            continue
-        height[0], height[1], height[2], height[3], height[4] = x, y, 0.5 * x * x, x * y, 0.5 * y * y
-        height[5], height[6], height[7], height[8], height[9] = x**3, x * x * y, x * y * y, y**3, z
-        _add_row(sums, at, height, _HEIGHT_WEIGHT / (far2 * far2))
-        if trusted[other]:
-            seen[at] += 1
-            along[2], along[3], along[5], along[6], along[7] = x, y, 3.0 * x * x, 2.0 * x * y, y * y
-            across[3], across[4], across[6], across[7], across[8] = x, y, x * x, 2.0 * x * y, 3.0 * y * y
-            along[9], across[9] = -a / c, -b / c
-            _add_row(sums, at, along, 1.0 / far2)
-            _add_row(sums, at, across, 1.0 / far2)
+    for at in range(len(normals)):
+        sums[:] = 0.0
+        for link in range(first[at], first[at + 1]):
+            other = there[link]
+            x = y = z = a = b = c = 0.0
+            for k in range(3):
+                right, back, normal = frames[at, 0, k], frames[at, 1, k], normals[at, k]
+                x += steps[link, k] * right
+                y += steps[link, k] * back
+                z += steps[link, k] * normal
+                a += normals[other, k] * right
+                b += normals[other, k] * back
+                c += normals[other, k] * normal
+            far2 = x * x + y * y + z * z
+            if not (c >= 0.2 and far2 > 1e-150):  # edges without length, in broken meshes
+                continue
+            height[0], height[1], height[2], height[3], height[4] = x, y, 0.5 * x * x, x * y, 0.5 * y * y
+            height[5], height[6], height[7], height[8], height[9] = x**3, x * x * y, x * y * y, y**3, z
+            _add_row(sums, height, _HEIGHT_WEIGHT / (far2 * far2))
+            if trusted[other]:
+                seen[at] += 1
+                along[2], along[3], along[5], along[6], along[7] = x, y, 3.0 * x * x, 2.0 * x * y, y * y
+                across[3], across[4], across[6], across[7], across[8] = x, y, x * x, 2.0 * x * y, 3.0 * y * y
+                along[9], across[9] = -a / c, -b / c
+                _add_row(sums, along, 1.0 / far2)
+                _add_row(sums, across, 1.0 / far2)
+        # Pull the terms of each degree towards zero, alike in all directions of the tangent plane: the weights are
+        # those of the squares of all entries of a symmetric tensor, which turning leaves as they are.
+        for begin, end, share in ((0, 2, 1e-12), (2, 5, _QUADRATIC_RIDGE), (5, 9, _CUBIC_RIDGE)):
+            mean = 1e-300
+            for i in range(begin, end):
+                mean += sums[i, i] / tensor[i] / (end - begin)
+            for i in range(begin, end):
+                sums[i, i] += share * mean * tensor[i]
+        _solve(sums, fitted[at])
+    return fitted, seen
 
 
-@njit(cache=True)
-def _add_row(sums, at, row, weight):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _add_row(sums, row, weight):  # type: ignore[no-untyped-def]
     """Add an equation to normal equations, lower triangle and right side."""
     for i in range(9):
         scaled = weight * row[i]
         for j in range(i + 1):
-            sums[at, i, j] += scaled * row[j]
-        sums[at, i, 9] += scaled * row[9]
+            sums[i, j] += scaled * row[j]
+        sums[i, 9] += scaled * row[9]
 
 
-SOLVED_AT_ONCE = 4096  #: Systems that stay in a processor's cache
+@njit(cache=True, error_model="numpy")
+def _solve(rows, found):  # type: ignore[no-untyped-def]
+    """Solve a symmetric positive system by Cholesky's method: lower triangle and right side, overwritten."""
+    size = len(found)
+    for i in range(size):
+        for j in range(i + 1):
+            for k in range(j):
+                rows[i, j] -= rows[i, k] * rows[j, k]
+            rows[i, j] = math.sqrt(max(rows[i, i], 1e-300)) if i == j else rows[i, j] / rows[j, j]
+        for k in range(i):
+            rows[i, size] -= rows[i, k] * rows[k, size]
+        rows[i, size] /= rows[i, i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            rows[i, size] -= rows[k, i] * rows[k, size]
+        rows[i, size] /= rows[i, i]
+        found[i] = rows[i, size]
 
 
-def solve_symmetric(systems: Array) -> Array:
-    """Solve many symmetric positive systems by Cholesky's method, shape (k, n).
-
-    Lower triangles and right sides are given together, shape (k, n, n + 1).
-    """
-    batches = range(0, len(systems), SOLVED_AT_ONCE)
-    found = [_solve_batch(systems[begin : begin + SOLVED_AT_ONCE]) for begin in batches]
-    return np.concatenate(found) if found else systems[:, :, 0]
-
-
-def _solve_batch(systems: Array) -> Array:
-    size = systems.shape[1]
-    rows = np.moveaxis(systems, 0, -1).copy()  # (n, n + 1, k)
-    with np.errstate(all="ignore"):  # of systems without solution
-        for i in range(size):
-            for j in range(i + 1):
-                for k in range(j):
-                    rows[i, j] -= rows[i, k] * rows[j, k]
-                rows[i, j] = np.sqrt(np.maximum(rows[i, i], 1e-300)) if i == j else rows[i, j] / rows[j, j]
-            for k in range(i):
-                rows[i, size] -= rows[i, k] * rows[k, size]
-            rows[i, size] /= rows[i, i]
-        for i in reversed(range(size)):
-            for k in range(i + 1, size):
-                rows[i, size] -= rows[k, i] * rows[k, size]
-            rows[i, size] /= rows[i, i]
-    return np.asarray(rows[:, size].T)
+@njit(cache=True, error_model="numpy")
+def solve_symmetric(systems):  # type: ignore[no-untyped-def]
+    """Solve many symmetric positive systems, shape (k, n), from lower triangles and right sides, (k, n, n + 1)."""
+    found = np.zeros(systems.shape[:2])
+    for k in range(len(found)):
+        _solve(systems[k].copy(), found[k])
+    return found
