@@ -1,21 +1,25 @@
 """Every pattern on every part: `python -m benchmarks.patterns [PART ...]` prints the table and draws the sheet.
 
-Without parts all shipped workpieces are planned at 8 mm; `--out` says where the sheet goes.
+Without parts all shipped workpieces are planned at 8 mm; `--out` says where the sheet goes. `--plates N` plans N random
+plates with one to four holes instead.
 """
 
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import trimesh
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from benchmarks.random_outline import PlaneShape, draw_outline, place_discs, triangulate_shape
 from polish_sim.analysis.style import new_figure, styled
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PolishSimError
@@ -24,6 +28,7 @@ from polish_sim.planning import PATTERNS, PlanResult, plan_part
 
 SHEET = Path(__file__).resolve().parent.parent / "results" / "gallery" / "patterns.png"
 FIGURES = ("coverage_stepover", "self_crossings", "retracts", "stepover_p5_m", "stepover_p95_m", "length_ratio")
+OUTLINES_WITH_HOLES = ("rectangle", "round", "L", "blob", "star", "rectangle")
 HEADER = (
     f"{'part':18s}{'pattern':9s}{'within 0.55':>12s}{'crossings':>10s}{'strokes':>8s}"
     f"{'p5':>7s}{'p95':>7s}{'length':>8s}{'s':>6s}"
@@ -107,6 +112,21 @@ def _draw(axes: Axes, plan: PlanResult) -> None:
     axes.set_aspect("equal")
 
 
+def draw_plates(count: int, folder: Path) -> list[str]:
+    """Write plates 150 to 260 mm long with round holes, no two alike; the same every time."""
+    files = []
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        outline, holes = draw_outline(OUTLINES_WITH_HOLES[seed % len(OUTLINES_WITH_HOLES)], rng)
+        shape = PlaneShape(outline, holes, (), ())
+        discs = place_discs(shape, int(rng.integers(1, 5)), 0.04, 0.14, 0.06, rng)
+        mesh = triangulate_shape(shape._replace(holes=tuple(discs)), 0.05, 0.2, rng)
+        points = np.column_stack([mesh.points, np.zeros(len(mesh.points))]) * rng.uniform(150.0, 260.0)
+        files.append(str(folder / f"plate_{seed}_{len(discs)}.stl"))
+        trimesh.Trimesh(points, mesh.triangles, process=False).export(files[-1])
+    return files
+
+
 def main() -> None:
     """Read the arguments, plan, print, draw."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -115,8 +135,11 @@ def main() -> None:
     parser.add_argument("--stepover", type=float, default=8.0, help="mm")
     parser.add_argument("--pad-diameter", type=float, default=50.0, help="mm")
     parser.add_argument("--out", type=Path, default=SHEET, help="the picture")
+    parser.add_argument("--plates", type=int, default=0, help="how many random plates")
     asked = parser.parse_args()
-    parts = [PartConfig(file=file, unit=asked.units) for file in asked.parts or workpiece_names()]
+    folder = tempfile.TemporaryDirectory()
+    files = draw_plates(asked.plates, Path(folder.name)) or asked.parts or workpiece_names()
+    parts = [PartConfig(file=file, unit=asked.units) for file in files]
     plan = PlanConfig(stepover_m=1e-3 * asked.stepover)
     cells = plan_all(parts, plan, PadConfig(radius_m=0.5e-3 * asked.pad_diameter))
     sheet(cells).savefig(asked.out, dpi=110)

@@ -48,10 +48,21 @@ def test_one_spiral_covers_a_disc_or_a_ring_without_crossing_itself(name):
     assert figures["coverage"] >= 0.99
 
 
-def test_round_two_holes_spirals_lift_where_the_region_splits_and_do_not_cross():
-    figures = shipped_plan("plate_two_holes").figures
+def plate_of_four_holes(folder):
+    def inside(x, y):
+        holes = (x + 60) ** 2 + (y - 50) ** 2, (x - 55) ** 2 + (y - 40) ** 2, (x - 20) ** 2 + (y + 50) ** 2
+        return (np.min(holes, axis=0) > 20**2) & ((x + 50) ** 2 + (y + 40) ** 2 > 28**2)
+
+    return plan_of(prism(inside, 240.0), folder / "holes.stl", PlanConfig(stepover_m=STEP))
+
+
+@pytest.mark.parametrize("name", ["plate_two_holes", ""])
+def test_around_holes_the_spiral_is_one_stroke_evenly_spaced(name, tmp_path):
+    figures = (shipped_plan(name) if name else plate_of_four_holes(tmp_path)).figures
     assert figures["self_crossings"] == 0
-    assert figures["coverage_stepover"] >= 0.985
+    assert figures["retracts"] <= 3
+    assert figures["coverage_stepover"] >= 0.99
+    assert figures["stepover_p5_m"] >= 0.8 * STEP
 
 
 @pytest.mark.parametrize("name", WHOLE)

@@ -101,7 +101,7 @@ class PlanConfig:
     order: str = key("inward", "spiral, contour: inward or outward", option=Option("--order", PATH, "NAME"))
     direction: str = key(
         "conventional",
-        "spiral, contour: conventional (what is not done yet on the left) or climb",
+        "spiral, contour: conventional (what is not done yet on the left) or climb; spirals round holes: climb alone",
         option=Option("--direction", PATH, "NAME"),
     )
     start: tuple[float, ...] = key(

@@ -42,13 +42,16 @@ def nested_turns(request: PatternRequest) -> Nested:
 
     What the turns leave uncovered in the middle gets a loop of its own, closer to them than a step-over.
     """
-    mesh, stepover = request.mesh, request.stepover
-    roots = grown_turns(request).roots
-    roots = _without_slivers(roots, stepover)
+    return with_loops(request, grown_turns(request).roots)
+
+
+def with_loops(request: PatternRequest, roots: Sequence[Turn], shallowest: float = 0.0) -> Nested:
+    """Turns without slivers, and loops in the gaps between them whose middle is so many step-overs away or more."""
+    kept = _without_slivers(roots, request.stepover)
     loops: list[Turn] = []
     for _ in range(PASSES):
-        loops += _close_gaps(mesh, list(all_turns(roots)), stepover)
-    return Nested(roots, loops)
+        loops += _close_gaps(request.mesh, list(all_turns(kept)), request.stepover, shallowest)
+    return Nested(kept, loops)
 
 
 class Grown(NamedTuple):
@@ -143,7 +146,7 @@ def _area(ring: Array) -> float:
     return 0.5 * float(np.linalg.norm(np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)))
 
 
-def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float) -> list[Turn]:
+def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float, shallowest: float) -> list[Turn]:
     """Hang a loop round every uncovered place below the turn it lies nearest to; returns the loops."""
     if not turns:
         return []
@@ -157,9 +160,9 @@ def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float) -> 
     for label in range(count):
         place = labels == label
         open_area = mesh.vertex_areas[place & (distance > STRICT * stepover)].sum()
-        if open_area < WORTH_A_LOOP * stepover**2 or at_border[place].any():
-            continue
         deepest = float(distance[place].max())
+        if open_area < WORTH_A_LOOP * stepover**2 or at_border[place].any() or deepest < shallowest * stepover:
+            continue
         edge = float(np.clip(deepest - (INNER - WIDER) * stepover, EDGE * stepover, DEEP_EDGE * stepover))
         for line in level_lines(mesh, np.where(place, distance, 0.0), edge):
             curve = _loop(line, stepover) if line.closed else None

@@ -14,6 +14,8 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curves.turns import border_curves
+from polish_sim.planning.patterns.double_spiral import double_spirals
 from polish_sim.planning.patterns.leftover import finish_middle, middle_ends
 from polish_sim.planning.patterns.nested import chains, grown_turns
 from polish_sim.planning.patterns.pitch import Match, Shares, beside, match_turns, spread_shares
@@ -221,7 +223,8 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
 
     Spirals are laid inwards, counter-clockwise seen from outside; then what is not done yet lies on the left. Walked
     backwards they lead outwards, and what is not done yet still lies on the left. To have it on the right (climb)
-    they are laid clockwise.
+    they are laid clockwise. Around holes they wind in and out in one stroke, except with climb: of the two ways one
+    would have it on the wrong side.
     """
     plan, mesh, stepover = request.plan, request.mesh, request.stepover
     roots, pitch, to_border = grown_turns(request)
@@ -233,6 +236,9 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     ]
     start, nowhere = np.reshape(plan.start, (-1, 3)), np.empty((0, 3))
     lines: list[Run] = []
+    if len(waiting) > 1 and len(border_curves(mesh)) > 1 and plan.direction != "climb":
+        doubled = [finish_run(request.region.surface, line, stepover) for line in double_spirals(request, roots)]
+        return _in_order(doubled, outward)
     while waiting:
         chain = waiting.pop(0)
         curves = [turn.curve.backwards() if plan.direction == "climb" else turn.curve for turn in chain]
@@ -245,7 +251,10 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
             waiting[:0] = [chain[:count], chain[count:]]
         else:
             lines.append(_join_turns(curves, seams, to_border, pitch))
-    runs = _finished(request, lines, finish_middle(mesh, lines, stepover))
+    return _in_order(_finished(request, lines, finish_middle(mesh, lines, stepover)), outward)
+
+
+def _in_order(runs: list[SurfaceRun], outward: bool) -> list[SurfaceRun]:
     return [run.backwards() for run in runs[::-1]] if outward else runs
 
 

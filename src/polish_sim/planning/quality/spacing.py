@@ -42,8 +42,8 @@ def measure_stepover(runs: Sequence[Curve], stepover: float) -> Stepover:
     """
     strands = Strands(runs)
     path = strands.sample(stepover / SAMPLES)
-    sides = np.cross(path.normals, unit(_along(path)))
-    sides_of = _beside(path, sides, stepover)
+    sides = np.cross(path.normals, unit(along(path)))
+    sides_of = neighbours_beside(path, sides, stepover)
     out = _corners(path) | _last_half_turns(path, sides_of)
     found = [_refine(strands, path, beside, ~out & (beside >= 0) & ~out[beside], stepover) for beside in sides_of]
     kept = np.concatenate(found)
@@ -53,7 +53,7 @@ def measure_stepover(runs: Sequence[Curve], stepover: float) -> Stepover:
     return Stepover(float(kept.min()), p5, float(kept.mean()), p95, float(kept.max()), float(out.mean()), kept)
 
 
-def _along(path: Samples) -> Array:
+def along(path: Samples) -> Array:
     """Central differences along each run, shape (n, 3)."""
     rows = np.arange(len(path.run))
     before = np.maximum(rows - 1, path.first[path.run])
@@ -73,7 +73,7 @@ def _corners(path: Samples) -> Bools:
     return binary_dilation(sharp, iterations=half)
 
 
-def _beside(path: Samples, sides: Array, stepover: float) -> tuple[Indices, Indices]:
+def neighbours_beside(path: Samples, sides: Array, stepover: float) -> tuple[Indices, Indices]:
     """The nearest sample of another turn on the left and on the right of each sample, -1 where there is none."""
     reach = FURTHEST * stepover
     grid = build_point_grid(path.points, 0.5 * reach)

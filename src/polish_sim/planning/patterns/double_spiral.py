@@ -1,0 +1,130 @@
+"""Spirals around holes: in and out again in one stroke, evenly spaced (nested turns -> runs).
+
+A spiral ends in the middle of what it covers. Where holes divide a region there are several such middles, and a stroke
+can begin in one and end in another; to pass through a third it has to wind out again beside its way in. So the turns
+are joined as in a connected Fermat spiral.
+
+Where turns of different borders meet, the gap between them is any share of a step-over. It is spread over the strands
+around: each point moves towards the wider of the gaps on its two sides, and towards what is not covered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial import cKDTree
+
+from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.geometry import Surface
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curves.turns import Turn, border_curves
+from polish_sim.planning.ground.triangulation import Triangulation
+from polish_sim.planning.patterns.fermat import connect
+from polish_sim.planning.patterns.leftover import finish_middle
+from polish_sim.planning.patterns.nested import all_turns, with_loops
+from polish_sim.planning.patterns.run import PatternRequest, Run, dense
+from polish_sim.planning.quality.located import Samples, Strands
+from polish_sim.planning.quality.spacing import along, neighbours_beside
+from polish_sim.planning.toolpath import arc_length
+from polish_sim.spatial import unit
+
+SHALLOWEST = 1.0  #: Only places whose middle is so many step-overs from the turns get a loop; others are closed evenly
+ROUNDS, AFTERWARDS = 40, 20  #: Rounds of moving strands, and once more after the last places have got strokes
+MOST_STROKES = 2  #: The tool is lifted for so many places no strand can be moved to
+SPACING = 1.0 / 8.0  #: Spacing of the points that move, in step-overs
+WINDOW = 5  #: Points move together with so many around them, averaged twice
+AT_BORDER = 0.52  #: Strands this near the border follow it, in step-overs: they stay
+WIDEST = 1.1  #: A gap counts as at most so many step-overs: corners of neighbouring turns lie further apart
+ALONGSIDE = 0.7  #: Cosine up to which a neighbour runs alongside; others count as a step-over away, or nearer
+RATE = 0.125  #: Share of the difference of both gaps a point moves in one round
+UNCOVERED = 0.53  #: Places further away than so many step-overs draw the nearest strand
+DRAWN, DRAWN_MORE = 0.5, 0.05  #: By this share of how much further they are, and so many step-overs more
+MOST = 0.1  #: Longest move in one round, in step-overs: strands must not get past each other
+FEW = 0.2  #: Fewer places per point than this draw less
+
+
+def double_spirals(request: PatternRequest, roots: Sequence[Turn]) -> list[Run]:
+    """Join nested turns to one line that winds in and out around all holes, or to few."""
+    mesh, stepover = request.mesh, request.stepover
+    turns = all_turns(with_loops(request, roots, SHALLOWEST).roots)
+    joined = connect([turn.curve for turn in turns], stepover, request.plan.start)
+    lines = even_out(request, joined, ROUNDS)
+    finished = finish_middle(mesh, lines, stepover)
+    strokes = sorted(finished[len(lines) :], key=lambda run: -len(dense(run.positions, SPACING * stepover)))
+    return even_out(request, finished[: len(lines)] + strokes[:MOST_STROKES], AFTERWARDS)
+
+
+def even_out(request: PatternRequest, runs: Sequence[Run], rounds: int) -> list[Run]:
+    """Spread the gaps between strands evenly in so many ``rounds``; strands that follow a border stay."""
+    surface, mesh, stepover = request.region.surface, request.mesh, request.stepover
+    lines = [run.positions for run in runs]
+    border = cKDTree(np.concatenate([_closed(curve, 0.1 * stepover) for curve in border_curves(mesh)]))
+    for _ in range(rounds):
+        path = _sampled(surface, lines, stepover)
+        free = border.query(path.points)[0] > AT_BORDER * stepover
+        lines = _moved(mesh, path, free, stepover)
+    return [Run(line, _passes(run, line)) for run, line in zip(runs, lines, strict=True)]
+
+
+def _closed(curve: Curve, spacing: float) -> Array:
+    return dense(np.concatenate([curve.positions, curve.positions[:1]]), spacing)
+
+
+def _sampled(surface: Surface, lines: Sequence[Array], stepover: float) -> Samples:
+    """Evenly spaced points of all lines with the normals of the surface below."""
+    lines = [dense(line, SPACING * stepover) for line in lines]
+    ends = np.cumsum([len(line) for line in lines])[:-1]
+    on = surface.closest(np.concatenate(lines))
+    pairs = zip(np.split(on.positions, ends), np.split(on.normals, ends), strict=True)
+    return Strands([Curve(positions, normals, False) for positions, normals in pairs]).sample(SPACING * stepover)
+
+
+def _moved(mesh: Triangulation, path: Samples, free: Bools, stepover: float) -> list[Array]:
+    """The lines after one round."""
+    tangents = unit(along(path))
+    sides = np.cross(path.normals, tangents)
+    left, right = (_gaps(path, tangents, beside, stepover) for beside in neighbours_beside(path, sides, stepover))
+    balance = RATE * (left - right)
+    drawn, places = _drawn(mesh, path, sides, stepover)
+    out = []
+    for first, last in zip(path.first[:-1], path.first[1:], strict=True):
+        rows = slice(first, last)
+        move = _mean(balance[rows]) + DRAWN * _mean(drawn[rows]) / np.maximum(_mean(places[rows]), FEW)
+        move = np.where(free[rows], np.clip(move, -MOST * stepover, MOST * stepover), 0.0)
+        out.append(path.points[rows] + move[:, None] * sides[rows])
+    return out
+
+
+def _gaps(path: Samples, tangents: Array, beside: Indices, stepover: float) -> Array:
+    """Distance to the neighbour on one side as far as it counts; a step-over where there is none [m], shape (n,)."""
+    gap = np.linalg.norm(path.points[beside] - path.points, axis=1)
+    alongside = np.abs((tangents[beside] * tangents).sum(axis=1)) > ALONGSIDE
+    gap = np.where(alongside, np.minimum(gap, WIDEST * stepover), np.minimum(gap, stepover))
+    return np.where(beside >= 0, gap, stepover)
+
+
+def _drawn(mesh: Triangulation, path: Samples, sides: Array, stepover: float) -> tuple[Array, Array]:
+    """How far what is not covered lies off to the left of each point, summed [m], and how many places that are."""
+    distance, nearest = cKDTree(path.points).query(mesh.vertices)
+    far = np.flatnonzero(distance > UNCOVERED * stepover)
+    at = nearest[far]
+    same_side = (path.normals[at] * mesh.normals[far]).sum(axis=1) > 0.0
+    far, at = far[same_side], at[same_side]
+    offset = ((mesh.vertices[far] - path.points[at]) * sides[at]).sum(axis=1) / distance[far]
+    weights = offset * (distance[far] - (UNCOVERED - DRAWN_MORE) * stepover)
+    count = len(path.points)
+    return np.bincount(at, weights, count), np.bincount(at, minlength=count).astype(float)
+
+
+def _mean(values: Array) -> Array:
+    once = uniform_filter1d(values, WINDOW, mode="nearest")
+    return np.asarray(uniform_filter1d(once, WINDOW, mode="nearest"))
+
+
+def _passes(run: Run, line: Array) -> Indices:
+    """Pass of each point of a moved line: the one as far along it."""
+    before, after = arc_length(run.positions), arc_length(line)
+    index = np.searchsorted(before, after * (before[-1] / after[-1]), side="right") - 1
+    return np.asarray(run.pass_index[np.clip(index, 0, len(before) - 1)])
