@@ -1,7 +1,11 @@
 """Broken mesh files, a seeded few of those `python -m benchmarks.fuzz` tries."""
 
+import contextlib
+import time
+
 import numpy as np
 import pytest
+import trimesh
 
 from benchmarks.fuzz import LARGEST, SLOWEST, run_apart, try_files
 from benchmarks.mutations import broken_file, file_names, valid_files
@@ -40,6 +44,21 @@ def test_the_worker_of_the_fuzz_holds_its_memory_limit():
     assert not outcome.faults
     assert sum(outcome.counts.values()) == 7
     assert outcome.peak < LARGEST
+
+
+def test_a_large_file_with_many_wrong_facets_is_done_with_in_seconds(tmp_path):
+    """Facets too many and corners wrong: nearly every edge is a border, with thousands of others' vertices near it."""
+    rng = np.random.default_rng(0)
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=40.0)
+    faces, corners = np.array(ball.faces), len(ball.vertices)
+    faces = np.concatenate([faces, rng.integers(corners, size=(len(faces) // 4, 3))])
+    wrong = rng.random(len(faces)) < 0.28
+    faces[wrong, 0] = rng.integers(corners, size=int(wrong.sum()))
+    trimesh.Trimesh(ball.vertices, faces, process=False).export(tmp_path / "wrong.stl")
+    begin = time.process_time()
+    with contextlib.suppress(MeshError):
+        load_part(tmp_path / "wrong.stl")
+    assert time.process_time() - begin < SLOWEST
 
 
 def test_edges_without_length_that_repairs_leave_do_not_break_the_fit(tmp_path):
