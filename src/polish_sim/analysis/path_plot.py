@@ -33,7 +33,7 @@ from polish_sim.analysis.style import (
     styled,
     view_frame,
 )
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, Ints
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.motion import link_frames
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, stretches
@@ -64,6 +64,7 @@ TOWARDS_VIEWER = np.array(
 LIGHT = np.array([-0.57, -0.37, 0.73])
 AMBIENT = 0.42
 TICKS = 6
+LONGEST_EDGE = 0.1  #: Of a facet that is drawn, as a share of the part's size
 LEAST_HEIGHT = 0.02  #: Of what is drawn in 3D, over its width
 FACTS_AT = 0.935  #: Height of the line of figures, under the heading
 TINT, FIXTURE_TINT = np.array([0.93, 0.95, 1.0]), np.array([0.55, 0.62, 0.72])
@@ -92,12 +93,11 @@ def plot_plan(result: PlanResult, name: str = "") -> Figure:
     vertices = result.standing[0].vertices @ frame.T * MM
     drawn = [(mesh, TINT), *([] if fixture is None else [(fixture.mesh, FIXTURE_TINT)])]
     light = [lighter_mesh(body.vertices @ frame.T * MM, body.faces, MOST_FACETS) for body, _ in drawn]
-    corners = np.concatenate([body.vertices[body.faces] for body in light])
+    bodies = [_in_small_facets(body.vertices, body.faces) for body in light]
+    corners = np.concatenate(bodies)
     if fixture is not None:
         flat.plot([], [], "s", color=FIXTURE_TINT, label="fixture")
-    _draw_part(
-        solid, flat, corners, np.repeat([tint for _, tint in drawn], [len(body.faces) for body in light], axis=0)
-    )
+    _draw_part(solid, flat, corners, np.repeat([tint for _, tint in drawn], [len(body) for body in bodies], axis=0))
     fill_view(solid, np.concatenate([vertices, shown]))
     scale = Normalize(0.0, float(path.s[-1]))
     seen = _look(solid, corners, path, shown, frame)
@@ -108,6 +108,17 @@ def plot_plan(result: PlanResult, name: str = "") -> Figure:
     _finish(figure, flat, result, scale, frame)
     _head(figure, result, name or _what(result.plan))
     return figure
+
+
+def _in_small_facets(vertices: Array, faces: Ints) -> Array:
+    """Corners of facets without long edges, shape (m, 3, 3): long facets cannot be drawn in order of their distance."""
+    corners, longest = vertices[faces], LONGEST_EDGE * float(np.ptp(vertices, axis=0).max())
+    if np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= longest:
+        return corners
+    from trimesh.remesh import subdivide_to_size  # slow to import
+
+    vertices, faces = subdivide_to_size(vertices, faces, longest, max_iter=20)
+    return np.asarray(vertices[faces])
 
 
 def _look(solid: Any, corners: Array, path: ToolPath, shown: Array, frame: Array) -> _Seen:
