@@ -150,6 +150,9 @@ class Surface:
     def restrict(self, facets: Ints) -> Surface:
         """The part of the surface made of these facets (k,); facet i of it is ``facets[i]`` of this one."""
         facets = np.asarray(facets, dtype=np.int32)
+        used = np.bincount(self.faces.ravel(), minlength=len(self.vertices)) > 0
+        if used.all() and np.array_equal(facets, np.arange(len(self.faces))):
+            return self  # as it is: surfaces are not changed, and fine ones take memory
         number = np.full(len(self.faces) + 1, -1, dtype=np.int32)
         number[facets] = np.arange(len(facets), dtype=np.int32)
         neighbours = number[self.neighbours[facets]]
