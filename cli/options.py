@@ -20,7 +20,7 @@ import typer
 from polish_sim.config import Scenario
 from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, Option, Unit
 from polish_sim.errors import ConfigError, InputError, number_text
-from polish_sim.scenario_file import load_scenario, merge, override
+from polish_sim.scenario_file import AUTO, load_scenario, merge, override
 
 Given = Mapping[str, Any]  #: Options by name, e.g. ``--feed``, in SI; None where not given.
 
@@ -214,13 +214,14 @@ def _declared(option: Own | Key) -> inspect.Parameter:
 def _help(key: Key) -> str:
     """Meaning, unit and default of an option."""
     meaning, unit = key.meaning, key.option.unit
-    text, _, empty = meaning.partition("; empty = ")
+    word = "empty" if key.default == "" else AUTO
+    text, _, empty = meaning.partition(f"; {word} = ")
     if isinstance(unit, Unit) and unit.name and f"({unit.name})" not in text:
         text += f" ({unit.name})"
     if key.option.repeat:
         text += "; may be repeated"
     if empty and key.default in ("", ()):
-        text += f"; default: {empty}"
+        text += f"; default: {empty}" if word == "empty" else f", or auto: {empty}; default auto"
     elif key.default not in ("", ()):
         scaled = isinstance(unit, Unit) and isinstance(key.default, float)
         shown = number_text(key.default / unit.si, 4) if scaled else str(key.default)  # type: ignore[union-attr]
@@ -289,6 +290,8 @@ def read_count(name: str, text: str, low: float, high: float) -> int:
 
 def _read_list(key: Key, text: str) -> list[float]:
     """Read X,Y,Z or X,Y,Z,RX,RY,RZ (rotation vector, as the robot shows it) into SI."""
+    if text.strip() == AUTO and key.default == ():
+        return []
     count, unit = key.spec["length"], key.option.unit
     units: Sequence[Unit] = unit if isinstance(unit, tuple) and not isinstance(unit, Unit) else [unit or PURE] * count
     try:

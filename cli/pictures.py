@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from polish_sim.analysis.run_record import StopMark
+
     Image = NDArray[np.uint8]
 
 CELL_PICTURE: Final = "cell.png"
@@ -43,6 +45,9 @@ class Quality(NamedTuple):
     shadow: int  #: Resolution of the shadows
 
 
+CAPTION: Final = 34  #: Height of a line below a picture [pixels]
+CROSS: Final = 11.0  #: Half the size of the cross at a protective stop [pixels]
+STOP_COLOR: Final = "#E00020"
 STILL: Final = Quality(960, 720, 4, 2048)
 FILM: Final = Quality(640, 480, 0, 1024)
 LOOK_AT: Final = (0.0, -0.32, 0.28)
@@ -104,6 +109,19 @@ class Picture:
         self._renderer.update_scene(data, self._camera)
         return np.array(self._renderer.render(), dtype=np.uint8)
 
+    def pixel_of(self, place: NDArray[np.float64]) -> tuple[float, float]:
+        """Where a place (3,) [m] is in the image rendered last: column, row."""
+        import numpy as np
+
+        eyes = self._renderer.scene.camera
+        away = place - np.mean([eye.pos for eye in eyes], axis=0)
+        ahead, up = np.array(eyes[0].forward), np.array(eyes[0].up)
+        # The frustum's half height at its near plane is the image's.
+        scale = 0.5 * self._renderer.height * eyes[0].frustum_near / eyes[0].frustum_top / (away @ ahead)
+        right = np.cross(ahead, up)
+        column, row = 0.5 * self._renderer.width + scale * away @ right, 0.5 * self._renderer.height - scale * away @ up
+        return float(column), float(row)
+
     def close(self) -> None:
         """Give the renderer's memory back."""
         self._renderer.close()
@@ -116,8 +134,25 @@ def save_image(file: Path, image: Image) -> None:
     Pillow.fromarray(image).save(file)
 
 
+def crossed_out(image: Image, place: tuple[float, float], text: str) -> Image:
+    """An image with a cross at a place, column and row, and a line of text below it."""
+    import numpy as np
+    from PIL import Image as Pillow
+    from PIL import ImageDraw
+
+    height, width, _ = image.shape
+    whole = Pillow.new("RGB", (width, height + CAPTION), "white")
+    whole.paste(Pillow.fromarray(image))
+    draw, (x, y) = ImageDraw.Draw(whole), place
+    for color, line in (("white", 9), (STOP_COLOR, 5)):
+        for way in (-1.0, 1.0):
+            draw.line((x - CROSS, y - way * CROSS, x + CROSS, y + way * CROSS), fill=color, width=line)
+    draw.text((10, height + 8), text, fill=STOP_COLOR, font_size=16)
+    return np.array(whole, dtype=np.uint8)
+
+
 class Snapshot:
-    """Remembers the joint positions on the way and renders the middle one as a PNG when the run ends."""
+    """Remembers the joint positions on the way; renders the middle one, or a protective stop's, when the run ends."""
 
     every_s = 0.5
 
@@ -125,6 +160,8 @@ class Snapshot:
         self._file = file
         self._model: Any = None
         self._positions: list[Any] = []
+        self._times: list[float] = []
+        self.stop: StopMark | None = None  #: Of the run, set before the picture is rendered
 
     def __enter__(self) -> Snapshot:
         return self
@@ -133,6 +170,7 @@ class Snapshot:
         """Remember one moment."""
         self._model = model
         self._positions.append(data.qpos.copy())
+        self._times.append(float(data.time))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -142,10 +180,14 @@ class Snapshot:
             return
         import mujoco
 
-        data = mujoco.MjData(self._model)
-        data.qpos[:] = self._positions[len(self._positions) // 2]
+        data, stop = mujoco.MjData(self._model), self.stop
+        moment = len(self._positions) // 2
+        if stop:
+            moment = min(range(len(self._times)), key=lambda k: abs(self._times[k] - stop.time))
+        data.qpos[:] = self._positions[moment]
         mujoco.mj_forward(self._model, data)
-        save_image(self._file, picture.render(data))
+        image = picture.render(data)
+        save_image(self._file, crossed_out(image, picture.pixel_of(stop.tool), stop.text) if stop else image)
         picture.close()
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import shutil
 import time
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import typer
 
@@ -13,7 +16,7 @@ from polish_sim.cli import console
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError, ReachError, place_in_mm
+from polish_sim.errors import InputError, PlanError, ReachError, place_in_mm
 from polish_sim.experiments.registry import PATH_OPTIONS, experiment, refuse_idle_options
 
 if TYPE_CHECKING:
@@ -21,9 +24,11 @@ if TYPE_CHECKING:
 
     from polish_sim.cell import Observer
     from polish_sim.experiments.placement import Reach
+    from polish_sim.experiments.setups import Patch
     from polish_sim.planning import PlanResult
 
 PAIR_OPTIONS: Final = ("--master-speed", "--master-turn", "--master-path")  #: Only for a plan for two robots
+ALL: Final = "all"  #: The region that is split into setups
 PartFile = Annotated[
     str,
     typer.Argument(
@@ -47,7 +52,10 @@ PartFile = Annotated[
     *("--reach-map", *CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
 )
 def plan(part: PartFile, given: Given) -> None:
-    """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png."""
+    """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png.
+
+    With --region all every side is planned, in as few setups as possible: a folder each, and a table.
+    """
     out, overwrite, dual = given["--out"], given["--overwrite"], bool(given["--dual"])
     given = {**given, "--part": part}
     refuse_taken(out, overwrite)
@@ -60,30 +68,61 @@ def plan(part: PartFile, given: Given) -> None:
         raise InputError(f"{', '.join(idle)} is for two robots: give --dual as well, or leave it out.")
     scenario = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.analysis.path_plot import plot_plan
-    from polish_sim.exchange import ExportSetup, check_formats, export_plan, write_plan
-    from polish_sim.experiments import time_law
-    from polish_sim.experiments.report import save_plots
-    from polish_sim.planning import PATTERNS, plan_part
+    from polish_sim.exchange import check_formats
+    from polish_sim.planning import PATTERNS
 
     refuse_idle_on_path(scenario, {name: known.listens for name, known in PATTERNS.items()}, given)
-    formats = check_formats(given["--export"] or [])
-    setup = ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
+    wanted = Wanted(tuple(check_formats(given["--export"] or [])), bool(given["--reach-map"]))
     with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
-        asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
-        result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
-        plots = {"path.png": plot_plan(result, "Once around the rim" if dual else "")}
-        begin = time.perf_counter()
-        reach, unreached = None, ""
-        if not dual:
-            reach, unreached = place(scenario, result, plots, bool(given["--reach-map"]), observer)
-        observer.stage("time the motion")
-        result.figures.update(time_law(scenario, result.path, result.mesh.noise, observer.progress, reach))
-        result.figures["plan_time_s"] += time.perf_counter() - begin
-        write_plan(folder.draft, result)
-        export_plan(folder.draft, result, formats, setup)
-        observer.stage("draw")
-        save_plots(folder.draft, plots)
+        if scenario.plan.region == ALL and not dual and not scenario.part.pose:
+            show = plan_setups(scenario, folder.draft, wanted, observer)
+        else:
+            result, unreached = plan_once(scenario, folder.draft, wanted, observer)
+            show = partial(_show_plan, result, unreached, dual)
+    show()
+    console.say(f"folder: {folder.final}")
+
+
+class Wanted(NamedTuple):
+    """What is written beside a plan."""
+
+    formats: tuple[str, ...]
+    reach_map: bool
+
+
+def plan_once(
+    scenario: Scenario, folder: Path, wanted: Wanted, observer: Observer, forced: bool = True
+) -> tuple[PlanResult, str]:
+    """Plan one path into a folder; it and why the robot cannot do it: nothing is written then unless ``forced``."""
+    from polish_sim.analysis.path_plot import plot_plan
+    from polish_sim.exchange import ExportSetup, export_plan, write_plan
+    from polish_sim.experiments import time_law
+    from polish_sim.experiments.report import save_plots
+    from polish_sim.planning import plan_part
+
+    dual = scenario.experiment == "dual"
+    asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+    result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
+    plots = {"path.png": plot_plan(result, "Once around the rim" if dual else "")}
+    begin = time.perf_counter()
+    reach, unreached = None, ""
+    if not dual:
+        reach, unreached = place(scenario, result, plots, wanted.reach_map, observer)
+    if unreached and not forced:
+        return result, unreached
+    observer.stage("time the motion")
+    result.figures.update(time_law(scenario, result.path, result.mesh.noise, observer.progress, reach))
+    result.figures["plan_time_s"] += time.perf_counter() - begin
+    write_plan(folder, result)
+    export_plan(
+        folder, result, wanted.formats, ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
+    )
+    observer.stage("draw")
+    save_plots(folder, plots)
+    return result, unreached
+
+
+def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
     for note in (*result.notes, *filter(None, [unreached])):
         console.note(f"note: {note}")
     if dual:
@@ -91,7 +130,80 @@ def plan(part: PartFile, given: Given) -> None:
 
         console.note(seat_notes(result.figures)[0])
     console.table(f"plan of {result.mesh.name}", ["figure", "unit", "value"], _rows(result.figures))
-    console.say(f"folder: {folder.final}")
+
+
+def plan_setups(scenario: Scenario, folder: Path, wanted: Wanted, observer: Observer) -> Callable[[], None]:
+    """Split all of a part into setups and plan each into a folder of its own, ``setup_1`` and so on, beside a table.
+
+    Returns what shows the table.
+
+    Raises:
+        PlanError: No setup reaches anything of the part.
+    """
+    from polish_sim.analysis.run_record import write_json
+    from polish_sim.experiments.setups import SetupSearch
+    from polish_sim.planning.planner import NO_WAY
+
+    search = SetupSearch(scenario, observer)
+    done: list[PlanResult] = []
+    while (setup := search.next()) is not None:
+        name = f"setup_{len(done) + 1}"
+        observer.stage(f"{name}: {setup.scenario.part.up} up, {len(setup.patches)} of {search.count} patches")
+        try:
+            result, unreached = plan_once(setup.scenario, folder / name, wanted, observer, forced=False)
+        except PlanError as error:
+            search.refuse(setup, str(error), elsewhere=False)
+            continue
+        lost = next((note for note in result.notes if NO_WAY in note), "") if len(setup.patches) > 1 else ""
+        if unreached or lost:
+            shutil.rmtree(folder / name, ignore_errors=True)
+            search.refuse(setup, unreached or lost, elsewhere=bool(unreached))
+        else:
+            done.append(result)
+    missed = [(patch, "the arm does it in no pose that was tried") for patch in search.left] + search.given_up
+    if not done:
+        raise PlanError(f"no setup reaches anything of the part: {missed[0][1]}")
+    rows = [
+        {"folder": f"setup_{number}", "up": result.mesh.up.tolist(), "region": result.plan.region, **result.figures}
+        for number, result in enumerate(done, 1)
+    ]
+    named = [{"area_m2": patch.area, "at_m": patch.middle.tolist(), "reason": why} for patch, why in missed]
+    area = {"part_area_m2": search.part_area, "unreached_area_m2": sum(patch.area for patch, _ in missed)}
+    write_json(folder / "metrics.json", {"setups": rows, **area, "unreached": named})
+    notes = [*search.notes, *(f"{row['folder']}: {note}" for row, plan in zip(rows, done, strict=True)
+             for note in plan.notes if "left out" in note), *_missed_notes(missed)]  # fmt: skip
+    return partial(_show_setups, done, area, notes)
+
+
+def _missed_notes(missed: Sequence[tuple[Patch, str]]) -> list[str]:
+    """What no setup reaches, patches of like reasons together."""
+    kinds: dict[str, list[tuple[Patch, str]]] = {}
+    for patch, why in missed:
+        kinds.setdefault(why.partition(":")[0], []).append((patch, why))
+    return [
+        f"no setup reaches {1e4 * sum(patch.area for patch, _ in alike):.3g} cm^2 in {len(alike)} patches, the largest "
+        f"at {place_in_mm(alike[0][0].middle)}: {alike[0][1]}"
+        for alike in kinds.values()
+    ]
+
+
+def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: Sequence[str]) -> None:
+    from polish_sim.geometry.orientation import describe
+
+    for note in notes:
+        console.note(f"note: {note}")
+    rows = []
+    for number, result in enumerate(done, 1):
+        m = result.figures
+        sizes = (1e4 * m["region_area_m2"], 1e4 * m["unreachable_area_m2"])
+        shares = f"{100.0 * m['coverage']:.1f}", str(m["retracts"]), f"{m['path_length_m']:.2f}"
+        cycle = console.number_or_dash(m["cycle_time_s"], 1.0, ".1f")
+        rows.append([f"setup_{number}", describe(result.mesh.up), *(f"{size:.1f}" for size in sizes), *shares, cycle])
+    headings = ["setup", "up", "region, cm^2", "out of reach", "covered, %", "strokes", "path, m", "cycle time, s"]
+    console.table(f"setups of {done[0].mesh.name}", headings, rows, left=2)
+    whole, lost = (1e4 * area[name] for name in ("part_area_m2", "unreached_area_m2"))
+    console.say(f"of the part's {whole:.1f} cm^2 no setup reaches {lost:.1f} cm^2")
+    console.say("run each: polish-sim run surface --path FOLDER/setup_1")
 
 
 def place(

@@ -17,7 +17,7 @@ from polish_sim.cli.boundary import DONE
 from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import CELL_PICTURE, open_sinks
+from polish_sim.cli.pictures import CELL_PICTURE, Snapshot, open_sinks
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, place_in_mm
 from polish_sim.experiments.registry import (
@@ -164,7 +164,8 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
 
     ``sinks`` get the frames: viewer, video, picture.
     """
-    from polish_sim.analysis.run_record import METRICS, write_json
+    from polish_sim.analysis.path_plot import plot_plan
+    from polish_sim.analysis.run_record import METRICS, stop_mark, write_json
     from polish_sim.cli.outcome import Outcome, other_conditions
     from polish_sim.experiments.report import save_plots
 
@@ -175,9 +176,16 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
             for sink in sinks:
                 stack.enter_context(sink)
             stack.enter_context(observer.compiling.ahead(scenario))
-            record = simulate(scenario, plan_to_run(scenario, plan, observer, draft), draft, observer)
+            planned = plan_to_run(scenario, plan, observer, draft)
+            record = simulate(scenario, planned, draft, observer)
             observer.stage("draw")
+            stop = stop_mark(record.metrics)
+            for sink in sinks:
+                if isinstance(sink, Snapshot):
+                    sink.stop = stop
             draw_run(record, draft)
+            if stop and planned is not None:
+                save_plots(draft, {"path.png": plot_plan(planned, stop=stop)})
         if not (draft / CELL_PICTURE).exists() and len(record.log):
             from polish_sim.analysis.path_plot import plot_cell
 
@@ -327,7 +335,7 @@ def _planned_file(source: Path, known: Mapping[str, str], what: str, option: str
 
 def planned_settings(source: Path, facts: Mapping[str, Any], given: Given) -> dict[str, Any]:
     """The settings a plan was made with, as a table of the scenario; older plans do not say pad, force and fixture."""
-    from polish_sim.geometry.orientation import SIDES
+    from polish_sim.geometry.orientation import side_name
 
     settings: dict[str, Any] = {"plan": facts["plan"], "part": {"unit": facts["part"]["unit"]}}
     fixture = facts["fixture"]
@@ -337,8 +345,7 @@ def planned_settings(source: Path, facts: Mapping[str, Any], given: Given) -> di
         if _hash(Path(found)) != fixture["sha256"]:
             raise InputError(f"the plan '{source}' was {what}: say where it is with --fixture, or plan again.")
     if facts["pad"]:
-        up = next((side for side, way in SIDES.items() if list(way) == facts["up"]), None)
-        settings["part"]["up"] = up or ",".join(map(repr, facts["up"]))
+        settings["part"]["up"] = side_name(facts["up"])
         settings["pad"] = {**facts["pad"], "choice": "given"}
         settings["process"] = {"contact_force_n": facts["contact_force_n"]}
     return settings

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from polish_sim.config import ControllerConfig, PartConfig, Scenario
+from polish_sim.config import ControllerConfig, Scenario
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments.registry import ROWS, default_scenario
 from polish_sim.scenario_file import load_scenario, override, to_toml
@@ -213,4 +213,13 @@ def test_the_written_file_is_plain_toml_with_one_table_per_section() -> None:
     table = tomllib.loads(to_toml(BASE))
     assert set(table) == {f for f, _ in ((key.split(".")[0], 0) for key, _, _ in leaves(BASE))}
     assert table["controller"]["name"] == ControllerConfig().name
-    assert table["part"]["pose"] == list(PartConfig().pose)
+    assert table["part"]["pose"] == "auto"
+
+
+@pytest.mark.parametrize("written", ['"auto"', "[]"])
+def test_a_list_that_is_chosen_is_called_auto_and_older_files_leave_it_empty(tmp_path: Path, written: str) -> None:
+    posed = override(BASE, ["part.pose=[0, -0.5, 0.1, 0, 0, 0]"])
+    file = tmp_path / "config.toml"
+    file.write_text(f"[part]\npose = {written}\n[plan]\nstart = {written}\n")
+    assert load_scenario(file, posed).part.pose == ()
+    assert load_scenario(file, posed) == override(posed, ["part.pose=auto", "plan.start=auto"])

@@ -15,6 +15,7 @@ from polish_sim.toml_text import toml_text
 
 T = TypeVar("T")
 N = TypeVar("N", int, float)
+AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
 _COUNTS = {3: "three", 6: "six"}
 
 
@@ -106,7 +107,7 @@ def _table_of(section: Any, place: str, comments: dict[str, str]) -> dict[str, A
             table[f.name] = _table_of(value, f"{name}.", comments)
         else:
             comments[name] = f.metadata["text"]
-            table[f.name] = value
+            table[f.name] = AUTO if value == f.default == () else value
     return table
 
 
@@ -121,11 +122,11 @@ def _checked(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
     """A value of the type of the ``current`` one and within its field's range."""
     if isinstance(current, tuple):
         length = spec.metadata["length"]
-        # Only what is chosen where it is not given may be left empty.
-        lengths, or_empty = ((0, length), " (or empty)") if spec.default == () else ((length,), "")
+        lengths, or_auto = ((0, length), f" (or {AUTO})") if spec.default == () else ((length,), "")
+        value = () if value == AUTO and spec.default == () else value
         listed = isinstance(value, (list, tuple)) and len(value) in lengths
         if not listed or not all(_is_number(v) for v in value):
-            raise ConfigError(f"'{where}' must be a list of {_COUNTS[length]} numbers{or_empty}, got {_shown(value)}.")
+            raise ConfigError(f"'{where}' must be a list of {_COUNTS[length]} numbers{or_auto}, got {_shown(value)}.")
         return tuple(_within(where, _as_float(v), spec) for v in value)
     if isinstance(current, str):
         if not isinstance(value, str):

@@ -70,7 +70,7 @@ def test_too_much_force_stops_at_the_measured_limit(flat: RealPart) -> None:
     settings = "safety.force_limit_n=12", "process.contact_force_n=10", "controller.name=position"
     scenario = ideal("force", EVERY_STEP, *settings)
     run = cell_for(scenario, pressing_stroke(wanted=10.0), part=flat).run()
-    assert run.stop_reason == "measured force above safety.force_limit_n"
+    assert str(run.stop_reason).startswith("measured force above safety.force_limit_n:")
     measured = np.linalg.norm(run.log["wrench_measured_tool"][:, :3], axis=1)
     assert measured[stopped_at(run)] > 12.0
     assert measured[: stopped_at(run)].max() <= 12.0
@@ -82,7 +82,10 @@ def test_too_much_torque_stops_at_the_measured_limit(flat: RealPart) -> None:
     leaning = part_under(plane(), tool_pose(0.0, -0.5, 0.1, (0.03, 0.0, 0.0)))
     scenario = ideal("force", EVERY_STEP, "safety.torque_limit_nm=0.1", "controller.name=position")
     run = cell_for(scenario, pressing_stroke(), part=leaning).run()
-    assert run.stop_reason == "measured torque above safety.torque_limit_nm"
+    assert str(run.stop_reason).startswith("measured torque above safety.torque_limit_nm:")
+    measured, unit = str(run.safety.protective_stop_measured).split(maxsplit=1)
+    assert 0.1 <= float(measured) < 0.12
+    assert unit == "N m"
     measured = np.linalg.norm(run.log["wrench_measured_tool"][:, 3:], axis=1)
     assert measured[stopped_at(run)] > 0.1
     assert measured[: stopped_at(run)].max() <= 0.1
@@ -98,7 +101,7 @@ def test_a_sensor_that_no_longer_changes_is_a_fault(flat: RealPart) -> None:
 
     cell = cell_for(ideal("force", *NOISY), pressing_stroke(), part=flat)
     run = cell.run(Unplug())
-    assert run.stop_reason == "wrist sensor reading frozen"
+    assert str(run.stop_reason).startswith("wrist sensor reading frozen:")
     assert stopped_at(run) == pytest.approx(700 + 20, abs=3)
     keeps_its_log(run)
 
@@ -112,7 +115,8 @@ def test_a_noiseless_sensor_at_rest_is_no_fault() -> None:
 def test_contact_lost_over_an_edge_stops_after_its_time(flat: RealPart) -> None:
     scenario = ideal("force", EVERY_STEP, "safety.contact_lost_s=0.3", "controller.name=position")
     run = cell_for(scenario, pressing_stroke(slide=0.12), part=flat).run()
-    assert run.stop_reason == "contact lost for longer than safety.contact_lost_s"
+    assert str(run.stop_reason).startswith("contact lost for longer than safety.contact_lost_s:")
+    assert run.safety.protective_stop_measured == "0.30 s"
     touching = np.flatnonzero(run.log["wrench_measured_tool"][: stopped_at(run), 2] >= 2.0)  # a tenth of 20 N
     assert stopped_at(run) - touching[-1] == pytest.approx(300, abs=2)
     assert run.trace.tcp_position_m[-1, 0] > 0.06  # the plane's edge
@@ -152,7 +156,7 @@ def test_a_joint_at_the_end_of_its_range_stops_the_robot() -> None:
     """The tool turns about its axis, on the spot but for 1 mm per 7 deg, through more than the last joint has left."""
     turns = [tool_pose(0.001 * i, -0.5, 0.2, (0.0, 0.0, 0.127 * i)) for i in range(60)]
     run = cell_for(ideal("arc", EVERY_STEP), free_stroke(*turns, feed=0.005)).run()
-    assert run.stop_reason == "a joint reached the end of its range"
+    assert str(run.stop_reason).startswith("a joint reached the end of its range:")
     assert run.log["q_rad"][-1, 5] == pytest.approx(JOINT_LIMITS[5, 0], abs=0.01)
     keeps_its_log(run)
 
@@ -198,7 +202,7 @@ def test_a_simulation_that_blows_up_is_stopped_as_unstable() -> None:
             data.qvel[0] = math.inf
 
     run = cell_for(ideal("arc", EVERY_STEP), free_stroke(tool_pose(0.0, -0.5, 0.2))).run(EachStep(poison))
-    assert run.stop_reason == "the simulation became unstable"
+    assert str(run.stop_reason).startswith("the simulation became unstable:")
     assert run.steps < 310
 
 

@@ -141,7 +141,7 @@ def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can() -> None:
     limits = cell.state.speedl.highest if lifted[joint] > pressed[joint] else cell.state.speedl.lowest
     limits[joint] = lifted[joint]
     run = cell.run()
-    assert run.stop_reason == "wrist sensor reading missing"
+    assert str(run.stop_reason).startswith("wrist sensor reading missing:")
     assert run.safety.retracted is False
     assert run.safety.retract_m == pytest.approx(0.016, abs=0.003)
     assert run.trace.normal_force_n[-1] == 0.0

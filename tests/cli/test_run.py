@@ -12,8 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from polish_sim.analysis.run_record import read_record
+from polish_sim.analysis.style import RED
 from polish_sim.cli.outcome import other_conditions
 from polish_sim.experiments import default_scenario
+from polish_sim.experiments.report import draw_plots
 from polish_sim.log import COLUMNS, read_log
 from polish_sim.scenario_file import override
 from tests.cli.conftest import PROGRAM, Tool, metrics_of
@@ -88,7 +91,7 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tm
     figures = metrics_of(tmp_path / "stopped")
     said = str(figures["protective_stop"])
     found = re.fullmatch(
-        r"wrist sensor reading jumped by more than safety.jump_limit_n = 9; at ([\d.]+) s, "
+        r"wrist sensor reading jumped by more than safety.jump_limit_n = 9: [^;]*; measured [\d.]+ N at ([\d.]+) s, "
         r"tool at \(([^)]*)\) mm of the part, "
         r"\(([^)]*)\) mm of the base, ([\d.]+) N along the tool axis",
         said,
@@ -99,6 +102,12 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tm
     on_part, in_base = (np.array([float(x) for x in found[k].split(",")]) for k in (2, 3))
     np.testing.assert_allclose(T_base_work[:3, :3] @ on_part + 1e3 * T_base_work[:3, 3], in_base, atol=0.02)
     assert float(found[4]) == pytest.approx(20.0, abs=2.0)
+    # The picture has a line at its time after first contact, its name stands below.
+    picture = draw_plots(read_record(tmp_path / "stopped"))["force.png"]
+    (line,) = (line for line in picture.axes[0].lines if line.get_color() == RED and len(line.get_xdata()) == 2)
+    assert line.get_xdata()[0] == pytest.approx(0.5, abs=0.02)
+    below = picture.get_supxlabel()
+    assert f"protective stop at {figures['protective_stop_time_s']:.2f} s: wrist sensor reading jumped" in below
 
 
 @pytest.mark.parametrize("out", ["taken", "file", "/proc/polish"])

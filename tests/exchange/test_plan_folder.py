@@ -198,3 +198,25 @@ def test_half_a_pose_is_refused(pose):
         ExportSetup(part_pose=pose)
     with pytest.raises(InputError, match=r"tool\.tcp_pose .* is no pose"):
         ExportSetup(tool=RobotTool(tcp_pose=pose))
+
+
+@pytest.mark.parametrize(("name", "comment"), [("apt", "$$"), ("urscript", "#"), ("ros", "#")])
+def test_programs_say_where_the_tool_is_in_the_part(tmp_path, name, comment):
+    plan = shipped_plan("plate")
+    middle = plan.path.positions_work[plan.path.process].mean(axis=0)
+    near = plan.path.process & (np.linalg.norm(plan.path.positions_work - middle, axis=1) < 0.01)
+    (file,) = export_plan(tmp_path, replace(plan, in_part=plan.path.positions_work[near]), [name])
+    lines = [line.strip() for line in file.read_text().splitlines()]
+    begins = [k for k, line in enumerate(lines) if line == f"{comment} the tool is in the part from here"]
+    ends = [k for k, line in enumerate(lines) if line == f"{comment} the tool is in the part up to here"]
+    assert len(begins) > 0
+    assert len(begins) - len(ends) in (0, 1)  # a stroke may end in the part
+    assert all(begin < end for begin, end in zip(begins, ends, strict=False))
+    if name == "apt":
+        marked = [line for a, b in zip(begins, ends, strict=False) for line in lines[a:b] if line.startswith("GOTO/")]
+        marked += [line for line in lines[begins[-1] :] if len(begins) > len(ends) and line.startswith("GOTO/")]
+        points = 1e-3 * np.array([[float(x) for x in line[5:].split(",")[:3]] for line in marked])
+        assert np.linalg.norm(points - middle, axis=1).min() < 0.01
+        assert len(read_path(file).s) > len(points)
+    (clean,) = export_plan(tmp_path / "clean", plan, [name])
+    assert "in the part" not in clean.read_text()

@@ -17,6 +17,7 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from polish_sim.analysis.metrics import numbers
+from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import (
     BLUE,
     GREY,
@@ -29,6 +30,7 @@ from polish_sim.analysis.style import (
     depth_picture,
     heading,
     new_figure,
+    say_stop,
     seen_in,
     styled,
     view_frame,
@@ -40,7 +42,7 @@ from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, T
 from polish_sim.spatial import unit
 
 if TYPE_CHECKING:
-    from polish_sim.analysis.run_record import RunRecord
+    from polish_sim.analysis.run_record import RunRecord, StopMark
     from polish_sim.config import PlanConfig
     from polish_sim.planning import PlanResult
 
@@ -81,8 +83,11 @@ class _Seen(NamedTuple):
 
 
 @styled
-def plot_plan(result: PlanResult, name: str = "") -> Figure:
-    """Draw a plan in 3D and from above, or below if the whole path looks down; ``name``: of the path, else its own."""
+def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) -> Figure:
+    """Draw a plan in 3D and from above, or below if the whole path looks down.
+
+    ``name``: of the path, else its own; ``stop``: where a run along it stopped itself.
+    """
     figure = new_figure(12.0, 5.8)
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
     flat = figure.add_subplot(1, 2, 2)
@@ -105,6 +110,8 @@ def plot_plan(result: PlanResult, name: str = "") -> Figure:
     _draw_contact(solid, flat, path, shown, seen, scale)
     _draw_leads(solid, flat, path, shown, seen)
     _draw_axes(solid, path, shown, seen)
+    if stop:
+        cross_out(solid, flat, stop.on_path(path) @ frame.T * MM, stop.text)
     _finish(figure, flat, result, scale, frame)
     _head(figure, result, name or _what(result.plan))
     return figure
@@ -236,6 +243,13 @@ def _what(plan: PlanConfig) -> str:
     return Path(plan.file).name if plan.file else plan.pattern.capitalize()
 
 
+def cross_out(solid: Any, flat: Axes, place: Array, text: str | None = None) -> None:
+    """Mark a protective stop's place, shape (3,), in the picture's frame, in space and from above; for the legend."""
+    cross: dict[str, Any] = {"color": RED, "ms": 12, "mec": "white", "mew": 1.0, "zorder": 40}
+    solid.plot(*place[:, None], "X", **cross)
+    flat.plot(*place[:2, None], "X", **cross, label=text)
+
+
 def fill_view(solid: Any, points: Array) -> None:
     """Zoom and shift the view so that points (n, 3) fill it."""
     low, high = points.min(axis=0), points.max(axis=0)
@@ -288,21 +302,25 @@ def plot_cell(record: RunRecord) -> Figure:
     axes = figure.add_subplot(projection="3d")
     assert isinstance(axes, Axes3D)
     way = numbers(record.log, "tcp_position_m")
-    middle = len(way) // 2
+    stop = stop_mark(record.metrics)
+    middle = int(np.searchsorted(numbers(record.log, "time_s"), stop.time)) if stop else len(way) // 2
+    middle = min(middle, len(way) - 1)
     arm = link_frames(numbers(record.log, "q_rad")[middle])[:, :3, 3]
     tool = np.array([arm[-1], way[middle]])
     axes.plot(*arm.T, "-o", color=GREY, lw=7.0, ms=9.0, solid_capstyle="round", alpha=0.85, label="arm")
     axes.plot(*tool.T, "-", color="#222222", lw=4.0, label="spindle and head")
     axes.plot(*way.T, color=BLUE, lw=0.8, label="way of the tool point")
-    axes.plot(*way[middle], "o", color=ORANGE, ms=6.0)
+    axes.plot(*way[middle], "X" if stop else "o", color=RED if stop else ORANGE, ms=9.0 if stop else 6.0)
     _draw_table(axes, float(way[:, 2].min()))
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axes.set_box_aspect((1.0, 1.0, 0.8))
     axes.set(xlim=(-0.6, 0.6), ylim=(-0.95, 0.25), zlim=(min(-0.1, way[:, 2].min()), 0.86))
     axes.view_init(elev=22.0, azim=-55.0)
     axes.legend(loc="upper left")
-    text = f"The cell in the middle of the run, {record.scenario.experiment}"
-    heading(figure, text)
+    moment = "at the protective stop" if stop else "in the middle of the run"
+    heading(figure, f"The cell {moment}, {record.scenario.experiment}")
+    if stop:
+        say_stop(figure, stop.text)
     return figure
 
 

@@ -22,7 +22,8 @@ from scipy.spatial import cKDTree
 from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.metrics import OVER, UNDER
-from polish_sim.analysis.path_plot import AMBIENT, FACTS_AT, LIGHT, TICKS, TOWARDS_VIEWER, fill_view
+from polish_sim.analysis.path_plot import AMBIENT, FACTS_AT, LIGHT, TICKS, TOWARDS_VIEWER, cross_out, fill_view
+from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, axis_name, heading, new_figure, styled, view_frame
 from polish_sim.arrays import Array
 from polish_sim.errors import number_text
@@ -59,6 +60,9 @@ def plot_removal(record: RunRecord) -> Figure:
     frame = view_frame(removal.up)
     _draw_solid(solid, removal, frame)
     _draw_flat(flat, removal, frame)
+    stop = stop_mark(record.metrics)
+    if stop and record.path is not None:
+        cross_out(solid, flat, stop.on_path(record.path) @ frame.T * MM)
     _color_bar(figure, flat, removal)
     _draw_shares(share, record)
     heading(figure, f"Removal, {record.scenario.controller.label}, {_pattern(record)}\n")

@@ -22,8 +22,21 @@ from polish_sim.analysis.metrics import (
     numbers,
     steady_feed,
 )
-from polish_sim.analysis.run_record import RunRecord
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, heading, new_figure, shade_band, styled
+from polish_sim.analysis.run_record import RunRecord, stop_mark
+from polish_sim.analysis.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    RED,
+    SERIES,
+    head,
+    heading,
+    mark_stop,
+    new_figure,
+    shade_band,
+    styled,
+)
 from polish_sim.arrays import Array, Bools
 from polish_sim.log import RunLog
 
@@ -47,7 +60,12 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
     _draw_error(error, time - start, distance_to_circle(positions, circle), counted)
     speed.sharex(error)
     speed.tick_params(labelbottom=False)
-    _draw_plane(figure.add_subplot(grid[:, 1]), positions, circle)
+    plane = figure.add_subplot(grid[:, 1])
+    _draw_plane(plane, positions, circle)
+    stop = stop_mark(record.metrics)
+    if stop:
+        mark_stop((speed, error), stop.time - start)
+        plane.plot(*plane.lines[1].get_xydata()[-1:].T, "X", color=RED, ms=8)
 
     m = record.metrics
     facts = (
@@ -149,6 +167,9 @@ def plot_force(record: RunRecord) -> Figure:
         axes.text(0.0, 0.5 * target, "first contact ", color=ORANGE, ha="right", va="center")
     _mark_settling(axes, record.metrics.get("settling_time_3n_s"), target)
     _frame(axes, time, max(target + 2.5 * BAND_N, float(force.max(initial=0.0)) + BAND_N))
+    stop = stop_mark(record.metrics)
+    if stop:
+        mark_stop((axes,), min(stop.time - _origin(record.log), _LONGEST_S))
     head(figure, axes, f"Force control from first contact, {record.scenario.controller.label}", _facts(record))
     return figure
 
@@ -184,8 +205,14 @@ def response(record: RunRecord) -> tuple[Array, Array]:
     held = _shown(record.log)
     time = numbers(record.log, "time_s")[held]
     force = numbers(record.log, "normal_force_n")[held]
-    contact = first_contact(force)
-    return time - (time[contact] if contact is not None else time[0]), force
+    return time - _origin(record.log), force
+
+
+def _origin(log: RunLog) -> float:
+    """When first contact is, without one the start [s]."""
+    held = _shown(log)
+    contact = first_contact(numbers(log, "normal_force_n")[held])
+    return float(numbers(log, "time_s")[held][contact or 0])
 
 
 def _shown(log: RunLog) -> Bools:

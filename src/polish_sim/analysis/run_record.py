@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.log import UNREADABLE, RemovalMap, RunLog, read_log, read_removal, write_log, write_removal
@@ -34,6 +35,30 @@ class RunRecord:
     log: RunLog
     path: ToolPath | None  #: The path that was run; None for experiments without a part
     removal: RemovalMap | None = None  #: What the run took off the part, if that was measured
+
+
+class StopMark(NamedTuple):
+    """When and where a run stopped itself."""
+
+    name: str
+    time: float  #: [s]
+    s: float  #: Along the path [m]
+    tool: Array  #: The tool point, base frame [m], shape (3,)
+
+    @property
+    def text(self) -> str:
+        """What stands beside its mark."""
+        return f"protective stop at {self.time:.2f} s: {self.name}"
+
+    def on_path(self, path: ToolPath) -> Array:
+        """Its place on a path, and so on the part as it was planned [m], shape (3,)."""
+        return np.array([np.interp(self.s, path.s, column) for column in path.positions_work.T])
+
+
+def stop_mark(metrics: Mapping[str, Any]) -> StopMark | None:
+    """When and where a run with these figures stopped itself; None if it did not, or does not say (older runs)."""
+    at = metrics.get("protective_stop_at")
+    return StopMark(at["name"], at["time_s"], at["path_s_m"], np.array(at["tool_m"])) if at else None
 
 
 def write_record(folder: Path, record: RunRecord) -> None:

@@ -82,6 +82,22 @@ def head(figure: Figure, axes: Axes, text: str, facts: Sequence[str]) -> None:
     axes.set_title("     ".join(facts), loc="left", fontsize=9.0, fontweight="normal", color="#444444")
 
 
+def mark_stop(panels: Sequence[Axes], where: float) -> None:
+    """Draw a line at a protective stop's place on the first axis of finished panels, behind their legends."""
+    for axes in panels:
+        axes.axvline(where, color=RED, lw=1.3, zorder=4)
+        legend = axes.get_legend()
+        if legend is not None:
+            legend.set_frame_on(True)
+            legend.get_frame().set(facecolor="white", edgecolor="none", alpha=1.0)
+    panels[0].plot(where, 1.0, "X", color=RED, ms=8, transform=panels[0].get_xaxis_transform(), clip_on=False, zorder=9)
+
+
+def say_stop(figure: Figure, text: str) -> None:
+    """Say below a figure why the run it shows stopped."""
+    figure.supxlabel(f"\u2715 {text}", x=0.01, ha="left", color=RED, fontsize=9.0)
+
+
 def shade_band(axes: Axes, center: float, half_width: float, label: str) -> None:
     """Shade a tolerance band around a target and draw the target as a line."""
     axes.axhspan(center - half_width, center + half_width, color=GREEN, alpha=0.13, lw=0, label=label, zorder=0)

@@ -12,8 +12,20 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import fed, numbers
 from polish_sim.analysis.peaks import FLAT_1_M, SHARP_1_M, WINDOW_M, curvature_peaks
-from polish_sim.analysis.run_record import WHOLE, RunRecord, ending
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, heading, new_figure, shade_band, styled
+from polish_sim.analysis.run_record import WHOLE, RunRecord, ending, stop_mark
+from polish_sim.analysis.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SERIES,
+    head,
+    heading,
+    mark_stop,
+    new_figure,
+    shade_band,
+    styled,
+)
 from polish_sim.arrays import Array
 from polish_sim.planning.toolpath import ToolPath
 
@@ -35,6 +47,9 @@ def plot_surface_force(record: RunRecord) -> Figure:
         _draw_curvature(bend, record.path)
         _mark_peaks((force, bend), record.path)
     force.legend(loc="lower right", ncols=3)
+    stop = stop_mark(record.metrics)
+    if stop:
+        mark_stop((force, bend), stop.s)
     bend.set(xlabel="along the path [m]", ylabel="curvature [1/m]")
     m = record.metrics
     facts = (

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.cell.guards import NO_STOP
+from polish_sim.cell.guards import MEASURED, NO_STOP
 from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.robot import SENT, SHORT, STANDING
 from polish_sim.errors import ConfigError, unknown_name
@@ -239,6 +239,7 @@ class SafetyRecord(NamedTuple):
     """Times and ends; None where there was no stop, no fault or no retract."""
 
     protective_stop_time_s: float | None  #: When the guard tripped [s]
+    protective_stop_measured: str | None  #: What it measured then, with its unit; None where there is no limit
     stop_delay_s: float | None  #: From then to the brakes [s]
     fault_time_s: float | None  #: When the first fault was injected [s]
     fault_to_stop_s: float | None  #: From that fault to the guard [s]; None if the stop came first
@@ -252,7 +253,7 @@ def record_safety(cell: CellKernel, faults: FaultClock) -> SafetyRecord:
     missed = tuple(str(event) for event in faults.waiting)
     status, stop = cell.state.status, cell.state.stop
     if status.stop == NO_STOP:
-        return SafetyRecord(None, None, faults.first_time, None, None, None, missed)
+        return SafetyRecord(None, None, None, faults.first_time, None, None, None, missed)
     stopped = float(status.stop_time)
     braked = float(stop.braked_at) - stopped if stop.stage != SENT else math.nan
     since = None if faults.first_time is None or faults.first_time > stopped else stopped - faults.first_time
@@ -260,4 +261,6 @@ def record_safety(cell: CellKernel, faults: FaultClock) -> SafetyRecord:
     if stop.clearance > 0.0:
         height = float(stop.height)
         retracted = bool(stop.stage == STANDING and height >= stop.clearance - SHORT)
-    return SafetyRecord(stopped, braked, faults.first_time, since, retracted, height, missed)
+    scale, form = MEASURED.get(int(status.stop), (0.0, ""))
+    measured = form.format(scale * float(cell.state.guards.found)) or None
+    return SafetyRecord(stopped, measured, braked, faults.first_time, since, retracted, height, missed)

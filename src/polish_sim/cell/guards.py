@@ -35,14 +35,19 @@ ENGINE_CONTACT, CONTROLLER_ERROR, NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, 
 FIXTURE = 23  # 21 and 22 are a second robot's
 REASONS: Mapping[int, str] = MappingProxyType(
     {
-        FORCE: "measured force above safety.force_limit_n",
-        TORQUE: "measured torque above safety.torque_limit_nm",
-        LOST: "contact lost for longer than safety.contact_lost_s",
-        FROZEN: "wrist sensor reading frozen",
-        NO_READING: "wrist sensor reading missing",
-        JUMP: "wrist sensor reading jumped by more than safety.jump_limit_n",
+        FORCE: "measured force above safety.force_limit_n: the pad may be on a wall, an edge or something harder than "
+        "the part, or moves too fast for the force loop (--edge-margin, --contact-force, --feed)",
+        TORQUE: "measured torque above safety.torque_limit_nm: the pad may press with its rim only (a smaller "
+        "--pad-diameter, --edge-margin)",
+        LOST: "contact lost for longer than safety.contact_lost_s: the pad may be over an edge or a hole, or the part "
+        "gone (--edge-margin, --hole-margin)",
+        FROZEN: "wrist sensor reading frozen: no new value within safety.sensor_timeout_s. Check sensor and line",
+        NO_READING: "wrist sensor reading missing: check sensor and line",
+        JUMP: "wrist sensor reading jumped by more than safety.jump_limit_n: a shock, a rigid place under the pad or a "
+        "fault of the sensor (process.approach_speed_m_s, --feed, or another limit)",
         SINGULAR: "near a singularity of the arm (safety.singular_value_limit): place the part elsewhere (--part-pose)",
-        CRASH: "tool, wrist or forearm ran into the part",
+        CRASH: "tool, wrist or forearm ran into the part: it may stand elsewhere than planned (--part-pose), or its "
+        "shape is another (--real-part)",
         FIXTURE: "pad, tool, wrist or forearm ran into the fixture: was the path planned with this --fixture?",
         MISSING: "no contact down to process.search_depth_m below the nominal surface: is the part there? "
         "Check --part-pose and --units",
@@ -55,15 +60,34 @@ REASONS: Mapping[int, str] = MappingProxyType(
         FALLEN: "the surface has fallen away by more than safety.offset_limit_m: the pad may have run over an edge or "
         "into a hole (--edge-margin, --hole-margin, a smaller --pad-diameter), or part or reading have drifted "
         "(process.tare)",
-        SPINDLE: "the spindle is below 80% of its speed",
-        CONTROLLER_NAN: "the controller returned a value that is not finite",
+        SPINDLE: "the spindle is below 80% of its speed: the pad may be jammed, or pressed too hard (--contact-force, "
+        "--spindle-rpm)",
+        CONTROLLER_NAN: "the controller returned a value that is not finite: check its own settings (controller.name)",
         CONTROLLER_ERROR: "the controller raised an error",
-        SILENT_HOST: "no command from the host for longer than robot.command_timeout_s",
-        JOINT_LIMIT: "a joint reached the end of its range",
-        UNSTABLE: "the simulation became unstable",
-        ENGINE_CONTACT: "links of the robot touched each other, the table or another robot",
+        SILENT_HOST: "no command from the host for longer than robot.command_timeout_s: check host and line",
+        JOINT_LIMIT: "a joint reached the end of its range: place the part elsewhere (--part-pose)",
+        UNSTABLE: "the simulation became unstable: set a smaller simulation.timestep_s, or softer springs and gains",
+        ENGINE_CONTACT: "links of the robot touched each other, the table or another robot: place the part elsewhere "
+        "(--part-pose)",
     }
 )
+
+MEASURED: Mapping[int, tuple[float, str]] = MappingProxyType(
+    {
+        FORCE: (1.0, "{:.1f} N"),
+        TORQUE: (1.0, "{:.2f} N m"),
+        JUMP: (1.0, "{:.1f} N"),
+        LOST: (1.0, "{:.2f} s"),
+        SINGULAR: (1.0, "{:.3f}"),
+        SILENT_HOST: (1e3, "{:.0f} ms"),
+        SPINDLE: (100.0, "{:.0f}% of the speed"),
+        HIGH: (-1e3, "{:.2f} mm above"),
+        LOW: (1e3, "{:.2f} mm below"),
+        RISEN: (-1e3, "{:.2f} mm"),
+        FALLEN: (1e3, "{:.2f} mm"),
+    }
+)
+"""Of what a limit is set for: factor and form of what was measured [SI]."""
 
 FOLLOW_S = 0.005  # the reading is compared with itself, smoothed over this time
 SPINDLE_SHARE = 0.8  # of the commanded speed, at least
@@ -87,6 +111,7 @@ class Guards(Record):
     holding: float  #: Time the force has been held [s]
     depth: float  #: The tool's depth at contact, from when the force is first held the depth then [m]
     was_held: bool  #: Whether the force has been held since contact
+    found: float  #: What was measured when a limit was exceeded, see ``MEASURED``
 
 
 class CrashPoints(NamedTuple):
@@ -127,7 +152,10 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
         smooth[i] += share * (reading[i] - smooth[i])
         jump += (reading[i] - smooth[i]) ** 2
     limit = max(guards.jump, 2.0 * sequence.floor)
-    return JUMP if jump > limit * limit and sequence.stage != TARE else NO_STOP
+    if jump > limit * limit and sequence.stage != TARE:
+        guards.found = math.sqrt(jump)
+        return JUMP
+    return NO_STOP
 
 
 @kernel
@@ -146,21 +174,28 @@ def check_guards(
     ``on_part``: there is a part to press on; ``planned`` is the target's planned depth below its surface [m].
     """
     guards, dt, robot, w, target = state.guards, e.dt, state.speedl, state.measurement.wrench, state.target
-    if math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2) > guards.force:
+    guards.found = math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    if guards.found > guards.force:
         return FORCE
-    if math.sqrt(w[3] ** 2 + w[4] ** 2 + w[5] ** 2) > guards.torque:
+    guards.found = math.sqrt(w[3] ** 2 + w[4] ** 2 + w[5] ** 2)
+    if guards.found > guards.torque:
         return TORQUE
+    guards.found = robot.weakest
     if robot.weakest < guards.singular_value:
         return SINGULAR
+    guards.found = robot.age
     if robot.number > 0 and robot.age >= robot.timeout:
         return SILENT_HOST
-    if on_part and state.spindle.speed < SPINDLE_SHARE * state.spindle.commanded:
+    spindle = state.spindle
+    if on_part and spindle.speed < SPINDLE_SHARE * spindle.commanded:
+        guards.found = spindle.speed / spindle.commanded
         return SPINDLE
     moved = _check_surface(state, planned, dt)
     if moved != NO_STOP:
         return moved
     in_process = target.contact[0] > 0.0
     guards.lost = guards.lost + dt if in_process and w[2] < 0.1 * target.force[0] else 0.0
+    guards.found = guards.lost
     if guards.lost > guards.contact_lost:
         return LOST
     first, rim = count % _CRASH_ROUNDS, crash.points.shape[0] - crash.pad
@@ -194,6 +229,7 @@ def _check_surface(state: CellState, planned: float, dt: float) -> int:
     depth = offset + (sequence.depth if landing else planned)
     if landing and sequence.time == 0.0:
         guards.holding, guards.depth, guards.was_held = 0.0, depth, False
+        guards.found = depth
         if abs(depth) > guards.offset:
             return LOW if depth > 0.0 else HIGH
     room = guards.offset
@@ -203,9 +239,10 @@ def _check_surface(state: CellState, planned: float, dt: float) -> int:
         guards.holding = guards.holding + dt if holding else 0.0
         if guards.holding >= HELD_S:
             guards.depth, guards.was_held = depth, True
-    if depth - guards.depth > room:
+    guards.found = depth - guards.depth
+    if guards.found > room:
         return FALLEN
-    return RISEN if depth - guards.depth < -guards.offset else NO_STOP
+    return RISEN if guards.found < -guards.offset else NO_STOP
 
 
 @kernel

@@ -136,7 +136,7 @@ class DualConfig:
     part_on_gripper: tuple[float, ...] = key(
         (),
         "the part's own frame on the gripper's face, whose z axis looks away from the flange: x, y, z [m], rotation "
-        "vector [rad]; empty = the lowest point of the part, seen along up, on the face, its middle on the axis",
+        "vector [rad]; auto = the lowest point of the part, seen along up, on the face, its middle on the axis",
         length=6,
     )
     clearance_m: float = key(
@@ -172,10 +172,10 @@ class DualConfig:
         option=Option("--master-turn", PAIR, "DEG/S", DEG_S),
     )
     master_axis: tuple[float, ...] = key(
-        (), "direction of that axis in the work frame; empty = the side that is worked on", length=3
+        (), "direction of that axis in the work frame; auto = the side that is worked on", length=3
     )
     master_center: tuple[float, ...] = key(
-        (), "a point on that axis: x, y, z in the work frame [m]; empty = the middle of the path", length=3
+        (), "a point on that axis: x, y, z in the work frame [m]; auto = the middle of the path", length=3
     )
     master_path: str = key(
         "",

@@ -39,7 +39,8 @@ class PartConfig:
     )
     pose: tuple[float, ...] = key(
         (),
-        "pose of the work frame in the base frame: x, y, z [m], rotation vector [rad]; empty = chosen",
+        "pose of the work frame in the base frame: x, y, z [m], rotation vector [rad]; auto = where the arm does "
+        "the whole path",
         -100.0,
         100.0,
         length=6,
@@ -48,7 +49,7 @@ class PartConfig:
             PART,
             "POSE",
             POSE,
-            help="X,Y,Z,RX,RY,RZ of the part in the robot base (mm, deg); default: chosen",
+            help="X,Y,Z,RX,RY,RZ of the part in the robot base (mm, deg); auto = where the arm does the whole path",
         ),
     )
     displacement_m: float = key(0.001, "how far the real part sits from its nominal place [m]", 0.0, 0.02)
@@ -106,13 +107,13 @@ class PlanConfig:
     )
     start: tuple[float, ...] = key(
         (),
-        "the path begins as near this point as pattern and order allow: x, y, z in the work frame [m]; empty = chosen",
+        "the path begins as near this point as pattern and order allow: x, y, z in the work frame [m]; auto = chosen",
         length=3,
         option=Option("--start", PATH, "X,Y,Z", MM),
     )
     raster_direction: tuple[float, ...] = key(
         (),
-        "direction of the raster's lines: x, y, z in the work frame; empty = along the region's long axis",
+        "direction of the raster's lines: x, y, z in the work frame; auto = along the region's long axis",
         length=3,
         option=Option("--raster-direction", PATH, "X,Y,Z", DIRECTION),
     )

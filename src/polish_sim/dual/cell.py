@@ -64,8 +64,8 @@ class PairCell(Cell):
     reasons: Mapping[int, str] = MappingProxyType(
         {
             **REASONS,
-            MASTER_HALTED: "the master stopped itself",
-            MASTER_SILENT: "no position of the master for longer than safety.master_timeout_s",
+            MASTER_HALTED: "the master stopped itself: see there why",
+            MASTER_SILENT: "no position of the master for longer than safety.master_timeout_s: check master and line",
         }
     )
     more_columns = 6

@@ -10,8 +10,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import fed, numbers
-from polish_sim.analysis.run_record import RunRecord
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, SERIES, head, new_figure, shade_band, styled
+from polish_sim.analysis.run_record import RunRecord, stop_mark
+from polish_sim.analysis.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PINK,
+    SERIES,
+    head,
+    mark_stop,
+    new_figure,
+    shade_band,
+    styled,
+)
 from polish_sim.arrays import Array
 from polish_sim.dual.budget import length_probability
 from polish_sim.dual.calibration.arm import fit_placement
@@ -41,12 +53,16 @@ def plot_dual(record: RunRecord) -> Figure:
     panels = figure.subplots(4 if pressing else 3, 1, sharex=True)
     rows = _from_first_feed_to_last(record)
     time = numbers(record.log, "time_s")[rows]
-    time = time - (time[0] if len(time) else 0.0)
+    start = time[0] if len(time) else 0.0
+    time = time - start
     _draw_error(panels[0], time, _while_fed(record, "relative_error_m"))
     if pressing:
         _draw_force(panels[1], time, record)
     for axes, column, name in ((panels[-2], "master_q_rad", "master"), (panels[-1], "q_rad", "follower")):
         _draw_joints(axes, time, numbers(record.log, column)[rows], name)
+    stop = stop_mark(record.metrics)
+    if stop and len(time):
+        mark_stop(panels, stop.time - start)
     panels[-1].set_xlabel("time since the start of the feed [s]")
     panels[-1].legend([f"joint {k}" for k in range(1, 7)], ncols=6, loc="upper center", bbox_to_anchor=(0.5, -0.3))
     m = record.metrics

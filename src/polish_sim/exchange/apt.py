@@ -14,8 +14,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from polish_sim.arrays import Bools
 from polish_sim.errors import InputError
-from polish_sim.exchange.strokes import ExportSetup, feeds_of, rows_without_straight_air
+from polish_sim.exchange.strokes import ExportSetup, feeds_of, in_part_remark, moves_in_part, rows_without_straight_air
 from polish_sim.exchange.way_points import (
     Unknown,
     WayPoints,
@@ -318,11 +319,12 @@ def apt_text(result: PlanResult, setup: ExportSetup) -> str:
         "UNITS/MM",
         "MULTAX/ON",
     ]
-    path = result.path.rows(rows_without_straight_air(result.path))
-    return "\n".join([*head, *_motions(path, setup), "FINI", ""])
+    kept = rows_without_straight_air(result.path)
+    inside = moves_in_part(result, kept)
+    return "\n".join([*head, *_motions(result.path.rows(kept), setup, inside), "FINI", ""])
 
 
-def _motions(path: ToolPath, setup: ExportSetup) -> Iterator[str]:
+def _motions(path: ToolPath, setup: ExportSetup, inside: Bools) -> Iterator[str]:
     feed = feeds_of(path, setup)
     noted = said = ""
     for row, (position, axis) in enumerate(zip(MM * path.positions_work, path.axes_work, strict=True)):
@@ -330,6 +332,9 @@ def _motions(path: ToolPath, setup: ExportSetup) -> Iterator[str]:
         if note != noted:
             noted = note
             yield note
+        remark = in_part_remark(inside[row], inside[row - 1] if row else False)
+        if remark:
+            yield f"$$ {remark}"
         if path.segment[row] in IN_THE_AIR:
             yield "RAPID"
         rate = f"FEDRAT/{APT_WRITER_PER_MINUTE * feed[row]:.6f},MMPM"

@@ -9,10 +9,19 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Bools
 from polish_sim.errors import unknown_name
 from polish_sim.exchange.apt import apt_text
 from polish_sim.exchange.plan_folder import PATH_CSV, PATH_JSON, csv_text, json_text, write_files
-from polish_sim.exchange.strokes import ExportSetup, feed_frames, feeds_of, forces_of, rows_without_straight_air
+from polish_sim.exchange.strokes import (
+    ExportSetup,
+    feed_frames,
+    feeds_of,
+    forces_of,
+    in_part_remark,
+    moves_in_part,
+    rows_without_straight_air,
+)
 from polish_sim.exchange.urscript import urscript_text
 from polish_sim.exchange.viewers import glb_bytes, html_text, ply_bytes
 from polish_sim.planning import PlanResult
@@ -29,8 +38,9 @@ def yaml_text(result: PlanResult, setup: ExportSetup) -> str:
     `header` and `poses` are a PoseArray; `segment`, `pass_index`, `force_n` and `feed_m_s` have one entry per pose.
     Straight moves in the air have a pose at either end. ``setup``: frame's name, force and feed.
     """
-    path = result.path.rows(rows_without_straight_air(result.path))
-    return "\n".join([*_head(result, setup), *_poses(path), *_lists(path, setup), ""])
+    kept = rows_without_straight_air(result.path)
+    path, inside = result.path.rows(kept), moves_in_part(result, kept)
+    return "\n".join([*_head(result, setup), *_poses(path, inside), *_lists(path, setup), ""])
 
 
 def _head(result: PlanResult, setup: ExportSetup) -> list[str]:
@@ -48,9 +58,13 @@ def _head(result: PlanResult, setup: ExportSetup) -> list[str]:
     ]
 
 
-def _poses(path: ToolPath) -> Iterator[str]:
+def _poses(path: ToolPath, inside: Bools) -> Iterator[str]:
     yield "poses:"
-    for p, q in zip(path.positions_work, Rotation.from_matrix(feed_frames(path)).as_quat(), strict=True):
+    turns, before = Rotation.from_matrix(feed_frames(path)).as_quat(), False
+    for p, q, now in zip(path.positions_work, turns, inside, strict=True):
+        if remark := in_part_remark(now, before):
+            yield f"# {remark}"
+        before = now
         yield f"- position: {{x: {p[0]:.9f}, y: {p[1]:.9f}, z: {p[2]:.9f}}}"
         yield f"  orientation: {{x: {q[0]:.9f}, y: {q[1]:.9f}, z: {q[2]:.9f}, w: {q[3]:.9f}}}"
 

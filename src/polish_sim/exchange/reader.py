@@ -44,6 +44,8 @@ def read_way_points(source: str | Path, unknown: Unknown = refuse_unknown) -> Wa
     """`read_path` as the file has it: points may repeat, and the tool may turn where it stands."""
     source = Path(source)
     file = source / PATH_JSON if source.is_dir() else source
+    if (source / "setup_1" / PATH_JSON).is_file():
+        raise InputError(f"'{source}' holds several setups: give one of them, e.g. '{source / 'setup_1'}'.")
     if source.is_dir() and not file.is_file():
         raise InputError(f"'{source}' is not a plan folder: it holds no {PATH_JSON}. Give a folder made by 'plan'.")
     try:

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.config import ProcessConfig, SpindleConfig
 from polish_sim.errors import InputError, PlanError
 from polish_sim.kernel_cache import njit
+from polish_sim.planning.quality.tool_room import APART
 from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, RETRACT, ToolPath
 from polish_sim.spatial import rotation_to_axis, unit
+
+if TYPE_CHECKING:
+    from polish_sim.planning import PlanResult
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,26 @@ def feeds_of(path: ToolPath, setup: ExportSetup) -> Array:
 def forces_of(path: ToolPath, setup: ExportSetup) -> Array:
     """Contact force at every point [N], shape (n,): the path's own, else the process's."""
     return path.force if path.force is not None else np.full(len(path.s), setup.process.contact_force_n)
+
+
+def moves_in_part(result: PlanResult, kept: Bools) -> Bools:
+    """Whether the tool is in the part on the way to each of the rows (n,) that are kept, shape (k,).
+
+    Only of a path that was made elsewhere: a plan keeps clear.
+    """
+    path, inside = result.path, np.zeros(len(result.path.s), dtype=np.bool_)
+    if len(result.in_part):
+        apart = 0.5 * APART * result.tool.pad.radius_m  # places are looked at twice as far apart
+        inside = path.process & (cKDTree(result.in_part).query(path.positions_work)[0] <= apart)
+    ends = np.flatnonzero(kept)
+    return np.asarray(np.logical_or.reduceat(inside, np.append(0, ends[:-1] + 1)))
+
+
+def in_part_remark(inside: bool, before: bool) -> str:
+    """What stands in a program where the tool comes into the part or out of it; empty elsewhere."""
+    if inside == before:
+        return ""
+    return "the tool is in the part from here" if inside else "the tool is in the part up to here"
 
 
 class StrokeRows(NamedTuple):

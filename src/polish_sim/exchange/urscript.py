@@ -19,6 +19,8 @@ from polish_sim.exchange.strokes import (
     StrokeRows,
     feeds_of,
     forces_of,
+    in_part_remark,
+    moves_in_part,
     needed_rows,
     steady_frames,
     strokes_of,
@@ -209,7 +211,8 @@ def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
     is. Raises PlanError if there is nothing to press on, or tool axes all around.
     """
     name = "polish_" + (re.sub(r"[^0-9a-z]+", "_", result.mesh.name.lower()).strip("_") or "part")
-    path = result.path.rows(_kept(result.path))
+    kept = _kept(result.path)
+    path, inside = result.path.rows(kept), moves_in_part(result, kept)
     poses = np.concatenate([path.positions_work, Rotation.from_matrix(steady_frames(path)).as_rotvec()], axis=1)
     strokes = strokes_of(path)
     lines = [*opening(name, result, setup, len(path.s))]
@@ -217,7 +220,7 @@ def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
     for number, stroke in enumerate(strokes, start=1):
         down, landing = _down(path, poses, stroke)
         lines += _function(f"come_down_{number}", _motions(down))
-        parts = list(_contact(path, poses, stroke, setup))
+        parts = list(_contact(path, poses, stroke, setup, inside))
         chunks = [parts[k : k + MOVES_PER_FUNCTION] for k in range(0, len(parts), MOVES_PER_FUNCTION)]
         for part, chunk in enumerate(chunks, start=1):
             lines += _function(f"stroke_{number}_{part}", chunk)
@@ -266,13 +269,16 @@ def _air_speed(path: ToolPath, row: int) -> str:
     return "travel_speed" if path.segment[row] in (APPROACH, RETRACT) else "landing_speed"
 
 
-def _contact(path: ToolPath, poses: Array, stroke: StrokeRows, setup: ExportSetup) -> Iterator[str]:
-    """Moves in contact; the force is set where it changes."""
+def _contact(path: ToolPath, poses: Array, stroke: StrokeRows, setup: ExportSetup, inside: Bools) -> Iterator[str]:
+    """Moves in contact; the force is set where it changes, remarks stand where the tool is in the part."""
     rows = stroke.contact
     feed, force = feeds_of(path, setup), forces_of(path, setup)
     gap = np.linalg.norm(np.diff(path.positions_work[rows], axis=0), axis=1)
     blend = np.minimum(BLEND_SHARE * np.minimum(gap[:-1], gap[1:]), LARGEST_BLEND_M)
     for row, before, radius in zip(rows[1:], rows[:-1], [*blend, 0.0], strict=True):
+        remark = in_part_remark(inside[row], inside[before] and before != rows[0])
+        if remark:
+            yield f"# {remark}"
         if path.force is not None and force[row] != force[before]:
             yield f"global force_n = {force[row]:.3f}"
         yield _motion(_Move(poses[row], _feed(feed[row], path), radius))

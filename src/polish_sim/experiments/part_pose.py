@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from itertools import islice
 from typing import TYPE_CHECKING, Final
 
@@ -69,12 +70,22 @@ class PartPlacing:
             return self._reach(default_placements(self.positions, self.mesh.up, self.lowest))
         except ReachError as error:
             nowhere = error
-        for T_base_work, spin in islice(self.map().best_first(), TRIED):
-            try:
+        reach = self.on_map(TRIED)
+        if reach is None and self.scenario.plan.region == "all":
+            raise ReachError(
+                f"{nowhere} 'polish-sim plan PART --region all' splits the part into setups: run each with --path "
+                "FOLDER/setup_N."
+            )
+        if reach is None:
+            raise nowhere
+        return reach
+
+    def on_map(self, tried: int) -> Reach | None:
+        """The first of the reach map's poses that does, of so many, the best of each height and distance first."""
+        for T_base_work, spin in islice(self.map().best_first(), tried):
+            with suppress(ReachError):
                 return self._reach(iter([T_base_work]), (spin,))
-            except ReachError:
-                continue
-        raise nowhere
+        return None
 
     def given(self) -> Reach:
         """The pose asked for.

@@ -25,6 +25,7 @@ DISTANCES = (0.5, 0.45, 0.55, 0.4, 0.6, 0.65)  # of the region's middle from the
 HEIGHTS = (0.08, 0.16, 0.03)  # of the part's lowest point above the table [m]
 SPINS = tuple(math.radians(a) for a in range(0, 360, 45))  # of the tool about its axis [rad]
 GOOD_SINGULAR_VALUE = 0.08  # a placement this far from singularities is taken without looking further [-]
+_ALL_ROUND = 1e-6  # axes with a mean this short have no main direction [-]
 _CLEARLY_BETTER = 1e-6  # the tool's spin alone changes nothing: rounding must not choose among the spins [-]
 _SAMPLES = 250
 _LARGEST_JUMP = 0.6  # between samples of the path [rad]
@@ -59,7 +60,10 @@ def tool_rotations(axes_base: Array, spin: float) -> Array:
 def spin_direction(axes_base: Array, spin: float) -> Array:
     """Where tool x points for a spin, but for what lies along the tool axis: base frame, shape (3,)."""
     main = -axes_base.mean(axis=0)
-    main /= np.linalg.norm(main)
+    size = float(np.linalg.norm(main))
+    if size < _ALL_ROUND:
+        raise ReachError("the tool axes of this path point all around: no fixed tool spin fits.")
+    main /= size
     start = rotation_to_axis(main[None], np.eye(3)[0 if abs(main[0]) < 0.8 else 1])[0]
     return np.asarray(start @ np.array([math.cos(spin), math.sin(spin), 0.0]))
 
@@ -114,7 +118,7 @@ def find_reach(
             for q in _starts(poses[0] @ np.linalg.inv(T_flange_tool)):
                 joints = track(poses, T_flange_tool, q)
                 failure = failure_of(joints, above_table)
-                value = joints.smallest_singular_value
+                value = joints.smallest_singular_value if failure is None else 0.0
                 if failure is None and best is not None and value <= best.smallest_singular_value + _CLEARLY_BETTER:
                     continue
                 if failure is None and hindrance is not None:

@@ -70,7 +70,7 @@ def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_
     up, ``lowest`` [m] the extent of the part along it at its lowest; ``T_flange_tool`` (4, 4) is the tool on the
     flange.
     """
-    R_up, rows = upright(up), _outermost(positions, axes)
+    R_up, rows = upright(up), outermost(positions, axes)
     high, out = positions @ R_up.T, axes[rows] @ R_up.T
     middle = 0.5 * (high.min(axis=0) + high.max(axis=0))
     points = high[rows] - [*middle[:2], lowest]
@@ -89,7 +89,7 @@ def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_
     return ReachMap(values.reshape(*grid[0].shape, len(TURNS), len(SPINS)), R_up, middle, lowest)
 
 
-def _outermost(positions: Array, axes: Array) -> Indices:
+def outermost(positions: Array, axes: Array) -> Indices:
     """Rows of the path that go furthest in any direction, and some along it; the furthest from the middle first."""
     directions = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z])
     extreme = [(values @ directions.T).argmax(axis=0) for values in (positions, axes)]

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.run_record import RunRecord, stop_mark
+from polish_sim.analysis.style import say_stop
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import experiment, load
 
@@ -19,7 +20,11 @@ def draw_plots(record: RunRecord) -> dict[str, Figure]:
     if not len(record.log):
         return {}
     plots = _drawn(experiment(record.scenario.experiment).plots(record), record)
-    return plots | _removal("plot_removal", record) if removed_something(record) else plots
+    plots |= _removal("plot_removal", record) if removed_something(record) else {}
+    stop = stop_mark(record.metrics)
+    for figure in plots.values() if stop else ():
+        say_stop(figure, stop.text)
+    return plots
 
 
 def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:

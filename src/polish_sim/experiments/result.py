@@ -40,13 +40,13 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
     """Figures every experiment reports; ``path_done`` is the share of the path (or of the holding time), 0 to 1.
 
     ``T_base_work`` (4, 4) is the nominal pose of the part, None without one. They are path_done, protective_stop,
-    what ``SafetyRecord`` names, peak_force_n (of the whole run), interrupted, T_base_work, cycle_time_s (air moves,
-    touch-down and lifts included), simulated_s, wall_s, real_time_factor, steps, seed.
+    protective_stop_at, what ``SafetyRecord`` names, peak_force_n (of the whole run), interrupted, T_base_work,
+    cycle_time_s (air moves, touch-down and lifts included), simulated_s, wall_s, real_time_factor, steps, seed.
     """
     simulated = run.steps * scenario.simulation.timestep_s
     return {
         "path_done": path_done,
-        "protective_stop": _stop_text(run, scenario, T_base_work),
+        **_stop(run, scenario, T_base_work),
         **run.safety._asdict(),
         "peak_force_n": float(run.trace.normal_force_n.max()),
         "interrupted": run.interrupted,
@@ -60,29 +60,45 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
     }
 
 
-def _stop_text(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> str | None:
-    """Why the robot stopped itself with the limit's value, when, where and at what force; None if it did not."""
+def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> dict[str, Any]:
+    """Why the robot stopped itself, with the limit's value, when, where and at what force; None if it did not.
+
+    ``protective_stop_at`` holds the same for pictures: name, time_s, path_s_m, tool_m in the base frame and on the
+    part, tool_on_part_m.
+    """
     if run.stop_reason is None:
-        return None
+        return {"protective_stop": None, "protective_stop_at": None}
     limits = re.sub(r"\b([a-z]+)\.([a-z]\w+)", lambda key: _with_value(key, scenario), run.stop_reason)
     at = run.safety.protective_stop_time_s
     if at is None or not len(run.trace.time_s):
-        return limits
+        return {"protective_stop": limits, "protective_stop_at": None}
     row = min(int(np.searchsorted(run.trace.time_s, at)), len(run.trace.time_s) - 1)
     tip = run.trace.tcp_position_m[row]
-    carried = run.trace.tool_on_part_m[row]  # by a second robot
-    where = ""
+    on_part, where = run.trace.tool_on_part_m[row], ""  # of a part that a second robot carries
     if T_base_work is not None:
-        on_part = carried if carried.any() else apply(inverse(T_base_work), tip)
+        on_part = on_part if on_part.any() else apply(inverse(T_base_work), tip)
         where = f"{place_in_mm(on_part)} of the part, "
-    force = f"{run.trace.normal_force_n[row]:.1f} N along the tool axis"
-    return f"{limits}; at {at:.2f} s, tool at {where}{place_in_mm(tip)} of the base, {force}"
+    force = f"{run.trace.normal_force_n[row] + 0.0:.1f} N along the tool axis"
+    measured = f"measured {run.safety.protective_stop_measured}" if run.safety.protective_stop_measured else ""
+    when = f"at {at:.2f} s"
+    name = re.split(r"[:(]", limits)[0].strip()
+    return {
+        "protective_stop": f"{limits}; {' '.join(filter(None, [measured, when]))}, tool at {where}"
+        f"{place_in_mm(tip)} of the base, {force}",
+        "protective_stop_at": {
+            "name": ", ".join(filter(None, [name, measured])),
+            "time_s": at,
+            "path_s_m": float(run.trace.path_s_m[row]),
+            "tool_m": tip.tolist(),
+            "tool_on_part_m": on_part.tolist() if where else None,
+        },
+    }
 
 
 def _with_value(key: re.Match[str], scenario: Scenario) -> str:
-    """A key's name with its value, if it is one."""
+    """A key's name with its value, if that is a number."""
     value = getattr(getattr(scenario, key[1], None), key[2], None)
-    return key[0] if value is None else f"{key[0]} = {number_text(value)}"
+    return f"{key[0]} = {number_text(value)}" if isinstance(value, (int, float)) else key[0]
 
 
 # Progress of one of several equal tasks, as progress of the whole.

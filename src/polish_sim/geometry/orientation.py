@@ -223,6 +223,12 @@ def describe(direction: Array) -> str:
     return "(" + ", ".join(f"{value:.4g}" for value in direction + 0.0) + ")"
 
 
+def side_name(direction: Array) -> str:
+    """A direction as ``--up`` takes it: a side's name, else X,Y,Z to the last bit."""
+    name = next((side for side, vector in SIDES.items() if np.array_equal(direction, vector)), "")
+    return name or ",".join(repr(float(value)) for value in direction)
+
+
 def _snap(direction: Array) -> Array:
     for side in SIDES.values():
         if np.linalg.norm(direction - side) < _AXIS_NOISE:

@@ -9,7 +9,9 @@ the nominal table, and by Newton's method from there for another.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -299,7 +301,8 @@ def _pose_errors(T: Array, T_wanted: Array) -> Array:
 # A sequence of tool poses followed with the joints.
 
 
-class JointPath(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class JointPath:
     """A pose sequence followed by the joints, without jumping between the arm's configurations."""
 
     q: Array  #: Joint angles [rad], shape (n, 6); NaN from the first unreachable pose on
@@ -308,8 +311,22 @@ class JointPath(NamedTuple):
     limit_joint: int | None  #: The joint (0-5) that is outside its limits there, or None
     largest_step: float  #: Largest change of a joint between neighbouring poses [rad]; large near a singularity
     largest_step_index: int  #: Index of the pose that this step ends at (0: `q_start` to the first pose)
-    smallest_singular_value: float  #: Least of the Jacobian's at the tool point, mixed units
-    smallest_singular_index: int  #: Index of the pose closest to a singularity
+    point_flange: Array  #: The tool point on the flange [m], shape (3,)
+
+    @cached_property
+    def singular_values(self) -> Array:
+        """Smallest singular value of the Jacobian at the tool point up to the first pose out of reach, mixed units."""
+        return smallest_singular_values(self.q[: self.first_unreachable], self.point_flange)
+
+    @property
+    def smallest_singular_value(self) -> float:
+        """Least of them."""
+        return float(self.singular_values.min(initial=np.inf))
+
+    @property
+    def smallest_singular_index(self) -> int:
+        """Index of the pose closest to a singularity."""
+        return int(np.argmin(self.singular_values)) if len(self.singular_values) else 0
 
 
 @njit(cache=True, error_model="numpy")
@@ -343,7 +360,6 @@ def track(T_base_tool: Array, T_flange_tool: Array, q_start: Array) -> JointPath
     beyond: Bools = (q < JOINT_LIMITS[:, 0]) | (q > JOINT_LIMITS[:, 1])
     first_beyond = _first(np.any(beyond, axis=1))
     steps = np.abs(np.diff(q, axis=0, prepend=start[None])).max(axis=1)[reached]
-    singular = smallest_singular_values(q[reached], np.ascontiguousarray(T_flange_tool[:3, 3], dtype=float))
     return JointPath(
         q=q,
         first_unreachable=_first(~reached),
@@ -351,6 +367,5 @@ def track(T_base_tool: Array, T_flange_tool: Array, q_start: Array) -> JointPath
         limit_joint=None if first_beyond is None else int(np.argmax(beyond[first_beyond])),
         largest_step=float(steps.max(initial=0.0)),
         largest_step_index=int(np.argmax(steps)) if steps.size else 0,
-        smallest_singular_value=float(singular.min(initial=np.inf)),
-        smallest_singular_index=int(np.argmin(singular)) if singular.size else 0,
+        point_flange=np.ascontiguousarray(T_flange_tool[:3, 3], dtype=float),
     )

@@ -120,7 +120,7 @@ def plan_mesh(
     surface, region = _choose(mesh, plan)
     check_start(surface, plan)
     observer.stage("plan the path")
-    ready = _prepare(mesh, surface, region, plan, process, Tool(pad, process.contact_force_n, fixture))
+    ready = prepare_region(mesh, surface, region, plan, process, Tool(pad, process.contact_force_n, fixture))
     avoid = np.empty((0, 3))
     for _ in range(ROUNDS):
         planned = plan_on(
@@ -162,7 +162,7 @@ def measure_given_path(
     observer.stage("measure the path")
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
     ground, access = accessible(region, surface, plan, tool, path)
-    given = _Prepared(mesh, surface, region, plan, process, tool, ground, access)
+    given = PreparedRegion(mesh, surface, region, plan, process, tool, ground, access)
     quality = given.measure(path)
     off = quality.figures["max_distance_to_surface_m"]
     if off > OFF_PART_M:
@@ -174,7 +174,7 @@ def measure_given_path(
 
 
 @dataclass(frozen=True, eq=False)
-class _Prepared:
+class PreparedRegion:
     """A region, what of it the tool reaches, and all that a path on it is planned and measured with."""
 
     mesh: PartMesh
@@ -216,9 +216,9 @@ PAD_SIZES_M: Final = (0.05, 0.04, 0.03, 0.025, 0.02, 0.016, 0.012, 0.01, 0.008, 
 """Diameters a pad is chosen from."""
 
 
-def _prepare(
+def prepare_region(
     mesh: PartMesh, surface: Surface, region: Region, plan: PlanConfig, process: ProcessConfig, tool: Tool
-) -> _Prepared:
+) -> PreparedRegion:
     """Prepare a region for the first of `_pads` that fits it.
 
     Raises:
@@ -238,7 +238,7 @@ def _prepare(
             f"{in_another_unit(mesh, width, pad.radius_m)}"
         )
         notes = () if taken is pad else (note,)
-        return _Prepared(mesh, surface, wide, asked, process, fitted, ground, access, notes)
+        return PreparedRegion(mesh, surface, wide, asked, process, fitted, ground, access, notes)
     raise refused[0]
 
 

@@ -33,6 +33,7 @@ from polish_sim.planning.request import check_plan_words
 from polish_sim.planning.toolpath import ToolPath, arc_length
 
 CUT_APART: Final = 0.1  #: Whether the tool is in the part is looked at so many pad radii apart along a stroke
+NO_WAY: Final = "the tool cannot come there without running into the part"
 CUT_HERE: Final = "the path would cross itself, one of the two strands is cut and the tool lifts there"
 
 
@@ -257,10 +258,7 @@ def _out_of_reach(lost: Sequence[Array], stepover: float, nothing_left: bool) ->
             f"{place_in_mm(lost[0][0])}. Choose a region that is open to the outside (--region), or a lower "
             "approach (--set plan.clearance_m=...)."
         )
-    what = (
-        f"{len(lost)} strokes, about {area * 1e6:.3g} mm^2, are left out: the tool cannot come there without running "
-        "into the part"
-    )
+    what = f"{len(lost)} strokes, about {area * 1e6:.3g} mm^2, are left out: {NO_WAY}"
     return [Remark(what, lost[0][0])]
 
 

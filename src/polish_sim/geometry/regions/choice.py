@@ -11,13 +11,13 @@ from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import Clipped, clip, split, then
-from polish_sim.geometry.orientation import UP_CONE
+from polish_sim.geometry.orientation import UP_CONE, check_up
 from polish_sim.geometry.regions.patches import connected, coverable, lies_open, middle_points, restricted
 from polish_sim.geometry.surface import Surface, connected_facets
 
 CHOICES = (
-    "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE, faces:FILE "
-    "(lengths in mm)"
+    "auto, top, all, all:N,N,.../SIDE, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE, "
+    "faces:FILE (lengths in mm)"
 )
 
 
@@ -90,6 +90,29 @@ def read_facet_numbers(argument: str) -> Indices:
     return numbers
 
 
+class PatchNumbers(NamedTuple):
+    """Some of the patches of all."""
+
+    numbers: Indices  #: From 1, shape (k,)
+    up: Array  #: The side turned up when they were counted, unit vector, shape (3,)
+
+
+def parse_patches(argument: str) -> PatchNumbers:
+    """Read numbers of patches and the side they were counted by, as ``plan --region all`` writes them.
+
+    Raises:
+        InputError: Not N,N,.../SIDE.
+    """
+    words, _, side = argument.partition("/")
+    up = check_up(side)
+    if up is None or not all(word.isdecimal() and 0 < len(word) < 10 and int(word) for word in words.split(",")):
+        raise InputError(
+            f"region 'all:{argument}' is not all:N,N,.../SIDE: numbers of patches from 1, and the side they were "
+            f"counted by, e.g. all:1,3/z. Valid: {CHOICES}."
+        )
+    return PatchNumbers(np.array([int(word) for word in words.split(",")]), up)
+
+
 def _read(path: Path, content: str) -> str:
     try:
         return path.read_text(encoding="utf-8")
@@ -130,6 +153,15 @@ def pick_top(whole: Whole, _: str) -> list[Clipped]:
 def pick_all(whole: Whole, _: str) -> list[Clipped]:
     """Everything, in patches that lie open."""
     return coverable(whole.kept, whole.up)
+
+
+def pick_patches(whole: Whole, argument: str) -> list[Clipped]:
+    """Some patches of all by their numbers."""
+    numbers, up = parse_patches(argument)
+    patches = coverable(whole.kept, up)
+    if numbers.max() > len(patches):
+        raise PlanError(f"region 'all:{argument}': the part has patches 1 to {len(patches)}, seen with that side up.")
+    return [patches[number - 1] for number in np.unique(numbers)]
 
 
 def pick_point(whole: Whole, argument: str) -> list[Clipped]:

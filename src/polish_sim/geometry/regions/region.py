@@ -19,11 +19,13 @@ from polish_sim.geometry.regions.choice import (
     Whole,
     parse_box,
     parse_corners,
+    parse_patches,
     parse_point,
     pick_all,
     pick_auto,
     pick_box,
     pick_faces,
+    pick_patches,
     pick_point,
     pick_polygon,
     pick_top,
@@ -36,8 +38,15 @@ from polish_sim.geometry.topology import Adjacency
 
 Pick = Callable[[Whole, str], list[Clipped]]
 PLAIN: Mapping[str, Pick] = {"auto": pick_auto, "top": pick_top, "all": pick_all}
-WITH_ARGUMENT: Mapping[str, Pick] = {"point": pick_point, "box": pick_box, "polygon": pick_polygon, "faces": pick_faces}
+WITH_ARGUMENT: Mapping[str, Pick] = {
+    "all": pick_patches,
+    "point": pick_point,
+    "box": pick_box,
+    "polygon": pick_polygon,
+    "faces": pick_faces,
+}
 READERS: Mapping[str, Callable[[str], object]] = {
+    "all": parse_patches,
     "point": parse_point,
     "box": parse_box,
     "polygon": parse_corners,
@@ -89,7 +98,8 @@ def select_region(
         surface: The whole part's surface.
         mesh: The part it was fitted to.
         choice: ``auto`` the largest smooth face that looks up; ``top`` the largest connected piece that
-            looks up, over creases; ``all`` everything, in patches; ``point:X,Y,Z`` the smooth face at a point;
+            looks up, over creases; ``all`` everything, in patches; ``all:N,N,.../SIDE`` some of these patches by their
+            numbers, counted with a side up; ``point:X,Y,Z`` the smooth face at a point;
             ``box:X0,Y0,Z0,X1,Y1,Z1`` the smooth faces that look up within a box; ``polygon:X,Y,Z;X,Y,Z;...``
             (or a file with a corner per line) those within a polygon seen from above; ``faces:FILE`` the
             facets whose numbers (from 0) in the part's file a text file lists. Lengths in mm, work frame.
@@ -113,6 +123,12 @@ def select_region(
         notes += further
     kept = join(patches)
     return _build_region(kept.surface, kept.parents, mesh.up, notes)
+
+
+def patches_of(surface: Surface, mesh: PartMesh) -> list[Region]:
+    """All of a part in patches that lie open, in the order ``all:N,N,.../SIDE`` counts them with its side up."""
+    patches = pick_all(Whole(surface, mesh.up, mesh.stl_facets), "")
+    return [_build_region(patch.surface, patch.parents, mesh.up) for patch in patches]
 
 
 def cut_region(region: Region, room: Room, margin: float) -> Region | None:

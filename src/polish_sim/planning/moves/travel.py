@@ -32,7 +32,7 @@ def travel(first: Move, second: Move, air: Air) -> tuple[Move, bool]:
     clear, line, axes = False, np.empty((0, 3)), np.empty((0, 3))
     for corners in _ways((start, end), (first.axes[-1], second.axes[0]), up, clearance, part, kept):
         line = _along(corners)
-        axes = _turned(first.axes[-1], second.axes[0], np.linspace(0.0, 1.0, len(line)))
+        axes = turned(first.axes[-1], second.axes[0], np.linspace(0.0, 1.0, len(line)))
         clear = kept > 0.0 and bool(signed_distances(part, line).min() >= kept) and air.has_room(line, axes)
         if clear:
             break
@@ -68,7 +68,7 @@ def _round(ends: tuple[Array, Array], directions: tuple[Array, Array], ball: Bal
     first, second = (unit(point) for point in outside)
     reach = max(ball.radius, *(float(np.linalg.norm(point)) for point in outside))
     # A chord between corners must not cut into the ball.
-    arc = reach / np.cos(0.5 * np.pi / (ROUND - 1)) * _turned(first, second, np.linspace(0.0, 1.0, ROUND))
+    arc = reach / np.cos(0.5 * np.pi / (ROUND - 1)) * turned(first, second, np.linspace(0.0, 1.0, ROUND))
     return [ends[0], ball.middle + outside[0], *(ball.middle + arc), ball.middle + outside[1], ends[1]]
 
 
@@ -89,7 +89,7 @@ def _along(corners: Sequence[Array]) -> Array:
     return np.concatenate(legs)
 
 
-def _turned(first: Array, second: Array, share: Array) -> Array:
+def turned(first: Array, second: Array, share: Array) -> Array:
     """Unit vectors on the shortest turn from one to another, (k,) shares of it -> (k, 3)."""
     side = second - first * (first @ second)
     size = float(np.linalg.norm(side))
@@ -121,13 +121,13 @@ def order_blocks(ends: Array, free: bool, start: Array | None = None) -> Tour:
     ``ends`` (n, 2, 3) [m] are where each block begins and ends; those that are ``free`` may be walked from their
     end.
     """
-    order, flips = _nearest_neighbours(ends, free, start)
+    order, flips = nearest_neighbours(ends, free, start)
     if len(order) > 2:
         _improve(np.ascontiguousarray(ends), order, flips, free, WINDOW, MOST_SWEEPS)
     return Tour(order, flips.astype(bool))
 
 
-def _nearest_neighbours(ends: Array, free: bool, start: Array | None) -> tuple[Indices, Indices]:
+def nearest_neighbours(ends: Array, free: bool, start: Array | None) -> tuple[Indices, Indices]:
     """Each block followed by the one that begins nearest."""
     waiting = np.ones(len(ends), dtype=bool)
     order, flips = np.zeros(len(ends), np.int64), np.zeros(len(ends), np.int64)

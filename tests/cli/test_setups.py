@@ -1,0 +1,82 @@
+"""`plan --region all`: every side of a part in few setups, each a plan folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from tests.cli.conftest import Tool, metrics_of
+
+PLAN = ("--region", "all", "--stepover", "20", "--out", "all")
+
+
+@pytest.fixture
+def cube(tmp_path: Path) -> Path:
+    trimesh.creation.box((80.0, 80.0, 80.0)).export(tmp_path / "cube.stl")
+    return tmp_path / "cube.stl"
+
+
+def test_a_cube_takes_two_setups_and_each_face_is_planned_once(polish_sim: Tool, cube: Path) -> None:
+    code, out, err = polish_sim("plan", cube, *PLAN)
+    assert code == 0
+    setups = metrics_of(Path("all"))["setups"]
+    assert len(setups) == 2
+    numbers = [n for setup in setups for n in setup["region"].partition(":")[2].partition("/")[0].split(",")]
+    assert sorted(numbers) == list("123456")
+    assert sum(setup["region_area_m2"] for setup in setups) == pytest.approx(6 * 0.08**2)
+    assert all(setup["smallest_singular_value"] > 0.02 for setup in setups)
+    assert "of the part's 384.0 cm^2 no setup reaches 0.0 cm^2" in out
+    assert "setup_1: z up" in err
+    assert polish_sim("run", "surface", "--path", "all/setup_2", "--dry-run")[0] == 0
+    assert polish_sim("inspect", "all/setup_1", "--out", "seen")[0] == 0
+    assert metrics_of(Path("seen"))["coverage"] == pytest.approx(setups[0]["coverage"], abs=0.002)
+    code, _, err = polish_sim("run", "surface", "--path", "all")
+    assert code == 2
+    assert "setup_1" in err
+
+
+def test_a_side_that_is_asked_for_stays_up_and_what_it_does_not_show_is_named(polish_sim: Tool, cube: Path) -> None:
+    assert polish_sim("plan", cube, *PLAN, "--up", "y")[0] == 0
+    figures = metrics_of(Path("all"))
+    assert all(setup["up"] == [0.0, 1.0, 0.0] for setup in figures["setups"])
+    planned = sum(setup["region_area_m2"] for setup in figures["setups"])
+    lost = sum(patch["area_m2"] for patch in figures["unreached"])
+    assert planned + lost == pytest.approx(6 * 0.08**2)
+    assert figures["unreached_area_m2"] == pytest.approx(lost)
+
+
+def test_walls_narrower_than_half_the_pad_are_left_out_by_name(polish_sim: Tool, tmp_path: Path) -> None:
+    trimesh.creation.box((100.0, 80.0, 10.0)).export(tmp_path / "plate.stl")
+    code, _, err = polish_sim("plan", "plate.stl", *PLAN)
+    assert code == 0
+    assert "no setup reaches 36 cm^2 in 4 patches" in err
+    assert "narrower than half the pad" in err
+    assert metrics_of(Path("all"))["unreached_area_m2"] == pytest.approx(2 * (0.1 + 0.08) * 0.01)
+
+
+def test_a_run_over_all_sides_in_one_pose_is_refused_and_says_how(polish_sim: Tool, cube: Path) -> None:
+    code, _, err = polish_sim("run", "surface", "--part", cube, "--region", "all", "--stepover", "20", "--dry-run")
+    assert code == 2
+    assert "plan PART --region all" in err
+    assert "--path FOLDER/setup_N" in err
+
+
+def test_a_setup_is_planned_again_from_its_own_words(polish_sim: Tool, cube: Path) -> None:
+    region = ("--region", "all:4,1/z", "--up", "y", "--stepover", "20")
+    assert polish_sim("plan", cube, *region, "--out", "one")[0] == 0
+    path = json.loads(Path("one/path.json").read_text())
+    assert path["up"] == [0.0, 1.0, 0.0]
+    axes = np.column_stack([path["path"][name] for name in ("nx", "ny", "nz")])
+    ways = {tuple(np.round(axis).astype(int)) for axis, name in zip(axes, path["path"]["segment"], strict=True)
+            if name == "process"}  # fmt: skip
+    assert len(ways) == 2
+    code, _, err = polish_sim("plan", cube, "--region", "all:0,7", "--out", "two")
+    assert code == 2
+    assert "all:N,N,.../SIDE" in err or "side for --up" in err
+    code, _, err = polish_sim("plan", cube, "--region", "all:7/z", "--out", "two")
+    assert code == 2
+    assert "patches 1 to 6" in err
