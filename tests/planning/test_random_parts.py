@@ -26,6 +26,19 @@ def test_a_long_strip_that_a_spiral_leaves_in_the_middle_gets_a_line_of_its_own(
     assert examine(90084).coverage > 0.99
 
 
+def test_fermat_goes_through_a_long_place_between_turns_of_two_borders():
+    """Between them a ring with a hole in it leaves a crescent wider than a step-over and too narrow for a loop."""
+    outcome = examine(90192, "fermat")
+    assert outcome.coverage > 0.99
+    assert not outcome.faults
+
+
+def test_no_point_comes_twice_where_the_tool_comes_down_again_where_it_went_up():
+    part = draw_part(90144, "contour")
+    path = plan_mesh(mesh_of(part), part.plan, pad=part.pad).path
+    assert (np.diff(path.s) > 0.0).all()
+
+
 def test_the_generator_makes_closed_solids_and_the_same_ones_again():
     for seed in range(8):
         part = draw_part(seed)

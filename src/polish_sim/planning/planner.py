@@ -201,6 +201,8 @@ def assemble(runs: Sequence[PieceRun], plan: PlanConfig, air: Air, remarks: Sequ
     all_remarks += _out_of_reach(lost, plan.stepover_m, nothing_left=not moves)
     positions, axes, segment, pass_index = concatenate(moves)
     path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
+    # The tool may come down again where it went up.
+    path = path.rows(np.diff(path.s, prepend=-1.0) > 0.0)
     return Planned(path, deviation, notes_of(all_remarks))
 
 

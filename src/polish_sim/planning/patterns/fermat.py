@@ -21,9 +21,11 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.patterns.fermat_pocket import Layout, Pocket, find_contacts, grow_tree, split_pockets
+from polish_sim.planning.patterns.leftover import finish_middle
 from polish_sim.planning.patterns.nested import all_turns, nested_turns
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
 from polish_sim.planning.quality.crossings import find_crossings
+from polish_sim.planning.toolpath import arc_length
 
 TIP, CLEAR = 0.4, 0.45  #: Width of a U-turn beside a line that crosses, and its distance from that line, in levels
 FREE = 0.4  #: Levels a crossing line has sunk where the path begins or ends beside it
@@ -157,6 +159,7 @@ def _free_ends(levels: Levels, stepover: float) -> tuple[End, End]:
 
 
 TRIES = 4  #: How often loops beside crossings are left out before the path is taken as it is
+WORTH_A_STROKE = 8.0  #: The tool is lifted for a place at least so many step-overs long
 CROWDED = 1.0  #: A loop is beside a crossing if it passes it within this many step-overs
 
 
@@ -183,7 +186,21 @@ def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
         if not crowded:
             break
         turns = [turn for turn in turns if id(turn) not in crowded]
-    return runs
+    return runs + _strokes_between(request, lines, runs)
+
+
+def _strokes_between(request: PatternRequest, lines: Sequence[Run], runs: Sequence[SurfaceRun]) -> list[SurfaceRun]:
+    """Strokes of their own through long places left between turns of different borders, where they cross nothing."""
+    longer, added = finish_middle(request.mesh, lines, request.stepover), list[SurfaceRun]()
+    for k, line in enumerate(longer):
+        fresh = line.positions[len(lines[k].positions) if k < len(lines) else 0 :]
+        if len(fresh) < 2 or arc_length(fresh)[-1] < WORTH_A_STROKE * request.stepover:
+            continue
+        stroke = finish_run(request.region.surface, Run(fresh, np.zeros(len(fresh), dtype=np.int64)), request.stepover)
+        curves = [Curve(run.positions, run.points.normals, False) for run in (*runs, *added, stroke)]
+        if not len(find_crossings(curves).places):
+            added.append(stroke)
+    return added
 
 
 def connect(curves: Sequence[Curve], stepover: float, start: Sequence[float] = ()) -> list[Run]:
