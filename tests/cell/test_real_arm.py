@@ -3,126 +3,32 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
 import pytest
-from numba import njit
-from scipy.linalg import eig
 
-from polish_sim.cell import build_scene, tool_on_flange
-from polish_sim.cell.engine import engine_views, mj_step1, mj_step2, register_engine
-from polish_sim.cell.gears import drive_joints, elastic_torque, follow_joints, hear_joints, slip, update_twist
+from polish_sim.cell.gears import elastic_torque, slip, update_twist
 from polish_sim.cell.playback import JointTargets, play_joints
-from polish_sim.cell.real_arm import build_real_arm, gear_twists, weights
+from polish_sim.cell.real_arm import gear_twists, weights
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import default_scenario, run_experiment
-from polish_sim.kernels import Record, Vector6
 from polish_sim.scenario_file import override
-from tests.cell.cells import Array
-
-NONE = "[0,0,0,0,0,0]"
-REAL = "robot.arm=ur5e"
-NO_FRICTION = [
-    f"robot.real.viscous_nm_s_rad={NONE}", f"robot.real.coulomb_nm={NONE}", "robot.real.coulomb_driving=0",
-    "robot.real.coulomb_driven=0",
-]  # fmt: skip
-NO_HYSTERESIS = f"robot.real.lost_motion_rad={NONE}"
-SPRINGS_ONLY = [
-    REAL, *NO_FRICTION, NO_HYSTERESIS, f"robot.real.gear_error_rad={NONE}", "robot.real.encoder_rad=0",
-    "robot.real.kinematics=exact", "robot.real.servo_lag_s=0",
-]  # fmt: skip
-STRETCHED = np.array([0.3, -0.35, 0.5, -1.7, -1.57, 0.4])
-HOME = np.array([1.3, -1.59, 1.51, -1.49, -1.57, -0.27])
-FOLDED = np.array([1.1, -2.0, 2.3, -1.9, -1.57, 0.2])
-
-
-class JointStep(Record):
-    """What one step did to the joints."""
-
-    angle: Vector6
-    speed: Vector6
-    twist: Vector6
-    ratio: Vector6
-    hysteresis: Vector6
-    spring: Vector6
-    q: Vector6
-    qd: Vector6
-    tool: Vector6  #: Position, then zeros
-
-
-@njit(cache=True, error_model="numpy")
-def _go(e, arm, steps, tool):  # type: ignore[no-untyped-def]
-    for k in range(len(steps)):
-        mj_step1(e.model, e.data)
-        hear_joints(arm, e)
-        row = steps[k]
-        for j in range(6):
-            row.angle[j], row.speed[j], row.twist[j] = arm.angle[j], arm.speed[j], arm.twist[j]
-            row.ratio[j], row.hysteresis[j], row.q[j], row.qd[j] = arm.ratio[j], arm.hysteresis[j], e.qpos[j], e.qvel[j]
-        for i in range(3):
-            row.tool[i] = e.site_xpos[tool, i]
-        drive_joints(arm, e, 0.0)
-        for j in range(6):
-            row.spring[j] = arm.torque[j]
-        mj_step2(e.model, e.data)
-        follow_joints(arm, e)
-
-
-class Joints(NamedTuple):
-    """The arm alone, no control loop: its servos hold where it starts."""
-
-    model: mujoco.MjModel
-    data: mujoco.MjData
-    arm: object
-    dt: float
-
-    def go(self, seconds: float) -> np.ndarray:
-        """Step on; what happened, one row a step."""
-        rows = np.zeros(round(seconds / self.dt), JointStep.dtype)
-        _go(engine_views(self.model, self.data), self.arm, rows.view(np.recarray), self.model.site("tool").id)
-        return rows
-
-    def pull(self, force: Array) -> None:
-        """Pull at the tool point by a force in the base frame [N]."""
-        mount, tool = self.model.body("tool_mount").id, self.data.site("tool").xpos
-        self.data.xfrc_applied[mount, :3] = force
-        self.data.xfrc_applied[mount, 3:] = np.cross(tool - self.data.xipos[mount], force)
-
-    def jacobian(self) -> Array:
-        """Of the tool point, shape (3, 6)."""
-        J = np.zeros((3, self.model.nv))
-        mujoco.mj_jacSite(self.model, self.data, J, None, self.model.site("tool").id)
-        return J[:, :6]
-
-
-def joints_at(q: Array, *settings: str, gravity: bool = True) -> Joints:
-    register_engine()
-    scenario = override(default_scenario("arc"), [REAL, *settings])
-    model = build_scene(scenario, None, None)
-    if not gravity:
-        model.opt.gravity[:] = 0.0
-    data = mujoco.MjData(model)
-    data.qpos[:6] = data.ctrl[0:12:2] = q
-    arm = build_real_arm(scenario, model, data, q, tool_on_flange())
-    mujoco.mj_forward(model, data)
-    return Joints(model, data, arm, scenario.simulation.timestep_s)
-
-
-def tangents(joints: Joints) -> Array:
-    """Stiffness of each gear at its twist [N m/rad], by differences."""
-    h, twist = 1e-7, joints.arm.twist
-    return np.array([
-        (elastic_torque(joints.arm, j, twist[j] + h) - elastic_torque(joints.arm, j, twist[j] - h)) / (2 * h)
-        for j in range(6)
-    ])  # fmt: skip
-
-
-def poses(n: int) -> Array:
-    rng = np.random.default_rng(3)
-    low, high = [-3.0, -2.2, 0.3, -2.5, -2.4, -3.0], [3.0, -0.6, 2.2, -0.5, -0.7, 3.0]
-    return rng.uniform(low, high, (n, 6))
+from tests.cell.elastic import (
+    FOLDED,
+    HOME,
+    NO_FRICTION,
+    NO_HYSTERESIS,
+    NONE,
+    REAL,
+    SPRINGS_ONLY,
+    STRETCHED,
+    Joints,
+    first_mode,
+    joints_at,
+    poses,
+    tangents,
+)
 
 
 @pytest.mark.parametrize("gravity", [True, False])
@@ -144,26 +50,6 @@ def test_compliance_at_the_tool_is_that_of_gears_and_servos_in_series(gravity):
                 found.append(joints.go(1.5)["tool"][-1][:3])
             measured[:, i] = (found[0] - found[1]) / 0.2
         np.testing.assert_allclose(measured, expected, atol=0.02 * np.linalg.norm(expected, 2))
-
-
-def first_mode(joints: Joints) -> tuple[complex, Array]:
-    """Slowest vibration of links, head and rotors around the pose, linear: eigenvalue [1/s] and complex shape (13,)."""
-    model, arm, nv = joints.model, joints.arm, joints.model.nv
-    M = np.zeros((nv + 6, nv + 6))
-    links = np.zeros((nv, nv))
-    mujoco.mj_fullM(model, joints.data, links)
-    M[:nv, :nv], M[nv:, nv:] = links, np.diag(arm.inertia)
-    K, D = np.zeros_like(M), np.zeros_like(M)
-    for matrix, gear, servo in ((K, tangents(joints), arm.kp), (D, arm.coupling, arm.kv)):
-        for j in range(6):
-            matrix[np.ix_([j, nv + j], [j, nv + j])] += gear[j] * np.array([[1.0, -1.0], [-1.0, 1.0]])
-            matrix[nv + j, nv + j] += servo[j]
-    K[6, 6], D[6, 6] = model.jnt_stiffness[6], model.dof_damping[6]
-    n = nv + 6
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
-    values, shapes = eig(A)
-    slowest = min(np.flatnonzero(values.imag > 1.0), key=lambda k: values[k].imag)
-    return complex(values[slowest]), shapes[:n, slowest]
 
 
 @pytest.mark.parametrize("q", [STRETCHED, HOME, FOLDED])
