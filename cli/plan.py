@@ -81,6 +81,8 @@ def plan(part: PartFile, given: Given) -> None:
             show = partial(_show_plan, result, unreached, dual)
     show()
     console.say(f"folder: {folder.final}")
+    if (folder.final / "setup_1").is_dir():
+        console.say(f"run each: polish-sim run surface --path {folder.final / 'setup_1'}")
 
 
 class Wanted(NamedTuple):
@@ -203,7 +205,6 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
     console.table(f"setups of {done[0].mesh.name}", headings, rows, left=2)
     whole, lost = (1e4 * area[name] for name in ("part_area_m2", "unreached_area_m2"))
     console.say(f"of the part's {whole:.1f} cm^2 no setup reaches {lost:.1f} cm^2")
-    console.say("run each: polish-sim run surface --path FOLDER/setup_1")
 
 
 def place(
