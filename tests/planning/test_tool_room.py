@@ -139,6 +139,35 @@ def test_under_a_shelf_the_spindle_is_what_has_no_room(tmp_path):
     assert result.path.positions_work[result.path.process, 0].max() == pytest.approx(0.020 - 0.0335, abs=4e-4)
 
 
+@pytest.mark.parametrize(
+    ("name", "pattern", "gained_cm2"), [("walled plate", "raster", 15.0), ("shelf", "spiral", 6.0)]
+)
+def test_a_tool_that_leans_away_reaches_more_and_is_nowhere_in_the_part(tmp_path, name, pattern, gained_cm2):
+    upright, leaned = (planned(tmp_path, name, pattern, 16.0, avoid=way) for way in ("trim", "tilt"))
+    gained = upright.figures["unreachable_area_m2"] - leaned.figures["unreachable_area_m2"]
+    assert 1e4 * gained > gained_cm2
+    assert leaned.access.gained_m2 == pytest.approx(gained, rel=1e-6)
+    assert leaned.figures["coverage"] > 0.99
+    # Its rim goes a fifth of its radius deep, as on the most hollow ground, and no deeper.
+    assert np.sin(leaned.figures["max_axis_lean_rad"]) < 0.2 + 1e-6
+    shared = volumes_in_part(leaned.path, part_of(name), 0.008, YIELDS + 0.2 * 0.008)
+    assert max(shared.values()) < 0.05, shared
+    # Over the 30 mm on which a lean fades the axis turns by 6.7 rad/m, and along a bend by a little more.
+    assert leaned.figures["max_axis_rate_rad_m"] < 1.5 * np.tan(np.arcsin(0.2)) / 0.03
+    again = measure_given_path(leaned.path, PartConfig(str(tmp_path / "part.stl"), up="z"), leaned.plan,
+                               pad=leaned.tool.pad)  # fmt: skip
+    assert again.figures["unreachable_area_m2"] == leaned.figures["unreachable_area_m2"]
+    assert again.figures["coverage"] == leaned.figures["coverage"]
+    assert again.figures["pad_in_part_max_m"] == 0.0
+
+
+def test_a_wide_pad_that_would_touch_with_its_far_edge_only_stays_upright(tmp_path):
+    upright, leaned = (planned(tmp_path, "walled plate", "raster", 50.0, avoid=way) for way in ("trim", "tilt"))
+    assert np.array_equal(upright.path.axes_work, leaned.path.axes_work)
+    assert np.array_equal(upright.path.positions_work, leaned.path.positions_work)
+    assert any("touch no more: it stands upright" in note for note in leaned.notes)
+
+
 def test_a_pad_too_large_for_all_of_a_region_is_refused_with_the_reason(tmp_path):
     with pytest.raises(PlanError, match=r"no place of the region: .* its pad would still come .* too close"):
         planned(tmp_path, "pocket", "spiral", 122.0, stepover_m=0.008)

@@ -121,6 +121,11 @@ class PlanConfig:
     tool_clearance_m: float = key(
         0.001, "pad, shaft, spindle, sensor and wrist keep this from what stands beside them [m]", 0.0, 0.05
     )
+    avoid: str = key(
+        "trim",
+        "where walls leave the spindle no room: trim (left out) or tilt (the tool leans away if that gains ground)",
+        option=Option("--avoid", AXIS, "NAME"),
+    )
     lead_in: str = key("normal", "how the tool lands: normal, tangent or arc", option=Option("--lead-in", AXIS, "NAME"))
     lead_angle_rad: float = key(
         0.0,

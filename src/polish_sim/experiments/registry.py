@@ -39,7 +39,7 @@ PART_OPTIONS: Final = ("--part", "--part-pose", "--units", "--up")
 PATH_OPTIONS: Final = (
     *REGION_OPTIONS,
     *("--pattern", "--stepover", "--overlap", "--order", "--direction", "--start", "--raster-direction"),
-    *("--lead-in", "--lead-angle", "--tilt-angle", "--axis-smoothing", "--axis-deviation"),
+    *("--avoid", "--lead-in", "--lead-angle", "--tilt-angle", "--axis-smoothing", "--axis-deviation"),
 )
 """What decides where a planned path runs."""
 FINISHED: Final = "is a finished plan"

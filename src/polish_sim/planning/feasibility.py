@@ -180,7 +180,11 @@ def _depth_below(ground: Ground, limit: float) -> float | None:
 
 def access_notes(access: Access | None, plan: PlanConfig, pad: PadConfig) -> list[str]:
     """What the tool does not reach of the region asked for, and why; none if it reaches all of it."""
-    return [] if access is None else access.notes(pad, plan.tool_clearance_m)
+    if access is None:
+        return []
+    in_vain = plan.avoid == "tilt" and access.leaning is None
+    vain = f"leaning the tool (--avoid tilt) lets a pad of {2e3 * pad.radius_m:.3g} mm touch no more: it stands upright"
+    return [*([vain] if in_vain else []), *access.notes(pad, plan.tool_clearance_m)]
 
 
 def wall_notes(quality: Quality) -> list[str]:

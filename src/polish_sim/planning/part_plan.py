@@ -124,7 +124,13 @@ def plan_mesh(
     avoid = np.empty((0, 3))
     for _ in range(ROUNDS):
         planned = plan_on(
-            ready.ground, ready.plan, lambda share: observer.progress(share, 1.0), surface, ready.tool, avoid
+            ready.ground,
+            ready.plan,
+            lambda share: observer.progress(share, 1.0),
+            surface,
+            ready.tool,
+            avoid,
+            ready.access.leaning if ready.access else None,
         )
         planned_s = time.perf_counter() - begin
         observer.stage("measure the path")

@@ -28,6 +28,7 @@ from polish_sim.planning.moves.travel import order_blocks, travel
 from polish_sim.planning.moves.uncross import uncross
 from polish_sim.planning.patterns.registry import PATTERNS
 from polish_sim.planning.patterns.run import PatternRequest, Report, SurfaceRun
+from polish_sim.planning.quality.leaning import Leaning
 from polish_sim.planning.quality.tool_room import APART, Tool, ground_under, pressed_places
 from polish_sim.planning.request import check_plan_words
 from polish_sim.planning.toolpath import ToolPath, arc_length
@@ -91,6 +92,7 @@ def plan_on(
     part: Surface | None = None,
     tool: Tool | None = None,
     avoid: Array | None = None,
+    leaning: Leaning | None = None,
 ) -> Planned:
     """As `path_on`, with notes, and clear of the whole part.
 
@@ -101,6 +103,7 @@ def plan_on(
         part: The whole part the tool must not run into in the air; the region if not given.
         tool: The tool that must not; only the tool point if not given.
         avoid: Places it was found to do so all the same [m], shape (k, 3): stretches near them are left out.
+        leaning: How the tool leans away from what stands beside it.
 
     Raises:
         InputError: Unknown pattern, lead-in, order or direction.
@@ -121,7 +124,7 @@ def plan_on(
     obstacle = joined_surfaces(alone, tool.fixture if tool else None)
     radius = 0.0 if tool is None else tool.pad.radius_m
     air = Air(obstacle, radius, plan.clearance_m, ground.region.up, tool, alone)
-    return assemble(runs, plan, air, remarks, np.empty((0, 3)) if avoid is None else avoid)
+    return assemble(runs, plan, air, remarks, np.empty((0, 3)) if avoid is None else avoid, leaning)
 
 
 def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[PieceRun]]:
@@ -170,7 +173,14 @@ def _in_order(blocks: Sequence[Sequence[PieceRun]], one_way: bool, start: tuple[
     ]
 
 
-def assemble(runs: Sequence[PieceRun], plan: PlanConfig, air: Air, remarks: Sequence[Remark], avoid: Array) -> Planned:
+def assemble(
+    runs: Sequence[PieceRun],
+    plan: PlanConfig,
+    air: Air,
+    remarks: Sequence[Remark],
+    avoid: Array,
+    leaning: Leaning | None,
+) -> Planned:
     """Give runs their tool axes and leads and put them in a row; what the tool cannot reach is left out.
 
     Raises:
@@ -182,7 +192,7 @@ def assemble(runs: Sequence[PieceRun], plan: PlanConfig, air: Air, remarks: Sequ
     passes, deviation = 0, 0.0
     for item in runs:
         for whole in _clear_of_part(
-            item, give_axes(item.run, item.surface, plan, passes), plan, air, avoid, all_remarks
+            item, give_axes(item.run, item.surface, plan, passes, leaning), plan, air, avoid, all_remarks
         ):
             placed = _place(whole, moves[-1] if moves else None, plan, air)
             if placed is None:

@@ -12,6 +12,7 @@ from polish_sim.geometry.regions.region import check_choice
 from polish_sim.models import part_path
 from polish_sim.planning.moves.leads import LEADS
 from polish_sim.planning.patterns.registry import PATTERNS
+from polish_sim.planning.quality.access import AVOID
 
 ORDERS: Final = ("inward", "outward")
 DIRECTIONS: Final = ("climb", "conventional")
@@ -52,6 +53,7 @@ def check_plan_words(plan: PlanConfig) -> None:
         ("lead-in", plan.lead_in, LEADS),
         ("order", plan.order, ORDERS),
         ("direction", plan.direction, DIRECTIONS),
+        ("way to avoid walls", plan.avoid, AVOID),
     ):
         if name not in known:
             raise unknown_name(kind, name, known)

@@ -12,6 +12,7 @@ from polish_sim.config import PlanConfig
 from polish_sim.geometry import Surface
 from polish_sim.planning.moves.leads import Move, process_move
 from polish_sim.planning.patterns.run import SurfaceRun
+from polish_sim.planning.quality.leaning import Leaning
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
 
@@ -101,15 +102,20 @@ class Stroke(NamedTuple):
         return Stroke(short, self.curvature[kept], self.axis_deviation_rad)
 
 
-def give_axes(run: SurfaceRun, surface: Surface, plan: PlanConfig, first_pass: int) -> Stroke:
+def give_axes(
+    run: SurfaceRun, surface: Surface, plan: PlanConfig, first_pass: int, leaning: Leaning | None = None
+) -> Stroke:
     """Set the tool on a run: along the normal, softened over creases, leaned by lead and tilt, smoothed.
 
-    The run is in the direction it is walked; ``first_pass`` numbers the first of its passes.
+    The run is in the direction it is walked; ``first_pass`` numbers the first of its passes. ``leaning`` turns the tool
+    away from what stands beside it besides.
     """
     s = arc_length(run.positions)
     tangents = unit(np.gradient(run.positions, axis=0))
     normals = soften_creases(run.points.normals, s, CREASE_REACH * plan.stepover_m)
     leaned = lean(normals, tangents, plan.lead_angle_rad, plan.tilt_angle_rad)
+    if leaning is not None:
+        leaned = leaning.lean(run.positions, leaned)
     axes = smooth_axes(leaned, run.points.normals, s, plan.axis_smoothing_m, plan.axis_deviation_rad)
     passes = run.pass_index - int(run.pass_index.min()) + first_pass
     return Stroke(

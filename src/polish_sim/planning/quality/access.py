@@ -14,6 +14,7 @@ from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.regions.region import cut_region
 from polish_sim.planning.ground.ground import Ground
+from polish_sim.planning.quality.leaning import Leaning, find_leaning, pressed_from
 from polish_sim.planning.quality.points import thin
 from polish_sim.planning.quality.tool_room import (
     FIXTURE,
@@ -33,6 +34,8 @@ TURN_INSIDE: Final = 0.45
 """The outermost turn keeps at least so many step-overs from the region's border: the border may be that much nearer to
 a wall than the pad."""
 HOLLOW: Final = "hollow"
+TRIM, TILT = "trim", "tilt"
+AVOID: Final = (TRIM, TILT)
 
 
 class LeftOut(NamedTuple):
@@ -52,6 +55,8 @@ class Access:
     region: Region  #: Where the path may run
     touched: Array  #: Share of each vertex's area on the ground asked for that the pad can touch, shape (v,)
     left_out: tuple[LeftOut, ...]  #: What it cannot, the largest first
+    leaning: Leaning | None = None  #: How the tool leans away from what stands beside it; None: not at all
+    gained_m2: float = 0.0  #: How much more it touches for that [m^2]
 
     @property
     def left_out_m2(self) -> float:
@@ -68,6 +73,8 @@ class Access:
     def notes(self, pad: PadConfig, clearance: float) -> list[str]:
         """What is left out and why, for the user."""
         notes = []
+        if self.leaning is not None:
+            notes.append(f"{1e4 * self.gained_m2:.3g} cm^2 more are reached because the tool leans {self.leaning.note}")
         for part in self.left_out:
             if part.reason == HOLLOW:
                 why = f"hollow of less than {1e3 * hollow_radius(pad):.3g} mm radius, which the pad does not follow"
@@ -92,6 +99,7 @@ class ToolRoom:
     tool: Tool
     clearance: float  #: [m]
     shift: float  #: Added to the room [m]
+    leaning: Leaning | None = None  #: How the tool leans; None: it stands along the normal
     length: float = 0.0  #: Of the line where it is used up, not known
 
     def at(self, points: Array) -> Array:
@@ -103,10 +111,11 @@ class ToolRoom:
         return self.at(points)
 
     def places(self, points: Array) -> tuple[Places, UnderPad]:
-        """The tool pressed on at points (n, 3), along the normal, and the surface under it."""
+        """The tool pressed on at points (n, 3), and the surface under it."""
         foot = self.surface.closest(points)
         under = ground_under(self.surface, foot.facets, foot.barycentric)
-        return pressed_places(points, under.normals, under, self.tool.pad, self.tool.force), under
+        axes = under.normals if self.leaning is None else self.leaning.lean(points, under.normals)
+        return pressed_places(points, axes, under, self.tool.pad, self.tool.force), under
 
     def of_bodies(self, places: Places) -> Array:
         """Room of each body of the tool beside part and fixture [m], shape (n, pairs)."""
@@ -129,19 +138,68 @@ def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan:
     near = (room.at(vertices[some.kept]) < LITTLE * radius)[some.stands_for]
     if not near.any():
         return None
-    rooms = np.full((len(vertices), len(tool.pairs)), BEYOND * radius)
-    places, under = room.places(vertices[near])
-    rooms[near] = room.of_bodies(places)
-    least = rooms.min(axis=1)
-    if least.min() >= 0.0:
+    reach = _reach(ground, room, near)
+    if reach.least.min() >= 0.0:
         return None
-    hollow = np.zeros(len(vertices), dtype=bool)
-    hollow[near] = under.curvatures[:, 1] * hollow_radius(tool.pad) < -1.0
-    _refuse_nothing(least, rooms, hollow, ground, tool)
+    upright = reach
+    if plan.avoid == TILT:
+        reach = _leant(ground, room, near, upright)
+    _refuse_nothing(reach.least, reach.rooms, reach.hollow, ground, tool)
     relaxed = min(TURN_INSIDE * plan.stepover_m, 0.5 * radius)
-    cut = cut_region(region, replace(room, surface=region.surface, shift=radius + relaxed), radius)
-    touched = np.where(hollow & (least < 0.0), 0.0, _touched(ground, least, radius))
-    return Access(ground, cut or region, touched, _left_out(ground, touched, rooms, hollow, tool))
+    leaning = reach.leaning
+    wanted = replace(room, surface=region.surface, shift=radius + relaxed, leaning=leaning)
+    cut = cut_region(region, wanted, radius)
+    gained = reach.area(ground) - upright.area(ground)
+    return Access(ground, cut or region, reach.touched, _left_out(ground, reach, tool), leaning, gained)
+
+
+class _Reach(NamedTuple):
+    """What the tool reaches from the vertices of a ground."""
+
+    rooms: Array  #: Of each body [m], shape (v, pairs)
+    hollow: Bools  #: (v,)
+    touched: Array  #: Share of each vertex's area, shape (v,)
+    leaning: Leaning | None
+
+    @property
+    def least(self) -> Array:
+        """Room of the tool [m], shape (v,)."""
+        return np.asarray(self.rooms.min(axis=1))
+
+    def area(self, ground: Ground) -> float:
+        """What it touches [m^2]."""
+        return float((ground.mesh.part_areas(ground.part_facets) * self.touched).sum())
+
+
+def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
+    """What the tool reaches; away from the vertices ``near`` (v,) it has room."""
+    radius, mesh = room.tool.pad.radius_m, ground.mesh
+    rooms = np.full((len(near), len(room.tool.pairs)), BEYOND * radius)
+    places, under = room.places(mesh.vertices[near])
+    rooms[near] = room.of_bodies(places)
+    hollow = np.zeros(len(near), dtype=bool)
+    hollow[near] = under.curvatures[:, 1] * hollow_radius(room.tool.pad) < -1.0
+    least = rooms.min(axis=1)
+    leans = np.zeros_like(mesh.vertices) if room.leaning is None else room.leaning.leans
+    leaned = np.linalg.norm(leans, axis=1) > 0.0
+    touched = _touched(ground, np.where(leaned, -radius, least), radius)
+    rows = np.flatnonzero((leaned & (least >= 0.0))[near])
+    if len(rows):
+        at = np.flatnonzero(near)[rows]
+        touched[pressed_from(mesh, at, leans[at], UnderPad(*(column[rows] for column in under)), room.tool)] = 1.0
+    return _Reach(rooms, hollow, np.where(hollow & (least < 0.0), 0.0, touched), room.leaning)
+
+
+def _leant(ground: Ground, room: ToolRoom, near: Bools, upright: _Reach) -> _Reach:
+    """What the tool reaches if it may lean; the same as upright where that is no more."""
+    rows = np.flatnonzero(near)
+    _, under = room.places(ground.mesh.vertices[rows])
+    leaning = find_leaning(room, ground.mesh, rows, under, upright.rooms[rows], room.tool)
+    if leaning is None:
+        return upright
+    leaned = np.linalg.norm(leaning.leans, axis=1) > 0.0
+    reach = _reach(ground, replace(room, leaning=leaning), near | leaned)
+    return reach if reach.area(ground) > upright.area(ground) else upright
 
 
 def _refuse_nothing(least: Array, rooms: Array, hollow: Bools, ground: Ground, tool: Tool) -> None:
@@ -178,8 +236,9 @@ def _touched(ground: Ground, least: Array, radius: float) -> Array:
     return np.asarray(np.clip(0.5 + (radius - away) / wide, 0.0, 1.0))
 
 
-def _left_out(ground: Ground, touched: Array, rooms: Array, hollow: Bools, tool: Tool) -> tuple[LeftOut, ...]:
+def _left_out(ground: Ground, reach: _Reach, tool: Tool) -> tuple[LeftOut, ...]:
     """What is not touched, by what is in the way there."""
+    rooms, hollow, touched = reach.rooms, reach.hollow, reach.touched
     areas = ground.mesh.part_areas(ground.part_facets) * (1.0 - touched)
     names = (*tool.pairs, (HOLLOW, PART))
     why = np.where(hollow, len(names) - 1, rooms.argmin(axis=1))
