@@ -115,7 +115,8 @@ def _drawn(mesh: Triangulation, path: Samples, sides: Array, stepover: float) ->
     offset = ((mesh.vertices[far] - path.points[at]) * sides[at]).sum(axis=1) / distance[far]
     weights = offset * (distance[far] - (UNCOVERED - DRAWN_MORE) * stepover)
     count = len(path.points)
-    return np.bincount(at, weights, count), np.bincount(at, minlength=count).astype(float)
+    drawn: Array = np.bincount(at, weights, count).astype(np.float64)
+    return drawn, np.bincount(at, minlength=count).astype(np.float64)
 
 
 def _mean(values: Array) -> Array:
