@@ -159,7 +159,7 @@ def _free_ends(levels: Levels, stepover: float) -> tuple[End, End]:
 
 
 TRIES = 4  #: How often loops beside crossings are left out before the path is taken as it is
-WORTH_A_STROKE = 8.0  #: The tool is lifted for a place at least so many step-overs long
+WORTH_A_STROKE = 5.0  #: The tool is lifted for a place at least so many step-overs long
 CROWDED = 1.0  #: A loop is beside a crossing if it passes it within this many step-overs
 
 
