@@ -142,8 +142,8 @@ def find_faults(part: RandomPart, result: PlanResult) -> Iterator[str]:
     if depth > 0.0:
         yield f"lead {1e3 * depth:.2f} mm inside"
     truth = float(triangle_areas(part.solid.vertices[part.solid.faces[: part.solid.top]]).sum())
-    if part.smooth and part.plan.region == "auto" and abs(result.region.area_m2 / truth - 1.0) > REGION_AREA:
-        yield f"region {result.region.area_m2 / truth:.2f} of the top"
+    if part.smooth and part.plan.region == "auto" and abs(figures["region_area_m2"] / truth - 1.0) > REGION_AREA:
+        yield f"region {figures['region_area_m2'] / truth:.2f} of the top"
 
 
 def triangle_areas(corners: Array) -> Array:
