@@ -124,7 +124,7 @@ def _in_small_facets(vertices: Array, faces: Ints) -> Array:
         return corners
     from trimesh.remesh import subdivide_to_size  # slow to import
 
-    vertices, faces = subdivide_to_size(vertices, faces, longest, max_iter=20)
+    vertices, faces = subdivide_to_size(vertices, faces, longest, max_iter=20)  # type: ignore[no-untyped-call]
     return np.asarray(vertices[faces])
 
 

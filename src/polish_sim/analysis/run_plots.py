@@ -65,7 +65,8 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
     stop = stop_mark(record.metrics)
     if stop:
         mark_stop((speed, error), stop.time - start)
-        plane.plot(*plane.lines[1].get_xydata()[-1:].T, "X", color=RED, ms=8)
+        x, y = (np.asarray(values)[-1:] for values in plane.lines[1].get_data())
+        plane.plot(x, y, "X", color=RED, ms=8)
 
     m = record.metrics
     facts = (

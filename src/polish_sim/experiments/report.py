@@ -22,8 +22,9 @@ def draw_plots(record: RunRecord) -> dict[str, Figure]:
     plots = _drawn(experiment(record.scenario.experiment).plots(record), record)
     plots |= _removal("plot_removal", record) if removed_something(record) else {}
     stop = stop_mark(record.metrics)
-    for figure in plots.values() if stop else ():
-        say_stop(figure, stop.text)
+    if stop is not None:
+        for figure in plots.values():
+            say_stop(figure, stop.text)
     return plots
 
 

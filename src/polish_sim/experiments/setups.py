@@ -114,14 +114,14 @@ class SetupSearch:
             if len(seen) == len(self.left):
                 break
             self._observer.progress(tried + 1, MOST_SIDES)
-        _, up, seen = best
-        if not seen:
+        _, up, shown = best
+        if not shown:
             return None
-        numbers = sorted(patch.number for patch in seen)
+        numbers = sorted(patch.number for patch in shown)
         self.left = [patch for patch in self.left if patch.number not in numbers]
         region = f"all:{','.join(map(str, numbers))}/{self._counted_by}"
         part, plan = replace(self._scenario.part, up=side_name(up)), replace(self._scenario.plan, region=region)
-        return Setup(up, tuple(seen), replace(self._scenario, part=part, plan=plan))
+        return Setup(up, tuple(shown), replace(self._scenario, part=part, plan=plan))
 
     def refuse(self, setup: Setup, why: str, elsewhere: bool) -> None:
         """Take back a setup that cannot be done; it may be ``elsewhere``, with another side up, or not at all.
