@@ -63,7 +63,7 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
     plane = figure.add_subplot(grid[:, 1])
     _draw_plane(plane, positions, circle)
     stop = stop_mark(record.metrics)
-    if stop:
+    if stop and len(time):
         mark_stop((speed, error), stop.time - start)
         x, y = (np.asarray(values)[-1:] for values in plane.lines[1].get_data())
         plane.plot(x, y, "X", color=RED, ms=8)
