@@ -238,7 +238,8 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     lines: list[Run] = []
     if len(waiting) > 1 and len(border_curves(mesh)) > 1 and plan.direction != "climb":
         doubled = [finish_run(request.region.surface, line, stepover) for line in double_spirals(request, roots)]
-        return _in_order(doubled, outward)
+        if not _crossings(doubled):  # on narrow or folded ground strands may be moved past each other
+            return _in_order(doubled, outward)
     while waiting:
         chain = waiting.pop(0)
         curves = [turn.curve.backwards() if plan.direction == "climb" else turn.curve for turn in chain]
