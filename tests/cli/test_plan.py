@@ -118,7 +118,7 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
     trimesh.creation.box((23.0, 23.0, 10.0)).export("small.stl")
     code, _, err = polish_sim("plan", "small.stl", "--out", "plan")
     assert code == 0
-    assert "pad of 20 mm and step-over 3.2 mm chosen: the default pad of 50 mm does not fit" in err
+    assert "pad of 20 mm and step-over 3.2 mm, 3.4 mm off the edges chosen: the default pad" in err
     assert json.loads(Path("plan/path.json").read_text())["pad"]["radius_m"] == 0.010
     metrics = json.loads(Path("plan/metrics.json").read_text())
     assert metrics["coverage"] == 1.0
@@ -131,6 +131,16 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
     seen = json.loads(Path("seen/metrics.json").read_text())
     assert seen["coverage"] == metrics["coverage"]
     assert seen["stepover_mean_m"] == pytest.approx(metrics["stepover_mean_m"], rel=1e-9)
+
+
+def test_a_chosen_pad_does_not_sink_off_corners_and_a_face_too_small_for_the_force_is_refused(polish_sim: Tool) -> None:
+    for side, name in ((20.0, "cube.stl"), (6.0, "tiny.stl")):
+        trimesh.creation.box((side, side, 20.0)).export(name)
+    assert polish_sim("run", "surface", "--part", "cube.stl", "--up", "z", "--feed", "30", "--out", "run")[0] == 0
+    assert json.loads(Path("run/metrics.json").read_text())["path_done"] == 1.0
+    code, _, err = polish_sim("plan", "tiny.stl", "--up", "z")
+    assert code == 2
+    assert "6 mm wide, is too small for 20 N" in err
 
 
 def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allowed(polish_sim: Tool) -> None:

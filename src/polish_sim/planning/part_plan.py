@@ -19,11 +19,13 @@ from polish_sim.planning.feasibility import (
     access_notes,
     check_request,
     check_start,
+    edge_distance,
     in_another_unit,
     overlap_notes,
     pad_notes,
     start_notes,
     stepover_notes,
+    too_small,
     wall_notes,
     widest_piece,
 )
@@ -220,6 +222,7 @@ class PreparedRegion:
 PAD_CHOICES: Final = ("auto", "given")
 PAD_SIZES_M: Final = (0.05, 0.04, 0.03, 0.025, 0.02, 0.016, 0.012, 0.01, 0.008, 0.006, 0.005, 0.004, 0.003, 0.002)
 """Diameters a pad is chosen from."""
+MOST_SUNK: Final = 0.25  #: A pad is not chosen that the force presses in by more than this share of its radius
 
 
 def prepare_region(
@@ -231,28 +234,35 @@ def prepare_region(
         PlanError: None does; says why the first does not.
     """
     width, pad, refused = widest_piece(region), tool.pad, list[PlanError]()
-    for taken, asked in _pads(pad, plan, width):
+    for taken, asked in _pads(pad, plan, width, tool.force):
+        kept = (
+            "" if asked.edge_margin_m == plan.edge_margin_m else f", {1e3 * asked.edge_margin_m:.2g} mm off the edges"
+        )
+        if kept and tool.force > MOST_SUNK * taken.stiffness_n_m * taken.radius_m:
+            refused.append(too_small(mesh, width, taken, tool.force))
+            continue
         try:
-            wide, fitted = check_request(region, taken, mesh), tool._replace(pad=taken)
+            within = _region(surface, mesh, asked) if kept else region
+            wide, fitted = check_request(within, taken, mesh), tool._replace(pad=taken)
             ground, access = accessible(wide, surface, asked, fitted)
         except PlanError as error:
-            refused.append(error)
+            refused.append(too_small(mesh, width, taken, tool.force) if kept else error)
             continue
         note = (
-            f"pad of {2e3 * taken.radius_m:.3g} mm and step-over {1e3 * asked.stepover_m:.3g} mm chosen: the default "
-            f"pad of {2e3 * pad.radius_m:.3g} mm does not fit the region, {1e3 * width:.3g} mm wide (--pad-diameter)."
-            f"{in_another_unit(mesh, width, pad.radius_m)}"
+            f"pad of {2e3 * taken.radius_m:.3g} mm and step-over {1e3 * asked.stepover_m:.3g} mm{kept} chosen: the "
+            f"default pad of {2e3 * pad.radius_m:.3g} mm does not fit the region, {1e3 * width:.3g} mm wide "
+            f"(--pad-diameter).{in_another_unit(mesh, width, pad.radius_m)}"
         )
         notes = () if taken is pad else (note,)
         return PreparedRegion(mesh, surface, wide, asked, process, fitted, ground, access, notes)
     raise refused[0]
 
 
-def _pads(pad: PadConfig, plan: PlanConfig, width: float) -> Iterator[tuple[PadConfig, PlanConfig]]:
+def _pads(pad: PadConfig, plan: PlanConfig, width: float, force: float) -> Iterator[tuple[PadConfig, PlanConfig]]:
     """The pads to try on a region this wide [m], each with its plan; several only if the default pad was not asked for.
 
     The default pad is left out where it is wider than the region and a smaller one is not; then come the sizes from the
-    list that are no wider, with the default step-over in proportion.
+    list that are no wider, with the default step-over in proportion, and so far off the edges as ``force`` [N] asks.
     """
     if pad.choice not in PAD_CHOICES:
         raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)
@@ -263,7 +273,9 @@ def _pads(pad: PadConfig, plan: PlanConfig, width: float) -> Iterator[tuple[PadC
         yield pad, plan
     for size in smaller:
         wanted = standard * size / diameter if plan.stepover_m == standard else plan.stepover_m
-        yield replace(pad, radius_m=0.5 * size), replace(plan, stepover_m=min(wanted, size))
+        stepover, small = min(wanted, size), replace(pad, radius_m=0.5 * size)
+        margin = edge_distance(small, force) + plan.tool_clearance_m - 0.5 * stepover
+        yield small, replace(plan, stepover_m=stepover, edge_margin_m=max(plan.edge_margin_m, margin))
 
 
 def accessible(
@@ -314,8 +326,12 @@ def load_mesh(part: PartConfig, observer: PlanObserver | None = None) -> PartMes
 
 def _choose(mesh: PartMesh, plan: PlanConfig) -> tuple[Surface, Region]:
     surface = fit_surface(mesh, plan.feature_angle_rad)
+    return surface, _region(surface, mesh, plan)
+
+
+def _region(surface: Surface, mesh: PartMesh, plan: PlanConfig) -> Region:
     margins = plan.edge_margin_m, plan.hole_margin_m
-    return surface, select_region(surface, mesh, plan.region, plan.feature_angle_rad, *margins)
+    return select_region(surface, mesh, plan.region, plan.feature_angle_rad, *margins)
 
 
 # Planning by one call per pattern, for Python users: a region and a step-over in, arrays out.
