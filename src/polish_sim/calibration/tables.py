@@ -31,6 +31,7 @@ REACH: Final = (0.02, 5.0)  #: From any robot's base to its flange or tip, in th
 
 def no_rotations(R: Array) -> Bools:
     """Which of some matrices (n, 3, 3) are no right-handed rotations, shape (n,)."""
+    R = np.clip(R, -2.0, 2.0)  # wrong all the same, and no overflow
     wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0) > ROTATION_TOLERANCE
     return np.asarray(wrong | (np.linalg.det(R) < 0.0))
 
@@ -185,7 +186,8 @@ class Calibration:
     def pose(self, name: str) -> Array:
         """A pose, shape (4, 4); InputError if it is not there, or is none."""
         T = self.numbers(name, (4, 4))
-        if np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max() > 1e-6 or np.linalg.det(T[:3, :3]) < 0.0:
+        R = np.clip(T[:3, :3], -2.0, 2.0)  # no overflow
+        if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
             raise InputError(f"'{self.file}': {name} is not a right-handed rotation and a displacement.")
         return transform(T[:3, :3], T[:3, 3])
 
