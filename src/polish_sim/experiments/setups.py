@@ -1,4 +1,4 @@
-"""Which side up, and how often: few setups in which pad and arm get at all of a part (scenario -> setups).
+"""Which side up, and how often: few setups in which pad and arm reach all of a part (scenario -> setups).
 
 A setup is one side up and one pose of the part. What the arm does in one is tried with the reach map along a rough way
 over patches: first those that look up, then those that look to the side or down, the largest first. The side that shows
@@ -80,8 +80,8 @@ class SetupSearch:
         self.left: list[Patch] = []
         self.given_up: list[tuple[Patch, str]] = []  #: What cannot be planned, and why
         self.notes: tuple[str, ...] = ()  #: On the pad
-        for patch in sorted(patches, key=lambda patch: -patch.area):
-            observer.progress(patches.index(patch), len(patches))
+        for looked_at, patch in enumerate(sorted(patches, key=lambda patch: -patch.area)):
+            observer.progress(looked_at, len(patches))
             try:
                 if self.left and patch.area < SLIVER_SHARE * self.left[0].area:
                     raise PlanError(f"smaller than {SLIVER_SHARE:.1%} of the largest patch")
@@ -139,7 +139,7 @@ class SetupSearch:
         return round(sum(patch.area * float(np.clip(0.5 + patch.way @ up, 0.0, 1.0)) for patch in self.left), 7)
 
     def _seen(self, up: Array) -> list[Patch]:
-        """What the arm gets at in one pose with a side up."""
+        """What the arm reaches in one pose with a side up."""
         order = sorted(self.left, key=lambda patch: (bool(patch.way @ up < np.cos(UP_CONE)), -patch.area))
         groups: list[list[Patch]] = []
         for patch in order:
@@ -151,7 +151,7 @@ class SetupSearch:
         return seen
 
     def _more(self, up: Array, seen: Sequence[Patch], group: Sequence[Patch]) -> Sequence[Patch]:
-        """What of a group the arm gets at besides what it does already."""
+        """What of a group the arm reaches besides what it does already."""
         if self._fits(up, [*seen, *group]):
             return group
         if len(group) == 1:
