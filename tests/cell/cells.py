@@ -25,6 +25,7 @@ from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse, transform
 
 Array = NDArray[np.float64]
+IDEAL_ARM = "robot.arm=ideal"
 IDEAL_SENSOR = [
     "sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_bias_n=0", "sensor.torque_bias_nm=0",
     "sensor.force_drift_n_s=0", "sensor.torque_drift_nm_s=0", "sensor.force_quantum_n=0", "sensor.torque_quantum_nm=0",
@@ -34,8 +35,8 @@ EVERY_STEP = "simulation.log_rate_hz=0"
 
 
 def ideal(experiment: str, *changes: str) -> Scenario:
-    """An experiment without sensor errors on a part that is as drawn."""
-    return override(default_scenario(experiment), [*IDEAL_SENSOR, *NOMINAL_PART, *changes])
+    """An experiment on the ideal arm, without sensor errors, on a part that is as drawn."""
+    return override(default_scenario(experiment), [IDEAL_ARM, *IDEAL_SENSOR, *NOMINAL_PART, *changes])
 
 
 def tool_pose(x: float, y: float, z: float, tilt: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
