@@ -20,7 +20,7 @@ import typer
 from polish_sim.config import Scenario
 from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, Option, Unit
 from polish_sim.errors import ConfigError, InputError, number_text
-from polish_sim.scenario_file import AUTO, load_scenario, merge, override
+from polish_sim.scenario_file import AUTO, load_scenario, merge, override, presets_in
 
 Given = Mapping[str, Any]  #: Options by name, e.g. ``--feed``, in SI; None where not given.
 
@@ -313,14 +313,17 @@ def _read_list(key: Key, text: str) -> list[float]:
 
 
 def build_scenario(base: Scenario, given: Given) -> Scenario:
-    """Put a scenario together: defaults, then the config file, then the options by name, then --set.
+    """Put a scenario together: defaults, then the config file, then the options by name, then --set;
+    presets before all that is set by name.
 
     Raises:
         ConfigError: If a key or value is wrong; the message names the file, option or key.
         InputError: If an option cannot be understood.
     """
-    config = given.get("--config")
-    scenario = base if config is None else load_scenario(config, base)
+    config, presets = given.get("--config"), presets_in(given.get("--set") or [])
+    scenario = override(base, presets)
+    if config is not None:
+        scenario = override(load_scenario(config, scenario), presets)
     if scenario.experiment != base.experiment:
         raise ConfigError(f"'{config}' is for the experiment '{scenario.experiment}', not '{base.experiment}'.")
     keys = config_keys(base)

@@ -86,8 +86,11 @@ class Outcome:
 def other_conditions(scenario: Scenario) -> tuple[str, ...]:
     """Sensor, springs, latency and other conditions of a run that are not its experiment's own, each as a text."""
     from polish_sim.experiments.registry import default_scenario
+    from polish_sim.scenario_file import override
 
-    usual = dict(_values(default_scenario(scenario.experiment), ""))
+    default, model = default_scenario(scenario.experiment), scenario.sensor.model
+    # Of a sensor by its name only the name counts, and what differs from what it stands for.
+    usual = dict(_values(override(default, [f"sensor.model={model}"]), "")) | {"sensor.model": default.sensor.model}
     return tuple(
         f"{name} = {_text(value)} ({_text(usual[name])})"
         for name, value in _values(scenario, "")

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from polish_sim.config import ControllerConfig, Scenario
+from polish_sim.config.cell import SENSOR_MODELS
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments.registry import ROWS, default_scenario
 from polish_sim.scenario_file import load_scenario, override, to_toml
@@ -207,6 +208,49 @@ def test_a_later_set_wins() -> None:
 def test_a_bad_set_is_named(assignment: str, told: str) -> None:
     with pytest.raises(ConfigError, match=told):
         override(BASE, [assignment])
+
+
+NOISE, AXIA = "sensor.force_noise_n", SENSOR_MODELS["axia80"]
+
+
+def sensor_values(scenario: Scenario) -> dict[str, Any]:
+    return {name: getattr(scenario.sensor, name) for name in AXIA}
+
+
+def test_a_named_sensor_stands_for_its_values_and_external_for_todays() -> None:
+    assert sensor_values(override(BASE, ["sensor.model=axia80"])) == dict(AXIA)
+    assert override(BASE, ["sensor.model=external"]) == BASE
+    assert override(BASE, ["sensor.model=axia80", "sensor.model=hex-125hz", "sensor.model=external"]) == BASE
+    for values in SENSOR_MODELS.values():
+        assert not values or values.keys() == AXIA.keys()
+
+
+@pytest.mark.parametrize("value", [0.5, 0.06, 0.123])
+@pytest.mark.parametrize("first", [True, False])
+def test_what_is_set_by_name_wins_over_a_named_sensor_whatever_the_order(
+    first: bool, value: float, tmp_path: Path
+) -> None:
+    wanted = dict(AXIA) | {"force_noise_n": value}
+    pair = [f"{NOISE}={value}", "sensor.model=axia80"]
+    assert sensor_values(override(BASE, pair if first else pair[::-1])) == wanted
+    lines = [f"force_noise_n = {value}", 'model = "axia80"']
+    file = written(tmp_path, "\n".join(["[sensor]", *(lines if first else lines[::-1])]))
+    assert sensor_values(load_scenario(file, BASE)) == wanted
+
+
+def test_the_file_of_a_named_sensor_is_complete_and_gives_the_same_again(tmp_path: Path) -> None:
+    scenario = override(BASE, ["sensor.model=axia80", "sensor.rate_hz=100"])
+    file = written(tmp_path, to_toml(scenario))
+    assert load_scenario(file, BASE) == scenario
+    assert tomllib.loads(file.read_text())["sensor"]["warm_up_s"] == AXIA["warm_up_s"]
+    # Another sensor then replaces what was the first one's, not what was set by name.
+    other = override(load_scenario(file, BASE), ["sensor.model=hex-125hz"])
+    assert sensor_values(other) == dict(SENSOR_MODELS["hex-125hz"]) | {"rate_hz": 100.0}
+
+
+def test_an_unknown_sensor_is_one_error_with_the_nearest() -> None:
+    with pytest.raises(InputError, match=r"sensor.model 'axia8'. Did you mean 'axia80'\? Known: axia80, external, hex"):
+        override(BASE, ["sensor.model=axia8"])
 
 
 def test_the_written_file_is_plain_toml_with_one_table_per_section() -> None:

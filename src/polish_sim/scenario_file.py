@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from polish_sim.config import Scenario
-from polish_sim.errors import ConfigError, near_file, nearest, number_text
+from polish_sim.errors import ConfigError, near_file, nearest, number_text, unknown_name
 from polish_sim.toml_text import toml_text
 
 T = TypeVar("T")
 N = TypeVar("N", int, float)
+PRESETS = ("sensor.model",)  #: Keys whose words stand for values of others; they are set first
 AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
 _COUNTS = {3: "three", 6: "six"}
 
@@ -36,7 +37,8 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
 def override(base: Scenario, assignments: list[str]) -> Scenario:
     """Apply ``KEY=VALUE`` strings such as ``sensor.force_noise_n=0.2``; a bare word is taken as a string."""
     scenario = base
-    for assignment in assignments:
+    chosen = presets_in(assignments)
+    for assignment in [*chosen, *(other for other in assignments if other not in chosen)]:
         dotted, separator, text = assignment.partition("=")
         if not separator or not dotted.strip():
             raise ConfigError(f"'--set {assignment}' is not KEY=VALUE, e.g. --set sensor.force_noise_n=0.2.")
@@ -51,9 +53,15 @@ def override(base: Scenario, assignments: list[str]) -> Scenario:
     return scenario
 
 
+def presets_in(assignments: list[str]) -> list[str]:
+    """Those of ``KEY=VALUE`` that choose a preset: set before all others, they leave what is set by name."""
+    return [assignment for assignment in assignments if assignment.partition("=")[0].strip() in PRESETS]
+
+
 def merge(base: T, table: dict[str, Any], place: str) -> T:
     """Return ``base`` with the values of a (nested) table, each checked against its field."""
     known: dict[str, Field[Any]] = {f.name: f for f in fields(base)}  # type: ignore[arg-type]
+    base = _with_presets(base, table, place, known)
     changes: dict[str, Any] = {}
     for name, value in table.items():
         where = f"{place}{name}"
@@ -69,6 +77,21 @@ def merge(base: T, table: dict[str, Any], place: str) -> T:
         else:
             changes[name] = _checked(where, value, current, known[name])
     return replace(base, **changes)  # type: ignore[type-var]
+
+
+def _with_presets(base: T, table: dict[str, Any], place: str, known: dict[str, Field[Any]]) -> T:
+    """``base`` with the values that words of ``table`` stand for; what differs from the word before was set by name."""
+    usual = {name: spec.default for name, spec in known.items()}
+    for name, spec in known.items():
+        presets, word = spec.metadata.get("presets"), table.get(name)
+        if presets is None or not isinstance(word, str):
+            continue
+        if word not in presets:
+            raise unknown_name(f"{place}{name}", word, presets)
+        before, after = usual | presets[getattr(base, name)], usual | presets[word]
+        keys = {key for values in presets.values() for key in values if getattr(base, key) == before[key]}
+        base = replace(base, **{key: after[key] for key in keys})  # type: ignore[type-var]
+    return base
 
 
 def _nearest_key(name: str, place: str, known: Iterable[str]) -> str:

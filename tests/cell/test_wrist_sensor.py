@@ -12,9 +12,21 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import CellRun
 from polish_sim.cell.contact import RUN_DOWN_S, build_spindle, pull_of_imbalance, turn_spindle
-from polish_sim.cell.wrist_sensor import GRAVITY, Payload, build_sample_line, build_sensor, sample_sensor, tool_wrench
+from polish_sim.cell.wrist_sensor import (
+    GRAVITY,
+    Payload,
+    build_sample_line,
+    build_sensor,
+    read_at_rest,
+    sample_sensor,
+    share_of_range,
+    tool_wrench,
+)
 from polish_sim.config import SensorConfig, SpindleConfig
-from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_stroke
+from polish_sim.config.cell import SENSOR_MODELS
+from polish_sim.experiments import default_scenario
+from polish_sim.scenario_file import override
+from tests.cell.cells import EVERY_STEP, TOUCH, cell_for, free_stroke, ideal, part_under, pressing_stroke
 from tests.cell.fields import plane
 from tests.cell.pressing import Array
 
@@ -253,3 +265,140 @@ def test_a_sensor_of_1_khz_sees_it_as_it_is(slow: CellRun) -> None:
 def test_the_pull_moves_the_tool_sideways_and_leaves_the_pressing_force(slow: CellRun) -> None:
     quiet = pressing("sensor.rate_hz=125", "spindle.imbalance_m_s=0")
     assert np.abs(slow.trace.normal_force_n[-400:] - quiet.trace.normal_force_n[-400:]).max() < 0.2
+
+
+# Sensors by their names, and what only those have: warming up, cross-talk, overload.
+
+MODELS = ("ur5e-built-in", "axia80", "hex-125hz")
+NO_OFFSET = [f"sensor.{key}=0" for key in (
+    "force_bias_n", "torque_bias_nm", "force_drift_n_s", "torque_drift_nm_s", "warm_up_force_n", "warm_up_torque_nm",
+    "cross_talk",
+)]  # fmt: skip
+
+
+def named(model: str, *changes: str) -> SensorConfig:
+    return override(default_scenario("force"), [f"sensor.model={model}", *changes]).sensor
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model: str) -> None:
+    config, shown = named(model, *NO_OFFSET), dict(SENSOR_MODELS[model])
+    found = readings(config, steady, 40.0)
+    noise = found[2000:] - LOAD
+    blend = 1.0 - math.exp(-2.0 * math.pi * shown["bandwidth_hz"] / shown["rate_hz"]) if shown["bandwidth_hz"] else 1.0
+    left = math.sqrt(blend / (2.0 - blend))
+    expected = left * np.repeat([shown["force_noise_n"], shown["torque_noise_nm"]], 3)
+    np.testing.assert_allclose(noise.std(axis=0), expected, rtol=0.04)
+    new = np.any(np.diff(found, axis=0) != 0.0, axis=1)
+    assert new.mean() * 1000.0 == pytest.approx(shown["rate_hz"], rel=0.01)
+    quanta = np.repeat([shown["force_quantum_n"], shown["torque_quantum_nm"]], 3)
+    if quanta[0] > 0.0 and blend == 1.0:
+        np.testing.assert_allclose(found / quanta, np.round(found / quanta), atol=1e-6)
+    full = np.repeat([shown["force_range_n"], shown["torque_range_nm"]], 3)
+    np.testing.assert_allclose(readings(config, lambda _t: 3.0 * full, 1.0)[-1], full, rtol=0.01)
+
+
+def test_what_hex_reads_behind_its_filter_is_the_data_sheets_noise() -> None:
+    noise = readings(named("hex-125hz", *NO_OFFSET), steady, 60.0)[2000:] - LOAD
+    assert noise[:, 2].std() == pytest.approx(0.15, rel=0.04)
+
+
+def test_a_cold_sensor_drifts_to_a_seeded_size_with_its_time_constant() -> None:
+    config = replace(PERFECT, warm_up_force_n=6.5, warm_up_torque_nm=0.06, warm_up_s=2.0)
+    sizes = []
+    for seed in range(40):
+        drift = readings(config, steady, 0.05, seed) - LOAD
+        size = drift[-1] / (1.0 - math.exp(-0.05 / 2.0))
+        sizes.append(size)
+    forces, torques = np.array(sizes)[:, :3], np.array(sizes)[:, 3:]
+    assert 6.1 < np.abs(forces).max() <= 6.5
+    assert 0.056 < np.abs(torques).max() <= 0.06
+    time = DT * np.arange(1, 8001)
+    np.testing.assert_allclose(
+        readings(config, steady, 8.0, 39) - LOAD, np.outer(1.0 - np.exp(-time / 2.0), sizes[-1]), atol=1e-9
+    )
+
+
+def test_it_warms_up_on_the_way_between_poses_too() -> None:
+    config = replace(PERFECT, warm_up_force_n=6.5, warm_up_s=10.0)
+    rng = np.random.default_rng(1)
+    sensor = build_sensor(config, rng)
+    read_at_rest(sensor, build_sample_line(sensor), LOAD[None], np.array([4.0]), 0.5, 0.5, rng)
+    assert sensor.warmth == pytest.approx(1.0 - math.exp(-5.0 / 10.0))
+
+
+def test_the_built_in_sensor_reads_some_newtons_off_after_five_minutes_as_was_published() -> None:
+    config = named("ur5e-built-in")
+    assert config.warm_up_force_n * (1.0 - math.exp(-300.0 / config.warm_up_s)) == pytest.approx(4.1, abs=0.05)
+
+
+def talk_of(config: SensorConfig, seed: int) -> Array:
+    """Reading's slope by the load of each axis, shape (6, 6)."""
+    loads = np.diag([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
+    return np.array([readings(config, lambda _t, load=load: load, 0.005, seed)[-1] / load.max() for load in loads]).T
+
+
+def test_cross_talk_is_seeded_and_of_the_given_rms_in_shares_of_the_ranges() -> None:
+    config = replace(PERFECT, cross_talk=0.02, force_range_n=200.0, torque_range_nm=10.0)
+    full = np.repeat([200.0, 10.0], 3)
+    shares = np.array([talk_of(config, seed) * np.outer(1.0 / full, full) for seed in range(40)])
+    np.testing.assert_allclose(np.diagonal(shares, axis1=1, axis2=2), 1.0, rtol=1e-12)
+    others = shares[:, ~np.eye(6, dtype=bool)]
+    assert others.std() == pytest.approx(0.02, rel=0.05)
+    assert abs(others.mean()) < 0.002
+    np.testing.assert_array_equal(talk_of(config, 3), talk_of(config, 3))
+    np.testing.assert_allclose(talk_of(PERFECT, 3), np.eye(6), atol=1e-15)
+
+
+def test_drawing_warm_up_and_cross_talk_leaves_bias_and_noise_as_they_were() -> None:
+    plain = replace(PERFECT, force_bias_n=3.0, force_noise_n=0.5)
+    warming = readings(replace(plain, warm_up_force_n=1.0, warm_up_s=1.0), steady, 1.0)
+    off = warming - readings(plain, steady, 1.0)
+    warmth = (1.0 - np.exp(-DT * np.arange(1, 1001))) / (1.0 - math.exp(-1.0))
+    np.testing.assert_allclose(off, np.outer(warmth, off[-1]), atol=1e-9)
+    assert np.abs(off[-1, :3]).min() > 0.0
+
+
+def test_the_share_of_the_range_is_that_of_the_makers_example() -> None:
+    """ATI, EtherCAT Axia manual, table 5.9, with 500 N along the axis, too."""
+    full, load = np.repeat([500.0, 20.0], 3), np.array([87.5, -151.6, -500.0, 1.0, 2.0, -17.5])
+    assert share_of_range(full, load) == pytest.approx(0.350 + 0.875, abs=1e-3)
+    load[:2] = load[5] = 0.0
+    assert share_of_range(full, load) == pytest.approx(1.0 + math.hypot(1.0, 2.0) / 20.0)
+
+
+@pytest.mark.parametrize("arm", ["ideal", "ur5e"])
+def test_in_a_cell_at_rest_the_host_reads_the_built_in_sensors_noise(arm: str) -> None:
+    settings = [f"robot.arm={arm}", "sensor.model=ur5e-built-in", EVERY_STEP]
+    cell = cell_for(override(default_scenario("arc"), settings), free_stroke(TOUCH, hold=4.0))
+    run = cell.run()
+    off = run.log["wrench_measured_tool"][1000:, :3].astype(float)
+    # Straight lines take off what drift there is.
+    line = np.polynomial.polynomial.polyfit(np.arange(len(off)), off, 1)
+    left = off - (line[0] + np.outer(np.arange(len(off)), line[1]))
+    np.testing.assert_allclose(left.std(axis=0), 1.17, rtol=0.06)
+
+
+def pressed_hard(*settings: str) -> CellRun:
+    """45 N pressed with a tool of 19.6 N hanging on the sensor: 25.4 N on it, too much for a range of 22 N."""
+    small = ["sensor.model=ur5e-built-in", "sensor.force_range_n=22", "safety.force_limit_n=80", "pad.friction=0.1"]
+    scenario = ideal("force", EVERY_STEP, "robot.arm=ideal", *small, *settings)
+    return cell_for(scenario, pressing_stroke(hold=1.0, wanted=45.0), part=part_under(plane())).run()
+
+
+def test_an_overloaded_sensor_stops_the_robot_and_says_so() -> None:
+    run = pressed_hard("sensor.rate_hz=1000")
+    assert run.stop_reason is not None
+    assert "wrist sensor overloaded" in run.stop_reason
+    assert run.safety.protective_stop_measured == "100% of the range"
+    stopped = int(np.searchsorted(run.log["time_s"], run.safety.protective_stop_time_s))
+    # The sensor's sample is a step old.
+    full, load = np.repeat([22.0, 10.0], 3), run.log["wrench_raw_sensor"][stopped - 2 : stopped + 1].astype(float)
+    assert [share_of_range(full, row) > 1.0 for row in load] == [False, True, True]
+
+
+def test_without_the_report_of_overload_the_reading_saturates_and_the_force_runs_away() -> None:
+    run = pressed_hard("sensor.overload=0")
+    assert "the surface has fallen away" in str(run.stop_reason)
+    assert run.trace.normal_force_n.max() > 50.0
+    assert run.log["wrench_measured_tool"][1000:, 2].max() < 22.0 + 2.0 * GRAVITY + 0.1

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import time
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 from polish_sim.analysis.run_record import read_record
 from polish_sim.analysis.style import RED
+from polish_sim.cli.options import build_scenario
 from polish_sim.cli.outcome import other_conditions
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.report import draw_plots
@@ -74,6 +76,28 @@ def test_the_pad_of_a_plan_is_no_other_condition() -> None:
     scenario = default_scenario("surface")
     assert other_conditions(override(scenario, ["pad.choice=given", "pad.radius_m=0.02"])) == ()
     assert len(other_conditions(override(scenario, ["pad.stiffness_n_m=10000"]))) == 1
+
+
+def test_of_a_named_sensor_only_the_name_and_what_was_set_is_another_condition() -> None:
+    named = override(default_scenario("force"), ["sensor.model=axia80", "sensor.cross_talk=0"])
+    assert other_conditions(named) == ("sensor.model = axia80 (external)", "sensor.cross_talk = 0 (0.01)")
+
+
+def test_an_option_and_a_config_file_win_over_a_named_sensor(polish_sim: Tool, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("[sensor]\nrate_hz = 1000.0\n")
+    axia = ["--set", "sensor.model=axia80", "--config", "mine.toml"]
+    code, _, err = polish_sim("run", "force", "--set", "process.hold_s=1", *axia, "--out", "run")
+    assert code == 0, err
+    sensor = tomllib.loads((tmp_path / "run/config.toml").read_text())["sensor"]
+    assert (sensor["model"], sensor["rate_hz"], sensor["force_range_n"]) == ("axia80", 1000.0, 500.0)
+    noisy = build_scenario(default_scenario("force"), {"--noise": 0.5, "--set": ["sensor.model=axia80"]})
+    assert (noisy.sensor.force_noise_n, noisy.sensor.force_range_n) == (0.5, 500.0)
+    code, _, _ = polish_sim("run", "force", "--config", "run/config.toml", "--out", "again")
+    assert (tmp_path / "run/config.toml").read_text() == (tmp_path / "again/config.toml").read_text()
+    code, _, err = polish_sim("run", "force", "--set", "sensor.model=axia8", "--out", "bad")
+    assert code == 2
+    assert "Did you mean 'axia80'?" in err
+    assert not (tmp_path / "bad").exists()
 
 
 def test_a_protective_stop_is_3_with_its_reason_and_the_log_kept(polish_sim: Tool, tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 NO_STOP = 0
 FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH, MISSING, CONTROLLER_NAN, JOINT_LIMIT, UNSTABLE = range(1, 11)
 ENGINE_CONTACT, CONTROLLER_ERROR, NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, LOW, RISEN, FALLEN = range(11, 21)
-FIXTURE = 23  # 21 and 22 are a second robot's
+FIXTURE, OVERLOAD = 23, 24  # 21 and 22 are a second robot's
 REASONS: Mapping[int, str] = MappingProxyType(
     {
         FORCE: "measured force above safety.force_limit_n: the pad may be on a wall, an edge or something harder than "
@@ -45,6 +45,8 @@ REASONS: Mapping[int, str] = MappingProxyType(
         NO_READING: "wrist sensor reading missing: check sensor and line",
         JUMP: "wrist sensor reading jumped by more than safety.jump_limit_n: a shock, a rigid place under the pad or a "
         "fault of the sensor (process.approach_speed_m_s, --feed, or another limit)",
+        OVERLOAD: "wrist sensor overloaded: force and torque on it, the tool's weight included, take more than "
+        "sensor.overload of its range (sensor.model with a larger one, a lighter tool, --contact-force)",
         SINGULAR: "near a singularity of the arm (safety.singular_value_limit): place the part elsewhere (--part-pose)",
         CRASH: "tool, wrist or forearm ran into the part: it may stand elsewhere than planned (--part-pose), or its "
         "shape is another (--real-part)",
@@ -77,6 +79,7 @@ MEASURED: Mapping[int, tuple[float, str]] = MappingProxyType(
         FORCE: (1.0, "{:.1f} N"),
         TORQUE: (1.0, "{:.2f} N m"),
         JUMP: (1.0, "{:.1f} N"),
+        OVERLOAD: (100.0, "{:.0f}% of the range"),
         LOST: (1.0, "{:.2f} s"),
         SINGULAR: (1.0, "{:.3f}"),
         SILENT_HOST: (1e3, "{:.0f} ms"),
@@ -145,6 +148,9 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
         size += abs(reading[i])
     if not math.isfinite(finite) or size == 0.0:
         return NO_READING
+    if sensor.errors.overload > 0.0 and sensor.load > sensor.errors.overload:
+        guards.found = sensor.load
+        return OVERLOAD
     if t - sensor.changed > guards.sensor_timeout and t > 2.0 * guards.sensor_timeout:
         return FROZEN
     share = dt / FOLLOW_S if t > 0.0 else 1.0

@@ -1,8 +1,8 @@
 """The six-axis wrist sensor: from the exact wrench at its plane to what the host computer reads.
 
-Everything mounted on the sensor is felt: weight, inertia, contact. Bias, drift and noise are added, the reading
-saturates, is quantised and low-passed at the sensor's own rate, and arrives late. The host subtracts the payload it
-believes in and what it tared.
+Everything mounted on the sensor is felt: weight, inertia, contact. Bias, drift, cross-talk and noise are added, the
+reading saturates, is quantised and low-passed at the sensor's own rate, and arrives late. The host subtracts the
+payload it believes in and what it tared.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.config import SensorConfig
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Record, Vector3, Vector6, kernel
+from polish_sim.kernels import Matrix6, Record, Vector3, Vector6, kernel
 
 GRAVITY = 9.81  # [m/s^2], MuJoCo's default and the model's
 
@@ -27,8 +27,13 @@ class SensorErrors(Record):
     noise: Vector6
     drift_step: Vector6  #: Standard deviation of the drift's step per sample
     creep: Vector6  #: Steady drift per sample, of a faulty sensor
+    warm_up: Vector6  #: Drift from cold to warm
+    warming: float  #: Share of what is left of it that is done in a sample [-]
+    talk: Matrix6  #: What a load on the axis of a column adds to the reading of a row's
+    talks: bool
     quantum: Vector6
     range: Vector6
+    overload: float  #: Share of the range from which the sensor is overloaded, 0 for none [-]
     reach: float  #: 1 if the reading reaches the host; of a faulty sensor 0 (zeros arrive) or not a number
 
 
@@ -40,6 +45,8 @@ class WristSensor(Record):
     period: float  #: Time between samples [s]
     delay: int  #: Samples from measuring to reading; one more step passes in the engine
     drift: Vector6  #: Present drift (force; torque)
+    warmth: float  #: 0 cold, 1 warm
+    load: float  #: Share of its range the present load takes [-]
     filtered: Vector6  #: Low-passed sample
     reading: Vector6  #: What the host reads, before compensation
     tare: Vector6  #: Subtracted by the host, tool axes at the tool point
@@ -57,14 +64,19 @@ class Payload(Record):
 
 
 def build_sensor(config: SensorConfig, rng: np.random.Generator) -> WristSensor:
-    """Make a sensor, its memory fresh; ``rng`` draws the bias, uniform within its size on each axis."""
-    period = 1.0 / config.rate_hz
+    """Make a sensor, its memory fresh; ``rng`` draws bias and warm-up, uniform within their size on
+    each axis, and cross-talk."""
+    period, own, full = 1.0 / config.rate_hz, rng.spawn(1)[0], _per_axis(config.force_range_n, config.torque_range_nm)
+    talk = config.cross_talk * own.standard_normal((6, 6)) * np.outer(full, 1.0 / full)
+    np.fill_diagonal(talk, 0.0)
     errors = SensorErrors(
         bias=_per_axis(config.force_bias_n, config.torque_bias_nm) * rng.uniform(-1.0, 1.0, 6),
+        warm_up=_per_axis(config.warm_up_force_n, config.warm_up_torque_nm) * own.uniform(-1.0, 1.0, 6),
+        warming=1.0 - math.exp(-period / config.warm_up_s), talk=talk, talks=config.cross_talk > 0.0,
         noise=_per_axis(config.force_noise_n, config.torque_noise_nm),
         drift_step=_per_axis(config.force_drift_n_s, config.torque_drift_nm_s) * math.sqrt(period),
         quantum=_per_axis(config.force_quantum_n, config.torque_quantum_nm),
-        range=_per_axis(config.force_range_n, config.torque_range_nm), reach=1.0,
+        range=full, overload=config.overload, reach=1.0,
     )  # fmt: skip
     blend = 1.0 - math.exp(-2.0 * math.pi * config.bandwidth_hz * period) if config.bandwidth_hz else 1.0
     return WristSensor(errors=errors, blend=blend, period=period, delay=max(0, round(config.latency_s / period) - 1))
@@ -77,6 +89,16 @@ def build_sample_line(sensor: WristSensor) -> Array:
 
 def _per_axis(force: float, torque: float) -> Array:
     return np.repeat([force, torque], 3)
+
+
+@kernel
+def share_of_range(full: Array, load: Array) -> float:
+    """Share of the range ``full`` (6,) that a load (6,) takes, forces and torques that strain the same beams together.
+
+    ATI, Ethernet Axia manual, 5.5.1: forces across and torque along the axis; force along and torques across.
+    """
+    across = math.hypot(load[0], load[1]) / full[0] + abs(load[5]) / full[5]
+    return max(across, abs(load[2]) / full[2] + math.hypot(load[3], load[4]) / full[3])
 
 
 @kernel
@@ -93,9 +115,16 @@ def sample_sensor(sensor: WristSensor, line: Array, t: float, exact: Array, draw
     sensor.next += sensor.period
     slot = sensor.samples % length
     changed = False
+    sensor.warmth += errors.warming * (1.0 - sensor.warmth)
+    if errors.overload > 0.0:
+        sensor.load = share_of_range(errors.range, exact)
     for i in range(6):
         sensor.drift[i] += errors.drift_step[i] * draws[6 + i] + errors.creep[i]
         value = exact[i] + errors.bias[i] + sensor.drift[i] + errors.noise[i] * draws[i]
+        value += errors.warm_up[i] * sensor.warmth
+        if errors.talks:
+            for j in range(6):
+                value += errors.talk[i, j] * exact[j]
         value = min(max(value, -errors.range[i]), errors.range[i])
         if errors.quantum[i] > 0.0:
             value = errors.quantum[i] * math.floor(value / errors.quantum[i] + 0.5)
@@ -183,6 +212,7 @@ def read_at_rest(
     means = np.zeros((len(loads), 6))
     for load, pause, mean in zip(loads, travel, means, strict=True):
         sensor.drift += sensor.errors.drift_step * math.sqrt(pause / sensor.period) * rng.standard_normal(6)
+        sensor.warmth = 1.0 - (1.0 - sensor.warmth) * (1.0 - sensor.errors.warming) ** (pause / sensor.period)
         _average(sensor, line, load, rng.standard_normal((wait + count, _DRAWS)), wait, mean)
     return means
 

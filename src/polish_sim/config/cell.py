@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 from polish_sim.config.arm import RealArmConfig
 from polish_sim.config.key import DIAMETER, HERTZ_OR_FULL, NEWTON, OUTPUT, PER_MINUTE, RUN, SENSOR, TOOL, Option, key
@@ -23,10 +25,44 @@ class RobotConfig:
     real: RealArmConfig = field(default_factory=RealArmConfig)
 
 
+SENSOR_MODELS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "external": {},
+        "ur5e-built-in": {
+            "force_noise_n": 1.17, "torque_noise_nm": 0.067, "force_bias_n": 4.0, "torque_bias_nm": 0.3,
+            "force_drift_n_s": 0.02, "torque_drift_nm_s": 0.0005, "warm_up_force_n": 6.5, "warm_up_torque_nm": 0.06,
+            "warm_up_s": 300.0, "bandwidth_hz": 0.0, "rate_hz": 500.0, "latency_s": 0.002, "force_quantum_n": 0.0,
+            "torque_quantum_nm": 0.0, "force_range_n": 50.0, "torque_range_nm": 10.0, "cross_talk": 0.01,
+            "overload": 1.0,
+        },
+        "axia80": {
+            "force_noise_n": 0.06, "torque_noise_nm": 0.0024, "force_bias_n": 5.0, "torque_bias_nm": 0.2,
+            "force_drift_n_s": 0.002, "torque_drift_nm_s": 0.0001, "warm_up_force_n": 0.5, "warm_up_torque_nm": 0.02,
+            "warm_up_s": 1200.0, "bandwidth_hz": 0.0, "rate_hz": 976.0, "latency_s": 0.002, "force_quantum_n": 1e-6,
+            "torque_quantum_nm": 1e-6, "force_range_n": 500.0, "torque_range_nm": 20.0, "cross_talk": 0.01,
+            "overload": 1.05,
+        },
+        "hex-125hz": {
+            "force_noise_n": 0.25, "torque_noise_nm": 0.0033, "force_bias_n": 3.0, "torque_bias_nm": 0.1,
+            "force_drift_n_s": 0.01, "torque_drift_nm_s": 0.0005, "warm_up_force_n": 1.0, "warm_up_torque_nm": 0.05,
+            "warm_up_s": 600.0, "bandwidth_hz": 15.0, "rate_hz": 125.0, "latency_s": 0.008, "force_quantum_n": 1e-4,
+            "torque_quantum_nm": 1e-5, "force_range_n": 200.0, "torque_range_nm": 10.0, "cross_talk": 0.02,
+            "overload": 1.0,
+        },
+    }
+)  # fmt: skip
+"""What each word of ``sensor.model`` stands for, where it differs from the defaults; sources: models/README.md."""
+
+
 @dataclass(frozen=True)
 class SensorConfig:
     """The six-axis wrist sensor and what the host does with its reading."""
 
+    model: str = key(
+        "external",
+        "external, ur5e-built-in, axia80 or hex-125hz: stands for the values below; those set by name stay",
+        presets=SENSOR_MODELS,
+    )
     force_noise_n: float = key(
         0.5, "white noise per sample, rms [N]", 0.0, 20.0, option=Option("--noise", SENSOR, "N", NEWTON)
     )
@@ -35,6 +71,9 @@ class SensorConfig:
     torque_bias_nm: float = key(0.1, "size of the seeded constant bias per axis [N m]", 0.0, 10.0)
     force_drift_n_s: float = key(0.002, "drift per axis, rms after one second of its random walk [N/sqrt(s)]", 0.0, 1.0)
     torque_drift_nm_s: float = key(0.0001, "drift per axis [N m/sqrt(s)]", 0.0, 0.1)
+    warm_up_force_n: float = key(0.0, "largest drift per axis while it warms up, drawn by the seed [N]", 0.0, 100.0)
+    warm_up_torque_nm: float = key(0.0, "the same of the torques [N m]", 0.0, 10.0)
+    warm_up_s: float = key(600.0, "time constant of the warming up [s]", 1.0, 1e6)
     bandwidth_hz: float = key(80.0, "corner of the first-order low-pass, 0 = none [Hz]", 0.0, 490.0)
     rate_hz: float = key(1000.0, "sampling rate [Hz]", 10.0, 10000.0)
     latency_s: float = key(0.002, "from sample to reading [s]", 0.0, 0.1)
@@ -42,6 +81,12 @@ class SensorConfig:
     torque_quantum_nm: float = key(0.0005, "smallest step of the reading, 0 = none [N m]", 0.0, 0.5)
     force_range_n: float = key(200.0, "the reading saturates here, per axis [N]", 1.0, 1e5)
     torque_range_nm: float = key(8.0, "the reading saturates here, per axis [N m]", 0.1, 1e4)
+    cross_talk: float = key(
+        0.0, "load on one axis that is read in another, shares of their ranges, rms, drawn by the seed [-]", 0.0, 0.2
+    )
+    overload: float = key(
+        0.0, "share of its range above which it is overloaded and the robot stops, 0 = never [-]", 0.0, 10.0
+    )
     payload_mass_error: float = key(
         0.0, "relative error of the compensated tool mass, on top of the calibration's [-]", -1.0, 5.0
     )
