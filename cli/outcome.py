@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
+from polish_sim.analysis.claim import Claim, claim_row, shortfalls
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 from polish_sim.config import Scenario
-from polish_sim.errors import number_text
+from polish_sim.experiments.report import PAGE
 
 CONDITIONS: Final = (
     *("sensor", "robot", "head", "pad", "simulation", "faults", "spindle"),
@@ -47,6 +47,8 @@ class Outcome:
         self.show()
         if more:
             console.say(more)
+        if (folder / PAGE).exists():
+            console.say(f"to look at in a browser: {folder / PAGE}")
         console.say(f"folder: {folder}")
         return self.exit_code(check)
 
@@ -85,30 +87,14 @@ class Outcome:
 
 def other_conditions(scenario: Scenario) -> tuple[str, ...]:
     """Sensor, springs, latency and other conditions of a run that are not its experiment's own, each as a text."""
+    from polish_sim.analysis.run_record import changed_settings
     from polish_sim.experiments.registry import default_scenario
-    from polish_sim.scenario_file import override
 
-    default, model = default_scenario(scenario.experiment), scenario.sensor.model
-    # Of a sensor by its name only the name counts, and what differs from what it stands for.
-    usual = dict(_values(override(default, [f"sensor.model={model}"]), "")) | {"sensor.model": default.sensor.model}
     return tuple(
-        f"{name} = {_text(value)} ({_text(usual[name])})"
-        for name, value in _values(scenario, "")
-        if {name, name.partition(".")[0]} & set(CONDITIONS) and name not in CHOSEN and value != usual[name]
+        f"{name} = {value} ({usual})"
+        for name, value, usual in changed_settings(scenario, default_scenario(scenario.experiment))
+        if {name, name.partition(".")[0]} & set(CONDITIONS) and name not in CHOSEN
     )
-
-
-def _values(section: Any, place: str) -> Iterator[tuple[str, Any]]:
-    for f in fields(section):
-        value = getattr(section, f.name)
-        if is_dataclass(value):
-            yield from _values(value, f"{place}{f.name}.")
-        else:
-            yield f"{place}{f.name}", value
-
-
-def _text(value: Any) -> str:
-    return number_text(value) if isinstance(value, (int, float)) else str(value) or "none"
 
 
 def show_figures(
@@ -126,15 +112,5 @@ def show_figures(
     """
     headings = ["figure", "unit", *columns, "paper", "asked"] + (["met"] if checked is not None else [])
     above = [[*row, *[""] * (len(headings) - len(row))] for row in settings]
-    rows = [_row(claim, list(columns.values()), checked) for claim in claims]
+    rows = [claim_row(claim, list(columns.values()), checked) for claim in claims]
     console.table(title, headings, above + rows, caption=caption)
-
-
-def _row(claim: Claim, columns: Sequence[Mapping[str, Any]], checked: Mapping[str, Any] | None) -> list[str]:
-    values = [value_text(claim, metrics.get(claim.figure)) for metrics in columns]
-    asked = bound_text(claim) if claim.bounded else "not asked"
-    row = [claim.label, claim.unit, *values, claim.paper, asked]
-    if checked is None:
-        return row
-    verdict = "yes" if claim.met_by(checked.get(claim.figure)) else "NO"
-    return [*row, verdict if claim.bounded else ""]

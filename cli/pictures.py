@@ -158,7 +158,7 @@ class Snapshot:
 
     def __init__(self, file: Path) -> None:
         self._file = file
-        self._model: Any = None
+        self.model: Any = None  #: Of the cell, once it runs
         self._positions: list[Any] = []
         self._times: list[float] = []
         self.stop: StopMark | None = None  #: Of the run, set before the picture is rendered
@@ -168,24 +168,24 @@ class Snapshot:
 
     def take(self, model: Any, data: Any) -> None:
         """Remember one moment."""
-        self._model = model
+        self.model = model
         self._positions.append(data.qpos.copy())
         self._times.append(float(data.time))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        picture = Picture.opened(self._model, STILL) if self._positions and error is None else None
+        picture = Picture.opened(self.model, STILL) if self._positions and error is None else None
         if picture is None:
             return
         import mujoco
 
-        data, stop = mujoco.MjData(self._model), self.stop
+        data, stop = mujoco.MjData(self.model), self.stop
         moment = len(self._positions) // 2
         if stop:
             moment = min(range(len(self._times)), key=lambda k: abs(self._times[k] - stop.time))
         data.qpos[:] = self._positions[moment]
-        mujoco.mj_forward(self._model, data)
+        mujoco.mj_forward(self.model, data)
         image = picture.render(data)
         save_image(self._file, crossed_out(image, picture.pixel_of(stop.tool), stop.text) if stop else image)
         picture.close()

@@ -167,7 +167,7 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.run_record import METRICS, stop_mark, write_json
     from polish_sim.cli.outcome import Outcome, other_conditions
-    from polish_sim.experiments.report import save_plots
+    from polish_sim.experiments.report import save_plots, write_page
 
     row, record, undrawn = experiment(scenario.experiment), None, ""
     try:
@@ -180,10 +180,13 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
             record = simulate(scenario, planned, draft, observer)
             observer.stage("draw")
             stop = stop_mark(record.metrics)
+            model = None
             for sink in sinks:
                 if isinstance(sink, Snapshot):
-                    sink.stop = stop
+                    sink.stop, model = stop, sink.model
             draw_run(record, draft)
+            if model is not None and len(record.log):
+                write_page(draft, record, model, planned.notes if planned else ())
             if stop and planned is not None:
                 save_plots(draft, {"path.png": plot_plan(planned, stop=stop)})
         if not (draft / CELL_PICTURE).exists() and len(record.log):

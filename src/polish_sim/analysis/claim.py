@@ -59,6 +59,17 @@ def value_text(claim: Claim, value: float | None) -> str:
     return number_text(float(value * claim.scale), 4)
 
 
+def claim_row(claim: Claim, columns: Sequence[Mapping[str, Any]], checked: Mapping[str, Any] | None) -> list[str]:
+    """Figure, unit, its value in each of some runs, the paper's, what is asked, and whether ``checked`` meets it."""
+    values = [value_text(claim, metrics.get(claim.figure)) for metrics in columns]
+    asked = bound_text(claim) if claim.bounded else "not asked"
+    row = [claim.label, claim.unit, *values, claim.paper, asked]
+    if checked is None:
+        return row
+    verdict = "yes" if claim.met_by(checked.get(claim.figure)) else "NO"
+    return [*row, verdict if claim.bounded else ""]
+
+
 def shortfalls(claims: Iterable[Claim], figures: Mapping[str, Any]) -> list[Claim]:
     """The claims that figures do not meet."""
     return [claim for claim in claims if not claim.met_by(figures.get(claim.figure))]

@@ -15,10 +15,10 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, number_text
 from polish_sim.log import UNREADABLE, RemovalMap, RunLog, read_log, read_removal, write_log, write_removal
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.scenario_file import load_scenario, to_toml
+from polish_sim.scenario_file import load_scenario, override, to_toml
 
 CONFIG, METRICS, LOG, PATH = "config.toml", "metrics.json", "log.npz", "path.npz"
 REMOVAL = "removal.npz"
@@ -223,6 +223,20 @@ def differences(scenarios: Sequence[Scenario]) -> list[str]:
         for name in tables[0]
         if name.partition(".")[0] not in COMPARED and any(table[name] != tables[0][name] for table in tables)
     ]
+
+
+def changed_settings(scenario: Scenario, usual: Scenario) -> list[list[str]]:
+    """Rows of key, value and usual value of the settings, dotted, in which a scenario differs from another.
+
+    Of a sensor by its name only the name counts, and what differs from what it stands for.
+    """
+    named = override(usual, [f"sensor.model={scenario.sensor.model}"])
+    theirs = dict(_flat(named, "")) | {"sensor.model": usual.sensor.model}
+    return [[name, _text(value), _text(theirs[name])] for name, value in _flat(scenario, "") if value != theirs[name]]
+
+
+def _text(value: Any) -> str:
+    return number_text(value) if isinstance(value, (int, float)) else str(value) or "none"
 
 
 def _flat(section: Any, place: str) -> Iterator[tuple[str, Any]]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from polish_sim.analysis.run_record import RunRecord, stop_mark
 from polish_sim.analysis.style import say_stop
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import experiment, load
+
+PAGE: Final = "report.html"
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,6 +53,16 @@ def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:
     scenario = records[0].scenario
     row = experiment(scenario.experiment)
     return {"seeds.png": plot_seeds(records, row.claims(scenario)), **_drawn(row.seeds_plots, records)}
+
+
+def write_page(folder: Path, record: RunRecord, model: Any, notes: Sequence[str] = ()) -> None:
+    """Write a run as a page for the browser; ``model`` is MuJoCo's of its cell."""
+    from polish_sim.experiments.run_page import run_page
+    from polish_sim.page.page import page_html
+
+    draft = folder / f".part-{PAGE}"
+    draft.write_text(page_html(run_page(record, model, notes)), encoding="utf-8")
+    draft.replace(folder / PAGE)
 
 
 def removed_something(record: RunRecord) -> bool:

@@ -1,0 +1,253 @@
+"""A run as a page for the browser: the cell it ran in, its log and its figures (record, scene -> Page)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from polish_sim.analysis.claim import claim_row
+from polish_sim.analysis.metrics import numbers
+from polish_sim.analysis.run_record import RunRecord, changed_settings, stop_mark
+from polish_sim.arrays import Array, Indices, Ints
+from polish_sim.experiments.registry import claims_shown, experiment
+from polish_sim.geometry.lighter_mesh import lighter_mesh
+from polish_sim.log import PHASES, RemovalMap
+from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear
+from polish_sim.spatial import apply, transform
+
+JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+ROWS_PER_S: Final = 50.0
+MOST_ROWS: Final = 40_000
+JOINT_ERROR: Final = 2.5e-4  #: Between rows, at most, where there are not too many [rad]
+MOST_FACETS, MOST_NODES = 40_000, 40_000  #: Of the part and of its removal; finer ones are shown by lighter copies
+HIDDEN_GROUP: Final = 3  #: Of geoms that are there for contact only
+SIDES: Final = 40  #: Of a cylinder
+MM, DEG = 1e3, 180.0 / np.pi
+
+
+def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
+    """What the page of a run shows; ``model`` is MuJoCo's of the cell, the log has at least one row."""
+    scenario, log = record.scenario, record.log
+    row, stop = experiment(scenario.experiment), stop_mark(record.metrics)
+    kept = shown_rows(numbers(log, "time_s"), numbers(log, "q_rad"))
+    bodies, part = scene_bodies(model), part_body(model)
+    motion = run_motion(record, model, kept)
+    rows = [claim_row(claim, [record.metrics], record.metrics) for claim in claims_shown([scenario])]
+    figures = [["figure", "this run", "paper", "asked", "met"]]
+    figures += [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
+    tables = {
+        "Figures": figures,
+        "Settings changed": [["setting", "here", "default"], *changed_settings(scenario, row.defaults)],
+    }
+    return Page(
+        title=row.title(scenario),
+        about=row.text,
+        stop=stop.text if stop else "",
+        bodies=bodies,
+        solids=scene_solids(model),
+        part_body=part,
+        motion=motion,
+        path=np.empty((0, 3)) if record.path is None else record.path.positions_work,
+        wear=None if record.removal is None or record.removal.mean <= 0.0 else _wear(record, record.removal),
+        plots=run_plots(record, motion, kept),
+        tables={name: rows for name, rows in tables.items() if len(rows) > 1},
+        notes=[*([record.metrics["protective_stop"]] if record.metrics.get("protective_stop") else []), *notes],
+        command=f"polish-sim run {scenario.experiment} --config config.toml",
+        made=", ".join([f"seed {scenario.seed}", *(f"{n} {v}" for n, v in record.metrics.get("versions", {}).items())]),
+    )
+
+
+def shown_rows(time: Array, q: Array) -> Indices:
+    """Rows of a log (n,) [s] the page has: 50 a second, more where joints (n, k) would be off between them."""
+    n = len(time)
+    every = max(1, round((n - 1) / max(ROWS_PER_S * (time[-1] - time[0]), 1.0)))
+    while True:
+        kept = np.unique(np.append(np.arange(0, n, every), n - 1))
+        between = np.stack([np.interp(time, time[kept], column[kept]) for column in q.T], axis=1)
+        if every == 1 or np.abs(between - q).max() <= JOINT_ERROR:
+            break
+        every = -(-every // 2) if every > 2 else 1
+    return kept if len(kept) <= MOST_ROWS else np.unique(np.linspace(0, n - 1, MOST_ROWS).astype(np.int64))
+
+
+# The scene: bodies and what is drawn of them, from a compiled model.
+
+
+def scene_bodies(model: Any) -> list[Body]:
+    """The bodies of a model; joints are numbered as in ``qpos``."""
+    bodies = []
+    for number in range(1, model.nbody):
+        rest = transform(_matrix(model.body_quat[number]), model.body_pos[number]).tolist()
+        body, first = Body(int(model.body_parentid[number]) - 1, rest), int(model.body_jntadr[number])
+        if first >= 0:
+            axis, anchor = model.jnt_axis[first].tolist(), model.jnt_pos[first].tolist()
+            slide = str(model.joint(first).name).endswith("slide")
+            body = body._replace(axis=axis, anchor=anchor, slide=slide, joint=int(model.jnt_qposadr[first]))
+        bodies.append(body)
+    return bodies
+
+
+def part_body(model: Any) -> int:
+    """Number of the part's body; -1 if there is none."""
+    return next((n - 1 for n in range(1, model.nbody) if str(model.body(n).name).endswith("part")), -1)
+
+
+def scene_solids(model: Any) -> list[Solid]:
+    """What a model draws: meshes, boxes and cylinders, with the colours of their materials."""
+    import mujoco
+
+    shapes = {int(mujoco.mjtGeom.mjGEOM_BOX): _box, int(mujoco.mjtGeom.mjGEOM_CYLINDER): _cylinder}
+    solids = []
+    for g in range(model.ngeom):
+        kind, material = int(model.geom_type[g]), int(model.geom_matid[g])
+        if model.geom_group[g] == HIDDEN_GROUP:
+            continue
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            vertices, faces = _mesh(model, int(model.geom_dataid[g]))
+        elif kind in shapes:
+            vertices, faces = shapes[kind](model.geom_size[g])
+        else:
+            continue
+        T = transform(_matrix(model.geom_quat[g]), model.geom_pos[g])
+        plain = np.allclose(model.geom_rgba[g], (0.5, 0.5, 0.5, 1.0))
+        color = model.mat_rgba[material] if plain and material >= 0 else model.geom_rgba[g]
+        name, body = str(model.geom(g).name), int(model.geom_bodyid[g])
+        what = "part" if name.endswith("part") else "cell" if body == 0 else "arm"
+        solids.append(Solid(what, body - 1, apply(T, vertices), faces, [float(c) for c in color[:3]]))
+    return solids
+
+
+def _matrix(quaternion: Array) -> Array:
+    return np.asarray(Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
+
+
+def _mesh(model: Any, number: int) -> tuple[Array, Ints]:
+    first, count = model.mesh_vertadr[number], model.mesh_vertnum[number]
+    start, facets = model.mesh_faceadr[number], model.mesh_facenum[number]
+    vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
+    return lighter_mesh(vertices, model.mesh_face[start : start + facets].copy(), MOST_FACETS)
+
+
+def _box(half: Array) -> tuple[Array, Ints]:
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
+    return corners * half, np.array(faces, dtype=np.int32)
+
+
+def _cylinder(size: Array) -> tuple[Array, Ints]:
+    angle, k = 2.0 * np.pi * np.arange(SIDES) / SIDES, np.arange(SIDES)
+    ring = np.stack([size[0] * np.cos(angle), size[0] * np.sin(angle), np.full(SIDES, size[1])], axis=1)
+    vertices = np.concatenate([ring * (1.0, 1.0, -1.0), ring, [[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]]])
+    beside, top, low, high = (k + 1) % SIDES, k + SIDES, np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
+    faces = [(k, beside, top), (beside, beside + SIDES, top), (beside, k, low), (top, beside + SIDES, high)]
+    return vertices, np.concatenate([np.stack(corners, axis=1) for corners in faces]).astype(np.int32)
+
+
+# How it moved, and the curves beneath, from the log.
+
+
+def run_motion(record: RunRecord, model: Any, kept: Indices) -> Motion:
+    """The rows of a log the page plays back."""
+    log, path = record.log, record.path
+    s = numbers(log, "path_s_m")[kept]
+    axes, none = _tool_axis(record, "tcp_quaternion_wxyz"), np.full(len(kept), np.nan)
+    return Motion(
+        time=numbers(log, "time_s")[kept],
+        joints=_joint_columns(record, model)[kept],
+        pad=(numbers(log, "tcp_position_m") - numbers(log, "pad_travel_m")[:, None] * axes)[kept],
+        force=numbers(log, "normal_force_n")[kept],
+        asked=_asked_force(record)[kept],
+        speed=numbers(log, "tcp_speed_m_s")[kept],
+        error=_sideways(record)[kept],
+        curvature=none if path is None else np.interp(s, path.s, path.curvature),
+    )
+
+
+def _joint_columns(record: RunRecord, model: Any) -> Array:
+    """The columns of the log that move a model, in the order of ``qpos``; what is not in the log stays at zero."""
+    log, columns = record.log, np.zeros((len(record.log), model.nq))
+    for number in range(model.njnt):
+        name, at = str(model.joint(number).name), int(model.jnt_qposadr[number])
+        arm = "master_q_rad" if name.startswith("master_") else "q_rad"
+        which = next((k for k, joint in enumerate(JOINTS) if name.endswith(f"{joint}_joint")), None)
+        if which is not None and arm in log.names:
+            columns[:, at] = numbers(log, arm)[:, which]
+        elif name.endswith("head_slide"):
+            columns[:, at] = numbers(log, "pad_travel_m")
+    return columns
+
+
+def _asked_force(record: RunRecord) -> Array:
+    """The force to hold [N], NaN where the tool is not pressed on the part, shape (n,)."""
+    log, phase = record.log, record.log["phase"]
+    usual = record.scenario.process.contact_force_n
+    pressing = np.isin(phase, [PHASES.index("touch_down"), PHASES.index("process")])
+    pressing &= bool((numbers(log, "normal_force_n") > 0.0).any())
+    s = numbers(log, "path_s_m")
+    return np.where(pressing, usual if record.path is None else record.path.force_at(s, usual), np.nan)
+
+
+def _tool_axis(record: RunRecord, name: str) -> Array:
+    quaternions = numbers(record.log, name)
+    return np.asarray(Rotation.from_quat(quaternions, scalar_first=True).as_matrix()[:, :, 2])
+
+
+def _sideways(record: RunRecord) -> Array:
+    """Distance of the tool point from its target across the target's tool axis [m], shape (n,)."""
+    off = numbers(record.log, "tcp_position_m") - numbers(record.log, "target_position_m")
+    axis = _tool_axis(record, "target_quaternion_wxyz")
+    return np.linalg.norm(off - np.sum(off * axis, axis=1, keepdims=True) * axis, axis=1)
+
+
+def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
+    """The curves under the picture; those that are zero all the time are left out."""
+    log, process = record.log, record.scenario.process
+    n = len(kept)
+
+    def column(name: str) -> Array:
+        return numbers(log, name)[kept]
+
+    low = np.minimum.reduceat(numbers(log, "normal_force_min_n"), kept)
+    high = np.maximum.reduceat(numbers(log, "normal_force_max_n"), kept)
+    worst = np.maximum.reduceat(_sideways(record), kept)
+    limit = record.scenario.robot.joint_speed_limit_rad_s
+    twist, axis = column("command_twist"), _tool_axis(record, "tcp_quaternion_wxyz")[kept]
+    along = np.sum(twist[:, :3] * axis, axis=1)
+    across = np.linalg.norm(twist[:, :3] - along[:, None] * axis, axis=1)
+    asked = Line("asked", motion.asked, "asked")
+    plots = [
+        Plot("Contact force", "N", [asked, Line("force", motion.force, "main", low, high)]),
+        Plot("Error across the tool", "µm", [Line("error", 1e6 * motion.error, "main", 0.0 * worst, 1e6 * worst)]),
+        Plot("Tool speed", "mm/s", [
+            Line("feed asked", np.full(n, MM * process.feed_m_s), "asked"), Line("speed", MM * motion.speed)]),
+        Plot("Joint speeds", "%", [
+            Line(name.replace("_", " "), 100.0 / limit * speed, str(k))
+            for k, (name, speed) in enumerate(zip(JOINTS, column("qd_rad_s").T, strict=True))
+        ], f"of the limit, {DEG * limit:.0f}°/s"),
+        Plot("Command", "mm/s", [Line("into the part", MM * along, "0"), Line("along it", MM * across, "1")]),
+    ]  # fmt: skip
+    if record.scenario.experiment not in ("arc", "surface", "dual"):
+        plots[2] = plots[2]._replace(lines=plots[2].lines[1:])
+    if "relative_error_m" in log.names:
+        apart = 1e6 * np.linalg.norm(column("relative_error_m"), axis=1)
+        plots.insert(1, Plot("Tool from its place on the part", "µm", [Line("distance", apart)]))
+    if "hand_force_n" in log.names:
+        plots.insert(0, Plot("Hand", "N", [Line("force", np.linalg.norm(column("hand_force_n"), axis=1))]))
+    return [plot for plot in plots if any(np.nan_to_num(line.values).any() for line in plot.lines)]
+
+
+def _wear(record: RunRecord, removal: RemovalMap) -> Wear:
+    vertices, faces = lighter_mesh(removal.vertices, removal.triangles.astype(np.int32), 2 * MOST_NODES)
+    value, unit_, top = removal.relative, "× its mean", 2.0
+    if removal.absolute:
+        value, unit_ = 1e6 * removal.preston_1_pa * removal.exposure, "µm"
+        top = 2e6 * removal.preston_1_pa * removal.mean
+    if len(vertices) != len(value):
+        value = value[cKDTree(removal.vertices).query(vertices)[1]]
+    spin = record.scenario.spindle.speed_rpm * 2.0 * np.pi / 60.0
+    return Wear(vertices, faces, value, unit_, top, record.scenario.pad.radius_m, spin)

@@ -1,0 +1,167 @@
+"""What a page shows, and how it becomes one HTML file (typed data -> text).
+
+The data is one compressed block: numbers rounded to 16 bits over their range, as differences, byte by byte. The page's
+own code is beside this file: ``page.html``, ``page.css``, ``scene.js``, ``plots.js`` and ``page.js``.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import math
+import re
+import zlib
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.arrays import Array, Ints
+
+SCRIPTS: Final = ("scene.js", "plots.js", "page.js")
+LEVELS: Final = 65534  #: Of a rounded number; one more stands for what is undefined
+
+
+class Body(NamedTuple):
+    """A rigid body; it moves with its parent, and about or along an axis of its own."""
+
+    parent: int  #: Its number in the list, smaller than this body's; -1: the world
+    rest: Sequence[Sequence[float]]  #: Its pose on the parent at rest, four rows of four
+    axis: Sequence[float] = (0.0, 0.0, 1.0)  #: In the body's frame, unit
+    anchor: Sequence[float] = (0.0, 0.0, 0.0)  #: A point on it [m]
+    slide: bool = False
+    joint: int = -1  #: Which column of ``Motion.joints`` moves it; -1: none
+
+
+class Solid(NamedTuple):
+    """Triangles that move with a body."""
+
+    kind: str  #: What it can be hidden as: cell, arm or part
+    body: int
+    vertices: Array  #: In the body's frame [m], shape (n, 3)
+    faces: Ints  #: Shape (m, 3)
+    color: Sequence[float]  #: Red, green, blue, 0 to 1
+
+
+class Line(NamedTuple):
+    """One curve of a plot over the page's time."""
+
+    label: str
+    values: Array  #: Shape (n,); NaN: not drawn
+    role: str = "main"  #: Its colour: main, asked, or 0 to 5 for one of many
+    low: Array | None = None  #: Ends of a band behind it, shape (n,)
+    high: Array | None = None
+
+
+class Plot(NamedTuple):
+    """Curves of one unit."""
+
+    title: str
+    unit: str
+    lines: Sequence[Line]
+    note: str = ""
+
+
+class Motion(NamedTuple):
+    """How everything moves, one row for each moment of the page."""
+
+    time: Array  #: [s], shape (n,)
+    joints: Array  #: Angles [rad] and slides [m], shape (n, k)
+    pad: Array  #: Middle of the pad's face, world frame [m], shape (n, 3)
+    force: Array  #: Pressing [N], shape (n,)
+    asked: Array  #: Force asked for [N], shape (n,); NaN where none is
+    speed: Array  #: Of the tool [m/s], shape (n,)
+    error: Array  #: Of the tool across its axis [m], shape (n,)
+    curvature: Array  #: Of the part along the path [1/m], shape (n,)
+
+
+class Wear(NamedTuple):
+    """What was taken off the part in the end; the page lets it grow."""
+
+    vertices: Array  #: Frame of the part's body [m], shape (n, 3)
+    faces: Ints  #: Shape (m, 3)
+    value: Array  #: Removal at each vertex, shape (n,)
+    unit: str  #: Of the removal
+    top: float  #: Where its colours end
+    pad_radius: float  #: [m]
+    spin: float  #: Of the pad [rad/s]
+
+
+class Page(NamedTuple):
+    """All that one page shows."""
+
+    title: str
+    about: str  #: What it is, in a sentence
+    stop: str  #: Why and when the run stopped itself; empty if it did not
+    bodies: Sequence[Body]
+    solids: Sequence[Solid]
+    part_body: int  #: The body that carries path and removal; -1: the world
+    motion: Motion
+    path: Array  #: Frame of the part's body [m], shape (n, 3)
+    wear: Wear | None
+    plots: Sequence[Plot]
+    tables: Mapping[str, Sequence[Sequence[str]]]  #: Rows by heading; the first row is the head
+    notes: Sequence[str]
+    command: str  #: Repeats the run
+    made: str  #: By which seed and versions
+
+
+class Fine(NamedTuple):
+    """Values (n,) that 16 bits are too coarse for."""
+
+    values: Array
+
+
+def page_html(page: Page) -> str:
+    """The page as one HTML file."""
+    blocks: list[bytes] = []
+    data = page._asdict() | {"motion": page.motion._asdict() | {"time": Fine(page.motion.time)}}
+    head = json.dumps(_packed(data, blocks), separators=(",", ":"), allow_nan=False).encode()
+    # The data is base64, and so is every name in it; only the title stands in the page as text.
+    block = zlib.compress(len(head).to_bytes(4, "little") + head + b"".join(blocks), 6)
+    files = resources.files("polish_sim.page")
+    text = {name: files.joinpath(name).read_text(encoding="utf-8") for name in ("page.html", "page.css", *SCRIPTS)}
+    parts = {
+        "TITLE": html.escape(page.title),
+        "STYLE": text["page.css"],
+        "SCRIPT": "".join(text[name] for name in SCRIPTS),
+        "DATA": base64.b64encode(block).decode("ascii"),
+    }
+    return re.sub("@(TITLE|STYLE|SCRIPT|DATA)@", lambda found: parts[found[1]], text["page.html"])
+
+
+def _packed(value: Any, blocks: list[bytes]) -> Any:
+    """A value as JSON, its arrays moved to ``blocks``."""
+    if isinstance(value, Fine):
+        return _array(np.asarray(value.values, dtype=float)[:, None], 4, blocks)
+    if isinstance(value, np.ndarray):
+        table = value[:, None] if value.ndim == 1 else value
+        return _array(table, 4 if value.dtype.kind in "iu" else 2, blocks)
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {str(name): _packed(entry, blocks) for name, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_packed(entry, blocks) for entry in value]
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _array(table: NDArray[Any], size: int, blocks: list[bytes]) -> dict[str, Any]:
+    """Where an array (n, k) is in the blocks, and what turns its ``size`` bytes a number back into values."""
+    low, step, levels = np.zeros(table.shape[1]), np.ones(table.shape[1]), table
+    if table.dtype.kind not in "iu":
+        known = np.isfinite(table)
+        least = np.where(known, table, np.inf).min(axis=0, initial=np.inf)
+        most = np.where(known, table, -np.inf).max(axis=0, initial=-np.inf)
+        low = np.where(np.isfinite(least), least, 0.0)
+        step = np.where(most > least, (most - low) / (LEVELS if size == 2 else 2**31), 1.0)
+        levels = np.where(known, np.round((np.where(known, table, low) - low) / step), LEVELS + 1)
+    differences = np.ascontiguousarray(np.diff(levels.astype("<i8"), axis=0, prepend=0).T)
+    planes = differences.view(np.uint8).reshape(*differences.shape, 8)
+    at = sum(map(len, blocks))
+    blocks.append(np.ascontiguousarray(np.moveaxis(planes[:, :, :size], 2, 0)).tobytes())
+    return {"$": at, "n": len(table), "k": table.shape[1], "size": size, "low": low.tolist(), "step": step.tolist()}

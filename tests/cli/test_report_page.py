@@ -1,0 +1,267 @@
+"""report.html in a real browser: it plays back the log, needs no network, and shows what the run was."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from polish_sim.analysis.metrics import numbers
+from polish_sim.analysis.run_record import RunRecord
+from polish_sim.arrays import Array
+from polish_sim.cell import Silent
+from polish_sim.experiments.registry import default_scenario, run_experiment
+from polish_sim.experiments.report import PAGE, write_page
+from polish_sim.log import RunLog
+from polish_sim.scenario_file import merge, override
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+HERE = BROWSER is not None and importlib.util.find_spec("playwright") is not None
+in_browser = pytest.mark.skipif(not HERE, reason="no browser: apt install chromium, pip install playwright")
+LARGEST = 4_000_000
+HOSTILE = "</script><script>document.title='taken'</script><b>&amp;@DATA@"
+SHORT_PATH = ["plan.stepover_m=0.03", "process.feed_m_s=0.06", "part.file=sphere_100"]
+
+
+class Made(NamedTuple):
+    """A run and its scene."""
+
+    record: RunRecord
+    model: Any
+
+
+class Keep(Silent):
+    """Keeps the model of the cell."""
+
+    def frame(self, model: Any, data: Any) -> None:
+        """Keep it."""
+        self.model = model
+
+
+def made(experiment: str, *changes: str) -> Made:
+    keep = Keep()
+    result = run_experiment(override(default_scenario(experiment), list(changes)), None, keep)
+    figures = {**result.figures, "versions": {"numpy": np.__version__}}
+    return Made(RunRecord(experiment, result.scenario, figures, result.log, result.path, result.removal), keep.model)
+
+
+@pytest.fixture(scope="module")
+def surface() -> Made:
+    return made("surface", *SHORT_PATH)
+
+
+@pytest.fixture(scope="module")
+def two_robots() -> Made:
+    return made("dual", "process.feed_m_s=0.06")
+
+
+class Tab(NamedTuple):
+    """A page that was opened, and what it has done since."""
+
+    tab: Any
+    requests: list[str]
+    errors: list[str]
+    size: int
+
+    def __call__(self, script: str, argument: Any = None) -> Any:
+        return self.tab.evaluate(script, argument)
+
+    def seek(self, time: float) -> Array:
+        """Move the scrubber as a hand does; the picture then, shape (48, 64, 3)."""
+        self(
+            "t => { const s = document.getElementById('scrubber'); s.value = t; s.dispatchEvent(new Event('input')); }",
+            time,
+        )
+        return self.picture()
+
+    def picture(self) -> Array:
+        """What the canvas shows, shape (48, 64, 3)."""
+        pixels = self(
+            """() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => {
+              const pen = Object.assign(document.createElement("canvas"), { width: 64, height: 48 }).getContext("2d");
+              pen.drawImage(document.getElementById("scene"), 0, 0, 64, 48);
+              done(Array.from(pen.getImageData(0, 0, 64, 48).data)); })))"""
+        )
+        return np.array(pixels, dtype=float).reshape(48, 64, 4)[:, :, :3]
+
+
+Open = Callable[..., Tab]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    words = ["--enable-unsafe-swiftshader", *(["--no-sandbox"] if os.geteuid() == 0 else [])]
+    with sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=BROWSER, args=words)
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def opened(browser: Any, tmp_path: Path) -> Iterator[Open]:
+    """Write a run's page and open it from its file, on a screen as large as one likes."""
+    contexts = []
+
+    def open_page(run: Made, width: int = 900, height: int = 700, notes: tuple[str, ...] = ()) -> Tab:
+        write_page(tmp_path, run.record, run.model, notes)
+        contexts.append(browser.new_context(viewport={"width": width, "height": height}))
+        tab, requests, errors = contexts[-1].new_page(), [], []
+        tab.on("request", lambda request: requests.append(request.url))
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+        tab.goto((tmp_path / PAGE).as_uri())
+        tab.wait_for_function("window.page && window.page.data.ready")
+        return Tab(tab, requests, errors, (tmp_path / PAGE).stat().st_size)
+
+    yield open_page
+    for context in contexts:
+        context.close()
+
+
+def assert_clean(tab: Tab) -> None:
+    """One request, the file itself; no error."""
+    assert [url.partition(":")[0] for url in tab.requests] == ["file"]
+    assert tab.errors == []
+    assert tab.size < LARGEST
+
+
+def assert_follows_the_log(tab: Tab, run: Made, arms: tuple[str, ...]) -> None:
+    """Joints as in every row of the log; the head where the log says the tool is."""
+    log = run.record.log
+    time = numbers(log, "time_s")
+    joints = np.array(tab("times => times.map((t) => window.page.joints(t))", time.tolist()))
+    first = {str(run.model.joint(k).name): int(run.model.jnt_qposadr[k]) for k in range(run.model.njnt)}
+    for column, start in zip(arms, ("shoulder_pan_joint", "master_shoulder_pan_joint"), strict=False):
+        at = next(place for name, place in first.items() if name.removeprefix("follower_") == start)
+        assert np.abs(joints[:, at : at + 6] - numbers(log, column)).max() < 3e-4
+    rows = np.linspace(0, len(log) - 1, 60).astype(int)
+    head = next(k - 1 for k in range(run.model.nbody) if str(run.model.body(k).name).endswith("head"))
+    poses = np.array([list(tab("([t, k]) => Array.from(window.page.bodies(t)[k])", [time[row], head])) for row in rows])
+    poses = poses.reshape(-1, 3, 4)
+    tip = poses[:, :, 3] + numbers(log, "pad_travel_m")[rows, None] * poses[:, :, 2]
+    assert np.linalg.norm(tip - numbers(log, "tcp_position_m")[rows], axis=1).max() < 2e-4
+
+
+@in_browser
+def test_a_page_plays_the_run_back_as_the_log_has_it(opened: Open, surface: Made) -> None:
+    tab = opened(surface)
+    assert_follows_the_log(tab, surface, ("q_rad",))
+    assert_clean(tab)
+    assert tab("window.page.data.firstDrawing") < 1500.0
+
+
+@in_browser
+def test_the_part_is_coloured_by_what_was_removed_until_then(opened: Open, surface: Made) -> None:
+    tab, record = opened(surface), surface.record
+    removal = record.removal
+    assert removal is not None
+    end = numbers(record.log, "time_s")[-1]
+    assert np.abs(np.array(tab("t => window.page.removal(t)", end)) - removal.relative).max() < 0.01
+    # Before the end the log knows the sum over the part.
+    time, total = numbers(record.log, "time_s"), numbers(record.log, "exposure_nm")
+    for share in (0.25, 0.5, 0.75):
+        moment = float(np.interp(share * total[-1], total, time))
+        grown = (
+            removal.areas @ np.array(tab("t => window.page.removal(t)", moment)) / (removal.areas @ removal.relative)
+        )
+        assert grown == pytest.approx(share, abs=0.02)
+    assert max(tab("window.page.removal(0)")) == 0.0
+
+
+@in_browser
+def test_the_scrubber_moves_arm_cursor_and_removal_together(opened: Open, surface: Made) -> None:
+    tab = opened(surface)
+    end = tab("window.page.now()")
+    seen = []
+    for share in (0.3, 0.6, 0.95):
+        picture = tab.seek(share * end)
+        assert picture.std() > 10.0
+        cursor, link = tab("window.page.cursor()"), tab("Array.from(window.page.bodies(window.page.now())[5])")
+        seen.append((picture, cursor, link, sum(v for v in tab("Array.from(window.page.data.colored)") if v > 0.0)))
+    for before, after in itertools.pairwise(seen):
+        assert np.abs(after[0] - before[0]).max() > 20.0
+        assert after[1] > before[1] + 20.0
+        assert np.abs(np.array(after[2]) - before[2]).max() > 1e-3
+        assert after[3] > before[3]
+
+
+@in_browser
+def test_a_click_in_a_plot_or_on_the_part_goes_to_that_moment(opened: Open, surface: Made) -> None:
+    tab = opened(surface)
+    end, first = tab("window.page.now()"), tab.tab.locator("figure canvas").first
+    first.scroll_into_view_if_needed()
+    box = first.bounding_box()
+    tab.tab.mouse.click(box["x"] + 46 + 0.5 * (box["width"] - 54), box["y"] + 30)
+    assert tab("window.page.now()") == pytest.approx(0.5 * end, rel=0.01)
+    tab.tab.keyboard.press("Home")
+    assert tab("window.page.now()") == 0.0
+    tab("window.page.look('part')")
+    tab.seek(end)
+    view = tab.tab.locator("#scene").bounding_box()
+    tab.tab.mouse.click(view["x"] + 0.5 * view["width"], view["y"] + 0.62 * view["height"])
+    moment = tab("window.page.now()")
+    assert 0.0 < moment < end
+    # There the pad was on the part.
+    assert (
+        np.interp(moment, numbers(surface.record.log, "time_s"), numbers(surface.record.log, "normal_force_n")) > 10.0
+    )
+
+
+@in_browser
+def test_two_robots_move_and_the_part_moves_with_the_second(opened: Open, two_robots: Made) -> None:
+    tab, record = opened(two_robots), two_robots.record
+    assert_follows_the_log(tab, two_robots, ("q_rad", "master_q_rad"))
+    assert_clean(tab)
+    pad = np.array(tab("Array.from(window.page.data.padOnPart)")).reshape(-1, 3)
+    pressing = np.array(tab("Array.from(window.page.data.motion.force)")) > 10.0
+    assert record.path is not None
+    near = record.path.positions_work[record.path.process]
+    apart = np.linalg.norm(pad[pressing, None] - near[None], axis=2).min(axis=1)
+    assert apart.max() < 3e-3  # the real part sits up to a millimetre off and is pressed
+    moved = np.array(tab("[0, 1e9].map((t) => Array.from(window.page.bodies(t)[window.page.data.part_body]))"))
+    assert np.abs(moved[1] - moved[0]).max() > 0.01
+
+
+@in_browser
+def test_a_stopped_run_says_why_and_a_run_of_one_row_opens(opened: Open) -> None:
+    stopped = made("force", "faults.events=sensor-dropout@contact+0.3")
+    tab = opened(stopped)
+    assert "protective stop" in tab.tab.locator("#stop").inner_text()
+    assert_clean(tab)
+    columns = {name: column[:1] for name, column in stopped.record.log.columns.items()}
+    one = Made(replace(stopped.record, log=RunLog(MappingProxyType(columns)), removal=None), stopped.model)
+    tab = opened(one, width=390)
+    assert tab.picture().std() > 10.0
+    assert tab("document.documentElement.scrollWidth") <= 390
+    assert_clean(tab)
+
+
+@in_browser
+def test_names_and_notes_are_text_wherever_they_stand(opened: Open, surface: Made) -> None:
+    scenario = merge(surface.record.scenario, {"part": {"file": HOSTILE}}, "")
+    figures = {**surface.record.metrics, "protective_stop": HOSTILE}
+    tab = opened(surface._replace(record=replace(surface.record, scenario=scenario, metrics=figures)), notes=(HOSTILE,))
+    assert tab("document.title") != "taken"
+    assert tab("document.body.innerText").count(HOSTILE) >= 3
+    assert tab("document.querySelectorAll('b').length") == tab("document.querySelectorAll('figcaption > b').length")
+    assert_clean(tab)
+
+
+def test_a_run_says_where_its_page_is(polish_sim: Callable[..., Any]) -> None:
+    code, out, _ = polish_sim("run", "force", "--out", "run")
+    assert code == 0
+    assert "to look at in a browser: run/report.html\nfolder: run" in out
+    page = Path("run", PAGE).read_text(encoding="utf-8")
+    assert page.count("</script>") == 2
+    assert "://" not in page
