@@ -59,6 +59,7 @@ LATER: Mapping[str, tuple[int, str]] = MappingProxyType(
         "case": (0, "-"),
         "hand_force_n": (3, "N"),
         "lent_j": (0, "J"),
+        "encoder_q_rad": (6, "rad"),
         "target_q_rad": (6, "rad"),
         "target_qd_rad_s": (6, "rad/s"),
         "target_qdd_rad_s2": (6, "rad/s^2"),

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from polish_sim.cell.playback import JointTargets, play_joints
-from polish_sim.config import GuideConfig, Scenario
+from polish_sim.config import GuideConfig, RobotConfig, Scenario
 from polish_sim.errors import InputError, ReachError
 from polish_sim.experiments import default_scenario
 from polish_sim.geometry import load_part
@@ -19,10 +19,12 @@ from polish_sim.hand_guiding.cell import BRAKED_S, GuidingRun, Hand, HandMotion,
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.models import workpiece_path
+from polish_sim.scenario_file import override
 from polish_sim.spatial import transform
 from tests.cell.cells import TOUCH, joints_at
 
 Array = NDArray[np.float64]
+IDEAL = Scenario(robot=RobotConfig(arm="ideal"))
 POINT_HAND = Hand(4000.0, 200.0, 0.0, 0.0)
 
 
@@ -30,7 +32,7 @@ def guide(
     offset: Array, seconds: float, mode: str, hand: Hand = POINT_HAND, held: float = 0.0, **changed: float
 ) -> GuidingRun:
     """Hold the tool a fixed way from home; servos hold first, without the hand."""
-    scenario = Scenario(guide=replace(GuideConfig(), **changed))
+    scenario = replace(IDEAL, guide=replace(GuideConfig(), **changed))
     n, T = round(seconds / 0.001), home_pose()
     positions = np.tile(T[:3, 3] + offset, (n, 1))
     servos = (np.arange(n) < held / 0.001).astype(float)
@@ -40,7 +42,7 @@ def guide(
 
 
 def test_the_model_is_the_cell_s_with_motors_for_servos() -> None:
-    model = torque_arm(Scenario())
+    model = torque_arm(IDEAL)
     assert model.nu == 6
     assert np.all(model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
     np.testing.assert_allclose(model.actuator_forcerange[:, 1], [150.0] * 3 + [28.0] * 3)
@@ -52,8 +54,8 @@ def test_the_model_is_the_cell_s_with_motors_for_servos() -> None:
 def test_a_part_before_the_arm_lies_where_it_is_put_and_weighs_on_nothing() -> None:
     T_base_part = transform(np.eye(3), np.array([0.1, -0.5, 0.05]))
     alone, beside = (
-        torque_arm(Scenario()),
-        torque_arm(Scenario(), LaidPart(load_part(workpiece_path("plate")), T_base_part)),
+        torque_arm(IDEAL),
+        torque_arm(IDEAL, LaidPart(load_part(workpiece_path("plate")), T_base_part)),
     )
     np.testing.assert_allclose(beside.body("part").pos, T_base_part[:3, 3])
     assert beside.geom("part").contype == beside.geom("part").conaffinity == 0
@@ -140,7 +142,7 @@ def test_a_model_of_another_arm_is_refused_by_its_file(tmp_path) -> None:  # typ
         chain_of_file(file, ARM_JOINTS)
 
 
-SCENARIO = default_scenario("arc")
+SCENARIO = override(default_scenario("arc"), ["robot.arm=ideal"])
 TIME = np.arange(0.0, 2.0, 0.001)
 
 

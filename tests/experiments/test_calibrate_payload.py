@@ -18,6 +18,7 @@ from polish_sim.experiments.force import prepare_force
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.payload import believe_tool, readings_at_rest
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS
+from polish_sim.motion import forward
 from polish_sim.scenario_file import override
 from tests.cell.cells import IDEAL_SENSOR, cell_for, free_stroke, tool_pose
 
@@ -31,7 +32,7 @@ def calibrated() -> PayloadCalibration:
 
 def test_an_ideal_sensor_gives_the_tool_to_the_last_digits_of_the_log() -> None:
     """The log keeps wrenches and orientations in single precision, and the arm creeps by nanometres."""
-    figures = run_payload_calibration(override(PAYLOAD_SCENARIO, IDEAL_SENSOR)).figures
+    figures = run_payload_calibration(override(PAYLOAD_SCENARIO, ["robot.arm=ideal", *IDEAL_SENSOR])).figures
     assert figures["mass_error_relative"] < 1e-5
     assert figures["center_error_m"] < 1e-6
     assert figures["compensation_error_max_n"] < 1e-4
@@ -162,3 +163,13 @@ def test_a_saturated_sensor_is_named() -> None:
 def test_with_strokes_a_minute_apart_a_tare_before_each_holds_a_drift_ten_times_worse() -> None:
     figures = run_payload_calibration(override(PAYLOAD_SCENARIO, ["sensor.force_drift_n_s=0.02"])).figures
     assert figures["drift_600s_retared_rms_n"] < 0.5 * figures["drift_600s_rms_n"]
+
+
+@pytest.mark.parametrize(("seed", "table"), [(0, "calibrated"), (1, "uncalibrated")])
+def test_on_a_real_arm_every_claim_is_met_by_the_frames_the_host_believes(seed: int, table: str) -> None:
+    found = run_payload_calibration(
+        override(PAYLOAD_SCENARIO, ["robot.arm=ur5e", f"robot.real.kinematics={table}", f"seed={seed}"])
+    )
+    assert shortfalls(PAYLOAD_CLAIMS, found.figures) == []
+    assert found.q is not None
+    np.testing.assert_allclose(found.readings.R_base_sensor[:-1], forward(found.q)[:-1, :3, :3], atol=1e-4)

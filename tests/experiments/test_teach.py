@@ -21,12 +21,13 @@ from polish_sim.hand_guiding.teach import PlayedMove, figures_of_moves, minimum_
 from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
 from polish_sim.identification.robot_model import own_parameters
+from polish_sim.scenario_file import override
 
 GRIP = {"turn_stiffness_nm_rad": 30.0, "turn_damping_nm_s_rad": 10.0}
 
 
 def scenario(hand: dict[str, float] | None = None, **guide: object) -> Scenario:
-    base = default_scenario("teach")
+    base = override(default_scenario("teach"), ["robot.arm=ideal"])
     return replace(
         base, guide=replace(GuideConfig(), **guide), hand=replace(HandConfig(), **({"off_s": 5.0} | (hand or {})))
     )  # type: ignore[arg-type]
@@ -164,7 +165,7 @@ STEADY = {"wander_m": 0.0, "tremor_m": 0.0, "wobble_rad": 0.0}
 
 
 def dragged(**drag: object) -> Scenario:
-    base = default_scenario("teach")
+    base = override(default_scenario("teach"), ["robot.arm=ideal"])
     return replace(base, drag=replace(DragConfig(follow="rim"), **drag))  # type: ignore[arg-type]
 
 
@@ -243,3 +244,50 @@ def test_a_path_that_is_none_is_refused(tmp_path: Path) -> None:
     file.write_text("x,y,z,i,j,k\n0,0,0,0,0,1\n")
     with pytest.raises(PolishSimError, match=r"path.csv"):
         run_experiment(dragged(follow=str(file)))
+
+
+def on_real_arm(asked: Scenario, *settings: str) -> Scenario:
+    return override(asked, ["robot.arm=ur5e", *settings])
+
+
+@pytest.fixture(scope="module")
+def real_trial() -> RunResult:
+    return run_experiment(on_real_arm(scenario()))
+
+
+def test_inertia_compensation_does_the_same_for_elastic_joints_heard_on_the_link_s_side(real_trial: RunResult) -> None:
+    assert real_trial.stop_reason is None
+    for direction in "xy":
+        assert real_trial.figures[f"fast_peak_ratio_{direction}"] <= 0.45
+        assert real_trial.figures[f"fast_rms_ratio_{direction}"] <= 0.30
+    assert real_trial.figures["drift_rad"] < np.radians(0.01)
+    assert real_trial.figures["slow_peak_n"] < 15.0  # friction of cold motors: 10 N are asked of the ideal arm
+
+
+def test_by_the_motors_encoders_inertia_compensation_is_unstable_and_stopped() -> None:
+    """Above the resonance a rotor is alone: less inertia than is compensated."""
+    move = scenario(mode="inertia", direction="x", duration_s=1.0)
+    run = run_experiment(on_real_arm(move, "guide.encoder_side=motor"))
+    assert run.stop_reason is not None
+    rigid = [f"robot.real.stiffness_{i}_nm_rad=[1e8,1e8,1e8,1e8,1e8,1e8]" for i in (1, 2, 3)]
+    assert run_experiment(on_real_arm(move, "guide.encoder_side=motor", *rigid)).stop_reason is None
+
+
+def test_the_hand_pulls_the_link_and_winds_up_the_gear() -> None:
+    """A hand that pulls at standing motors sees the gears' compliance between read and true joint angles."""
+    move = scenario(mode="gravity", direction="x", duration_s=1.0)
+    run = run_experiment(on_real_arm(move, "guide.encoder_side=motor", "robot.real.kinematics=exact"))
+    q, read = np.asarray(run.log["q_rad"], float), np.asarray(run.log["encoder_q_rad"], float)
+    assert 1e-3 < np.abs(q - read)[:, 1].max() < 3e-3
+
+
+def test_a_real_arm_is_taught_a_rim_by_hand() -> None:
+    taught = run_experiment(on_real_arm(dragged()))
+    assert taught.stop_reason is None
+    assert taught.figures["taught_deviation_rms_m"] < 1.5e-3
+    assert taught.figures["taught_axis_error_max_rad"] < 0.5 * taught.scenario.drag.wobble_rad
+
+
+def test_an_unknown_side_of_the_encoders_is_refused() -> None:
+    with pytest.raises(InputError, match=r"unknown guide.encoder_side 'both'. Known: link, motor"):
+        run_experiment(on_real_arm(scenario(mode="gravity"), "guide.encoder_side=both"))

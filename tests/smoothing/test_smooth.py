@@ -10,6 +10,7 @@ from polish_sim.motion.rules.chain import chain_from_axes
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import Schedule
+from polish_sim.scenario_file import override
 from polish_sim.smoothing.experiment import CLAIMS
 from polish_sim.smoothing.figures import find_peaks, stretch_times
 from polish_sim.smoothing.tracking import PlayedRule, at_peaks, compare_tracking, jerk_peaks, measure_tracking
@@ -18,7 +19,7 @@ from polish_sim.smoothing.trial import LENGTH
 
 @pytest.fixture(scope="module")
 def run() -> RunResult:
-    return run_experiment(default_scenario("smooth"))
+    return run_experiment(override(default_scenario("smooth"), ["robot.arm=ideal"]))
 
 
 def test_every_figure_that_is_shown_is_measured(run: RunResult) -> None:
@@ -157,3 +158,14 @@ def test_largest_and_rms_are_of_the_whole_path() -> None:
     figures = measure_tracking(play)
     assert figures["tracking_error_max_rad"][4] == pytest.approx(1.01e-4, rel=1e-3)
     assert figures["tracking_error_rms_rad"][0] == pytest.approx(1e-6)
+
+
+def test_on_the_real_arm_encoders_lag_by_the_servos_and_the_tool_by_the_gears_as_well() -> None:
+    found = run_experiment(override(default_scenario("smooth"), ["robot.arm=ur5e"]))
+    lag = found.scenario.robot.real.servo_lag_s
+    log = found.log
+    error = np.asarray(log["target_q_rad"] - log["encoder_q_rad"])
+    assert np.abs(error - lag * np.asarray(log["target_qd_rad_s"])).max() < 0.3 * np.abs(error).max()
+    hanging = np.abs(np.asarray(log["q_rad"], float) - np.asarray(log["encoder_q_rad"])).max(axis=0)
+    assert 1e-3 < hanging[1] < 3e-3
+    assert 2e-4 < found.trace.position_error_m.max() < 4e-3

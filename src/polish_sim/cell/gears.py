@@ -135,20 +135,30 @@ def drive_joints(arm: RealArm, e: EngineViews, t: float) -> None:
 
     Between ``mj_step1`` and ``mj_step2``. The weight the robot carries for itself is the motors' here, not the links'.
     """
-    dt, warm = e.dt, 1.0 + arm.cold * math.exp(-t / arm.warming)
     for j in range(6):
         arm.set_point[j] += arm.lag * (e.ctrl[2 * j] - arm.set_point[j])
         arm.set_speed[j] += arm.lag * (e.ctrl[2 * j + 1] - arm.set_speed[j])
         if arm.on_link:
             arm.correction[j] += arm.link_rate * (arm.set_point[j] - arm.read[j])
         seen = arm.read[j] if not arm.on_link else arm.angle[j]
+        arm.push[j] = arm.kp[j] * (arm.set_point[j] + arm.correction[j] - seen) + arm.kv[j] * arm.set_speed[j]
+        arm.push[j] += e.qfrc_gravcomp[j]
+        arm.stiffened[j] = arm.kv[j]
+    turn_rotors(arm, e, t)
+
+
+@kernel
+def turn_rotors(arm: RealArm, e: EngineViews, t: float) -> None:
+    """Rotors and gears under motors that give ``push`` less ``stiffened`` times the rotor's speed; see drive_joints."""
+    dt, warm = e.dt, 1.0 + arm.cold * math.exp(-t / arm.warming)
+    for j in range(6):
         weight, b, k = e.qfrc_gravcomp[j], arm.coupling[j], arm.ratio[j]
-        push = arm.kp[j] * (arm.set_point[j] + arm.correction[j] - seen) + arm.kv[j] * arm.set_speed[j] + weight
+        push, stiff = arm.push[j], arm.stiffened[j]
         torque = elastic_torque(arm, j, arm.twist[j]) + arm.hysteresis[j]
         momentum = arm.inertia[j] * arm.speed[j] - dt * k * torque
         damped = arm.inertia[j] + dt * (warm * arm.viscous[j] + k * k * b)
         # As fast as it would be without dry friction and with the joint's speed as it is.
-        stiff, carried = arm.kv[j], dt * k * b * e.qvel[j]
+        carried = dt * k * b * e.qvel[j]
         motor = push - stiff * (momentum + carried + dt * push) / (damped + dt * stiff)
         if abs(motor) > arm.limit[j]:
             push, stiff = math.copysign(arm.limit[j], motor), 0.0

@@ -9,12 +9,14 @@ import mujoco
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell.engine import mj_step, register_engine
-from polish_sim.cell.real_arm import require_ideal
-from polish_sim.cell.scene import build_scene, touching
+from polish_sim.cell.engine import EngineViews, engine_views, mj_step, mj_step1, mj_step2, register_engine
+from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints
+from polish_sim.cell.real_arm import build_real_arm, built_table, is_real
+from polish_sim.cell.scene import build_scene, tool_on_flange, touching
 from polish_sim.config import Scenario
 from polish_sim.errors import ProtectiveStop, ReachError
 from polish_sim.kernel_cache import njit
+from polish_sim.motion.kinematics import NOMINAL
 
 JOINTS = 6
 LOOK_EVERY = 20  # rows between looks at links in contact
@@ -32,7 +34,10 @@ class Played(NamedTuple):
 
     q: Array  #: [rad], shape (n, 6)
     qd: Array  #: [rad/s], shape (n, 6)
-    torque: Array  #: Of the servos [N m], shape (n, 6)
+    torque: Array  #: Of the servos [N m], shape (n, 6); with elastic joints the motors', the arm's weight included
+    motor: Array  #: Angles of the motors behind their gears [rad], shape (n, 6)
+    read: Array  #: Angles by the encoders the servos use [rad], shape (n, 6)
+    table: Array  #: Of the arm as built, shape (4, 6)
 
 
 def play_joints(
@@ -51,7 +56,6 @@ def play_joints(
         ReachError: Links or head would touch each other on the way.
         ProtectiveStop: The simulation ran away.
     """
-    require_ideal(scenario, "playing joint targets")
     register_engine()
     model = build_scene(scenario, None, None)
     if change is not None:
@@ -59,16 +63,34 @@ def play_joints(
     data = mujoco.MjData(model)
     _refuse_touch(model, data, targets.q)
     data.qpos[:JOINTS] = targets.q[0]
-    mujoco.mj_forward(model, data)
-    n = len(targets.q)
-    played = Played(np.empty((n, JOINTS)), np.empty((n, JOINTS)), np.empty((n, JOINTS)))
     still = round(settle / float(model.opt.timestep))
-    _play(
-        (model._address, data._address), data.qpos, data.qvel, data.qfrc_actuator, data.ctrl,
-        (np.ascontiguousarray(targets.q), np.ascontiguousarray(targets.qd)), played, still,
-    )  # fmt: skip
+    wanted = JointTargets(np.ascontiguousarray(targets.q), np.ascontiguousarray(targets.qd))
+    play = _play_elastic if is_real(scenario) else _play_rigid
+    played = play(scenario, model, data, wanted, still)
     if not np.isfinite(played.q).all():
         raise ProtectiveStop("the simulated robot ran away while playing joint targets: lower simulation.timestep_s.")
+    return played
+
+
+def _play_rigid(
+    _scenario: Scenario, model: mujoco.MjModel, data: mujoco.MjData, targets: JointTargets, still: int
+) -> Played:
+    mujoco.mj_forward(model, data)
+    q, qd, torque = (np.empty(targets.q.shape) for _ in range(3))
+    views = data.qpos, data.qvel, data.qfrc_actuator, data.ctrl
+    _play((model._address, data._address), *views, tuple(targets), (q, qd, torque), still)
+    return Played(q, qd, torque, q, q, NOMINAL)
+
+
+def _play_elastic(
+    scenario: Scenario, model: mujoco.MjModel, data: mujoco.MjData, targets: JointTargets, still: int
+) -> Played:
+    table = built_table(scenario, model, targets.q[0])
+    arm = build_real_arm(scenario, model, data, targets.q[0], tool_on_flange())
+    mujoco.mj_forward(model, data)
+    q, qd, torque, motor, read = (np.empty(targets.q.shape) for _ in range(5))
+    played = Played(q, qd, torque, motor, read, np.array(table))
+    _play_gears(arm, engine_views(model, data), targets, played, still)
     return played
 
 
@@ -85,18 +107,39 @@ def _refuse_touch(model: mujoco.MjModel, data: mujoco.MjData, q: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _play(  # type: ignore[no-untyped-def]
-    engine, qpos: Array, qvel: Array, torques: Array, ctrl: Array, targets, played: Played, still: int
+    engine, qpos: Array, qvel: Array, torques: Array, ctrl: Array, targets, played, still: int
 ) -> None:
     model, data = engine
-    q, qd = targets
+    (q, qd), (at, speed, given) = targets, played
     for step in range(-still, len(q)):
         row = max(step, 0)
         for j in range(JOINTS):
             ctrl[2 * j] = q[row, j]
             ctrl[2 * j + 1] = qd[row, j] if step >= 0 else 0.0
             if step >= 0:
-                played.q[row, j], played.qd[row, j] = qpos[j], qvel[j]
+                at[row, j], speed[row, j] = qpos[j], qvel[j]
         mj_step(model, data)
         if step >= 0:
             for j in range(JOINTS):
-                played.torque[row, j] = torques[j]
+                given[row, j] = torques[j]
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _play_gears(arm: RealArm, e: EngineViews, targets: JointTargets, played: Played, still: int) -> None:
+    for step in range(-still, len(targets.q)):
+        row = max(step, 0)
+        for j in range(JOINTS):
+            e.ctrl[2 * j] = targets.q[row, j]
+            e.ctrl[2 * j + 1] = targets.qd[row, j] if step >= 0 else 0.0
+        mj_step1(e.model, e.data)
+        hear_joints(arm, e)
+        if step >= 0:
+            for j in range(JOINTS):
+                played.q[row, j], played.qd[row, j] = e.qpos[j], e.qvel[j]
+                played.motor[row, j], played.read[row, j] = arm.angle[j], arm.read[j]
+        drive_joints(arm, e, (still + step) * e.dt)
+        mj_step2(e.model, e.data)
+        follow_joints(arm, e)
+        if step >= 0:
+            for j in range(JOINTS):
+                played.torque[row, j] = e.qfrc_actuator[j]

@@ -30,17 +30,27 @@ class GuideConfig:
         option=Option("--duration", HAND, "S", SECOND),
     )
     coulomb_nm: tuple[float, ...] = key(
-        (7.0, 7.0, 5.0, 1.5, 1.5, 1.5), "Coulomb friction of the joints, assumed [N m]", 0.0, 100.0, length=6
+        (7.0, 7.0, 5.0, 1.5, 1.5, 1.5), "Coulomb friction of an ideal arm's joints, assumed [N m]", 0.0, 100.0, length=6
     )
     viscous_nm_s_rad: tuple[float, ...] = key(
-        (10.0, 10.0, 8.0, 2.0, 2.0, 2.0), "viscous friction of the joints, assumed [N m s/rad]", 0.0, 100.0, length=6
+        (10.0, 10.0, 8.0, 2.0, 2.0, 2.0),
+        "viscous friction of an ideal arm's joints, assumed [N m s/rad]",
+        0.0,
+        100.0,
+        length=6,
     )
     creep_rad_s: tuple[float, ...] = key(
         (0.0017, 0.0021, 0.0044, 0.0083, 0.0086, 0.0117),
         "speed at which a joint creeps under its full Coulomb friction, believed half more than it is [rad/s]",
         1e-6, 1.0, length=6
     )  # fmt: skip
-    encoder_rad: float = key(5e-7, "step of the joint encoders, 17 bits a turn before a gear of 100 [rad]", 0.0, 0.01)
+    encoder_rad: float = key(
+        5e-7, "step of an ideal arm's joint encoders, 17 bits a turn before a gear of 100 [rad]", 0.0, 0.01
+    )
+    encoder_side: str = key(
+        "link",
+        "robot.arm = ur5e: encoders the law reads, link or motor; by the motors' inertia's compensation is unstable",
+    )
     payload_kg: float = key(0.0, "mass at the tool point that is not configured [kg]", 0.0, 20.0)
     model_file: str = key("", "MJCF the controller takes for the arm (identified.xml); empty = the arm as it is")
     mass_scale: float = key(1.0, "believed masses, inertias and rotors by those of the model [-]", 0.1, 3.0)

@@ -120,7 +120,13 @@ def course_for(
 # Settings that are wrong for any part are refused before anything is loaded, planned or simulated.
 
 CONTROLLED: Final = ("arc", "force", "surface", "dual")  #: Experiments in which a controller drives the cell
-REAL_ARM: Final = ("arc", "force", "surface")  #: Those that may be done by an arm with elastic joints
+REAL_ARM: Final = (
+    "arc",
+    "force",
+    "surface",
+    "smooth",
+    "teach",
+)  #: Those that may be done by an arm with elastic joints
 ON_PART: Final = ("force", "surface", "dual")  #: Those with a part to press on
 
 

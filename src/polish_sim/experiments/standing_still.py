@@ -102,6 +102,8 @@ def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, Pa
     if run.stop_reason:
         raise ProtectiveStop(f"protective stop on the way through the poses: {run.stop_reason}.")
     place, log = run.log["path_s_m"], run.log
+    # A host that computes with its own table believes to be where it has steered the tool to.
+    frame = "tcp_quaternion_wxyz" if cell.real_arm is None else "target_quaternion_wxyz"
     times, frames, means = [], [], []
     for number, (first, last) in enumerate(visit.windows, 1):
         rows = (place >= first) & (place <= last)
@@ -117,7 +119,7 @@ def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, Pa
                 "payload.settle_s."
             )
         times.append(float(log["time_s"][rows].astype(np.float64).mean()))
-        frames.append(log["tcp_quaternion_wxyz"][rows][-1].astype(np.float64))
+        frames.append(log[frame][rows][-1].astype(np.float64))
         means.append(log["wrench_measured_tool"][rows].astype(np.float64).mean(axis=0))
     R_base_sensor = Rotation.from_quat(np.array(frames), scalar_first=True).as_matrix()
     return run, PayloadReadings(np.array(times), R_base_sensor, _at_sensor(cell, np.array(means)))

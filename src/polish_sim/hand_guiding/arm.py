@@ -13,10 +13,10 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
-from polish_sim.cell.real_arm import require_ideal
+from polish_sim.cell.real_arm import SIDES, is_real
 from polish_sim.cell.scene import lay_part, robot_spec
 from polish_sim.config import HandConfig, Scenario
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, unknown_name
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.hand_guiding.cell import GuidedArm, Hand
 from polish_sim.hand_guiding.law import Belief, GuidingLimits, Lent, gains_of
@@ -39,17 +39,22 @@ class LaidPart(NamedTuple):
 def build_torque_arm(scenario: Scenario, joints: Sequence[str], part: LaidPart | None = None) -> mujoco.MjModel:
     """Compile the arm with one motor for each of the named joints, the scenario's joint friction and unknown payload.
 
+    Elastic joints have the friction of their own motors, their rotors for armature and rigid gears here.
     Nothing holds its weight but the motors: the model file's balancing of the links is taken off. ``part``: what lies
     on the table before it, or None; its contact is not computed.
     """
-    require_ideal(scenario, "hand guiding")
-    spec, guide = robot_spec(scenario), scenario.guide
+    spec, guide, real = robot_spec(scenario), scenario.guide, scenario.robot.real
+    friction = guide.coulomb_nm, guide.viscous_nm_s_rad
+    if is_real(scenario):
+        friction = real.coulomb_nm, real.viscous_nm_s_rad
+        for name, rotor in zip(joints, real.rotor_kg_m2, strict=True):
+            spec.joint(name).armature = rotor
     for body in spec.bodies:
         body.gravcomp = 0.0
     limits = {actuator.target: float(actuator.forcerange[1]) for actuator in spec.actuators}
     for actuator in list(spec.actuators):
         spec.delete(actuator)
-    for name, coulomb, viscous in zip(joints, guide.coulomb_nm, guide.viscous_nm_s_rad, strict=True):
+    for name, coulomb, viscous in zip(joints, *friction, strict=True):
         joint, limit = spec.joint(name), limits[name]
         joint.frictionloss, joint.damping[0] = coulomb, viscous
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-limit, limit])
@@ -98,15 +103,23 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> Any:
 
 
 def believe(scenario: Scenario) -> Belief:
-    """The model the arm's controller uses: without the payload, or a file's, scaled by the scenario's errors."""
+    """The model the arm's controller uses: without the payload, or a file's, scaled by the scenario's errors.
+
+    Friction is a file's only where the joints are elastic: what it is there, no rigid model says exactly.
+    """
     guide = scenario.guide
     # The controller does not know the payload.
     unloaded = torque_arm(replace(scenario, guide=replace(guide, payload_kg=0.0)))
-    chain = chain_of_file(Path(guide.model_file), ARM_JOINTS) if guide.model_file else read_chain(unloaded, ARM_JOINTS)
+    own = read_chain(unloaded, ARM_JOINTS)
+    chain = chain_of_file(Path(guide.model_file), ARM_JOINTS) if guide.model_file else own
+    rubbing = chain if is_real(scenario) else own
+    # Friction that grows with load is in no identified file.
+    exact, real = is_real(scenario) and not guide.model_file, scenario.robot.real
+    load = np.array([real.coulomb_driving, real.coulomb_driven]) * (guide.friction_scale if exact else 0.0)
     return Belief(
-        chain_model(chain, guide.mass_scale), guide.friction_scale * np.array(guide.coulomb_nm),
-        guide.friction_scale * np.array(guide.viscous_nm_s_rad), np.array(guide.creep_rad_s),
-        np.array(unloaded.actuator_forcerange[:, 1]),
+        chain_model(chain, guide.mass_scale), guide.friction_scale * rubbing.frictionloss,
+        guide.friction_scale * rubbing.damping, np.array(guide.creep_rad_s),
+        np.array(unloaded.actuator_forcerange[:, 1]), *load,
     )  # fmt: skip
 
 
@@ -114,7 +127,14 @@ def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: 
     """The arm with its law in a mode and fresh limits; InputError for an unknown mode."""
     guide = scenario.guide
     limits = GuidingLimits(guide.joint_speed_limit_rad_s, guide.tool_speed_limit_m_s, guide.energy_limit_j, Lent())
-    return GuidedArm(model, belief, gains_of(mode, guide, scenario.simulation.timestep_s), limits, hand)
+    gains = gains_of(mode, guide, scenario.simulation.timestep_s)
+    if not is_real(scenario):
+        return GuidedArm(model, belief, gains, limits, hand)
+    if guide.encoder_side not in SIDES:
+        raise unknown_name("guide.encoder_side", guide.encoder_side, SIDES)
+    real = replace(scenario.robot.real, servo_side=guide.encoder_side)
+    elastic = replace(scenario, robot=replace(scenario.robot, real=real))
+    return GuidedArm(model, belief, gains._replace(encoder=real.encoder_rad), limits, hand, elastic)
 
 
 def hand_of(config: HandConfig) -> Hand:

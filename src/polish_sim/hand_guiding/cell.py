@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from typing import Any, Final, NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
+from polish_sim.cell import tool_on_flange
 from polish_sim.cell.engine import (
     EngineViews,
     correct_reading,
@@ -19,7 +21,10 @@ from polish_sim.cell.engine import (
     mj_step2,
     register_engine,
 )
+from polish_sim.cell.gears import RealArm, follow_joints, hear_joints, turn_rotors
 from polish_sim.cell.observer import Observer, Silent, interrupts_noted
+from polish_sim.cell.real_arm import build_real_arm
+from polish_sim.config import Scenario
 from polish_sim.errors import ReachError
 from polish_sim.hand_guiding.law import (
     GUARDS,
@@ -106,6 +111,7 @@ class GuidingRow(Record):
     time: float  #: [s]
     q: Vector6  #: [rad]
     qd: Vector6  #: [rad/s]
+    read: Vector6  #: Joint angles by the encoders [rad]
     torque: Vector6  #: Of the motors [N m]
     tool: Vector3  #: Tool point, base frame [m]
     R_base_tool: Matrix3
@@ -155,6 +161,7 @@ class GuidedArm(NamedTuple):
     gains: GuidingGains
     limits: GuidingLimits
     hand: Hand
+    elastic: Scenario | None = None  #: Whose elastic joints it has, if any
 
 
 def run_guided(
@@ -166,8 +173,13 @@ def run_guided(
     ReachError if links touch at the start.
     """
     register_engine()
-    watcher, data = observer or Silent(), mujoco.MjData(arm.model)
+    watcher, joints = observer or Silent(), None
+    if arm.elastic is not None:
+        arm = arm._replace(model=copy.copy(arm.model))  # links and damping of the model become this run's
+    data = mujoco.MjData(arm.model)
     data.qpos[:6] = q_start
+    if arm.elastic is not None:
+        joints = build_real_arm(arm.elastic, arm.model, data, q_start, tool_on_flange())
     mujoco.mj_forward(arm.model, data)
     if data.ncon:
         raise ReachError("the arm cannot be guided from here: its links touch. Choose another start.")
@@ -178,7 +190,7 @@ def run_guided(
     with interrupts_noted(watcher) as interrupt:
         while kernel.status.step < steps and not interrupt.seen:
             last = min(int(kernel.status.step) + chunk, steps)
-            _advance(kernel, rows, last)
+            _advance(kernel, joints, rows, last)
             if kernel.status.stop == TOUCH and not touching:
                 # Half a second later, braked, they may be apart again.
                 touching = _links_that_touch(arm.model, data)
@@ -213,14 +225,21 @@ def _is_over(kernel: _Kernel) -> bool:
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _advance(k: _Kernel, rows: NDArray[Any], last: int) -> None:
-    """Run up to step ``last``; returns earlier when the arm stands after a stop or the simulation broke."""
+def _advance(k: _Kernel, arm: RealArm | None, rows: NDArray[Any], last: int) -> None:
+    """Run up to step ``last``; returns earlier when the arm stands after a stop or the simulation broke.
+
+    ``arm``: its joints if they are elastic; None compiles nothing of that.
+    """
     e, memory, status, velocity, force = k.engine, k.memory, k.status, k.scratch[0], k.scratch[1]
     for step in range(status.step, last):
         mj_step1(e.model, e.data)
         tool_velocity(e, velocity)
         speed = math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
-        read_encoders(k.gains, memory, e.qpos, e.dt, step == 0)
+        if arm is None:
+            read_encoders(k.gains, memory, e.qpos, e.dt, step == 0)
+        else:
+            hear_joints(arm, e)
+            read_encoders(k.gains, memory, arm.read, e.dt, step == 0)
         granted = (1.0 - k.servos[step]) * fade_out(k.limits, memory.qd, speed)
         guide_by_hand(k.belief, k.gains, memory, granted, e.dt)
         if status.stop == 0:
@@ -237,9 +256,15 @@ def _advance(k: _Kernel, rows: NDArray[Any], last: int) -> None:
         pull_by_hand(k.hand, k.motion, step, e, velocity, force)
         for j in range(6):
             e.ctrl[j] = memory.torque[j]
+            if arm is not None:
+                arm.push[j], arm.stiffened[j] = memory.torque[j], 0.0
         _record(k, rows[step], step, speed)
         keep_speeds(e)
+        if arm is not None:
+            turn_rotors(arm, e, step * e.dt)
         mj_step2(e.model, e.data)
+        if arm is not None:
+            follow_joints(arm, e)
         correct_reading(e)
         for i in range(6):
             rows[step].raw[i] = e.sensordata[i]
@@ -294,6 +319,7 @@ def _record(k: _Kernel, row: Any, step: int, speed: float) -> None:
     row.time, row.speed, row.lent = step * e.dt, speed, k.limits.lent.now
     for j in range(6):
         row.q[j], row.qd[j], row.torque[j], row.external[j] = e.qpos[j], e.qvel[j], memory.torque[j], memory.external[j]
+        row.read[j] = memory.q[j]
     for i in range(3):
         row.tool[i], row.force[i] = e.site_xpos[e.tool_site, i], k.scratch[1, i]
         for j in range(3):

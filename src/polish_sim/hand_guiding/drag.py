@@ -201,7 +201,7 @@ def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     meant = play._replace(table=dragged.table._replace(motion=dragged.meant))
     path: ToolPath | None = None
     if run.stop_reason is None and not run.interrupted:
-        taught, more = _teach(scenario, task, dragged, run.rows["q"])
+        taught, more = _teach(scenario, task, dragged, run.rows["read"])
         path, figures = taught.path, figures | more
     files = {} if path is None else {TAUGHT: path_csv(path)}
     return RunResult(
@@ -210,14 +210,13 @@ def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     )  # fmt: skip
 
 
-def _teach(scenario: Scenario, task: DragTask, dragged: DragTable, q: Array) -> tuple[Taught, dict[str, Any]]:
+def _teach(scenario: Scenario, task: DragTask, dragged: DragTable, read: Array) -> tuple[Taught, dict[str, Any]]:
     """The recording at the log's rate as a path, and how near it came."""
     drag, sim = scenario.drag, scenario.simulation
     every = max(1, round(1.0 / (sim.log_rate_hz * sim.timestep_s))) if sim.log_rate_hz else 1
     # What the encoders say is all that is known of the tool.
-    step = scenario.guide.encoder_rad
-    read = step * np.round(q[::every] / step) if step else q[::every]
-    T_work_tool = inverse(task.reach.T_base_work) @ forward(np.ascontiguousarray(read)) @ tool_on_flange()
+    read = np.ascontiguousarray(read[::every])
+    T_work_tool = inverse(task.reach.T_base_work) @ forward(read) @ tool_on_flange()
     clock: Array = np.arange(len(read)) * np.float64(every * sim.timestep_s)
     record = Recording(clock, T_work_tool[:, :3, 3], -T_work_tool[:, :3, 2])
     taught = teach_path(record, task.surface, drag.filter_hz, drag.tolerance_m, drag.spacing_m)

@@ -34,6 +34,8 @@ class Belief(NamedTuple):
     viscous: Array  #: Viscous friction [N m s/rad], shape (n,)
     creep: Array  #: Speed at which a joint creeps under its full Coulomb friction before it breaks away [rad/s], (n,)
     torque_limit: Array  #: Of the motors [N m], shape (n,)
+    driving: float  #: More Coulomb friction by the weight a joint holds, when it moves against it [-]
+    driven: float  #: When it moves with it [-]
 
 
 class GuidingGains(NamedTuple):
@@ -100,13 +102,21 @@ def guide_by_hand(belief: Belief, gains: GuidingGains, memory: GuidingMemory, sh
     chain_torque(belief.chain, memory.q, memory.still, memory.qdd, 0.0, memory.part)
     for j in range(memory.q.shape[0]):
         qd = memory.qd[j]
-        eased = gains.coulomb * belief.coulomb[j] * math.tanh(qd / gains.sign_speed)
+        dry = dry_friction(belief, memory, j, qd)
+        eased = gains.coulomb * dry * math.tanh(qd / gains.sign_speed)
         if gains.assist > 0.0:
             at_rest = math.exp(-((qd / gains.sign_speed) ** 2))
-            eased += at_rest * (gains.assist * belief.coulomb[j] * _onset(belief, gains, memory, j) - eased)
+            eased += at_rest * (gains.assist * dry * _onset(belief, gains, memory, j) - eased)
         eased += gains.viscous * belief.viscous[j] * qd + gains.inertia * memory.part[j]
         wanted = gains.gravity * (memory.weight[j] + gains.tare * memory.tare[j]) + share * eased
         memory.torque[j] = min(max(wanted, -belief.torque_limit[j]), belief.torque_limit[j])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def dry_friction(belief: Belief, memory: GuidingMemory, j: int, qd: float) -> float:
+    """Coulomb friction of joint ``j`` at a speed [rad/s] under the weight it holds [N m]."""
+    load = belief.driving if memory.weight[j] * qd > 0.0 else belief.driven
+    return belief.coulomb[j] + load * abs(memory.weight[j])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -119,7 +129,7 @@ def _observe(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: flo
     chain_torque(belief.chain, memory.q, memory.still, memory.qd, 0.0, memory.part)
     for j in range(memory.q.shape[0]):
         qd = memory.qd[j]
-        held = belief.coulomb[j] * min(max(qd / belief.creep[j], -1.0), 1.0) + belief.viscous[j] * qd
+        held = dry_friction(belief, memory, j, qd) * min(max(qd / belief.creep[j], -1.0), 1.0) + belief.viscous[j] * qd
         given = memory.torque[j] - memory.weight[j] - gains.tare * memory.tare[j] - held
         memory.impulse[j] += dt * (given + memory.external[j])
         memory.external[j] = gains.observer * (memory.part[j] - memory.impulse[j])
@@ -245,7 +255,7 @@ def watch_guiding(
     power, code = 0.0, 0
     for j in range(memory.qd.shape[0]):
         qd = memory.qd[j]
-        lost = belief.coulomb[j] * math.tanh(qd / gains.sign_speed) + belief.viscous[j] * qd
+        lost = dry_friction(belief, memory, j, qd) * math.tanh(qd / gains.sign_speed) + belief.viscous[j] * qd
         carried = gains.gravity * (memory.weight[j] + gains.tare * memory.tare[j])
         power += qd * (memory.torque[j] - carried - lost)
         if abs(qd) > limits.joint_speed:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent
+from polish_sim.cell.real_arm import is_real
 from polish_sim.config import GuideConfig, HandConfig, Scenario
 from polish_sim.errors import unknown_name
 from polish_sim.experiments.result import PartOf, RunResult
@@ -117,6 +118,8 @@ def log_of_moves(played: Sequence[PlayedMove], scenario: Scenario) -> RunLog:
     log = from_rows(np.concatenate([_rows(play, every) for play in played]))
     parts = [play.run.rows[::every] for play in played]
     log = with_column(log, "hand_force_n", np.concatenate([part["force"] for part in parts]))
+    if is_real(scenario):
+        log = with_column(log, "encoder_q_rad", np.concatenate([part["read"] for part in parts]))
     log = with_column(log, "lent_j", np.concatenate([part["lent"] for part in parts]))
     return with_column(log, "case", np.concatenate([np.full(len(part), float(k)) for k, part in enumerate(parts)]))
 

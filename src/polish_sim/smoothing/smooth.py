@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.cell.playback import JointTargets, Played, play_joints
+from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.exchange import read_way_points
@@ -20,6 +21,7 @@ from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult
 from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
 from polish_sim.motion import forward, inverse_near, track
+from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm, load_limits
 from polish_sim.motion.rules.rule import RULES, Smoothed
@@ -95,8 +97,8 @@ class RulePlay(NamedTuple):
 
     @property
     def error(self) -> Array:
-        """Target less joint position [rad], shape (n, 6)."""
-        return np.asarray(self.targets.q - self.played.q)
+        """Target less joint position by the encoders of the servos [rad], shape (n, 6)."""
+        return np.asarray(self.targets.q - self.played.read)
 
 
 def log_of_rules(plays: list[RulePlay], scenario: Scenario) -> RunLog:
@@ -111,6 +113,8 @@ def log_of_rules(plays: list[RulePlay], scenario: Scenario) -> RunLog:
         "target_qdd_rad_s2": [play.targets.second for play in plays],
         "target_qddd_rad_s3": [play.targets.third for play in plays],
     }
+    if is_real(scenario):
+        added["encoder_q_rad"] = [play.played.read for play in plays]
     for name, columns in added.items():
         log = with_column(log, name, np.concatenate([column[::every] for column in columns]))
     return log
@@ -119,7 +123,7 @@ def log_of_rules(plays: list[RulePlay], scenario: Scenario) -> RunLog:
 def trace_of_rule(play: RulePlay) -> Trace:
     """The exact trace of one rule, with no contact."""
     n = len(play.time)
-    (tips, frames), (wanted, wanted_frames) = _tool(play.played.q), _tool(play.targets.q)
+    (tips, frames), (wanted, wanted_frames) = _tool(play.played.q, play.played.table), _tool(play.targets.q)
     off, axes = wanted - tips, wanted_frames[:, :, 2]
     across = off - np.sum(off * axes, axis=1)[:, None] * axes
     turned = Rotation.from_matrix(wanted_frames) * Rotation.from_matrix(frames).inv()
@@ -134,7 +138,10 @@ def trace_of_rule(play: RulePlay) -> Trace:
 def _rows(play: RulePlay, every: int) -> Array:
     """Packed rows of the log; what a path in free space does not have is zero."""
     time = play.time[::every]
-    (tips, frames), (wanted, wanted_frames) = _tool(play.played.q[::every]), _tool(play.targets.q[::every])
+    (tips, frames), (wanted, wanted_frames) = (
+        _tool(play.played.q[::every], play.played.table),
+        _tool(play.targets.q[::every]),
+    )
     known = {
         "time_s": time,
         "q_rad": play.played.q[::every],
@@ -155,9 +162,9 @@ def _rows(play: RulePlay, every: int) -> Array:
     return rows
 
 
-def _tool(q: Array) -> tuple[Array, Array]:
+def _tool(q: Array, table: Array = NOMINAL) -> tuple[Array, Array]:
     """Tool points (n, 3) [m] and frames (n, 3, 3) of joint angles (n, 6)."""
-    T_base_tool = forward(q) @ tool_on_flange()
+    T_base_tool = forward(q, table) @ tool_on_flange()
     return T_base_tool[:, :3, 3], T_base_tool[:, :3, :3]
 
 

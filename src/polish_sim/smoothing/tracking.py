@@ -31,7 +31,7 @@ class PlayedRule(NamedTuple):
     rule: str
     time: Array  #: [s], shape (n,)
     place: Array  #: Arc length of the path the targets are at [m], shape (n,)
-    error: Array  #: Target less joint position [rad], shape (n, 6)
+    error: Array  #: Target less joint position by the encoders [rad], shape (n, 6)
     jerk: Array  #: Third derivative of the targets [rad/s^3], shape (n, 6)
 
 
@@ -124,7 +124,8 @@ def plot_tracking(record: RunRecord) -> Figure:
             if not len(rows):
                 continue
             time = numbers(record.log, "time_s")[rows]
-            lag = (numbers(record.log, "target_q_rad") - numbers(record.log, "q_rad"))[rows, joint]
+            read = "encoder_q_rad" if "encoder_q_rad" in record.log.columns else "q_rad"
+            lag = (numbers(record.log, "target_q_rad") - numbers(record.log, read))[rows, joint]
             asked = numbers(record.log, "target_qddd_rad_s3")[rows, joint]
             error.plot(time, lag * 1e6, color=colour, lw=0.8, alpha=0.85, label=rule)
             jerk.plot(time, asked, color=colour, lw=0.7, alpha=0.85, label=rule)
