@@ -46,10 +46,12 @@ class JointStep(Record):
     q: Vector6
     qd: Vector6
     tool: Vector6  #: Position, then zeros
+    energy: float  #: Of links and head, kinetic and potential [J]
+    slide: float  #: Speed of the head's slide [m/s]
 
 
 @njit(cache=True, error_model="numpy")
-def _go(e, arm, steps, tool):  # type: ignore[no-untyped-def]
+def _go(e, arm, steps, tool, energy):  # type: ignore[no-untyped-def]
     for k in range(len(steps)):
         mj_step1(e.model, e.data)
         hear_joints(arm, e)
@@ -59,6 +61,7 @@ def _go(e, arm, steps, tool):  # type: ignore[no-untyped-def]
             row.ratio[j], row.hysteresis[j], row.q[j], row.qd[j] = arm.ratio[j], arm.hysteresis[j], e.qpos[j], e.qvel[j]
         for i in range(3):
             row.tool[i] = e.site_xpos[tool, i]
+        row.energy, row.slide = energy[0] + energy[1], e.qvel[6]
         drive_joints(arm, e, 0.0)
         for j in range(6):
             row.spring[j] = arm.torque[j]
@@ -77,7 +80,8 @@ class Joints(NamedTuple):
     def go(self, seconds: float) -> np.ndarray:
         """Step on; what happened, one row a step."""
         rows = np.zeros(round(seconds / self.dt), JointStep.dtype)
-        _go(engine_views(self.model, self.data), self.arm, rows.view(np.recarray), self.model.site("tool").id)
+        e, tool = engine_views(self.model, self.data), self.model.site("tool").id
+        _go(e, self.arm, rows.view(np.recarray), tool, self.data.energy)
         return rows
 
     def pull(self, force: Array) -> None:
@@ -97,6 +101,7 @@ def joints_at(q: Array, *settings: str, gravity: bool = True) -> Joints:
     register_engine()
     scenario = override(default_scenario("arc"), [REAL, *settings])
     model = build_scene(scenario, None, None)
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     if not gravity:
         model.opt.gravity[:] = 0.0
     data = mujoco.MjData(model)
@@ -139,3 +144,66 @@ def first_mode(joints: Joints) -> tuple[complex, Array]:
     values, shapes = eig(A)
     slowest = min(np.flatnonzero(values.imag > 1.0), key=lambda k: values[k].imag)
     return complex(values[slowest]), shapes[:n, slowest]
+
+
+# Energy: what gears and engine are given, store and lose.
+
+
+class Balance(NamedTuple):
+    """Energy of a motion of the joints [J]."""
+
+    given: float  #: To the gears, by rotors and links
+    stored: float  #: In the gears at the end, less that at the start
+    damped: float  #: Lost in their dampers
+    slid: float  #: Lost by hysteresis
+    highest: float  #: The most they stored
+    engine: float  #: What the links have at the end, less what they had and were given: the engine's own drift
+
+    @property
+    def left(self) -> float:
+        """What the gears were given, less stored and lost."""
+        return self.given - self.stored - self.damped - self.slid
+
+
+def gear_balance(rows: np.ndarray, joints: Joints) -> Balance:
+    """Balance over the steps ``rows`` of `Joints.go`."""
+    arm, dt = joints.arm, joints.dt
+    now, then = rows[:-1], rows[1:]
+    damping = arm.coupling * (now["ratio"] * then["speed"] - then["qd"])
+    # What a torque in a step does to the kinetic energy is its product with the mean of the speeds.
+    turning = 0.5 * (now["qd"] + then["qd"])
+    twisting = 0.5 * now["ratio"] * (now["speed"] + then["speed"]) - turning
+    energy = [_stored(row, arm) for row in (rows[0], rows[-1], *rows[::10])]
+    # What hysteresis takes in and does not hold.
+    held = 0.5 * arm.rise / np.maximum(arm.lost_torque, 1e-9) * np.diff(rows["hysteresis"] ** 2, axis=0)
+    slid = 0.5 * (now["hysteresis"] + then["hysteresis"]) * (then["twist"] - now["twist"]) - held
+    gained = rows["energy"][-1] - rows["energy"][0]
+    head = joints.model.dof_damping[6] * dt * np.sum((0.5 * (now["slide"] + then["slide"])) ** 2)
+    return Balance(
+        dt * np.sum((now["spring"] + damping) * twisting), energy[1] - energy[0], dt * np.sum(damping * twisting),
+        np.sum(slid), max(energy), gained + head - dt * np.sum((now["spring"] + damping) * turning),
+    )  # fmt: skip
+
+
+def _stored(row: np.void, arm) -> float:
+    """Energy in the springs and, elastically, in the hysteresis [J]."""
+    total = 0.0
+    for j in range(6):
+        size, (first, second) = abs(row["twist"][j]), arm.bends[j]
+        edges = np.array([0.0, min(size, first), min(max(size, first), second), max(size, second)])
+        knots = np.unique(edges[edges <= size])
+        heights = [elastic_torque(arm, j, knot) for knot in knots]
+        total += float(np.trapezoid(heights, knots))
+        if arm.lost_torque[j] > 0.0:
+            total += 0.5 * arm.rise / arm.lost_torque[j] * row["hysteresis"][j] ** 2
+    return total
+
+
+def vibrating(dt: float, *settings: str) -> tuple[np.ndarray, Joints]:
+    """A stretched arm that was pulled down by 20 N and let go, for a second."""
+    little = "robot.real.damping_nm_s_rad=[5,5,5,1,1,1]"
+    joints = joints_at(STRETCHED, REAL, *NO_FRICTION, little, *settings, f"simulation.timestep_s={dt}")
+    joints.pull(np.array([0.0, 0.0, -20.0]))
+    joints.go(1.0)
+    joints.pull(np.zeros(3))
+    return joints.go(1.0), joints

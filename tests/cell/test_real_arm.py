@@ -19,17 +19,17 @@ from polish_sim.scenario_file import override
 from tests.cell.elastic import (
     FOLDED,
     HOME,
-    NO_FRICTION,
     NO_HYSTERESIS,
     NONE,
     REAL,
     SPRINGS_ONLY,
     STRETCHED,
-    Joints,
     first_mode,
+    gear_balance,
     joints_at,
     poses,
     tangents,
+    vibrating,
 )
 
 
@@ -75,53 +75,13 @@ def test_the_first_resonance_is_that_of_the_linear_model(q):
         assert 8.0 < measured < 25.0
 
 
-def gear_balance(rows: np.ndarray, joints: Joints) -> tuple[float, float, float]:
-    """What the gears were given, less stored and lost [J]; the most they stored and what hysteresis lost [J]."""
-    arm, dt = joints.arm, joints.dt
-    now, then = rows[:-1], rows[1:]
-    damped = arm.coupling * (now["ratio"] * then["speed"] - then["qd"])
-    # What a torque in a step does to the kinetic energy is its product with the mean of the speeds.
-    twisting = 0.5 * (now["ratio"] * (now["speed"] + then["speed"]) - now["qd"] - then["qd"])
-    given = dt * np.sum((now["spring"] + damped) * twisting)
-    lost = dt * np.sum(damped * twisting)
-    energy = [_stored(row, arm) for row in (rows[0], rows[-1], *rows[::10])]
-    # What hysteresis takes in and does not hold.
-    held = 0.5 * arm.rise / np.maximum(arm.lost_torque, 1e-9) * np.diff(rows["hysteresis"] ** 2, axis=0)
-    slid = 0.5 * (now["hysteresis"] + then["hysteresis"]) * (then["twist"] - now["twist"]) - held
-    return given - (energy[1] - energy[0]) - lost - np.sum(slid), max(energy), np.sum(slid)
-
-
-def _stored(row: np.void, arm) -> float:
-    """Energy in the springs and, elastically, in the hysteresis [J]."""
-    total = 0.0
-    for j in range(6):
-        size, (first, second) = abs(row["twist"][j]), arm.bends[j]
-        edges = np.array([0.0, min(size, first), min(max(size, first), second), max(size, second)])
-        knots = np.unique(edges[edges <= size])
-        heights = [elastic_torque(arm, j, knot) for knot in knots]
-        total += float(np.trapezoid(heights, knots))
-        if arm.lost_torque[j] > 0.0:
-            total += 0.5 * arm.rise / arm.lost_torque[j] * row["hysteresis"][j] ** 2
-    return total
-
-
-def vibrating(dt: float, *settings: str) -> tuple[np.ndarray, Joints]:
-    """A stretched arm that was pulled down by 20 N and let go, for a second."""
-    little = "robot.real.damping_nm_s_rad=[5,5,5,1,1,1]"
-    joints = joints_at(STRETCHED, REAL, *NO_FRICTION, little, *settings, f"simulation.timestep_s={dt}")
-    joints.pull(np.array([0.0, 0.0, -20.0]))
-    joints.go(1.0)
-    joints.pull(np.zeros(3))
-    return joints.go(1.0), joints
-
-
 @pytest.mark.parametrize("settings", [[], [NO_HYSTERESIS]])
 def test_the_gears_energy_balance_closes_within_a_thousandth_a_second_and_better_in_shorter_steps(settings):
     errors = []
     for dt in (1e-3, 5e-4, 2.5e-4):
-        left, highest, slid = gear_balance(*vibrating(dt, *settings))
-        errors.append(abs(left) / highest)
-        assert slid >= 0.0
+        balance = gear_balance(*vibrating(dt, *settings))
+        errors.append(abs(balance.left) / balance.highest)
+        assert balance.slid >= 0.0
     assert errors[0] < 1e-3
     assert errors[2] < 0.6 * errors[0]
 
