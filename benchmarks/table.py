@@ -14,9 +14,9 @@ class Row(NamedTuple):
     limit: str
 
 
-def print_rows(title: str, rows: Iterable[Row]) -> None:
+def print_rows(title: str, rows: Iterable[Row], columns: tuple[str, str] = ("measured", "limit")) -> None:
     """Print a titled table with columns name, measured, limit."""
     print(f"\n{title}")
-    print(f"  {'':58s}{'measured':>16s}{'limit':>16s}")
+    print(f"  {'':58s}{columns[0]:>16s}{columns[1]:>16s}")
     for row in rows:
         print(f"  {row.name:58s}{row.measured:>16s}{row.limit:>16s}", flush=True)
