@@ -10,7 +10,10 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from polish_sim.page import PAGE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,6 +35,13 @@ def say_names(label: str, names: Sequence[str]) -> None:
     width = shutil.get_terminal_size().columns if sys.stdout and sys.stdout.isatty() else sys.maxsize
     head, margin = f"{label:<{LABEL_WIDTH}}", " " * LABEL_WIDTH
     say(textwrap.fill(", ".join(names), width, initial_indent=head, subsequent_indent=margin, break_on_hyphens=False))
+
+
+def say_folder(folder: Path) -> None:
+    """Print where results are, and the page that shows them."""
+    if (folder / PAGE).exists():
+        say(f"to look at in a browser: {folder / PAGE}")
+    say(f"folder: {folder}")
 
 
 def note(text: str) -> None:

@@ -11,7 +11,6 @@ from polish_sim.analysis.claim import Claim, claim_row, shortfalls
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 from polish_sim.config import Scenario
-from polish_sim.experiments.report import PAGE
 
 CONDITIONS: Final = (
     *("sensor", "robot", "head", "pad", "simulation", "faults", "spindle"),
@@ -47,9 +46,7 @@ class Outcome:
         self.show()
         if more:
             console.say(more)
-        if (folder / PAGE).exists():
-            console.say(f"to look at in a browser: {folder / PAGE}")
-        console.say(f"folder: {folder}")
+        console.say_folder(folder)
         return self.exit_code(check)
 
     def show(self) -> None:

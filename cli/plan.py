@@ -18,6 +18,7 @@ from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError, ReachError, place_in_mm
 from polish_sim.experiments.registry import PATH_OPTIONS, experiment, refuse_idle_options
+from polish_sim.page import PAGE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,7 +81,7 @@ def plan(part: PartFile, given: Given) -> None:
             result, unreached = plan_once(scenario, folder.draft, wanted, observer)
             show = partial(_show_plan, result, unreached, dual)
     show()
-    console.say(f"folder: {folder.final}")
+    console.say_folder(folder.final)
     if (folder.final / "setup_1").is_dir():
         console.say(f"run each: polish-sim run surface --path {folder.final / 'setup_1'}")
 
@@ -98,6 +99,7 @@ def plan_once(
     """Plan one path into a folder; it and why the robot cannot do it: nothing is written then unless ``forced``."""
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import ExportSetup, export_plan, write_plan
+    from polish_sim.exchange.viewers import html_text
     from polish_sim.experiments import time_law
     from polish_sim.experiments.report import save_plots
     from polish_sim.planning import plan_part
@@ -116,10 +118,10 @@ def plan_once(
     result.figures.update(time_law(scenario, result.path, result.mesh.noise, observer.progress, reach))
     result.figures["plan_time_s"] += time.perf_counter() - begin
     write_plan(folder, result)
-    export_plan(
-        folder, result, wanted.formats, ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
-    )
+    setup = ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
+    export_plan(folder, result, wanted.formats, setup)
     observer.stage("draw")
+    (folder / PAGE).write_text(html_text(result, setup), encoding="utf-8")
     save_plots(folder, plots)
     return result, unreached
 

@@ -19,10 +19,14 @@ from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.arrays import Array
 from polish_sim.cell import Silent
+from polish_sim.exchange import ExportSetup
+from polish_sim.exchange.viewers import html_text
 from polish_sim.experiments.registry import default_scenario, run_experiment
-from polish_sim.experiments.report import PAGE, write_page
+from polish_sim.experiments.report import write_page
 from polish_sim.log import RunLog
+from polish_sim.page import PAGE
 from polish_sim.scenario_file import merge, override
+from tests.planning.shapes import shipped_plan
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 HERE = BROWSER is not None and importlib.util.find_spec("playwright") is not None
@@ -110,11 +114,14 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def opened(browser: Any, tmp_path: Path) -> Iterator[Open]:
-    """Write a run's page and open it from its file, on a screen as large as one likes."""
+    """Open a page, or that of a run, from its file, on a screen as large as one likes."""
     contexts = []
 
-    def open_page(run: Made, width: int = 900, height: int = 700, notes: tuple[str, ...] = ()) -> Tab:
-        write_page(tmp_path, run.record, run.model, notes)
+    def open_page(shown: Made | str, width: int = 900, height: int = 700, notes: tuple[str, ...] = ()) -> Tab:
+        if isinstance(shown, str):
+            (tmp_path / PAGE).write_text(shown, encoding="utf-8")
+        else:
+            write_page(tmp_path, shown.record, shown.model, notes)
         contexts.append(browser.new_context(viewport={"width": width, "height": height}))
         tab, requests, errors = contexts[-1].new_page(), [], []
         tab.on("request", lambda request: requests.append(request.url))
@@ -255,6 +262,21 @@ def test_names_and_notes_are_text_wherever_they_stand(opened: Open, surface: Mad
     assert tab("document.title") != "taken"
     assert tab("document.body.innerText").count(HOSTILE) >= 3
     assert tab("document.querySelectorAll('b').length") == tab("document.querySelectorAll('figcaption > b').length")
+    assert_clean(tab)
+
+
+@in_browser
+def test_a_plan_plays_its_path_and_predicts_the_removal(opened: Open) -> None:
+    plan = shipped_plan("plate_two_holes")
+    tab = opened(html_text(replace(plan, mesh=replace(plan.mesh, name=HOSTILE)), ExportSetup()))
+    end = tab("window.page.now()")
+    assert HOSTILE in tab("document.querySelector('h1').innerText")
+    pictures = [tab.seek(share * end) for share in (0.2, 0.5, 0.8)]
+    assert min(np.abs(after - before).max() for before, after in itertools.pairwise(pictures)) > 20.0
+    # Force and feed are the same all along: half of it is done in half of the time.
+    sums = [sum(tab("t => window.page.removal(t)", share * end)) for share in (0.0, 0.5, 1.0)]
+    assert sums[0] == 0.0
+    assert sums[1] / sums[2] == pytest.approx(0.5, abs=0.03)
     assert_clean(tab)
 
 

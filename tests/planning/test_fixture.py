@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
-import re
-
 import numpy as np
 import pytest
 import trimesh
@@ -14,7 +10,7 @@ from polish_sim.analysis.path_plot import plot_plan
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import MeshError, PlanError
 from polish_sim.exchange.strokes import ExportSetup
-from polish_sim.exchange.viewers import html_text
+from polish_sim.exchange.viewers import path_page
 from polish_sim.geometry import fit_surface, load_part
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.geometry.fixture import joined_meshes, joined_surfaces, load_fixture
@@ -123,7 +119,6 @@ def test_picture_and_page_show_the_fixture(tmp_path):
     result = planned(tmp_path, vice())
     labels = [text.get_text() for legend in plot_plan(result).legends for text in legend.get_texts()]
     assert "fixture" in labels
-    page = html_text(result, ExportSetup())
-    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.S)[1])
-    corners = np.frombuffer(base64.b64decode(data["fixture"]["vertices"]), "<f4").reshape(-1, 3)
+    solids = path_page(result, ExportSetup()).solids
+    corners = 1e3 * next(solid.vertices for solid in solids if solid.kind == "fixture")
     assert np.ptp(corners, axis=0) == pytest.approx(vice().extents, abs=1e-3)

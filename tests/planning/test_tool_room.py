@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
-import re
 from functools import cache
 
 import mujoco
@@ -16,7 +13,7 @@ from polish_sim.analysis.path_plot import plot_plan
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.exchange.strokes import ExportSetup
-from polish_sim.exchange.viewers import IN_PART_COLOR, LEFT_OUT_COLOR, html_text
+from polish_sim.exchange.viewers import IN_PART_COLOR, LEFT_OUT_COLOR, path_page
 from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.models import robot_model_path
 from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part
@@ -211,14 +208,13 @@ def test_pictures_show_what_is_out_of_reach_and_where_the_tool_is_in_the_part(tm
     result = planned(tmp_path, "pocket", "contour", 30.0)
     part = PartConfig(str(tmp_path / "part.stl"), up="z")
     large = measure_given_path(result.path, part, result.plan, pad=PadConfig(radius_m=0.025))
-    for shown, label, color in ((result, "out of the tool's reach", LEFT_OUT_COLOR),
-                                (large, "tool in the part", IN_PART_COLOR)):  # fmt: skip
+    for shown, label, kind, color in ((result, "out of the tool's reach", "out of reach", LEFT_OUT_COLOR),
+                                      (large, "tool in the part", "tool in the part", IN_PART_COLOR)):  # fmt: skip
         figure = plot_plan(shown)
         assert label in [text.get_text() for text in figure.legends[0].get_texts()]
-        marks = json.loads(re.search(r'id="data">(.*?)</script>', html_text(shown, ExportSetup()))[1])["marks"]
-        colors = np.frombuffer(base64.b64decode(marks["colors"]), dtype=np.uint8).reshape(-1, 3)
-        assert len(colors) > 100
-        assert (colors == color).all()
+        marked = next(solid for solid in path_page(shown, ExportSetup()).solids if solid.kind == kind)
+        assert len(marked.vertices) > 100
+        assert 255.0 * np.array(marked.color) == pytest.approx(color)
     assert large.figures["pad_in_part_max_m"] == pytest.approx(0.010 - 1e-3, abs=5e-4)
 
 

@@ -1,27 +1,22 @@
-"""A page that shows part and path in any browser, without a network (plan -> one HTML file).
-
-The page is `viewer.html` with the meshes put into it; it fetches nothing.
-"""
+"""A plan as a page for any browser, and as a mesh for 3D viewers (plan -> HTML, PLY, glTF)."""
 
 from __future__ import annotations
 
-import base64
-import html
-import json
 import math
 from collections.abc import Mapping
-from importlib import resources
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
-from polish_sim.exchange.strokes import ExportSetup, needed_rows
+from polish_sim.exchange.strokes import ExportSetup, feeds_of, forces_of, needed_rows
 from polish_sim.geometry.lighter_mesh import lighter_mesh
+from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, cylinder, free_tool, page_html
 from polish_sim.planning import PlanResult, ToolPath
+from polish_sim.planning.ground.triangulation import triangulate
 from polish_sim.planning.toolpath import LINK, PROCESS
-from polish_sim.spatial import perpendicular, unit
+from polish_sim.spatial import perpendicular, rotation_to_axis, transform, unit
 
 # The path as coloured triangles for viewers: a thin tube along it (plan -> Tube).
 
@@ -124,8 +119,14 @@ def _joined(pieces: list[Tube]) -> Tube:
     )
 
 
+# The plan as a page for the browser, without a robot: part, path, and the pad going along it (plan -> Page).
+
 MM: Final = 1e3
-MOST_FACETS: Final = 60_000  #: A finer part is shown by a lighter copy: the page stays below some 3 MB
+MOST_FACETS: Final = 60_000  #: A finer part is shown by a lighter copy
+MOST_NODES: Final = 40_000  #: Of the mesh on which the removal is predicted, about
+AIR_SPEED: Final = 0.05  #: Of the tool in the air [m/s]
+SHAFT_RADIUS, SHAFT_LENGTH = 0.009, 0.07  #: Of what is drawn behind the pad [m]
+PAD_COLOR, SHAFT_COLOR = (0.93, 0.62, 0.18), (0.55, 0.57, 0.60)
 FIGURES: Final[tuple[tuple[str, str, float, str], ...]] = (
     ("path in contact", "path_length_m", 1.0, "{:.2f} m"),
     ("cycle time", "cycle_time_s", 1.0, "{:.0f} s"),
@@ -144,84 +145,110 @@ FIGURES: Final[tuple[tuple[str, str, float, str], ...]] = (
 
 
 def html_text(result: PlanResult, setup: ExportSetup) -> str:
-    """Write part and path as one interactive HTML page; every writer takes a setup, this one needs none."""
-    page = resources.files("polish_sim.exchange").joinpath("viewer.html").read_text(encoding="utf-8")
-    title = html.escape(f"{result.plan.pattern} on {result.mesh.name}")
-    # "<" must not appear in a script element: the part's name could close it.
-    data = json.dumps(_data(result), separators=(",", ":")).replace("<", "\\u003c")
-    return page.replace("@TITLE@", title).replace("@DATA@", data)
+    """Write part and path as one interactive HTML page."""
+    return page_html(path_page(result, setup))
 
 
-def _data(result: PlanResult) -> dict[str, Any]:
-    tube = path_tube(result)
+def path_page(result: PlanResult, setup: ExportSetup) -> Page:
+    """The plan as a page: in contact at the feed, through the air at a usual speed."""
+    path, (up,) = result.path, rotation_to_axis(result.mesh.up[None], perpendicular(result.mesh.up[None])[0])
+    standing = Body(-1, transform(up.T, np.zeros(3)).tolist())
+    bodies, joints = free_tool(path.positions_work, path.axes_work, parent=0)
+    pace = np.where(path.process, feeds_of(path, setup), AIR_SPEED)
+    time = np.concatenate([[0.0], np.cumsum(np.diff(path.s) / np.minimum(pace[1:], pace[:-1]))])
+    force = np.where(path.process, forces_of(path, setup), 0.0)
+    motion = Motion(
+        time=time,
+        joints=joints,
+        pad=path.positions_work @ up,
+        force=force,
+        asked=np.where(path.process, force, np.nan),
+        speed=pace,
+        error=np.zeros(len(time)),
+        curvature=path.curvature,
+    )
+    pad = cylinder(result.tool.pad.radius_m, 0.012, -0.012), PAD_COLOR
+    shaft = cylinder(SHAFT_RADIUS, SHAFT_LENGTH, -SHAFT_LENGTH), SHAFT_COLOR
+    tool = [Solid("arm", len(bodies), vertices, faces, color) for (vertices, faces), color in (pad, shaft)]
+    return Page(
+        title=f"{result.plan.pattern} on {result.mesh.name}",
+        about="a planned path; the removal is predicted from force, speed and spindle",
+        stop="",
+        bodies=[standing, *bodies],
+        solids=[*part_solids(result, 0), *tool],
+        part_body=0,
+        motion=motion,
+        path=path.positions_work,
+        contact=path.process.astype(np.float64),
+        wear=predicted_wear(result, setup),
+        plots=path_plots(motion),
+        tables={"Figures": [["figure", "value"], *figure_rows(result.figures)]},
+        notes=result.notes,
+        command="",
+        made="",
+        view="part",
+    )
+
+
+def part_solids(result: PlanResult, body: int) -> list[Solid]:
+    """Part and fixture, what the tool does not reach, and a chip wherever it is in the part."""
     vertices, faces = lighter_mesh(result.mesh.vertices, result.mesh.faces, MOST_FACETS)
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    middle = 0.5 * (low + high)
-    return {
-        "part": _solid_data(vertices, faces, middle, PART_COLOR),
-        "fixture": _solid_data(*_fixture_mesh(result), middle, FIXTURE_COLOR),
-        "path": _tube_data(tube, tube.contact, middle),
-        "leads": _tube_data(tube, ~tube.contact, middle),
-        "marks": _marks(result, middle),
-        "mark_colors": [LEFT_OUT_COLOR, IN_PART_COLOR],
-        "scale": VIRIDIS.tolist(),
-        "lead_color": LEAD_COLOR,
-        "length_m": result.path.length_m,
-        "size_mm": MM * float(np.linalg.norm(high - low)),
-        # The lighter part may stand above the path by some of its grid: the path is drawn that much nearer.
-        "lift_mm": MM * 0.004 * float(np.ptp(vertices, axis=0).max()),
-        "up": [float(value) for value in result.mesh.up],
-        "figures": _figures(result.figures),
-    }
-
-
-def _fixture_mesh(result: PlanResult) -> tuple[Array, Ints]:
-    """Vertices and faces of what holds the part, of no triangles if nothing does."""
-    fixture = result.tool.fixture
-    if fixture is None:
-        return np.empty((0, 3)), np.empty((0, 3), np.int32)
-    return lighter_mesh(fixture.mesh.vertices, fixture.mesh.faces, MOST_FACETS)
-
-
-def _solid_data(vertices: Array, faces: Ints, middle: Array, color: tuple[int, ...]) -> dict[str, Any]:
-    return {"vertices": _packed(MM * (vertices - middle), "<f4"), "faces": _packed(faces, "<u4"), "color": color}
-
-
-def _tube_data(tube: Tube, kept: Bools, middle: Array) -> dict[str, str]:
-    """The part of the tube made of some vertices, numbered anew."""
-    faces = tube.faces[kept[tube.faces].all(axis=1)]
-    numbers = np.cumsum(kept) - 1
-    return {
-        "vertices": _packed(MM * (tube.vertices[kept] - middle), "<f4"),
-        "faces": _packed(numbers[faces], "<u4"),
-        "colors": _packed(tube.colors[kept], "u1"),
-        "along": _packed(tube.s[kept], "<f4"),
-    }
-
-
-def _marks(result: PlanResult, middle: Array) -> dict[str, str]:
-    """What the tool does not reach, and a red chip wherever it is in the part."""
+    solids = [_solid("part", body, vertices, faces, PART_COLOR)]
+    if result.tool.fixture is not None:
+        fixture = result.tool.fixture.mesh
+        solids.append(
+            _solid("fixture", body, *lighter_mesh(fixture.vertices, fixture.faces, MOST_FACETS), FIXTURE_COLOR)
+        )
     out = np.empty((0, 3, 3)) if result.access is None else result.access.triangles
     size, way = 0.3 * result.plan.stepover_m, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [0.0, -0.3, 0.9]])
-    corners = np.concatenate([out, result.in_part[:, None] + size * way])
-    colors = np.repeat([LEFT_OUT_COLOR, IN_PART_COLOR], [3 * len(out), 3 * len(result.in_part)], axis=0)
-    return {
-        "vertices": _packed(MM * (corners.reshape(-1, 3) - middle), "<f4"),
-        "faces": _packed(np.arange(3 * len(corners)), "<u4"),
-        "colors": _packed(colors, "u1"),
-    }
+    chips = result.in_part[:, None] + size * way
+    for kind, corners, color in (("out of reach", out, LEFT_OUT_COLOR), ("tool in the part", chips, IN_PART_COLOR)):
+        if len(corners):
+            triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
+            solids.append(_solid(kind, body, corners.reshape(-1, 3), triangles, color))
+    return solids
 
 
-def _packed(values: NDArray[Any], kind: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
+def _solid(kind: str, body: int, vertices: Array, faces: Ints, color: tuple[int, ...]) -> Solid:
+    return Solid(kind, body, vertices, faces, [value / 255.0 for value in color])
 
 
-def _figures(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
+def predicted_wear(result: PlanResult, setup: ExportSetup) -> Wear:
+    """The mesh on which the page predicts the removal; the pad is not finer than a tenth of its radius."""
+    surface, radius = result.region.surface, result.tool.pad.radius_m
+    longest = max(0.15 * radius, 2.0 * math.sqrt(float(surface.facet_areas.sum()) / MOST_NODES))
+    nodes = triangulate(surface, longest)
+    spin = setup.spindle.speed_rpm * 2.0 * math.pi / 60.0
+    return Wear(
+        nodes.vertices,
+        nodes.triangles.astype(np.int32),
+        np.empty(0),
+        "removal, predicted",
+        "× its mean",
+        2.0,
+        radius,
+        spin,
+    )
+
+
+def path_plots(motion: Motion) -> list[Plot]:
+    """Speed, curvature and force along a plan."""
+    pressing = np.isfinite(motion.asked)
+    plots = [
+        Plot("Tool speed", "mm/s", [Line("speed", MM * motion.speed)]),
+        Plot("Curvature along the path", "1/m", [Line("curvature", np.where(pressing, motion.curvature, np.nan))]),
+        Plot("Force to press with", "N", [Line("force", motion.force)]),
+    ]
+    return [plot for plot in plots if np.nan_to_num(plot.lines[0].values).any()]
+
+
+def figure_rows(figures: Mapping[str, Any]) -> list[list[str]]:
+    """Name and value of a plan's figures."""
     rows = []
     for name, key, factor, form in FIGURES:
         value = figures.get(key)
         if value is not None:
-            rows.append((name, "-" if math.isnan(value) else form.format(factor * value)))
+            rows.append([name, "-" if math.isnan(value) else form.format(factor * value)])
     return rows
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from polish_sim.analysis.run_record import RunRecord, stop_mark
 from polish_sim.analysis.style import say_stop
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import experiment, load
-
-PAGE: Final = "report.html"
+from polish_sim.page import PAGE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -16,7 +16,7 @@ from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.log import PHASES, RemovalMap
-from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear
+from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, box, cylinder
 from polish_sim.spatial import apply, transform
 
 JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -25,7 +25,6 @@ MOST_ROWS: Final = 40_000
 JOINT_ERROR: Final = 2.5e-4  #: Between rows, at most, where there are not too many [rad]
 MOST_FACETS, MOST_NODES = 40_000, 40_000  #: Of the part and of its removal; finer ones are shown by lighter copies
 HIDDEN_GROUP: Final = 3  #: Of geoms that are there for contact only
-SIDES: Final = 40  #: Of a cylinder
 MM, DEG = 1e3, 180.0 / np.pi
 
 
@@ -52,6 +51,7 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
         part_body=part,
         motion=motion,
         path=np.empty((0, 3)) if record.path is None else record.path.positions_work,
+        contact=np.empty(0) if record.path is None else record.path.process.astype(np.float64),
         wear=None if record.removal is None or record.removal.mean <= 0.0 else _wear(record, record.removal),
         plots=run_plots(record, motion, kept),
         tables={name: rows for name, rows in tables.items() if len(rows) > 1},
@@ -100,7 +100,6 @@ def scene_solids(model: Any) -> list[Solid]:
     """What a model draws: meshes, boxes and cylinders, with the colours of their materials."""
     import mujoco
 
-    shapes = {int(mujoco.mjtGeom.mjGEOM_BOX): _box, int(mujoco.mjtGeom.mjGEOM_CYLINDER): _cylinder}
     solids = []
     for g in range(model.ngeom):
         kind, material = int(model.geom_type[g]), int(model.geom_matid[g])
@@ -108,8 +107,10 @@ def scene_solids(model: Any) -> list[Solid]:
             continue
         if kind == mujoco.mjtGeom.mjGEOM_MESH:
             vertices, faces = _mesh(model, int(model.geom_dataid[g]))
-        elif kind in shapes:
-            vertices, faces = shapes[kind](model.geom_size[g])
+        elif kind == mujoco.mjtGeom.mjGEOM_BOX:
+            vertices, faces = box(model.geom_size[g])
+        elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            vertices, faces = cylinder(model.geom_size[g][0], 2.0 * model.geom_size[g][1], -model.geom_size[g][1])
         else:
             continue
         T = transform(_matrix(model.geom_quat[g]), model.geom_pos[g])
@@ -130,22 +131,6 @@ def _mesh(model: Any, number: int) -> tuple[Array, Ints]:
     start, facets = model.mesh_faceadr[number], model.mesh_facenum[number]
     vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
     return lighter_mesh(vertices, model.mesh_face[start : start + facets].copy(), MOST_FACETS)
-
-
-def _box(half: Array) -> tuple[Array, Ints]:
-    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
-    return corners * half, np.array(faces, dtype=np.int32)
-
-
-def _cylinder(size: Array) -> tuple[Array, Ints]:
-    angle, k = 2.0 * np.pi * np.arange(SIDES) / SIDES, np.arange(SIDES)
-    ring = np.stack([size[0] * np.cos(angle), size[0] * np.sin(angle), np.full(SIDES, size[1])], axis=1)
-    vertices = np.concatenate([ring * (1.0, 1.0, -1.0), ring, [[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]]])
-    beside, top, low, high = (k + 1) % SIDES, k + SIDES, np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
-    faces = [(k, beside, top), (beside, beside + SIDES, top), (beside, k, low), (top, beside + SIDES, high)]
-    return vertices, np.concatenate([np.stack(corners, axis=1) for corners in faces]).astype(np.int32)
 
 
 # How it moved, and the curves beneath, from the log.
@@ -250,4 +235,4 @@ def _wear(record: RunRecord, removal: RemovalMap) -> Wear:
     if len(vertices) != len(value):
         value = value[cKDTree(removal.vertices).query(vertices)[1]]
     spin = record.scenario.spindle.speed_rpm * 2.0 * np.pi / 60.0
-    return Wear(vertices, faces, value, unit_, top, record.scenario.pad.radius_m, spin)
+    return Wear(vertices, faces, value, "removal", unit_, top, record.scenario.pad.radius_m, spin)

@@ -107,11 +107,16 @@ function makeGrowth(page) {
     time = new Float32Array(n);
     for (let step = 0; step < count; step += every) { marks.push([sum.slice(), time.slice()]); add(step, step + every); }
     marks.whole = [sum, time];
+    if (name === "removal" && !wear.value.length) {
+      let total = 0, area = 0;
+      for (let v = 0; v < n; v++) { total += sum[v] * areas[v]; area += areas[v]; }
+      wear.value = sum.map((v) => v * area / (total || 1));
+    }
     const values = Array.from(upTo(rows - 1)).filter((v) => v > UNTOUCHED).sort((a, b) => a - b);
     const at_ = (share) => values[Math.floor(share * (values.length - 1))] ?? 0;
     const { map, name: label, unit } = QUANTITIES[name];
     const most = name === "curvature" ? Math.max(Math.abs(at_(0.02)), Math.abs(at_(0.98))) : name === "removal" ? wear.top : at_(0.98);
-    return { map, label, unit: unit ?? wear.unit, low: name === "curvature" ? -most : 0, high: most };
+    return { map, label: name === "removal" ? wear.name : label, unit: unit ?? wear.unit, low: name === "curvature" ? -most : 0, high: most };
   }
   function upTo(row) {
     const whole = marks.whole;
@@ -187,6 +192,7 @@ async function start() {
   }
   page.pressing = motion.force.some((f) => f > 0);
   const drawn = bodyPoses(page.bodies, jointsAt(rows - 1)).map((T) => [T[3], T[7], T[11]]);
+  page.cell = page.solids.some((solid) => solid.kind === "cell" || solid.body === 0 && solid.kind === "arm");
   const whole = extent(Float32Array.from([...drawn, [0, 0, 0]].flat()));
   page.center = whole.middle.map((v, k) => (k === 2 ? v + 0.05 : v));
   page.reach = Math.max(0.55 * whole.size, 0.45);
@@ -256,17 +262,21 @@ async function start() {
   if (scene) {
     if (page.wear) {
       growth = makeGrowth(page);
-      select("part", [...Object.entries(QUANTITIES).map(([key, q]) => [key, q.name]), ["plain", "plain"]], colorPart);
+      const known = Object.entries(QUANTITIES).filter(([key]) => key !== "error" || page.wear.name === "removal");
+      select("part", [...known.map(([key, q]) => [key, q.name]), ["plain", "plain"]], colorPart);
     }
-    select("trace", [["plain", "plain"], ["force", "force"], ["speed", "speed"], ["error", "error"]].filter(([key]) => key !== "force" || page.pressing), colorTrace);
-    for (const name of ["arm", "path", "trace"]) {
+    select("trace", [["plain", "plain"], ["force", "force"], ["speed", "speed"], ["error", "error"]].filter(([key]) => (key !== "force" || page.pressing) && (key !== "error" || motion.error.some((v) => v > 0))), colorTrace);
+    const usual = ["cell", "part"], marks = new Map(page.solids.filter((solid) => !usual.includes(solid.kind)).map((solid) => [solid.kind, solid.color]));
+    for (const name of new Set([...marks.keys(), "path", "trace"])) {
       const box = make("label"), check = Object.assign(make("input"), { type: "checkbox", checked: true });
       check.addEventListener("input", () => { scene.shown[name] = check.checked; draw(); });
-      box.append(check, ` ${name}`);
+      box.append(check, ` ${name === "arm" && !page.cell ? "tool" : name}`);
+      if (name.includes(" ")) box.style.color = `rgb(${marks.get(name).map((v) => Math.round(210 * v)).join(",")})`;
       byId("layers").append(box);
     }
   }
   document.querySelector("[data-view=part]").hidden = page.part_body < 0;
+  document.querySelector("[data-view=cell]").hidden = !page.cell;
   const look = (name) => {
     scene?.look(name);
     for (const button of document.querySelectorAll("#views button")) button.setAttribute("aria-pressed", String(button.dataset.view === name));
@@ -316,7 +326,7 @@ async function start() {
   window.addEventListener("beforeprint", () => { theme("light"); paint(); });
   window.addEventListener("resize", () => { plots.resize(); draw(); });
   theme(dark.matches ? "dark" : "light");
-  look("cell");
+  look(page.view);
   // What has been removed is worked out after the first drawing.
   requestAnimationFrame(() => setTimeout(() => { if (growth) colorPart("removal"); page.ready = true; }));
   window.page = { data: page, seek, play, look, now: () => now, cursor: plots.cursor,

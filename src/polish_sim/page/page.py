@@ -39,7 +39,7 @@ class Body(NamedTuple):
 class Solid(NamedTuple):
     """Triangles that move with a body."""
 
-    kind: str  #: What it can be hidden as: cell, arm or part
+    kind: str  #: What it is: cell, arm, part, fixture, or a mark on the part by its name
     body: int
     vertices: Array  #: In the body's frame [m], shape (n, 3)
     faces: Ints  #: Shape (m, 3)
@@ -83,7 +83,8 @@ class Wear(NamedTuple):
 
     vertices: Array  #: Frame of the part's body [m], shape (n, 3)
     faces: Ints  #: Shape (m, 3)
-    value: Array  #: Removal at each vertex, shape (n,)
+    value: Array  #: Removal at each vertex, shape (n,); empty: the page predicts it, over its mean
+    name: str
     unit: str  #: Of the removal
     top: float  #: Where its colours end
     pad_radius: float  #: [m]
@@ -101,12 +102,52 @@ class Page(NamedTuple):
     part_body: int  #: The body that carries path and removal; -1: the world
     motion: Motion
     path: Array  #: Frame of the part's body [m], shape (n, 3)
+    contact: Array  #: 1 where the path is in contact, 0 in the air, shape (n,)
     wear: Wear | None
     plots: Sequence[Plot]
     tables: Mapping[str, Sequence[Sequence[str]]]  #: Rows by heading; the first row is the head
     notes: Sequence[str]
     command: str  #: Repeats the run
     made: str  #: By which seed and versions
+    view: str = "cell"  #: What is looked at first: cell, part or tool
+
+
+# Simple shapes, and a tool without an arm.
+
+SIDES: Final = 40  #: Of a cylinder
+
+
+def box(half: Array) -> tuple[Array, Ints]:
+    """Vertices and faces of a box about the origin, by half its sides (3,) [m]."""
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
+    return corners * half, np.array(faces, dtype=np.int32)
+
+
+def cylinder(radius: float, length: float, start: float) -> tuple[Array, Ints]:
+    """Vertices and faces of a cylinder along z from ``start`` on [m]."""
+    angle, k = 2.0 * np.pi * np.arange(SIDES) / SIDES, np.arange(SIDES)
+    rings = [np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(SIDES, z)], axis=1)
+             for z in (start, start + length)]  # fmt: skip
+    vertices = np.concatenate([*rings, [[0.0, 0.0, start], [0.0, 0.0, start + length]]])
+    beside, top, low, high = (k + 1) % SIDES, k + SIDES, np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
+    faces = [(k, beside, top), (beside, beside + SIDES, top), (beside, k, low), (top, beside + SIDES, high)]
+    return vertices, np.concatenate([np.stack(corners, axis=1) for corners in faces]).astype(np.int32)
+
+
+def free_tool(positions: Array, axes: Array, parent: int) -> tuple[list[Body], Array]:
+    """Bodies and joints (n, 5) that carry a tool through points (n, 3) [m] by its unit axes away from the part (n, 3).
+
+    Three slides and two hinges behind each other; z of the last body points into the part. The tool does not spin.
+    """
+    tilt = np.arccos(np.clip(axes[:, 2], -1.0, 1.0))
+    turn = np.unwrap(np.where(np.sin(tilt) > 1e-6, np.arctan2(axes[:, 1], axes[:, 0]), 0.0))
+    rest = np.eye(4).tolist()
+    along = [Body(parent + k, rest, np.eye(3)[k].tolist(), slide=True, joint=k) for k in range(3)]
+    hinges = [Body(parent + 3 + k, rest, np.eye(3)[2 - k].tolist(), joint=3 + k) for k in range(2)]
+    over = Body(parent + 5, np.diag([1.0, -1.0, -1.0, 1.0]).tolist())
+    return [*along, *hinges, over], np.column_stack([positions, turn, tilt])
 
 
 class Fine(NamedTuple):

@@ -67,8 +67,8 @@ vec3 mapped(float value) {
 }`;
 const HEAD = "#version 300 es\nprecision highp float; uniform mat4 view, projection;";
 const PROGRAMS = {
-  solid: [`${HEAD} in vec3 position, normal; uniform mat4 pose; out vec3 eye, way, at;
-void main() { vec4 w = pose * vec4(position, 1.0); vec4 seen = view * w; at = w.xyz; eye = seen.xyz;
+  solid: [`${HEAD} in vec3 position, normal; uniform mat4 pose; uniform float lift; out vec3 eye, way, at;
+void main() { vec4 w = pose * vec4(position, 1.0); vec4 seen = view * w; at = w.xyz; eye = seen.xyz; seen.z += lift;
   way = mat3(view) * mat3(pose) * normal; gl_Position = projection * seen; }`,
   `${HEAD} in vec3 eye, way, at; uniform vec3 tint; uniform float floor_; uniform vec3 sky; out vec4 pixel; ${LIT}
 void main() { if (floor_ > 0.0) { vec2 g = abs(fract(at.xy / 0.25) - 0.5); vec2 w = fwidth(at.xy / 0.25);
@@ -170,7 +170,7 @@ function makeScene(canvas, page, changed) {
     return { array, count, tinted };
   };
   const trace = thick(page.padOnPart, new Float32Array(page.padOnPart.length / 3));
-  const path = page.path.length > 3 ? thick(page.path, new Float32Array(page.path.length / 3)) : null;
+  const path = page.path.length > 3 ? thick(page.path, page.contact) : null;
   let map = null;
   if (page.wear) {
     const { vertices, faces } = page.wear, normals = new Float32Array(vertices.length);
@@ -192,12 +192,12 @@ function makeScene(canvas, page, changed) {
   const parts = solids.filter((solid) => solid.kind === "part").map((solid) => extent(solid.vertices));
   const work = parts[0] ?? extent(page.path.length ? page.path : page.padOnPart);
   const camera = { turn: -0.95, rise: 0.42, far: 2.0, at: [0, 0, 0], follow: "" };
-  const shown = { arm: true, path: true, trace: true };
+  const shown = { path: true, trace: true };
   let poses = [], tool = [0, 0, 0], tint = null;
   function look(name) {
     camera.follow = name;
     const upright = name === "cell" ? 0.42 : 0.75;
-    Object.assign(camera, { rise: upright, turn: -0.95, far: { cell: 3.4 * page.reach, part: 2.3 * Math.max(work.size, 0.08), tool: 0.55 }[name] });
+    Object.assign(camera, { rise: upright, turn: -0.95, far: { cell: 3.4 * page.reach, part: 2.0 * Math.max(work.size, 0.08), tool: 0.55 }[name] });
     aim();
   }
   function aim() {
@@ -250,17 +250,19 @@ function makeScene(canvas, page, changed) {
     gl.uniform3fv(at("sky"), theme.sky);
     gl.uniform1f(at("floor_"), 1);
     gl.uniform3fv(at("tint"), theme.floor);
+    gl.uniform1f(at("lift"), 0);
     gl.bindVertexArray(floor.array);
-    gl.drawArrays(gl.TRIANGLES, 0, floor.count);
+    if (page.cell) gl.drawArrays(gl.TRIANGLES, 0, floor.count);
     gl.uniform1f(at("floor_"), 0);
+    const lift = 0.0015 * camera.far;
     for (const solid of solids) {
-      if (solid.kind === "arm" && !shown.arm) continue;
+      if (shown[solid.kind] === false) continue;
+      gl.uniform1f(at("lift"), solid.kind.includes(" ") ? 1.5 * lift : 0);
       gl.uniformMatrix4fv(at("pose"), false, columns(pose(solid.body)));
       gl.uniform3fv(at("tint"), solid.color);
       gl.bindVertexArray(solid.array);
       gl.drawArrays(gl.TRIANGLES, 0, solid.count);
     }
-    const lift = 0.0015 * camera.far;
     if (map && tint) {
       at = use("map", matrix, part);
       gl.uniform1f(at("lift"), lift);
@@ -280,7 +282,7 @@ function makeScene(canvas, page, changed) {
       gl.bindVertexArray(line.array);
       gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
     };
-    if (path && shown.path) strip(path, path.count, 0.8, [0.42, 0.46, 0.52], 2 * lift);
+    if (path && shown.path) strip(path, path.count, 0.8, null, 2 * lift, { map: [[230, 120, 20], [107, 117, 133]], low: 0, high: 1 });
     if (shown.trace && trace.row > 0) strip(trace, Math.min(trace.row, trace.count), 1.7, [0.09, 0.1, 0.14], 3 * lift, trace.scale);
   }
 
