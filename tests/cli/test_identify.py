@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from polish_sim.cli.identify import asked_of, simulated
+from polish_sim.config import RobotConfig
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import MotionLimits
 from polish_sim.identification.regressor import TorqueModel
@@ -62,7 +63,9 @@ def test_a_log_becomes_a_model_with_a_table_and_figures(polish_sim: Tool, tmp_pa
 
 
 def test_the_simulated_arm_leaves_its_files(tmp_path: Path) -> None:
-    outcome = simulated(IdentifySettings(periods=1, iterations=5, payload=1.0), tmp_path)
+    outcome = simulated(
+        IdentifySettings(periods=1, iterations=5, robot=RobotConfig(arm="ideal"), payload=1.0), tmp_path
+    )
     assert {path.name for path in tmp_path.iterdir()} == {
         "identified.xml", "meshes", "parameters.csv", "payload.csv", "metrics.json", "torques.png", "motion.png",
     }  # fmt: skip
@@ -70,6 +73,12 @@ def test_the_simulated_arm_leaves_its_files(tmp_path: Path) -> None:
     metrics = json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8"))
     assert len(metrics["nrms_heldout"]) == 6
     assert metrics["condition"] > 1.0
+
+
+def test_of_the_real_arm_no_error_is_asked(polish_sim: Tool) -> None:
+    call = polish_sim("identify", "--periods", 1, "--set", "robot.arm=ur5e", "--out", "found", "--check")
+    assert call.code == 0, call.err
+    assert json.loads(Path("found/metrics.json").read_text(encoding="utf-8"))["nrms_heldout_mean"] > 0.0013
 
 
 def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:
@@ -98,6 +107,9 @@ def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:
         (["--report", "--data", "log.csv", "--seed", "3"], "--seed, --data would change nothing with --report"),
         (["--report", "--out", "id"], "--out would change nothing with --report"),
         (["--joints", "a"], "--joints belongs to --model"),
+        (["--set", "head.mass_kg=1"], "--set head.mass_kg=1 would change nothing in 'identify'"),
+        (["--set", "robot.arm=ur10"], "unknown robot.arm 'ur10'"),
+        (["--report", "--set", "robot.arm=ur5e"], "--set would change nothing with --report"),
         (["--report", "--model", "none.xml"], "cannot read the robot model 'none.xml'"),
     ],
 )

@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from polish_sim.config import RobotConfig
 from polish_sim.errors import IdentificationError
-from polish_sim.identification.arm import STEP_S, LoggedRobot, build_arm, play_states
+from polish_sim.identification.arm import LoggedRobot, build_arm, play_states
 from polish_sim.identification.identify import Identification, identify_from_log, run_identification
 from polish_sim.identification.log_file import read_robot_log, spline_states
 from polish_sim.identification.regressor import FULL, States
-from polish_sim.identification.settings import IdentifySettings
+from polish_sim.identification.settings import SCENARIO, STEP_S, IdentifySettings
+from polish_sim.scenario_file import override
 from tests.identification.logs import first_axes_only, joined, played, slow_passes, write_log
 from tests.identification.motions import SIGMA, known_robot
+
+IDEAL = RobotConfig(arm="ideal")
+HELD_BY_LINKS = ["robot.arm=ur5e", "robot.real.servo_side=link", "robot.real.kinematics=exact"]
 
 
 @pytest.fixture(scope="module")
 def identified() -> Identification:
     return run_identification(
-        IdentifySettings(periods=1, iterations=15, poses=6, method="stepwise", payload=1.0, seed=1)
+        IdentifySettings(periods=1, iterations=15, poses=6, method="stepwise", robot=IDEAL, payload=1.0, seed=1)
     )
 
 
@@ -53,19 +59,39 @@ def test_the_exciting_motion_keeps_clear_of_everything(identified: Identificatio
 
 
 def test_the_first_axes_move_first_and_their_step_is_carried_into_the_second() -> None:
-    figures = run_identification(IdentifySettings(periods=1, iterations=5, method="stepwise-axes", seed=2)).figures
+    settings = IdentifySettings(periods=1, iterations=5, method="stepwise-axes", robot=IDEAL, seed=2)
+    figures = run_identification(settings).figures
     assert figures["first_step_parameters"] == 25
     assert figures["stepwise_over_joint"] == pytest.approx(1.0, abs=0.01)
     assert figures["error_over_crb"] < 1.6
 
 
-def test_the_arm_at_rest_shows_its_weight_and_nothing_else() -> None:
-    arm = build_arm(FULL)
+@pytest.mark.parametrize(("settings", "off"), [([], 1e-3), (HELD_BY_LINKS, 1e-2)])
+def test_the_arm_at_rest_shows_its_weight_and_nothing_else(settings: list[str], off: float) -> None:
+    arm = build_arm(FULL, override(SCENARIO, ["robot.arm=ideal", *settings]))
     pose = np.array([0.3, -1.2, 1.0, -0.8, 0.7, 0.2])
     q = np.tile(pose, (round(0.05 / STEP_S), 1))
     log = play_states(arm, States(q, 0.0 * q, 0.0 * q))
     weight = arm.truth.torque(States(pose[None], np.zeros((1, 6)), np.zeros((1, 6))), arm.truth.truth())
-    np.testing.assert_allclose(log.torque[-1], weight[0], atol=1e-3)
+    np.testing.assert_allclose(log.torque[-1], weight[0], atol=off)
+
+
+def real_figures(*settings: str) -> dict[str, Any]:
+    robot = override(SCENARIO, ["robot.arm=ur5e", *settings]).robot
+    return run_identification(IdentifySettings(periods=1, iterations=5, robot=robot, seed=1)).figures
+
+
+def test_of_elastic_joints_without_what_a_rigid_model_lacks_errors_are_near_the_bound() -> None:
+    """That is gear error, friction by load, and friction above the warm arm's, which is taken for the truth."""
+    smooth = "robot.real.gear_error_rad=[0,0,0,0,0,0]"
+    load = ["robot.real.coulomb_driving=0", "robot.real.coulomb_driven=0", "robot.real.cold_friction=0"]
+    known = real_figures(smooth, *load)
+    assert known["error_over_crb"] < 3.0
+    assert known["interval_coverage"] > 0.8
+    whole = real_figures()
+    assert whole["error_over_crb"] > 10.0
+    assert whole["nrms_heldout_mean"] > 5.0 * known["nrms_heldout_mean"]
+    assert whole["physically_consistent"]
 
 
 KNOWN = known_robot()

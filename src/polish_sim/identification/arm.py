@@ -11,12 +11,12 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.playback import JointTargets, play_joints
-from polish_sim.cell.real_arm import require_ideal
+from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.scene import build_scene
-from polish_sim.config import Scenario, SimulationConfig, SpindleConfig
+from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.identification.fourier import Clearance, FourierMotion, MotionLimits, started_and_stopped
-from polish_sim.identification.log_file import RobotLog
+from polish_sim.identification.log_file import Gears, RobotLog, read_by
 from polish_sim.identification.model_file import read_robot_model
 from polish_sim.identification.physical import Drawing
 from polish_sim.identification.regressor import FULL, States, TorqueModel
@@ -29,12 +29,9 @@ from polish_sim.identification.robot_model import (
     own_parameters,
     read_chain,
 )
+from polish_sim.identification.settings import SCENARIO, STEP_S
 
-STEP_S: Final = 2.5e-4  #: Physics step: the engine takes friction half a step late, so it is kept short
 RAMP_S: Final = 2.0
-SCENARIO: Final = Scenario(
-    experiment="identify", spindle=SpindleConfig(speed_rpm=0.0), simulation=SimulationConfig(timestep_s=STEP_S)
-)
 _TORQUE: Final = np.array([150.0] * 3 + [28.0] * 3)
 _LINK_DOUBT, _FRICTION_DOUBT = 0.15, 0.3
 
@@ -46,6 +43,7 @@ class Arm:
     scenario: Scenario
     truth: TorqueModel  #: With the parameters of the compiled model, hidden from the identification
     carried: Array  #: Tool and head, known from the payload's calibration, shape (6, 10)
+    elastic: bool  #: Whether its joints are: torques are the motors' then, positions those of the servos' encoders
     servo_damping: Array  #: Speed gain of the servos [N m s/rad], shape (6,)
     clearance: RobotClearance
     load: CarriedLoad | None = None  #: Bolted to the last link, part of the truth
@@ -58,17 +56,21 @@ class Arm:
 def build_arm(terms: tuple[str, ...], scenario: Scenario = SCENARIO, load: CarriedLoad | None = None) -> Arm:
     """Compile the cell in free space and read its arm; the robot's gravity compensation must be exact.
 
-    ``terms``: of the torque model; ``load``: what is bolted to the last link besides.
+    ``terms``: of the torque model; ``load``: what is bolted to the last link besides. Elastic joints have for truth
+    their rotors and the friction of their warm motors without load.
     """
-    require_ideal(scenario, "identification")
+    elastic, real = is_real(scenario), scenario.robot.real
     model = build_scene(replace(scenario, robot=replace(scenario.robot, payload_error=0.0)), None, None)
+    if elastic:
+        model.dof_armature[:6], model.dof_frictionloss[:6] = real.rotor_kg_m2, real.coulomb_nm
+        model.dof_damping.reshape(model.nv, -1)[:6, 0] = real.viscous_nm_s_rad
     if load is not None:
         carry(model, LAST_LINK, load)
     chain = read_chain(model, ARM_JOINTS)
     carried = chain.parameters - own_parameters(model, ARM_JOINTS)
     gains = -model.actuator_biasprm[:, 2]
     clearance = RobotClearance(model, 6, also=("head_pad",))
-    return Arm(scenario, TorqueModel(chain, terms), carried, gains.copy(), clearance, load)
+    return Arm(scenario, TorqueModel(chain, terms), carried, elastic, gains.copy(), clearance, load)
 
 
 def motion_limits() -> MotionLimits:
@@ -97,7 +99,7 @@ def play_motion(arm: Arm, motion: FourierMotion, periods: int, rate: float) -> R
     log = play_states(arm, states)
     first, every = round(RAMP_S / STEP_S), round(1.0 / (rate * STEP_S))
     rows = slice(first, first + round(span / STEP_S), every)
-    return RobotLog(np.asarray(t[rows] - RAMP_S), log.q[rows], log.torque[rows])
+    return RobotLog(np.asarray(t[rows] - RAMP_S), log.q[rows], log.torque[rows], log.gears and log.gears.rows(rows))
 
 
 def play_states(arm: Arm, states: States) -> RobotLog:
@@ -105,14 +107,18 @@ def play_states(arm: Arm, states: States) -> RobotLog:
 
     The engine's step is implicit in speed: the torque that moves the robot is the servo's at the end of the step.
     Its positions are half a step ahead of its speeds, so the change of speed over a step belongs to the step's
-    first position. The engine compensates gravity, a real servo must hold it, so it is added.
+    first position. The engine compensates gravity, a real servo must hold it, so it is added. Of elastic joints the
+    motors' torques are logged as they are.
     """
     load = arm.load
     bolt_on = None if load is None else lambda model: carry(model, LAST_LINK, load)
     played = play_joints(arm.scenario, JointTargets(states.q, states.qd), change=bolt_on)
+    time: Array = np.arange(len(played.q)) * np.float64(STEP_S)
+    if arm.elastic:
+        step = arm.scenario.robot.real.encoder_rad
+        return RobotLog(time, played.read, played.torque, Gears(read_by(played.motor, step), read_by(played.q, step)))
     change = np.diff(played.qd, axis=0, append=played.qd[-1:])
     given = played.torque - arm.servo_damping * change
-    time: Array = np.arange(len(given)) * np.float64(STEP_S)
     return RobotLog(time, played.q, given + _gravity(arm, played.q))
 
 

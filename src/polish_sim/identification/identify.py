@@ -73,6 +73,7 @@ class Identification:
     truth: Array | None = None  #: True base parameters, shape (r,); None for a real robot
     motion: FourierMotion | None = None
     weighed: Weighed | None = None  #: The payload, if one was searched
+    elastic: bool = False  #: Whether the joints are
 
 
 def run_identification(
@@ -86,7 +87,7 @@ def run_identification(
     observer = observer or Silent()
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(6)]
     observer.stage("read the arm")
-    arm = build_arm(settings.terms)
+    arm = build_arm(settings.terms, settings.scenario)
     base, sigma = base_of(arm.truth), np.array(settings.sigma)
     drawing = believe(arm, streams[0])
     observer.stage(f"design a motion ({settings.objective})")
@@ -95,7 +96,7 @@ def run_identification(
     design_s = time.process_time() - started
     observer.stage(f"play {settings.periods} periods and one of another motion")
     log = with_noise(
-        play_motion(arm, excitation.motion, settings.periods, settings.rate), settings.encoder, sigma, streams[2]
+        play_motion(arm, excitation.motion, settings.periods, settings.rate), settings.encoder_step, sigma, streams[2]
     )
     held_out = _hold_out(arm, other, settings, streams[3])
     first = None
@@ -130,7 +131,9 @@ def run_identification(
         observer.stage(f"play {settings.periods} periods with a payload")
         weighed = weigh_block(sums, base, excitation.motion, settings, streams[5])
         figures |= weighed.figures
-    return Identification(arm.truth, base, found, full, drawing, held_out, figures, truth, excitation.motion, weighed)
+    return Identification(
+        arm.truth, base, found, full, drawing, held_out, figures, truth, excitation.motion, weighed, arm.elastic
+    )  # fmt: skip
 
 
 def _design(

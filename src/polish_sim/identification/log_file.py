@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.interpolate import make_lsq_spline
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
 from polish_sim.identification.fourier import fit_fourier
 from polish_sim.identification.regressor import States
@@ -23,12 +23,24 @@ from polish_sim.tables import Columns
 HARMONICS_FITTED = 20  #: Of the measured positions: four times what is commanded, for what the servos add
 
 
+class Gears(NamedTuple):
+    """Both sides of elastic joints as their encoders read them, shape (m, n)."""
+
+    motor: Array  #: [rad]
+    link: Array  #: [rad]
+
+    def rows(self, which: Indices) -> Gears:
+        """Some of the samples."""
+        return Gears(self.motor[which], self.link[which])
+
+
 class RobotLog(NamedTuple):
     """Equally long columns, one row a sample."""
 
     time: Array  #: [s], shape (m,)
     q: Array  #: Measured positions [rad], shape (m, n)
     torque: Array  #: Torques of the joints, gravity included [N m], shape (m, n)
+    gears: Gears | None = None  #: Where both sides of the gears are read
 
 
 def periodic_states(log: RobotLog, period: float, harmonics: int = HARMONICS_FITTED) -> States:
@@ -38,8 +50,13 @@ def periodic_states(log: RobotLog, period: float, harmonics: int = HARMONICS_FIT
 
 def with_noise(log: RobotLog, encoder: float, sigma: Array, rng: np.random.Generator) -> RobotLog:
     """The log as read by encoders with a step [rad] and torque sensors with white noise sigma (n,) [N m]."""
-    q = np.round(log.q / encoder) * encoder if encoder > 0.0 else log.q
-    return RobotLog(log.time, q, log.torque + rng.normal(size=log.torque.shape) * sigma)
+    torque = log.torque + rng.normal(size=log.torque.shape) * sigma
+    return log._replace(q=read_by(log.q, encoder), torque=torque)
+
+
+def read_by(angle: Array, step: float) -> Array:
+    """Angles as encoders of a step read them [rad]; 0: exactly."""
+    return np.asarray(np.round(angle / step) * step) if step > 0.0 else angle
 
 
 def spline_states(log: RobotLog, knots: float = 0.05) -> States:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from polish_sim.arrays import Array, Indices
-from polish_sim.identification.arm import SCENARIO, LoggedRobot, build_arm, play_motion
+from polish_sim.identification.arm import LoggedRobot, build_arm, play_motion
 from polish_sim.identification.estimate import (
     BaseParameters,
     JointSums,
@@ -161,9 +161,9 @@ def weigh_block(
 ) -> Weighed:
     """Play the motion again with a block on the simulated arm, and find the block; ``empty`` is the run without it."""
     load = random_block(settings.payload, rng)
-    arm, sigma = build_arm(settings.terms, SCENARIO, load), np.array(settings.sigma)
+    arm, sigma = build_arm(settings.terms, settings.scenario, load), np.array(settings.sigma)
     log = play_motion(arm, motion, settings.periods, settings.rate)
-    log = with_noise(log, settings.encoder, sigma, rng)
+    log = with_noise(log, settings.encoder_step, sigma, rng)
     payload = fit_payload(arm.truth, base, empty, periodic_states(log, motion.period), log.torque)
     truth = link_parameters(load.mass, load.center - payload.origin, load.inertia)
     return Weighed(payload, truth, payload_figures(payload, truth))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from polish_sim.analysis.claim import Claim
+from polish_sim.config import RobotConfig, Scenario, SimulationConfig, SpindleConfig
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.identification.excitation import OBJECTIVES
 from polish_sim.identification.regressor import FULL
@@ -18,6 +19,12 @@ METHODS: Final = {
     "stepwise-axes": "axes 1 to 3 with the wrist held first, then all axes, the covariance carried likewise",
 }
 """How parameters are found, by name."""
+STEP_S: Final = 2.5e-4  #: Physics step: the engine takes friction half a step late, so it is kept short
+SCENARIO: Final = Scenario(
+    experiment="identify", robot=RobotConfig(arm="ideal"), spindle=SpindleConfig(speed_rpm=0.0),
+    simulation=SimulationConfig(timestep_s=STEP_S),
+)  # fmt: skip
+"""The arm whose torques are those of the fit: what a log is read by and methods are measured on."""
 LARGEST_PAYLOAD: Final = 3.0  #: The UR5e's five kilograms less the tool's two [kg]
 
 
@@ -30,13 +37,24 @@ class IdentifySettings:
     periods: int = 5  #: Of 10 s each
     rate: float = 1000.0  #: Of the log [Hz]
     sigma: tuple[float, ...] = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)  #: White noise of the torques [N m], joint by joint
-    encoder: float = 4.8e-5  #: Step of the encoders [rad]: 17 bits a turn
+    encoder: float = 4.8e-5  #: Step of an ideal arm's encoders [rad]: 17 bits a turn
     terms: tuple[str, ...] = FULL
     iterations: int = 300  #: Of the search for an exciting motion
     starts: int = 1  #: Random motions that search begins from
     poses: int = 24  #: At rest, for the stepwise method
+    robot: RobotConfig = field(default_factory=RobotConfig)  #: The simulated one
     payload: float = 0.0  #: Mass of a payload that is found in a second run [kg]; none if 0
     seed: int = 0
+
+    @property
+    def scenario(self) -> Scenario:
+        """The simulated robot in free space."""
+        return replace(SCENARIO, robot=self.robot, seed=self.seed)
+
+    @property
+    def encoder_step(self) -> float:
+        """Step of the encoders the robot's positions are logged by [rad]."""
+        return self.robot.real.encoder_rad if self.robot.arm == "ur5e" else self.encoder
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:

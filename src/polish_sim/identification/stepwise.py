@@ -13,7 +13,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import IdentificationError
-from polish_sim.identification.arm import STEP_S, Arm, play_motion, play_states
+from polish_sim.identification.arm import Arm, play_motion, play_states
 from polish_sim.identification.estimate import (
     STANDING,
     TURNING,
@@ -30,7 +30,7 @@ from polish_sim.identification.excitation import ExcitationTask, random_motion, 
 from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.log_file import RobotLog, periodic_states, with_noise
 from polish_sim.identification.regressor import PIECE, States, TorqueModel
-from polish_sim.identification.settings import IdentifySettings
+from polish_sim.identification.settings import STEP_S, IdentifySettings
 
 SPEED: Final = 0.1  #: Of every joint when it passes a pose [rad/s]
 START_S: Final = 0.3  #: Until that speed is reached [s]
@@ -197,7 +197,7 @@ def _passing(pose: Array, side: float) -> States:
 def move_first_axes(arm: Arm, task: ExcitationTask, settings: IdentifySettings, rng: np.random.Generator) -> FirstStep:
     """Move the first three axes for a period while the wrist holds, as a load of the third."""
     motion, sigma = _held_motion(task, rng), np.array(settings.sigma)
-    log = with_noise(play_motion(arm, motion, 1, settings.rate), settings.encoder, sigma, rng)
+    log = with_noise(play_motion(arm, motion, 1, settings.rate), settings.encoder_step, sigma, rng)
     states = standing(periodic_states(log, motion.period), slice(AXES_FIRST, None))
     step = fit_axes(task.model, states, log.torque)
     return FirstStep(step, sum_samples(task.model, task.base, states, log.torque), sigma)
