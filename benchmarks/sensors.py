@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -54,6 +55,8 @@ def at_rest() -> Iterator[Row]:
         drifts = np.array([np.abs(_drift(config, seed)[:3]).max() for seed in range(RUNS)])
         shown = f"{np.median(drifts):.2f}, {drifts.max():.2f} N"
         yield Row(f"  drift in 300 s, worst axis, {RUNS} seeds: median, most", shown, drift)
+        delays = 1e3 * np.array([_delay(config, begin) for begin in np.arange(1.0, 1.0 + 1.0 / 125.0, 1e-3)])
+        yield Row("  63% of a step of force read after", f"{delays.min():.0f} to {delays.max():.0f} ms", "-")
         yield Row("  new values a second", f"{_new_values(config, 5.0):.0f}", rate)
 
 
@@ -86,6 +89,19 @@ def _new_values(config: SensorConfig, seconds: float) -> float:
         changes += bool(np.any(sensor.reading != before))
         before = sensor.reading.copy()
     return changes / seconds
+
+
+def _delay(config: SensorConfig, begin: float) -> float:
+    """Time from a step of the force at a moment ``begin`` [s] until 63% of it are read [s]."""
+    quiet = replace(config, force_noise_n=0.0, force_drift_n_s=0.0, warm_up_force_n=0.0, force_bias_n=0.0)
+    sensor = build_sensor(quiet, np.random.default_rng(0))
+    line, k = build_sample_line(sensor), 0
+    while sensor.reading[2] < 6.3:
+        # The engine hands on what it has computed a step before.
+        load = np.array([0.0, 0.0, 10.0 * (1e-3 * (k - 1) >= begin - 1e-9), 0.0, 0.0, 0.0])
+        sample_sensor(sensor, line, 1e-3 * k, load, np.zeros(12))
+        k += 1
+    return 1e-3 * (k - 1) - begin
 
 
 def forces(experiment: str, seeds: int, *settings: str, told: bool = False) -> Iterator[Row]:
