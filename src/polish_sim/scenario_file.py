@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import Field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,7 +34,7 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
     return merge(base, table, "")
 
 
-def override(base: Scenario, assignments: list[str]) -> Scenario:
+def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
     """Apply ``KEY=VALUE`` strings such as ``sensor.force_noise_n=0.2``; a bare word is taken as a string."""
     scenario = base
     chosen = presets_in(assignments)
@@ -53,7 +53,7 @@ def override(base: Scenario, assignments: list[str]) -> Scenario:
     return scenario
 
 
-def presets_in(assignments: list[str]) -> list[str]:
+def presets_in(assignments: Sequence[str]) -> list[str]:
     """Those of ``KEY=VALUE`` that choose a preset: set before all others, they leave what is set by name."""
     return [assignment for assignment in assignments if assignment.partition("=")[0].strip() in PRESETS]
 
