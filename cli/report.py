@@ -1,4 +1,4 @@
-"""`polish-sim report`: plots and tables again from saved runs, two or more side by side."""
+"""`polish-sim report`: page, plots and tables again from saved runs, two or more over each other."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def report(runs: Runs, given: Given) -> None:
     from polish_sim.cli.outcome import show_figures
     from polish_sim.cli.run import draw_run
     from polish_sim.experiments.registry import claims_shown
-    from polish_sim.experiments.report import draw_comparison, save_plots
+    from polish_sim.experiments.report import draw_comparison, save_plots, write_saved_page
 
     records = read_records(runs)
     first, alone = records[0], len(records) == 1
@@ -38,10 +38,11 @@ def report(runs: Runs, given: Given) -> None:
                 save_plots(folder.draft, {CELL_PICTURE: plot_cell(first)})
         else:
             save_plots(folder.draft, draw_comparison(records))
+        write_saved_page(folder.draft, runs, records)
         write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
     columns = {record.name: record.metrics for record in records}
     claims = claims_shown([record.scenario for record in records])
     show_figures(claims, f"{name}: {count_text(len(records), 'run')}", columns, settings=setting_rows(records))
     for text in notes_of(records):
         console.note(f"note: {text}")
-    console.say(f"folder: {folder.final}")
+    console.say_folder(folder.final)

@@ -185,8 +185,7 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
                 if isinstance(sink, Snapshot):
                     sink.stop, model = stop, sink.model
             draw_run(record, draft)
-            if model is not None and len(record.log):
-                write_page(draft, record, model, planned.notes if planned else ())
+            write_page(draft, record, model, planned.notes if planned else ())
             if stop and planned is not None:
                 save_plots(draft, {"path.png": plot_plan(planned, stop=stop)})
         if not (draft / CELL_PICTURE).exists() and len(record.log):

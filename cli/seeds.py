@@ -33,7 +33,7 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
     from polish_sim.cli.outcome import Outcome, other_conditions
     from polish_sim.cli.run import PICTURES_MISSING
     from polish_sim.experiments.registry import claims_shown
-    from polish_sim.experiments.report import draw_seeds, save_plots
+    from polish_sim.experiments.report import draw_seeds, save_plots, write_seeds_page
 
     runs, interrupted = _run_all(scenario, plan, seeds, draft)
     if interrupted and not runs:
@@ -47,6 +47,7 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
         records = [read_record(draft / _name(seed)) for seed in runs]
         if records:
             save_plots(draft, draw_seeds(records))
+            write_seeds_page(draft, records, {"mean": mean, "worst seed": worst})
     except KeyboardInterrupt:
         undrawn = "'polish-sim report' with the folders of the seeds puts them side by side."
         write_json(draft / METRICS, facts | {PICTURES_MISSING: True})

@@ -19,12 +19,15 @@ from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.arrays import Array
 from polish_sim.cell import Silent
+from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.viewers import html_text
 from polish_sim.experiments.registry import default_scenario, run_experiment
-from polish_sim.experiments.report import write_page
+from polish_sim.experiments.report import write_page, write_saved_page
+from polish_sim.experiments.run_page import clock, seeds_page
 from polish_sim.log import RunLog
 from polish_sim.page import PAGE
+from polish_sim.page.page import read_page
 from polish_sim.scenario_file import merge, override
 from tests.planning.shapes import shipped_plan
 
@@ -61,6 +64,11 @@ def made(experiment: str, *changes: str) -> Made:
 @pytest.fixture(scope="module")
 def surface() -> Made:
     return made("surface", *SHORT_PATH)
+
+
+@pytest.fixture(scope="module")
+def harder() -> Made:
+    return made("surface", *SHORT_PATH, "process.contact_force_n=26", "seed=1")
 
 
 @pytest.fixture(scope="module")
@@ -267,7 +275,7 @@ def test_names_and_notes_are_text_wherever_they_stand(opened: Open, surface: Mad
 
 @in_browser
 def test_a_plan_plays_its_path_and_predicts_the_removal(opened: Open) -> None:
-    plan = shipped_plan("plate_two_holes")
+    plan = shipped_plan("sphere_100")
     tab = opened(html_text(replace(plan, mesh=replace(plan.mesh, name=HOSTILE)), ExportSetup()))
     end = tab("window.page.now()")
     assert HOSTILE in tab("document.querySelector('h1').innerText")
@@ -278,6 +286,63 @@ def test_a_plan_plays_its_path_and_predicts_the_removal(opened: Open) -> None:
     assert sums[0] == 0.0
     assert sums[1] / sums[2] == pytest.approx(0.5, abs=0.03)
     assert_clean(tab)
+
+
+@in_browser
+def test_two_runs_lie_over_each_other(opened: Open, surface: Made, harder: Made, tmp_path: Path) -> None:
+    runs = [surface.record, replace(harder.record, name="harder")]
+    for name, run in zip(("a", "b"), (surface, harder), strict=True):
+        (tmp_path / name).mkdir()
+        write_page(tmp_path / name, run.record, run.model)
+    (tmp_path / "both").mkdir()
+    write_saved_page(tmp_path / "both", [tmp_path / "a", tmp_path / "b"], runs)
+    tab = opened((tmp_path / "both" / PAGE).read_text(encoding="utf-8"))
+    first, second = (run.removal for run in runs)
+    assert first is not None
+    assert second is not None
+    tab.tab.locator("#layers select").first.select_option("minus:0")
+    tab.picture()
+    drawn = np.array(tab("Array.from(window.page.data.colored)"))
+    assert drawn == pytest.approx(second.relative - first.relative, abs=0.02)
+    captions = tab.tab.locator("figcaption").first.inner_text()
+    assert "surface" in captions
+    assert "harder" in captions
+    assert_clean(tab)
+
+
+def test_a_page_is_read_back_as_it_was_written(surface: Made, tmp_path: Path) -> None:
+    write_page(tmp_path, surface.record, surface.model)
+    page = read_page(tmp_path / PAGE)
+    log, removal = surface.record.log, surface.record.removal
+    assert removal is not None
+    assert page.wear is not None
+    assert page.wear.value == pytest.approx(removal.relative, abs=1e-4)
+    assert (page.wear.faces == removal.triangles).all()
+    assert page.motion.time[[0, -1]] == pytest.approx(numbers(log, "time_s")[[0, -1]])
+    assert np.isnan(page.motion.asked[0])
+    (tmp_path / PAGE).write_text("no page")
+    with pytest.raises(InputError, match="cannot read the page"):
+        read_page(tmp_path / PAGE)
+
+
+def test_moves_that_each_begin_at_zero_follow_each_other_on_the_page(surface: Made) -> None:
+    twice = {name: np.concatenate([column[:50], column[:50]]) for name, column in surface.record.log.columns.items()}
+    time = clock(RunLog(MappingProxyType(twice)))
+    assert (np.diff(time) > 0.0).all()
+    assert time[-1] == pytest.approx(99 * (time[1] - time[0]))
+
+
+def test_many_seeds_have_bands_from_the_least_to_the_largest(surface: Made, harder: Made) -> None:
+    page = seeds_page([surface.record, harder.record], {"mean": surface.record.metrics})
+    force = next(line for line in page.plots[0].lines if line.label == "force")
+    assert force.low is not None
+    assert force.high is not None
+    assert (force.low <= force.values + 1e-9).all()
+    assert (force.high >= force.values - 1e-9).all()
+    forces = np.interp(page.motion.time, *(numbers(harder.record.log, name) for name in ("time_s", "normal_force_n")))
+    inside = (force.low - 0.2 <= forces) & (forces <= force.high + 0.2)  # between its own rows
+    assert inside.mean() > 0.99
+    assert np.median((force.high - force.low)[np.isfinite(page.motion.asked)]) == pytest.approx(6.0, abs=0.5)
 
 
 def test_a_run_says_where_its_page_is(polish_sim: Callable[..., Any]) -> None:

@@ -15,6 +15,8 @@ from polish_sim.page import PAGE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from polish_sim.page.page import Page
+
 
 def draw_plots(record: RunRecord) -> dict[str, Figure]:
     """Draw the pictures of a run, by file name; a run without a row has none."""
@@ -55,12 +57,41 @@ def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:
 
 
 def write_page(folder: Path, record: RunRecord, model: Any, notes: Sequence[str] = ()) -> None:
-    """Write a run as a page for the browser; ``model`` is MuJoCo's of its cell."""
-    from polish_sim.experiments.run_page import run_page
+    """Write a run as a page for the browser; ``model`` is MuJoCo's of its cell, None: it is set up again if it can be.
+
+    A run without a row has no page.
+    """
+    from polish_sim.experiments.run_page import cell_model, remade, run_page
+
+    if model is None and remade(record):
+        model = cell_model(record)
+    if model is not None and len(record.log):
+        _save_page(folder, run_page(record, model, notes))
+
+
+def write_saved_page(folder: Path, sources: Sequence[Path], records: Sequence[RunRecord]) -> None:
+    """Write the page of a saved run, or of several of one experiment over each other, if all have something to show."""
+    from polish_sim.experiments.run_page import pages_over, saved_page
+
+    pages = [saved_page(source, record) for source, record in zip(sources, records, strict=True)]
+    known = [page for page in pages if page is not None]
+    if len(known) == len(pages):
+        _save_page(folder, known[0] if len(known) == 1 else pages_over(records, known))
+
+
+def write_seeds_page(folder: Path, records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write the page of many seeds of one scenario with one robot; ``columns`` are figures by heading."""
+    from polish_sim.experiments.run_page import remade, seeds_page
+
+    if all(map(remade, records)):
+        _save_page(folder, seeds_page(records, columns))
+
+
+def _save_page(folder: Path, page: Page) -> None:
     from polish_sim.page.page import page_html
 
     draft = folder / f".part-{PAGE}"
-    draft.write_text(page_html(run_page(record, model, notes)), encoding="utf-8")
+    draft.write_text(page_html(page), encoding="utf-8")
     draft.replace(folder / PAGE)
 
 

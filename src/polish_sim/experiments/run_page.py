@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -11,12 +13,17 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.analysis.claim import claim_row
 from polish_sim.analysis.metrics import numbers
-from polish_sim.analysis.run_record import RunRecord, changed_settings, stop_mark
+from polish_sim.analysis.run_record import RunRecord, changed_settings, notes_of, setting_rows, stop_mark
 from polish_sim.arrays import Array, Indices, Ints
+from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
+from polish_sim.errors import PolishSimError
 from polish_sim.experiments.registry import claims_shown, experiment
+from polish_sim.geometry import load_part
 from polish_sim.geometry.lighter_mesh import lighter_mesh
-from polish_sim.log import PHASES, RemovalMap
-from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, box, cylinder
+from polish_sim.log import PHASES, RemovalMap, RunLog
+from polish_sim.models import part_path
+from polish_sim.page import PAGE
+from polish_sim.page.page import Body, Line, Motion, Other, Page, Plot, Solid, Wear, box, cylinder, read_page
 from polish_sim.spatial import apply, transform
 
 JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -32,7 +39,7 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
     """What the page of a run shows; ``model`` is MuJoCo's of the cell, the log has at least one row."""
     scenario, log = record.scenario, record.log
     row, stop = experiment(scenario.experiment), stop_mark(record.metrics)
-    kept = shown_rows(numbers(log, "time_s"), numbers(log, "q_rad"))
+    kept = shown_rows(clock(log), numbers(log, "q_rad"))
     bodies, part = scene_bodies(model), part_body(model)
     motion = run_motion(record, model, kept)
     rows = [claim_row(claim, [record.metrics], record.metrics) for claim in claims_shown([scenario])]
@@ -59,6 +66,13 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
         command=f"polish-sim run {scenario.experiment} --config config.toml",
         made=", ".join([f"seed {scenario.seed}", *(f"{n} {v}" for n, v in record.metrics.get("versions", {}).items())]),
     )
+
+
+def clock(log: RunLog) -> Array:
+    """Time of a log's rows [s], (n,); one that holds several moves, each from time 0, has them one after the other."""
+    time = numbers(log, "time_s")
+    steps = np.diff(time, prepend=time[:1])
+    return time[0] + np.cumsum(np.where(steps < 0.0, np.median(steps), steps))
 
 
 def shown_rows(time: Array, q: Array) -> Indices:
@@ -140,11 +154,13 @@ def run_motion(record: RunRecord, model: Any, kept: Indices) -> Motion:
     """The rows of a log the page plays back."""
     log, path = record.log, record.path
     s = numbers(log, "path_s_m")[kept]
+    # Where the pad's face would be on the surface: the spring's way and the pad's own are taken back.
+    sunk = numbers(log, "pad_travel_m") + numbers(log, "normal_force_n") / record.scenario.pad.stiffness_n_m
     axes, none = _tool_axis(record, "tcp_quaternion_wxyz"), np.full(len(kept), np.nan)
     return Motion(
-        time=numbers(log, "time_s")[kept],
+        time=clock(log)[kept],
         joints=_joint_columns(record, model)[kept],
-        pad=(numbers(log, "tcp_position_m") - numbers(log, "pad_travel_m")[:, None] * axes)[kept],
+        pad=(numbers(log, "tcp_position_m") - sunk[:, None] * axes)[kept],
         force=numbers(log, "normal_force_n")[kept],
         asked=_asked_force(record)[kept],
         speed=numbers(log, "tcp_speed_m_s")[kept],
@@ -222,7 +238,7 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
         apart = 1e6 * np.linalg.norm(column("relative_error_m"), axis=1)
         plots.insert(1, Plot("Tool from its place on the part", "µm", [Line("distance", apart)]))
     if "hand_force_n" in log.names:
-        plots.insert(0, Plot("Hand", "N", [Line("force", np.linalg.norm(column("hand_force_n"), axis=1))]))
+        plots[1] = Plot("Hand", "N", [Line("force", np.linalg.norm(column("hand_force_n"), axis=1))])
     return [plot for plot in plots if any(np.nan_to_num(line.values).any() for line in plot.lines)]
 
 
@@ -236,3 +252,133 @@ def _wear(record: RunRecord, removal: RemovalMap) -> Wear:
         value = value[cKDTree(removal.vertices).query(vertices)[1]]
     spin = record.scenario.spindle.speed_rpm * 2.0 * np.pi / 60.0
     return Wear(vertices, faces, value, "removal", unit_, top, record.scenario.pad.radius_m, spin)
+
+
+# Saved runs, and several of them laid over each other.
+
+ON_STAND: Final = ("force", "surface")  #: Experiments with a part on a stand
+ALIKE: Final = ("force", "error", "speed", "distance")  #: Curves of one run each that are put over each other
+
+
+def saved_page(folder: Path, record: RunRecord) -> Page | None:
+    """The page of a saved run: its own, or made again as far as one robot goes; None if there is nothing to show."""
+    if (folder / PAGE).exists():
+        return read_page(folder / PAGE)
+    return run_page(record, cell_model(record)) if remade(record) else None
+
+
+def remade(record: RunRecord) -> bool:
+    """Whether the cell of a run can be set up again from what it left."""
+    return record.scenario.experiment in ("arc", "smooth", *ON_STAND) and len(record.log) > 0
+
+
+def cell_model(record: RunRecord) -> Any:
+    """The cell of a run with one robot, the part where it was planned; without the part if its file is gone."""
+    spec, T_base_work = robot_with_tool(record.scenario), record.metrics.get("T_base_work")
+    if T_base_work is not None and record.scenario.experiment in ON_STAND:
+        part = record.scenario.part
+        with suppress(PolishSimError):
+            mesh, below = load_part(part_path(part.file), part.unit, part.up), False
+            if record.path is not None:
+                below = works_below(np.array(T_base_work), record.path.axes_work)
+            lay_part(spec, mesh, np.array(T_base_work), below)
+    return spec.compile()
+
+
+def pages_over(records: Sequence[RunRecord], pages: Sequence[Page]) -> Page:
+    """Several runs of one experiment over each other: the first one's cell, the curves and removal of all."""
+    first, names = pages[0], [record.name for record in records]
+    time = max((page.motion.time for page in pages), key=lambda rows: rows[-1])
+    motions = [_resampled(page.motion, time) for page in pages]
+    columns = [record.metrics for record in records]
+    rows = [claim_row(claim, columns, None) for claim in claims_shown([record.scenario for record in records])]
+    figures = [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
+    asked = [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in setting_rows(records)]
+    stops = [f"{name}: {page.stop}" for name, page in zip(names, pages, strict=True) if page.stop]
+    others = [
+        Other(name, motion, _same_places(first.wear, page.wear))
+        for name, page, motion in zip(names[1:], pages[1:], motions[1:], strict=True)
+    ]
+    return first._replace(
+        title=f"{records[0].scenario.experiment}: {', '.join(names)}",
+        about="runs over each other: the arm is the first one's, traces and curves are of all",
+        stop="; ".join(stops),
+        motion=motions[0],
+        plots=[
+            _over(plot, names, pages, time) for plot in first.plots if {line.label for line in plot.lines} & set(ALIKE)
+        ],
+        tables={
+            "Asked": [["", *names], *asked],
+            "Figures": [["figure", *names, "paper", "asked"], *figures],
+        },
+        notes=notes_of(records),
+        command="",
+        name=names[0],
+        others=others,
+    )
+
+
+def _resampled(motion: Motion, time: Array) -> Motion:
+    """A motion at other moments (n,) [s]; past its end it stands still."""
+    columns = {}
+    for name, values in motion._asdict().items():
+        table = np.asarray(values)[:, None] if np.ndim(values) == 1 else values
+        rows = np.stack([np.interp(time, motion.time, column) for column in table.T], axis=1)
+        columns[name] = rows[:, 0] if np.ndim(values) == 1 else rows
+    return Motion(**{**columns, "time": time, "force": np.where(time > motion.time[-1], 0.0, columns["force"])})
+
+
+def _over(plot: Plot, names: Sequence[str], pages: Sequence[Page], time: Array) -> Plot:
+    """The same curve of every run that has it."""
+    lines = [line._replace(values=np.interp(time, pages[0].motion.time, line.values)) for line in plot.lines
+             if line.role == "asked"]  # fmt: skip
+    for number, (name, page) in enumerate(zip(names, pages, strict=True)):
+        for line in [line for other in page.plots if other.title == plot.title for line in other.lines]:
+            if line.label in ALIKE:
+                values = np.interp(time, page.motion.time, line.values, right=np.nan)
+                lines.append(Line(name, values, str(number % 6)))
+    return plot._replace(lines=lines)
+
+
+def _same_places(wear: Wear | None, other: Wear | None) -> Array:
+    """The removal of another run at the vertices of the first one's."""
+    if wear is None or other is None:
+        return np.empty(0)
+    return np.asarray(other.value[cKDTree(other.vertices).query(wear.vertices)[1]])
+
+
+def seeds_page(records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, Any]]) -> Page:
+    """Many seeds of one scenario: the first one's cell, bands from the least to the largest of all behind its curves.
+
+    ``columns`` are the figures to show, by heading.
+    """
+    first, model = records[0], cell_model(records[0])
+    page = run_page(first, model)
+    every = [shown_rows(clock(record.log), numbers(record.log, "q_rad")) for record in records]
+    pages = [
+        run_plots(record, run_motion(record, model, kept), kept) for record, kept in zip(records, every, strict=True)
+    ]
+    times = [clock(record.log)[kept] for record, kept in zip(records, every, strict=True)]
+    plots = []
+    for plot in page.plots:
+        lines = list(plot.lines)
+        for at, line in enumerate(lines):
+            if line.label in ALIKE:
+                same = [
+                    np.interp(page.motion.time, time, other.values, right=np.nan)
+                    for time, drawn in zip(times, pages, strict=True)
+                    for twin in drawn
+                    if twin.title == plot.title
+                    for other in twin.lines
+                    if other.label == line.label
+                ]
+                lines[at] = line._replace(low=np.fmin.reduce(same), high=np.fmax.reduce(same))
+        plots.append(plot._replace(lines=lines))
+    rows = [claim_row(claim, list(columns.values()), None) for claim in claims_shown([first.scenario])]
+    figures = [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
+    return page._replace(
+        title=f"{first.scenario.experiment}, {first.scenario.controller.label}, {len(records)} seeds",
+        about="the cell and the curves are the first seed's; bands reach from the least to the largest of all",
+        plots=plots,
+        tables={**page.tables, "Figures": [["figure", *columns, "paper", "asked"], *figures]},
+    )

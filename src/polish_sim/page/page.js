@@ -34,8 +34,8 @@ const QUANTITIES = {
 };
 const MARKS = 40;
 
-function makeGrowth(page) {
-  const { wear, motion, padOnPart } = page, { vertices, pad_radius: radius, spin } = wear, n = vertices.length / 3;
+function makeGrowth({ wear, motion, padOnPart }) {
+  const { vertices, pad_radius: radius, spin } = wear, n = vertices.length / 3;
   const { low, high } = extent(vertices), cells = [0, 1, 2].map((c) => Math.floor((high[c] - low[c]) / radius) + 1);
   const cellOf = (p, k) => [0, 1, 2].map((c) => Math.floor((p[k + c] - low[c]) / radius));
   const first = new Uint32Array(cells[0] * cells[1] * cells[2] + 1), own = new Uint32Array(n), order = new Uint32Array(n);
@@ -190,6 +190,13 @@ async function start() {
     if (!T || !still) T = page.part_body < 0 ? WORLD : bodyPoses(page.bodies, jointsAt(r))[page.part_body];
     page.padOnPart.set(placeBack(T, motion.pad.subarray(3 * r, 3 * r + 3)), 3 * r);
   }
+  for (const other of page.others) {
+    other.padOnPart = new Float32Array(3 * rows);
+    for (let r = 0, T = null; r < rows; r++) {
+      if (!T || !still) T = page.part_body < 0 ? WORLD : bodyPoses(page.bodies, jointsAt(r))[page.part_body];
+      other.padOnPart.set(placeBack(T, other.motion.pad.subarray(3 * r, 3 * r + 3)), 3 * r);
+    }
+  }
   page.pressing = motion.force.some((f) => f > 0);
   const drawn = bodyPoses(page.bodies, jointsAt(rows - 1)).map((T) => [T[3], T[7], T[11]]);
   page.cell = page.solids.some((solid) => solid.kind === "cell" || solid.body === 0 && solid.kind === "arm");
@@ -198,7 +205,7 @@ async function start() {
   page.reach = Math.max(0.55 * whole.size, 0.45);
   showFacts(page);
 
-  let now = last, playing = false, growth = null, scale = null, asked = false, dirty = true, paints = 0;
+  let now = last, playing = false, growth = null, colors = null, scale = null, asked = false, dirty = true, paints = 0;
   const scene = makeScene(byId("scene"), page, (t) => (t === undefined ? draw() : seek(t)));
   byId("no-gl").hidden = Boolean(scene);
   const plots = makePlots(byId("plots"), page, (t) => seek(t));
@@ -211,9 +218,9 @@ async function start() {
     asked = false;
     const row = rowOf(now), i = Math.floor(row), tip = motion.pad.subarray(3 * i, 3 * i + 3);
     scene?.move(jointsAt(row), Array.from(tip), i);
-    if (scale && dirty) scene.color((page.colored = growth.upTo(row)), scale);
+    if (scale && dirty) scene.color((page.colored = colors(row)), scale);
     dirty = false;
-    scene?.paint({ sky: rgb("--sky"), floor: rgb("--floor") });
+    scene?.paint({ sky: rgb("--sky"), floor: rgb("--floor"), runs: [0, 1, 2, 3, 4, 5].map((k) => rgb(`--c${k}`)) });
     plots.move(now);
     byId("scrubber").value = now;
     byId("clock").textContent = `${(now - first).toFixed(last - first < 20 ? 2 : 1)} / ${(last - first).toFixed(1)} s`;
@@ -244,8 +251,27 @@ async function start() {
   };
   const traces = { plain: null, force: ["force", "N", (k) => motion.force[k]], speed: ["speed", "mm/s", (k) => 1e3 * motion.speed[k]],
     error: ["error across the tool", "µm", (k) => 1e6 * motion.error[k]] };
+  const grown = (number) => {
+    const other = page.others[number];
+    return (other.growth ??= makeGrowth({ wear: { ...page.wear, value: other.value }, motion: other.motion, padOnPart: other.padOnPart }));
+  };
   function colorPart(name) {
-    scale = name === "plain" ? null : growth.choose(name);
+    const [key, number] = name.split(":"), other = number && grown(Number(number));
+    colors = (row) => growth.upTo(row);
+    scale = name === "plain" ? null : other ? other.choose("removal") : growth.choose(name);
+    if (other) scale.label = `${page.others[number].name}: removal`;
+    if (other) colors = (row) => other.upTo(row);
+    if (key === "minus") {
+      growth.choose("removal");
+      const both = new Float32Array(page.wear.vertices.length / 3);
+      colors = (row) => {
+        const here = growth.upTo(row), there = other.upTo(row);
+        return both.map((_, v) => (here[v] > UNTOUCHED || there[v] > UNTOUCHED ? Math.max(there[v], 0) - Math.max(here[v], 0) : UNTOUCHED));
+      };
+      const sizes = Array.from(colors(rows - 1)).filter((v) => v > UNTOUCHED).map(Math.abs).sort((a, b) => a - b);
+      const most = sizes[Math.floor(0.98 * (sizes.length - 1))] || 1;
+      scale = { map: AROUND, label: `${page.others[number].name} − ${page.name}`, unit: scale.unit, low: -most, high: most };
+    }
     if (!scale) scene.color(new Float32Array(page.wear.vertices.length / 3).fill(UNTOUCHED), { map: VIRIDIS, low: 0, high: 1 });
     dirty = true;
     legend();
@@ -263,7 +289,8 @@ async function start() {
     if (page.wear) {
       growth = makeGrowth(page);
       const known = Object.entries(QUANTITIES).filter(([key]) => key !== "error" || page.wear.name === "removal");
-      select("part", [...known.map(([key, q]) => [key, q.name]), ["plain", "plain"]], colorPart);
+      const laid = page.others.flatMap(({ name, value }, k) => (value.length ? [[`minus:${k}`, `removal: ${name} − ${page.name}`], [`only:${k}`, `removal: ${name}`]] : []));
+      select("part", [...known.map(([key, q]) => [key, q.name]), ...laid, ["plain", "plain"]], colorPart);
     }
     select("trace", [["plain", "plain"], ["force", "force"], ["speed", "speed"], ["error", "error"]].filter(([key]) => (key !== "force" || page.pressing) && (key !== "error" || motion.error.some((v) => v > 0))), colorTrace);
     const usual = ["cell", "part"], marks = new Map(page.solids.filter((solid) => !usual.includes(solid.kind)).map((solid) => [solid.kind, solid.color]));

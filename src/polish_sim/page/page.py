@@ -14,12 +14,14 @@ import re
 import zlib
 from collections.abc import Mapping, Sequence
 from importlib import resources
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Ints
+from polish_sim.errors import InputError
 
 SCRIPTS: Final = ("scene.js", "plots.js", "page.js")
 LEVELS: Final = 65534  #: Of a rounded number; one more stands for what is undefined
@@ -91,6 +93,14 @@ class Wear(NamedTuple):
     spin: float  #: Of the pad [rad/s]
 
 
+class Other(NamedTuple):
+    """Another run laid over the page's, on the rows of its motion."""
+
+    name: str
+    motion: Motion
+    value: Array  #: Its removal at the vertices of the page's, shape (n,); empty if there is none
+
+
 class Page(NamedTuple):
     """All that one page shows."""
 
@@ -110,6 +120,8 @@ class Page(NamedTuple):
     command: str  #: Repeats the run
     made: str  #: By which seed and versions
     view: str = "cell"  #: What is looked at first: cell, part or tool
+    name: str = ""  #: What the run is called beside ``others``
+    others: Sequence[Other] = ()
 
 
 # Simple shapes, and a tool without an arm.
@@ -206,3 +218,42 @@ def _array(table: NDArray[Any], size: int, blocks: list[bytes]) -> dict[str, Any
     at = sum(map(len, blocks))
     blocks.append(np.ascontiguousarray(np.moveaxis(planes[:, :, :size], 2, 0)).tobytes())
     return {"$": at, "n": len(table), "k": table.shape[1], "size": size, "low": low.tolist(), "step": step.tolist()}
+
+
+# And back.
+
+
+def read_page(file: Path) -> Page:
+    """The page in a file that ``page_html`` wrote, its numbers as they were rounded.
+
+    Raises:
+        InputError: There is no such page in it.
+    """
+    try:
+        found = re.search(r'id="data">([^<]*)<', file.read_text(encoding="utf-8"))
+        block = zlib.decompress(base64.b64decode(found[1] if found else ""))
+        start = 4 + int.from_bytes(block[:4], "little")
+        data = json.loads(
+            block[4:start], object_hook=lambda entry: _values(entry, block, start) if "$" in entry else entry
+        )
+        data["motion"] = Motion(**data["motion"])
+        data["bodies"] = [Body(**body) for body in data["bodies"]]
+        data["solids"] = [Solid(**solid) for solid in data["solids"]]
+        data["wear"] = data["wear"] and Wear(**data["wear"])
+        data["plots"] = [Plot(**{**plot, "lines": [Line(**line) for line in plot["lines"]]}) for plot in data["plots"]]
+        data["others"] = [Other(**{**other, "motion": Motion(**other["motion"])}) for other in data["others"]]
+        return Page(**data)
+    except (OSError, ValueError, KeyError, TypeError, zlib.error) as error:
+        raise InputError(f"cannot read the page '{file}': {error}. Delete it to see the run without.") from error
+
+
+def _values(entry: Mapping[str, Any], block: bytes, start: int) -> NDArray[Any]:
+    """An array as ``_array`` took it in, (n,) or (n, k)."""
+    n, k, size = entry["n"], entry["k"], entry["size"]
+    planes = np.frombuffer(block, np.uint8, n * k * size, start + entry["$"]).reshape(size, k, n).astype(np.int64)
+    levels = np.cumsum(np.tensordot(256 ** np.arange(size), planes, axes=1), axis=1).T % 256**size
+    low, step = np.array(entry["low"]), np.array(entry["step"])
+    if size == 4 and not low.any() and (step == 1.0).all():
+        return levels.astype(np.int32)
+    values = np.where((levels > LEVELS) & (size == 2), np.nan, low + step * levels)
+    return values[:, 0] if k == 1 else values

@@ -170,6 +170,7 @@ function makeScene(canvas, page, changed) {
     return { array, count, tinted };
   };
   const trace = thick(page.padOnPart, new Float32Array(page.padOnPart.length / 3));
+  const others = page.others.map(({ padOnPart }) => thick(padOnPart, new Float32Array(padOnPart.length / 3)));
   const path = page.path.length > 3 ? thick(page.path, page.contact) : null;
   let map = null;
   if (page.wear) {
@@ -283,7 +284,9 @@ function makeScene(canvas, page, changed) {
       gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
     };
     if (path && shown.path) strip(path, path.count, 0.8, null, 2 * lift, { map: [[230, 120, 20], [107, 117, 133]], low: 0, high: 1 });
-    if (shown.trace && trace.row > 0) strip(trace, Math.min(trace.row, trace.count), 1.7, [0.09, 0.1, 0.14], 3 * lift, trace.scale);
+    if (!shown.trace || trace.row < 1) return;
+    strip(trace, Math.min(trace.row, trace.count), 1.7, others.length ? theme.runs[0] : [0.09, 0.1, 0.14], 3 * lift, trace.scale);
+    others.forEach((other, k) => strip(other, Math.min(trace.row, other.count), 1.7, theme.runs[(k + 1) % 6], 3.2 * lift));
   }
 
   // The row of the trace nearest to a place of the canvas, or -1.
