@@ -18,6 +18,11 @@ N = TypeVar("N", int, float)
 PRESETS = ("sensor.model",)  #: Keys whose words stand for values of others; they are set first
 AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
 _COUNTS = {3: "three", 6: "six"}
+_ROBOT_BEFORE_ARMS = {
+    *("command_latency_s", "linear_acceleration_m_s2", "angular_acceleration_rad_s2", "command_timeout_s"),
+    *("joint_speed_limit_rad_s", "payload_error"),
+}
+"""All keys of [robot] in a run's config.toml of the time before robot.arm: its arm was the ideal one."""
 
 
 def load_scenario(path: Path, base: Scenario) -> Scenario:
@@ -31,6 +36,9 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
         raise ConfigError(f"cannot read the config file '{path}': {error.strerror}.{near_file(path)}") from error
     except ValueError as error:
         raise ConfigError(f"'{path}' is not valid TOML: {error}.") from error
+    robot = table.get("robot")
+    if isinstance(robot, dict) and robot.keys() == _ROBOT_BEFORE_ARMS:
+        robot["arm"] = "ideal"
     return merge(base, table, "")
 
 

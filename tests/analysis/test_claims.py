@@ -12,9 +12,9 @@ from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_removal, measure_surface
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, experiments
-from polish_sim.experiments.rows import ARC_CLAIMS, PAYLOAD_CLAIMS
+from polish_sim.experiments.rows import PAYLOAD_CLAIMS, arc_claims
 from polish_sim.identification.settings import IDENTIFY
-from polish_sim.scenario_file import merge
+from polish_sim.scenario_file import merge, override
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, removal_map, surface_trace
 
 
@@ -35,15 +35,17 @@ def test_every_claim_names_a_figure_that_is_measured() -> None:
 
 
 def test_a_good_arc_meets_all_claims_and_a_wide_one_misses_the_tracking_error() -> None:
+    ideal = arc_claims(override(default_scenario("arc"), ["robot.arm=ideal"]))
     good = measure_arc(arc_trace(radial_error_m=5e-5)) | {"path_done": 1.0}
     wide = measure_arc(arc_trace(radial_error_m=2e-4)) | {"path_done": 1.0}
-    assert shortfalls(ARC_CLAIMS, good) == []
-    assert [claim.figure for claim in shortfalls(ARC_CLAIMS, wide)] == ["tracking_error_max_m"]
+    assert shortfalls(ideal, good) == []
+    assert [claim.figure for claim in shortfalls(ideal, wide)] == ["tracking_error_max_m"]
+    assert shortfalls(arc_claims(default_scenario("arc")), wide) == []
 
 
 def test_a_run_that_stopped_early_falls_short() -> None:
     figures = measure_arc(arc_trace()) | {"path_done": 0.5}
-    assert [claim.figure for claim in shortfalls(ARC_CLAIMS, figures)] == ["path_done"]
+    assert [claim.figure for claim in shortfalls(arc_claims(default_scenario("arc")), figures)] == ["path_done"]
 
 
 @pytest.mark.parametrize("value", [None, math.nan])

@@ -21,6 +21,7 @@ OLD = Path(__file__).resolve().parent.parent / "files_of_8ef5763"
 def test_a_config_gives_the_same_settings_when_written_again(name: str, tmp_path: Path) -> None:
     defaults = default_scenario({"config_surface": "surface", "config_dual": "dual"}.get(name, "force"))
     scenario = load_scenario(OLD / f"{name}.toml", defaults)
+    assert scenario.robot.arm == "ideal"
     again = tmp_path / "again.toml"
     again.write_text(to_toml(scenario), encoding="utf-8")
     assert load_scenario(again, defaults) == scenario

@@ -90,7 +90,7 @@ def test_the_moment_loop_levels_a_pad_on_a_rotational_spring_as_its_second_order
 ) -> None:
     """With moment k (angle - lean) the error obeys e'' + k p e' + k i e = 0 from e = lean, e' = -k p lean."""
     rng, stiffness, dt = np.random.default_rng(0), 3.0, 0.001
-    config = replace(CONFIG, moment_p_rad_snm=p, moment_i_rad_s2nm=i, force_filter_hz=1e9)
+    config = replace(CONFIG, moment_p_rad_snm=p, moment_i_rad_s2nm=i, moment_filter_hz=1e9)
     made = controller("hybrid-pi", config)
     m = measurement_from(rng)
     m.rotation[:], m.twist[:], m.wrench[:] = np.eye(3), 0.0, 0.0

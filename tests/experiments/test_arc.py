@@ -21,8 +21,8 @@ def test_the_path_is_the_papers_circle_once_round() -> None:
     assert path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=1e-5)
 
 
-def test_the_tool_keeps_to_the_circle_and_to_10_mm_per_second(short_arc: RunResult) -> None:
-    figures = short_arc.figures
+def test_the_ideal_arm_keeps_to_the_circle_and_to_10_mm_per_second() -> None:
+    figures = run_experiment(override(default_scenario("arc"), ["robot.arm=ideal", "process.max_feed_s=4"])).figures
     assert figures["tracking_error_max_m"] < 0.1e-3
     assert figures["speed_mean_m_s"] == pytest.approx(0.01, abs=0.1e-3)
     assert figures["speed_max_deviation_m_s"] < 0.1e-3

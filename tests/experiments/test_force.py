@@ -74,8 +74,9 @@ def test_half_the_physics_step_gives_the_same_response() -> None:
 def pressed(*settings: str) -> RunResult:
     base = override(
         default_scenario("force"),
-        ["controller.name=hybrid-adaptive", "process.approach_speed_m_s=0.02", "process.hold_s=1.2", *settings],
-    )
+        ["robot.arm=ideal", "controller.name=hybrid-adaptive", "process.approach_speed_m_s=0.02", "process.hold_s=1.2",
+         *settings],
+    )  # fmt: skip
     return run_experiment(base)
 
 
@@ -161,7 +162,8 @@ def test_the_bounce_is_the_loops_delay_not_the_noise() -> None:
     assert late(pressed_on(10.0, "process.hold_s=4", *prompt)).min() > 2.0
 
 
-FORCE = default_scenario("force")
+FORCE = override(default_scenario("force"), ["robot.arm=ideal", "controller.force_filter_hz=10"])
+"""The loop of the model: a stiff arm. With a slower filter the border lies where speed limits bend it first."""
 
 
 @pytest.fixture(scope="module")

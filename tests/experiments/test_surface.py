@@ -6,15 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.analysis.metrics import measure_surface
 from polish_sim.config import Scenario
-from polish_sim.experiments import RunResult, part_pose, prepare_surface, run_experiment
+from polish_sim.experiments import RunResult, default_scenario, part_pose, prepare_surface, run_experiment
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.planning import PlanResult
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply
-from tests.cell.cells import IDEAL_SENSOR
+from tests.cell.cells import IDEAL_ARM, IDEAL_SENSOR
 
 Cap = tuple[Scenario, PlanResult]
 
@@ -31,9 +32,18 @@ def test_on_the_freeform_part_the_force_stays_within_four_newton(freeform: RunRe
     assert freeform.figures["contact_lost_s"] == 0.0
 
 
-def test_the_tool_strays_less_than_three_tenths_of_a_millimetre_from_its_path(freeform: RunResult) -> None:
-    assert freeform.figures["tracking_error_max_m"] < 0.3e-3
-    assert freeform.figures["speed_mean_m_s"] == pytest.approx(0.01, rel=0.03)
+def test_the_tool_strays_less_than_three_tenths_of_a_millimetre_from_its_path_on_the_ideal_arm() -> None:
+    result = run_experiment(override(default_scenario("surface"), ["robot.arm=ideal", "process.max_feed_s=8"]))
+    assert result.figures["tracking_error_max_m"] < 0.3e-3
+    assert result.figures["speed_mean_m_s"] == pytest.approx(0.01, rel=0.03)
+
+
+def test_no_loop_makes_the_elastic_arm_swing(freeform: RunResult) -> None:
+    """With both filters at 10 Hz the force loop feeds the mode at 26 Hz: 53 um rms instead of 6."""
+    feeding = freeform.log["phase"] == 2
+    off = (freeform.log["tcp_position_m"][feeding] - freeform.log["target_position_m"][feeding])[250:]
+    band = butter(4, [8.0, 60.0], "band", fs=250.0, output="sos")
+    assert np.sqrt((sosfiltfilt(band, off, axis=0) ** 2).sum(axis=1).mean()) < 12e-6
 
 
 def test_a_run_cut_short_says_how_much_it_did(freeform: RunResult) -> None:
@@ -73,8 +83,9 @@ def test_without_force_control_the_displaced_part_is_pressed_wrongly(cap: Cap, c
     assert deaf.figures["force_rms_error_n"] > 5.0 * cap_run.figures["force_rms_error_n"]
 
 
-def test_with_the_spindle_off_the_force_is_held_as_well(cap: Cap, cap_run: RunResult) -> None:
-    still = changed(cap, "spindle.speed_rpm=0")
+def test_with_the_spindle_off_the_force_is_held_as_well(cap: Cap) -> None:
+    cap_run = changed(cap, "robot.arm=ideal")
+    still = changed(cap, "robot.arm=ideal", "spindle.speed_rpm=0")
     assert still.figures["force_max_deviation_n"] < 4.0
     force, moment = {}, {}
     for name, result in (("on", cap_run), ("off", still)):
@@ -114,7 +125,7 @@ def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(
     """
     monkeypatch.setattr(part_pose, "standing_fault", lambda *_: "")  # the table stands on one side of the arm only
     scenario, plan = cap
-    quiet = override(scenario, [*IDEAL_SENSOR, "controller.name=position", "spindle.imbalance_m_s=0"])
+    quiet = override(scenario, [IDEAL_ARM, *IDEAL_SENSOR, "controller.name=position", "spindle.imbalance_m_s=0"])
     x, y, z = np.array(prepare_surface(quiet, plan).reach.T_base_work)[:3, 3]
     poses = (x, y, z, 0.0, 0.0, 0.0), (-x, -y, z, 0.0, 0.0, np.pi)
     (here, way), (there, way_there) = (

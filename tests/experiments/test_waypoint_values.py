@@ -29,7 +29,7 @@ def rising(cap: Cap) -> RunResult:
     s = plan.path.s
     start = float(s[plan.path.process][0])
     path = replace(plan.path, force=ramp(s, start, FORCES), feed=ramp(s, start, FEEDS))
-    return run_experiment(override(scenario, ["process.max_feed_s=7"]), replace(plan, path=path))
+    return run_experiment(override(scenario, ["robot.arm=ideal", "process.max_feed_s=7"]), replace(plan, path=path))
 
 
 def fed(run: RunResult, after_s: float = 1.0) -> np.ndarray:

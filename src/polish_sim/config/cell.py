@@ -21,7 +21,7 @@ class RobotConfig:
     command_timeout_s: float = key(0.1, "a speedl command holds for this long, then the robot stops [s]", 0.002, 10.0)
     joint_speed_limit_rad_s: float = key(math.pi, "limit of every joint's speed [rad/s]", 0.01, 2 * math.pi)
     payload_error: float = key(0.0, "relative error of the payload mass set in the robot [-]", -0.9, 5.0)
-    arm: str = key("ideal", "ideal: rigid gears, exact encoders and table; ur5e: as [robot.real] says")
+    arm: str = key("ur5e", "ur5e: imperfect as [robot.real] says; ideal: rigid gears, exact encoders and table")
     real: RealArmConfig = field(default_factory=RealArmConfig)
 
 

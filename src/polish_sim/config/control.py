@@ -82,7 +82,12 @@ class ControllerConfig:
     orientation_i_hz: float = key(0.2, "I of eq. 7 [1/s]", 0.0, 5.0)
     orientation_d_s: float = key(0.0, "D of eq. 7 [s]", 0.0, 0.1)
     force_p_m_sn: float = key(0.004, "kfp of eq. 5 [m/(s N)]", 0.0, 0.1)
-    force_filter_hz: float = key(10.0, "low-pass on the measured force and moment in the loop [Hz]", 0.1, 500.0)
+    force_filter_hz: float = key(
+        5.0, "low-pass on the measured force in its loop; at 10 Hz an elastic arm swings [Hz]", 0.1, 500.0
+    )
+    moment_filter_hz: float = key(
+        1.0, "low-pass on the measured moment in its loop; at 10 Hz an elastic arm swings [Hz]", 0.01, 500.0
+    )
     force_limit_m_s: float = key(0.05, "largest speed the force loop may ask for [m/s]", 0.001, 1.0)
     force_i_m_s2n: float = key(0.012, "kfi of eq. 5 [m/(s^2 N)]", 0.0, 1.0)
     moment_p_rad_snm: float = key(

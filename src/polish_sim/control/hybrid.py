@@ -51,15 +51,17 @@ class HybridContext(Record):
 
 def hybrid_gains(config: ControllerConfig) -> HybridGains:
     """The gains a configuration asks for."""
-    look_ahead, filter_hz = config.look_ahead_s, config.force_filter_hz
+    look_ahead = config.look_ahead_s
     return HybridGains(
         position=loops.PositionGains(look_ahead, config.position_p, config.position_d_s),
         position_rate=loops.PositionRateGains(config.position_rate_p, config.position_rate_d),
         orientation=loops.OrientationGains(
             look_ahead, config.orientation_p, config.orientation_i_hz, config.orientation_d_s
         ),
-        force=loops.PiGains(config.force_p_m_sn, config.force_i_m_s2n, config.force_limit_m_s, filter_hz),
-        moment=loops.PiGains(config.moment_p_rad_snm, config.moment_i_rad_s2nm, config.moment_limit_rad_s, filter_hz),
+        force=loops.PiGains(config.force_p_m_sn, config.force_i_m_s2n, config.force_limit_m_s, config.force_filter_hz),
+        moment=loops.PiGains(
+            config.moment_p_rad_snm, config.moment_i_rad_s2nm, config.moment_limit_rad_s, config.moment_filter_hz
+        ),
         tilt_limit=config.moment_tilt_limit_rad,
     )
 

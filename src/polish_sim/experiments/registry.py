@@ -6,6 +6,7 @@ that help answers at once and one experiment never loads another.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -170,14 +171,17 @@ def _call(row: Experiment, name: str, scenario: Scenario, plan: PlanResult | Non
 
 
 def claims_shown(scenarios: Sequence[Scenario]) -> tuple[Claim, ...]:
-    """The figures to show of runs of one experiment: what is asked of any of them.
+    """The figures to show of runs of one experiment: what is asked of all of them alike.
 
     The paper's figures are left out unless every run is the paper's trial.
     """
     rows = [experiment(scenario.experiment) for scenario in scenarios]
-    asked = {
-        claim.figure: claim for row, scenario in zip(rows, scenarios, strict=True) for claim in row.claims(scenario)
-    }
+    asked: dict[str, Claim] = {}
+    for row, scenario in zip(rows, scenarios, strict=True):
+        for claim in row.claims(scenario):
+            before = asked.get(claim.figure, claim)
+            alike = (claim.low, claim.high) == (before.low, before.high)
+            asked[claim.figure] = claim if alike else claim._replace(low=-math.inf, high=math.inf)
     papers = all(row.is_paper_trial(scenario) for row, scenario in zip(rows, scenarios, strict=True))
     return tuple(asked.values()) if papers else without_paper(asked.values())
 

@@ -18,14 +18,24 @@ from polish_sim.experiments.registry import (
     always,
 )
 
-ARC_CLAIMS: Final = (
-    Claim("tracking_error_max_m", "tracking error, max", "mm", 1e3, "< 0.3", high=1e-4),
-    Claim("tracking_error_rms_m", "tracking error, rms", "mm", 1e3),
-    Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "10"),
-    Claim("speed_max_deviation_m_s", "speed deviation, max", "mm/s", 1e3, "held", high=1e-4),
-    Claim("orientation_error_max_rad", "orientation error, max", "mrad", 1e3),
-    PATH_DONE,
-)
+
+def arc_claims(scenario: Scenario) -> tuple[Claim, ...]:
+    """What is asked of an arc; of an arm with gears as much as their transmission error leaves.
+
+    Its slope, 200 / rad times 1.45e-4 rad in a large joint, makes up to 9% of the feed where the joints add up.
+    """
+    ideal, feed = scenario.robot.arm == "ideal", scenario.process.feed_m_s
+    error, deviation = (1e-4, 0.01 * feed) if ideal else (3e-4, 0.09 * feed)
+    return (
+        Claim("tracking_error_max_m", "tracking error, max", "mm", 1e3, "< 0.3", high=error),
+        Claim("tracking_error_rms_m", "tracking error, rms", "mm", 1e3),
+        Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "10"),
+        Claim("speed_max_deviation_m_s", "speed deviation, max", "mm/s", 1e3, "held", high=deviation),
+        Claim("orientation_error_max_rad", "orientation error, max", "mrad", 1e3),
+        PATH_DONE,
+    )
+
+
 FORCE_CLAIMS: Final = (
     Claim("settling_time_3n_s", "settling to ±3 N", "s", 1.0, "< 0.5", high=0.4),
     Claim("settling_time_1n_s", "settling to ±1 N", "s", 1.0),
@@ -60,7 +70,7 @@ ARC: Final = Experiment(
     Scenario(experiment="arc", spindle=SpindleConfig(speed_rpm=0.0)),
     run="polish_sim.experiments.arc:run_arc",
     prepare="polish_sim.experiments.arc:prepare_arc",
-    claims=always(ARC_CLAIMS),
+    claims=arc_claims,
     plots=always({"arc.png": "polish_sim.analysis.run_plots:plot_arc"}),
     comparisons={"arc.png": "polish_sim.analysis.run_plots:plot_arc_runs"},
     options=("--feed", *TRIAL_OPTIONS, *WATCH_OPTIONS),
@@ -112,7 +122,9 @@ SURFACE: Final = Experiment(
 )
 
 PAYLOAD_SCENARIO: Final = Scenario(
-    experiment="calibrate-payload", spindle=SpindleConfig(speed_rpm=0.0), simulation=SimulationConfig(log_rate_hz=0.0)
+    experiment="calibrate-payload",
+    spindle=SpindleConfig(speed_rpm=0.0),
+    simulation=SimulationConfig(log_rate_hz=0.0),
 )
 """What ``calibrate payload`` starts from: the host averages every reading, one per physics step."""
 PAYLOAD_CLAIMS: Final = (
