@@ -18,6 +18,7 @@ from polish_sim.cli.options import OWN, Given, Own, takes
 from polish_sim.cli.output_folder import RESULTS, unused
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
+from polish_sim.page import PAGE
 
 if TYPE_CHECKING:
     from polish_sim.scoring import Case, Entry, Score, Verdict
@@ -95,7 +96,7 @@ def run_and_show(request: Request, folder: Path, check: bool) -> int:
     ]
     _write(folder, request, score, verdicts)
     _show(request, score, verdicts)
-    console.say(f"folder: {folder}")
+    console.say_folder(folder)
     if score.interrupted:
         console.note("interrupted: the rows above are kept; the same command with --out continues.")
         return INTERRUPTED
@@ -162,6 +163,7 @@ def _write(folder: Path, request: Request, score: Score, verdicts: Sequence[tupl
     if request.ablate:
         page += _ablation_page(request, score)
     put(folder, "score.md", page)
+    put(folder, PAGE, _page(request, score, verdicts))
     if score.rows and request.ablate:
         save_plots(folder, {"score.png": plot_ablation(ablation_ratios(score))})
     elif score.rows:
@@ -203,6 +205,37 @@ def _show(request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequen
         console.say(f"worst case of {worst_line(score, entry)}")
         for line in breaking(summaries, entry):
             console.say(f"  breaks in {line}")
+
+
+def _page(request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) -> str:
+    """The tables for a browser, with the command that plays the worst run of each case and leaves its own page."""
+    from polish_sim.analysis.run_record import once_more
+    from polish_sim.experiments.registry import default_scenario
+    from polish_sim.page.page import page_html, tables_page
+    from polish_sim.scoring import breaking, overview, summarize, verdict_table, worst_case, worst_line
+
+    summaries = summarize(score.cases, score.entries, score.rows)
+    tables: dict[str, list[Sequence[str]]] = {
+        f"Asked of {entry.label}": _rows(*verdict_table(own)) for entry, own in verdicts if own
+    }
+    tables["Cases, mean / worst of the seeds"] = _rows(*overview(summaries))
+    runs: list[Sequence[str]] = [["case", "controller", "seed", "the worst run, with a page of its own"]]
+    for summary in summaries:
+        worst = worst_case([summary], summary.entry)
+        if worst is not None:
+            scenario = summary.case.scenario(summary.entry, worst["seed"])
+            command = once_more(scenario, default_scenario(scenario.experiment))
+            runs.append([summary.case.name, summary.entry.label, str(worst["seed"]), command])
+    tables["Look at one"] = runs
+    named = ", ".join(entry.label for entry in score.entries)
+    about = f"{count_text(len(score.rows), 'run')} of {count_text(len(score.cases), 'case')}"
+    notes = [f"worst case of {worst_line(score, entry)}" for entry in score.entries]
+    notes += [f"{entry.label} breaks in {line}" for entry in score.entries for line in breaking(summaries, entry)]
+    return page_html(tables_page(f"score: {named}", about, tables, notes))
+
+
+def _rows(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
+    return [headings, *rows]
 
 
 def _ablation_page(request: Request, score: Score) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import itertools
 import os
+import shlex
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis.metrics import numbers
-from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.run_record import RunRecord, once_more
 from polish_sim.arrays import Array
 from polish_sim.cell import Silent
 from polish_sim.errors import InputError
@@ -27,8 +28,9 @@ from polish_sim.experiments.report import write_page, write_saved_page
 from polish_sim.experiments.run_page import clock, seeds_page
 from polish_sim.log import RunLog
 from polish_sim.page import PAGE
-from polish_sim.page.page import read_page
+from polish_sim.page.page import page_html, read_page, tables_page
 from polish_sim.scenario_file import merge, override
+from polish_sim.scoring import BATTERY, user_entry
 from tests.planning.shapes import shipped_plan
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
@@ -308,6 +310,24 @@ def test_two_runs_lie_over_each_other(opened: Open, surface: Made, harder: Made,
     assert "surface" in captions
     assert "harder" in captions
     assert_clean(tab)
+
+
+@in_browser
+def test_a_page_of_tables_alone_opens_at_any_width(opened: Open) -> None:
+    rows = [["case", "error"], *([f"case-{k}", f"{k} {HOSTILE}"] for k in range(30))]
+    tab = opened(page_html(tables_page("score", "thirty cases", {"Cases": rows}, ["a note"])), width=390)
+    assert tab("document.querySelectorAll('td').length") == 60
+    assert not tab.tab.locator("#stage").is_visible()
+    assert tab("document.documentElement.scrollWidth") <= 390
+    assert_clean(tab)
+
+
+def test_the_command_of_a_case_runs_its_very_scenario() -> None:
+    for case in BATTERY:
+        scenario, usual = case.scenario(user_entry("hybrid-adaptive"), 3), default_scenario(case.experiment)
+        words = shlex.split(once_more(scenario, usual))
+        assert words[:3] == ["polish-sim", "run", case.experiment]
+        assert override(usual, words[4::2]) == scenario
 
 
 def test_a_page_is_read_back_as_it_was_written(surface: Made, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import platform
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib.metadata import version
@@ -19,6 +20,7 @@ from polish_sim.errors import InputError, number_text
 from polish_sim.log import UNREADABLE, RemovalMap, RunLog, read_log, read_removal, write_log, write_removal
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.scenario_file import load_scenario, override, to_toml
+from polish_sim.toml_text import toml_text
 
 CONFIG, METRICS, LOG, PATH = "config.toml", "metrics.json", "log.npz", "path.npz"
 REMOVAL = "removal.npz"
@@ -233,6 +235,17 @@ def changed_settings(scenario: Scenario, usual: Scenario) -> list[list[str]]:
     named = override(usual, [f"sensor.model={scenario.sensor.model}"])
     theirs = dict(_flat(named, "")) | {"sensor.model": usual.sensor.model}
     return [[name, _text(value), _text(theirs[name])] for name, value in _flat(scenario, "") if value != theirs[name]]
+
+
+def once_more(scenario: Scenario, usual: Scenario) -> str:
+    """The command that runs a scenario, with every setting in which it differs from its experiment's usual one."""
+    theirs = dict(_flat(usual, ""))
+    changed = [
+        f"{name}={toml_text({'': value}).partition('= ')[2].strip()}"
+        for name, value in _flat(scenario, "")
+        if value != theirs[name]
+    ]
+    return " ".join([f"polish-sim run {scenario.experiment}", *(f"--set {shlex.quote(text)}" for text in changed)])
 
 
 def _text(value: Any) -> str:

@@ -174,6 +174,7 @@ def path_page(result: PlanResult, setup: ExportSetup) -> Page:
         title=f"{result.plan.pattern} on {result.mesh.name}",
         about="a planned path; the removal is predicted from force, speed and spindle",
         stop="",
+        stop_time=None,
         bodies=[standing, *bodies],
         solids=[*part_solids(result, 0), *tool],
         part_body=0,

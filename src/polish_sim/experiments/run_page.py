@@ -53,6 +53,7 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
         title=row.title(scenario),
         about=row.text,
         stop=stop.text if stop else "",
+        stop_time=stop.time if stop else None,
         bodies=bodies,
         solids=scene_solids(model),
         part_body=part,
@@ -232,7 +233,7 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
         ], f"of the limit, {DEG * limit:.0f}°/s"),
         Plot("Command", "mm/s", [Line("into the part", MM * along, "0"), Line("along it", MM * across, "1")]),
     ]  # fmt: skip
-    if record.scenario.experiment not in ("arc", "surface", "dual"):
+    if record.scenario.experiment not in ("arc", "surface"):
         plots[2] = plots[2]._replace(lines=plots[2].lines[1:])
     if "relative_error_m" in log.names:
         apart = 1e6 * np.linalg.norm(column("relative_error_m"), axis=1)

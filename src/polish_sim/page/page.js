@@ -174,6 +174,15 @@ function showFacts(page) {
 
 async function start() {
   const begin = performance.now(), page = await unpack(byId("data").textContent);
+  if (!page.motion.time.length) {
+    document.body.classList.add("tables");
+    showFacts(page);
+    const dark = matchMedia("(prefers-color-scheme: dark)"), turn = (on) => { document.documentElement.dataset.theme = on ? "dark" : "light"; };
+    byId("theme").addEventListener("click", () => turn(document.documentElement.dataset.theme !== "dark"));
+    turn(dark.matches);
+    window.page = { data: Object.assign(page, { ready: true, firstDrawing: performance.now() - begin }) };
+    return;
+  }
   const { motion } = page, rows = motion.time.length, width = motion.joints.length / rows;
   const first = motion.time[0], last = motion.time[rows - 1];
   const jointsAt = (row) => {

@@ -107,6 +107,7 @@ class Page(NamedTuple):
     title: str
     about: str  #: What it is, in a sentence
     stop: str  #: Why and when the run stopped itself; empty if it did not
+    stop_time: float | None  #: [s]
     bodies: Sequence[Body]
     solids: Sequence[Solid]
     part_body: int  #: The body that carries path and removal; -1: the world
@@ -160,6 +161,16 @@ def free_tool(positions: Array, axes: Array, parent: int) -> tuple[list[Body], A
     hinges = [Body(parent + 3 + k, rest, np.eye(3)[2 - k].tolist(), joint=3 + k) for k in range(2)]
     over = Body(parent + 5, np.diag([1.0, -1.0, -1.0, 1.0]).tolist())
     return [*along, *hinges, over], np.column_stack([positions, turn, tilt])
+
+
+def tables_page(title: str, about: str, tables: Mapping[str, Sequence[Sequence[str]]], notes: Sequence[str]) -> Page:
+    """A page of tables and notes alone: nothing moves on it."""
+    none = np.empty(0)
+    still = Motion(none, np.empty((0, 1)), np.empty((0, 3)), none, none, none, none, none)
+    return Page(
+        title, about, "", None, bodies=[], solids=[], part_body=-1, motion=still, path=np.empty((0, 3)), contact=none,
+        wear=None, plots=[], tables=tables, notes=notes, command="", made="",
+    )  # fmt: skip
 
 
 class Fine(NamedTuple):

@@ -105,6 +105,11 @@ function makePlots(box, page, seek) {
       if (from === to) pen.arc(x(to), y(line.values[to]), 2.5, 0, 7);
       pen.stroke();
     }
+    if (page.stop_time !== null) {
+      pen.strokeStyle = css("--bad");
+      pen.setLineDash([]);
+      pen.beginPath(); pen.moveTo(across(item, page.stop_time), 0); pen.lineTo(across(item, page.stop_time), base); pen.stroke();
+    }
     pen.restore();
   }
 
