@@ -12,7 +12,7 @@ import trimesh
 
 from tests.cli.conftest import Tool
 
-FILES = ["metrics.json", "path.csv", "path.json", "path.png"]
+FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
 
 
 def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None:
@@ -36,7 +36,11 @@ def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim: T
     """Round the small sphere at 100 mm/s: by the tool's limits alone it would take 8% less."""
     words = ("--stepover", "12", "--feed", "100")
     assert polish_sim("plan", "sphere_50", *words, "--out", "plan")[0] == 0
-    assert polish_sim("run", "surface", "--path", "plan", "--feed", "100", "--out", "run")[0] == 0
+    ideal = (
+        "--set",
+        "robot.arm=ideal",
+    )  # an elastic wrist that fast is shaken by its gears until the sensor's guard stops
+    assert polish_sim("run", "surface", "--path", "plan", "--feed", "100", *ideal, "--out", "run")[0] == 0
     planned, done = (json.loads(Path(folder, "metrics.json").read_text()) for folder in ("plan", "run"))
     assert planned["motion_time_s"] == pytest.approx(done["motion_time_s"], rel=1e-6)
     assert planned["cycle_time_s"] == pytest.approx(done["cycle_time_s"], rel=0.02)
