@@ -64,12 +64,14 @@ def measure_pair() -> Iterator[Row]:
     pair = build_dual_cell(scenario, prepare_dual(scenario)).cell
     lone, both_of = build_recorder(CHUNK, 4), build_recorder(CHUNK, 4, pair.more_columns)
 
+    arms = pair.real_arm, pair.master_arm, pair.host_arm
+
     def step_one() -> None:
         advance(one, single.real_arm, lone, single.law, single.rng.standard_normal((CHUNK, 12)), CHUNK)
 
     def step_both() -> None:
         draws = pair.rng.standard_normal((CHUNK, 12))
-        advance_pair(pair.kernel, pair.master, pair.host_arm, both_of, pair.law, draws, CHUNK)
+        advance_pair(pair.kernel, *arms, pair.master, both_of, pair.law, draws, CHUNK)
 
     for _ in range(PAIR_START // CHUNK):
         step_both()

@@ -13,13 +13,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell import CellRun, no_part, tool_on_flange
+from polish_sim.cell import CellRun, build_scene, no_part, tool_on_flange
 from polish_sim.cell.faults import check_events, parse_events
 from polish_sim.cell.guards import CONTROLLER_NAN
 from polish_sim.cell.host_arm import HostArm, build_host_arm
+from polish_sim.cell.real_arm import built_table, gear_twists, resting_arm, weights
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.dual.carrier import FIRST_JOINT, RAMP_PEAK, MasterRows, time_held, time_let_go
+from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER_ARM, MASTER_ARM, RAMP_PEAK, MasterRows, time_held, time_let_go
 from polish_sim.dual.cell import MASTER_HALTED, MASTER_SILENT, PairCell
 from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_MASS, check_load, part_mass
 from polish_sim.dual.scene import Held, build_pair_scene
@@ -392,3 +393,99 @@ def test_a_host_with_the_arms_own_table_sees_what_the_engine_has() -> None:
         logs.append(pair_cell(rows(turns=True), nominal_host() if own else None).run().log)
     for name in ("q_rad", "tcp_position_m", "target_position_m", "master_q_rad"):
         np.testing.assert_allclose(logs[1][name], logs[0][name], atol=1e-7)
+
+
+REAL = ("robot.arm=ur5e", "robot.real.encoder_rad=0", "robot.real.missed_every_s=0")
+WITHOUT_FRICTION = (
+    "robot.real.viscous_nm_s_rad=[0,0,0,0,0,0]", "robot.real.coulomb_nm=[0,0,0,0,0,0]",
+    "robot.real.coulomb_driving=0", "robot.real.coulomb_driven=0", "robot.real.lost_motion_rad=[0,0,0,0,0,0]",
+)  # fmt: skip
+
+
+def real_pair(*changes: str, turns: bool = False) -> PairCell:
+    """Both arms with gears, in a scene by the nominal table; the follower stands still."""
+    master = rows(turns)
+    part = no_part()._replace(rotation=np.ascontiguousarray(master.T_base_work[:3, :3]))
+    scenario = override(ideal("arc", EVERY_STEP), [*REAL, *changes])
+    return PairCell(
+        scenario, scene(), part, [free_stroke(TOOL, hold=1.2)], joints_at(TOOL), build_controller(scenario.controller),
+        np.random.default_rng(0), None, master,
+    )  # fmt: skip
+
+
+def test_both_arms_with_gears_rest_where_their_encoders_say_and_their_links_where_the_statics_say() -> None:
+    cell = real_pair()
+    starts = ((FOLLOWER_ARM, joints_at(TOOL)), (MASTER_ARM, Q_MASTER))
+    for place, q in starts:
+        resting = resting_arm(cell.scenario, cell.model, place)
+        links = resting.links(q[None])
+        np.testing.assert_allclose(cell.data.qpos[place.joints], links[0], atol=1e-9)
+        np.testing.assert_allclose(resting.encoders(links)[0], q, atol=1e-9)
+        assert np.abs(links[0] - q).max() > 5e-4
+    before = cell.data.qpos.copy()
+    cell.run()
+    np.testing.assert_allclose(cell.real_arm.read, starts[0][1], atol=1e-6)
+    np.testing.assert_allclose(cell.master_arm.read, Q_MASTER, atol=1e-6)
+    np.testing.assert_allclose(cell.data.qpos, before, atol=1e-6)
+
+
+def test_what_a_gear_has_slipped_is_within_its_lost_motion_and_seen_by_the_link_side_not_at_all() -> None:
+    cell, rng = real_pair(), np.random.default_rng(1)
+    resting, q = resting_arm(cell.scenario, cell.model, MASTER_ARM), np.tile(Q_MASTER, (300, 1))
+    off = resting.links(q, rng) - resting.links(q)
+    # Half of it either way, at the knee's stiffness or a softer one.
+    most = 0.5 * 2.9e-4
+    assert 0.5 * most < np.abs(off).max() <= 1.01 * most
+    assert np.abs(off.mean(axis=0)).max() < 0.1 * most
+    linked = resting._replace(real=replace(resting.real, servo_side="link"))
+    np.testing.assert_array_equal(linked.encoders(linked.links(q, rng), rng), q)
+
+
+def test_each_arm_of_a_seed_is_drawn_for_itself_and_the_first_is_that_of_one_robot() -> None:
+    cell = real_pair()
+    alone = build_scene(cell.scenario, None, None)
+    follower, master = (resting_arm(cell.scenario, cell.model, place) for place in (FOLLOWER_ARM, MASTER_ARM))
+    np.testing.assert_array_equal(follower.errors, resting_arm(cell.scenario, alone).errors)
+    assert np.abs(master.errors - follower.errors).max() > 5e-5
+    tables = [built_table(cell.scenario, cell.model, Q_MASTER, place) for place in (FOLLOWER_ARM, MASTER_ARM)]
+    np.testing.assert_allclose(tables[0], built_table(cell.scenario, alone, Q_MASTER), atol=1e-12)
+    assert np.abs(tables[1] - tables[0]).max() > 1e-4
+
+
+def test_a_push_on_the_part_bends_the_master_by_its_gears_and_servos_in_series() -> None:
+    force, way = np.array([12.0, -8.0, 15.0]), []
+    for sign in (0.0, 1.0):
+        damped = "robot.real.damping_nm_s_rad=[300,300,300,40,40,40]"
+        cell = real_pair(*WITHOUT_FRICTION, damped, "robot.real.gear_error_rad=[0,0,0,0,0,0]")
+        flange = cell.data.site("master_flange").xpos.copy()
+        cell.data.xfrc_applied[cell.model.body("master_part").id, :3] = sign * force
+        cell.run()
+        way.append(cell.data.site("master_flange").xpos - flange)
+    J, at_part = np.zeros((2, 3, cell.model.nv)), cell.data.body("master_part").xipos
+    mujoco.mj_jacSite(cell.model, cell.data, J[0], None, cell.model.site("master_flange").id)
+    mujoco.mj_jac(cell.model, cell.data, J[1], None, at_part, cell.model.body("master_part").id)
+    J = J[:, :, MASTER_ARM.joints]
+    real, torque = cell.scenario.robot.real, J[1].T @ force
+    resting = weights(cell.model, Q_MASTER[None], MASTER_ARM)[0]
+    twist = gear_twists(real, resting - torque) - gear_twists(real, resting)
+    np.testing.assert_allclose(
+        way[1] - way[0], J[0] @ (torque / cell.master_arm.kp - twist), atol=0.02 * np.linalg.norm(way[1])
+    )
+    assert np.linalg.norm(way[1]) > 5 * np.linalg.norm(way[0])
+
+
+def test_gaps_in_the_masters_link_leave_the_host_where_it_foretells_it() -> None:
+    off = {}
+    for every in (0.0, 0.05):
+        cell = real_pair("robot.real.kinematics=exact", f"robot.real.missed_every_s={every}", turns=True)
+        told: list[Array] = []
+
+        def look(_model: mujoco.MjModel, _data: mujoco.MjData, cell: PairCell = cell, told: list[Array] = told) -> None:
+            told.append(cell.master.state.q - cell.master_arm.read)
+
+        run = cell.run(EachStep(look))
+        assert run.stop_reason is None
+        off[every] = np.abs(np.array(told)).max()
+    # 0.08 rad/s for up to 6 ms are 5e-4 rad without the host's carrying on.
+    assert off[0.0] < 2e-6
+    assert off[0.0] < off[0.05] < 1e-4

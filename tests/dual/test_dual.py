@@ -36,7 +36,7 @@ PRESSED_S = 2.5
 
 
 def dual(*changes: str) -> Scenario:
-    return override(default_scenario("dual"), list(changes))
+    return override(default_scenario("dual"), ["robot.arm=ideal", *changes])
 
 
 def base_file(folder: Path, pair: str = "simulated", off_m: float = 0.0, true: bool = True) -> Path:
@@ -284,3 +284,37 @@ def test_the_calibration_of_other_robots_is_refused(tmp_path: Path) -> None:
     file = base_file(tmp_path, off_m=0.1, true=False)
     with pytest.raises(CalibrationError, match=r"100\.0 mm .* set the cell up as it was: --set dual\.follower_pose="):
         prepare_dual(dual(f"dual.bases_file={file}"))
+
+
+@pytest.fixture(scope="module")
+def real() -> RunResult:
+    return run_experiment(dual("robot.arm=ur5e", f"process.max_feed_s={PRESSED_S}"))
+
+
+def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(real: RunResult, pressed: RunResult) -> None:
+    figures = real.figures
+    assert figures["protective_stop"] is None
+    assert figures["force_max_deviation_n"] <= 1.5
+    assert figures["chain_residual_m"] < 1e-9
+    # The host sees its own lag only; on the part twelve gears err, each by up to 0.15 mrad at half a metre or so.
+    assert figures["tracking_error_worst_m"] < 1.5e-4
+    assert 2.0 * pressed.figures["relative_error_rms_m"] < figures["relative_error_rms_m"] < 5e-4
+
+
+def test_without_gears_in_the_way_calibration_finds_arms_with_rotors_as_it_does_ideal_ones() -> None:
+    """Rigid gears without error and an exact table: all that is left are rotors, friction and encoder steps."""
+    rigid = [f"robot.real.stiffness_{i}_nm_rad={[1e8] * 6}" for i in (1, 2, 3)]
+    exact = ("robot.real.gear_error_rad=[0,0,0,0,0,0]", "robot.real.lost_motion_rad=[0,0,0,0,0,0]")
+    table = "robot.real.kinematics=exact"
+    task = prepare_dual(dual("robot.arm=ur5e", *EXACT, *rigid, *exact, table))
+    for believed, true in zip(task.frames.believed, task.frames.true, strict=True):
+        np.testing.assert_allclose(believed, true, atol=2e-5)
+
+
+def test_the_way_found_with_arms_as_drawn_is_taken_again_once_they_are_calibrated(real: RunResult) -> None:
+    """Otherwise tables made around the work in one configuration would be used in another."""
+    task = prepare_dual(real.scenario)
+    for robot, q in (("master", task.reach.q_master), ("follower", task.reach.q_follower)):
+        off = task.arms.resting_flange(robot, q)[:3, 3] - forward(q)[:3, 3]
+        assert np.linalg.norm(off) < 3e-4
+        assert np.linalg.norm(task.arms.flanges(robot, q[None])[0, :3, 3] - forward(q)[:3, 3]) > 5e-4

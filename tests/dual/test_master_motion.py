@@ -36,7 +36,7 @@ BEGUN_S, TARED_S = 0.8, 0.4
 
 
 def dual(*changes: str) -> Scenario:
-    return override(default_scenario("dual"), list(changes))
+    return override(default_scenario("dual"), ["robot.arm=ideal", *changes])
 
 
 def poses_of(run: RunResult, column: str) -> NDArray[np.float64]:

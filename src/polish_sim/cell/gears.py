@@ -17,7 +17,7 @@ from typing import Annotated
 
 from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews
-from polish_sim.cell.host_arm import HostArm, read_encoders
+from polish_sim.cell.host_arm import HostArm
 from polish_sim.kernels import Record, Vector6, kernel
 
 Slopes = Annotated[Array, (6, 3)]
@@ -71,6 +71,8 @@ class RealArm(Record):
     share: Vector6  #: Of the joint's speed that the rotor takes on [-]
     read: Vector6  #: Joint angles as the host hears of them [rad]
     read_speed: Vector6  #: [rad/s]
+    first: int  #: Of its joints in the engine
+    first_control: int  #: Of its servos' controls
     host: HostArm
     tool_speed: float  #: Exact speed of the tool point [m/s]
 
@@ -107,12 +109,12 @@ def slip(torque: float, moved: float, most: float, rise: float) -> float:
 
 @kernel
 def hear_joints(arm: RealArm, e: EngineViews) -> None:
-    """Joint angles and speeds as the encoders give them, and where the host computes the arm to be."""
+    """Joint angles and speeds as the encoders give them."""
     for j in range(6):
-        angle = e.qpos[j] if arm.on_link else arm.angle[j]
+        i = arm.first + j
+        angle = e.qpos[i] if arm.on_link else arm.angle[j]
         arm.read[j] = math.floor(angle / arm.encoder + 0.5) * arm.encoder if arm.encoder > 0.0 else angle
-        arm.read_speed[j] = e.qvel[j] if arm.on_link else arm.speed[j]
-    read_encoders(arm.host, arm.read, 0)
+        arm.read_speed[j] = e.qvel[i] if arm.on_link else arm.speed[j]
 
 
 @kernel
@@ -136,13 +138,14 @@ def drive_joints(arm: RealArm, e: EngineViews, t: float) -> None:
     Between ``mj_step1`` and ``mj_step2``. The weight the robot carries for itself is the motors' here, not the links'.
     """
     for j in range(6):
-        arm.set_point[j] += arm.lag * (e.ctrl[2 * j] - arm.set_point[j])
-        arm.set_speed[j] += arm.lag * (e.ctrl[2 * j + 1] - arm.set_speed[j])
+        i, control = arm.first + j, arm.first_control + 2 * j
+        arm.set_point[j] += arm.lag * (e.ctrl[control] - arm.set_point[j])
+        arm.set_speed[j] += arm.lag * (e.ctrl[control + 1] - arm.set_speed[j])
         if arm.on_link:
             arm.correction[j] += arm.link_rate * (arm.set_point[j] - arm.read[j])
         seen = arm.read[j] if not arm.on_link else arm.angle[j]
         arm.push[j] = arm.kp[j] * (arm.set_point[j] + arm.correction[j] - seen) + arm.kv[j] * arm.set_speed[j]
-        arm.push[j] += e.qfrc_gravcomp[j]
+        arm.push[j] += e.qfrc_gravcomp[i]
         arm.stiffened[j] = arm.kv[j]
     turn_rotors(arm, e, t)
 
@@ -152,13 +155,14 @@ def turn_rotors(arm: RealArm, e: EngineViews, t: float) -> None:
     """Rotors and gears under motors that give ``push`` less ``stiffened`` times the rotor's speed; see drive_joints."""
     dt, warm = e.dt, 1.0 + arm.cold * math.exp(-t / arm.warming)
     for j in range(6):
-        weight, b, k = e.qfrc_gravcomp[j], arm.coupling[j], arm.ratio[j]
+        i = arm.first + j
+        weight, b, k = e.qfrc_gravcomp[i], arm.coupling[j], arm.ratio[j]
         push, stiff = arm.push[j], arm.stiffened[j]
         torque = elastic_torque(arm, j, arm.twist[j]) + arm.hysteresis[j]
         momentum = arm.inertia[j] * arm.speed[j] - dt * k * torque
         damped = arm.inertia[j] + dt * (warm * arm.viscous[j] + k * k * b)
         # As fast as it would be without dry friction and with the joint's speed as it is.
-        carried = dt * k * b * e.qvel[j]
+        carried = dt * k * b * e.qvel[i]
         motor = push - stiff * (momentum + carried + dt * push) / (damped + dt * stiff)
         if abs(motor) > arm.limit[j]:
             push, stiff = math.copysign(arm.limit[j], motor), 0.0
@@ -172,18 +176,19 @@ def turn_rotors(arm: RealArm, e: EngineViews, t: float) -> None:
         arm.share[j] = dt * k * b / damped
         # The engine has taken the joint's damping of the last step into its forces already.
         left = b * (1.0 - k * arm.share[j])
-        e.qfrc_applied[j] = torque + b * k * arm.free[j] - weight + (e.dof_damping[j] - left) * e.qvel[j]
-        e.dof_damping[j] = left
+        e.qfrc_applied[i] = torque + b * k * arm.free[j] - weight + (e.dof_damping[i] - left) * e.qvel[i]
+        e.dof_damping[i] = left
 
 
 @kernel
 def follow_joints(arm: RealArm, e: EngineViews) -> None:
     """Rotors, twists and hysteresis after the engine's step; the motors' torques where the engine has its own."""
     for j in range(6):
-        speed = arm.free[j] + arm.share[j] * e.qvel[j]
+        i = arm.first + j
+        speed = arm.free[j] + arm.share[j] * e.qvel[i]
         arm.speed[j] = speed
         arm.angle[j] += e.dt * speed
         before = arm.twist[j]
-        update_twist(arm, j, e.qpos[j])
+        update_twist(arm, j, e.qpos[i])
         arm.hysteresis[j] = slip(arm.hysteresis[j], arm.twist[j] - before, arm.lost_torque[j], arm.rise)
-        e.qfrc_actuator[j] = arm.push[j] - arm.stiffened[j] * speed
+        e.qfrc_actuator[i] = arm.push[j] - arm.stiffened[j] * speed

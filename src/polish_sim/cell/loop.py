@@ -13,6 +13,7 @@ from polish_sim.cell import guards
 from polish_sim.cell.contact import Pad, RealPart, press_pad, pull_of_imbalance, turn_spindle
 from polish_sim.cell.engine import EngineViews, correct_reading, keep_speeds, mj_step1, mj_step2
 from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints, host_hears
+from polish_sim.cell.host_arm import read_encoders
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Status
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, record_exact, record_reading, record_state
@@ -77,7 +78,9 @@ def advance(  # type: ignore[no-untyped-def]
             move_target(state, cell.stroke, cycle, t)
             ask_law(state, cell.law, law, t)
         command(state, cell.requests, e.ctrl, e.dt, t)
-        finish_step(e, state, arm, recorder, cell.part.position, cell.stroke.process.pass_index, t)
+        finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
+        if arm is not None:
+            record_exact(recorder, e, state, arm.tool_speed)
         if is_over(cell, 0, t):
             return
 
@@ -161,6 +164,7 @@ def see_as_host(arm: RealArm, state: CellState, e: EngineViews) -> None:
     m = state.measurement
     arm.tool_speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
     hear_joints(arm, e)
+    read_encoders(arm.host, arm.read, 0)
     see_tool(state, arm.host.place, arm.host.turn, arm.host.anchors, arm.host.axes, arm.read_speed)
 
 
@@ -253,9 +257,12 @@ def command(state: CellState, requests: RequestLine, ctrl: Array, dt: float, t: 
 
 @kernel
 def finish_step(  # type: ignore[no-untyped-def]
-    e: EngineViews, state: CellState, arm, recorder: Recorder, part_position: Array, turns: Ints, t: float
+    e: EngineViews, state: CellState, arm, other, recorder: Recorder, part_position: Array, turns: Ints, t: float
 ) -> None:
-    """Note contact, record this instant and let the engine move on; arguments as of ``record_state``."""
+    """Note contact, record this instant and let the engine move on; arguments as of ``record_state``.
+
+    ``arm`` and ``other``: joints of one robot and of a second, if they are elastic.
+    """
     status, stage = state.status, state.sequence.stage
     if stage == TRAVEL:
         status.touched = False
@@ -267,12 +274,15 @@ def finish_step(  # type: ignore[no-untyped-def]
     record_state(recorder, e, state, part_position, turns, t, phase)
     keep_speeds(e)
     if arm is not None:
-        record_exact(recorder, e, state, arm.tool_speed)
         drive_joints(arm, e, t)
+    if other is not None:
+        drive_joints(other, e, t)
     mj_step2(e.model, e.data)
     correct_reading(e)
     if arm is not None:
         follow_joints(arm, e)
+    if other is not None:
+        follow_joints(other, e)
     record_reading(recorder, status.steps, e.sensordata, e.qfrc_actuator)
     status.steps += 1
 

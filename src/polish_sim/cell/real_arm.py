@@ -1,4 +1,4 @@
-"""The robot of a scenario with elastic joints: the engine's model of it, its geometry as built, and how it starts.
+"""Robots with elastic joints: the engine's model of them, their geometry as built, how they start and how they rest.
 
 The host's table stays the nominal one, by which everything is planned; the arm's own differs from it by what its
 calibration has left. That is the same as an arm with any table whose host has one as close to it.
@@ -7,14 +7,14 @@ calibration has left. That is the same as an arm with any table whose host has o
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.gears import RealArm, update_twist
-from polish_sim.cell.host_arm import build_host_arm
+from polish_sim.cell.host_arm import HostArm, build_host_arm
 from polish_sim.cell.scene import bend_links
 from polish_sim.config import RealArmConfig, Scenario
 from polish_sim.errors import ConfigError, unknown_name
@@ -23,12 +23,33 @@ from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
 ARMS: Final = ("ideal", "ur5e")
 SIDES: Final = ("motor", "link")
 TABLES: Final = ("calibrated", "uncalibrated", "exact")
-_STREAM: Final = 17  # of the scenario's seed, for what is drawn of the arm itself
+_STREAM: Final = 17  # of the scenario's seed, for what is drawn of the arms themselves
 _LIGHT: Final = 0.25  # share of a joint's inertia its gear's stiffness may have in a step without more damping
 _TARGETS: Final = np.array([[0.0, 0.0, 0.22, 1.0], [0.15, 0.0, 0.1, 1.0], [0.0, 0.15, 0.1, 1.0]])
 """Points on the tool that a calibration measures, flange frame [m]."""
 _AROUND: Final = np.array([0.5, 0.4, 0.5, 0.6, 0.6, 1.0])
 """How far the joints are from where the work starts in the poses of a calibration, at most [rad]."""
+
+
+class ArmPlace(NamedTuple):
+    """Where an arm is in a scene."""
+
+    prefix: str = ""  #: Of the names of its bodies
+    first: int = 0  #: Of its joints
+    first_control: int = 0  #: Of its servos' controls
+    number: int = 0  #: Among the arms of a seed, which draws each for itself
+
+    @property
+    def joints(self) -> slice:
+        """Its joints in the engine."""
+        return slice(self.first, self.first + 6)
+
+    def rng(self, seed: int, what: int) -> np.random.Generator:
+        """Draws of this arm: 0 its table, 1 its gears."""
+        return np.random.default_rng([seed, _STREAM, 2 * self.number + what])
+
+
+LONE: Final = ArmPlace()
 
 
 def is_real(scenario: Scenario) -> bool:
@@ -48,19 +69,6 @@ def is_real(scenario: Scenario) -> bool:
     return robot.arm == "ur5e"
 
 
-def require_ideal(scenario: Scenario, what: str) -> None:
-    """Refuse elastic joints where they are not simulated yet.
-
-    Raises:
-        ConfigError: Saying where they are.
-    """
-    if is_real(scenario):
-        raise ConfigError(
-            f"{what} knows the ideal arm only; robot.arm = ur5e is simulated by arc, force and surface. "
-            "Set robot.arm=ideal."
-        )
-
-
 def gear_twists(real: RealArmConfig, torque: Array) -> Array:
     """Twist of the gears' springs, shape (n, 6) [rad], under torques of that shape [N m]."""
     knees, bends = _knees(real)
@@ -78,17 +86,67 @@ def _knees(real: RealArmConfig) -> tuple[Array, Array]:
     return knees, np.array([first, first + (knees[1] - knees[0]) / np.array(real.stiffness_2_nm_rad)])
 
 
-def weights(model: mujoco.MjModel, q: Array) -> Array:
-    """Torques that hold the arm's weight and its tool's, shape (n, 6) [N m], at joint angles (n, 6) [rad]."""
+def weights(model: mujoco.MjModel, q: Array, place: ArmPlace = LONE) -> Array:
+    """Torques that hold the weight of an arm and what it carries, shape (n, 6) [N m], at its joints (n, 6) [rad]."""
     data, torques = mujoco.MjData(model), np.empty_like(q)
     for k, joints in enumerate(q):
-        data.qpos[:6] = joints
+        data.qpos[place.joints] = joints
         mujoco.mj_forward(model, data)
-        torques[k] = data.qfrc_bias[:6]
+        torques[k] = data.qfrc_bias[place.joints]
     return torques
 
 
-def built_table(scenario: Scenario, model: mujoco.MjModel, q_start: Array) -> Array:
+class RestingArm(NamedTuple):
+    """An arm that stands still behind its gears, as calibrations see it."""
+
+    real: RealArmConfig
+    errors: Array  #: Of its gears, as `gear_errors`
+    model: mujoco.MjModel  #: Weighs it
+    place: ArmPlace = LONE
+
+    def links(self, q: Array, rng: np.random.Generator | None = None) -> Array:
+        """Joint angles (n, 6) [rad] with the encoders there; how far each gear has slipped is drawn; None: not."""
+        if self.real.servo_side == "link":
+            return q
+        turned, slipped, at = q + self._error(q), self._slipped(q, rng), q
+        for _ in range(3):
+            at = turned - self._hanging(at, slipped)
+        return at
+
+    def encoders(self, q: Array, rng: np.random.Generator | None = None) -> Array:
+        """What the encoders say, (n, 6) [rad], with the joints there; ``rng`` as in `links`."""
+        read = q
+        if self.real.servo_side == "motor":
+            hanging = self._hanging(q, self._slipped(q, rng))
+            for _ in range(6):
+                read = q + hanging - self._error(read)
+        step = self.real.encoder_rad
+        return np.round(read / step) * step if step else read
+
+    def _error(self, angle: Array) -> Array:
+        phase, a = 2.0 * self.real.gear_ratio * angle, self.errors.T
+        single = a[0] * np.sin(phase) + a[1] * np.cos(phase)
+        return np.asarray(single + a[2] * np.sin(2.0 * phase) + a[3] * np.cos(2.0 * phase))
+
+    def _slipped(self, q: Array, rng: np.random.Generator | None) -> Array:
+        return np.zeros_like(q) if rng is None else _lost_torque(self.real) * rng.uniform(-1.0, 1.0, q.shape)
+
+    def _hanging(self, q: Array, slipped: Array) -> Array:
+        return gear_twists(self.real, weights(self.model, q, self.place) - slipped)
+
+
+def resting_arm(scenario: Scenario, model: mujoco.MjModel, place: ArmPlace = LONE) -> RestingArm:
+    """The arm `build_real_arm` builds there, at rest."""
+    real = scenario.robot.real
+    return RestingArm(real, gear_errors(real, place.rng(scenario.seed, 1)), model, place)
+
+
+def _lost_torque(real: RealArmConfig) -> Array:
+    """Largest torques of the hysteresis, shape (6,) [N m]."""
+    return np.asarray(0.5 * np.array(real.lost_motion_rad) * np.array(real.stiffness_1_nm_rad))
+
+
+def built_table(scenario: Scenario, model: mujoco.MjModel, q_start: Array, place: ArmPlace = LONE) -> Array:
     """Table of the arm as built, (4, 6), given that its host's is the nominal one; ``model`` weighs it.
 
     Calibrated: points on the tool are measured in random poses around the work at ``q_start`` (6,) [rad], the weight
@@ -98,14 +156,14 @@ def built_table(scenario: Scenario, model: mujoco.MjModel, q_start: Array) -> Ar
     real = scenario.robot.real
     if real.kinematics == "exact":
         return NOMINAL
-    rng = np.random.default_rng([scenario.seed, _STREAM])
+    rng = place.rng(scenario.seed, 0)
     sizes = np.array([real.angle_error_rad, real.length_error_m, real.length_error_m, real.angle_error_rad])
     built = sizes[:, None] * rng.standard_normal((4, 6))
     if real.kinematics == "uncalibrated":
         return np.asarray(NOMINAL + built)
     q = q_start + _AROUND * rng.uniform(-1.0, 1.0, (real.calibration_poses, 6))
     # The encoders are at q; joints behind the motors' hang back by what the gears wind up.
-    hanging = gear_twists(real, weights(model, q)) if real.servo_side == "motor" else np.zeros_like(q)
+    hanging = gear_twists(real, weights(model, q, place)) if real.servo_side == "motor" else np.zeros_like(q)
     points = _points(q - hanging, NOMINAL + built)
     off = points - _points(q, NOMINAL) + real.calibration_noise_m * rng.standard_normal(points.shape)
     frames = np.repeat(link_frames(q), len(_TARGETS), axis=0)
@@ -122,58 +180,68 @@ def _points(q: Array, table: Array) -> Array:
 def build_real_arm(
     scenario: Scenario, model: mujoco.MjModel, data: mujoco.MjData, q_start: Array, T_flange_tool: Array
 ) -> RealArm:
-    """Joints at rest with their encoders at ``q_start`` (6,) [rad].
+    """The one robot of a scene, bent as built; its host has the nominal table and its tool; see `build_joints`."""
+    links = [model.body(f"link_{number}") for number in range(1, 7)]
+    bend_links(links, [model.joint(int(link.jntadr[0])) for link in links], built_table(scenario, model, q_start))
+    return build_joints(scenario, model, data, q_start, build_host_arm(NOMINAL, np.eye(4), T_flange_tool))
 
-    The model becomes one of links without servos, rotors and friction, bent as built; ``data`` gets the links' angles.
+
+def build_joints(
+    scenario: Scenario,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    q_start: Array,
+    host: HostArm,
+    place: ArmPlace = LONE,
+) -> RealArm:
+    """Joints at rest with their encoders at ``q_start`` (6,) [rad], the arm as its ``host`` computes it.
+
+    The model becomes one of links without servos, rotors and friction; ``data`` gets the links' angles.
     """
     real, dt = scenario.robot.real, scenario.simulation.timestep_s
-    rng = np.random.default_rng([scenario.seed, _STREAM, 1])
+    rng = place.rng(scenario.seed, 1)
     knees, bends = _knees(real)
     stiffness = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
-    lost = 0.5 * np.array(real.lost_motion_rad) * stiffness[0]
-    waves = 2.0 * real.gear_ratio
+    waves, servos = 2.0 * real.gear_ratio, slice(place.first_control // 2, place.first_control // 2 + 6)
     arm = RealArm(
-        stiffness=stiffness.T, knees=knees.T, bends=bends.T, lost_torque=lost, rise=real.lost_motion_rise_rad,
-        inertia=real.rotor_kg_m2, waves=waves, error=_gear_errors(real, rng),
+        stiffness=stiffness.T, knees=knees.T, bends=bends.T, lost_torque=_lost_torque(real),
+        rise=real.lost_motion_rise_rad, inertia=real.rotor_kg_m2, waves=waves, error=gear_errors(real, rng),
         viscous=real.viscous_nm_s_rad, coulomb=real.coulomb_nm, driving=real.coulomb_driving,
         driven=real.coulomb_driven, cold=real.cold_friction, warming=real.warming_s,
-        kp=-model.actuator_biasprm[:6, 1], kv=-model.actuator_biasprm[:6, 2], limit=model.actuator_forcerange[:6, 1],
+        kp=-model.actuator_biasprm[servos, 1], kv=-model.actuator_biasprm[servos, 2],
+        limit=model.actuator_forcerange[servos, 1],
         lag=1.0 - math.exp(-dt / real.servo_lag_s) if real.servo_lag_s else 1.0, on_link=real.servo_side == "link",
         link_rate=2.0 * math.pi * real.link_servo_hz * dt, encoder=real.encoder_rad,
         missed_steps=math.ceil(real.missed_s / dt), missed_mean=real.missed_every_s / dt,
         missed_next=-math.ceil(real.missed_s / dt), dice=int(rng.integers(1, 2**31)),
         waited=scenario.simulation.control_every - 1, set_point=q_start, angle=q_start,
-        host=build_host_arm(NOMINAL, np.eye(4), T_flange_tool),
+        first=place.first, first_control=place.first_control, host=host,
     )  # fmt: skip
-    _soften(model, built_table(scenario, model, q_start))
-    _hang_links(arm, model, data, real, q_start)
+    # Links are left to the engine.
+    model.dof_armature[place.joints] = model.dof_frictionloss[place.joints] = 0.0
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    _hang_links(arm, model, data, real, q_start, place)
     arm.coupling = _coupling(arm, model, data, real, dt)
     return arm
 
 
-def _soften(model: mujoco.MjModel, table: Array) -> None:
-    """Leave the links to the engine, by a table (4, 6)."""
-    model.dof_armature[:6] = model.dof_frictionloss[:6] = 0.0
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-    links = [model.body(f"link_{number}") for number in range(1, 7)]
-    bend_links(links, [model.joint(int(link.jntadr[0])) for link in links], table)
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-
-
-def _hang_links(arm: RealArm, model: mujoco.MjModel, data: mujoco.MjData, real: RealArmConfig, q_start: Array) -> None:
+def _hang_links(
+    arm: RealArm, model: mujoco.MjModel, data: mujoco.MjData, real: RealArmConfig, q_start: Array, place: ArmPlace
+) -> None:
     """Rest under the weight, with the encoders that count at ``q_start``: write the links' angles or the motors'."""
     for _ in range(4):
-        hanging = gear_twists(real, weights(model, data.qpos[None, :6]))[0]
+        hanging = gear_twists(real, weights(model, data.qpos[None, place.joints], place))[0]
         for j in range(6):
-            update_twist(arm, j, float(data.qpos[j]))
+            update_twist(arm, j, float(data.qpos[place.first + j]))
         if arm.on_link:
             arm.angle += hanging - arm.twist
         else:
-            data.qpos[:6] += arm.twist - hanging
+            data.qpos[place.joints] += arm.twist - hanging
     arm.twist, arm.correction = hanging, arm.angle - q_start
 
 
-def _gear_errors(real: RealArmConfig, rng: np.random.Generator) -> Array:
+def gear_errors(real: RealArmConfig, rng: np.random.Generator) -> Array:
     """Factors of sine and cosine of the gears' error and of twice its angle, shape (6, 4) [rad], phases drawn."""
     phases, share = rng.uniform(0.0, 2.0 * np.pi, (6, 2)), real.second_harmonic * rng.uniform(0.0, 1.0, 6)
     angle = np.linspace(0.0, 2.0 * np.pi, 721)
@@ -193,7 +261,7 @@ def _coupling(arm: RealArm, model: mujoco.MjModel, data: mujoco.MjData, real: Re
     mujoco.mj_forward(model, data)
     inertia = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
-    alone = 1.0 / np.diag(np.linalg.inv(inertia))[:6]
+    alone = 1.0 / np.diag(np.linalg.inv(inertia))[arm.first : arm.first + 6]
     light = 0.25 * stiffest * dt**2 > _LIGHT * alone
     damping = np.array(real.damping_nm_s_rad)
     return np.where(light, np.maximum(damping, stiffest * dt), damping)

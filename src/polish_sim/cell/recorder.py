@@ -126,11 +126,11 @@ def record_state(
 
 @kernel
 def record_exact(recorder: Recorder, e: EngineViews, state: CellState, speed: float) -> None:
-    """Replace what ``record_state`` took from the host's measurement, where that is not exact; ``speed`` [m/s]."""
+    """Replace what ``record_state`` took from the host's measurement in the step just done; exact ``speed`` [m/s]."""
     step = recorder.trace[recorder.filled.steps - 1]
     step.tcp_speed_m_s = speed
     _trace_errors(step, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site].reshape((3, 3)), state.target)
-    if state.status.steps % recorder.every == 0:
+    if (state.status.steps - 1) % recorder.every == 0:
         recorder.rows[recorder.filled.rows - 1, _SPEED] = speed
 
 

@@ -1,19 +1,23 @@
-"""Tables of both arms in a run: as they are built, and as the host believes them."""
+"""Both arms in a run: as they are built, gears included, and as the host believes them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import mujoco
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.config import DualConfig
+from polish_sim.cell.real_arm import RestingArm, built_table, resting_arm
+from polish_sim.config import DualConfig, Scenario
 from polish_sim.dual.calibrate_bases import built_arm, simulate_tracked, wrong_table
 from polish_sim.dual.calibrate_tcp import Reading
 from polish_sim.dual.calibration.arm import LEAST_POSES, PairTables, Tolerance, fit_pair, read_arm_calibration
 from polish_sim.dual.calibration.bases import ROBOTS
+from polish_sim.dual.carrier import FOLLOWER_ARM, MASTER_ARM
 from polish_sim.errors import ConfigError
 from polish_sim.motion import forward
 from polish_sim.motion.kinematics import NOMINAL, inverse_with_table, is_nominal
@@ -27,34 +31,56 @@ class PairArms(NamedTuple):
     true: Mapping[str, Array] = _NOMINAL  #: As they are built: the engine moves these
     believed: Mapping[str, Array] = _NOMINAL  #: The host computes with these
     bases: tuple[Array, Array] | None = None  #: T_master_follower and covariance (6, 6), if found with the tables
-
-    @property
-    def nominal(self) -> bool:
-        """Whether both arms are built as the nominal table says."""
-        return all(map(is_nominal, self.true.values()))
+    gears: Mapping[str, RestingArm] | None = None  #: Between encoders and links; None: rigid
 
     def flanges(self, robot: str, q: Array) -> Array:
         """Where the flange of an arm really is in its base with joints (n, 6) [rad], shape (n, 4, 4)."""
         return forward(q, self.true[robot])
+
+    def rest(self, robot: str, q: Array, rng: np.random.Generator | None = None) -> Array:
+        """Where the links are, (n, 6) [rad], with the arm at rest and its encoders at ``q``; ``rng``: see `links`."""
+        return self.gears[robot].links(q, rng) if self.gears else q
+
+    def resting_flange(self, robot: str, q: Array) -> Array:
+        """Where the flange is in its base, (4, 4), before anything moves, with the encoders at ``q`` (6,) [rad]."""
+        return np.asarray(self.flanges(robot, self.rest(robot, q[None]))[0])
 
     def joints(self, robot: str, T_base_flange: Array, q: Array) -> Array:
         """Joint angles with which the host expects the flange there, from the nominal arm's (n, 6) [rad]."""
         table = self.believed[robot]
         return q if is_nominal(table) else inverse_with_table(table, T_base_flange, q)
 
-    def reading(self, robot: str) -> Reading | None:
+    def reading(self, robot: str, rng: np.random.Generator) -> Reading | None:
         """What the host reads when an arm is led until its flange really is where it should be; None: just that."""
-        true, believed = self.true[robot], self.believed[robot]
-        if is_nominal(true) and is_nominal(believed):
+        true, believed, gears = self.true[robot], self.believed[robot], self.gears
+        if is_nominal(true) and is_nominal(believed) and not gears:
             return None
-        return lambda T_base_flange, q: forward(inverse_with_table(true, T_base_flange, q), believed)
+
+        def read(T_base_flange: Array, q: Array) -> Array:
+            links = inverse_with_table(true, T_base_flange, q)
+            return forward(gears[robot].encoders(links, rng) if gears else links, believed)
+
+        return read
 
 
 NOMINAL_ARMS: Final = PairArms()
 
 
-def pair_arms(config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.random.Generator) -> PairArms:
-    """Both arms of a scenario, which stand at ``T_tracker_base`` before a simulated tracker.
+def real_arms(scenario: Scenario, model: mujoco.MjModel, q_work: Mapping[str, Array]) -> PairArms:
+    """Both arms with their gears and with what the maker's calibration around the work, at (6,) [rad], has left.
+
+    ``model``: the scene of both, which weighs them.
+    """
+    places = dict(zip(ROBOTS, (MASTER_ARM, FOLLOWER_ARM), strict=True))
+    tables = {robot: built_table(scenario, model, q_work[robot], place) for robot, place in places.items()}
+    return PairArms(tables, gears={robot: resting_arm(scenario, model, place) for robot, place in places.items()})
+
+
+def pair_arms(
+    config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.random.Generator, made: PairArms = NOMINAL_ARMS
+) -> PairArms:
+    """Both arms of a scenario, which stand at ``T_tracker_base`` before a simulated tracker; ``made``: as the maker has
+    left them.
 
     Raises:
         ConfigError: Two sources of one thing, or too few poses.
@@ -64,19 +90,24 @@ def pair_arms(config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.r
         _refuse_second_source(config)
     if config.arms_file:
         found = read_arm_calibration(Path(config.arms_file), config.pair)
-        return PairArms(found.true_tables or found.tables, found.tables, (found.T_master_follower, found.covariance))
+        true = found.true_tables or found.tables
+        return PairArms(true, found.tables, (found.T_master_follower, found.covariance), made.gears)
     tolerance = Tolerance(config.arm_length_error_m, config.arm_angle_error_rad)
-    true = {robot: wrong_table(tolerance, rng) if any(tolerance) else NOMINAL for robot in ROBOTS}
+    true = (
+        {name: wrong_table(tolerance, rng, table) for name, table in made.true.items()} if any(tolerance) else made.true
+    )
     if config.arm_poses == 0:
-        return PairArms(true)
+        return made._replace(true=true)
     if config.arm_poses < LEAST_POSES:
         raise ConfigError(
             f"dual.arm_poses = {config.arm_poses} cannot tell an arm's table: 0 for none, else {LEAST_POSES} or more."
         )
     arms = PairTables({robot: built_arm(true[robot], T_tracker_base[robot]) for robot in ROBOTS})
-    tracked = simulate_tracked(arms, config.arm_poses, config.tracker_noise_m, rng)
-    fit = fit_pair(tracked, max(config.tracker_noise_m, 1e-9), Tolerance())
-    return PairArms(true, fit.tables, fit.bases)
+    rest = partial(made.rest, rng=rng)
+    tracked = simulate_tracked(arms, config.arm_poses, config.tracker_noise_m, rng, rest)
+    # Gears err by more than the tracker: how much, the residuals say.
+    fit = fit_pair(tracked, None if made.gears else max(config.tracker_noise_m, 1e-9), Tolerance())
+    return PairArms(true, fit.tables, fit.bases, made.gears)
 
 
 def _refuse_second_source(config: DualConfig) -> None:

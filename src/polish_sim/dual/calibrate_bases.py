@@ -105,16 +105,20 @@ def planted_bases(rng: np.random.Generator) -> TrueBases:
     return TrueBases(dict(zip(ROBOTS, (T_tracker_master, T_tracker_master @ T_master_follower), strict=True)))
 
 
+Flanges = Callable[[str, Array], Array]
+"""Where the flange of a robot really is in its base, (n, 4, 4), with its encoders at (n, 6) [rad]."""
+
+
 def simulate_arcs(
-    truth: TrueBases, count: int, noise: float, rng: np.random.Generator, tables: Mapping[str, Array] | None = None
+    truth: TrueBases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None = None
 ) -> AxisArcs:
-    """Axis 1, then axis 2 of each robot turns, at unrecorded joint angles; ``tables``: of arms as they are built."""
+    """Axis 1, then axis 2 of each robot turns, at unrecorded joint angles; without ``flanges``: nominal arms."""
 
     def arc(robot: str, joint: int) -> Array:
         q = np.zeros((count, 6))
         first, last = np.radians(ARCS[joint])
         q[:, joint] = np.sort(np.r_[first, last, rng.uniform(first, last, max(count - 2, 0))])[:count]
-        own = _target(forward(q, NOMINAL if tables is None else tables[robot]))
+        own = _target(forward(q) if flanges is None else flanges(robot, q))
         return apply(truth.T_tracker[robot], own) + noise * rng.standard_normal((count, 3))
 
     return AxisArcs({robot: (arc(robot, 0), arc(robot, 1)) for robot in truth.T_tracker})
@@ -245,18 +249,28 @@ def built_arm(table: Array, T_tracker_base: Array) -> ArmEstimate:
     return ArmEstimate(table, T_tracker_base, TARGET, np.empty((0, 3)), np.zeros((6, 6)))
 
 
-def wrong_table(tolerance: Tolerance, rng: np.random.Generator) -> Array:
-    """A table off the nominal one by normal errors of these standard deviations, shape (4, 6)."""
+def wrong_table(tolerance: Tolerance, rng: np.random.Generator, table: Array = NOMINAL) -> Array:
+    """A table off another by normal errors of these standard deviations, shape (4, 6)."""
     spread = np.array([[tolerance.angle], [tolerance.length], [tolerance.length], [tolerance.angle]])
-    return NOMINAL + spread * rng.standard_normal((4, 6))
+    return table + spread * rng.standard_normal((4, 6))
 
 
-def simulate_tracked(true: PairTables, poses: int, noise: float, rng: np.random.Generator) -> dict[str, TrackedArm]:
-    """Each arm holds its target still in poses all over its workspace before the tracker."""
+def rigid(_robot: str, q: Array) -> Array:
+    """Links of a rigid arm are where its encoders say."""
+    return q
+
+
+def simulate_tracked(
+    true: PairTables, poses: int, noise: float, rng: np.random.Generator, rest: Callable[[str, Array], Array] = rigid
+) -> dict[str, TrackedArm]:
+    """Each arm holds its target still in poses all over its workspace before the tracker.
+
+    ``rest``: joint angles of a robot with its encoders at (n, 6) [rad].
+    """
     tracked = {}
     for robot, arm in true.arms.items():
         q = rng.uniform(LOW, HIGH, (poses, 6))
-        tracked[robot] = TrackedArm(q, arm.target_at(q) + noise * rng.standard_normal((poses, 3)))
+        tracked[robot] = TrackedArm(q, arm.target_at(rest(robot, q)) + noise * rng.standard_normal((poses, 3)))
     return tracked
 
 

@@ -83,11 +83,11 @@ def planted_tool(rng: np.random.Generator) -> Array:
 
 
 def simulate_touches(
-    trial: TcpTrial, T_flange_tool: Array, rng: np.random.Generator, read: Reading | None = None
+    trial: TcpTrial, T_flange_tool: Array, rng: np.random.Generator, read: Reading | None = None, q_near: Array = Q_NEAR
 ) -> ToolMeasurements:
     """Touches in the planned orientations, and the three points of the tool's axes, each as the joints say it.
 
-    ``read``: what the host reads of an arm off its table; None: the arm is as its table says.
+    ``read`` and ``q_near`` as of `reached`.
     """
     R = plan_touch_orientations(trial.poses, trial.cone)
     tips = POINT + trial.noise * rng.standard_normal((len(R), 3))
@@ -96,13 +96,17 @@ def simulate_touches(
     start = POINT - trial.move * axes[:, 2]
     corners = start + trial.move * np.stack([np.zeros(3), axes[:, 0], axes[:, 2]])
     corners += trial.noise * rng.standard_normal((3, 3))
-    touches = reached(transform(R, tips - R @ T_flange_tool[:3, 3]), read)
+    touches = reached(transform(R, tips - R @ T_flange_tool[:3, 3]), read, q_near)
     R_moves = np.tile(TOOL_DOWN, (3, 1, 1))
-    moved = reached(transform(R_moves, corners - R_moves @ T_flange_tool[:3, 3]), read)
+    moved = reached(transform(R_moves, corners - R_moves @ T_flange_tool[:3, 3]), read, q_near)
     return ToolMeasurements(ToolTouches(touches), moved)
 
 
-def reached(T_base_flange: Array, read: Reading | None = None) -> Array:
-    """Flange poses (n, 4, 4) as the host reads them, by default inverse then forward kinematics; or ReachError."""
-    q = np.stack([inverse_near(T, Q_NEAR) for T in T_base_flange])
+def reached(T_base_flange: Array, read: Reading | None = None, q_near: Array = Q_NEAR) -> Array:
+    """Flange poses (n, 4, 4) as the host reads them, by default inverse then forward kinematics; or ReachError.
+
+    ``read``: what the host reads of an arm off its table; None: the arm is as its table says. ``q_near`` (6,) [rad]
+    says in which configuration.
+    """
+    q = np.stack([inverse_near(T, q_near) for T in T_base_flange])
     return np.ascontiguousarray(forward(q) if read is None else read(T_base_flange, q))

@@ -17,6 +17,7 @@ from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.host_arm import HostArm, build_host_arm, read_encoders
 from polish_sim.cell.kernel import MasterFaults
+from polish_sim.cell.real_arm import ArmPlace, is_real
 from polish_sim.cell.real_part import PartMotion
 from polish_sim.cell.robot import brakes_of
 from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
@@ -29,6 +30,7 @@ from polish_sim.spatial import inverse, transform
 
 MASTER, FOLLOWER = "master_", "follower_"  #: What the names of the two robots in a scene begin with
 FIRST_JOINT, FIRST_CONTROL = 7, 12  #: Of the master's joints and controls: the follower, with its head, comes first
+MASTER_ARM, FOLLOWER_ARM = ArmPlace(MASTER, FIRST_JOINT, FIRST_CONTROL, 1), ArmPlace(FOLLOWER)
 RAMP_S = LONGEST_RAMP + BUILD_UP  # in which the master comes to its speed and back to rest, as a feed does
 RAMP_PEAK = 1.0 / LONGEST_RAMP  # steepest rise of the rate at which its time passes [1/s]
 SPAN_S = 0.01  # over which the host takes the master's accelerations, at least from one reading to the next [s]
@@ -90,6 +92,14 @@ class MasterRows(NamedTuple):
     lead: float = 0.0  #: From the host's request to the follower's motion, as far as the host knows [s]
 
 
+class Encoders(NamedTuple):
+    """What an arm's encoders say at this instant."""
+
+    angles: Array  #: [rad], its six from ``first`` on
+    speeds: Array  #: [rad/s], likewise
+    first: int
+
+
 class Carrier(Record):
     """The master in the loop; base frame of the follower."""
 
@@ -118,6 +128,7 @@ class Carrier(Record):
     turning: Vector3  #: Of the flange now [rad/s]
     delay: int  #: How late readings of the joints arrive, in steps
     hold: int  #: Steps from one reading to the next
+    newest: int  #: Step of the newest reading that has come
     span: int  #: Steps over which the host takes accelerations
     lead: float  #: How far ahead the host predicts speeds [s]
     q: Vector6  #: Joint positions for now, as the host has them [rad]
@@ -157,7 +168,8 @@ def build_master(
         timeout=scenario.safety.master_timeout_s, flange_body=model.body(f"{MASTER}link_6").id,
         part_body=model.body(f"{MASTER}part").id, host_arm=host_arm, delay=delay, hold=hold, span=span, lead=rows.lead,
     )  # fmt: skip
-    line = np.zeros((delay + hold + span + 1, 12))
+    gap = math.ceil(scenario.robot.real.missed_s / model.opt.timestep) if is_real(scenario) else 0
+    line = np.zeros((delay + hold + span + gap + 1, 12))
     return Master(state, np.ascontiguousarray(rows.q), np.ascontiguousarray(rows.qd), line)
 
 
@@ -216,11 +228,14 @@ def _firmness(carrier: Carrier) -> float:
 
 
 @kernel
-def carry_part(master: Master, unheard: bool, e: EngineViews, part: RealPart, motion: PartMotion) -> None:
+def carry_part(
+    master: Master, unheard: bool, e: EngineViews, part: RealPart, motion: PartMotion, said: Encoders, heard: bool
+) -> None:
     """Place the part by the flange that carries it, and work out what the host believes of it.
 
-    ``unheard``: the host does not hear where the master is. Written: what the master notes of this instant, the part's
-    rotation, the motion's place and angular velocity.
+    ``unheard``: the host does not hear where the master is; ``said``: what its encoders say, ``heard`` unless it
+    comes in a gap of the link. Written: what the master notes of this instant, the part's rotation, the motion's place
+    and angular velocity.
     """
     carrier, flange = master.state, master.state.flange_body
     R_flange, p_flange = e.xmat[flange].reshape((3, 3)), e.xpos[flange]
@@ -236,14 +251,14 @@ def carry_part(master: Master, unheard: bool, e: EngineViews, part: RealPart, mo
     if unheard:
         return
     arm = carrier.host_arm
-    _hear(master, e.qpos, e.qvel, e.dt)
+    _hear(master, said, heard, e.dt)
     read_encoders(arm, carrier.q, 0)
     _add_joints(arm.place, arm.anchors, arm.axes, 0, carrier.qd, 0, carrier.seen_velocity, carrier.seen_turning)
     _believe(carrier, arm.turn.reshape((3, 3)), arm.place, carrier.seen_velocity, carrier.seen_turning)
 
 
 @kernel
-def _hear(master: Master, qpos: Array, qvel: Array, dt: float) -> None:
+def _hear(master: Master, said: Encoders, heard: bool, dt: float) -> None:
     """The newest reading that has come: the master's positions carried on to now, its speeds to when a request acts.
 
     The host knows how late a reading is: it writes down when it was taken. Accelerations are the change of the speeds
@@ -251,12 +266,14 @@ def _hear(master: Master, qpos: Array, qvel: Array, dt: float) -> None:
     """
     carrier, line, step = master.state, master.line, master.state.steps
     carrier.steps += 1
-    newest = max((step - carrier.delay) // carrier.hold * carrier.hold, 0)
+    if heard:
+        carrier.newest = max((step - carrier.delay) // carrier.hold * carrier.hold, 0)
+    newest = carrier.newest
     before = max(newest - carrier.span, 0)
     age, between = (step - newest) * dt, max(newest - before, 1) * dt
     sent, come, last = step % line.shape[0], newest % line.shape[0], before % line.shape[0]
     for j in range(6):
-        line[sent, j], line[sent, 6 + j] = qpos[FIRST_JOINT + j], qvel[FIRST_JOINT + j]
+        line[sent, j], line[sent, 6 + j] = said.angles[said.first + j], said.speeds[said.first + j]
     for j in range(6):
         speed = line[come, 6 + j]
         acceleration = (speed - line[last, 6 + j]) / between

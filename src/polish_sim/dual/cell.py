@@ -12,8 +12,9 @@ from polish_sim.arrays import Array
 from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews, mj_step1
+from polish_sim.cell.gears import RealArm, hear_joints, host_hears
 from polish_sim.cell.guards import REASONS
-from polish_sim.cell.host_arm import HostArm, read_encoders
+from polish_sim.cell.host_arm import HostArm, build_host_arm, read_encoders
 from polish_sim.cell.kernel import CellKernel, CellState
 from polish_sim.cell.loop import (
     ask_law,
@@ -25,12 +26,15 @@ from polish_sim.cell.loop import (
     move_target,
     press_on_part,
     read_sensor,
+    see_as_host,
     see_tool,
     trip,
 )
+from polish_sim.cell.real_arm import build_joints, is_real
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import ROW_WIDTH, Recorder, put
 from polish_sim.cell.robot import SENT
+from polish_sim.cell.scene import tool_on_flange
 from polish_sim.cell.stroke import PROCESS, Stroke
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Controller, Course
@@ -38,6 +42,9 @@ from polish_sim.dual.carrier import (
     FIRST_CONTROL,
     FIRST_JOINT,
     FOLLOWER,
+    FOLLOWER_ARM,
+    MASTER_ARM,
+    Encoders,
     Master,
     MasterRows,
     add_carried_speed,
@@ -50,6 +57,7 @@ from polish_sim.dual.carrier import (
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
 from polish_sim.log import RunLog, with_column
+from polish_sim.motion.kinematics import NOMINAL
 
 MASTER_HALTED, MASTER_SILENT = 21, 22
 
@@ -83,17 +91,29 @@ class PairCell(Cell):
         master: MasterRows,
         host_arm: HostArm | None = None,
     ) -> None:
-        self._rows = master
+        self._rows, self.host_arm = master, host_arm
+        self.master_arm: RealArm | None = None
         super().__init__(scenario, model, part, strokes, q_start, controller, rng, course)
         self.master = build_master(model, self.data, master, part, scenario)
-        self.host_arm = host_arm
 
     def _set_joints(self, q_start: Array) -> None:
         super()._set_joints(q_start)
         self.data.qpos[FIRST_JOINT:] = self.data.ctrl[FIRST_CONTROL::2] = self._rows.q[0]
 
+    def _build_real_arm(self, q_start: Array) -> RealArm | None:
+        if not is_real(self.scenario):
+            return None
+        # The scene is bent by both tables already; of the master's host the loop keeps its own account.
+        host, self.host_arm = self.host_arm or build_host_arm(NOMINAL, np.eye(4), tool_on_flange()), None
+        both = ((self._rows.q[0], MASTER_ARM), (q_start, FOLLOWER_ARM))
+        self.master_arm, follower = (
+            build_joints(self.scenario, self.model, self.data, q, host, place) for q, place in both
+        )
+        return follower
+
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
-        advance_pair(self.kernel, self.master, self.host_arm, recorder, self.law, draws, steps)
+        arms = self.real_arm, self.master_arm, self.host_arm
+        advance_pair(self.kernel, *arms, self.master, recorder, self.law, draws, steps)
 
     def _log(self, rows: Array) -> RunLog:
         return with_column(super()._log(rows), "master_q_rad", rows[:, ROW_WIDTH:])
@@ -101,15 +121,20 @@ class PairCell(Cell):
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def advance_pair(  # type: ignore[no-untyped-def]
-    cell: CellKernel, master: Master, host_arm: HostArm | None, recorder: Recorder, law, draws: Array, steps: int
-) -> None:
-    """Run two robots for at most ``steps`` physics steps, see ``cell.loop.advance``; ``host_arm`` as in `PairCell`."""
+    cell: CellKernel, arm: RealArm | None, other: RealArm | None, host_arm: HostArm | None, master: Master,
+    recorder: Recorder, law, draws: Array, steps: int
+) -> None:  # fmt: skip
+    """Run two robots for at most ``steps`` physics steps, see ``cell.loop.advance``.
+
+    ``arm`` and ``other``: joints of follower and master if they are elastic; ``host_arm`` as in `PairCell`, for arms
+    that are not. Of what is None nothing is compiled.
+    """
     e, state = cell.engine, cell.state
     recorder.filled.rows = recorder.filled.steps = 0
     for k in range(steps):
         t = state.status.steps * e.dt
         mj_step1(e.model, e.data)
-        _place_part(e, state, cell.part, master, t)
+        _place_part(e, state, cell.part, master, other, t)
         if cell.stroke.contact:
             press_on_part(e, state, cell.pad, cell.part)
             _push_back(e, state, master.state.part_body)
@@ -118,9 +143,14 @@ def advance_pair(  # type: ignore[no-untyped-def]
         else:
             read_encoders(host_arm, e.qpos, 0)
             see_tool(state, host_arm.place, host_arm.turn, host_arm.anchors, host_arm.axes, e.qvel)
+        if arm is not None:
+            see_as_host(arm, state, e)
         read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
-        if host_is_due(state.status, cell.control_every):
-            move_target(state, cell.stroke, e.dt * cell.control_every, t)
+        due, cycle = host_is_due(state.status, cell.control_every), e.dt * cell.control_every
+        if arm is not None:
+            due, cycle = host_hears(arm, due, state.status.steps), e.dt * arm.waited
+        if due:
+            move_target(state, cell.stroke, cycle, t)
             carry_target(master.state, state.target)
             ask_law(state, cell.law, law, t)
         command(state, cell.requests, e.ctrl, e.dt, t)
@@ -129,7 +159,7 @@ def advance_pair(  # type: ignore[no-untyped-def]
         drive_master(master, state.master, state.sequence.stage == PROCESS, stopping, e.dt, e.ctrl)
         if state.status.steps % recorder.every == 0:
             put(recorder.rows[recorder.filled.rows], ROW_WIDTH, e.qpos[FIRST_JOINT:], 6)
-        finish_step(e, state, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
+        finish_step(e, state, arm, other, recorder, cell.part.position, cell.stroke.process.pass_index, t)
         if state.master.halted:
             trip(state.status, MASTER_HALTED, t)
         elif master.state.silence > master.state.timeout:
@@ -139,10 +169,17 @@ def advance_pair(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _place_part(e: EngineViews, state: CellState, part: RealPart, master: Master, t: float) -> None:
+def _place_part(  # type: ignore[no-untyped-def]
+    e: EngineViews, state: CellState, part: RealPart, master: Master, arm, t: float
+) -> None:
     """Place the part for this instant: where the flange that carries it is, and by its own motion."""
     carrier = master.state
-    carry_part(master, state.master.unheard, e, part, state.motion)
+    if arm is None:
+        carry_part(master, state.master.unheard, e, part, state.motion, Encoders(e.qpos, e.qvel, FIRST_JOINT), True)
+    else:
+        hear_joints(arm, e)
+        heard = host_hears(arm, True, state.status.steps)
+        carry_part(master, state.master.unheard, e, part, state.motion, Encoders(arm.read, arm.read_speed, 0), heard)
     move_part(state.motion, t, e.dt, part.position)
     add_carried_speed(carrier, e.xpos[carrier.flange_body], part.position, state.motion.velocity)
     see_tool_on_part(carrier, e, part, state.motion, state.tool_on_part)

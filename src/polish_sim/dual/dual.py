@@ -143,7 +143,7 @@ def _at_rows(run: CellRun, values: Array) -> Array:
 
 def _part_on_flange(task: DualTask, part: RealPart) -> Array:
     """The real part on the master's flange, where it is drawn, shape (4, 4)."""
-    T_base_flange = inverse(task.frames.true.T_master_follower) @ task.arms.flanges("master", task.master.q[:1])[0]
+    T_base_flange = inverse(task.frames.true.T_master_follower) @ task.arms.resting_flange("master", task.master.q[0])
     T_base_part = np.eye(4)
     T_base_part[:3, :3], T_base_part[:3, 3] = part.rotation, part.position
     return np.asarray(inverse(T_base_flange) @ T_base_part)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from polish_sim.analysis.claim import DEGREES, PATH_DONE, Claim
-from polish_sim.config import PartConfig, RobotConfig, Scenario
+from polish_sim.config import PartConfig, Scenario
 from polish_sim.experiments.registry import (
     FINISHED,
     PART_OPTIONS,
@@ -121,7 +121,7 @@ def _claims(scenario: Scenario) -> tuple[Claim, ...]:
 DUAL: Final = Experiment(
     "dual",
     "two robots: the master moves the part, the follower polishes its rim meanwhile (paper 2)",
-    Scenario(experiment="dual", robot=RobotConfig(arm="ideal"), part=PartConfig(file="wheel_hub_rim")),
+    Scenario(experiment="dual", part=PartConfig(file="wheel_hub_rim")),
     run="polish_sim.dual.dual:run_dual",
     prepare="polish_sim.dual.dual:check_dual",
     claims=_claims,

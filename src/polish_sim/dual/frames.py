@@ -7,9 +7,10 @@ other robot holds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from polish_sim.cell import tool_on_flange
 from polish_sim.config import DualConfig
 from polish_sim.dual.arms import NOMINAL_ARMS, PairArms
 from polish_sim.dual.calibrate_bases import TrueBases, simulate_arcs
-from polish_sim.dual.calibrate_tcp import TcpTrial, reached, simulate_touches
+from polish_sim.dual.calibrate_tcp import Q_NEAR, Reading, TcpTrial, reached, simulate_touches
 from polish_sim.dual.calibration.arm import read_arm_calibration
 from polish_sim.dual.calibration.bases import ROBOTS, read_base_calibration
 from polish_sim.dual.calibration.pair import LEAST_NOISE, ClosingTouches, PairAdjustment, PairParts, adjust_pair
@@ -66,6 +67,8 @@ class Site(NamedTuple):
 
     T_master_work: Array  #: Where the master holds the part meanwhile, its base, shape (4, 4)
     T_work_tool: Array  #: The tool at each mark, its z axis into the part, shape (k, 4, 4)
+    q_near: Mapping[str, Array] = MappingProxyType(dict.fromkeys(ROBOTS, Q_NEAR))
+    """Joints of both robots meanwhile, roughly [rad], shape (6,) each."""
 
     @property
     def marks_work(self) -> Array:
@@ -86,15 +89,19 @@ def find_parts(
     Returns what was found, and how the tool stands on its flange, (3, 3). Raises ReachError if the master cannot touch
     with a mark of a part held like that.
     """
-    tracker, touch = max(config.tracker_noise_m, LEAST_NOISE), max(config.touch_noise_m, LEAST_NOISE)
+    tracker, touch = (_noise(noise, arms) for noise in (config.tracker_noise_m, config.touch_noise_m))
     truth = tracker_sees(true.T_master_follower)
-    turned = simulate_arcs(truth, ARC_POINTS, config.tracker_noise_m, rng, None if arms.nominal else arms.true)
+    turned = simulate_arcs(
+        truth, ARC_POINTS, config.tracker_noise_m, rng, lambda robot, q: arms.flanges(robot, arms.rest(robot, q, rng))
+    )
     circles = turned.fit(tracker)
     T_master_follower, covariance = arms.bases or (circles.T_master_follower, circles.covariance)
     trial = TcpTrial(noise=config.touch_noise_m)
-    tool = fit_tool_frame(simulate_touches(trial, true.T_flange_tool, rng, arms.reading("follower")), touch)
+    follower = arms.reading("follower", rng), site.q_near["follower"]
+    tool = fit_tool_frame(simulate_touches(trial, true.T_flange_tool, rng, *follower), touch)
+    master = arms.reading("master", rng), site.q_near["master"]
     marks = [
-        fit_tool_point(_touch_with_mark(trial, mark, rng, arms), touch)
+        fit_tool_point(_touch_with_mark(trial, mark, rng, *master), touch)
         for mark in apply(true.T_flange_work, site.marks_work)
     ]
     parts = PairParts(
@@ -104,14 +111,29 @@ def find_parts(
         tool.tip.covariance[:3, :3],
         np.stack([mark.point for mark in marks]),
         np.stack([mark.covariance[:3, :3] for mark in marks]),
+        float(np.sqrt(tool.tip.noise[0] ** 2 + np.mean([mark.noise[0] ** 2 for mark in marks]))),
     )
+    if arms.gears:
+        # Errors of gears belong together: many readings of one place are no better than one.
+        parts = parts._replace(
+            bases_covariance=covariance * (config.arm_poses or ARC_POINTS),
+            tip_covariance=parts.tip_covariance * trial.poses,
+            marks_covariance=parts.marks_covariance * trial.poses,
+        )
     return parts, tool.T_flange_tool[:3, :3]
 
 
-def _touch_with_mark(trial: TcpTrial, mark: Array, rng: np.random.Generator, arms: PairArms) -> ToolTouches:
+def _noise(noise: float, arms: PairArms) -> float | None:
+    """What a fit takes for the noise of a measurement [m]; None, its own residuals: gears err by more than that."""
+    return None if arms.gears else max(noise, LEAST_NOISE)
+
+
+def _touch_with_mark(
+    trial: TcpTrial, mark: Array, rng: np.random.Generator, read: Reading | None, q_near: Array
+) -> ToolTouches:
     """A fixed point touched with a mark on the part, at (3,) on the master's flange [m]."""
     try:
-        return simulate_touches(trial, transform(np.eye(3), mark), rng, arms.reading("master")).touches
+        return simulate_touches(trial, transform(np.eye(3), mark), rng, read, q_near).touches
     except ReachError as error:
         raise ReachError(
             f"the master cannot turn the part about one of its marks, {place_in_mm(mark)} from its flange, to find "
@@ -138,7 +160,7 @@ def touch_marks(
     T_follower_flange[:, :3, 3] += noise * rng.standard_normal((count, 3))
     T_master_flange = np.tile(true.master_flange(site.T_master_work), (count, 1, 1))
     said = [
-        reached(T, arms.reading(robot)) if count and arms.reading(robot) else T
+        reached(T, arms.reading(robot, rng), site.q_near[robot]) if count and arms.reading(robot, rng) else T
         for robot, T in zip(ROBOTS, (T_master_flange, T_follower_flange), strict=True)
     ]
     return ClosingTouches(said[0], said[1], mark)
@@ -218,7 +240,8 @@ def calibrated_frames(
     # A calibration from a file is believed as it is.
     count = 0 if config.bases_file or config.tool_file or config.arms_file else config.closing_touches
     closing = touch_marks(true, site, count, config.touch_noise_m, rng, arms)
-    adjusted = adjust_pair(parts, site.marks_work, closing, config.touch_noise_m)
+    noise = parts.touch_noise if arms.gears else config.touch_noise_m
+    adjusted = adjust_pair(parts, site.marks_work, closing, noise)
     return PairFrames(true, believed_chain(adjusted, R_flange_tool, true))
 
 

@@ -31,6 +31,7 @@ SIDES: Final = (0.1, -0.1, 0.0)  #: How far beside the line between the bases [m
 HEIGHTS: Final = (0.3, 0.2, 0.4, 0.5)  #: Of the gripper's face above the master's base [m]
 SPINS: Final = tuple(np.radians(range(0, 360, 45)))
 GOOD: Final = 0.1  #: A way this far from singularities and limits is taken without looking further [-]
+SAME_WAY: Final = 0.1  #: Joints of one way with a chain that calibration has changed differ by less [rad]
 Collides = Callable[[Array, Array], str]  #: What touches what with joints of master and follower, (n, 6) each; or empty
 
 
@@ -62,6 +63,11 @@ class PairReach(NamedTuple):
     q_master: Array  #: Joints at the start [rad], shape (6,)
     q_follower: Array  #: Joints at the start [rad], shape (6,)
     value: float  #: Least singular value of both arms on the way, less where a joint comes near its limits [-]
+
+    def is_like(self, other: PairReach) -> bool:
+        """Whether both arms stand in the configurations of another way, with the same spin."""
+        apart = np.abs(np.concatenate([self.q_master - other.q_master, self.q_follower - other.q_follower]))
+        return self.spin == other.spin and bool(apart.max() < SAME_WAY)
 
 
 def default_poses(chain: ClosedChain, up: Array, middle_of_way: Array) -> Iterator[Array]:
@@ -149,18 +155,22 @@ class Failed(NamedTuple):
 
 
 def find_pair_reach(
-    work: Work, poses: Iterable[Array], collides: Collides, file: MasterPath | None = None
+    work: Work,
+    poses: Iterable[Array],
+    collides: Collides,
+    file: MasterPath | None = None,
+    like: PairReach | None = None,
 ) -> PairReach:
     """Find a pose of the part, configurations and a spin of the tool with which both arms do everything.
 
     Takes the first of the candidate poses T_master_work that keeps well away from singularities and limits, else the
-    best. Raises ReachError if there is none, with the arm that fails and where for the pose that came furthest, of a
-    file the line.
+    best; of its ways, one ``like`` another found for nearly the same chain, if there is any. Raises ReachError if there
+    is none, with the arm that fails and where for the pose that came furthest, of a file the line.
     """
     best: PairReach | None = None
     furthest = Failed(-1.0, "no pose of the part was tried")
     for T_master_work in poses:
-        found = _try_pose(work, T_master_work, collides)
+        found = _try_pose(work, T_master_work, collides, like)
         if isinstance(found, Failed):
             furthest = max(furthest, found, key=lambda failed: failed.progress)
         elif best is None or found.value > best.value:
@@ -186,7 +196,7 @@ def _what_to_change(work: Work, failed: Failed, file: MasterPath | None) -> str:
     )
 
 
-def _try_pose(work: Work, T_master_work: Array, collides: Collides) -> PairReach | Failed:
+def _try_pose(work: Work, T_master_work: Array, collides: Collides, like: PairReach | None) -> PairReach | Failed:
     """The best way with one pose of the part; else how far it came, and why no further."""
     parts = work.way(T_master_work, work.visits.clock)
     masters, failed = _configurations(parts, work.chain.T_flange_work, "master")
@@ -203,6 +213,7 @@ def _try_pose(work: Work, T_master_work: Array, collides: Collides) -> PairReach
                 reach = PairReach(T_master_work, float(spin), q_m[0], q_f[0], min(value_m, value_f))
                 found.append((reach, q_m, q_f))
     touching = ""
+    found = [one for one in found if like is not None and one[0].is_like(like)] or found
     for reach, q_m, q_f in sorted(found, key=lambda one: -one[0].value):
         touching = collides(q_m, q_f)
         if not touching:

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell.real_arm import require_ideal
 from polish_sim.cell.scene import add_drawn_part, bend_arm, robot_with_tool, set_options
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER, MASTER
@@ -59,7 +58,6 @@ def build_pair_scene(
     """
     scene = _file_without_keyframe(scenario)
     scene.delete(scene.body("base"))
-    require_ideal(scenario, "two robots")
     follower, master = robot_with_tool(scenario), _file_without_keyframe(scenario)
     if tables is not None:
         for arm, name in ((master, "master"), (follower, "follower")):

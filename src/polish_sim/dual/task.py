@@ -5,24 +5,26 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
+import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent, Stroke, tool_on_flange
+from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.dual.arms import PairArms, pair_arms
+from polish_sim.dual.arms import NOMINAL_ARMS, PairArms, pair_arms, real_arms
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import MasterRows
 from polish_sim.dual.chain import ClosedChain, follow_joints
 from polish_sim.dual.checks import MotionCheck, check_length, check_motion
 from polish_sim.dual.frames import PairFrames, Site, calibrated_frames, marks_on, tracker_sees, true_chain
 from polish_sim.dual.gripper import Seat, check_load, seat_part
-from polish_sim.dual.master import master_motion
+from polish_sim.dual.master import MasterMotion, master_motion
 from polish_sim.dual.placement import (
     Collides,
     Infeasible,
@@ -87,26 +89,22 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     check_shaft(path, surface, scenario.dual.pad_clearance_m)
     seat = seat_part(surface, region.up, scenario.dual.part_on_gripper)
     visits = _visits(scenario, path)
-    observer.stage("calibrate the robots")
     true = true_chain(scenario.dual, seat.T_gripper_work)
-    stand = tracker_sees(true.T_master_follower).T_tracker
-    arms = pair_arms(scenario.dual, stand, np.random.default_rng([scenario.seed, ARMS_STREAM]))
+    job = Job(scenario, mesh, path, visits, region.up, seat.nose)
     marks = marks_on(region, surface, scenario.dual.marks)
-    site = Site(_where_marks_are_touched(scenario, path, visits, region.up, true), marks)
+    made, drawn, site = NOMINAL_ARMS, None, Site(_half_way(job, true), marks)
+    if is_real(scenario):
+        # Gears err by pose: arms are calibrated as they will stand at work.
+        drawn = _find_way(job, true, observer).reach
+        q_work = {"master": drawn.q_master, "follower": drawn.q_follower}
+        made = real_arms(scenario, _scene(job, true), q_work)
+        site = Site(_half_way(job, true, drawn.T_master_work), marks, q_work)
+    observer.stage("calibrate the robots")
+    stand = tracker_sees(true.T_master_follower).T_tracker
+    arms = pair_arms(scenario.dual, stand, np.random.default_rng([scenario.seed, ARMS_STREAM]), made)
     rng = np.random.default_rng([scenario.seed, FRAMES_STREAM])
     frames = calibrated_frames(scenario.dual, true, site, rng, arms)
-    observer.stage("check the reach of both robots")
-    motion = master_motion(scenario, path, region.up, frames.believed)
-    check_length(visits, motion)
-    work = Work(frames.believed, visits, motion.way)
-    contacts = partial(_contacts, scenario, mesh, frames.believed, seat.nose)
-    collides = contacts(frames.believed.T_master_follower)
-    try:
-        reach = find_pair_reach(work, held_poses(scenario, work, motion, region.up), collides, motion.file)
-    except ReachError as error:
-        observer.stage("look for a change that makes it feasible")
-        change = feasible_change(Infeasible(scenario, work, motion, path, region.up, collides, contacts))
-        raise ReachError(f"{error} {change}") from error
+    work, motion, reach, collides = _find_way(job, frames.believed, observer, drawn)
     T_base_work = inverse(frames.believed.T_master_follower) @ reach.T_master_work
     own = Reach(T_base_work, reach.spin, reach.q_follower, reach.value)
     place = Workplace(mesh, surface, region, path, own, real_shape(scenario, mesh, surface, path))
@@ -119,14 +117,54 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     return DualTask(place, frames, arms, seat, reach, work, placed, strokes, master, _residual(work, reach, arms))
 
 
-def _contacts(
-    scenario: Scenario, mesh: PartMesh, believed: ClosedChain, nose: float, T_master_follower: Array
-) -> Collides:
-    """The check for collisions with the follower's base there, the rest as the host believes it."""
-    dual = scenario.dual
+class Job(NamedTuple):
+    """What both arms are to do."""
+
+    scenario: Scenario
+    mesh: PartMesh
+    path: ToolPath
+    visits: Visits
+    up: Array  #: Side of the part to be worked on, work frame, shape (3,)
+    nose: float  #: Of the gripper, see `Held`
+
+
+class Way(NamedTuple):
+    """How they do it."""
+
+    work: Work
+    motion: MasterMotion
+    reach: PairReach
+    collides: Collides
+
+
+def _find_way(job: Job, chain: ClosedChain, observer: Observer, like: PairReach | None = None) -> Way:
+    """A way to do it with a chain, ``like`` one found before for another chain close to it; else ReachError."""
+    observer.stage("check the reach of both robots")
+    motion = master_motion(job.scenario, job.path, job.up, chain)
+    check_length(job.visits, motion)
+    work = Work(chain, job.visits, motion.way)
+    contacts = partial(_contacts, job, chain)
+    collides = contacts(chain.T_master_follower)
+    held = held_poses(job.scenario, work, motion, job.up) if like is None else iter([like.T_master_work])
+    try:
+        return Way(work, motion, find_pair_reach(work, held, collides, motion.file, like), collides)
+    except ReachError as error:
+        observer.stage("look for a change that makes it feasible")
+        change = feasible_change(Infeasible(job.scenario, work, motion, job.path, job.up, collides, contacts))
+        raise ReachError(f"{error} {change}") from error
+
+
+def _contacts(job: Job, chain: ClosedChain, T_master_follower: Array) -> Collides:
+    """The check for collisions with the follower's base there, the rest as in a chain."""
+    dual = job.scenario.dual
     clearances = Clearances(dual.clearance_m, dual.pad_clearance_m)
-    held = Held(mesh, dual.density_kg_m3, believed.T_flange_work, nose, clearances)
-    return PairContacts(build_pair_scene(scenario, inverse(T_master_follower), held), clearances).first
+    return PairContacts(_scene(job, chain._replace(T_master_follower=T_master_follower), clearances), clearances).first
+
+
+def _scene(job: Job, chain: ClosedChain, clearances: Clearances | None = None) -> mujoco.MjModel:
+    """The scene by a chain, nominal arms."""
+    held = Held(job.mesh, job.scenario.dual.density_kg_m3, chain.T_flange_work, job.nose, clearances)
+    return build_pair_scene(job.scenario, inverse(chain.T_master_follower), held)
 
 
 def _visits(scenario: Scenario, path: ToolPath, step: float | None = None) -> Visits:
@@ -148,13 +186,14 @@ def _given_or_rim(scenario: Scenario, plan: PlanResult | None) -> tuple[PartMesh
     return mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m)
 
 
-def _where_marks_are_touched(scenario: Scenario, path: ToolPath, visits: Visits, up: Array, true: ClosedChain) -> Array:
-    """Half way of the first place the part may be held, base of the master, shape (4, 4)."""
-    motion = master_motion(scenario, path, up, true)
-    work = Work(true, visits, motion.way)
-    T_master_work = next(held_poses(scenario, work, motion, up)).copy()
-    T_master_work[:3, 3] += work.middle
-    return np.asarray(T_master_work)
+def _half_way(job: Job, true: ClosedChain, T_start: Array | None = None) -> Array:
+    """Half way from where the part is held, or from the first place it may be, base of the master, shape (4, 4)."""
+    motion = master_motion(job.scenario, job.path, job.up, true)
+    work = Work(true, job.visits, motion.way)
+    T_master_work = next(held_poses(job.scenario, work, motion, job.up)) if T_start is None else T_start
+    T_half = T_master_work.copy()
+    T_half[:3, 3] += work.middle
+    return T_half
 
 
 def _master_rows(scenario: Scenario, frames: PairFrames, arms: PairArms, reach: PairReach, work: Work) -> MasterRows:
@@ -164,7 +203,7 @@ def _master_rows(scenario: Scenario, frames: PairFrames, arms: PairArms, reach: 
     time = np.linspace(0.0, duration, math.ceil(duration / ROW_S) + 1)
     T_base_flange = believed.master_flange(work.way(reach.T_master_work, time))
     q = arms.joints("master", T_base_flange, follow_joints(T_base_flange, reach.q_master, "master"))
-    T_master_work = arms.flanges("master", q[:1])[0] @ true.T_flange_gripper @ true.T_gripper_work
+    T_master_work = arms.resting_flange("master", q[0]) @ true.T_flange_gripper @ true.T_gripper_work
     return MasterRows(
         float(time[1]),
         q,

@@ -11,7 +11,7 @@ from polish_sim.calibration import read_calibrated_tool
 from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene, parse_events
 from polish_sim.cell.faults import check_events
 from polish_sim.cell.limits import check_contact_settings, check_rates
-from polish_sim.cell.real_arm import is_real, require_ideal
+from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields, depth_for
 from polish_sim.cell.scene import Drawn, works_below
 from polish_sim.control import Controller, Course, build_controller
@@ -120,13 +120,6 @@ def course_for(
 # Settings that are wrong for any part are refused before anything is loaded, planned or simulated.
 
 CONTROLLED: Final = ("arc", "force", "surface", "dual")  #: Experiments in which a controller drives the cell
-REAL_ARM: Final = (
-    "arc",
-    "force",
-    "surface",
-    "smooth",
-    "teach",
-)  #: Those that may be done by an arm with elastic joints
 ON_PART: Final = ("force", "surface", "dual")  #: Those with a part to press on
 
 
@@ -139,8 +132,6 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
     if scenario.payload.file:
         read_calibrated_tool(Path(scenario.payload.file))
     events = parse_events(scenario.faults.events)
-    if scenario.experiment not in REAL_ARM:
-        require_ideal(scenario, scenario.experiment)
     is_real(scenario)
     if scenario.part.fixture_file and scenario.experiment != "surface":
         raise InputError(f"part.fixture_file is for 'plan' and 'run surface': leave it out of '{scenario.experiment}'.")

@@ -40,6 +40,7 @@ class PairParts(NamedTuple):
     tip_covariance: Array  #: Flange axes [m^2], shape (3, 3)
     marks_flange: Array  #: Marks of the part on the master's flange [m], shape (k, 3)
     marks_covariance: Array  #: Flange axes [m^2], shape (k, 3, 3)
+    touch_noise: float = 0.0  #: Of a coordinate of a touch by both arms, as the residuals say [m]
 
 
 class ClosingTouches(NamedTuple):
