@@ -26,7 +26,12 @@ class AdaptiveConfig:
     usual_noise_n: float = key(0.25, "noise of a reading beyond which the observer slows down, rms [N]", 0.001, 20.0)
     command_delay_s: float = key(0.01, "from command to motion, until measured on the way down [s]", 0.001, 0.1)
     crossover_rad_s: float = key(40.0, "highest crossover of the force loop [rad/s]", 1.0, 500.0)
-    observer_rad_s: float = key(30.0, "highest corner of the force observer [rad/s]", 1.0, 500.0)
+    arm_mode_hz: float = key(
+        24.0, "vibration of the arm along the tool axis that the force loop must not excite, believed; 0 = rigid [Hz]",
+        0.0, 200.0
+    )  # fmt: skip
+    gear_waves: float = key(200.0, "periods of the gears' error in a turn of a joint, believed [-]", 1.0, 1e4)
+    observer_rad_s: float = key(25.0, "highest corner of the force observer [rad/s]", 1.0, 500.0)
     delay_share: float = key(0.5, "crossover times command delay, at most [-]", 0.05, 1.5)
     top_speed_m_s: float = key(0.1, "highest speed of the force loop [m/s]", 0.001, 1.0)
     acceleration_m_s2: float = key(1.2, "acceleration the force loop counts on [m/s^2]", 0.05, 20.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from polish_sim.control.adaptive.force_loop import (
     as_sensed,
     begin_contact,
     change_stiffness,
+    correction,
     measure_delay,
     observe_force,
     pace_of,
@@ -155,6 +157,44 @@ def test_believing_another_stiffness_does_not_make_the_sensor_surprise() -> None
     memory.force.travel = 0.001
     change_stiffness(memory, 5000.0, 0.001)
     assert observe_force(memory, 40.0, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)
+
+
+def corrections(memory: PressMemory, added: Callable[[float], float], seconds: float = 2.0) -> list[float]:
+    """What the force loop adds to k z while b is ``added`` of the time."""
+    found = []
+    for k in range(round(seconds / DT)):
+        memory.force.at_no_travel = added(k * DT)
+        found.append(correction(GAINS, memory, 40.0, 1.0, DT))
+    return found
+
+
+@pytest.mark.parametrize("times", [0.5, 0.75, 1.0, 1.3, 3.0])
+def test_the_notch_takes_out_the_arms_vibration(times: float) -> None:
+    """At x times its frequency |1 - x^2| / (1 + x^2) is left; up to a tenth in steps of 1 ms."""
+    found = corrections(fresh(), lambda t: math.sin(times * GAINS.arm_mode * t))
+    assert max(found[1000:]) == pytest.approx(abs(1.0 - times**2) / (1.0 + times**2), abs=0.1)
+
+
+def test_a_part_that_rises_evenly_passes_the_notch_without_lag() -> None:
+    memory, rise = fresh(), 20.0
+    memory.force.rate = rise
+    found = corrections(memory, lambda t: rise * t)
+    assert found[-1] == pytest.approx(rise * (2.0 - DT) + rise / 40.0, abs=1.1 * rise * DT)
+
+
+def test_believing_another_stiffness_does_not_swing_the_notch() -> None:
+    memory = fresh()
+    begin_contact(memory, 25000.0, 0.001, 3.0)
+    corrections(memory, lambda _: -22.0, 0.3)
+    change_stiffness(memory, 5000.0, 0.001)
+    assert corrections(memory, lambda _: -2.0, 0.1) == pytest.approx(np.full(100, -2.0), abs=1e-9)
+
+
+def test_a_rigid_arm_has_no_notch() -> None:
+    rigid, memory = adaptive_gains(AdaptiveConfig(arm_mode_hz=0.0)), fresh()
+    for b in (3.0, -5.0, 40.0):
+        memory.force.at_no_travel = b
+        assert correction(rigid, memory, 40.0, 1.0, DT) == b
 
 
 def test_every_law_is_on_unless_left_out() -> None:

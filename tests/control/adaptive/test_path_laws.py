@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.config import ControllerConfig
+from polish_sim.config import AdaptiveConfig, ControllerConfig
 from polish_sim.control.adaptive.drawing import (
     Abilities,
     Ahead,
@@ -26,10 +26,11 @@ from polish_sim.control.adaptive.drawing import (
     planned_surplus,
     rows_ahead,
 )
-from polish_sim.control.adaptive.gains import PathMemory, adaptive_gains
+from polish_sim.control.adaptive.gains import PathMemory, abilities, adaptive_gains
 from polish_sim.control.adaptive.landing import round_a_bend
 from polish_sim.control.adaptive.law import AdaptiveController, hybrid_adaptive
 from polish_sim.control.adaptive.surface import (
+    MOMENT_HZ,
     LearningGains,
     LearningMemory,
     NeighbourMemory,
@@ -45,7 +46,7 @@ from tests.control.adaptive.plant import measurement_at_rest
 from tests.control.adaptive.track import SPACING, SPRING, course_of, follow
 
 Array = NDArray[np.float64]
-CAN = Abilities(1.0, 40.0, 1.2, 6.0)
+CAN = Abilities(1.0, 40.0, 1.2, 6.0, math.inf)
 ON = FeedForwardGains(0.01, True)
 LEARN = LearningGains(0.005, 0.0, 0.1, 1.0, True)
 NORMAL = NormalGains(3.0, 0.17, 0.3, 20000.0 / 3.0, 3.125, True)
@@ -173,6 +174,18 @@ def test_before_a_sharp_corner_the_feed_falls_no_faster_than_it_may_grow_and_not
     assert acceleration.max() <= 0.12 + 1e-9
 
 
+def test_where_the_tool_turns_the_gears_error_stays_below_half_the_arms_vibration() -> None:
+    """200 waves a turn and 24 Hz: at most 2 pi 12 / 200 rad/s."""
+    can = abilities(AdaptiveConfig(arm_mode_hz=24.0, gear_waves=200.0))
+    turning = np.zeros((2000, 3))
+    turning[800:1200, 1] = 1.0 / 0.06  # a bend of 60 mm radius
+    share = followable_share(course_of(np.zeros(2000), feed=0.03)._replace(turning=turning), can)
+    assert share[1000] * 0.03 / 0.06 == pytest.approx(2.0 * math.pi * 12.0 / 200.0, rel=0.01)
+    assert share[0] == share[-1] == 1.0
+    rigid = abilities(AdaptiveConfig(arm_mode_hz=0.0))
+    assert followable_share(course_of(np.zeros(2000), feed=0.03)._replace(turning=turning), rigid)[1000] == 1.0
+
+
 def test_a_steep_slope_is_fed_so_slowly_that_its_unforeseen_part_stays_within_the_budget() -> None:
     surplus = 0.5 * SPACING * np.arange(400)
     share = followable_share(course_of(surplus, feed=0.1), CAN)
@@ -256,6 +269,18 @@ def test_a_ramp_of_eight_degrees_is_within_its_reach_and_no_more_than_ten() -> N
 def test_the_noise_of_the_sensor_turns_the_tool_by_less_than_two_milliradians() -> None:
     found = level(nothing_ahead(), np.zeros(2), noise=0.02, seconds=20.0)
     assert np.sqrt((found[2000:] ** 2).mean(axis=0)).max() < 0.002
+
+
+def test_a_tool_that_swings_sideways_on_the_gears_is_hardly_turned_by_it() -> None:
+    """0.3 N m at 30 Hz through a low-pass of 3 Hz and an integrator of 3/s."""
+    m, state, tilts = measurement_at_rest(), NormalMemory(), []
+    for k in range(3000):
+        m.wrench[2:5] = 20.0, 0.3 * math.sin(2.0 * math.pi * 30.0 * 0.001 * k), 0.0
+        level_by_moment(nothing_ahead(), m, fed_at(0.05), NORMAL, 0.001, state)
+        tilts.append(state.tilt_x)
+    swing = 0.5 * np.ptp(tilts[2000:])
+    alone = NORMAL.rate * 0.3 / NORMAL.pad_tilt_stiffness / (2.0 * math.pi * 30.0)
+    assert swing == pytest.approx(alone / math.hypot(1.0, 30.0 / MOMENT_HZ), rel=0.05)
 
 
 def test_the_moment_a_border_causes_on_the_drawing_does_not_turn_the_tool() -> None:

@@ -142,6 +142,7 @@ class Abilities(NamedTuple):
     bandwidth: float  #: Crossover of the force loop [rad/s]
     acceleration: float  #: Of the tool point [m/s^2]
     angular_acceleration: float  #: Of the tool's axis [rad/s^2]
+    turning: float  #: Of the tool, at which the gears' error comes at half the arm's vibration [rad/s]
 
 
 class FeedGains(Record):
@@ -156,9 +157,10 @@ class FeedGains(Record):
 def followable_share(course: Course, can: Abilities) -> Array:
     """Share of the planned feed at which force and axis stay within the budget, from the drawing, (n,).
 
-    Four limits on the speed v: the unforeseen part of the planned rate ``slope v`` costs the force loop an error of
+    Limits on the speed v: the unforeseen part of the planned rate ``slope v`` costs the force loop an error of
     ``k slope v / w_c``; the rate changes by ``slope' v^2``, the path bends by ``bending v^2`` and the axis turns faster
-    by ``turning' v^2``, all within a share of the robot's accelerations. Where the plan itself is as slow, all of it is
+    by ``turning' v^2``, all within a share of the robot's accelerations; the joints, which turn about as fast as the
+    tool, must not let the gears' error come at the arm's vibration. Where the plan itself is as slow, all of it is
     granted. Before a slow place the share falls in time, at the rate at which it may grow.
     """
     if len(course.depth) < 3:
@@ -174,6 +176,7 @@ def followable_share(course: Course, can: Abilities) -> Array:
             can.error * can.bandwidth / (UNFORESEEN * course.stiffness * np.abs(slope)),
             np.sqrt(OF_LIMIT * can.acceleration / push),
             np.sqrt(OF_LIMIT * can.angular_acceleration / turning_change),
+            can.turning / np.linalg.norm(turning, axis=1),
         ])  # fmt: skip
     speed, top = np.maximum(course.feed, 1e-6), max(float(course.feed.max()), 1e-6)
     rise = max(0.05 / top, 2.0)  # of the share, the sequence's own ramp [1/s]

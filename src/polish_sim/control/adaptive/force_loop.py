@@ -60,11 +60,13 @@ def begin_contact(memory: PressMemory, stiffness: float, path: float, force: flo
     state = memory.force
     state.at_no_travel, state.stiffness = force - stiffness * path, stiffness
     state.rate = state.landed = state.age = 0.0
+    state.slow, state.swing = state.at_no_travel, 0.0
 
 
 @kernel
 def change_stiffness(memory: PressMemory, stiffness: float, path: float) -> None:
     """Believe another stiffness [N/m] without a jump of what the sensor should show at travel ``path`` [m]."""
+    memory.force.slow -= (stiffness - memory.force.stiffness) * path
     memory.force.at_no_travel -= (stiffness - memory.force.stiffness) * path
     memory.force.stiffness = stiffness
 
@@ -80,6 +82,23 @@ def observe_force(memory: PressMemory, corner: float, path: float, reading: floa
     state.at_no_travel += dt * (state.rate + 2.0 * corner * surprise)
     state.rate += dt * landed * corner * corner * surprise
     return float(state.at_no_travel + state.stiffness * state.travel)
+
+
+# The arm swings on its gears, the encoders of its motors hardly: the law ``inertia`` does not know of it, and of the
+# tool's swinging mass the observer makes a force. 2 w_c w_o m / k of the command, times the resonance, comes back with
+# the command's sign turned round. Nothing else has to be known fast there: a notch takes it out of b + r / w_c, which
+# is what the sensor adds to the travel. Ramps pass late by 2 / w, which the rate makes up for.
+
+
+@kernel
+def correction(g: AdaptiveGains, memory: PressMemory, crossover: float, landed: float, dt: float) -> float:
+    """What is added to k z [N]: b and, at a weight ``landed``, its rate's share, without the arm's vibration."""
+    state, turn = memory.force, g.arm_mode * dt
+    lead = 1.0 / crossover + (2.0 / g.arm_mode if turn > 0.0 else 0.0)
+    added = state.at_no_travel + lead * landed * state.rate
+    state.swing = (state.swing + turn * (added - state.slow)) / (1.0 + turn) ** 2
+    state.slow += turn * state.swing
+    return float(added - 2.0 * state.swing)
 
 
 # The command's delay, measured on the way down, and the travel that is under way because of it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 from polish_sim.arrays import Array
@@ -33,6 +34,7 @@ class AdaptiveGains(Record):
     noise: float  #: Noise of a low-passed reading for which ``observer`` is meant, rms [N]
     command_delay: float  #: From command to motion, until it has been measured [s]
     crossover: float  #: Highest crossover of the force loop [rad/s]
+    arm_mode: float  #: Vibration of the arm that the notch takes out [rad/s]; 0: none
     observer: float  #: Highest corner of the force observer [rad/s]
     delay_share: float  #: Crossover times command delay, at most [-]
     speed: float  #: Highest speed of the force loop [m/s]
@@ -55,7 +57,7 @@ def adaptive_gains(config: AdaptiveConfig) -> AdaptiveGains:
         command_delay=config.command_delay_s, crossover=config.crossover_rad_s, observer=config.observer_rad_s,
         delay_share=config.delay_share, speed=config.top_speed_m_s, acceleration=config.acceleration_m_s2,
         force_rate=config.force_rate_n_s, stiff_first=config.stiff_first, touch_down="touch-down" in on,
-        estimates="stiffness" in on, inertia="inertia" in on,
+        estimates="stiffness" in on, inertia="inertia" in on, arm_mode=2.0 * math.pi * config.arm_mode_hz,
     )  # fmt: skip
 
 
@@ -140,6 +142,8 @@ class ForceObserver(Record):
     stiffness: float  #: k [N/m]
     landed: float  #: How far the landing is over, 0 to 1 [-]
     age: float  #: Time since contact [s]
+    slow: float  #: What the notch was given, low-passed [N]
+    swing: float  #: Half of its part at the arm's vibration [N]
 
 
 class PressMemory(Record):
@@ -195,5 +199,6 @@ def path_gains(config: AdaptiveConfig) -> PathGains:
 def abilities(config: AdaptiveConfig) -> Abilities:
     """What the feed law counts on."""
     return Abilities(
-        config.feed_error_n, config.crossover_rad_s, config.acceleration_m_s2, config.angular_acceleration_rad_s2
-    )
+        config.feed_error_n, config.crossover_rad_s, config.acceleration_m_s2, config.angular_acceleration_rad_s2,
+        math.pi * config.arm_mode_hz / config.gear_waves if config.arm_mode_hz else math.inf,
+    )  # fmt: skip

@@ -169,14 +169,14 @@ def press(
         stiffness = landing.refine_stiffness(g, memory, g.stiffness, seen.path, reading, pressing, dt)
         force_loop.change_stiffness(memory, stiffness, seen.path)
     pace = force_loop.pace_of(g, state.stiffness, memory.delay.delay, math.sqrt(memory.air.variance), state.age)
-    force = force_loop.observe_force(memory, pace.observer, seen.path, reading, state.landed, dt)
-    rate = state.landed * state.rate
+    force_loop.observe_force(memory, pace.observer, seen.path, reading, state.landed, dt)
+    force = state.stiffness * state.travel + force_loop.correction(g, memory, pace.crossover, state.landed, dt)
     # What the path will have asked for until then is no travel into the part.
     asked = 0.5 * (expected + expected_then) * memory.delay.delay
     travel = (t.force[0] - force) / state.stiffness - (force_loop.under_way(memory, dt) - asked)
     wanted = landing.quickest_stop(g, travel, pace.crossover, landing.speed_limit(g, memory, state.stiffness))
     landing.note_landing(g, memory, wanted, dt)
-    wanted += expected_then - rate / state.stiffness
+    wanted += expected_then
     step = g.acceleration * dt
     return min(max(wanted, memory.delay.last_command - step), memory.delay.last_command + step)
 

@@ -10,6 +10,7 @@ import math
 
 from polish_sim.arrays import Array
 from polish_sim.control.adaptive.drawing import Ahead, at
+from polish_sim.control.loops import low_pass_step
 from polish_sim.control.signals import Measurement, Target
 from polish_sim.kernels import Record, kernel
 
@@ -105,6 +106,10 @@ def _neighbour(ahead: Ahead, s: float) -> int:
 # taken off, so that the tool does not roll over an edge.
 
 
+MOMENT_HZ = 3.0
+"""Low-pass on the moment [Hz]: the tool swings sideways on the arm's gears, and its inertia is in the moment."""
+
+
 class NormalGains(Record):
     """Gains of the normal's correction."""
 
@@ -123,6 +128,8 @@ class NormalMemory(Record):
     tilt_y: float
     rate_x: float  #: Its rate [rad/s]
     rate_y: float
+    moment_x: float  #: Low-passed [N m]
+    moment_y: float
 
 
 @kernel
@@ -133,7 +140,7 @@ def level_by_moment(
     if not gains.on or t.contact[0] == 0.0 or m.wrench[2] < 0.25 * t.force[0]:
         state.rate_x = state.rate_y = 0.0
         if t.contact[0] == 0.0:
-            state.tilt_x = state.tilt_y = 0.0
+            state.tilt_x = state.tilt_y = state.moment_x = state.moment_y = 0.0
         return
     # From the tool point to the pad's face, which the head's spring has pushed back.
     travel = m.wrench[2] / gains.head_stiffness
@@ -145,8 +152,10 @@ def level_by_moment(
     stiff_x, stiff_y = at(ahead.rows.tilt_x, ahead.spacing, s), at(ahead.rows.tilt_y, ahead.spacing, s)
     if ahead.rows.shape[0] < 2:
         stiff_x = stiff_y = gains.pad_tilt_stiffness
-    state.rate_x = _rate(moment_x, stiff_x, gains)
-    state.rate_y = _rate(moment_y, stiff_y, gains)
+    state.moment_x = low_pass_step(state.moment_x, moment_x, MOMENT_HZ, dt)
+    state.moment_y = low_pass_step(state.moment_y, moment_y, MOMENT_HZ, dt)
+    state.rate_x = _rate(state.moment_x, stiff_x, gains)
+    state.rate_y = _rate(state.moment_y, stiff_y, gains)
     state.tilt_x += state.rate_x * dt
     state.tilt_y += state.rate_y * dt
     size = math.sqrt(state.tilt_x * state.tilt_x + state.tilt_y * state.tilt_y)
